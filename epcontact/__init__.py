@@ -1,0 +1,61 @@
+"""epcontact: one rough elastoplastic contact scene, answered by three methods and compared.
+
+Conventions, written once and shared by every module
+-----------------------------------------------------
+axes          arrays are [x, y], row index first; lines are [x]; z points up, out of the body
+body          the rough elastoplastic body lies below, its heights h measured upward; the rigid
+              flat comes from above
+pressure      compression positive; 0 <= p <= hardness where the pressure is capped
+displacement  u of the surface, downward positive, of zero mean on the half-space
+gap           g = z_flat - (h - u): >= 0 where p = 0, = 0 in elastic contact, <= 0 where the
+              pressure is capped; -g is the plastic displacement there
+mode q = 0    half-space: undefined, set to 0, never reported; layer of depth d: d / M with
+              M = E (1 - nu) / ((1 + nu)(1 - 2 nu))
+Fourier       numpy.fft's sign, forward unscaled
+surfaces      C(q) is the two-dimensional power spectral density in m^4, with
+              h_rms^2 = 2 pi int q C dq and xi^2 = 2 pi int q^3 C dq (xi: rms slope)
+lines         C1(q) is the one-dimensional density in m^3 over positive q, with
+              h_rms^2 = int C1 dq and xi^2 = int q^2 C1 dq
+wave numbers  rad/m; q_0 = 2 pi / L of a period L
+moduli        E* = E / (1 - nu^2), the counterface being rigid
+strength      hardness (sigma_P, caps the contact pressure) and yield_stress (sigma_Y, J2) are
+              separate; their ratio stands in a case with its source
+tolerances    dimensionless: gap by h_rms, pressure by the mean pressure, force by the nominal
+              force; a flat surface: gap by p0 dx / E*
+areas         fractions of the nominal area, raw (share of grid points) and corrected (in the
+              limit of a vanishing grid spacing)
+units         SI
+similarity    small-slope contact depends on p0/(E* xi) and hardness/(E* xi) alone
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+_HOMES = {
+    "scene": ("Body", "Load", "Material", "Scene", "SelfAffineSpectrum", "Surface"),
+    "results": ("Areas", "ContactResult", "LoadStep", "PressureDistribution", "Provenance"),
+    "errors": (
+        "EpcontactError",
+        "InvalidCase",
+        "InvalidScene",
+        "NotConverged",
+        "NotEnoughMemory",
+        "OutputError",
+    ),
+}
+_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = list(_HOME_OF)  # noqa: PLE0604, PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for, so that `import epcontact` costs nothing."""
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'epcontact' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"epcontact.{_HOME_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,46 @@
+"""The errors that epcontact raises on purpose.
+
+Each message is one sentence for the person who gave the input: what is wrong, where, and what
+would be right.  The command line prints it as it stands and exits with 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+
+class EpcontactError(Exception):
+    """Base of every error raised on purpose."""
+
+
+class InvalidScene(EpcontactError, ValueError):
+    """A surface, material, body or load that describes no contact problem."""
+
+
+class InvalidCase(EpcontactError, ValueError):
+    """A case file that cannot be read or means nothing."""
+
+
+class OutputError(EpcontactError, OSError):
+    """A file that could not be written or read back."""
+
+
+class NotEnoughMemory(EpcontactError, MemoryError):
+    """A problem that is estimated not to fit into memory; raised before anything is allocated."""
+
+
+class NotConverged(EpcontactError, RuntimeError):
+    """An iteration that ended without meeting its tolerance.
+
+    `residuals` holds the last dimensionless residuals by name, `history` one value an iteration.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        residuals: Mapping[str, float] | None = None,
+        history: Sequence[float] = (),
+    ) -> None:
+        super().__init__(message)
+        self.residuals = dict(residuals or {})
+        self.history = tuple(history)

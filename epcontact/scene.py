@@ -1,0 +1,275 @@
+"""The scene: one periodic rough surface, a material, a body and a load, frozen and checked once.
+
+Everything a method may know of the problem is here, and nothing of any method: no kernel, no
+spectrum estimate, not even a formula for the effective modulus, so that `fem_check` can import
+this module and stay independent of the boundary-element solver.  Units are SI throughout.
+
+A scene's `digest` identifies it in results.  Heights that a generator made are identified by
+the generator's recipe rather than by their bytes, so that a case file's digest is known before
+any surface is made.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.errors import InvalidScene
+
+FloatArray = NDArray[np.float64]
+BodyKind = Literal["half_space", "bonded_layer", "sliding_layer"]
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise InvalidScene(message)
+
+
+def _require_positive(name: str, value: float, unit: str, *, finite: bool = True) -> None:
+    good = isinstance(value, int | float) and value > 0 and (math.isfinite(value) or not finite)
+    _require(good, f"{name} is {value!r}, but must be a positive number in {unit}")
+
+
+@dataclass(frozen=True)
+class SelfAffineSpectrum:
+    """Isotropic self-affine roughness: flat from `wavenumber_low` to `wavenumber_roll_off`, a
+    power law from there to `wavenumber_high`, nothing beyond (the cut-off range).
+
+    Symbols: H = hurst; q_0, q_r, q_1 = wavenumber_low, wavenumber_roll_off, wavenumber_high in
+    rad/m; xi = rms_slope.  On a surface the power is q^(-2(1+H)), on a line q^(-(1+2H)).
+
+    Raises InvalidScene if the wavenumbers are not in order or hurst lies outside [0, 1].
+    """
+
+    hurst: float
+    wavenumber_low: float
+    wavenumber_roll_off: float
+    wavenumber_high: float
+    rms_slope: float
+
+    def __post_init__(self) -> None:
+        for name in ("wavenumber_low", "wavenumber_roll_off", "wavenumber_high"):
+            _require_positive(name, getattr(self, name), "rad/m")
+        _require_positive("rms_slope", self.rms_slope, "m/m")
+        _require(0 <= self.hurst <= 1, f"hurst is {self.hurst!r}, but must lie between 0 and 1")
+        _require(
+            self.wavenumber_low <= self.wavenumber_roll_off <= self.wavenumber_high,
+            "wavenumbers are out of order: wavenumber_low <= wavenumber_roll_off <= "
+            f"wavenumber_high is needed, got {self.wavenumber_low:g}, "
+            f"{self.wavenumber_roll_off:g}, {self.wavenumber_high:g}",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """One period of a rough surface on a regular grid.
+
+    heights: (nx, ny), or (nx,) for a line, in m, measured upward, read-only float64; a writable
+        array is copied.
+    periods: the lengths (Lx, Ly) or (Lx,) in m after which the heights repeat.
+    spectrum: the analytic spectrum the heights were drawn from, where there is one.
+    seed: of the random phases, where there are some.
+    shortest_wavelength: of the roughness, in m, where it is known (self-affine: 2 pi / q_1).
+    recipe: identifies generated heights in the scene's digest; empty: their bytes do.
+    notes: sentences for the reader of a result, such as the jump removed at the edges of a map.
+
+    Raises InvalidScene if the heights are not finite or the shape and periods do not fit.
+    """
+
+    heights: FloatArray
+    periods: tuple[float, ...]
+    spectrum: SelfAffineSpectrum | None = None
+    seed: int | None = None
+    shortest_wavelength: float | None = None
+    recipe: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        try:
+            heights = np.ascontiguousarray(self.heights, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InvalidScene("heights are not an array of real numbers") from None
+        if heights.flags.writeable or heights.base is not None:
+            heights = heights.copy()
+            heights.flags.writeable = False
+        object.__setattr__(self, "heights", heights)
+        object.__setattr__(self, "periods", tuple(float(p) for p in self.periods))
+        _require(
+            heights.ndim in (1, 2) and min(heights.shape, default=0) >= 2,
+            f"heights have shape {heights.shape}, but a line (nx,) or a grid (nx, ny) of at "
+            "least two points a direction is needed",
+        )
+        _require(
+            len(self.periods) == heights.ndim,
+            f"periods has {len(self.periods)} lengths for heights of {heights.ndim} dimensions",
+        )
+        for period in self.periods:
+            _require_positive("periods", period, "m")
+        # One pass without a temporary: an infinity or a NaN survives the extremes.
+        extremes = (heights.min(), heights.max())
+        _require(
+            bool(np.all(np.isfinite(extremes))),
+            "heights hold NaN or infinite values; fill or crop them first",
+        )
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Grid points along each direction."""
+        return self.heights.shape
+
+    @property
+    def spacing(self) -> tuple[float, ...]:
+        """Grid spacing along each direction, in m."""
+        return tuple(p / n for p, n in zip(self.periods, self.shape, strict=True))
+
+    @property
+    def fingerprint(self) -> str:
+        """What identifies the heights: their recipe, or the hash of their bytes."""
+        return self.recipe or hashlib.sha256(self.heights.tobytes()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Material:
+    """The elastoplastic solid; the counterface is rigid.
+
+    Symbols: E = young_modulus (Pa), nu = poisson_ratio, sigma_P = hardness (Pa; the pressure at
+    which the contact flows, infinite for an elastic solid), sigma_Y = yield_stress (Pa; of the
+    J2 solid).  The two strengths are separate on purpose: their ratio is a question, not a rule.
+    """
+
+    young_modulus: float
+    poisson_ratio: float
+    hardness: float = math.inf
+    yield_stress: float = math.inf
+
+    def __post_init__(self) -> None:
+        _require_positive("young_modulus", self.young_modulus, "Pa")
+        _require(
+            -1 < self.poisson_ratio < 0.5,
+            f"poisson_ratio is {self.poisson_ratio!r}, but must lie between -1 and 0.5, "
+            "both excluded",
+        )
+        _require_positive("hardness", self.hardness, "Pa", finite=False)
+        _require_positive("yield_stress", self.yield_stress, "Pa", finite=False)
+
+
+@dataclass(frozen=True)
+class Body:
+    """What lies under the surface: a half-space, or a layer of `depth` (m) on a rigid base,
+    bonded to it or sliding on it without friction."""
+
+    kind: BodyKind = "half_space"
+    depth: float = math.inf
+
+    def __post_init__(self) -> None:
+        kinds = ("half_space", "bonded_layer", "sliding_layer")
+        _require(
+            self.kind in kinds,
+            f"body kind is {self.kind!r}, but must be one of {', '.join(kinds)}",
+        )
+        if self.kind == "half_space":
+            _require(self.depth == math.inf, "a half_space takes no depth")
+        else:
+            _require_positive("depth", self.depth, "m")
+
+
+@dataclass(frozen=True)
+class Load:
+    """The mean pressure, or the path of them, in Pa (force over the nominal area)."""
+
+    mean_pressure: float | tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        path = self.path
+        _require(len(path) > 0, "mean_pressure is an empty path; give at least one pressure")
+        for pressure in path:
+            _require_positive("mean_pressure", pressure, "Pa")
+        object.__setattr__(self, "mean_pressure", tuple(float(p) for p in path))
+
+    @property
+    def path(self) -> tuple[float, ...]:
+        """The mean pressures in order, in Pa; a single one is a path of length one."""
+        given = self.mean_pressure
+        return (given,) if isinstance(given, int | float) else tuple(given)
+
+    @property
+    def final(self) -> float:
+        """The last mean pressure of the path, in Pa."""
+        return self.path[-1]
+
+    @property
+    def non_decreasing(self) -> bool:
+        """Whether the path never unloads."""
+        return all(a <= b for a, b in itertools.pairwise(self.path))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One contact problem.  A method maps it to a `ContactResult`.
+
+    Raises InvalidScene if a mean pressure reaches the hardness: no pressure field that stays
+    below the hardness carries such a load.
+    """
+
+    surface: Surface
+    material: Material
+    load: Load
+    body: Body = field(default_factory=Body)
+
+    def __post_init__(self) -> None:
+        worst = max(self.load.path)
+        _require(
+            worst < self.material.hardness,
+            f"mean_pressure is {worst:g} Pa, but must stay below the hardness of "
+            f"{self.material.hardness:g} Pa",
+        )
+
+    def require_loading(self) -> None:
+        """Refuse a path that unloads where the law has no memory of the plastic displacement.
+
+        Raises InvalidScene.
+        """
+        _require(
+            self.load.non_decreasing or self.material.hardness == math.inf,
+            "mean_pressure decreases along the path, which the capped law cannot follow: it "
+            "keeps no plastic displacement; give a non-decreasing path or an infinite hardness",
+        )
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything the scene holds, as hexadecimal digits."""
+        return scene_digest(
+            self.surface.fingerprint,
+            self.surface.shape,
+            self.surface.periods,
+            self.material,
+            self.body,
+            self.load,
+        )
+
+
+def scene_digest(
+    fingerprint: str,
+    shape: tuple[int, ...],
+    periods: tuple[float, ...],
+    material: Material,
+    body: Body,
+    load: Load,
+) -> str:
+    """The digest of a scene whose surface need not exist yet; see `Scene.digest`."""
+    content: dict[str, Any] = {
+        "surface": fingerprint,
+        "shape": list(shape),
+        "periods": [repr(float(p)) for p in periods],
+    }
+    for part in (material, body, load):
+        values = asdict(part)
+        content[type(part).__name__] = {f.name: repr(values[f.name]) for f in fields(part)}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
