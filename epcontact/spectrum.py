@@ -1,0 +1,125 @@
+"""Power spectra and their moments: analytic self-affine ones, and any surface's own.
+
+Analytic.  With f(q) = 1 from q_0 to q_r and (q/q_r)^(-s) from there to q_1 (s = 2 + 2H on a
+surface, 1 + 2H on a line), the density is C = C_0 f, and C_0 follows from the rms slope xi.
+The moments are
+
+    surface   m_j = 2 pi int q^(j+1) C dq        line   m_j = int q^j C1 dq
+
+m_0 = h_rms^2, m_2 = xi^2.  Both pieces of each integral are powers of q, so with
+int_a^b q^(n-1) dq = a^n L exprel(n L), L = ln(b/a), exprel(t) = (e^t - 1)/t, every exponent,
+n = 0 included, is evaluated without cancellation.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from epcontact.errors import InvalidScene
+from epcontact.scene import SelfAffineSpectrum
+
+FloatArray = NDArray[np.float64]
+
+#: A wave number this close (relatively) to a band's limit counts as inside.  A period typed with
+#: seven digits otherwise loses the modes that lie on the limits themselves.
+BAND_TOLERANCE = 1e-6
+
+
+def amplitude_shape(
+    spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int
+) -> FloatArray:
+    """sqrt(f(q)), the shape of the amplitudes without their common factor; 0 outside the band.
+
+    wavenumber: |q| in rad/m, any shape; dimension: 2 for a surface, 1 for a line.
+    """
+    q = np.asarray(wavenumber, dtype=np.float64)
+    relative = np.maximum(q / spectrum.wavenumber_roll_off, 1.0)
+    shape = relative ** -(spectrum.hurst + dimension / 2)
+    inside = (q >= spectrum.wavenumber_low * (1 - BAND_TOLERANCE)) & (
+        q <= spectrum.wavenumber_high * (1 + BAND_TOLERANCE)
+    )
+    return np.where(inside, shape, 0.0)
+
+
+def density(spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int = 2) -> FloatArray:
+    """C(q) in m^4 of a surface (dimension 2), or the one-sided C1(q) in m^3 of a line.
+
+    wavenumber: |q| in rad/m, any shape.  Raises InvalidScene if the band has no width.
+    """
+    factor = spectrum.rms_slope**2 / _shape_moment(spectrum, 2, dimension)
+    return factor * amplitude_shape(spectrum, wavenumber, dimension) ** 2
+
+
+def spectral_moment(
+    spectrum: SelfAffineSpectrum,
+    order: float,
+    dimension: int = 2,
+    wavenumber: ArrayLike = math.inf,
+) -> FloatArray:
+    """m_order of the part of the spectrum up to `wavenumber`, in m^(2 - order).
+
+    surface: 2 pi int q^(order+1) C dq; line: int q^order C1 dq.  Any real order.
+    Raises InvalidScene if the band has no width.
+    """
+    factor = spectrum.rms_slope**2 / _shape_moment(spectrum, 2, dimension)
+    return factor * _shape_moment(spectrum, order, dimension, wavenumber)
+
+
+def rms_height(spectrum: SelfAffineSpectrum, dimension: int = 2) -> float:
+    """h_rms in m of a surface (dimension 2) or a line (1) with this spectrum."""
+    return math.sqrt(spectral_moment(spectrum, 0, dimension))
+
+
+def rms_slope(spectrum: SelfAffineSpectrum, dimension: int = 2) -> float:
+    """xi of the whole band, by its integral; equals the spectrum's own `rms_slope`."""
+    return math.sqrt(spectral_moment(spectrum, 2, dimension))
+
+
+def slope_variance_up_to(
+    spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int = 2
+) -> FloatArray:
+    """xi^2(q), the slope variance of all roughness with wave numbers up to `wavenumber`.
+
+    2 pi int_{q_0}^q q'^3 C dq' on a surface, int q'^2 C1 dq' on a line; 0 below the band, xi^2
+    beyond it.  With S = 1 equation (2) of the theory reads G = E*^2 xi^2(q) / 8.
+    """
+    return spectral_moment(spectrum, 2, dimension, wavenumber)
+
+
+def _shape_moment(
+    spectrum: SelfAffineSpectrum,
+    order: float,
+    dimension: int,
+    wavenumber: ArrayLike = math.inf,
+) -> FloatArray:
+    """The moment of f(q), that is with C_0 = 1."""
+    if dimension not in (1, 2):
+        raise InvalidScene(f"dimension is {dimension!r}, but must be 1 (a line) or 2 (a surface)")
+    q0, qr, q1 = (
+        spectrum.wavenumber_low,
+        spectrum.wavenumber_roll_off,
+        spectrum.wavenumber_high,
+    )
+    if q1 <= q0:
+        raise InvalidScene(
+            f"wavenumber_low and wavenumber_high are both {q1:g} rad/m, but a density needs a "
+            "band of some width"
+        )
+    q = np.clip(np.asarray(wavenumber, dtype=np.float64), q0, q1)
+    flat = _power_integral(order + dimension, q0, np.minimum(q, qr))
+    # q^(j + d - 1) (q/q_r)^(-(2H + d)) = q_r^(2H + d) q^(n - 1) with n = j - 2H
+    fractal = _power_integral(order - 2 * spectrum.hurst, qr, np.maximum(q, qr))
+    scale = qr ** (2 * spectrum.hurst + dimension)
+    weight: float = 2 * math.pi if dimension == 2 else 1.0
+    return np.asarray(weight * (flat + scale * fractal))
+
+
+def _power_integral(n: float, a: float, b: FloatArray) -> FloatArray:
+    """int_a^b q^(n-1) dq, for any n and b >= a > 0."""
+    log_ratio = np.log1p((b - a) / a)
+    t = n * log_ratio
+    safe = np.where(t == 0, 1.0, t)
+    return np.asarray(a**n * log_ratio * np.where(t == 0, 1.0, np.expm1(safe) / safe))

@@ -1,0 +1,241 @@
+"""Recipes of rough surfaces: what to make, known before anything is made.
+
+A recipe is frozen and cheap: it has the `fingerprint`, `shape` and `periods` that identify its
+surface in a scene's digest, and `build()` makes the heights.
+
+Random phases.  A surface is the band-limited real field
+
+    h(x) = sum_q B(q) exp(i (q.x + phi_q)),   B(q) = (2 pi / sqrt(Lx Ly)) sqrt(C(q))
+
+over all modes of the period with q_0 <= |q| <= q_1, phi_-q = -phi_q [Almqvist and Persson,
+equations (7), (8)]; on a line B(q) = sqrt(pi C1(q) / L).  A sum over modes is no integral, so the
+common factor of C is set such that the rms slope of the *grid*, sqrt(sum q^2 B^2), is exact.
+
+phi_q is a function of the seed and of the mode's two integers alone (a counter-based generator:
+a 64-bit mixer over mode and seed), so the surface depends neither on the grid it is sampled on
+nor on the order of the modes: a finer grid shows the same surface, a wider band adds roughness
+to it without touching what was there (up to the factor that keeps the rms slope).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.errors import InvalidScene, NotEnoughMemory
+from epcontact.scene import SelfAffineSpectrum, Surface
+from epcontact.spectrum import BAND_TOLERANCE, amplitude_shape
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Modes handled at once: bounds the temporaries to a few MiB.
+_BLOCK = 1 << 16
+
+
+class Recipe(Protocol):
+    """What every recipe can do; `build` sets `Surface.recipe` to `fingerprint`."""
+
+    @property
+    def fingerprint(self) -> str:
+        """Identifies the heights without making them."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Grid points along each direction."""
+
+    @property
+    def periods(self) -> tuple[float, ...]:
+        """Lengths of the period along each direction, in m."""
+
+    def build(self) -> Surface:
+        """Make the surface."""
+
+
+def grid_shape(
+    spectrum: SelfAffineSpectrum,
+    periods: tuple[float, ...],
+    points_per_shortest_wavelength: float,
+) -> tuple[int, ...]:
+    """Grid points along each direction for so many points per wavelength 2 pi / q_1."""
+    waves = [p * spectrum.wavenumber_high / (2 * math.pi) for p in periods]
+    return tuple(round(points_per_shortest_wavelength * w) for w in waves)
+
+
+@dataclass(frozen=True)
+class SelfAffine:
+    """Self-affine roughness by random phases, of exact rms slope on the grid.
+
+    periods: (Lx, Ly), or (L,) for a line, in m; shape: (nx, ny) or (nx,); seed >= 0.
+
+    Raises InvalidScene if the grid does not resolve `wavenumber_high` (more than two points per
+    wavelength are needed: at two, a mode's phase is lost), or the period does not hold
+    `wavenumber_low`.
+    """
+
+    spectrum: SelfAffineSpectrum
+    periods: tuple[float, ...]
+    shape: tuple[int, ...]
+    seed: int
+
+    def __post_init__(self) -> None:
+        normalise_grid(self)
+        if not isinstance(self.seed, int | np.integer) or self.seed < 0:
+            raise InvalidScene(f"seed is {self.seed!r}, but must be a whole number >= 0")
+        q0, q1 = self.spectrum.wavenumber_low, self.spectrum.wavenumber_high
+        for period, points in zip(self.periods, self.shape, strict=True):
+            if 2 * math.pi / period > q0 * (1 + BAND_TOLERANCE):
+                raise InvalidScene(
+                    f"a period of {period:g} m holds no wave longer than itself, but "
+                    f"wavenumber_low = {q0:g} rad/m needs at least {2 * math.pi / q0:g} m"
+                )
+            needed = 2 * _highest_index(q1, period) + 1
+            if points < needed:
+                raise InvalidScene(
+                    f"{points} grid points on a period of {period:g} m do not resolve "
+                    f"wavenumber_high = {q1:g} rad/m, which needs at least {needed}"
+                )
+
+    @property
+    def fingerprint(self) -> str:
+        """Spectrum, seed, periods and shape, and the version of the generator."""
+        return f"self_affine/1 {self!r}"
+
+    def build(self) -> Surface:
+        """Make the heights: two real arrays of the grid at the peak, one of them returned.
+
+        Raises NotEnoughMemory if they cannot be allocated.
+        """
+        try:
+            heights = _line(self) if len(self.shape) == 1 else _surface(self)
+        except MemoryError:
+            raise out_of_memory(self.shape, arrays=2) from None
+        heights.flags.writeable = False
+        return Surface(
+            heights,
+            self.periods,
+            spectrum=self.spectrum,
+            seed=int(self.seed),
+            shortest_wavelength=2 * math.pi / self.spectrum.wavenumber_high,
+            recipe=self.fingerprint,
+        )
+
+
+def normalise_grid(recipe: Any) -> None:
+    """Check a frozen recipe's `shape` and `periods` and turn them into tuples of int and float.
+
+    Raises InvalidScene.
+    """
+    try:
+        shape = tuple(int(n) for n in recipe.shape)
+        periods = tuple(float(p) for p in recipe.periods)
+        whole = shape == tuple(recipe.shape)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidScene(
+            f"shape = {recipe.shape!r} and periods = {recipe.periods!r} are given, but "
+            "(nx, ny) and (Lx, Ly), or (nx,) and (L,) for a line, are needed"
+        ) from None
+    if not whole or len(shape) not in (1, 2) or min(shape) < 2:
+        raise InvalidScene(
+            f"shape is {recipe.shape!r}, but must be one or two whole numbers of at least 2"
+        )
+    if len(periods) != len(shape) or not all(p > 0 and math.isfinite(p) for p in periods):
+        raise InvalidScene(
+            f"periods is {recipe.periods!r}, but must be {len(shape)} positive lengths in m"
+        )
+    object.__setattr__(recipe, "shape", shape)
+    object.__setattr__(recipe, "periods", periods)
+
+
+def out_of_memory(shape: tuple[int, ...], arrays: int) -> NotEnoughMemory:
+    """The error of a grid that does not fit into memory."""
+    size = math.prod(shape) * 8 * arrays / 2**30
+    grid = " x ".join(map(str, shape))
+    return NotEnoughMemory(
+        f"a surface of {grid} points needs {size:.3g} GiB, more than there is; use a coarser grid"
+    )
+
+
+def _highest_index(wavenumber: float, period: float) -> int:
+    """The largest k with 2 pi k / period <= wavenumber."""
+    return math.floor(wavenumber * period / (2 * math.pi) * (1 + BAND_TOLERANCE))
+
+
+def _phases(seed: int, kx: NDArray[np.int64], ky: NDArray[np.int64]) -> FloatArray:
+    """Uniform phases in [0, 2 pi) of the modes (kx, ky), broadcast; |k| < 2^31.
+
+    The mixer is the finaliser of SplitMix64 (Steele, Lea and Flood 2014), once over the mode and
+    once over that and the seed's key.
+    """
+    key = np.random.SeedSequence(int(seed)).generate_state(1, np.uint64)[0]
+    low = ky.astype(np.uint64) & np.uint64(0xFFFFFFFF)
+    word = (kx.astype(np.uint64) << np.uint64(32)) | low
+    word = _mixed(_mixed(word) ^ key)
+    return (word >> np.uint64(11)).astype(np.float64) * (2 * math.pi * 2.0**-53)
+
+
+def _mixed(word: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    word = word + np.uint64(0x9E3779B97F4A7C15)
+    word ^= word >> np.uint64(30)
+    word *= np.uint64(0xBF58476D1CE4E5B9)
+    word ^= word >> np.uint64(27)
+    word *= np.uint64(0x94D049BB133111EB)
+    word ^= word >> np.uint64(31)
+    return word
+
+
+def _line(recipe: SelfAffine) -> FloatArray:
+    import ducc0
+
+    (n,), (period,) = recipe.shape, recipe.periods
+    k = np.arange(1, _highest_index(recipe.spectrum.wavenumber_high, period) + 1)
+    q = 2 * math.pi / period * k
+    amplitude = amplitude_shape(recipe.spectrum, q, dimension=1)
+    scale = recipe.spectrum.rms_slope / math.sqrt(2 * np.sum((q * amplitude) ** 2))
+    modes = np.zeros(n // 2 + 1, np.complex128)
+    modes[1 : k.size + 1] = (
+        scale * amplitude * np.exp(1j * _phases(recipe.seed, k, np.zeros_like(k)))
+    )
+    return np.asarray(ducc0.fft.c2r(modes, lastsize=n, forward=False))
+
+
+def _surface(recipe: SelfAffine) -> FloatArray:
+    import ducc0
+
+    nx, ny = recipe.shape
+    modes = np.zeros((nx, ny // 2 + 1), np.complex128)
+    slope_variance = _fill_modes(recipe, modes)
+    scale = recipe.spectrum.rms_slope / math.sqrt(slope_variance)
+    # Only the columns that hold anything need the transform along x, which is done in place.
+    columns = _highest_index(recipe.spectrum.wavenumber_high, recipe.periods[1]) + 1
+    filled = modes[:, :columns]
+    filled *= scale
+    ducc0.fft.c2c(filled, axes=(0,), forward=False, out=filled)
+    return np.asarray(ducc0.fft.c2r(modes, axes=(1,), lastsize=ny, forward=False))
+
+
+def _fill_modes(recipe: SelfAffine, modes: ComplexArray) -> float:
+    """Write sqrt(f) exp(i phi) into the half plane ky >= 0; return sum of q^2 f over all modes."""
+    qx, qy = (2 * math.pi / p for p in recipe.periods)
+    kx_max, ky_max = (_highest_index(recipe.spectrum.wavenumber_high, p) for p in recipe.periods)
+    ky = np.arange(ky_max + 1)[None, :]
+    paired = np.where(ky == 0, 1.0, 2.0)  # the other half plane mirrors every column but the first
+    slope_variance = 0.0
+    rows = max(1, _BLOCK // (ky_max + 1))
+    for first in range(-kx_max, kx_max + 1, rows):
+        kx = np.arange(first, min(first + rows, kx_max + 1))[:, None]
+        q = np.hypot(qx * kx, qy * ky)
+        amplitude = amplitude_shape(recipe.spectrum, q, dimension=2)
+        slope_variance += float(np.sum(paired * (q * amplitude) ** 2))
+        # Of a pair of opposite modes in the first column the one with kx > 0 owns the phase.
+        mirrored = (ky == 0) & (kx < 0)
+        phase = _phases(recipe.seed, np.where(mirrored, -kx, kx), ky)
+        phase = np.where(mirrored, -phase, phase)
+        block = modes[kx[:, 0] % modes.shape[0], : ky_max + 1]
+        block.real, block.imag = amplitude * np.cos(phase), amplitude * np.sin(phase)
+        modes[kx[:, 0] % modes.shape[0], : ky_max + 1] = block
+    return slope_variance
