@@ -224,23 +224,11 @@ class Scene:
     body: Body = field(default_factory=Body)
 
     def __post_init__(self) -> None:
-        worst = max(self.load.path)
-        _require(
-            worst < self.material.hardness,
-            f"mean_pressure is {worst:g} Pa, but must stay below the hardness of "
-            f"{self.material.hardness:g} Pa",
-        )
+        check_load(self.material, self.load)
 
     def require_loading(self) -> None:
-        """Refuse a path that unloads where the law has no memory of the plastic displacement.
-
-        Raises InvalidScene.
-        """
-        _require(
-            self.load.non_decreasing or self.material.hardness == math.inf,
-            "mean_pressure decreases along the path, which the capped law cannot follow: it "
-            "keeps no plastic displacement; give a non-decreasing path or an infinite hardness",
-        )
+        """Refuse a path that unloads where the law has no memory; see `check_loading`."""
+        check_loading(self.material, self.load)
 
     @property
     def digest(self) -> str:
@@ -253,6 +241,25 @@ class Scene:
             self.body,
             self.load,
         )
+
+
+def check_load(material: Material, load: Load) -> None:
+    """Raise InvalidScene if a mean pressure reaches the hardness."""
+    worst = max(load.path)
+    _require(
+        worst < material.hardness,
+        f"mean_pressure is {worst:g} Pa, but must stay below the hardness of "
+        f"{material.hardness:g} Pa",
+    )
+
+
+def check_loading(material: Material, load: Load) -> None:
+    """Raise InvalidScene if the path unloads a capped law, which keeps no plastic displacement."""
+    _require(
+        load.non_decreasing or material.hardness == math.inf,
+        "mean_pressure decreases along the path, which the capped law cannot follow: it "
+        "keeps no plastic displacement; give a non-decreasing path or an infinite hardness",
+    )
 
 
 def scene_digest(

@@ -1,0 +1,240 @@
+"""The keys of a case file: their names, types, units and meaning.
+
+One class a table.  Any value may be given by size instead, as in
+`shape = { fast = [256, 256], full = [1024, 1024] }`; sizes are resolved before these classes
+see the values.  `epcontact keys` prints what stands here.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Method = Literal["persson", "bem", "fem"]
+Lengths = float | list[float]
+
+
+class Table(BaseModel):
+    """A table of a case file: unknown keys and wrong types are errors."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=True)
+
+
+class CaseTable(Table):
+    """[case]: what is required, and why anyone should believe it."""
+
+    id: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]*$", max_length=80)] = Field(
+        description="name of the case, of its folder of results and on the command line"
+    )
+    requirement: str = Field(min_length=1, description="the requirement, one English sentence")
+    source: str = Field(min_length=1, description="where the requirement or its figures stand")
+    methods: list[Method] = Field(min_length=1, description="the methods that answer the scene")
+    time_limit: float = Field(
+        default=900.0, gt=0, description="seconds after which one solve is given up"
+    )
+    verify: bool = Field(
+        default=True, description="whether a bare `epcontact verify` includes the case"
+    )
+
+
+class SelfAffineTable(Table):
+    """[surface] of kind self_affine: random phases on an isotropic power-law spectrum."""
+
+    kind: Literal["self_affine"]
+    period: Lengths = Field(description="m; one length, or [x, y]")
+    hurst: float = Field(description="Hurst exponent, 0 to 1")
+    wavenumber_low: float = Field(description="rad/m; no roughness below")
+    wavenumber_roll_off: float = Field(description="rad/m; flat spectrum below, power law above")
+    wavenumber_high: float = Field(description="rad/m; no roughness above")
+    rms_slope: float = Field(description="m/m; exact on the grid")
+    points_per_shortest_wavelength: int | None = Field(
+        default=None, ge=2, description="grid points per 2 pi / wavenumber_high; or give shape"
+    )
+    shape: list[int] | None = Field(default=None, description="grid points [nx, ny], or [nx]")
+    seeds: list[Annotated[int, Field(ge=0)]] = Field(
+        min_length=1, description="one random surface each; gates read their mean"
+    )
+
+    @model_validator(mode="after")
+    def _one_resolution(self) -> SelfAffineTable:
+        if (self.shape is None) == (self.points_per_shortest_wavelength is None):
+            raise ValueError("give either points_per_shortest_wavelength or shape")
+        if len(set(self.seeds)) != len(self.seeds):
+            raise ValueError("seeds repeat a surface; give each seed once")
+        return self
+
+
+class SinusoidTable(Table):
+    """[surface] of kind sinusoid: one Fourier mode a direction, crest at the origin."""
+
+    kind: Literal["sinusoid"]
+    period: Lengths = Field(description="m; one length, or [x, y]")
+    shape: list[int] = Field(description="grid points [nx, ny], or [nx] for a line")
+    amplitude: float = Field(gt=0, description="m; from the mean plane to a crest")
+    waves: int = Field(default=1, ge=1, description="whole waves in a period")
+    direction: Literal["x", "both"] = Field(
+        default="x", description="waves along x alone, or the product of waves along x and y"
+    )
+
+
+class ParaboloidTable(Table):
+    """[surface] of kind paraboloid: one bump of given radius of curvature in mid-period."""
+
+    kind: Literal["paraboloid"]
+    period: Lengths = Field(description="m; one length, or [x, y]")
+    shape: list[int] = Field(description="grid points [nx, ny], or [nx] for a cylinder")
+    radius: float = Field(gt=0, description="m; radius of curvature at the summit")
+
+
+class FileTable(Table):
+    """[surface] of kind file: measured or computed heights."""
+
+    kind: Literal["file"]
+    path: str = Field(min_length=1, description="file, relative to the case file")
+    period: Lengths | None = Field(
+        default=None, description="m; needed where the file does not know its own size"
+    )
+    unit: float = Field(default=1.0, gt=0, description="m; the unit the heights are written in")
+    treatment: Literal["refuse", "detrend_and_window"] = Field(
+        default="refuse", description="what to do with a map that is not periodic"
+    )
+    optional: bool = Field(
+        default=False, description="skip the case with a sentence where the file is absent"
+    )
+
+
+SurfaceTable = Annotated[
+    SelfAffineTable | SinusoidTable | ParaboloidTable | FileTable, Field(discriminator="kind")
+]
+
+
+class MaterialTable(Table):
+    """[material]: an elastoplastic solid against a rigid flat."""
+
+    young_modulus: float = Field(description="Pa")
+    poisson_ratio: float = Field(description="between -1 and 0.5")
+    hardness: float = Field(default=float("inf"), description="Pa; cap of the contact pressure")
+    yield_stress: float = Field(default=float("inf"), description="Pa; of the J2 solid")
+
+
+class BodyTable(Table):
+    """[body]: what lies under the surface."""
+
+    kind: Literal["half_space", "bonded_layer", "sliding_layer"] = Field(
+        default="half_space", description="half-space, or layer on a rigid base"
+    )
+    depth: float = Field(default=float("inf"), description="m; of a layer")
+
+
+class LoadTable(Table):
+    """[load]: force over the nominal area."""
+
+    mean_pressure: float | list[float] = Field(description="Pa; one, or a path of them")
+
+
+class TheoryTable(Table):
+    """[theory]: what Persson's theory needs beside the scene."""
+
+    energy_reduction: float = Field(gt=0, le=1, description="gamma, elastic energy reduction")
+    spectrum: Literal["analytic", "surface"] = Field(
+        default="analytic", description="the spectrum drawn from, or each surface's own"
+    )
+
+
+class BemTable(Table):
+    """[bem]: how the boundary elements are solved."""
+
+    tolerance: float = Field(default=1e-8, gt=0, description="on the KKT residuals, dimensionless")
+
+
+class FemTable(Table):
+    """[fem]: how the finite elements are solved."""
+
+    law: Literal["elastic", "capped", "j2"] = Field(default="j2", description="material law")
+    geometry: Literal["gap", "moved"] = Field(
+        default="gap", description="roughness as gap over a flat block, or as moved top nodes"
+    )
+    depth: float | None = Field(default=None, gt=0, description="m; else chosen from the scene")
+    layers: int | None = Field(default=None, ge=2, description="elements over the depth")
+
+
+class GateTable(Table):
+    """[[gate]]: one comparison that must hold."""
+
+    quantity: str = Field(
+        description="area.<total|elastic|plastic>.<raw|corrected>, quantity.<name>, "
+        "residual.<name>, iterations.<name>, distribution, or field.<name>"
+    )
+    of: Method = Field(description="the method that is judged")
+    against: str | float = Field(description="a method, a closed form's name, or a number")
+    norm: Literal["relative", "absolute", "wasserstein", "supremum", "l2"] = Field(
+        default="relative", description="how the difference is measured"
+    )
+    tolerance: float | None = Field(
+        default=None, gt=0, description="the difference lies within +- tolerance"
+    )
+    between: list[float] | None = Field(
+        default=None,
+        min_length=2,
+        max_length=2,
+        description="or the difference lies in [low, high]",
+    )
+    because: str = Field(min_length=1, description="why the band is as wide as it is")
+    source: str = Field(default="", description="where a number comes from; needed for one")
+    sizes: list[str] | None = Field(default=None, description="the sizes it applies to; else all")
+
+    @model_validator(mode="after")
+    def _one_band(self) -> GateTable:
+        if (self.tolerance is None) == (self.between is None):
+            raise ValueError("give either tolerance or between")
+        if self.between is not None and not self.between[0] <= self.between[1]:
+            raise ValueError("between is out of order; give [low, high]")
+        if isinstance(self.against, float | int) and not self.source:
+            raise ValueError("against is a number without a source; say where it comes from")
+        if (self.quantity == "distribution") != (self.norm in ("wasserstein", "supremum")):
+            raise ValueError("a distribution is measured by wasserstein or supremum, and only it")
+        if self.quantity.startswith("field.") != (self.norm == "l2"):
+            raise ValueError("a field is measured by the norm l2, and only it")
+        return self
+
+
+class CaseFile(Table):
+    """A whole case file."""
+
+    case: CaseTable
+    surface: SurfaceTable
+    material: MaterialTable
+    load: LoadTable
+    body: BodyTable = BodyTable()
+    theory: TheoryTable | None = None
+    bem: BemTable = BemTable()
+    fem: FemTable = FemTable()
+    gate: list[GateTable] = Field(min_length=1)
+
+
+#: The table of each section that has but one form.
+TABLES: dict[str, type[Table]] = {
+    "case": CaseTable,
+    "material": MaterialTable,
+    "body": BodyTable,
+    "load": LoadTable,
+    "theory": TheoryTable,
+    "bem": BemTable,
+    "fem": FemTable,
+    "gate": GateTable,
+}
+
+
+def key_table() -> list[tuple[str, str, str, str]]:
+    """Every key as (table, key, default, meaning with unit)."""
+    surfaces = (SelfAffineTable, SinusoidTable, ParaboloidTable, FileTable)
+    tables = [(name, table) for name, table in TABLES.items() if name != "gate"]
+    tables += [(f"surface, {t.__name__.removesuffix('Table')}", t) for t in surfaces]
+    tables.append(("gate", GateTable))
+    rows = []
+    for name, table in tables:
+        for key, field in table.model_fields.items():
+            default = "required" if field.is_required() else str(field.default)
+            rows.append((name, key, default, field.description or "kind of surface"))
+    return rows
