@@ -1,6 +1,6 @@
-"""Power spectra and their moments: analytic self-affine ones, and any surface's own.
+"""Analytic self-affine spectra: densities and moments in closed form.
 
-Analytic.  With f(q) = 1 from q_0 to q_r and (q/q_r)^(-s) from there to q_1 (s = 2 + 2H on a
+With f(q) = 1 from q_0 to q_r and (q/q_r)^(-s) from there to q_1 (s = 2 + 2H on a
 surface, 1 + 2H on a line), the density is C = C_0 f, and C_0 follows from the rms slope xi.
 The moments are
 
@@ -14,6 +14,7 @@ n = 0 included, is evaluated without cancellation.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -123,3 +124,62 @@ def _power_integral(n: float, a: float, b: FloatArray) -> FloatArray:
     t = n * log_ratio
     safe = np.where(t == 0, 1.0, t)
     return np.asarray(a**n * log_ratio * np.where(t == 0, 1.0, np.expm1(safe) / safe))
+
+
+def truncated(
+    spectrum: SelfAffineSpectrum, wavenumber_high: float, dimension: int = 2
+) -> SelfAffineSpectrum:
+    """The same density with nothing beyond `wavenumber_high` (rad/m), which lies in the band.
+
+    Its rms slope is what is left.  Raises InvalidScene if nothing is.
+    """
+    high = min(wavenumber_high, spectrum.wavenumber_high)
+    if not high > spectrum.wavenumber_low:
+        raise InvalidScene(
+            f"a cut-off at {wavenumber_high:g} rad/m leaves nothing of a spectrum that begins at "
+            f"{spectrum.wavenumber_low:g} rad/m"
+        )
+    return replace(
+        spectrum,
+        wavenumber_roll_off=min(spectrum.wavenumber_roll_off, high),
+        wavenumber_high=high,
+        rms_slope=math.sqrt(slope_variance_up_to(spectrum, high, dimension)),
+    )
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Root mean squares of a surface or line, all by its spectrum.
+
+    rms_height in m; rms_slope: of the gradient; rms_curvature in 1/m: of the mean curvature, half
+    the Laplacian, on a surface, of the second derivative on a line; dimension: 2 or 1.
+    """
+
+    rms_height: float
+    rms_slope: float
+    rms_curvature: float
+    dimension: int
+
+    @classmethod
+    def of(cls, m0: float, m2: float, m4: float, dimension: int) -> Moments:
+        """From the sums m_j of q^j over the height variance."""
+        return cls(math.sqrt(m0), math.sqrt(m2), math.sqrt(m4) / dimension, dimension)
+
+    @property
+    def nayak(self) -> float:
+        """Nayak's bandwidth alpha = m0 m4 / m2^2 of profile moments (1971); isotropic surfaces.
+
+        A profile of an isotropic surface has xi^2 / 2 and, for q^4, 3/8 of the surface's; a line's
+        own are used as they stand.  NaN where there is no slope.
+        """
+        if self.rms_slope == 0:
+            return math.nan
+        profile = 3 / 8 / (1 / 2) ** 2 if self.dimension == 2 else 1.0
+        curvature = self.rms_curvature * self.dimension
+        return profile * (self.rms_height * curvature / self.rms_slope**2) ** 2
+
+
+def spectrum_moments(spectrum: SelfAffineSpectrum, dimension: int = 2) -> Moments:
+    """Moments of an analytic spectrum, in closed form.  Raises InvalidScene."""
+    m0, m2, m4 = (float(spectral_moment(spectrum, order, dimension)) for order in (0, 2, 4))
+    return Moments.of(m0, m2, m4, dimension)

@@ -1,9 +1,6 @@
-"""Recipes of rough surfaces: what to make, known before anything is made.
+"""Self-affine surfaces by random phases.
 
-A recipe is frozen and cheap: it has the `fingerprint`, `shape` and `periods` that identify its
-surface in a scene's digest, and `build()` makes the heights.
-
-Random phases.  A surface is the band-limited real field
+A surface is the band-limited real field
 
     h(x) = sum_q B(q) exp(i (q.x + phi_q)),   B(q) = (2 pi / sqrt(Lx Ly)) sqrt(C(q))
 
@@ -21,39 +18,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.errors import InvalidScene, NotEnoughMemory
+from epcontact.errors import InvalidScene
 from epcontact.scene import SelfAffineSpectrum, Surface
 from epcontact.spectrum import BAND_TOLERANCE, amplitude_shape
+from epcontact.surfaces.recipe import described, normalise_grid, out_of_memory
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 #: Modes handled at once: bounds the temporaries to a few MiB.
 _BLOCK = 1 << 16
-
-
-class Recipe(Protocol):
-    """What every recipe can do; `build` sets `Surface.recipe` to `fingerprint`."""
-
-    @property
-    def fingerprint(self) -> str:
-        """Identifies the heights without making them."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Grid points along each direction."""
-
-    @property
-    def periods(self) -> tuple[float, ...]:
-        """Lengths of the period along each direction, in m."""
-
-    def build(self) -> Surface:
-        """Make the surface."""
 
 
 def grid_shape(
@@ -86,6 +64,7 @@ class SelfAffine:
         normalise_grid(self)
         if not isinstance(self.seed, int | np.integer) or self.seed < 0:
             raise InvalidScene(f"seed is {self.seed!r}, but must be a whole number >= 0")
+        object.__setattr__(self, "seed", int(self.seed))
         q0, q1 = self.spectrum.wavenumber_low, self.spectrum.wavenumber_high
         for period, points in zip(self.periods, self.shape, strict=True):
             if 2 * math.pi / period > q0 * (1 + BAND_TOLERANCE):
@@ -103,7 +82,7 @@ class SelfAffine:
     @property
     def fingerprint(self) -> str:
         """Spectrum, seed, periods and shape, and the version of the generator."""
-        return f"self_affine/1 {self!r}"
+        return described("self_affine/1", self)
 
     def build(self) -> Surface:
         """Make the heights: two real arrays of the grid at the peak, one of them returned.
@@ -119,45 +98,10 @@ class SelfAffine:
             heights,
             self.periods,
             spectrum=self.spectrum,
-            seed=int(self.seed),
+            seed=self.seed,
             shortest_wavelength=2 * math.pi / self.spectrum.wavenumber_high,
             recipe=self.fingerprint,
         )
-
-
-def normalise_grid(recipe: Any) -> None:
-    """Check a frozen recipe's `shape` and `periods` and turn them into tuples of int and float.
-
-    Raises InvalidScene.
-    """
-    try:
-        shape = tuple(int(n) for n in recipe.shape)
-        periods = tuple(float(p) for p in recipe.periods)
-        whole = shape == tuple(recipe.shape)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidScene(
-            f"shape = {recipe.shape!r} and periods = {recipe.periods!r} are given, but "
-            "(nx, ny) and (Lx, Ly), or (nx,) and (L,) for a line, are needed"
-        ) from None
-    if not whole or len(shape) not in (1, 2) or min(shape) < 2:
-        raise InvalidScene(
-            f"shape is {recipe.shape!r}, but must be one or two whole numbers of at least 2"
-        )
-    if len(periods) != len(shape) or not all(p > 0 and math.isfinite(p) for p in periods):
-        raise InvalidScene(
-            f"periods is {recipe.periods!r}, but must be {len(shape)} positive lengths in m"
-        )
-    object.__setattr__(recipe, "shape", shape)
-    object.__setattr__(recipe, "periods", periods)
-
-
-def out_of_memory(shape: tuple[int, ...], arrays: int) -> NotEnoughMemory:
-    """The error of a grid that does not fit into memory."""
-    size = math.prod(shape) * 8 * arrays / 2**30
-    grid = " x ".join(map(str, shape))
-    return NotEnoughMemory(
-        f"a surface of {grid} points needs {size:.3g} GiB, more than there is; use a coarser grid"
-    )
 
 
 def _highest_index(wavenumber: float, period: float) -> int:
@@ -171,7 +115,7 @@ def _phases(seed: int, kx: NDArray[np.int64], ky: NDArray[np.int64]) -> FloatArr
     The mixer is the finaliser of SplitMix64 (Steele, Lea and Flood 2014), once over the mode and
     once over that and the seed's key.
     """
-    key = np.random.SeedSequence(int(seed)).generate_state(1, np.uint64)[0]
+    key = np.random.SeedSequence(seed).generate_state(1, np.uint64)[0]
     low = ky.astype(np.uint64) & np.uint64(0xFFFFFFFF)
     word = (kx.astype(np.uint64) << np.uint64(32)) | low
     word = _mixed(_mixed(word) ^ key)

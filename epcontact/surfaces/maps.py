@@ -1,0 +1,272 @@
+"""Measured or computed heights, and what is done with a map that is not periodic.
+
+Every method here is periodic, a measured map rarely is: across its edge the heights jump.  The
+jump at the edge of an axis is the rms difference of its last and first rows, and stands beside
+the largest rms difference of any two neighbouring rows: on a periodic map the edge is a pair of
+rows like any other, so that more than `LARGEST_JUMP` times the largest of the others is no
+accident.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from epcontact.errors import InvalidScene
+from epcontact.scene import Surface
+from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
+from epcontact.surfaces.recipe import normalise_grid, out_of_memory
+
+FloatArray = NDArray[np.float64]
+Treatment = Literal["refuse", "periodic", "detrend_and_window"]
+
+#: Edge jump over the largest jump between neighbours, above which a map counts as not periodic.
+LARGEST_JUMP = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class HeightsFromArray:
+    """Heights that are already in memory, in m: (nx, ny), or (nx,) for a line.
+
+    periods: (Lx, Ly) or (L,) in m.
+    treatment: "refuse" refuses a map that is not periodic; "periodic" takes it as it is, for the
+        reader who knows better; "detrend_and_window" makes it periodic.
+    taper: share of each period over which the window rises, and falls again; 0.5 is Hann's.
+
+    Raises InvalidScene.
+    """
+
+    heights: ArrayLike
+    periods: tuple[float, ...]
+    treatment: Treatment = "refuse"
+    taper: float = 0.1
+
+    def __post_init__(self) -> None:
+        _check_treatment(self.treatment, self.taper)
+        heights = checked_heights(self.heights, "heights").astype(np.float64)
+        heights.flags.writeable = False
+        object.__setattr__(self, "heights", heights)
+        _require_finite(heights, "heights")
+        normalise_grid(self)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Grid points along each direction."""
+        return np.shape(self.heights)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of the heights, and what is done with them."""
+        digest = hashlib.sha256(np.asarray(self.heights).tobytes()).hexdigest()
+        return f"array/1 {digest} {_treatment_words(self.treatment, self.taper)}"
+
+    def build(self) -> Surface:
+        """Treat the heights.  Raises InvalidScene if they are refused."""
+        return _treated(np.array(self.heights), self, "heights")
+
+
+@dataclass(frozen=True)
+class HeightsFromFile:
+    """Heights from a file: .npy; .txt, .dat, .csv and the like as a plain table of numbers, one
+    row of the grid a line; anything else through SurfaceTopography (`epcontact[instruments]`).
+
+    periods: in m; one length is enough for a square map; not needed where the file knows.
+    unit: of the written heights, in m (1e-6 for micrometres); not for files that know theirs.
+    treatment, taper: as in HeightsFromArray.
+    pixel_size: the spacing of the grid in m, in place of periods.
+
+    The file is looked at here and read by `build`; its content counts, not its place.
+    Raises InvalidScene.
+    """
+
+    path: Path
+    periods: tuple[float, ...] = ()
+    unit: float = 1.0
+    treatment: Treatment = "refuse"
+    taper: float = 0.1
+    pixel_size: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_treatment(self.treatment, self.taper)
+        object.__setattr__(self, "path", Path(self.path))
+        for name in ("unit", "pixel_size"):
+            value = getattr(self, name)
+            good = isinstance(value, int | float) and value > 0 and math.isfinite(value)
+            if not good and (name, value) != ("pixel_size", None):
+                raise InvalidScene(f"{name} is {value!r}, but must be a positive length in m")
+        object.__setattr__(self, "periods", self._periods())
+        normalise_grid(self)
+        # Read now: the identity is that of the content whose shape was just seen.
+        _ = self.fingerprint
+
+    @cached_property
+    def _map(self) -> HeightMap:
+        found = read_heights(self.path)
+        return replace(found, heights=checked_heights(found.heights, str(self.path)))
+
+    def _periods(self) -> tuple[float, ...]:
+        known, given, shape = self._map.periods, self.periods or (), self.shape
+        if self._map.in_metres and self.unit != 1.0:
+            raise InvalidScene(f"{self.path} knows the unit of its heights; leave out unit")
+        if given and self.pixel_size is not None:
+            raise InvalidScene(f"{self.path}: give periods or pixel_size, not both")
+        if self.pixel_size is not None:
+            return tuple(self.pixel_size * n for n in shape)
+        if not given and known is None:
+            raise InvalidScene(
+                f"{self.path} does not say how large the map is; give its periods in m"
+            )
+        if len(given) == 1 and len(shape) == 2:
+            if shape[0] != shape[1]:
+                raise InvalidScene(
+                    f"{self.path} holds {shape[0]} x {shape[1]} heights, and one period does not "
+                    "say how large they are each way; give both"
+                )
+            return (given[0], given[0])
+        return given or known or ()
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Grid points along each direction."""
+        return self._map.heights.shape
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of the file's content, the unit, and what is done with the heights."""
+        words = _treatment_words(self.treatment, self.taper)
+        return f"file/1 {file_digest(self.path)} unit={float(self.unit)!r} {words}"
+
+    def build(self) -> Surface:
+        """Read the heights and treat them.  Raises InvalidScene if they are refused."""
+        try:
+            heights = np.array(self._map.heights, dtype=np.float64)
+        except MemoryError:
+            raise out_of_memory(self.shape, arrays=2) from None
+        _require_finite(heights, str(self.path))
+        heights *= self.unit
+        return _treated(heights, self, str(self.path))
+
+
+def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
+    """Heights as an array of real numbers on a line or grid.  Raises InvalidScene."""
+    try:
+        heights = np.asanyarray(given)
+    except ValueError:
+        raise InvalidScene(f"{where}: rows of unequal length are no grid of heights") from None
+    if heights.dtype.kind not in "buif":
+        kind = "complex" if heights.dtype.kind == "c" else str(heights.dtype)
+        raise InvalidScene(f"{where}: holds {kind} values, but heights are real numbers")
+    if heights.ndim not in (1, 2) or min(heights.shape) < 2:
+        raise InvalidScene(
+            f"{where}: has shape {heights.shape}, but heights are a line (nx,) or a grid (nx, ny) "
+            "of at least two points a direction"
+        )
+    return heights
+
+
+def edge_jumps(heights: FloatArray) -> list[tuple[float, float]]:
+    """For each axis the rms jump at the edge, and the largest between neighbouring rows.
+
+    heights: (nx, ny) or (nx,); both in its unit.
+    """
+    jumps = []
+    for axis in range(heights.ndim):
+        edge = np.take(heights, 0, axis) - np.take(heights, -1, axis)
+        steps = np.diff(heights, axis=axis)
+        steps *= steps
+        inner = steps if heights.ndim == 1 else steps.mean(axis=1 - axis)
+        jumps.append((math.sqrt(np.mean(edge * edge)), math.sqrt(inner.max())))
+    return jumps
+
+
+def detrended_and_windowed(heights: FloatArray, taper: float) -> tuple[FloatArray, float]:
+    """Take the least-squares plane off, in place, and bring the heights down to it at the edges.
+
+    The window rises as (1 - cos) / 2 over `taper` of each period and falls likewise (Tukey's
+    window; Hann's for taper = 0.5).  It takes roughness away, so that all heights are then
+    multiplied by one factor that restores the rms height of the detrended map.  Returns the
+    heights, of zero mean, and the factor.
+    """
+    heights -= heights.mean()
+    axes = [np.linspace(-0.5, 0.5, n) for n in heights.shape]
+    other = tuple(range(heights.ndim))
+    # On a full grid the coordinates are orthogonal: the plane is one slope after the other.
+    for axis, x in enumerate(axes):
+        profile = heights.mean(axis=tuple(a for a in other if a != axis))
+        slope = float(profile @ x) / float(x @ x)
+        heights -= (slope * x).reshape([-1 if a == axis else 1 for a in other])
+    before = _rms(heights)
+    for axis, n in enumerate(heights.shape):
+        window = _window(n, taper)
+        heights *= window.reshape([-1 if a == axis else 1 for a in other])
+    heights -= heights.mean()
+    after = _rms(heights)
+    factor = before / after if after > 0 else 1.0
+    heights *= factor
+    return heights, factor
+
+
+def _rms(heights: FloatArray) -> float:
+    return math.sqrt(float(np.vdot(heights, heights)) / heights.size)
+
+
+def _window(n: int, taper: float) -> FloatArray:
+    """Tukey's window at n points; its zero lies midway between the last and the first of them."""
+    distance = (np.arange(n) + 0.5) / n
+    rise = np.minimum(np.minimum(distance, 1 - distance) / taper, 1.0)
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * rise))
+
+
+def _check_treatment(treatment: str, taper: float) -> None:
+    known = ("refuse", "periodic", "detrend_and_window")
+    if treatment not in known:
+        raise InvalidScene(f"treatment is {treatment!r}, but must be one of {', '.join(known)}")
+    if not isinstance(taper, int | float) or not 0 < taper <= 0.5:
+        raise InvalidScene(f"taper is {taper!r}, but must lie in (0, 0.5], a share of the period")
+
+
+def _treatment_words(treatment: str, taper: float) -> str:
+    return f"{treatment} taper={float(taper)!r}" if treatment == "detrend_and_window" else treatment
+
+
+def _require_finite(heights: FloatArray, where: str) -> None:
+    if not np.isfinite(heights.min()) or not np.isfinite(heights.max()):
+        bad = int(np.count_nonzero(~np.isfinite(heights)))
+        raise InvalidScene(
+            f"{where}: {bad} of {heights.size} heights are NaN or infinite; fill or crop them first"
+        )
+
+
+def _jump_words(jumps: list[tuple[float, float]]) -> str:
+    return " and ".join(
+        f"{edge:.3g} m across {axis} (between neighbours at most {inner:.3g} m)"
+        for axis, (edge, inner) in zip("xy", jumps, strict=False)
+    )
+
+
+def _treated(heights: FloatArray, recipe: Any, where: str) -> Surface:
+    """The surface of a recipe's own, writable heights after its treatment."""
+    jumps = edge_jumps(heights)
+    words = f"rms jump at the edges: {_jump_words(jumps)}"
+    periodic = all(edge <= LARGEST_JUMP * inner for edge, inner in jumps)
+    if recipe.treatment == "detrend_and_window":
+        heights, factor = detrended_and_windowed(heights, recipe.taper)
+        words = (
+            f"least-squares plane removed, tapered over {recipe.taper:g} of the period at each "
+            f"edge, multiplied by {factor:.4g} to keep the rms height; {words} before, "
+            f"{_jump_words(edge_jumps(heights))} after"
+        )
+    elif recipe.treatment == "refuse" and not periodic:
+        raise InvalidScene(
+            f"{where}: not periodic, {words}; set treatment to detrend_and_window, or to periodic "
+            "to take it as it is"
+        )
+    heights.flags.writeable = False
+    return Surface(heights, recipe.periods, recipe=recipe.fingerprint, notes=(words,))

@@ -1,0 +1,129 @@
+"""Heights from files: numpy's .npy, tables of numbers, and instruments' formats.
+
+Nothing is executed and nothing unchecked is allocated: no pickles, and a .npy file is mapped, so
+that a header that promises more than the file holds is found out before any memory is taken.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.errors import InvalidScene
+
+#: Endings that are read as plain tables of numbers.
+TEXT_ENDINGS = (".txt", ".dat", ".csv", ".tsv")
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMap:
+    """What a file holds.
+
+    heights: as stored; in_metres: whether they are in m already, the file knowing its unit;
+    periods: in m, where the file knows them.
+    """
+
+    heights: NDArray[Any]
+    in_metres: bool = False
+    periods: tuple[float, ...] | None = None
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's content.  Raises InvalidScene if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise _unreadable(path, error) from None
+
+
+def read_heights(path: Path) -> HeightMap:
+    """Open a file of heights by its ending.  Raises InvalidScene if it holds none."""
+    try:
+        size = path.stat().st_size
+        if path.is_dir():
+            raise IsADirectoryError(21, "is a folder, but a file of heights is needed")
+        if size == 0:
+            raise InvalidScene(f"{path}: is empty")
+        ending = path.suffix.lower()
+        if ending == ".npy":
+            return HeightMap(_read_npy(path))
+        if ending in TEXT_ENDINGS:
+            return HeightMap(_read_table(path))
+        return _read_instrument(path)
+    except OSError as error:
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, error: OSError) -> InvalidScene:
+    return InvalidScene(f"{path}: {(error.strerror or str(error)).lower()}")
+
+
+def _first_line(error: BaseException) -> str:
+    lines = str(error).strip().splitlines()
+    return lines[0].rstrip(".") if lines else type(error).__name__
+
+
+def _read_npy(path: Path) -> NDArray[Any]:
+    try:
+        return np.lib.format.open_memmap(path, mode="r")
+    except (ValueError, OverflowError, EOFError, SyntaxError) as error:
+        raise InvalidScene(
+            f"{path}: is no complete .npy file of numbers ({_first_line(error)})"
+        ) from None
+
+
+def _read_table(path: Path) -> NDArray[Any]:
+    """A table of numbers; comments after #; separated by semicolons, commas or white space."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            lines = (line.split("#")[0].strip() for line in file)
+            first = next((line for line in lines if line), "")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # numpy only warns of a table without data
+            table = np.loadtxt(path, delimiter=_delimiter(first), encoding="utf-8", ndmin=2)
+    except UnicodeDecodeError:
+        raise InvalidScene(f"{path}: is no text in UTF-8, so no table of numbers") from None
+    except (ValueError, UserWarning) as error:
+        raise InvalidScene(f"{path}: is no table of numbers ({_first_line(error)})") from None
+    return table.ravel() if 1 in table.shape else table
+
+
+def _delimiter(line: str) -> str | None:
+    """The separator of a line of numbers; None stands for white space."""
+    return next((mark for mark in ";," if mark in line), None)
+
+
+def _read_instrument(path: Path) -> HeightMap:
+    try:
+        from SurfaceTopography import open_topography
+    except ImportError:
+        raise InvalidScene(
+            f"{path}: reading {path.suffix or 'such'} files needs SurfaceTopography; "
+            "pip install 'epcontact[instruments]', or convert it to .npy or text"
+        ) from None
+    try:
+        with open_topography(str(path)) as reader:
+            topography = reader.topography()
+            in_metres = topography.unit is not None
+            if in_metres:
+                topography = topography.to_unit("m")
+            if topography.has_undefined_data:
+                raise InvalidScene(f"{path}: has points without a height; fill or crop them first")
+            if not topography.is_uniform:
+                raise InvalidScene(f"{path}: its points lie on no regular grid; resample it first")
+            heights = np.array(topography.heights(), dtype=np.float64)
+            periods = topography.physical_sizes if in_metres else None
+    except InvalidScene:
+        raise
+    except Exception as error:  # a hundred parsers, each with errors of its own
+        raise InvalidScene(
+            f"{path}: SurfaceTopography cannot read it ({_first_line(error)})"
+        ) from None
+    return HeightMap(heights, in_metres, None if periods is None else tuple(map(float, periods)))

@@ -1,0 +1,79 @@
+"""What every recipe of a surface has in common: an interface, and the check of its grid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, is_dataclass
+from typing import Any, Protocol
+
+from epcontact.errors import InvalidScene, NotEnoughMemory
+from epcontact.scene import Surface
+
+
+class Recipe(Protocol):
+    """What every recipe can do; `build` sets `Surface.recipe` to `fingerprint`."""
+
+    @property
+    def fingerprint(self) -> str:
+        """Identifies the heights without making them."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Grid points along each direction."""
+
+    @property
+    def periods(self) -> tuple[float, ...]:
+        """Lengths of the period along each direction, in m."""
+
+    def build(self) -> Surface:
+        """Make the surface."""
+
+
+def normalise_grid(recipe: Any) -> None:
+    """Check a frozen recipe's `shape` and `periods` and turn them into tuples of int and float.
+
+    Raises InvalidScene.
+    """
+    try:
+        shape = tuple(int(n) for n in recipe.shape)
+        periods = tuple(float(p) for p in recipe.periods)
+        whole = shape == tuple(recipe.shape)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidScene(
+            f"shape = {recipe.shape!r} and periods = {recipe.periods!r} are given, but "
+            "(nx, ny) and (Lx, Ly), or (nx,) and (L,) for a line, are needed"
+        ) from None
+    if not whole or len(shape) not in (1, 2) or min(shape) < 2:
+        raise InvalidScene(
+            f"shape is {recipe.shape!r}, but must be one or two whole numbers of at least 2"
+        )
+    if len(periods) != len(shape) or not all(p > 0 and math.isfinite(p) for p in periods):
+        raise InvalidScene(
+            f"periods is {recipe.periods!r}, but must be {len(shape)} positive lengths in m"
+        )
+    object.__setattr__(recipe, "shape", shape)
+    object.__setattr__(recipe, "periods", periods)
+
+
+def described(name: str, recipe: Any) -> str:
+    """A fingerprint: `name` (with a version) and every field, equal numbers in equal words."""
+    return f"{name} {_words(recipe)}"
+
+
+def _words(value: Any) -> str:
+    if is_dataclass(value):
+        return " ".join(f"{f.name}={_words(getattr(value, f.name))}" for f in fields(value))
+    if isinstance(value, tuple):
+        return "(" + ",".join(map(_words, value)) + ")"
+    if isinstance(value, str):
+        return value
+    return repr(int(value)) if value == int(value) else repr(float(value))
+
+
+def out_of_memory(shape: tuple[int, ...], arrays: int) -> NotEnoughMemory:
+    """The error of a grid that does not fit into memory."""
+    size = math.prod(shape) * 8 * arrays / 2**30
+    grid = " x ".join(map(str, shape))
+    return NotEnoughMemory(
+        f"a surface of {grid} points needs {size:.3g} GiB, more than there is; use a coarser grid"
+    )

@@ -1,0 +1,221 @@
+"""Surfaces with closed-form contact solutions: sinusoids, paraboloid, sphere, flat punch.
+
+The grid point i of a direction lies at x = i L / n.  Heights are measured upward and the rigid
+flat comes from above, so each shape touches first at its summit.  Only the sinusoids are
+band-limited: the others have kinks or walls, whose area converges with the grid spacing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.errors import InvalidScene
+from epcontact.scene import Surface
+from epcontact.surfaces.recipe import described, normalise_grid, out_of_memory
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sinusoid:
+    """Waves along x, along y, or the product of both; a crest at the origin, zero mean.
+
+    h = amplitude cos X, or amplitude cos X cos Y, with X = 2 pi waves x / Lx and Y likewise: the
+    gap under the summits is amplitude (1 - cos) or amplitude (1 - cos cos), the convention of
+    Westergaard (1939) and of Johnson, Greenwood and Higginson (1985).  So with the wavelength
+    lambda = L / waves the pressures of complete contact are p* = pi E* amplitude / lambda and,
+    for the product on a square period, p* = sqrt(2) pi E* amplitude / lambda.
+
+    amplitude in m, from the mean plane to a crest; waves: whole waves in a period.
+    Raises InvalidScene, also if a wave has two grid points or fewer.
+    """
+
+    periods: tuple[float, ...]
+    shape: tuple[int, ...]
+    amplitude: float
+    waves: int = 1
+    direction: Literal["x", "y", "both"] = "x"
+
+    def __post_init__(self) -> None:
+        normalise_grid(self)
+        _require_length("amplitude", self.amplitude)
+        if self.direction not in ("x", "y", "both"):
+            raise InvalidScene(f"direction is {self.direction!r}, but must be x, y or both")
+        if self.direction != "x" and len(self.shape) == 1:
+            raise InvalidScene(f"direction is {self.direction!r}, but a line has only x")
+        if not isinstance(self.waves, int | np.integer) or self.waves < 1:
+            raise InvalidScene(f"waves is {self.waves!r}, but must be a whole number >= 1")
+        for axis in self._axes:
+            if self.shape[axis] <= 2 * self.waves:
+                raise InvalidScene(
+                    f"{self.shape[axis]} grid points do not resolve waves = {self.waves}, which "
+                    f"needs at least {2 * self.waves + 1}"
+                )
+
+    @property
+    def _axes(self) -> tuple[int, ...]:
+        return {"x": (0,), "y": (1,), "both": (0, 1)}[self.direction]
+
+    @property
+    def fingerprint(self) -> str:
+        """The parameters, and the version of the formula."""
+        return described("sinusoid/1", self)
+
+    def build(self) -> Surface:
+        """Make the heights."""
+        heights = _empty(self.shape)
+        heights[...] = self.amplitude
+        for axis in self._axes:
+            n = self.shape[axis]
+            # Whole turns are taken off as integers, so that equal phases have equal heights.
+            turns = (self.waves * np.arange(n)) % n / n
+            heights *= _along(np.cos(2 * math.pi * turns), axis, len(self.shape))
+        shortest = min(self.periods[axis] for axis in self._axes) / self.waves
+        return _surface(self, heights, shortest_wavelength=shortest)
+
+
+@dataclass(frozen=True)
+class Paraboloid:
+    """One bump h = -r^2 / (2 radius) (on a line a parabolic cylinder), summit at h = 0.
+
+    radius: of curvature at the summit, in m; centre: of the bump as fractions of the periods (by
+    default the middle; anything else shifts it against the grid).  r is the distance to the
+    nearest periodic image.  Hertz's theory is exact for this shape, but for the images.
+    """
+
+    periods: tuple[float, ...]
+    shape: tuple[int, ...]
+    radius: float
+    centre: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        normalise_grid(self)
+        _require_length("radius", self.radius)
+        _normalise_centre(self)
+
+    @property
+    def fingerprint(self) -> str:
+        """The parameters, and the version of the formula."""
+        return described("paraboloid/1", self)
+
+    def build(self) -> Surface:
+        """Make the heights."""
+        heights = _squared_distance(self)
+        heights *= -0.5 / self.radius
+        return _surface(self, heights)
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """The upper half of a ball (on a line, of a cylinder) on a flat, summit at h = 0.
+
+    h = sqrt(radius^2 - r^2) - radius within r < radius, -radius outside; otherwise as Paraboloid.
+    """
+
+    periods: tuple[float, ...]
+    shape: tuple[int, ...]
+    radius: float
+    centre: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        normalise_grid(self)
+        _require_length("radius", self.radius)
+        _normalise_centre(self)
+
+    @property
+    def fingerprint(self) -> str:
+        """The parameters, and the version of the formula."""
+        return described("sphere/1", self)
+
+    def build(self) -> Surface:
+        """Make the heights."""
+        heights = _squared_distance(self)
+        # -r^2 / (R + sqrt(R^2 - r^2)) is sqrt(R^2 - r^2) - R without cancellation at the summit.
+        np.minimum(heights, self.radius**2, out=heights)
+        heights /= -(self.radius + np.sqrt(self.radius**2 - heights))
+        return _surface(self, heights)
+
+
+@dataclass(frozen=True)
+class FlatPunch:
+    """A flat circular plateau (on a line a strip) at h = 0 over a flat floor at h = -depth.
+
+    radius (of a strip: its half-width) and depth in m; centre as in Paraboloid.
+    """
+
+    periods: tuple[float, ...]
+    shape: tuple[int, ...]
+    radius: float
+    depth: float
+    centre: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        normalise_grid(self)
+        _require_length("radius", self.radius)
+        _require_length("depth", self.depth)
+        _normalise_centre(self)
+
+    @property
+    def fingerprint(self) -> str:
+        """The parameters, and the version of the formula."""
+        return described("flat_punch/1", self)
+
+    def build(self) -> Surface:
+        """Make the heights."""
+        heights = _squared_distance(self)
+        outside = heights > self.radius**2
+        heights[...] = 0.0
+        heights[outside] = -self.depth
+        return _surface(self, heights)
+
+
+def _require_length(name: str, value: float) -> None:
+    if not isinstance(value, int | float) or not (value > 0 and math.isfinite(value)):
+        raise InvalidScene(f"{name} is {value!r}, but must be a positive length in m")
+
+
+def _normalise_centre(recipe: Any) -> None:
+    centre = tuple(recipe.centre) or (0.5,) * len(recipe.shape)
+    if len(centre) != len(recipe.shape) or not all(math.isfinite(c) for c in centre):
+        raise InvalidScene(
+            f"centre is {recipe.centre!r}, but must be {len(recipe.shape)} fractions of the period"
+        )
+    object.__setattr__(recipe, "centre", tuple(float(c) % 1.0 for c in centre))
+
+
+def _squared_distance(recipe: Any) -> FloatArray:
+    """r^2 from each grid point to the nearest image of the centre, in m^2."""
+    heights = _empty(recipe.shape)
+    heights[...] = 0.0
+    grid = zip(recipe.shape, recipe.periods, recipe.centre, strict=True)
+    for axis, (n, period, centre) in enumerate(grid):
+        offset = np.arange(n) / n - centre
+        offset -= np.rint(offset)
+        heights += _along((period * offset) ** 2, axis, len(recipe.shape))
+    return heights
+
+
+def _along(values: FloatArray, axis: int, dimensions: int) -> FloatArray:
+    return values.reshape([-1 if a == axis else 1 for a in range(dimensions)])
+
+
+def _empty(shape: tuple[int, ...]) -> FloatArray:
+    try:
+        return np.empty(shape)
+    except MemoryError:
+        raise out_of_memory(shape, arrays=1) from None
+
+
+def _surface(recipe: Any, heights: FloatArray, shortest_wavelength: float | None = None) -> Surface:
+    heights.flags.writeable = False
+    return Surface(
+        heights,
+        recipe.periods,
+        shortest_wavelength=shortest_wavelength,
+        recipe=recipe.fingerprint,
+    )
