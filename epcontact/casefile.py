@@ -302,7 +302,9 @@ def _nearest(name: str, known: Any) -> str:
 
 def _sentence(error: ValidationError) -> str:
     """The first of pydantic's errors as one sentence naming the key and the remedy."""
-    first, more = error.errors()[0], error.error_count() - 1
+    # A misspelt key is both unknown and missing: the former says more.
+    errors = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+    first, more = errors[0], len(errors) - 1
     location = [str(part) for part in first["loc"] if part not in _KINDS]
     where = ".".join(location) or "the case"
     kind, given = first["type"], first.get("input")

@@ -7,6 +7,7 @@ error, told in one sentence.  130: interrupted.
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
@@ -20,29 +21,16 @@ from rich.table import Table
 
 from epcontact import casefile
 from epcontact.casefile import Case
-from epcontact.errors import EpcontactError, OutputError
+from epcontact.errors import EpcontactError
 
 STYLES = {"holds": "green", "falls short": "bold red", "error": "bold red", "skipped": "yellow"}
 
 
-class _Commands(click.Group):
-    """Turns deliberate errors into one sentence and exit code 2, whatever the command."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        try:
-            return super().invoke(ctx)
-        except EpcontactError as error:
-            raise _Refusal(str(error)) from None
+class _Refusal(EpcontactError):
+    """What the command line itself refuses."""
 
 
-class _Refusal(click.ClickException):
-    exit_code = 2
-
-    def show(self, file: Any = None) -> None:
-        click.echo(f"epcontact: {self.message}", err=True)
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="epcontact")
 def cli() -> None:
     """Cross-validate rough elastoplastic contact: theory, boundary and finite elements."""
@@ -311,13 +299,24 @@ def _print_shortfalls(console: Console, outcome: Any) -> None:
 
 
 def main() -> None:
-    """Entry point: errors of the operating system and interrupts become one sentence too."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    """Entry point: whatever goes wrong on purpose is one sentence on stderr and exit code 2."""
+    signal.signal(signal.SIGTERM, _terminated)
     try:
-        cli(prog_name="epcontact")
-    except KeyboardInterrupt:
-        click.echo("epcontact: interrupted; results finished so far are kept", err=True)
-        sys.exit(130)
-    except OutputError as error:
-        click.echo(f"epcontact: {error}", err=True)
-        sys.exit(2)
+        sys.exit(cli.main(prog_name="epcontact", standalone_mode=False))
+    except (click.Abort, KeyboardInterrupt):
+        code, sentence = 130, "interrupted; results finished so far are kept"
+    except EpcontactError as error:
+        code, sentence = 2, str(error)
+    except click.ClickException as error:
+        code, sentence = 2, f"{error.format_message()} (see epcontact --help)"
+    except BrokenPipeError:
+        # The reader of a pipe has left; nobody is there to be told.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code, sentence = 2, ""
+    if sentence:
+        click.echo(f"epcontact: {sentence}", err=True)
+    sys.exit(code)
+
+
+def _terminated(*_: object) -> None:
+    raise KeyboardInterrupt

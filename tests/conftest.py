@@ -1,0 +1,74 @@
+"""What several tests need: a small case to write, and the command line in a process of its own."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+SMALL_CASE = """
+[case]
+id = "small"
+requirement = "The boundary elements and the theory answer a small scene."
+source = "made for the tests"
+methods = ["persson", "bem"]
+
+[surface]
+kind = "self_affine"
+period = 1.0e-3
+hurst = 0.8
+wavenumber_low = 6.283185307179586e3
+wavenumber_roll_off = 1.2566370614359173e4
+wavenumber_high = 5.026548245743669e4
+rms_slope = 0.1
+points_per_shortest_wavelength = { fast = 4, full = 8 }
+seeds = [3, 5, 7]
+
+[material]
+young_modulus = 100.0e9
+poisson_ratio = 0.3
+hardness = 6.0e9
+
+[theory]
+energy_reduction = 0.536
+
+[load]
+mean_pressure = 5.0e8
+
+[[gate]]
+quantity = "area.total.corrected"
+of = "bem"
+against = "persson"
+tolerance = 0.5
+because = "only a smoke test"
+"""
+
+
+@pytest.fixture
+def write_case(tmp_path: Path) -> Callable[..., Path]:
+    """Write SMALL_CASE, with replacements, to a file named after its id."""
+
+    def write(*replacements: tuple[str, str], name: str = "small") -> Path:
+        text = SMALL_CASE.replace('id = "small"', f'id = "{name}"')
+        for old, new in replacements:
+            assert old in text, old
+            text = text.replace(old, new)
+        path = tmp_path / f"{name}.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+@pytest.fixture
+def epcontact() -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run the command line as a user would; returns code, stdout and stderr."""
+
+    def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "epcontact", *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=300, **options)
+
+    return run

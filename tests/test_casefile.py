@@ -1,0 +1,127 @@
+"""Case files: what is read is what was written, and every mistake is one sentence."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from epcontact.casefile import at_size, case_sizes, find_cases, load_case
+from epcontact.errors import InvalidCase
+
+
+def test_sizes_replace_every_table_of_sizes() -> None:
+    data = {"a": {"fast": 1, "full": 2}, "b": [{"c": {"fast": 3, "full": 4}}], "d": {"e": 5}}
+    assert at_size(data, "full") == {"a": 2, "b": [{"c": 4}], "d": {"e": 5}}
+
+
+def test_case_becomes_scenes(write_case) -> None:
+    case = load_case(write_case(), "full")
+    assert [r.seed for r in case.recipes] == [3, 5, 7]
+    assert case.recipes[0].shape == (64, 64)
+    assert case.material.hardness == 6.0e9
+    assert case.options["persson"] == {"energy_reduction": 0.536, "spectrum": "analytic"}
+
+
+def test_digest_is_known_before_the_surface_is_made(write_case) -> None:
+    case = load_case(write_case())
+    for recipe in case.recipes:
+        assert case.digest(recipe) == case.scene(recipe).digest
+    assert len({case.digest(recipe) for recipe in case.recipes}) == 3
+
+
+def test_every_shipped_case_reads_at_every_size() -> None:
+    paths = find_cases()
+    assert len(paths) >= 2
+    for path in paths:
+        for size in case_sizes(path):
+            case = load_case(path, size)
+            assert case.gates
+            assert all(len(gate.because) > 10 for gate in case.gates)
+
+
+# What is done to the file, and what the sentence must name: the key and the remedy.
+MISTAKES = {
+    "unknown key": (("hurst =", "hurts ="), ["hurts", "did you mean 'hurst'"]),
+    "unknown table": (("[theory]", "[theroy]"), ["theroy", "did you mean 'theory'"]),
+    "unknown key in a gate": (("tolerance", "tolerence"), ["tolerence", "'tolerance'"]),
+    "missing key": (("rms_slope = 0.1", ""), ["surface.rms_slope", "missing", "m/m"]),
+    "missing table": (('[load]\nmean_pressure = 5.0e8', ""), ["load is missing", "[load]"]),
+    "wrong type": (("rms_slope = 0.1", 'rms_slope = "steep"'), ["rms_slope", "'steep'", "number"]),
+    "boolean for a number": (("rms_slope = 0.1", "rms_slope = true"), ["rms_slope", "True"]),
+    "negative modulus": (("= 100.0e9", "= -1.0"), ["young_modulus", "positive"]),
+    "Poisson's ratio": (("poisson_ratio = 0.3", "poisson_ratio = 0.5"), ["between -1 and 0.5"]),
+    "Poisson's ratio below": (("poisson_ratio = 0.3", "poisson_ratio = -1.0"), ["between -1"]),
+    "NaN": (("poisson_ratio = 0.3", "poisson_ratio = nan"), ["poisson_ratio", "nan"]),
+    "NaN slope": (("rms_slope = 0.1", "rms_slope = nan"), ["rms_slope", "nan"]),
+    "pressure at the hardness": (("mean_pressure = 5.0e8", "mean_pressure = 6.0e9"), ["hardness"]),
+    "negative pressure": (("mean_pressure = 5.0e8", "mean_pressure = -1.0"), ["mean_pressure"]),
+    "empty path": (("mean_pressure = 5.0e8", "mean_pressure = []"), ["mean_pressure", "empty"]),
+    "unloading": (
+        ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 1.0e8]"),
+        ["mean_pressure", "decreases", "non-decreasing"],
+    ),
+    "wavenumbers": (("_roll_off = 1.25", "_roll_off = 9.25"), ["wavenumber", "order"]),
+    "too much roughness": (
+        ("points_per_shortest_wavelength = { fast = 4, full = 8 }", "shape = [8, 8]"),
+        ["wavenumber_high", "needs at least"],
+    ),
+    "both resolutions": (("seeds", "shape = [64, 64]\nseeds"), ["points_per", "either"]),
+    "a seed twice": (("[3, 5, 7]", "[3, 5, 3]"), ["seeds", "once"]),
+    "negative seed": (("[3, 5, 7]", "[-3]"), ["seeds", "greater than or equal to 0"]),
+    "no seeds": (("[3, 5, 7]", "[]"), ["seeds"]),
+    "kind": (('kind = "self_affine"', 'kind = "selfaffine"'), ["surface.kind", "self_affine"]),
+    "method": (('["persson", "bem"]', '["persson", "bme"]'), ["methods", "bme"]),
+    "gate of an absent method": (('["persson", "bem"]', '["bem"]'), ["gate 1", "persson", "add"]),
+    "theory without gamma": (("[theory]\nenergy_reduction = 0.536", ""), ["[theory]"]),
+    "closed form": (('against = "persson"', 'against = "herz"'), ["'herz'", "'hertz'"]),
+    "number without source": (('against = "persson"', "against = 0.1"), ["gate", "source"]),
+    "tolerance and between": (("tolerance = 0.5", "tolerance = 1\nbetween = [0, 1]"), ["either"]),
+    "size table": (("full = 8 }", "full = 8.5 }"), ["points_per", "8.5"]),
+    "depth of a half-space": (("[load]", "[body]\ndepth = 1.0\n[load]"), ["[body]", "depth"]),
+    "layer without depth": (
+        ("[load]", '[body]\nkind = "bonded_layer"\n[load]'),
+        ["[body]", "depth", "m"],
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistake_is_one_sentence(write_case, mistake: str) -> None:
+    replacement, words = MISTAKES[mistake]
+    path = write_case(replacement)
+    with pytest.raises(InvalidCase) as caught:
+        load_case(path)
+    sentence = str(caught.value)
+    assert sentence.startswith(str(path))
+    assert "\n" not in sentence
+    for word in words:
+        assert word in sentence
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        (b"\xff\xfe[case]", "UTF-8"),
+        (b"[case\nid = 1", "TOML"),
+        (b"x = " + b"[" * 100_000, "case file"),
+        (b"#" * (2 << 20), "larger"),
+        (b"", "missing"),
+    ],
+)
+def test_what_is_no_case_file_is_refused(tmp_path: Path, content: bytes, word: str) -> None:
+    path = tmp_path / "broken.toml"
+    path.write_bytes(content)
+    with pytest.raises(InvalidCase, match=word) as caught:
+        load_case(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_id_must_be_the_name_of_the_file(write_case, tmp_path: Path) -> None:
+    path = write_case().rename(tmp_path / "other.toml")
+    with pytest.raises(InvalidCase, match="must be the file's name, 'other'"):
+        load_case(path)
+
+
+def test_infinite_hardness_is_the_default(write_case) -> None:
+    assert load_case(write_case(("hardness = 6.0e9", ""))).material.hardness == math.inf
