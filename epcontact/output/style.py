@@ -1,0 +1,93 @@
+"""The one look of every picture: colours, marks, sizes, units.
+
+The colours are those of Okabe and Ito (2008), which people with any colour vision tell apart;
+series differ in their marks and dashes as well.  Contact states have the same colours in every
+picture, matplotlib's or VTK's: apart white, elastic yellow, plastic black.  Pressure runs from
+yellow to dark the same way.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+from epcontact.results import APART, ELASTIC, PLASTIC
+
+STATE_COLOURS = MappingProxyType({APART: "#ffffff", ELASTIC: "#f0c419", PLASTIC: "#000000"})
+STATE_NAMES = MappingProxyType({APART: "apart", ELASTIC: "elastic", PLASTIC: "plastic"})
+
+#: Sequential and diverging colour maps (names that matplotlib and pyvista share).
+PRESSURE_MAP = "viridis_r"
+STRESS_MAP = "viridis"
+DIFFERENCE_MAP = "RdBu_r"
+
+#: The methods look the same in every chart.
+METHOD_COLOURS = MappingProxyType({"persson": "#000000", "bem": "#0072b2", "fem": "#d55e00"})
+CYCLE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#000000")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+DASHES = ("-", "--", "-.", ":")
+
+#: matplotlib settings; text is drawn as paths, so that an SVG looks the same everywhere.
+SETTINGS: Mapping[str, Any] = MappingProxyType(
+    {
+        "font.family": "DejaVu Sans",
+        "font.size": 9.0,
+        "mathtext.fontset": "dejavusans",
+        "axes.titlesize": 10.0,
+        "axes.labelsize": 9.0,
+        "axes.grid": True,
+        "axes.axisbelow": True,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "grid.color": "#dddddd",
+        "grid.linewidth": 0.6,
+        "legend.frameon": False,
+        "legend.fontsize": 8.0,
+        "lines.linewidth": 1.4,
+        "lines.markersize": 4.5,
+        "figure.dpi": 100.0,
+        "savefig.dpi": 160.0,
+        "savefig.facecolor": "white",
+        "svg.fonttype": "path",
+        "svg.hashsalt": "epcontact",
+    }
+)
+
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+
+
+def unit_for(largest: float, unit: str) -> tuple[float, str]:
+    """The scale and the prefixed unit in which `largest`, given in `unit`, reads well.
+
+    Divide by the scale to get numbers in that unit: (2.5e-4, "m") gives (1e-6, "µm").
+    """
+    size = abs(largest)
+    if not math.isfinite(size) or size == 0:
+        return 1.0, unit
+    for scale, prefix in _PREFIXES:
+        if size >= scale and (unit != "m" or scale <= 1):
+            return scale, prefix + unit
+    return _PREFIXES[-1][0], _PREFIXES[-1][1] + unit
+
+
+def series_looks(names: Sequence[str], lines: Sequence[bool]) -> list[dict[str, Any]]:
+    """Colour, mark and dashes of each series of a chart.
+
+    A series named for a method has its colour, also where more words follow the name; the others
+    share out what is left of the cycle.  Curves (`lines`) have no marks and differ in their
+    dashes.
+    """
+    own = [METHOD_COLOURS.get(name.split(" ")[0].rstrip(",:")) for name in names]
+    rest = itertools.cycle([c for c in CYCLE if c not in own] or CYCLE)
+    dashes, marks = itertools.cycle(DASHES), itertools.cycle(MARKERS)
+    return [
+        {
+            "color": colour or next(rest),
+            "marker": None if line else next(marks),
+            "linestyle": next(dashes) if line else "-",
+        }
+        for colour, line in zip(own, lines, strict=True)
+    ]

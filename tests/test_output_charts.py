@@ -1,0 +1,385 @@
+"""Charts: the numbers drawn are the numbers given, and the pictures are fit to be read."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import math
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from epcontact.errors import OutputError
+from epcontact.output import charts, maps
+from epcontact.output.figures import Chart, Series
+from epcontact.output.style import SETTINGS, STATE_COLOURS, series_looks, unit_for
+from epcontact.results import APART, ELASTIC, PLASTIC, PressureDistribution
+
+RNG_SEED = 20260721
+SPACING = (2e-6, 1e-6)
+
+
+def blob(shape: tuple[int, ...] = (60, 90)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """State, pressure and gap of one round contact away from the middle."""
+    places = [np.arange(n) / n for n in shape]
+    around = np.meshgrid(*places, indexing="ij")
+    top = 0.06 - sum((a - c) ** 2 for a, c in zip(around, (0.3, 0.6), strict=False))
+    pressure = np.clip(top * 5e12, 0, 1.5e11)
+    state = np.where(pressure >= 1.5e11, PLASTIC, np.where(pressure > 0, ELASTIC, APART))
+    return state.astype(np.uint8), pressure, np.where(pressure > 0, 0, -1e-6 * top)
+
+
+def spectrum() -> list[Series]:
+    q = np.geomspace(2.5e4, 6.4e6, 40)
+    return [Series("analytic", q, 1e-20 * (q / 1e5) ** -3.6, line=True), Series("bem", q, 1 / q)]
+
+
+def make_map() -> Chart:
+    state, pressure, _ = blob()
+    return maps.contact_map(state, pressure, SPACING, hardness=1.5e11)
+
+
+def make_difference() -> Chart:
+    _, pressure, _ = blob()
+    return maps.pressure_difference(pressure, 0.98 * pressure, SPACING)
+
+
+def make_profile() -> Chart:
+    state, pressure, gap = blob((80,))
+    return maps.contact_profile(state, pressure, gap, (1e-6,))
+
+
+def make_stability() -> Chart:
+    effort = np.random.default_rng(RNG_SEED).integers(5, 900, (7, 5)).astype(float)
+    effort[4:, 3:] = np.nan
+    return maps.stability_map(
+        {"newton": effort, "polonsky-keer": 3 * effort},
+        np.linspace(0.04, 0.67, 7),
+        np.geomspace(0.2, 1.2, 5),
+        labels=("mean pressure / hardness (–)", "hardness / (E* slope) (–)"),
+        count="FFT pairs",
+    )
+
+
+def make_distribution() -> Chart:
+    sigma = np.linspace(0, 1.5e11, 80)
+    density = 4e-13 * np.sin(np.pi * sigma / 1.5e11)
+    return charts.pressure_distribution(
+        [
+            Series("persson, equation (3)", sigma, density, line=True),
+            Series("elastic, equation (1)", 1.3 * sigma, 2 * density, line=True),
+            Series("bem", sigma[::4], 1.02 * density[::4]),
+            Series("fem", sigma[::4], density[::4], 0.9 * density[::4], 1.1 * density[::4]),
+        ],
+        mean_pressure=1.25e10,
+        hardness=1.5e11,
+        plastic={"bem": 0.0572},
+    )
+
+
+def make_areas() -> Chart:
+    zeta = np.geomspace(1, 256, 40)
+    plastic = 0.0572 * np.exp(-30 / zeta)
+    total = 0.11 + 0.89 / zeta
+    return charts.areas_against_magnification(
+        [
+            Series("total", zeta, total),
+            Series("elastic", zeta, total - plastic),
+            Series("plastic", zeta, plastic),
+        ],
+        points={"bem total": 0.11, "bem plastic": 0.0572},
+    )
+
+
+def make_spectrum() -> Chart:
+    return charts.power_spectrum(spectrum(), marks={r"$q_r$": 1e5})
+
+
+def make_work() -> Chart:
+    cost = np.geomspace(0.1, 10, 5)
+    many = [Series(f"method {k}", cost * (1 + k), 0.01 / cost ** (1 + k / 9)) for k in range(9)]
+    return charts.work_precision([*many, Series("exact", [3.0], [0.0])], pareto=True)
+
+
+def make_convergence() -> Chart:
+    h = 2.0 ** -np.arange(2, 8)
+    return charts.convergence(
+        [Series("raw", h, 0.3 * h), Series("corrected", h, 0.1 * h**2, 0.08 * h**2, 0.12 * h**2)],
+        resolution="grid spacing / shortest wavelength (–)",
+    )
+
+
+def make_history() -> Chart:
+    steps = np.arange(30)
+    return charts.history([Series("newton", steps, 10.0**-steps)], tolerance=1e-9)
+
+
+MAKERS: list[Callable[[], Chart]] = [
+    make_map,
+    make_difference,
+    make_profile,
+    make_stability,
+    make_distribution,
+    make_areas,
+    make_spectrum,
+    make_work,
+    make_convergence,
+    make_history,
+]
+
+
+@pytest.fixture(scope="module")
+def made() -> dict[str, Chart]:
+    return {make.__name__: make() for make in MAKERS}
+
+
+NAMES = [make.__name__ for make in MAKERS]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_axis_names_its_unit(made: dict[str, Chart], name: str) -> None:
+    figure = made[name].figure
+    for axes in figure.axes:
+        labels = [axes.get_xlabel(), axes.get_ylabel()]
+        colour_bar = hasattr(axes, "_colorbar")
+        shares_y = axes is not figure.axes[0] and name == "make_stability"
+        for label in labels[1:] if colour_bar else labels[:1] if shares_y else labels:
+            assert re.search(r"\(.+\)", label), f"{label!r} of {name} has no unit"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_two_texts_overlap_and_none_is_cut_off(
+    made: dict[str, Chart], name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    boxes: list[tuple[str, Any]] = []
+    draw = mpl.text.Text.draw
+
+    def recording(self: Any, renderer: Any) -> None:
+        if self.get_visible() and self.get_text().strip():
+            boxes.append((self.get_text(), self.get_window_extent(renderer)))
+        draw(self, renderer)
+
+    figure = made[name].figure
+    monkeypatch.setattr(mpl.text.Text, "draw", recording)
+    figure.canvas.draw()
+    assert len(boxes) > 5
+    page = figure.bbox
+    # One pixel is the rounding of the layout.
+    for label, box in boxes:
+        inside = box.x0 > -1 and box.y0 > -1 and box.x1 < page.x1 + 1 and box.y1 < page.y1 + 1
+        assert inside, f"{label!r} is cut off in {name}"
+    for (one, first), (two, second) in itertools.combinations(boxes, 2):
+        apart = (
+            first.x1 <= second.x0 + 1
+            or second.x1 <= first.x0 + 1
+            or first.y1 <= second.y0 + 1
+            or second.y1 <= first.y0 + 1
+        )
+        assert apart, f"{one!r} and {two!r} overlap in {name}"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_chart_is_four_files_and_the_same_ones_again(
+    made: dict[str, Chart], name: str, tmp_path: Path
+) -> None:
+    chart = made[name]
+    paths = chart.save(tmp_path / "a" / name)
+    assert [p.suffix for p in paths] == [".png", ".svg", ".csv", ".txt"]
+    assert paths[0].read_bytes().startswith(b"\x89PNG")
+    assert b"<svg" in paths[1].read_bytes()
+    assert chart.caption + "\n" == paths[3].read_text()
+    rows = list(csv.reader(io.StringIO(paths[2].read_text())))
+    assert len(rows) == len(chart.rows) + 1 > 1
+    assert {len(row) for row in rows} == {len(chart.header)}
+    again = next(make for make in MAKERS if make.__name__ == name)()
+    for first, second in zip(paths, again.save(tmp_path / "b" / name), strict=True):
+        assert first.read_bytes() == second.read_bytes()
+
+
+def test_the_data_keep_every_digit() -> None:
+    chart = charts.power_spectrum([Series("a", [1 / 3, 2 / 3], [math.pi, math.e])])
+    rows = list(csv.reader(io.StringIO(chart.csv())))[1:]
+    assert [(float(r[1]), float(r[2])) for r in rows] == [(1 / 3, math.pi), (2 / 3, math.e)]
+
+
+def test_all_files_or_none(tmp_path: Path) -> None:
+    (tmp_path / "x.csv").mkdir()
+    with pytest.raises(OutputError, match=r"x\.csv.*is a folder"):
+        make_history().save(tmp_path / "x")
+    assert os.listdir(tmp_path) == ["x.csv"]
+
+
+def test_matplotlib_is_left_as_it_was() -> None:
+    code = (
+        "import sys, matplotlib as mpl; mpl.rcParams['font.size'] = 33.0;"
+        "from epcontact.output.charts import *; from epcontact.output.figures import Series;"
+        "chart = power_spectrum([Series('a', [1, 2], [1, 2])]); chart.png();"
+        "assert mpl.rcParams['font.size'] == 33.0; assert 'matplotlib.pyplot' not in sys.modules;"
+        f"assert chart.figure.axes[0].xaxis.label.get_size() == {SETTINGS['axes.labelsize']};"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_states_look_the_same_everywhere() -> None:
+    state, pressure, _ = blob()
+    figure = maps.contact_map(state, pressure, SPACING).figure
+    legend = {t.get_text().split()[0]: p for p, t in legend_entries(figure.legends[0])}
+    for kind, name in ((APART, "apart"), (ELASTIC, "elastic"), (PLASTIC, "plastic")):
+        assert mpl.colors.to_hex(legend[name].get_facecolor()) == STATE_COLOURS[kind]
+    lines = {line.get_label(): line for line in make_areas().figure.axes[0].lines}
+    assert lines["elastic"].get_color() == STATE_COLOURS[ELASTIC]
+    assert lines["plastic"].get_color() == lines["bem plastic"].get_color() == "#000000"
+
+
+def legend_entries(legend: Any) -> zip[tuple[Any, Any]]:
+    return zip(legend.get_patches(), legend.get_texts(), strict=True)
+
+
+def test_a_picture_shows_x_to_the_right_and_y_upward() -> None:
+    state, pressure, _ = blob()
+    axes = maps.contact_map(state, pressure, SPACING).figure.axes[0]
+    image = axes.images[0]
+    pixels, (left, right, bottom, top) = np.asarray(image.get_array()), image.get_extent()
+    assert pixels.shape[:2] == (90, 60)  # rows are y
+    assert image.origin == "lower"
+    assert (left, right, bottom, top) == pytest.approx((-1, 119, -0.5, 89.5))  # µm
+    black = np.argwhere(pixels.sum(axis=2) == 0).mean(axis=0)
+    assert black == pytest.approx((0.6 * 90, 0.3 * 60), abs=1)
+
+
+@given(
+    shape=st.tuples(st.integers(1, 40), st.integers(1, 40)),
+    pixels=st.integers(1, 50),
+    seed=st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=40, deadline=None)
+def test_shrinking_averages_and_keeps_the_order(
+    shape: tuple[int, int], pixels: int, seed: int
+) -> None:
+    field = np.random.default_rng(seed).random(shape)
+    picture = maps.shrunk(field, lambda values: np.repeat(values[..., None], 4, axis=2), pixels)
+    edges = [np.linspace(0, n, min(n, pixels) + 1).astype(int) for n in shape]
+    for i, j in np.ndindex(picture.shape[:2]):
+        block = field[edges[0][i] : edges[0][i + 1], edges[1][j] : edges[1][j + 1]]
+        assert picture[i, j] == pytest.approx(block.mean(), rel=1e-6)  # float32
+
+
+@given(
+    st.lists(st.tuples(st.floats(1e-3, 1e3), st.floats(0, 1)), min_size=1, max_size=30),
+)
+@settings(deadline=None)
+def test_nothing_beats_the_pareto_front(points: list[tuple[float, float]]) -> None:
+    front = charts.pareto_front(*zip(*points, strict=True))
+    kept = {tuple(p) for p in front.tolist()}
+    expected = {
+        (c, e)
+        for c, e in points
+        if not any((a <= c and b <= e) and (a, b) != (c, e) for a, b in points)
+    }
+    assert kept == expected
+    assert np.all(np.diff(front[:, 0]) > 0)
+    assert np.all(np.diff(front[:, 1]) < 0)
+
+
+@given(order=st.floats(-4, 4), factor=st.floats(1e-6, 1e6))
+@settings(deadline=None)
+def test_the_order_of_a_power_law_is_its_exponent(order: float, factor: float) -> None:
+    h = np.array([0.5, 0.25, 0.1, 0.01, 0.0])
+    error = np.array([*(factor * h[:4] ** order), 1.0])
+    assert charts.observed_order(h, error) == pytest.approx(order, abs=1e-9)
+
+
+def test_no_order_without_two_points() -> None:
+    assert math.isnan(charts.observed_order([1.0, 1.0], [2.0, 3.0]))
+    assert math.isnan(charts.observed_order([1.0, 2.0], [0.0, math.nan]))
+
+
+@given(
+    pressures=st.lists(st.floats(0, 1e9), min_size=2, max_size=50),
+    bins=st.integers(1, 80),
+)
+@settings(deadline=None)
+def test_the_density_sums_up_to_the_elastic_area(pressures: list[float], bins: int) -> None:
+    """Also where many points share one pressure, a step of the cumulative area."""
+    sigma = np.append(np.sort(pressures), 1e9)
+    cumulative = np.linspace(0.01, 0.4, sigma.size)
+    centres, density = charts.pressure_density(PressureDistribution(sigma, cumulative, 0.1), bins)
+    assert density.sum() * 1e9 / bins == pytest.approx(0.4, rel=1e-12)
+    assert np.all(density >= 0)
+    assert np.all((centres > 0) & (centres < 1e9))
+
+
+def test_the_density_of_a_smooth_distribution_converges() -> None:
+    """Second order in the width: cumulative sin^2 has the density sin(2x)."""
+    errors = []
+    sigma = np.linspace(0, 1, 20001)
+    smooth = PressureDistribution(sigma, np.sin(sigma) ** 2)
+    for bins in (10, 20, 40):
+        x, density = charts.pressure_density(smooth, bins)
+        errors.append(np.max(np.abs(density - np.sin(2 * x))))
+    # Asymptotically h^2/24 max|f''| = h^2/6; twice that at the finest.
+    assert errors[2] < 2 / 40**2 / 6
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
+    assert errors[1] / errors[2] == pytest.approx(4, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "scale", "name"),
+    [
+        (2.5e-4, "m", 1e-6, "µm"),
+        (3e-9, "m", 1e-9, "nm"),
+        (1e-10, "m", 1e-9, "nm"),
+        (1500.0, "m", 1.0, "m"),
+        (1.5e11, "Pa", 1e9, "GPa"),
+        (0.0, "Pa", 1.0, "Pa"),
+        (math.inf, "Pa", 1.0, "Pa"),
+    ],
+)
+def test_units_read_well(value: float, unit: str, scale: float, name: str) -> None:
+    assert unit_for(value, unit) == (scale, name)
+
+
+def test_methods_keep_their_colours_and_others_do_not_borrow_them() -> None:
+    names = ["fem", "raw", "bem corrected", "other", "persson, equation (3)"]
+    looks = series_looks(names, [False] * 4 + [True])
+    colours = [look["color"] for look in looks]
+    assert len(set(colours)) == 5
+    assert colours[0] == series_looks(["fem"], [True])[0]["color"]
+    assert len({look["marker"] for look in looks}) == 5
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: charts.history([]),
+        lambda: charts.areas_against_magnification([]),
+        lambda: charts.power_spectrum([Series("a", [1.0], [math.nan])]),
+        lambda: charts.convergence([Series("a", [1.0], [0.0])], resolution="h (m)"),
+        lambda: charts.pressure_distribution([], mean_pressure=1.0),
+    ],
+)
+def test_an_empty_chart_is_refused(wrong: Callable[[], Chart]) -> None:
+    with pytest.raises(ValueError, match="nothing to draw"):
+        wrong()
+
+
+def test_ill_shaped_data_are_refused() -> None:
+    with pytest.raises(ValueError, match="unequal number"):
+        Series("a", [1, 2], [1])
+    with pytest.raises(ValueError, match="unequal number"):
+        Series("a", [1, 2], [1, 2], low=[1, 2])
+    with pytest.raises(ValueError, match="different grids"):
+        maps.pressure_difference(np.ones((2, 3)), np.ones((3, 2)), SPACING)
+    with pytest.raises(ValueError, match="newton has shape"):
+        maps.stability_map({"newton": np.ones((2, 2))}, [1], [1, 2], labels=("a (–)", "b (–)"))
