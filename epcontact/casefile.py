@@ -35,6 +35,7 @@ from epcontact.schema import (
     TABLES,
     CaseFile,
     FileTable,
+    FlatPunchTable,
     GateTable,
     ParaboloidTable,
     SelfAffineTable,
@@ -214,12 +215,10 @@ def _absent(path: Path, table: Any) -> str:
 
 def _recipes(path: Path, table: Any) -> tuple[surfaces.Recipe, ...]:
     if isinstance(table, FileTable):
-        periods = None if table.period is None else _lengths(table.period)
-        return (
-            surfaces.HeightsFromFile(
-                path.parent / table.path, periods, table.unit, table.treatment
-            ),
-        )
+        periods = () if table.period is None else _lengths(table.period)
+        file = path.parent / table.path
+        treatment = (table.treatment, table.taper, table.pixel_size)
+        return (surfaces.HeightsFromFile(file, periods, table.unit, *treatment),)
     periods = _lengths(table.period)
     if table.shape is None:
         spectrum, points = _spectrum(table), table.points_per_shortest_wavelength
@@ -232,7 +231,10 @@ def _recipes(path: Path, table: Any) -> tuple[surfaces.Recipe, ...]:
     if isinstance(table, SinusoidTable):
         return (surfaces.Sinusoid(periods, shape, table.amplitude, table.waves, table.direction),)
     if isinstance(table, ParaboloidTable):
-        return (surfaces.Paraboloid(periods, shape, table.radius),)
+        return (surfaces.Paraboloid(periods, shape, table.radius, tuple(table.centre)),)
+    if isinstance(table, FlatPunchTable):
+        punch = (table.radius, table.depth, tuple(table.centre))
+        return (surfaces.FlatPunch(periods, shape, *punch),)
     spectrum = _spectrum(table)
     return tuple(surfaces.SelfAffine(spectrum, periods, shape, seed) for seed in table.seeds)
 
@@ -325,6 +327,7 @@ _KINDS: dict[str, type[Table]] = {
     "self_affine": SelfAffineTable,
     "sinusoid": SinusoidTable,
     "paraboloid": ParaboloidTable,
+    "flat_punch": FlatPunchTable,
     "file": FileTable,
 }
 

@@ -73,8 +73,8 @@ class SinusoidTable(Table):
     shape: list[int] = Field(description="grid points [nx, ny], or [nx] for a line")
     amplitude: float = Field(gt=0, description="m; from the mean plane to a crest")
     waves: int = Field(default=1, ge=1, description="whole waves in a period")
-    direction: Literal["x", "both"] = Field(
-        default="x", description="waves along x alone, or the product of waves along x and y"
+    direction: Literal["x", "y", "both"] = Field(
+        default="x", description="waves along one direction, or the product of both"
     )
 
 
@@ -85,6 +85,22 @@ class ParaboloidTable(Table):
     period: Lengths = Field(description="m; one length, or [x, y]")
     shape: list[int] = Field(description="grid points [nx, ny], or [nx] for a cylinder")
     radius: float = Field(gt=0, description="m; radius of curvature at the summit")
+    centre: list[float] = Field(
+        default=[], description="of the bump, as fractions of the periods; else in the middle"
+    )
+
+
+class FlatPunchTable(Table):
+    """[surface] of kind flat_punch: one flat-topped post."""
+
+    kind: Literal["flat_punch"]
+    period: Lengths = Field(description="m; one length, or [x, y]")
+    shape: list[int] = Field(description="grid points [nx, ny], or [nx] for a strip")
+    radius: float = Field(gt=0, description="m; radius, or half-width of a strip")
+    depth: float = Field(gt=0, description="m; height of the post over what surrounds it")
+    centre: list[float] = Field(
+        default=[], description="of the post, as fractions of the periods; else in the middle"
+    )
 
 
 class FileTable(Table):
@@ -96,8 +112,15 @@ class FileTable(Table):
         default=None, description="m; needed where the file does not know its own size"
     )
     unit: float = Field(default=1.0, gt=0, description="m; the unit the heights are written in")
-    treatment: Literal["refuse", "detrend_and_window"] = Field(
-        default="refuse", description="what to do with a map that is not periodic"
+    pixel_size: float | None = Field(
+        default=None, gt=0, description="m; spacing of the grid, in the place of period"
+    )
+    treatment: Literal["refuse", "periodic", "detrend_and_window"] = Field(
+        default="refuse",
+        description="a map that is not periodic: refused, taken as it is, or made periodic",
+    )
+    taper: float = Field(
+        default=0.1, description="share of a period over which the window rises, and falls"
     )
     optional: bool = Field(
         default=False, description="skip the case with a sentence where the file is absent"
@@ -105,7 +128,8 @@ class FileTable(Table):
 
 
 SurfaceTable = Annotated[
-    SelfAffineTable | SinusoidTable | ParaboloidTable | FileTable, Field(discriminator="kind")
+    SelfAffineTable | SinusoidTable | ParaboloidTable | FlatPunchTable | FileTable,
+    Field(discriminator="kind"),
 ]
 
 
@@ -228,7 +252,7 @@ TABLES: dict[str, type[Table]] = {
 
 def key_table() -> list[tuple[str, str, str, str]]:
     """Every key as (table, key, default, meaning with unit)."""
-    surfaces = (SelfAffineTable, SinusoidTable, ParaboloidTable, FileTable)
+    surfaces = (SelfAffineTable, SinusoidTable, ParaboloidTable, FlatPunchTable, FileTable)
     tables = [(name, table) for name, table in TABLES.items() if name != "gate"]
     tables += [(f"surface, {t.__name__.removesuffix('Table')}", t) for t in surfaces]
     tables.append(("gate", GateTable))

@@ -69,6 +69,8 @@ def epcontact() -> Callable[..., subprocess.CompletedProcess[str]]:
 
     def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "epcontact", *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, timeout=300, **options)
+        return subprocess.run(
+            command, check=False, capture_output=True, text=True, timeout=300, **options
+        )
 
     return run

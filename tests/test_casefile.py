@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import pytest
+
 from epcontact.casefile import at_size, case_sizes, find_cases, load_case
 from epcontact.errors import InvalidCase
 
@@ -46,7 +47,7 @@ MISTAKES = {
     "unknown table": (("[theory]", "[theroy]"), ["theroy", "did you mean 'theory'"]),
     "unknown key in a gate": (("tolerance", "tolerence"), ["tolerence", "'tolerance'"]),
     "missing key": (("rms_slope = 0.1", ""), ["surface.rms_slope", "missing", "m/m"]),
-    "missing table": (('[load]\nmean_pressure = 5.0e8', ""), ["load is missing", "[load]"]),
+    "missing table": (("[load]\nmean_pressure = 5.0e8", ""), ["load is missing", "[load]"]),
     "wrong type": (("rms_slope = 0.1", 'rms_slope = "steep"'), ["rms_slope", "'steep'", "number"]),
     "boolean for a number": (("rms_slope = 0.1", "rms_slope = true"), ["rms_slope", "True"]),
     "negative modulus": (("= 100.0e9", "= -1.0"), ["young_modulus", "positive"]),

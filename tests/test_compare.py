@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import ttest_1samp
+
 from epcontact.compare import Gate, distance, estimate, judge, judge_distance, read_quantity
 from epcontact.errors import InvalidCase
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
-from scipy.stats import ttest_1samp
 
 
 def gate(norm: str = "relative", low: float = -0.1, high: float = 0.1) -> Gate:

@@ -1,0 +1,192 @@
+"""The command line as its user meets it: verdicts, exit codes, one sentence for every mistake."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+
+def refused(done, *words: str) -> None:
+    assert done.returncode == 2, done
+    assert done.stderr.startswith("epcontact: ")
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    for word in words:
+        assert word in done.stderr
+
+
+def test_list_shows_each_case_on_a_line(epcontact) -> None:
+    done = epcontact("list")
+    assert done.returncode == 0
+    assert "paper-elastoplastic" in done.stdout
+
+
+def test_keys_tells_units(epcontact) -> None:
+    done = epcontact("keys")
+    assert done.returncode == 0
+    assert "rad/m" in done.stdout
+
+
+def test_verify_holds_and_writes_the_verdict(epcontact, write_case, tmp_path) -> None:
+    out = tmp_path / "with space"
+    done = epcontact("verify", write_case(), "--output", out, "--jobs", 2)
+    assert done.returncode == 0, done
+    verdict = json.loads((out / "verdict.json").read_text())
+    assert verdict["passed"] is True
+    (gate,) = verdict["cases"][0]["gates"]
+    assert gate["status"] == "holds"
+    assert gate["value"]["surfaces"] == 3
+    assert gate["value"]["half_width_95"] > 0
+    suite = ET.parse(out / "junit.xml").getroot()
+    assert suite.attrib["tests"] == "1"
+    assert suite.attrib["failures"] == "0"
+    assert list(out.rglob("*.tmp*")) == []
+
+
+def test_gate_that_falls_short_is_exit_1(epcontact, write_case, tmp_path) -> None:
+    case = write_case(("tolerance = 0.5", "tolerance = 1e-9"))
+    done = epcontact("verify", case, "--output", tmp_path / "out")
+    assert done.returncode == 1
+    assert "falls short" in done.stdout
+    assert "only a smoke test" in done.stdout
+    suite = ET.parse(tmp_path / "out" / "junit.xml").getroot()
+    assert suite.attrib["failures"] == "1"
+
+
+def test_second_run_reuses_the_first(epcontact, write_case, tmp_path) -> None:
+    case, out = write_case(), tmp_path / "out"
+    first = epcontact("run", case, "--output", out)
+    again = epcontact("run", case, "--output", out)
+    assert first.returncode == again.returncode == 0
+    assert "(reused)" not in first.stderr
+    assert again.stderr.count("(reused)") == 4
+    assert epcontact("run", case, "--output", out, "--fresh").stderr.count("(reused)") == 0
+    # Another load is another scene.
+    other = write_case(("mean_pressure = 5.0e8", "mean_pressure = 5.1e8"))
+    assert "(reused)" not in epcontact("run", other, "--output", out).stderr
+
+
+def test_run_writes_results_and_fields(epcontact, write_case, tmp_path) -> None:
+    from epcontact.output.vtk import read_fields
+
+    done = epcontact("run", write_case(), "--method", "bem", "--output", tmp_path / "out")
+    assert done.returncode == 0, done
+    folder = tmp_path / "out" / "small"
+    summary = json.loads((folder / "bem.json").read_text())
+    assert summary["case"] == "small"
+    assert summary["method"] == "bem"
+    assert summary["size"] == "fast"
+    assert summary["converged"] is True
+    assert set(summary["areas"]) >= {"raw", "corrected"}
+    assert len(summary["members"]) == 3
+    assert {"seconds", "fft_pairs", "unknowns", "peak_memory_bytes"} <= set(summary["cost"])
+    assert summary["members"][1]["provenance"]["seed"] == 5
+    fields = read_fields(folder / "bem-seed3.vti")
+    assert {"heights", "pressure", "gap", "displacement", "state"} <= set(fields.fields)
+    assert not (folder / "bem-seed5.vti").exists()
+    assert not (folder / "persson.json").exists()
+
+
+def test_solver_of_the_users_own(epcontact, write_case, tmp_path) -> None:
+    here = str(Path(__file__).parent)
+    environment = os.environ | {"PYTHONPATH": here}
+    case = write_case(("seeds = [3, 5, 7]", "seeds = [3]"))
+
+    def verify(solver: str) -> subprocess.CompletedProcess[str]:
+        out = tmp_path / "out"
+        return epcontact("verify", case, "--output", out, "--solver", solver, env=environment)
+
+    assert verify("faults:honest").returncode == 0
+    stalled = verify("faults:never_converges")
+    assert stalled.returncode == 2
+    assert "stalled" in stalled.stdout
+    nonsense = verify("faults:returns_nonsense")
+    assert nonsense.returncode == 2
+    assert "no epcontact.ContactResult" in nonsense.stdout
+    assert verify("faults:absent").returncode == 2
+    assert verify("nonsense").returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["verfy"], "verify"),
+        (["run", "no-such-case"], "no case is called"),
+        (["run", "no-such-case.toml"], "no such case file"),
+        (["run"], "CASE"),
+        (["verify", "--jobs", "0"], "--jobs"),
+        (["verify", "--size", "huge"], "huge"),
+        (["verify", "--sise", "fast"], "--size"),
+        (["run", "."], "no such case file"),
+    ],
+)
+def test_mistake_on_the_command_line(epcontact, arguments, word) -> None:
+    refused(epcontact(*arguments), word)
+
+
+def test_broken_case_leaves_nothing_behind(epcontact, write_case, tmp_path) -> None:
+    out = tmp_path / "out"
+    refused(epcontact("verify", write_case(("hurst", "hurts")), "--output", out), "hurts")
+    assert not out.exists()
+
+
+def test_size_that_a_case_lacks(epcontact, write_case) -> None:
+    refused(epcontact("run", write_case(), "--size", "large"), "no size 'large'")
+
+
+def test_method_that_a_case_lacks(epcontact, write_case) -> None:
+    refused(epcontact("run", write_case(), "--method", "fem"), "no method fem")
+
+
+def test_output_that_cannot_be_written(epcontact, write_case, tmp_path) -> None:
+    # Even root cannot make a folder under a file.
+    (tmp_path / "file").write_text("in the way")
+    refused(epcontact("verify", write_case(), "--output", tmp_path / "file" / "out"), "file")
+
+
+def test_absent_optional_surface_is_skipped_with_a_sentence(epcontact, write_case, tmp_path):
+    text = write_case().read_text()
+    start, end = text.index("[surface]"), text.index("[material]")
+    surface = '[surface]\nkind = "file"\npath = "absent.npy"\nperiod = 1.0\noptional = true\n\n'
+    case = tmp_path / "small.toml"
+    case.write_text(text[:start] + surface + text[end:])
+    done = epcontact("verify", case, "--output", tmp_path / "out")
+    assert done.returncode == 0
+    assert "absent.npy" in done.stdout
+    case.write_text(case.read_text().replace("optional = true", ""))
+    refused(epcontact("verify", case, "--output", tmp_path / "out"), "absent.npy")
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_is_clean(write_case, tmp_path, how) -> None:
+    case = write_case(
+        ("points_per_shortest_wavelength = { fast = 4, full = 8 }", "shape = [512, 512]"),
+        ("[3, 5, 7]", str(list(range(200)))),
+    )
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "epcontact", "verify", str(case), "--output", str(out)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 120
+    while not list(out.rglob("bem-*.json")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.killpg(process.pid, how)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert stderr.splitlines()[-1].startswith("epcontact: interrupted")
+    assert "Traceback" not in stderr
+    assert not (out / "verdict.json").exists()
+    members = list(out.rglob("*.json"))
+    assert members
+    for member in members:
+        json.loads(member.read_text())
