@@ -1,0 +1,92 @@
+"""Verdicts in JSON and JUnit, from answers made by hand: no solver runs here."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from epcontact.casefile import load_case
+from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
+from epcontact.run import Answer
+from epcontact.verify import exit_code, judge_case, write_verdict
+
+
+def result(method: str, total: float) -> ContactResult:
+    areas = Areas(total, total / 2, total / 2)
+    step = LoadStep(5e8, {"raw": areas, "corrected": areas})
+    distribution = PressureDistribution(
+        np.array([0.0, 6e9]), np.array([0, total / 2]), plastic=total / 2
+    )
+    return ContactResult(method, (step,), Provenance("digest"), distribution)
+
+
+def answers(bem: list[float], theory: float = 0.1) -> dict[str, Answer]:
+    return {
+        "persson": Answer((result("persson", theory),), ("single",)),
+        "bem": Answer(tuple(result("bem", a) for a in bem), tuple(f"seed{i}" for i in range(9))),
+    }
+
+
+@pytest.fixture
+def case(write_case):
+    return load_case(write_case(("tolerance = 0.5", "tolerance = 0.1")))
+
+
+@pytest.mark.parametrize(
+    ("areas", "status", "code"),
+    [
+        ([0.1, 0.101, 0.102], "holds", 0),
+        ([0.12, 0.121, 0.122], "falls short", 1),
+        ([0.05, 0.1, 0.15], "falls short", 1),
+        ([float("nan")], "falls short", 1),
+    ],
+)
+def test_status_and_exit_code(case, areas, status, code) -> None:
+    outcome = judge_case(case, answers(areas))
+    assert outcome.status == status
+    assert exit_code([outcome]) == code
+
+
+def test_method_without_answer_is_an_error_not_a_shortfall(case) -> None:
+    given = answers([0.1]) | {"bem": Answer(errors=("bem, seed3: stalled",))}
+    outcome = judge_case(case, given)
+    assert outcome.status == "error"
+    assert exit_code([outcome]) == 2
+    assert "stalled" in outcome.gates[0].error
+
+
+def test_one_failed_surface_of_an_ensemble_is_an_error(case) -> None:
+    good = answers([0.1, 0.1])["bem"]
+    given = answers([0.1]) | {"bem": Answer(good.results, good.labels, ("bem, seed7: stalled",))}
+    assert judge_case(case, given).status == "error"
+
+
+def test_distributions_are_compared_surface_by_surface(write_case) -> None:
+    case = load_case(
+        write_case(
+            ('"area.total.corrected"', '"distribution"'),
+            ("tolerance = 0.5", 'norm = "wasserstein"\ntolerance = 0.1'),
+        )
+    )
+    same = judge_case(case, answers([0.1, 0.1]))
+    assert same.gates[0].verdict.difference.mean == pytest.approx(0, abs=1e-12)
+    assert same.status == "holds"
+
+
+def test_files_say_what_the_verdict_says(case, tmp_path) -> None:
+    outcomes = [judge_case(case, answers([0.12, 0.121, 0.122]))]
+    write_verdict(outcomes, "fast", tmp_path)
+    verdict = json.loads((tmp_path / "verdict.json").read_text())
+    assert verdict["passed"] is False
+    assert verdict["exit_code"] == 1
+    gate = verdict["cases"][0]["gates"][0]
+    assert gate["difference"]["mean"] == pytest.approx(0.21)
+    assert (gate["low"], gate["high"]) == (-0.1, 0.1)
+    suites = ET.parse(tmp_path / "junit.xml").getroot()
+    assert suites.attrib["failures"] == "1"
+    failure = suites.find("testsuite/testcase/failure")
+    assert failure is not None
+    assert "only a smoke test" in failure.attrib["message"]
