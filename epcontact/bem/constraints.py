@@ -1,0 +1,144 @@
+"""The constraints 0 <= p <= cap and mean(p) = 1: sets, residuals and the projection onto them.
+
+Inside the solver a pressure is in units of the mean pressure, a height or gap in metres.  With
+g = u + z - h (u the displacement, z the offset of the flat) the Karush-Kuhn-Tucker conditions
+are g >= 0 where p = 0, g = 0 where 0 < p < cap, g <= 0 where p = cap.  z is the multiplier of the
+mean: the value that makes g vanish on average over the points between their bounds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.bem import passes
+from epcontact.bem.passes import Workers
+from epcontact.bem.transforms import Convolution
+from epcontact.results import APART, ELASTIC, PLASTIC
+
+FloatArray = NDArray[np.float64]
+StateArray = NDArray[np.uint8]
+
+#: The sets are predicted from p - c g, c being this share of the stiffness of the shortest wave
+#: along an axis.  A full share flips neighbours to and fro once the pressure is capped.
+SET_STEP = 0.3
+
+
+@dataclass(frozen=True)
+class Level:
+    """One grid of the problem: heights (nx, ny) in m, the compliance, cap = hardness / p0.
+
+    step: c of the set prediction, in units of the mean pressure per m.
+    gap_scale: m; the gap residuals are divided by it.
+    """
+
+    heights: FloatArray
+    convolution: Convolution
+    cap: float
+    step: float
+    gap_scale: float
+
+    @property
+    def workers(self) -> Workers:
+        """The threads that share out the blocks."""
+        return self.convolution.workers
+
+    def part(self, start: int) -> tuple[slice, int]:
+        """The flat range of the block of rows from `start`, and its first index."""
+        nx, ny = self.heights.shape
+        stop = min(start + self.convolution.row_step, nx)
+        return slice(start * ny, stop * ny), start * ny
+
+
+def make_level(
+    heights: FloatArray, convolution: Convolution, cap: float, gap_scale: float
+) -> Level:
+    """A level whose set step follows from its shortest wave."""
+    step = SET_STEP / (convolution.scale * convolution.symbol.shortest())
+    return Level(heights, convolution, cap, step, gap_scale)
+
+
+def offset_and_force(level: Level, p: FloatArray, u: FloatArray) -> tuple[float, float]:
+    """z in m from the points between their bounds, and the mean of p.
+
+    Where no point is between its bounds, z lies midway between what the two other sets allow.
+    """
+    flat = [a.reshape(-1) for a in (p, u, level.heights)]
+
+    def block(start: int) -> tuple[float, float, float]:
+        part, _ = level.part(start)
+        sums: tuple[float, float, float] = passes.interior_offset(
+            flat[0][part], flat[1][part], flat[2][part], level.cap
+        )
+        return sums
+
+    sums = level.workers.run(block, level.convolution.blocks)
+    number = sum(s[1] for s in sums)
+    force = sum(s[2] for s in sums) / p.size
+    if number:
+        return sum(s[0] for s in sums) / number, force
+    needed = level.heights - u
+    below, above = needed[p <= 0], needed[p > 0]
+    limits = [x for x in (below.max(initial=-np.inf), above.min(initial=np.inf)) if np.isfinite(x)]
+    return float(np.mean(limits)), force
+
+
+def project(level: Level, w: FloatArray) -> FloatArray:
+    """The point of the constraint set nearest to w: clip(w + z, 0, cap) with mean 1.
+
+    The sum is piecewise linear and increasing in z; Newton's steps on it are kept in a bracket.
+    """
+    flat = w.reshape(-1)
+    parts = [level.part(start)[0] for start in level.convolution.blocks]
+    cap, target = level.cap, float(w.size)
+    ends = [passes.extremes(flat[part]) for part in parts]
+    low = -max(e[1] for e in ends)
+    high = (cap if np.isfinite(cap) else target) - min(e[0] for e in ends)
+    z = (low + high) / 2
+    for _ in range(200):
+        sums = [passes.clipped_sum(flat[part], z, cap) for part in parts]
+        excess = sum(s[0] for s in sums) - target
+        inside = sum(s[1] for s in sums)
+        low, high = (low, z) if excess > 0 else (z, high)
+        if abs(excess) <= 1e-15 * target:
+            break
+        newton = z - excess / inside if inside else (low + high) / 2
+        following = newton if low < newton < high else (low + high) / 2
+        if following == z:
+            break
+        z = following
+    return np.asarray(np.clip(w + z, 0.0, cap), dtype=np.float64)
+
+
+def states(p: FloatArray, cap: float) -> StateArray:
+    """APART where p = 0, PLASTIC where p = cap, ELASTIC between."""
+    out = np.full(p.shape, ELASTIC, dtype=np.uint8)
+    out[p <= 0] = APART
+    out[p >= cap] = PLASTIC
+    return out
+
+
+def kkt_residuals(level: Level, p: FloatArray, u: FloatArray, z: float) -> dict[str, float]:
+    """Largest violations, dimensionless, each by its name.
+
+    gap_elastic: |g| where 0 < p < cap; gap_sign: wrong sign of g at a bound (both divided by the
+    level's gap scale); bounds: pressure beyond its bounds, by the mean pressure; force: mean(p).
+    """
+    worst = {"gap_elastic": 0.0, "gap_sign": 0.0, "bounds": 0.0}
+    total = 0.0
+    flat = [a.reshape(-1) for a in (p, u, level.heights)]
+    for start in level.convolution.blocks:
+        pb, ub, hb = (a[level.part(start)[0]] for a in flat)
+        g = ub + (z - hb)
+        inside = (pb > 0) & (pb < level.cap)
+        wrong = np.where(pb <= 0, -g, g)
+        found = {
+            "gap_elastic": np.abs(g).max(where=inside, initial=0.0) / level.gap_scale,
+            "gap_sign": wrong.max(where=~inside, initial=0.0) / level.gap_scale,
+            "bounds": max(-pb.min(), pb.max() - level.cap, 0.0),
+        }
+        worst = {name: max(value, float(found[name])) for name, value in worst.items()}
+        total += float(pb.sum())
+    return worst | {"force": abs(total / p.size - 1)}

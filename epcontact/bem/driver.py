@@ -1,0 +1,300 @@
+"""A scene solved by boundary elements: input checked, memory estimated, result put together."""
+
+from __future__ import annotations
+
+import math
+import os
+import resource
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.bem.area import estimate_areas
+from epcontact.bem.constraints import states
+from epcontact.bem.kernel import quarter_compliance
+from epcontact.bem.solver import (
+    Options,
+    PressureSolution,
+    available_threads,
+    checked_start,
+    checked_symbol,
+    solve_symbol,
+)
+from epcontact.bem.transforms import Symbol
+from epcontact.errors import InvalidScene, NotEnoughMemory
+from epcontact.moduli import effective_modulus, oedometric_modulus
+from epcontact.results import ContactResult, LoadStep, PressureDistribution, Provenance
+from epcontact.scene import Scene
+
+FloatArray = NDArray[np.float64]
+Method = Literal["newton"]
+
+_DISTRIBUTION_POINTS = 1025
+# Along a load path the last pressure is the better start up to this ratio of loads; beyond it
+# the coarse grids are.
+_WARM_RATIO = 1.25
+
+
+def solve(  # noqa: PLR0913 - options by keyword only, each with its default
+    scene: Scene,
+    *,
+    tolerance: float = 1e-8,
+    area_tolerance: float | None = None,
+    threads: int | None = None,
+    compliance: NDArray[np.floating] | None = None,
+    method: Method = "newton",
+    start: NDArray[np.floating] | None = None,
+    max_steps: int | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> ContactResult:
+    """Solve the capped contact problem of a scene at each mean pressure of its load path.
+
+    tolerance: on the Karush-Kuhn-Tucker residuals, dimensionless.
+    area_tolerance: stop as soon as the areas are settled to this relative change (the residuals
+        reached are in the result); None: not before the residuals meet `tolerance`.
+    threads: of the transforms and passes; None: all cores of the process.
+    compliance: surface compliance in m/Pa per mode of `numpy.fft.rfftn(heights)`, in the place
+        of the body's own.
+    method: "newton", or the name of a baseline.
+    start: pressure field in Pa to start the first load from, instead of coarser grids.
+    max_steps: of the method; None: its own limit.
+    progress: called with a sentence now and then.
+
+    Raises InvalidScene, NotConverged, NotEnoughMemory.
+    """
+    scene.require_loading()
+    _require_options(tolerance, area_tolerance, threads, method, max_steps)
+    started = time.perf_counter()
+    setup = _Setup(scene, tolerance, area_tolerance or 0.0, threads or available_threads(),
+                   method, max_steps, progress)  # fmt: skip
+    require_memory(scene)
+    symbol = _symbol(scene, compliance)
+    first = None if start is None else checked_start(start, scene.surface.shape)
+    solution: PressureSolution | None = None
+    steps: list[LoadStep] = []
+    totals = dict.fromkeys(("fft_pairs", "equivalent_fft_pairs"), 0.0)
+    for mean_pressure in scene.load.path:
+        warm = _warm_start(solution, steps[-1].mean_pressure, mean_pressure) if steps else first
+        solution = None
+        solution = _solve_step(setup, symbol, mean_pressure, warm)
+        steps.append(_load_step(scene, symbol, solution, mean_pressure))
+        totals = {name: count + solution.counts[name] for name, count in totals.items()}
+    assert solution is not None
+    cost = totals | {
+        "seconds": time.perf_counter() - started,
+        "unknowns": float(scene.surface.heights.size),
+        "peak_memory_bytes": float(peak_memory()),
+    }
+    return _result(setup, tuple(steps), solution, cost, compliance is not None)
+
+
+@dataclass(frozen=True)
+class _Setup:
+    scene: Scene
+    tolerance: float
+    area_tolerance: float
+    threads: int
+    method: Method
+    max_steps: int | None
+    progress: Callable[[str], None] | None
+
+
+def _require_options(
+    tolerance: float,
+    area_tolerance: float | None,
+    threads: int | None,
+    method: str,
+    max_steps: int | None,
+) -> None:
+    checks = (
+        (0 < tolerance < 1, f"tolerance is {tolerance!r}, but must lie between 0 and 1"),
+        (
+            area_tolerance is None or 0 < area_tolerance < 1,
+            f"area_tolerance is {area_tolerance!r}, but must lie between 0 and 1",
+        ),
+        (threads is None or threads >= 1, f"threads is {threads!r}, but must be at least 1"),
+        (max_steps is None or max_steps >= 1, f"max_steps is {max_steps!r}, but must be >= 1"),
+        (method in METHODS, f"method is {method!r}, but must be one of {', '.join(METHODS)}"),
+    )
+    for good, message in checks:
+        if not good:
+            raise InvalidScene(message)
+
+
+METHODS: tuple[str, ...] = ("newton",)
+
+
+def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
+    if compliance is not None:
+        return checked_symbol(compliance, scene.surface.shape)
+    shape, periods = scene.surface.shape, scene.surface.periods
+    if len(shape) == 1:
+        shape, periods = (1, shape[0]), (1.0, periods[0])
+    grid, lengths = (shape[0], shape[1]), (periods[0], periods[1])
+    return Symbol.from_quarter(quarter_compliance(grid, lengths, scene.body, scene.material), grid)
+
+
+def _warm_start(solution: PressureSolution | None, before: float, now: float) -> FloatArray | None:
+    if solution is None or now > _WARM_RATIO * before:
+        return None
+    return solution.pressure * (now / before)
+
+
+def _solve_step(
+    setup: _Setup, symbol: Symbol, mean_pressure: float, start: FloatArray | None
+) -> PressureSolution:
+    heights = setup.scene.surface.heights.reshape(symbol.shape)
+    options = Options(setup.tolerance, setup.area_tolerance, setup.threads, progress=setup.progress)
+    if setup.max_steps is not None:
+        options = replace(options, max_steps=setup.max_steps)
+    hardness = setup.scene.material.hardness
+    first = None if start is None else start.reshape(symbol.shape)
+    return solve_symbol(heights, symbol, mean_pressure, hardness, options, first)
+
+
+def _load_step(
+    scene: Scene, symbol: Symbol, solution: PressureSolution, mean_pressure: float
+) -> LoadStep:
+    shape = scene.surface.shape
+    gap = solution.displacement + (solution.offset - scene.surface.heights.reshape(symbol.shape))
+    raw, corrected, error = estimate_areas(
+        solution.pressure.reshape(shape),
+        gap.reshape(shape),
+        scene.material.hardness,
+        scene.surface.spacing,
+        effective_modulus(scene.material),
+    )
+    compression = _mean_displacement(scene, mean_pressure)
+    fluctuation = float(np.vdot(solution.pressure, solution.displacement)) / gap.size
+    quantities = {
+        "mean_gap": float(np.maximum(gap, 0).mean()),
+        "mean_plastic_displacement": float(
+            -gap.mean(where=solution.pressure >= scene.material.hardness)
+            * float((solution.pressure >= scene.material.hardness).mean())
+        )
+        if np.any(solution.pressure >= scene.material.hardness)
+        else 0.0,
+        "mean_separation": float(gap.mean()),
+        "elastic_energy": (fluctuation + compression * mean_pressure) / 2,
+        "largest_pressure": float(solution.pressure.max()),
+    }
+    counts = {name: int(count) for name, count in solution.counts.items()}
+    return LoadStep(
+        mean_pressure,
+        {"raw": raw, "corrected": corrected, "error": error},
+        dict(solution.residuals),
+        counts,
+        quantities,
+    )
+
+
+def _mean_displacement(scene: Scene, mean_pressure: float) -> float:
+    """Of a layer, uniformly compressed, in m; a half-space has none."""
+    if scene.body.kind == "half_space":
+        return 0.0
+    return mean_pressure * scene.body.depth / oedometric_modulus(scene.material)
+
+
+def _result(
+    setup: _Setup,
+    steps: tuple[LoadStep, ...],
+    solution: PressureSolution,
+    cost: dict[str, float],
+    foreign: bool,
+) -> ContactResult:
+    scene = setup.scene
+    shape, hardness = scene.surface.shape, scene.material.hardness
+    pressure = solution.pressure.reshape(shape)
+    displacement = solution.displacement.reshape(shape)
+    gap = displacement + (solution.offset - scene.surface.heights)
+    displacement += _mean_displacement(scene, steps[-1].mean_pressure)
+    options: dict[str, Any] = {"method": setup.method, "tolerance": setup.tolerance}
+    if setup.area_tolerance:
+        options["area_tolerance"] = setup.area_tolerance
+    if foreign:
+        options["compliance"] = "given"
+    return ContactResult(
+        method="bem",
+        steps=steps,
+        provenance=Provenance(scene.digest, scene.surface.seed, options),
+        distribution=pressure_distribution(pressure, hardness),
+        fields={
+            "heights": scene.surface.heights,
+            "pressure": pressure,
+            "gap": gap,
+            "displacement": displacement,
+            "state": states(pressure, hardness),
+        },
+        cost=cost,
+        history=solution.history,
+        notes=scene.surface.notes + solution.notes,
+    )
+
+
+def pressure_distribution(pressure: FloatArray, hardness: float) -> PressureDistribution:
+    """How the area is shared out over the pressures, tabulated at 1025 of them.
+
+    pressure: any shape, in Pa.
+    """
+    top = hardness if math.isfinite(hardness) else float(pressure.max())
+    edges = np.linspace(0, top, _DISTRIBUTION_POINTS)
+    counts = np.histogram(pressure, edges)[0]
+    # The histogram's first and last cells also hold the points on the two bounds.
+    counts[0] -= np.count_nonzero(pressure <= 0)
+    plastic = np.count_nonzero(pressure >= hardness)
+    counts[-1] -= plastic
+    cumulative = np.concatenate([[0], np.cumsum(counts)]) / pressure.size
+    return PressureDistribution(edges, cumulative, plastic / pressure.size)
+
+
+def peak_memory() -> int:
+    """The largest resident memory of this process so far, in bytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def estimated_memory(scene: Scene) -> int:
+    """Bytes a solve needs beside the heights, by the arrays it keeps.
+
+    Per point: pressure, displacement, gap and modes (8 each), the compliance (2), the sets (2);
+    and 52 for each elastic point, of which rough contact has about 2 p0/(E* xi), 3 to be safe.
+    """
+    heights = scene.surface.heights
+    slope = 0.0
+    for axis, spacing in enumerate(scene.surface.spacing):
+        sample = heights[: max(2, 65536 // heights.shape[-1])] if axis else heights
+        step = np.diff(sample[..., :64] if axis == 0 and heights.ndim > 1 else sample, axis=axis)
+        slope += float(np.mean(step**2)) / spacing**2
+    stiffness = effective_modulus(scene.material) * math.sqrt(slope)
+    load = scene.load.final
+    elastic = min(1.0, 3 * load / stiffness) if stiffness > 0 else 1.0
+    return int(heights.size * (36 + 52 * elastic))
+
+
+def require_memory(scene: Scene) -> None:
+    """Raises NotEnoughMemory if a solve of the scene is estimated not to fit."""
+    needed, available = estimated_memory(scene), available_memory()
+    if available is not None and needed > available:
+        raise NotEnoughMemory(
+            f"a grid of {' x '.join(map(str, scene.surface.shape))} needs about "
+            f"{needed / 2**30:.1f} GiB beside its heights, but {available / 2**30:.1f} GiB are "
+            "free; take a coarser grid or a larger machine"
+        )
+
+
+def available_memory() -> int | None:
+    """Memory this process may still take, in bytes; None where the system does not say."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as info:
+            fields = dict(line.split(":") for line in info)
+        return int(fields["MemAvailable"].split()[0]) * 1024
+    except (OSError, KeyError, ValueError):
+        try:
+            return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        except (ValueError, OSError):
+            return None

@@ -1,0 +1,97 @@
+"""Surface compliance of elastic bodies, mode by mode: what the pressure does to the surface.
+
+A pressure mode p_q exp(i q.x) on the top of a body displaces the surface downward by
+u_q = C(|q|) p_q, in plane strain and in three dimensions alike, with x = q d:
+
+    half-space      C = 2/(E* q)
+    bonded layer    C = 2/(E* q) [k sinh 2x - 2x] / [k cosh 2x + 2x^2 + 5 - 12 nu + 8 nu^2],
+                    k = 3 - 4 nu                (Carbone and Mangialardi, JMPS 56 (2008), A.30)
+    sliding layer   C = 2/(E* q) [cosh 2x - 1] / [sinh 2x + 2x]
+
+For q -> 0+ the bonded layer tends to d/M and the sliding one to d/E*; at exactly q = 0 no
+lateral strain is possible, so both have d/M.  The half-space has no displacement at q = 0: 0.
+The hyperbolic functions are scaled by exp(-2x), so that no depth overflows; where x is small
+the leading digits cancel and the first terms of the series stand in.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.moduli import effective_modulus, oedometric_modulus
+from epcontact.scene import Body, Material
+
+FloatArray = NDArray[np.float64]
+
+# Below this q d the numerators k sinh 2x - 2x and cosh 2x - 1 are summed as series: the closed
+# forms would lose more than ten digits for nu -> 1/2, the series is exact to rounding.
+_SERIES_BELOW = 0.1
+
+
+def rfft_wavenumbers(shape: tuple[int, ...], periods: tuple[float, ...]) -> FloatArray:
+    """|q| in rad/m of each mode of `numpy.fft.rfftn` on a grid or line.
+
+    shape, periods: of the surface, one or two of each.  Returns (nx, ny//2 + 1) or (nx//2 + 1,).
+    """
+    last: FloatArray = 2 * np.pi / periods[-1] * np.arange(shape[-1] // 2 + 1)
+    if len(shape) == 1:
+        return last
+    first = 2 * np.pi / periods[0] * np.abs(np.fft.fftfreq(shape[0], 1 / shape[0]))
+    return np.asarray(np.hypot(first[:, None], last[None, :]), dtype=np.float64)
+
+
+def _bonded_factor(x: FloatArray, nu: float) -> FloatArray:
+    k = 3 - 4 * nu
+    e = np.exp(-2 * x)
+    top = k * (1 - e * e) / 2 - 2 * x * e
+    low = x < _SERIES_BELOW
+    y = 2 * x[low]
+    # k sinh y - y = (k - 1) y + k (y^3/6 + y^5/120 + ...)
+    tail = y**3 * (1 / 6 + y**2 * (1 / 120 + y**2 * (1 / 5040 + y**2 / 362880)))
+    top[low] = ((k - 1) * y + k * tail) * e[low]
+    bottom = k * (1 + e * e) / 2 + e * (2 * x**2 + 5 - 12 * nu + 8 * nu**2)
+    return np.asarray(top / bottom)
+
+
+def _sliding_factor(x: FloatArray) -> FloatArray:
+    e = np.exp(-2 * x)
+    top = np.expm1(-2 * x) ** 2 / 2  # (cosh 2x - 1) e^{-2x} without cancellation
+    return np.asarray(top / ((1 - e * e) / 2 + 2 * x * e))
+
+
+def surface_compliance(wavenumber: FloatArray, body: Body, material: Material) -> FloatArray:
+    """C(q) in m/Pa for each wave number (rad/m, any shape); see the module's docstring.
+
+    q = 0 gives 0 for the half-space and d/M for the layers.
+    """
+    q = np.asarray(wavenumber, dtype=np.float64)
+    zero = q == 0
+    safe = np.where(zero, 1.0, q)
+    compliance = 2 / (effective_modulus(material) * safe)
+    if body.kind != "half_space":
+        x = safe * body.depth
+        bonded = body.kind == "bonded_layer"
+        compliance *= _bonded_factor(x, material.poisson_ratio) if bonded else _sliding_factor(x)
+    mean = 0.0 if body.kind == "half_space" else body.depth / oedometric_modulus(material)
+    compliance[zero] = mean
+    return compliance
+
+
+def quarter_compliance(
+    shape: tuple[int, int], periods: tuple[float, float], body: Body, material: Material
+) -> FloatArray:
+    """C(q) on the non-negative quarter of the modes, (nx//2 + 1, ny//2 + 1), in m/Pa.
+
+    An isotropic body needs no more: the row of a negative wave number equals its mirror image.
+    The grid is filled row by row, so that no temporary of the grid's size is made.
+    """
+    nx, ny = shape
+    qx = 2 * np.pi / periods[0] * np.arange(nx // 2 + 1)
+    qy = 2 * np.pi / periods[1] * np.arange(ny // 2 + 1)
+    out = np.empty((qx.size, qy.size))
+    rows = max(1, 65536 // qy.size)
+    for start in range(0, qx.size, rows):
+        block = np.hypot(qx[start : start + rows, None], qy[None, :])
+        out[start : start + rows] = surface_compliance(block, body, material)
+    return out

@@ -1,0 +1,174 @@
+"""Convolutions of a grid with a surface compliance, or with its inverse, by blocks of rows.
+
+One application is: real transform of the rows, then for each block of columns the transform
+along the columns, the multiplication by the symbol and the transform back, while the block is in
+cache, then the rows back.  Where a convolution starts from or ends in the values at listed
+points (the elastic set), rows are made and read in a small buffer of each block, and no array of
+the grid's size but the one of the modes is touched.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import ducc0
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.bem import passes
+from epcontact.bem.passes import Workers
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+
+_BLOCK_POINTS = 262144  # of a block of rows or columns: 2 MiB of reals, within a core's cache
+
+
+@dataclass(frozen=True)
+class Symbol:
+    """A compliance per mode: mode (i, j) of `numpy.fft.rfft2` has values[rows[i], j], in m/Pa."""
+
+    values: FloatArray
+    rows: IntArray
+    shape: tuple[int, int]
+
+    @classmethod
+    def from_quarter(cls, values: FloatArray, shape: tuple[int, int]) -> Symbol:
+        """Of a compliance on the non-negative quarter of the modes (isotropic bodies)."""
+        i = np.arange(shape[0])
+        return cls(values, np.minimum(i, shape[0] - i).astype(np.int32), shape)
+
+    def coarsened(self, shape: tuple[int, int]) -> Symbol:
+        """The same body on a coarser grid of the same periods."""
+        i = np.fft.fftfreq(shape[0], 1 / shape[0]).astype(int)
+        return Symbol(self.values[:, : shape[1] // 2 + 1], self.rows[i], shape)
+
+    def shortest(self) -> float:
+        """The compliance of the shortest wave along an axis, the larger of the two, in m/Pa."""
+        nx, ny = self.shape
+        first = self.values[self.rows[nx // 2], 0] if nx > 1 else 0.0
+        return float(max(first, self.values[self.rows[0], ny // 2]))
+
+
+class Convolution:
+    """Applies a symbol, times `scale`, or its inverse; counts its pairs of transforms.
+
+    The mean of the result is that of mode zero of the symbol, here always taken as 0.
+    """
+
+    def __init__(self, symbol: Symbol, scale: float, workers: Workers) -> None:
+        nx, ny = symbol.shape
+        self.symbol, self.scale, self.workers = symbol, scale, workers
+        self.shape = symbol.shape
+        self.pairs = 0
+        self.row_step = max(1, min(nx, _BLOCK_POINTS // ny))
+        self.column_step = max(8, min(ny // 2 + 1, _BLOCK_POINTS // (2 * nx)))
+        self._modes = np.empty((nx, ny // 2 + 1), dtype=np.complex128)
+        self._local = threading.local()
+
+    @property
+    def blocks(self) -> range:
+        """The first row of each block of rows."""
+        return range(0, self.shape[0], self.row_step)
+
+    def _buffer(self, rows: int) -> FloatArray:
+        if not hasattr(self._local, "buffer"):
+            self._local.buffer = np.empty((self.row_step, self.shape[1]))
+        return self._local.buffer[:rows]  # type: ignore[no-any-return]
+
+    def _columns(self, inverse: bool) -> None:
+        kernel = passes.divide_rows if inverse else passes.multiply_rows
+        count = self.shape[0] * self.shape[1]
+        factor = (1 / self.scale if inverse else self.scale) / count
+        values, rows = self.symbol.values, self.symbol.rows
+
+        def block(start: int) -> None:
+            part = slice(start, start + self.column_step)
+            modes = self._modes[:, part]
+            if self.shape[0] > 1:
+                ducc0.fft.c2c(modes, axes=(0,), forward=True, out=modes, nthreads=1)
+            kernel(modes, values[:, part], rows, factor)
+            if start == 0:
+                modes[0, 0] = 0.0
+            if self.shape[0] > 1:
+                ducc0.fft.c2c(modes, axes=(0,), forward=False, out=modes, nthreads=1)
+
+        self.workers.run(block, range(0, self._modes.shape[1], self.column_step))
+
+    def _apply(
+        self,
+        source: Callable[[int, int], FloatArray],
+        sink: Callable[[int, int, FloatArray | None], Any],
+        target: FloatArray | None,
+        inverse: bool,
+    ) -> list[Any]:
+        nx, ny = self.shape
+
+        def forward(start: int) -> None:
+            stop = min(start + self.row_step, nx)
+            ducc0.fft.r2c(source(start, stop), axes=(1,), out=self._modes[start:stop], nthreads=1)
+
+        def backward(start: int) -> Any:
+            stop = min(start + self.row_step, nx)
+            out = self._buffer(stop - start) if target is None else target[start:stop]
+            ducc0.fft.c2r(
+                self._modes[start:stop],
+                axes=(1,),
+                lastsize=ny,
+                forward=False,
+                out=out,
+                nthreads=1,
+                allow_overwriting_input=True,
+            )
+            return sink(start, stop, out)
+
+        self.workers.run(forward, self.blocks)
+        self._columns(inverse)
+        self.pairs += 1
+        return self.workers.run(backward, self.blocks)
+
+    def apply(self, field: FloatArray, out: FloatArray) -> None:
+        """out = S field on the whole grid; both (nx, ny)."""
+        self._apply(lambda a, b: field[a:b], lambda *_: None, out, inverse=False)
+
+    def apply_on(
+        self, points: Points, values: FloatArray, out: FloatArray, other: FloatArray, inverse: bool
+    ) -> tuple[float, float]:
+        """out = (S or its inverse) applied to `values` at the points and 0 elsewhere, at them.
+
+        Returns sum(out) and sum(out other).
+        """
+        ny = self.shape[1]
+
+        def source(start: int, stop: int) -> FloatArray:
+            buffer = self._buffer(stop - start)
+            part = points.part(start)
+            passes.scatter(buffer.reshape(-1), start * ny, points.index[part], values[part])
+            return buffer
+
+        def sink(start: int, _stop: int, block: FloatArray | None) -> tuple[float, float]:
+            assert block is not None
+            part = points.part(start)
+            flat = block.reshape(-1)
+            sums: tuple[float, float] = passes.gather_dot(
+                flat, start * ny, points.index[part], out[part], other[part]
+            )
+            return sums
+
+        sums = self._apply(source, sink, None, inverse)
+        return sum(s for s, _ in sums), sum(s for _, s in sums)
+
+
+@dataclass(frozen=True)
+class Points:
+    """Flat indices of listed points, in order, and where each block of rows begins in them."""
+
+    index: IntArray
+    begins: dict[int, slice]
+
+    def part(self, start: int) -> slice:
+        """The share of the block whose first row is `start`."""
+        return self.begins[start]
