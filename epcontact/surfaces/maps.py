@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from epcontact.errors import InvalidScene
 from epcontact.scene import Surface
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
-from epcontact.surfaces.recipe import normalise_grid, out_of_memory
+from epcontact.surfaces.recipe import checked_grid, out_of_memory
 
 FloatArray = NDArray[np.float64]
 Treatment = Literal["refuse", "periodic", "detrend_and_window"]
@@ -54,7 +54,7 @@ class HeightsFromArray:
         heights.flags.writeable = False
         object.__setattr__(self, "heights", heights)
         _require_finite(heights, "heights")
-        normalise_grid(self)
+        object.__setattr__(self, "periods", checked_grid(self.shape, self.periods)[1])
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -101,8 +101,7 @@ class HeightsFromFile:
             good = isinstance(value, int | float) and value > 0 and math.isfinite(value)
             if not good and (name, value) != ("pixel_size", None):
                 raise InvalidScene(f"{name} is {value!r}, but must be a positive length in m")
-        object.__setattr__(self, "periods", self._periods())
-        normalise_grid(self)
+        object.__setattr__(self, "periods", checked_grid(self.shape, self._periods())[1])
         # Read now: the identity is that of the content whose shape was just seen.
         _ = self.fingerprint
 

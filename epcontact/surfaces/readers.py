@@ -67,13 +67,18 @@ def _unreadable(path: Path, error: OSError) -> InvalidScene:
 
 def _first_line(error: BaseException) -> str:
     lines = str(error).strip().splitlines()
-    return lines[0].rstrip(".") if lines else type(error).__name__
+    if not lines:
+        return type(error).__name__
+    words = " ".join(lines[0].split("; use")[0].split()).rstrip(".")
+    return words if len(words) <= 100 else words[:99] + "…"
 
 
 def _read_npy(path: Path) -> NDArray[Any]:
     try:
         return np.lib.format.open_memmap(path, mode="r")
-    except (ValueError, OverflowError, EOFError, SyntaxError) as error:
+    except OSError:
+        raise
+    except Exception as error:  # a spoilt header lets errors of Python's tokenizer through
         raise InvalidScene(
             f"{path}: is no complete .npy file of numbers ({_first_line(error)})"
         ) from None

@@ -30,29 +30,32 @@ class Recipe(Protocol):
 
 
 def normalise_grid(recipe: Any) -> None:
-    """Check a frozen recipe's `shape` and `periods` and turn them into tuples of int and float.
+    """Check a frozen recipe's `shape` and `periods` and set them to what `checked_grid` returns."""
+    shape, periods = checked_grid(recipe.shape, recipe.periods)
+    object.__setattr__(recipe, "shape", shape)
+    object.__setattr__(recipe, "periods", periods)
 
-    Raises InvalidScene.
-    """
+
+def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Shape and periods as tuples of int and float that fit together.  Raises InvalidScene."""
     try:
-        shape = tuple(int(n) for n in recipe.shape)
-        periods = tuple(float(p) for p in recipe.periods)
-        whole = shape == tuple(recipe.shape)
+        shape = tuple(int(n) for n in given_shape)
+        periods = tuple(float(p) for p in given_periods)
+        whole = shape == tuple(given_shape)
     except (TypeError, ValueError, OverflowError):
         raise InvalidScene(
-            f"shape = {recipe.shape!r} and periods = {recipe.periods!r} are given, but "
+            f"shape = {given_shape!r} and periods = {given_periods!r} are given, but "
             "(nx, ny) and (Lx, Ly), or (nx,) and (L,) for a line, are needed"
         ) from None
     if not whole or len(shape) not in (1, 2) or min(shape) < 2:
         raise InvalidScene(
-            f"shape is {recipe.shape!r}, but must be one or two whole numbers of at least 2"
+            f"shape is {given_shape!r}, but must be one or two whole numbers of at least 2"
         )
     if len(periods) != len(shape) or not all(p > 0 and math.isfinite(p) for p in periods):
         raise InvalidScene(
-            f"periods is {recipe.periods!r}, but must be {len(shape)} positive lengths in m"
+            f"periods is {given_periods!r}, but must be {len(shape)} positive lengths in m"
         )
-    object.__setattr__(recipe, "shape", shape)
-    object.__setattr__(recipe, "periods", periods)
+    return shape, periods
 
 
 def described(name: str, recipe: Any) -> str:

@@ -20,6 +20,9 @@ from epcontact.surfaces.recipe import described, normalise_grid, out_of_memory
 
 FloatArray = NDArray[np.float64]
 
+#: Rounding of r^2, relative; without it a rim that meets grid points loses some of them.
+_ON_THE_RIM = 1e-9
+
 
 @dataclass(frozen=True)
 class Sinusoid:
@@ -145,6 +148,8 @@ class Sphere:
 class FlatPunch:
     """A flat circular plateau (on a line a strip) at h = 0 over a flat floor at h = -depth.
 
+    Grid points on the rim belong to the plateau.
+
     radius (of a strip: its half-width) and depth in m; centre as in Paraboloid.
     """
 
@@ -168,7 +173,7 @@ class FlatPunch:
     def build(self) -> Surface:
         """Make the heights."""
         heights = _squared_distance(self)
-        outside = heights > self.radius**2
+        outside = heights > self.radius**2 * (1 + _ON_THE_RIM)
         heights[...] = 0.0
         heights[outside] = -self.depth
         return _surface(self, heights)

@@ -1,0 +1,433 @@
+"""Recipes of surfaces: random phases, shapes with closed forms, and filters."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from epcontact.errors import EpcontactError, InvalidScene
+from epcontact.power_spectrum import surface_moments
+from epcontact.scene import (
+    Body,
+    Load,
+    Material,
+    Scene,
+    SelfAffineSpectrum,
+    Surface,
+    scene_digest,
+)
+from epcontact.spectrum import density, slope_variance_up_to
+from epcontact.surfaces import (
+    FlatPunch,
+    Paraboloid,
+    Recipe,
+    SelfAffine,
+    Sinusoid,
+    Sphere,
+    filtered,
+    grid_shape,
+    refined,
+)
+from epcontact.surfaces.self_affine import _phases
+
+L = 2 * math.pi
+NARROW = SelfAffineSpectrum(0.8, 1.0, 4.0, 20.0, 0.5)
+PAPER = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 1.0)
+PAPER_PERIOD = 2 * math.pi / 2.5e4
+# Square, oblong, even, odd, mixed, lines; 41 points are the fewest for q_1 = 20 on 2 pi.
+GRIDS = [
+    ((48, 48), (L, L)),
+    ((41, 41), (L, L)),
+    ((48, 99), (L, 2 * L)),
+    ((150, 41), (3 * L, L)),
+    ((44, 45), (L * 1.03, L * 1.07)),
+    ((64,), (L,)),
+    ((121,), (2.9 * L,)),
+]
+
+
+def assert_close(got: Any, expected: Any, absolute: float) -> None:
+    """Every difference within `absolute`; quicker on large arrays than pytest.approx."""
+    assert np.shape(got) == np.shape(expected)
+    assert np.abs(np.asarray(got) - expected).max() <= absolute
+
+
+def wavenumbers(surface: Surface) -> np.ndarray[Any, np.dtype[np.float64]]:
+    axes = [
+        2 * np.pi * np.fft.fftfreq(n, d)
+        for n, d in zip(surface.shape, surface.spacing, strict=True)
+    ]
+    return np.sqrt(sum(q**2 for q in np.meshgrid(*axes, indexing="ij")))
+
+
+@pytest.mark.parametrize("hurst", [0.0, 0.8, 1.0])
+@pytest.mark.parametrize(("shape", "periods"), GRIDS)
+def test_rms_slope_is_exact(
+    shape: tuple[int, ...], periods: tuple[float, ...], hurst: float
+) -> None:
+    surface = SelfAffine(replace(NARROW, hurst=hurst), periods, shape, seed=2).build()
+    assert surface_moments(surface).rms_slope == pytest.approx(0.5, rel=1e-13)
+    assert surface.heights.mean() == pytest.approx(0, abs=1e-15)
+
+
+@pytest.mark.parametrize(("shape", "periods"), GRIDS)
+def test_every_amplitude_is_that_of_the_spectrum(
+    shape: tuple[int, ...], periods: tuple[float, ...]
+) -> None:
+    surface = SelfAffine(NARROW, periods, shape, seed=5).build()
+    amplitude = np.abs(np.fft.fftn(surface.heights)) / surface.heights.size
+    q = wavenumbers(surface)
+    cell = math.prod(2 * math.pi / p for p in periods)
+    c = density(NARROW, q, len(shape)) / (1 if len(shape) == 2 else 2)  # C1 is one-sided
+    band = (q > 0.9999) & (q < 20.0001)
+    ratio = amplitude[band] / np.sqrt(c[band] * cell)
+    assert ratio == pytest.approx(np.full(ratio.size, ratio[0]), rel=1e-11)
+    # The one factor between the sum over these few modes and the integral.
+    assert ratio[0] == pytest.approx(1, abs=0.06)
+    assert amplitude[~band] == pytest.approx(np.zeros(np.sum(~band)), abs=1e-16)
+
+
+@pytest.mark.parametrize("factor", [2, 3])
+@pytest.mark.parametrize(("shape", "periods"), GRIDS)
+def test_a_finer_grid_shows_the_same_surface(
+    shape: tuple[int, ...], periods: tuple[float, ...], factor: int
+) -> None:
+    coarse = SelfAffine(NARROW, periods, shape, seed=11).build()
+    fine = SelfAffine(NARROW, periods, tuple(factor * n for n in shape), seed=11).build()
+    common = fine.heights[tuple(slice(None, None, factor) for _ in shape)]
+    scale = np.abs(coarse.heights).max()
+    assert_close(common, coarse.heights, 1e-14 * scale)
+    # And so does the band-limited interpolant of the coarse one, at every point.
+    interpolant = refined(coarse, factor)
+    assert_close(interpolant.heights, fine.heights, 1e-14 * scale)
+
+
+def test_a_wider_band_adds_to_the_surface() -> None:
+    wide = replace(NARROW, wavenumber_high=45.0)
+    surfaces = [SelfAffine(s, (L, L), (96, 96), seed=4).build() for s in (NARROW, wide)]
+    narrow, below = (filtered(s, 20.0).heights for s in surfaces)
+    ratio = narrow.std() / below.std()
+    assert ratio > 1.01  # the narrower band has to be steeper for the same slope
+    assert_close(narrow, ratio * below, 1e-14 * np.abs(narrow).max())
+
+
+def test_limits_typed_with_seven_digits_lose_no_mode() -> None:
+    exact = SelfAffine(PAPER, (PAPER_PERIOD,) * 2, (513, 513), seed=1).build()
+    for period in (2.513274e-4, 2.513275e-4):
+        typed = SelfAffine(PAPER, (period,) * 2, (513, 513), seed=1).build()
+        # Same modes, same phases; all else follows the period's seventh digit.  One of the
+        # 205,000 modes missing or astray would show as 1e-4 of h_rms or more.
+        assert_close(typed.heights, exact.heights, 1e-5 * exact.heights.std())
+
+
+def test_phases_are_uniform_and_unrelated() -> None:
+    k = np.arange(-400, 400)
+    phase = _phases(7, k[:, None], k[None, :])
+    other = _phases(8, k[:, None], k[None, :])
+    assert phase.min() >= 0
+    assert phase.max() < 2 * math.pi
+    differences = [
+        phase,
+        phase - other,
+        phase[1:] - phase[:-1],
+        phase[:, 1:] - phase[:, :-1],
+        phase[1:, 1:] - phase[:-1, :-1],
+        phase - phase.T,
+        phase - phase[::-1],
+    ]
+    for values in differences:
+        for harmonic in (1, 2, 3):
+            z = np.exp(1j * harmonic * values[np.abs(values) > 0])
+            # |mean| is about 1/sqrt(N) for random phases; half of the last two pairs repeat.
+            assert abs(z.mean()) < 5 * math.sqrt(2 / z.size)
+    counts = np.histogram(phase, 100, (0, 2 * math.pi))[0]
+    expected = phase.size / 100
+    chi_squared = float(np.sum((counts - expected) ** 2 / expected))
+    assert abs(chi_squared - 99) < 5 * math.sqrt(2 * 99)
+
+
+def test_phases_never_change() -> None:
+    """Regression: the seeds of published results must keep their surfaces."""
+    k = np.array([0, 1, -1, 255, -256])
+    known = [
+        6.112483745973802,
+        0.03745723491760489,
+        4.605412193590693,
+        0.5557279354021715,
+        3.239575587075946,
+    ]
+    assert _phases(7, k, np.array([1, 0, 1, 3, 255])) == pytest.approx(known, rel=1e-15)
+
+
+def test_heights_of_two_seeds_differ() -> None:
+    one, other = (SelfAffine(NARROW, (L, L), (48, 48), seed=s).build().heights for s in (1, 2))
+    correlation = np.mean(one * other) / (one.std() * other.std())
+    assert abs(correlation) < 0.5
+
+
+def test_the_paper_s_grids() -> None:
+    periods = (PAPER_PERIOD, PAPER_PERIOD)
+    assert grid_shape(PAPER, periods, 4) == (1024, 1024)
+    assert grid_shape(PAPER, periods, 8) == (2048, 2048)
+    assert grid_shape(PAPER, (2.513274e-4, 2 * 2.513274e-4), 4) == (1024, 2048)
+    assert grid_shape(PAPER, (PAPER_PERIOD,), 8) == (2048,)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"shape": (40, 48)}, "40 grid points .* needs at least 41"),
+        ({"periods": (L, L / 2)}, "wavenumber_low = 1 rad/m needs at least 6.28"),
+        ({"seed": -1}, "seed is -1"),
+        ({"seed": 1.5}, "seed is 1.5"),
+        ({"shape": (48, 48.5)}, "whole numbers"),
+        ({"shape": (48, 48, 48), "periods": (L, L, L)}, "one or two whole numbers"),
+        ({"shape": 48}, r"\(nx, ny\)"),
+        ({"shape": None}, r"\(nx, ny\)"),
+        ({"periods": (L,)}, "2 positive lengths"),
+        ({"periods": (L, math.nan)}, "2 positive lengths"),
+        ({"periods": (L, -L)}, "2 positive lengths"),
+        ({"shape": (1, 48)}, "at least 2"),
+    ],
+)
+def test_self_affine_refuses(change: dict[str, Any], message: str) -> None:
+    good = SelfAffine(NARROW, (L, L), (48, 48), seed=1)
+    with pytest.raises(InvalidScene, match=message):
+        replace(good, **change)
+
+
+def test_a_grid_that_fits_into_no_memory_is_refused() -> None:
+    with pytest.raises(EpcontactError, match="GiB"):
+        SelfAffine(NARROW, (L, L), (1 << 24, 1 << 24), seed=1).build()
+    with pytest.raises(EpcontactError, match="GiB"):
+        Paraboloid((L, L), (1 << 24, 1 << 24), 1.0).build()
+
+
+MEMORY_OF_A_BUILD = """
+import re
+import numpy as np, ducc0
+from epcontact.scene import SelfAffineSpectrum
+from epcontact.surfaces import SelfAffine
+def peak():  # of this process alone: getrusage's outlives exec, and so tells of pytest
+    return 1024 * int(re.search(r"VmHWM:\\s*(\\d+) kB", open("/proc/self/status").read())[1])
+def build(n):
+    spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, n / {points}, 1.0)
+    return SelfAffine(spectrum, (2 * np.pi,) * 2, (n, n), seed=1).build()
+build(256)  # libraries loaded, threads and small buffers made
+before = peak()
+surface = build(1536)
+print((peak() - before) / surface.heights.nbytes)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("points", [2.02, 8])
+def test_a_build_takes_no_more_than_three_arrays(points: float) -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", MEMORY_OF_A_BUILD.format(points=points)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={"OMP_NUM_THREADS": "1", "PATH": ""},
+    )
+    arrays = float(run.stdout)
+    assert 0.9 < arrays <= 3.0
+
+
+RECIPES: list[Any] = [
+    SelfAffine(NARROW, (L, 2 * L), (48, 100), seed=3),
+    SelfAffine(NARROW, (L,), (48,), seed=3),
+    Sinusoid((2.0, 3.0), (16, 15), 0.1, 2, "both"),
+    Sinusoid((2.0,), (16,), 0.1),
+    Paraboloid((2.0, 3.0), (16, 15), 5.0),
+    Sphere((2.0, 3.0), (16, 15), 0.4, (0.1, 0.2)),
+    FlatPunch((2.0,), (16,), 0.4, 0.1),
+]
+
+
+@pytest.mark.parametrize("recipe", RECIPES, ids=lambda r: type(r).__name__)
+def test_a_recipe_knows_the_digest_of_its_scene(recipe: Recipe) -> None:
+    material, load, body = Material(1e9, 0.3), Load(1e5), Body()
+    surface = recipe.build()
+    known = scene_digest(recipe.fingerprint, recipe.shape, recipe.periods, material, body, load)
+    assert Scene(surface, material, load, body).digest == known
+    assert surface.shape == recipe.shape
+    assert surface.periods == recipe.periods
+    assert not surface.heights.flags.writeable
+    assert np.array_equal(recipe.build().heights, surface.heights)
+
+
+def test_every_parameter_is_in_the_fingerprint() -> None:
+    recipe = SelfAffine(NARROW, (L, L), (48, 48), seed=3)
+    others = [
+        replace(recipe, seed=4),
+        replace(recipe, shape=(48, 49)),
+        replace(recipe, periods=(L, 1.1 * L)),
+        *(
+            replace(recipe, spectrum=replace(NARROW, **{name: value}))
+            for name, value in {
+                "hurst": 0.7,
+                "wavenumber_low": 1.1,
+                "wavenumber_roll_off": 4.1,
+                "wavenumber_high": 19.0,
+                "rms_slope": 0.51,
+            }.items()
+        ),
+    ]
+    assert len({r.fingerprint for r in [recipe, *others]}) == 1 + len(others)
+
+
+def test_equal_numbers_have_equal_fingerprints() -> None:
+    plain = SelfAffine(SelfAffineSpectrum(0.8, 1.0, 4.0, 20.0, 0.5), (7.0, 7.0), (48, 48), 3)
+    numpy = SelfAffine(
+        SelfAffineSpectrum(np.float64(0.8), 1, 4, np.float64(20), 0.5),
+        (7, np.float64(7)),
+        (np.int64(48), 48),
+        np.int64(3),
+    )
+    assert plain.fingerprint == numpy.fingerprint
+    assert hash(plain) == hash(numpy)
+
+
+def test_sinusoids() -> None:
+    x, y = np.arange(16) / 16, np.arange(15) / 15
+    wave = Sinusoid((2.0, 3.0), (16, 15), 0.1, 2, "x").build()
+    # Arguments up to 4 pi are rounded by 1e-15, so the waves of 0.1 by 1e-16 or two.
+    along_x = np.broadcast_to(0.1 * np.cos(4 * np.pi * x)[:, None], (16, 15))
+    assert_close(wave.heights, along_x, 3e-16)
+    assert wave.shortest_wavelength == 1.0
+    wave = Sinusoid((2.0, 3.0), (16, 15), 0.1, 2, "y").build()
+    along_y = np.broadcast_to(0.1 * np.cos(4 * np.pi * y), (16, 15))
+    assert_close(wave.heights, along_y, 3e-16)
+    both = Sinusoid((2.0, 3.0), (16, 15), 0.1, 2, "both").build()
+    product = 0.1 * np.cos(4 * np.pi * x)[:, None] * np.cos(4 * np.pi * y)
+    assert_close(both.heights, product, 3e-16)
+    assert both.heights.max() == both.heights[0, 0] == 0.1
+
+
+def test_bumps_have_their_radius_and_place() -> None:
+    periods, shape = (2.0, 3.0), (40, 50)
+    x = np.arange(40) / 40 * 2 - 1.0
+    y = np.arange(50) / 50 * 3 - 1.5
+    r2 = x[:, None] ** 2 + y**2
+    bump = Paraboloid(periods, shape, 7.0).build().heights
+    assert_close(bump, -r2 / 14, 1e-15)
+    assert bump[20, 25] == bump.max() == 0
+    ball = Sphere(periods, shape, 0.83).build().heights
+    exact = np.sqrt(np.maximum(0.83**2 - r2, 0)) - 0.83
+    assert_close(ball, exact, 1e-14)  # the rim, infinitely steep, is 0.01 away from the grid
+    punch = FlatPunch(periods, shape, 0.8, 0.3).build().heights
+    # 0.8 = 16 spacings: the rim meets grid points, which rounding must not share out.
+    assert np.array_equal(punch, np.where(r2 > 0.64 + 1e-12, -0.3, 0.0))
+    assert np.array_equal(punch[1:], punch[1:][::-1])
+
+
+def test_a_sphere_is_a_paraboloid_at_its_summit() -> None:
+    ball = Sphere((1e-3,), (64,), 1.0).build().heights
+    bump = Paraboloid((1e-3,), (64,), 1.0).build().heights
+    # h = -r^2/2R (1 + r^2/4R^2 + ...): six digits of agreement need the summit's last digits.
+    assert ball[:31] == pytest.approx(bump[:31], rel=1e-7)
+
+
+@pytest.mark.parametrize("kind", [Paraboloid, Sphere])
+def test_the_nearest_image_counts(kind: Any) -> None:
+    middle = kind((2.0, 3.0), (40, 50), 0.87, (0.5, 0.5)).build().heights
+    moved = kind((2.0, 3.0), (40, 50), 0.87, (0.75, 1.02)).build().heights
+    assert_close(np.roll(middle, (10, 26), (0, 1)), moved, 1e-14)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Sinusoid((1.0,), (8,), -0.1), "amplitude is -0.1"),
+        (lambda: Sinusoid((1.0,), (8,), 0.1, waves=4), "needs at least 9"),
+        (lambda: Sinusoid((1.0,), (8,), 0.1, waves=0), "waves is 0"),
+        (lambda: Sinusoid((1.0,), (8,), 0.1, direction="both"), "a line has only x"),
+        (lambda: Sinusoid((1.0,), (8,), 0.1, direction="z"), "must be x, y or both"),
+        (lambda: Paraboloid((1.0,), (8,), 0.0), "radius is 0.0"),
+        (lambda: Paraboloid((1.0,), (8,), math.inf), "radius is inf"),
+        (lambda: Sphere((1.0,), (8,), 1.0, (0.5, 0.5)), "must be 1 fractions"),
+        (lambda: FlatPunch((1.0,), (8,), 0.2, math.nan), "depth is nan"),
+        (lambda: Sphere((1.0,), (8, 8), 1.0), "2 positive lengths"),
+    ],
+)
+def test_shapes_refuse(make: Any, message: str) -> None:
+    with pytest.raises(InvalidScene, match=message):
+        make()
+
+
+def noise(shape: tuple[int, ...], periods: tuple[float, ...]) -> Surface:
+    return Surface(3 + np.random.default_rng(0).standard_normal(shape), periods)
+
+
+FILTER_GRIDS = [((8, 8), (1.0, 1.0)), ((7, 9), (1.0, 2.0)), ((8, 9), (1.0, 1.0))]
+FILTER_GRIDS += [((9, 8), (1.0, 1.0)), ((2, 2), (1.0, 1.0)), ((8,), (1.0,)), ((9,), (1.0,))]  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize("factor", [2, 3, 4])
+@pytest.mark.parametrize(("shape", "periods"), FILTER_GRIDS)
+def test_refinement_interpolates(
+    shape: tuple[int, ...], periods: tuple[float, ...], factor: int
+) -> None:
+    surface = noise(shape, periods)
+    fine = refined(surface, factor)
+    common = fine.heights[tuple(slice(None, None, factor) for _ in shape)]
+    assert common == pytest.approx(surface.heights, rel=1e-13)
+    assert fine.heights.mean() == pytest.approx(surface.heights.mean(), rel=1e-13)
+    # Band-limited: nothing beyond the coarse grid's Nyquist numbers, the rest as it was (an
+    # even grid's Nyquist mode is a cosine, half as strong on the finer grid).
+    modes = np.fft.fftn(fine.heights) / fine.heights.size
+    for axis, n in enumerate(shape):
+        k = np.abs(np.fft.fftfreq(factor * n, 1 / (factor * n)))
+        beyond = np.take(modes, np.flatnonzero(2 * k > n), axis)
+        assert np.abs(beyond).max() < 1e-15
+    again = refined(refined(surface, 2), factor).heights
+    assert again == pytest.approx(refined(surface, 2 * factor).heights, rel=1e-13)
+
+
+@pytest.mark.parametrize(("shape", "periods"), FILTER_GRIDS)
+def test_filtering_keeps_the_long_waves_alone(
+    shape: tuple[int, ...], periods: tuple[float, ...]
+) -> None:
+    surface = noise(shape, periods)
+    q = wavenumbers(surface)
+    cut = 2.5 * 2 * math.pi
+    once = filtered(surface, cut)
+    modes = np.where(q <= cut, np.fft.fftn(surface.heights), 0)
+    assert once.heights == pytest.approx(np.fft.ifftn(modes).real, rel=1e-13)
+    assert filtered(once, cut).heights == pytest.approx(once.heights, rel=1e-14)
+    everything = filtered(surface, 1e9)
+    assert everything.heights == pytest.approx(surface.heights, rel=1e-13)
+
+
+def test_a_cut_off_takes_its_spectrum_along() -> None:
+    surface = SelfAffine(NARROW, (L, L), (48, 48), seed=1).build()
+    cut = filtered(surface, 10.0)
+    assert cut.spectrum is not None
+    assert cut.spectrum.wavenumber_high == 10.0
+    assert cut.spectrum.rms_slope**2 == pytest.approx(slope_variance_up_to(NARROW, 10.0))
+    # The surface's own partial slope, by its few modes, is near that of the integral.
+    assert surface_moments(cut).rms_slope == pytest.approx(cut.spectrum.rms_slope, rel=0.05)
+    assert cut.shortest_wavelength == pytest.approx(L / 10)
+    assert cut.fingerprint != surface.fingerprint
+    flat = filtered(surface, 0.5)
+    assert flat.spectrum is None
+    assert np.abs(flat.heights).max() < 1e-15
+    assert filtered(surface, 100.0).shortest_wavelength == surface.shortest_wavelength
+
+
+def test_filters_refuse() -> None:
+    surface = noise((8, 8), (1.0, 1.0))
+    assert refined(surface, 1) is surface
+    for factor in (0, -1, 1.5):
+        with pytest.raises(InvalidScene, match="factor is"):
+            refined(surface, factor)  # type: ignore[arg-type]
+    for cut in (0.0, -1.0, math.nan):
+        with pytest.raises(InvalidScene, match="wavenumber_high is"):
+            filtered(surface, cut)
