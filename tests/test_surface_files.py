@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import shutil
 import sys
 import types
@@ -104,6 +105,16 @@ def test_the_content_is_the_identity_not_the_place(tmp_path: Path) -> None:
         replace(recipe, treatment="detrend_and_window", taper=0.2),
     ]
     assert len({r.fingerprint for r in [recipe, *different]}) == 6
+
+
+def test_a_recipe_travels_to_another_process_without_its_heights(tmp_path: Path) -> None:
+    recipe = HeightsFromFile(write(tmp_path, "map.txt", periodic()), (L, L))
+    sent = pickle.dumps(recipe)
+    assert len(sent) < 1000 < periodic().nbytes
+    arrived = pickle.loads(sent)
+    assert arrived == recipe
+    assert arrived.fingerprint == recipe.fingerprint
+    assert np.array_equal(arrived.build().heights, periodic())
 
 
 @pytest.mark.parametrize("treatment", ["refuse", "detrend_and_window"])

@@ -40,7 +40,8 @@ def refined(surface: Surface, factor: int) -> Surface:
     padded = np.zeros((*shape[:-1], shape[-1] // 2 + 1), np.complex128)
     padded[..., : modes.shape[-1]] = modes
     del modes
-    heights = ducc0.fft.c2r(padded, axes=(len(shape) - 1,), lastsize=shape[-1], forward=False)
+    heights = np.empty(shape)
+    ducc0.fft.c2r(padded, (len(shape) - 1,), shape[-1], forward=False, out=heights)
     heights.flags.writeable = False
     recipe = f"refined/1 {factor} of {surface.fingerprint}"
     return replace(surface, heights=heights, recipe=recipe)
@@ -87,7 +88,8 @@ def filtered(surface: Surface, wavenumber_high: float) -> Surface:
     modes *= 1 / surface.heights.size
     if len(axes) == 2:
         ducc0.fft.c2c(modes, axes=(0,), forward=False, out=modes)
-    heights = ducc0.fft.c2r(modes, axes=axes[-1:], lastsize=n, forward=False)
+    heights = np.empty(surface.shape)
+    ducc0.fft.c2r(modes, axes[-1:], n, forward=False, out=heights)
     heights.flags.writeable = False
     spectrum = surface.spectrum
     if spectrum is not None:

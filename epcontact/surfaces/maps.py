@@ -64,7 +64,7 @@ class HeightsFromArray:
     @cached_property
     def fingerprint(self) -> str:
         """SHA-256 of the heights, and what is done with them."""
-        digest = hashlib.sha256(np.asarray(self.heights).tobytes()).hexdigest()
+        digest = hashlib.sha256(np.ascontiguousarray(self.heights).data).hexdigest()
         return f"array/1 {digest} {_treatment_words(self.treatment, self.taper)}"
 
     def build(self) -> Surface:
@@ -109,6 +109,10 @@ class HeightsFromFile:
     def _map(self) -> HeightMap:
         found = read_heights(self.path)
         return replace(found, heights=checked_heights(found.heights, str(self.path)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the heights: another process reads them from the file again."""
+        return {name: value for name, value in self.__dict__.items() if name != "_map"}
 
     def _periods(self) -> tuple[float, ...]:
         known, given, shape = self._map.periods, self.periods or (), self.shape
@@ -175,14 +179,15 @@ def edge_jumps(heights: FloatArray) -> list[tuple[float, float]]:
 
     heights: (nx, ny) or (nx,); both in its unit.
     """
-    jumps = []
-    for axis in range(heights.ndim):
-        edge = np.take(heights, 0, axis) - np.take(heights, -1, axis)
-        steps = np.diff(heights, axis=axis)
-        steps *= steps
-        inner = steps if heights.ndim == 1 else steps.mean(axis=1 - axis)
-        jumps.append((math.sqrt(np.mean(edge * edge)), math.sqrt(inner.max())))
-    return jumps
+    return [_axis_jumps(heights, axis) for axis in range(heights.ndim)]
+
+
+def _axis_jumps(heights: FloatArray, axis: int) -> tuple[float, float]:
+    edge = np.take(heights, 0, axis) - np.take(heights, -1, axis)
+    steps = np.diff(heights, axis=axis)
+    steps *= steps
+    inner = steps if heights.ndim == 1 else steps.mean(axis=1 - axis)
+    return math.sqrt(np.mean(edge * edge)), math.sqrt(inner.max())
 
 
 def detrended_and_windowed(heights: FloatArray, taper: float) -> tuple[FloatArray, float]:

@@ -159,7 +159,9 @@ def _surface(recipe: SelfAffine) -> FloatArray:
     filled = modes[:, :columns]
     filled *= scale
     ducc0.fft.c2c(filled, axes=(0,), forward=False, out=filled)
-    return np.asarray(ducc0.fft.c2r(modes, axes=(1,), lastsize=ny, forward=False))
+    heights = np.empty((nx, ny))  # an array of the library's own making would be copied later
+    ducc0.fft.c2r(modes, (1,), ny, forward=False, out=heights)
+    return heights
 
 
 def _fill_modes(recipe: SelfAffine, modes: ComplexArray) -> float:
