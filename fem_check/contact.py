@@ -1,0 +1,211 @@
+"""Unilateral contact of the top with a rigid frictionless flat, exact at every node.
+
+With F the downward nodal forces, v the downward displacement of the top, h the heights and d the
+approach of the flat (the highest point it reaches lies at -d below the reference), the gap is
+g = v - h - d, and a solution satisfies, node by node,
+
+    F = 0 and g >= 0,    or    0 <= F <= F_cap and g = 0,    or    F = F_cap and g <= 0,
+
+with sum F = P in load control, or d given.  Forces divided by the area of a node are the grid
+pressures of the boundary elements.  `press` meets the equalities of given sets by conjugate
+gradients on the surface, where one application of the elastic compliance is a pair of
+two-dimensional transforms; `rigid_contact` finds the sets by a semi-smooth Newton method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.errors import NotConverged
+from epcontact.results import APART, ELASTIC, PLASTIC
+from fem_check.element import FloatArray
+from fem_check.linear_solver import inverse, transform
+from fem_check.vectors import dot, norm
+
+States = NDArray[np.int8]
+
+#: Share of the stiffness of the shortest wave by which a gap predicts a force; larger ones let
+#: nodes jump between apart and capped and can cycle.
+PREDICTION = 0.3
+
+
+@dataclass(frozen=True)
+class Pressing:
+    """Nodal forces (nx, ny) on the contact nodes, the approach, and the iterations spent."""
+
+    forces: FloatArray
+    approach: float
+    iterations: int
+
+
+def press(
+    compliance: FloatArray,
+    wanted: FloatArray,
+    contact: NDArray[np.bool_],
+    load: float | None,
+    *,
+    start: FloatArray | None = None,
+    tolerance: float = 1e-11,
+) -> Pressing:
+    """Forces on the `contact` nodes that displace them by `wanted` + d.
+
+    compliance: (nx // 2 + 1, ny) of the top, m/N.  wanted: (nx, ny) in m.
+    load: the sum of the forces, in N, which makes d an unknown; None: d = 0.
+    tolerance: residual of the displacement relative to its first one.
+
+    Conjugate gradients preconditioned by 1/compliance; in load control all residuals and
+    directions have zero mean over the contact nodes.
+    """
+    count = int(contact.sum())
+    nx = contact.shape[0]
+    free = load is not None
+    if count == 0:
+        return Pressing(np.zeros(contact.shape), 0.0, 0)
+
+    def project(values: FloatArray) -> FloatArray:
+        out = np.where(contact, values, 0.0)
+        if free:
+            out = np.where(contact, out - out.sum() / count, 0.0)
+        return out
+
+    def displaced(forces: FloatArray) -> FloatArray:
+        return inverse(compliance * transform(forces), nx)
+
+    forces = np.where(contact, 0.0 if start is None else start, 0.0)
+    if load is not None:
+        forces = np.where(contact, forces + (load - forces.sum()) / count, 0.0)
+    raw = wanted - displaced(forces)
+    residual = project(raw)
+    scale = norm(project(wanted)) + norm(residual)
+    direction = np.zeros_like(residual)
+    rho_before, spent = 0.0, 0
+    for spent in range(1, 500):
+        if norm(residual) <= tolerance * scale:
+            break
+        z = project(inverse(transform(residual) / compliance, nx))
+        rho = dot(residual, z)
+        direction = z if spent == 1 else z + (rho / rho_before) * direction
+        pushed = displaced(direction)
+        step = rho / dot(direction, pushed)
+        forces = forces + step * direction
+        raw = raw - step * pushed
+        residual = project(raw)
+        rho_before = rho
+    approach = -float(raw[contact].mean()) if free else 0.0
+    return Pressing(forces, approach, spent)
+
+
+def predicted_states(forces: FloatArray, gap: FloatArray, cap: float, stiffness: float) -> States:
+    """The state each node should have, from its force less a share of the gap's force."""
+    predicted = forces - PREDICTION * stiffness * gap
+    states = np.full(forces.shape, ELASTIC, dtype=np.int8)
+    states[predicted <= 0] = APART
+    states[predicted >= cap] = PLASTIC
+    return states
+
+
+@dataclass(frozen=True)
+class SurfaceContact:
+    """A solved surface problem: forces in N, states, approach in m, iterations spent."""
+
+    forces: FloatArray
+    states: States
+    approach: float
+    iterations: int
+
+
+def rigid_contact(
+    compliance: FloatArray,
+    heights: FloatArray,
+    *,
+    load: float | None = None,
+    approach: float = 0.0,
+    cap: float = np.inf,
+    start: States | None = None,
+) -> SurfaceContact:
+    """The contact of an elastic body whose top answers forces by `compliance` alone.
+
+    heights: (nx, ny) in m.  load: total force in N; None: the `approach` d in m is given.
+    cap: largest nodal force in N.  start: guess of the states.
+
+    Raises NotConverged if the sets do not settle.
+    """
+    nx = heights.shape[0]
+    stiffness = 1.0 / float(compliance.min())
+    states = _first_states(heights, load, approach, cap) if start is None else start
+    spent, forces, residuals = 0, np.zeros(heights.shape), []
+    for sweep in range(200):
+        if load is not None:
+            states = _with_load(states, heights, load, cap)
+        contact, capped = states == ELASTIC, states == PLASTIC
+        fixed = np.where(capped, cap, 0.0) if capped.any() else np.zeros(heights.shape)
+        already = inverse(compliance * transform(fixed), nx)
+        solved = press(
+            compliance,
+            heights - already + (0.0 if load is not None else approach),
+            contact,
+            None if load is None else load - float(fixed.sum()),
+            start=forces,
+            tolerance=1e-3 if sweep < 3 else 1e-12,
+        )
+        spent += solved.iterations
+        forces = solved.forces + fixed
+        d = solved.approach if load is not None else approach
+        gap = inverse(compliance * transform(forces), nx) - heights - d
+        gap[contact] = 0.0
+        new = predicted_states(forces, gap, cap, stiffness)
+        changed = int((new != states).sum())
+        residuals.append(changed / states.size)
+        if changed == 0 and sweep >= 3:
+            return SurfaceContact(forces, states, d, spent)
+        states = _guarded(states, new, sweep)
+    raise NotConverged(
+        f"the elastic contact did not settle in {len(residuals)} sweeps: "
+        f"{changed} nodes still change their state",
+        history=residuals,
+    )
+
+
+def _guarded(old: States, new: States, sweep: int) -> States:
+    """The new states; late sweeps change a third of the nodes only, which breaks cycles."""
+    if sweep < 30:
+        return new
+    keep = np.random.default_rng(sweep).random(old.shape) < 2 / 3
+    return np.where(keep, old, new).astype(np.int8)
+
+
+def _first_states(heights: FloatArray, load: float | None, approach: float, cap: float) -> States:
+    """A guess: in load control the highest quarter of the nodes, capped if they must be."""
+    if load is None:
+        return np.where(heights + approach > 0, ELASTIC, APART).astype(np.int8)
+    needed = 0.0 if np.isinf(cap) else load / cap / heights.size
+    level = np.quantile(heights, 1 - min(1.0, max(0.25, 1.5 * needed)))
+    return np.where(heights >= level, ELASTIC, APART).astype(np.int8)
+
+
+def _with_load(states: States, heights: FloatArray, load: float, cap: float) -> States:
+    """The states, with elastic nodes added where the contact could not carry `load`, and freed
+    where the capped ones alone would carry more."""
+    capped, contact = states == PLASTIC, states == ELASTIC
+    if np.isinf(cap):
+        enough = bool(contact.any())
+    else:
+        enough = capped.sum() * cap < load < (capped.sum() + contact.sum()) * cap
+    if enough:
+        return states
+    out = states.copy()
+    if np.isinf(cap):
+        out.ravel()[int(np.argmax(heights))] = ELASTIC
+        return out
+    order = np.argsort(heights.ravel())[::-1]
+    rank = np.where(capped.ravel()[order], 0, np.where(contact.ravel()[order], 1, 2))
+    order = order[np.argsort(rank, kind="stable")]
+    full = int(load / cap)  # as many as can be capped, and as many again left free
+    flat = out.ravel()
+    keep = max(0, full - max(1, full // 4))
+    flat[order[keep : full + max(2, full // 4)]] = ELASTIC
+    flat[order[:keep]] = np.where(flat[order[:keep]] == APART, ELASTIC, flat[order[:keep]])
+    return out

@@ -1,0 +1,117 @@
+"""The trilinear brick with mean dilatation (B-bar), from scikit-fem's own basis and quadrature.
+
+The strain at a Gauss point is the deviatoric part of the local strain plus the element's mean
+dilatation (Nagtegaal, Parks and Rice 1974; Hughes 1980):
+
+    e = dev sym(sum_a u_a (x) grad N_a) + I/3 * sum_a u_a . <grad N_a>,
+    <g> = (1/V) int_e g dV,
+
+so that plastic flow, which keeps volume, does not lock the element.  Everything an element needs
+is therefore the gradients of its eight basis functions at its eight Gauss points, their mean and
+the weights.  Elements of one shape share one set; `Elements.shape_of` says which.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+
+#: Corners of the unit brick in scikit-fem's local order; a column is x, y or z.
+CORNERS = np.array(
+    [[0, 0, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 1, 1], [1, 0, 1], [1, 1, 0], [1, 1, 1]]
+)
+
+
+class Elements(NamedTuple):
+    """Bricks of any shape.
+
+    connectivity: (m, 8) node numbers in the order of CORNERS.
+    shape_of: (m,) index of each element's shape.
+    gradients: (shapes, 3, 8, 8) dN_a/dx_j as [shape, j, a, Gauss point], in 1/m.
+    mean_gradients: (shapes, 3, 8) their volume averages.
+    weights: (shapes, 8) volumes of the Gauss points, in m^3.
+    """
+
+    connectivity: IntArray
+    shape_of: IntArray
+    gradients: FloatArray
+    mean_gradients: FloatArray
+    weights: FloatArray
+
+    @property
+    def number(self) -> int:
+        """Number of elements."""
+        return len(self.connectivity)
+
+
+def elements(
+    connectivity: NDArray[np.integer], shape_of: NDArray[np.integer], corners: FloatArray
+) -> Elements:
+    """The elements of `connectivity` whose shapes have the (shapes, 8, 3) `corners`, in m.
+
+    Raises ValueError if a shape is turned inside out, as a top too rough for its layers would be.
+    """
+    gradients, weights = _gradients(corners)
+    volumes = weights.sum(axis=1)
+    mean = np.einsum("sjag,sg->sja", gradients, weights) / volumes[:, None, None]
+    return Elements(
+        np.ascontiguousarray(connectivity, dtype=np.int32),
+        np.ascontiguousarray(shape_of, dtype=np.int32),
+        gradients,
+        mean,
+        weights,
+    )
+
+
+def _gradients(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(shapes, 3, 8, 8) gradients and (shapes, 8) weights, 2 x 2 x 2 Gauss points."""
+    from skfem import Basis, ElementHex1, MeshHex
+
+    count = len(corners)
+    # A mesh of bricks that share no node: scikit-fem then never asks how they hang together.
+    mesh = MeshHex(
+        corners.reshape(-1, 3).T.copy(),
+        np.arange(8 * count).reshape(count, 8).T.copy(),
+        validate=False,
+        sort_t=False,
+    )
+    basis = Basis(mesh, ElementHex1(), intorder=2)
+    if not np.all(mesh.mapping().detDF(basis.X) > 0) and not np.all(
+        mesh.mapping().detDF(basis.X) < 0
+    ):
+        raise ValueError("an element is turned inside out: the top is too rough for its layers")
+    gradients = np.empty((count, 3, 8, basis.W.size))
+    for a in range(8):
+        gradients[:, :, a] = np.moveaxis(np.asarray(basis.basis[a][0].grad), 0, 1)
+    return gradients, np.ascontiguousarray(basis.dx)
+
+
+def strain_operator(shape: Elements, index: int, *, mean_dilatation: bool = True) -> FloatArray:
+    """B of one shape, (8 Gauss points, 6, 24): rows xx, yy, zz, xy, yz, zx with engineering
+    shears, columns node by node.  Without `mean_dilatation` it is the plain element that locks.
+    """
+    g = np.moveaxis(shape.gradients[index], 2, 0)  # [gauss, j, a]
+    B = np.zeros((8, 6, 8, 3))
+    for j in range(3):
+        B[:, j, :, j] = g[:, j]
+    for row, (i, j) in enumerate(((0, 1), (1, 2), (2, 0)), start=3):
+        B[:, row, :, i] = g[:, j]
+        B[:, row, :, j] = g[:, i]
+    if mean_dilatation:
+        excess = (shape.mean_gradients[index][None] - g) / 3  # [gauss, j, a]
+        B[:, :3] += np.moveaxis(excess, 1, 2)[:, None]
+    return B.reshape(8, 6, 24)
+
+
+def elastic_stiffness(shape: Elements, index: int, shear: float, bulk: float) -> FloatArray:
+    """The (24, 24) stiffness of one shape for the moduli mu = `shear` and K = `bulk`."""
+    D = np.diag([2 * shear] * 3 + [shear] * 3)
+    D[:3, :3] += bulk - 2 * shear / 3
+    B = strain_operator(shape, index)
+    result: FloatArray = np.einsum("gia,ij,gjb,g->ab", B, D, B, shape.weights[index], optimize=True)
+    return result

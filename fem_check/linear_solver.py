@@ -1,0 +1,225 @@
+"""The elastic flat block, inverted exactly: lateral Fourier transforms and one sweep over levels.
+
+Flat layers of equal bricks make a stiffness that a lateral transform splits, wave by wave, into a
+block-tridiagonal matrix of 3 x 3 blocks A_k (level k with itself) and C_k (with level k + 1).
+Mirror symmetry makes every block real once u_z is replaced by i u_z.  Elimination from the base
+to the top,
+
+    S_k = (A_k - C_k S_{k+1} C_k^T)^-1,   f_k <- f_k - C_k S_{k+1} f_{k+1},
+
+leaves S_0 on the top level, whose normal entry is the layer's own surface compliance; the sweep
+back is u_{k+1} = S_{k+1} (f_{k+1} - C_k^T u_k).  Contact forces act on the top level, which is
+eliminated last: they can be found between the two sweeps, on the surface alone (`contact`).
+
+Here this is a preconditioner (and the closed answer of an elastic flat block): what is called
+converged is judged by the internal force of the assembled elements.
+Half of the spectrum is kept along x, so that a line (ny = 1) costs half of a surface's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import ducc0
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fem_check.element import CORNERS, Elements, FloatArray, elastic_stiffness
+from fem_check.mesh import Block
+from fem_check.plasticity import Law
+
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Factor:
+    """The factorised flat elastic block; q runs over (nx // 2 + 1) * ny waves.
+
+    compliances: (nz + 1, q, 6) the symmetric S_k, as 00, 11, 22, 01, 12, 20.
+    couplings: (nz, q, 9) the C_k, row by row.
+    """
+
+    shape: tuple[int, int]
+    compliances: FloatArray
+    couplings: FloatArray
+
+    @property
+    def surface(self) -> FloatArray:
+        """(nx // 2 + 1, ny) normal displacement of the top per normal nodal force, m/N."""
+        nx, ny = self.shape
+        return self.compliances[0, :, 2].reshape(nx // 2 + 1, ny)
+
+
+def factorise(block: Block, flat: Elements, law: Law) -> Factor:
+    """Eliminates the `flat` elements of `block` wave by wave."""
+    nx, ny = block.shape
+    count, waves = len(block.layers), (nx // 2 + 1) * ny
+    cosines, sines = _phases(nx, ny)
+    S = np.zeros((count + 1, waves, 6))
+    C = np.empty((count, waves, 9))
+    below = np.zeros((waves, 9))  # the bottom-bottom block of the layer above a level
+    tops, bottoms = [], []
+    for k in range(count):
+        top, cross, bottom = _stencils(elastic_stiffness(flat, k, law.shear, law.bulk))
+        C[k] = _symbol(cross, cosines, sines)
+        tops.append(top)
+        bottoms.append(bottom)
+    if block.sliding:
+        base = _symbol(bottoms[-1], cosines, sines).reshape(-1, 3, 3)[:, :2, :2]
+        base[0] = np.eye(2)
+        inverse = np.linalg.inv(base)
+        inverse[0] = 0  # holds the mean of the sliding base still
+        S[count, :, 0], S[count, :, 1], S[count, :, 3] = (
+            inverse[:, 0, 0],
+            inverse[:, 1, 1],
+            inverse[:, 0, 1],
+        )
+    for k in range(count - 1, -1, -1):
+        below = _symbol(tops[k], cosines, sines)
+        if k > 0:
+            below = below + _symbol(bottoms[k - 1], cosines, sines)
+        _eliminate(below, C[k], S[k + 1], S[k])
+    return Factor((nx, ny), S, C)
+
+
+def _phases(nx: int, ny: int) -> tuple[FloatArray, FloatArray]:
+    """(waves, 9) cosines and sines of the phase between a node and its lateral neighbours."""
+    ax = 2 * np.pi * np.arange(nx // 2 + 1) / nx
+    ay = 2 * np.pi * np.arange(ny) / ny
+    angle = np.array(
+        [(ax[:, None] * ox + ay[None, :] * oy).ravel() for ox in (-1, 0, 1) for oy in (-1, 0, 1)]
+    ).T
+    return np.cos(angle), np.sin(angle)
+
+
+def _stencils(stiffness: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Top-top, top-bottom and bottom-bottom stencils (9 offsets, 3, 3) of one layer."""
+    K = stiffness.reshape(8, 3, 8, 3)
+    out = np.zeros((3, 9, 3, 3))
+    for a, (ax, ay, az) in enumerate(CORNERS):
+        for b, (bx, by, bz) in enumerate(CORNERS):
+            if (az, bz) != (0, 1):
+                which = {(1, 1): 0, (1, 0): 1, (0, 0): 2}[int(az), int(bz)]
+                out[which, 3 * (bx - ax + 1) + by - ay + 1] += K[a, :, b, :]
+    return out[0], out[1], out[2]
+
+
+def _symbol(stencil: FloatArray, cosines: FloatArray, sines: FloatArray) -> FloatArray:
+    """(waves, 9) the real form of a stencil's transform, with u_z = i times the unknown."""
+    real = cosines @ stencil.reshape(9, 9)
+    imaginary = sines @ stencil.reshape(9, 9)
+    for entry in (2, 5):  # xz, yz
+        real[:, entry] = -imaginary[:, entry]
+    for entry in (6, 7):  # zx, zy
+        real[:, entry] = imaginary[:, entry]
+    return real
+
+
+@njit(cache=True, error_model="numpy")
+def _eliminate(A, C, below, S):  # type: ignore[no-untyped-def]
+    """S <- (A - C below C^T)^-1 for every wave."""
+    D, B, T = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for q in range(A.shape[0]):
+        s, c = below[q], C[q]
+        B[0, 0], B[1, 1], B[2, 2] = s[0], s[1], s[2]
+        B[0, 1] = B[1, 0] = s[3]
+        B[1, 2] = B[2, 1] = s[4]
+        B[0, 2] = B[2, 0] = s[5]
+        for i in range(3):
+            for j in range(3):
+                T[i, j] = c[3 * i] * B[0, j] + c[3 * i + 1] * B[1, j] + c[3 * i + 2] * B[2, j]
+        for i in range(3):
+            for j in range(3):
+                D[i, j] = A[q, 3 * i + j] - (
+                    T[i, 0] * c[3 * j] + T[i, 1] * c[3 * j + 1] + T[i, 2] * c[3 * j + 2]
+                )
+        a, b, d = D[0, 0], D[1, 1], D[2, 2]
+        e, f, g = (D[0, 1] + D[1, 0]) / 2, (D[1, 2] + D[2, 1]) / 2, (D[2, 0] + D[0, 2]) / 2
+        det = a * (b * d - f * f) - e * (e * d - f * g) + g * (e * f - b * g)
+        S[q, 0], S[q, 1], S[q, 2] = (
+            (b * d - f * f) / det,
+            (a * d - g * g) / det,
+            (a * b - e * e) / det,
+        )
+        S[q, 3], S[q, 4], S[q, 5] = (
+            (f * g - e * d) / det,
+            (e * g - a * f) / det,
+            (e * f - b * g) / det,
+        )
+
+
+@njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+def _down(f, S, C):  # type: ignore[no-untyped-def]
+    """Eliminates from the base to the top, in place; f is (nz + 1, waves, 3)."""
+    for k in range(C.shape[0] - 1, -1, -1):
+        for q in range(C.shape[1]):
+            s, c = S[k + 1, q], C[k, q]
+            x, y, z = f[k + 1, q, 0], f[k + 1, q, 1], f[k + 1, q, 2] * -1j
+            a = s[0] * x + s[3] * y + s[5] * z
+            b = s[3] * x + s[1] * y + s[4] * z
+            d = s[5] * x + s[4] * y + s[2] * z
+            f[k, q, 0] -= c[0] * a + c[1] * b + c[2] * d
+            f[k, q, 1] -= c[3] * a + c[4] * b + c[5] * d
+            f[k, q, 2] -= 1j * (c[6] * a + c[7] * b + c[8] * d)
+
+
+@njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+def _up(f, S, C):  # type: ignore[no-untyped-def]
+    """Solves from the top to the base, in place."""
+    for k in range(S.shape[0]):
+        for q in range(S.shape[1]):
+            s = S[k, q]
+            x, y, z = f[k, q, 0], f[k, q, 1], f[k, q, 2] * -1j
+            if k > 0:
+                c = C[k - 1, q]
+                a, b, d = f[k - 1, q, 0], f[k - 1, q, 1], f[k - 1, q, 2] * -1j
+                x -= c[0] * a + c[3] * b + c[6] * d
+                y -= c[1] * a + c[4] * b + c[7] * d
+                z -= c[2] * a + c[5] * b + c[8] * d
+            f[k, q, 0] = s[0] * x + s[3] * y + s[5] * z
+            f[k, q, 1] = s[3] * x + s[1] * y + s[4] * z
+            f[k, q, 2] = 1j * (s[5] * x + s[4] * y + s[2] * z)
+
+
+def transform(field: FloatArray) -> ComplexArray:
+    """Lateral transform of (..., nx, ny[, 3]) levels or of one (nx, ny) surface field."""
+    axes = (2, 1) if field.ndim == 4 else (1, 0)
+    result: ComplexArray = ducc0.fft.r2c(field, axes=axes, nthreads=1)
+    return result
+
+
+def inverse(spectrum: ComplexArray, nx: int) -> FloatArray:
+    """The inverse of `transform`."""
+    axes = (2, 1) if spectrum.ndim == 4 else (1, 0)
+    result: FloatArray = ducc0.fft.c2r(
+        spectrum, axes=axes, lastsize=nx, forward=False, inorm=2, nthreads=1
+    )
+    return result
+
+
+def eliminate(factor: Factor, force: FloatArray) -> ComplexArray:
+    """The transformed `force` (nz + 1, nx, ny, 3) after the sweep to the top."""
+    spectrum = transform(force)
+    _down(_flat(spectrum), factor.compliances, factor.couplings)
+    return spectrum
+
+
+def top_descent(factor: Factor, eliminated: ComplexArray) -> FloatArray:
+    """(nx, ny) downward displacement of the top under the eliminated force, in m."""
+    s, f = factor.compliances[0], eliminated[0].reshape(-1, 3)
+    z = -1j * f[:, 2]
+    w = 1j * (s[:, 5] * f[:, 0] + s[:, 4] * f[:, 1] + s[:, 2] * z)
+    return -inverse(w.reshape(eliminated.shape[1:3]), factor.shape[0])
+
+
+def substitute(factor: Factor, eliminated: ComplexArray, pressing: FloatArray) -> FloatArray:
+    """The displacement under the eliminated force and the downward nodal forces `pressing`;
+    overwrites `eliminated`."""
+    eliminated[0, :, :, 2] -= transform(pressing)
+    _up(_flat(eliminated), factor.compliances, factor.couplings)
+    return inverse(eliminated, factor.shape[0])
+
+
+def _flat(spectrum: ComplexArray) -> ComplexArray:
+    return spectrum.reshape(spectrum.shape[0], -1, 3)

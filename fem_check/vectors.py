@@ -1,0 +1,55 @@
+"""Passes over whole displacement fields, each one loop: sums and updates of the iterations.
+
+numpy's own products call a BLAS whose threads outnumber the work here and wait for each other.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from fem_check.element import FloatArray
+
+_FAST = {"contract", "reassoc", "nsz"}
+
+
+@njit(cache=True, fastmath=_FAST)
+def _dot(a, b):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return total
+
+
+@njit(cache=True, fastmath=_FAST)
+def _add(y, s, x):  # type: ignore[no-untyped-def]
+    for i in range(y.size):
+        y[i] += s * x[i]
+
+
+@njit(cache=True, fastmath=_FAST)
+def _follow(p, s, z):  # type: ignore[no-untyped-def]
+    for i in range(p.size):
+        p[i] = z[i] + s * p[i]
+
+
+def dot(a: FloatArray, b: FloatArray) -> float:
+    """The sum of the products of two arrays of one shape."""
+    return float(_dot(np.ravel(a), np.ravel(b)))
+
+
+def norm(a: FloatArray) -> float:
+    """The Euclidean norm."""
+    return math.sqrt(dot(a, a))
+
+
+def add(y: FloatArray, scale: float, x: FloatArray) -> None:
+    """y += scale x, in place."""
+    _add(y.reshape(-1), scale, x.reshape(-1))
+
+
+def follow(p: FloatArray, scale: float, z: FloatArray) -> None:
+    """p = z + scale p, in place."""
+    _follow(p.reshape(-1), scale, z.reshape(-1))
