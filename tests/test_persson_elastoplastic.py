@@ -95,7 +95,7 @@ def contacts(draw, widest=1.7):
     return (H * spread / 2) ** 2, p0, H
 
 
-@settings(max_examples=600, deadline=None, derandomize=True)
+@settings(max_examples=300, deadline=None, derandomize=True)
 @given(contacts())
 @example((0.16, 1e-12, 1.0))
 @example((0.16, 1 - 2.0**-40, 1.0))
@@ -117,7 +117,7 @@ def test_areas_are_right_to_1e10_of_themselves(contact):
         assert _relative(elastic_force(*contact), exact["force"]) < 1e-10
 
 
-@settings(max_examples=500, deadline=None, derandomize=True)
+@settings(max_examples=250, deadline=None, derandomize=True)
 @given(contacts(widest=1.0), st.floats(0, 1), st.floats(-4, 4), st.booleans())
 def test_distribution_is_right(contact, share, offset, near_start):
     """Pressures anywhere, and within a few widths of the mean pressure."""
@@ -131,7 +131,7 @@ def test_distribution_is_right(contact, share, offset, near_start):
     assert error <= 1e-12 * exact["elastic"] + TINY
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(contacts(widest=1.0))
 def test_boundary_slopes_are_right(contact):
     exact = referee(*contact)["slopes"]
@@ -145,7 +145,7 @@ def test_boundary_slopes_are_right(contact):
 # ---- exact identities ----------------------------------------------------------------------
 
 
-@settings(max_examples=500, deadline=None, derandomize=True)
+@settings(max_examples=250, deadline=None, derandomize=True)
 @given(contacts())
 def test_areas_sum_to_one_and_forces_to_the_load(contact):
     _, p0, H = contact

@@ -2,7 +2,8 @@
 
 `solve` answers a scene.  Underneath: `elastoplastic` (areas and pressure distribution in closed
 form), `reduction` (the energy reduction S), `roughness` (what is read of a spectrum), `curves`
-(tables against magnification and pressure), `separation` (mean gap and elastic energy).
+(columns against magnification and pressure), `tables` (what the reduction does) and
+`separation` (mean gap and elastic energy).
 """
 
 from epcontact.persson.curves import (
@@ -32,7 +33,7 @@ from epcontact.persson.roughness import (
     surface_roughness,
 )
 from epcontact.persson.separation import (
-    TheoryModel,
+    SeparationModel,
     elastic_energy,
     flattened_roughness,
     mean_separation,
@@ -41,9 +42,10 @@ from epcontact.persson.separation import (
 from epcontact.persson.solve import (
     scene_magnification_curve,
     scene_pressure_curve,
+    separation_model,
     solve,
-    theory_model,
 )
+from epcontact.persson.tables import ReductionRow, gamma_columns, reduction_table
 
 __all__ = [
     "PUBLISHED",
@@ -51,14 +53,16 @@ __all__ = [
     "EnergyReduction",
     "MagnificationCurve",
     "PressureCurve",
+    "ReductionRow",
     "Roughness",
-    "TheoryModel",
+    "SeparationModel",
     "analytic_roughness",
     "areas",
     "boundary_slopes",
     "elastic_energy",
     "elastic_force",
     "flattened_roughness",
+    "gamma_columns",
     "magnification_curve",
     "mean_separation",
     "pressure_at_separation",
@@ -67,10 +71,11 @@ __all__ = [
     "pressure_density",
     "reduced_diffusion",
     "reduction_factor",
+    "reduction_table",
     "roughness_of",
     "scene_magnification_curve",
     "scene_pressure_curve",
+    "separation_model",
     "solve",
     "surface_roughness",
-    "theory_model",
 ]

@@ -18,7 +18,7 @@ from epcontact.persson.curves import (
 from epcontact.persson.elastoplastic import areas, boundary_slopes, elastic_force
 from epcontact.persson.reduction import EnergyReduction, Rule, reduced_diffusion
 from epcontact.persson.roughness import SpectrumKind, roughness_of
-from epcontact.persson.separation import TheoryModel, elastic_energy, mean_separation
+from epcontact.persson.separation import SeparationModel, elastic_energy, mean_separation
 from epcontact.results import (
     Areas,
     ContactResult,
@@ -29,20 +29,23 @@ from epcontact.results import (
 from epcontact.scene import Scene
 
 
-def theory_model(
+def separation_model(
     scene: Scene,
     *,
     energy_reduction: float,
     spectrum: SpectrumKind = "analytic",
     reduction: Rule = "constant",
-) -> TheoryModel:
-    """What the theory reads of a scene; see `solve`.  Raises InvalidScene."""
+) -> SeparationModel:
+    """What the theory reads of a scene, as `mean_separation` takes it; see `solve`.
+
+    Raises InvalidScene.
+    """
     if scene.body.kind != "half_space":
         raise InvalidScene(
             f"the body is a {scene.body.kind}, but the theory here is that of the half-space"
         )
     scene.require_loading()
-    return TheoryModel(
+    return SeparationModel(
         roughness=roughness_of(scene.surface, spectrum),
         effective_modulus=effective_modulus(scene.material),
         area_reduction=EnergyReduction(energy_reduction, reduction),
@@ -69,7 +72,7 @@ def solve(
     outside (0, 1], or an unloading path of a body that flows.
     """
     started = time.perf_counter()
-    model = theory_model(
+    model = separation_model(
         scene, energy_reduction=energy_reduction, spectrum=spectrum, reduction=reduction
     )
     diffusions = [_diffusion(model, p) for p in scene.load.path]
@@ -104,7 +107,7 @@ def scene_magnification_curve(
     reduction: Rule = "constant",
 ) -> MagnificationCurve:
     """Areas against magnification at the scene's last load; see `magnification_curve`."""
-    model = theory_model(
+    model = separation_model(
         scene, energy_reduction=energy_reduction, spectrum=spectrum, reduction=reduction
     )
     return magnification_curve(
@@ -126,7 +129,7 @@ def scene_pressure_curve(
     reduction: Rule = "constant",
 ) -> PressureCurve:
     """The pressure distribution at the scene's last load and one magnification (default: all)."""
-    model = theory_model(
+    model = separation_model(
         scene, energy_reduction=energy_reduction, spectrum=spectrum, reduction=reduction
     )
     return pressure_curve(
@@ -135,7 +138,7 @@ def scene_pressure_curve(
 
 
 def _diffusion(
-    model: TheoryModel, mean_pressure: float, magnification: float | None = None
+    model: SeparationModel, mean_pressure: float, magnification: float | None = None
 ) -> float:
     """G of the whole roughness, or of that up to a magnification."""
     rough = model.roughness
@@ -149,7 +152,7 @@ def _diffusion(
     return float(reduced_diffusion(model.area_reduction, tau, mean_pressure, model.hardness))
 
 
-def _step(model: TheoryModel, mean_pressure: float, diffusion: float) -> LoadStep:
+def _step(model: SeparationModel, mean_pressure: float, diffusion: float) -> LoadStep:
     hardness = model.hardness
     found = areas(diffusion, mean_pressure, hardness)
     exact = Areas(float(found.total), float(found.elastic), float(found.plastic))

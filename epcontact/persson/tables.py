@@ -1,0 +1,83 @@
+"""What the energy reduction does to the areas: each rule's, and those of any gamma.
+
+One load of one body, elastoplastic and elastic side by side.  Boundary elements decide which
+reduction is right; no gamma makes both columns agree with them at the paper's load.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from epcontact.persson.elastoplastic import areas
+from epcontact.persson.reduction import PUBLISHED, EnergyReduction, reduced_diffusion
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ReductionRow:
+    """Areas under one reduction: of the elastoplastic body, and the elastic body's one."""
+
+    rule: str
+    gamma: float
+    elastic: float
+    plastic: float
+    total: float
+    elastic_body: float
+
+
+def reduction_table(
+    full_contact_diffusion: float,
+    mean_pressure: float,
+    hardness: float,
+    reductions: Sequence[EnergyReduction] = PUBLISHED,
+) -> tuple[ReductionRow, ...]:
+    """One row a reduction.
+
+    full_contact_diffusion: tau = E*^2 xi^2 / 8 in Pa^2; pressures in Pa.  Raises InvalidScene.
+    """
+    rows = []
+    for reduction in reductions:
+        G = reduced_diffusion(reduction, full_contact_diffusion, mean_pressure, hardness)
+        G_elastic = reduced_diffusion(reduction, full_contact_diffusion, mean_pressure)
+        found, body = areas(G, mean_pressure, hardness), areas(G_elastic, mean_pressure)
+        rows.append(
+            ReductionRow(
+                reduction.rule,
+                reduction.gamma,
+                float(found.elastic),
+                float(found.plastic),
+                float(found.total),
+                float(body.total),
+            )
+        )
+    return tuple(rows)
+
+
+def gamma_columns(
+    full_contact_diffusion: float,
+    mean_pressure: float,
+    hardness: float = math.inf,
+    gammas: ArrayLike | None = None,
+) -> dict[str, FloatArray]:
+    """Areas against a constant gamma, (n,) each; by default 141 values from 0.3 to 1.
+
+    Columns: gamma, elastic_area, plastic_area, total_area, and elastic_body_area of the body of
+    infinite hardness.  Raises InvalidScene for a gamma outside (0, 1] or pressures out of range.
+    """
+    values = np.linspace(0.3, 1.0, 141) if gammas is None else np.asarray(gammas, dtype=np.float64)
+    for extreme in (values.min(), values.max()):
+        EnergyReduction(float(extreme))  # checks the range
+    found = areas(values * full_contact_diffusion, mean_pressure, hardness)
+    return {
+        "gamma": values,
+        "elastic_area": found.elastic,
+        "plastic_area": found.plastic,
+        "total_area": found.total,
+        "elastic_body_area": areas(values * full_contact_diffusion, mean_pressure).total,
+    }
