@@ -2,7 +2,8 @@
 
 Field names are matched by their words, as finite-element programs differ: a vector
 `displacement` (or `u`) at the points, a scalar with `mises` in its name (Pa), and one with both
-`plastic` and `strain` in it, at points or cells.
+`plastic` and `strain` in it, at points or cells.  The coordinates are taken to be those of the
+deformed body, as `fem_check` writes them: a factor of 1 shows them as they are.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ def read_block(source: Path | str) -> Block:
         raise OutputError(
             f"cannot show {source}: it holds neither von Mises stress nor plastic strain"
         )
-    limits = tuple(float(np.max(mesh[n], initial=0.0)) if n else 0.0 for n in (stress, strain))
+    limits = [float(np.max(_data(mesh, n)[n], initial=0.0)) if n else 0.0 for n in (stress, strain)]
     return Block(mesh, displacement, stress, strain, (limits[0], limits[1]))
 
 
@@ -75,7 +76,7 @@ def shape_factor(blocks: Sequence[Block]) -> float:
         x0, x1, y0, y1, *_ = block.mesh.bounds
         width = max(width, x1 - x0, y1 - y0)
         if block.displacement:
-            u = np.asarray(block.mesh[block.displacement])
+            u = np.asarray(block.mesh.point_data[block.displacement])
             largest = max(largest, float(np.abs(u).max()))
     return round_factor(SHOWN * width / largest) if largest > 0 else 1.0
 
@@ -86,7 +87,7 @@ def draw_block(plotter: Any, block: Block, factor: float, limits: Limits) -> Non
 
     mesh = _opened(block.mesh)
     if block.displacement:
-        mesh = mesh.warp_by_vector(block.displacement, factor=factor)
+        mesh = mesh.warp_by_vector(block.displacement, factor=factor - 1.0)
     sides = np.ptp(np.reshape(block.mesh.bounds, (3, 2)), axis=1)
     scale, unit = unit_for(float(sides.max()), "m")
     mesh.points = np.asarray(mesh.points, dtype=np.float64) / scale
@@ -105,6 +106,11 @@ def draw_block(plotter: Any, block: Block, factor: float, limits: Limits) -> Non
         if column == 0:
             plotter.add_text(f"{size} {unit}, {shape}", font_size=11, color="black")
         frame_view(plotter, (x0, x1, y0, y1, z0, z1), (-0.9, -1.3, 1.1), 1.0)
+
+
+def _data(mesh: Any, name: str) -> Any:
+    """Where the field is; at the points, if it is at both."""
+    return mesh.point_data if name in mesh.point_data else mesh.cell_data
 
 
 def _opened(mesh: Any) -> Any:
@@ -128,7 +134,7 @@ def _panel(
         return
     divisor, top = scale
     shown = mesh.copy(deep=False)
-    data = shown.point_data if name in shown.point_data else shown.cell_data
+    data = _data(shown, name)
     data["shown"] = np.asarray(data[name]) / divisor
     plotter.add_mesh(
         shown,

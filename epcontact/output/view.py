@@ -34,8 +34,8 @@ def screenshot(
     A surface (.vti): the deformed topography in contact, elastic yellow and plastic black, beside
     its pressure; `factor` stretches the heights.  A line (.vti): its profile and pressure.  A
     block (.vtu, the last of a .pvd): cut open, von Mises stress beside plastic strain, on the mesh
-    deformed by `factor` times its displacement.  Without a factor, one is chosen that shows the
-    shape; the picture names it.
+    deformed by `factor` times its displacement (1: as it is).  Without a factor, one is chosen that
+    shows the shape; the picture names it.
 
     Raises OutputError if the result cannot be read, shown or drawn, or the PNG not be written.
     """
