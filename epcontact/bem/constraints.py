@@ -21,16 +21,15 @@ from epcontact.results import APART, ELASTIC, PLASTIC
 FloatArray = NDArray[np.float64]
 StateArray = NDArray[np.uint8]
 
-#: The sets are predicted from p - c g, c being this share of the stiffness of the shortest wave
-#: along an axis.  A full share flips neighbours to and fro once the pressure is capped.
-SET_STEP = 0.3
+#: First length of a projected gradient step, in stiffnesses of the shortest wave along an axis.
+GRADIENT_STEP = 0.3
 
 
 @dataclass(frozen=True)
 class Level:
     """One grid of the problem: heights (nx, ny) in m, the compliance, cap = hardness / p0.
 
-    step: c of the set prediction, in units of the mean pressure per m.
+    step: first length c of a gradient step p - c g, in units of the mean pressure per m.
     gap_scale: m; the gap residuals are divided by it.
     """
 
@@ -45,67 +44,75 @@ class Level:
         """The threads that share out the blocks."""
         return self.convolution.workers
 
-    def part(self, start: int) -> tuple[slice, int]:
-        """The flat range of the block of rows from `start`, and its first index."""
+    def part(self, start: int) -> slice:
+        """The flat range of the block of rows from `start`."""
         nx, ny = self.heights.shape
         stop = min(start + self.convolution.row_step, nx)
-        return slice(start * ny, stop * ny), start * ny
+        return slice(start * ny, stop * ny)
 
 
 def make_level(
     heights: FloatArray, convolution: Convolution, cap: float, gap_scale: float
 ) -> Level:
-    """A level whose set step follows from its shortest wave."""
-    step = SET_STEP / (convolution.scale * convolution.symbol.shortest())
+    """A level whose gradient step follows from its shortest wave."""
+    step = GRADIENT_STEP / (convolution.scale * convolution.symbol.shortest())
     return Level(heights, convolution, cap, step, gap_scale)
 
 
-def offset_and_force(level: Level, p: FloatArray, u: FloatArray) -> tuple[float, float]:
-    """z in m from the points between their bounds, and the mean of p.
+@dataclass(frozen=True)
+class Measures:
+    """Of a pressure: the offset z in m, the mean of p, and the energy (in mean pressures times m,
+    summed over the points)."""
 
-    Where no point is between its bounds, z lies midway between what the two other sets allow.
+    offset: float
+    force: float
+    energy: float
+
+
+def measured(level: Level, p: FloatArray, u: FloatArray) -> Measures:
+    """The offset is the one that makes the gap vanish on average between the bounds.
+
+    Where no point is between its bounds, it lies midway between what the two other sets allow.
     """
-    flat = [a.reshape(-1) for a in (p, u, level.heights)]
+    pf, uf, hf = (a.reshape(-1) for a in (p, u, level.heights))
 
-    def block(start: int) -> tuple[float, float, float]:
-        part, _ = level.part(start)
-        sums: tuple[float, float, float] = passes.interior_offset(
-            flat[0][part], flat[1][part], flat[2][part], level.cap
-        )
+    def block(start: int) -> tuple[float, int, float, float]:
+        k = level.part(start)
+        sums: tuple[float, int, float, float] = passes.measure(pf[k], uf[k], hf[k], level.cap)
         return sums
 
-    sums = level.workers.run(block, level.convolution.blocks)
-    number = sum(s[1] for s in sums)
-    force = sum(s[2] for s in sums) / p.size
-    if number:
-        return sum(s[0] for s in sums) / number, force
+    parts = level.workers.run(block, level.convolution.blocks)
+    number = sum(s[1] for s in parts)
+    z = sum(s[0] for s in parts) / number if number else _offset_between(level, p, u)
+    return Measures(z, sum(s[2] for s in parts) / p.size, sum(s[3] for s in parts))
+
+
+def _offset_between(level: Level, p: FloatArray, u: FloatArray) -> float:
     needed = level.heights - u
     below, above = needed[p <= 0], needed[p > 0]
     limits = [x for x in (below.max(initial=-np.inf), above.min(initial=np.inf)) if np.isfinite(x)]
-    return float(np.mean(limits)), force
+    return float(np.mean(limits))
 
 
-def project(level: Level, w: FloatArray) -> FloatArray:
-    """The point of the constraint set nearest to w: clip(w + z, 0, cap) with mean 1.
+def project(w: FloatArray, cap: float, total: float) -> FloatArray:
+    """The point nearest to w with 0 <= p <= cap and sum(p) = total: clip(w + z, 0, cap).
 
     The sum is piecewise linear and increasing in z; Newton's steps on it are kept in a bracket.
     """
     flat = w.reshape(-1)
-    parts = [level.part(start)[0] for start in level.convolution.blocks]
-    cap, target = level.cap, float(w.size)
-    ends = [passes.extremes(flat[part]) for part in parts]
-    low = -max(e[1] for e in ends)
-    high = (cap if np.isfinite(cap) else target) - min(e[0] for e in ends)
-    z = (low + high) / 2
+    smallest, largest = passes.extremes(flat)
+    low = -largest
+    high = (cap if np.isfinite(cap) else total) - smallest
+    z = min(max(0.0, low), high)
     for _ in range(200):
-        sums = [passes.clipped_sum(flat[part], z, cap) for part in parts]
-        excess = sum(s[0] for s in sums) - target
-        inside = sum(s[1] for s in sums)
+        reached, inside = passes.clipped_sum(flat, z, cap)
+        excess = reached - total
         low, high = (low, z) if excess > 0 else (z, high)
-        if abs(excess) <= 1e-15 * target:
+        if abs(excess) <= 1e-15 * total:
             break
-        newton = z - excess / inside if inside else (low + high) / 2
-        following = newton if low < newton < high else (low + high) / 2
+        following = z - excess / inside if inside else (low + high) / 2
+        if not low < following < high:
+            following = (low + high) / 2
         if following == z:
             break
         z = following
@@ -130,7 +137,7 @@ def kkt_residuals(level: Level, p: FloatArray, u: FloatArray, z: float) -> dict[
     total = 0.0
     flat = [a.reshape(-1) for a in (p, u, level.heights)]
     for start in level.convolution.blocks:
-        pb, ub, hb = (a[level.part(start)[0]] for a in flat)
+        pb, ub, hb = (a[level.part(start)] for a in flat)
         g = ub + (z - hb)
         inside = (pb > 0) & (pb < level.cap)
         wrong = np.where(pb <= 0, -g, g)

@@ -2,18 +2,18 @@
 
 One outer step, from a pressure p that keeps its bounds and its mean:
 
-1. predict the sets from p - c g;
-2. put the points of the outer sets on their bounds and solve (S p)_F + z = h_F with the mean of p
-   kept on the elastic set F, by conjugate gradients in the space of zero mean, preconditioned by
-   the inverse of S restricted to F; only so far as the sets are worth;
-3. move the outcome into the bounds, restore the mean, and find the displacement of all points.
+1. solve on the elastic set F all points between their bounds, and those on a bound where the gap
+   has the wrong sign: (S p)_F + z = h_F, the mean of p kept, by conjugate gradients in the space
+   of zero mean, preconditioned by the inverse of S restricted to F; only as far as the sets are
+   worth;
+2. move the outcome into the bounds, restore the mean, and find the displacement of all points.
 
 So a step costs one pair of transforms and two for each inner iteration, and the Karush-Kuhn-Tucker
-residuals of every iterate are known.  The plain method is fast but may cycle.  When its residual
-stops falling, or from the start where asked, a step is taken as a direction only: the energy
-1/2 <p, S p> - <p, h> is minimised exactly along it, and a step that does not help is replaced by
-projected gradient steps (spectral step length, exact line search), which decrease the energy from
-any feasible point to the unique minimiser.
+residuals of every iterate are known.  So is its energy 1/2 <p, S p> - <p, h>, which decides: the
+full step is taken if it lowers the energy; else the step is cut at the minimum of the energy along
+it, and projected gradient steps (spectral length, exact line search) follow.  The energy of the
+iterates never rises, which rules out the cycles that the plain method falls into once the pressure
+is capped.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem import passes
-from epcontact.bem.constraints import Level, offset_and_force, project, states
+from epcontact.bem.constraints import Level, measured, project, states
 from epcontact.bem.transforms import Points
 
 FloatArray = NDArray[np.float64]
 StateArray = NDArray[np.uint8]
 
-# Plain steps without a residual below 0.7 of the best before the energy takes over.
-_PATIENCE = 6
-_GRADIENT_STEPS = 5
+_GRADIENT_STEPS = 3
+# Differences of the energy below this share of (points x mean pressure x gap scale) are rounding.
+_ENERGY_NOISE = 1e-12
 
 
 @dataclass
@@ -55,7 +55,7 @@ class Counts:
     newton: int = 0
     cg: int = 0
     gradient: int = 0
-    safeguarded: bool = False
+    cut: int = 0
     history: list[float] = field(default_factory=list)
 
 
@@ -65,10 +65,28 @@ class Goal:
 
     tolerance: float
     area_tolerance: float = 0.0
-    max_steps: int = 60
-    max_safeguarded_steps: int = 1000
-    safeguard: bool = False
+    max_steps: int = 500
     progress: Callable[[str], None] | None = None
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A step that was taken: where from, with which gap."""
+
+    points: Points
+    before: FloatArray
+    gap: FloatArray
+    energy: float
+
+
+@dataclass(frozen=True)
+class _Sets:
+    """What the sets to solve on look like."""
+
+    changed: int
+    contact: int
+    worst: float
+    per_block: list[int]
 
 
 def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Counts]:
@@ -76,166 +94,103 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
 
     Returns the last iterate, whether or not it meets the goal (`settled`), and the counts.
     """
-    counts = Counts(safeguarded=goal.safeguard)
+    counts = Counts()
     it = Iterate(p, np.empty_like(p))
     level.convolution.apply(p, it.u)
     state = states(p, level.cap)
-    best, stalled = math.inf, 0
-    limit = goal.max_steps
-    while counts.newton <= limit:
-        found = _classify(level, it, state)
-        it.residual = max(found.worst / level.gap_scale, found.force)
+    step: _Step | None = None
+    while True:
+        now = measured(level, it.p, it.u)
+        if step is not None and now.energy > step.energy + _noise(level):
+            counts.cut += 1
+            _cut(level, it, step, now.energy)
+            counts.gradient += _gradient_steps(level, it)
+            now = measured(level, it.p, it.u)
+        it.z = now.offset
+        sets = _classify(level, it, state)
+        it.residual = max(sets.worst / level.gap_scale, abs(now.force - 1))
         counts.history.append(it.residual)
-        if _settled(it, found, counts, goal):
-            it.settled = True
-            break
-        stalled = 0 if it.residual < 0.7 * best else stalled + 1
-        best = min(best, it.residual)
-        if stalled > _PATIENCE and not counts.safeguarded:
-            counts.safeguarded = True
-        if counts.safeguarded:
-            limit = goal.max_safeguarded_steps
+        it.settled = _settled(it, sets, counts, goal)
+        if it.settled or counts.newton >= goal.max_steps:
+            return it, counts
         counts.newton += 1
         if goal.progress is not None:
-            goal.progress(f"{level.heights.shape}: step {counts.newton}, {it.residual:.1e}")
-        _step(level, it, state, found, counts, goal)
-    return it, counts
+            goal.progress(f"grid {level.heights.shape}: residual {it.residual:.1e}")
+        step = _newton_step(level, it, state, sets, now.energy, counts, goal)
 
 
-@dataclass(frozen=True)
-class _Found:
-    """What a prediction of the sets found."""
-
-    changed: int
-    elastic: int
-    contact: int
-    worst: float
-    force: float
-    away: float
-    per_block: list[int]
+def _noise(level: Level) -> float:
+    return _ENERGY_NOISE * level.heights.size * level.gap_scale
 
 
-def _settled(it: Iterate, found: _Found, counts: Counts, goal: Goal) -> bool:
+def _settled(it: Iterate, sets: _Sets, counts: Counts, goal: Goal) -> bool:
     if it.residual <= goal.tolerance:
         return True
-    few = found.changed <= goal.area_tolerance * max(found.contact, 1)
+    few = sets.changed <= goal.area_tolerance * max(sets.contact, 1)
     return goal.area_tolerance > 0 and counts.newton > 0 and few
 
 
-def _classify(level: Level, it: Iterate, state: StateArray) -> _Found:
-    """Offset, residuals of the iterate, and its predicted sets (written to `state`)."""
-    it.z, force = offset_and_force(level, it.p, it.u)
+def _classify(level: Level, it: Iterate, state: StateArray) -> _Sets:
     p, u, h, s = (a.reshape(-1) for a in (it.p, it.u, level.heights, state))
 
-    def block(start: int) -> tuple[int, int, int, float, float]:
-        k, _ = level.part(start)
-        out: tuple[int, int, int, float, float] = passes.classify(
-            p[k], u[k], h[k], s[k], it.z, level.step, level.cap
-        )
+    def block(start: int) -> tuple[int, int, int, float]:
+        k = level.part(start)
+        out: tuple[int, int, int, float] = passes.classify(p[k], u[k], h[k], s[k], it.z, level.cap)
         return out
 
     parts = level.workers.run(block, level.convolution.blocks)
-    return _Found(
+    return _Sets(
         changed=sum(x[0] for x in parts),
-        elastic=sum(x[1] for x in parts),
         contact=sum(x[1] + x[2] for x in parts),
         worst=max(x[3] for x in parts),
-        force=abs(force - 1),
-        away=sum(x[4] for x in parts) / p.size,
         per_block=[x[1] for x in parts],
     )
 
 
-def _step(
-    level: Level, it: Iterate, state: StateArray, found: _Found, counts: Counts, goal: Goal
-) -> None:
-    """One outer step, in place."""
-    old = (it.p.copy(), it.u.copy()) if counts.safeguarded else None
-    if not _newton_step(level, it, state, found, counts, goal):
-        # No pressure on these sets carries the load: take the nearest sets that do.
-        counts.gradient += 1
-        if old is None:
-            it.p[...] = project(level, it.p - level.step * (it.u - level.heights))
-            level.convolution.apply(it.p, it.u)
-        else:
-            it.p[...], it.u[...] = old
-            gradient_step(level, it, level.step)
-        return
-    if old is None:
-        return
-    t = line_search(level, it, *old)[0]
-    if t < 0.5:
-        length = level.step
-        for _ in range(_GRADIENT_STEPS):
-            length = gradient_step(level, it, length)
-            counts.gradient += 1
-
-
 def _newton_step(
-    level: Level, it: Iterate, state: StateArray, found: _Found, counts: Counts, goal: Goal
-) -> bool:
-    """Steps 2 and 3 of the module's docstring; False if the sets cannot carry the load."""
-    n = found.elastic
-    points, pressure, r, force = _collect(level, it, state, found)
-    deficit = level.heights.size - force
-    weight = pressure * (1 - pressure / level.cap)
-    total = float(weight.sum())
-    if abs(deficit) > 1e-15 * level.heights.size:
-        if n == 0 or total <= 0 or abs(deficit) > 0.9 * total:
-            return False
-        pressure += weight * (deficit / total)
-    if found.away > 1e-3:
-        # Points thrown out took force with them: the residual must know.
-        it.p.reshape(-1)[points.index] = pressure
-        level.convolution.apply(it.p, it.u)
-        _residual(level, it, points, r)
-    mean = float(r.mean()) if n else 0.0
-    r -= mean
-    x = np.zeros(n)
-    if n > 1:
-        reduction = 0.1 if found.changed else 1e-3
-        counts.cg += conjugate_gradients(
-            level, points, r, x, reduction, 0.3 * goal.tolerance * level.gap_scale
-        )
+    level: Level,
+    it: Iterate,
+    state: StateArray,
+    sets: _Sets,
+    energy: float,
+    counts: Counts,
+    goal: Goal,
+) -> _Step | None:
+    """One outer step, in place; None if there is nothing to solve for."""
+    points, pressure, r = _collect(level, it, state, sets)
+    if r.size < 2:
+        # One point carries what the others leave: only a gradient step can change the sets.
+        counts.gradient += _gradient_steps(level, it)
+        return None
+    step = _Step(points, pressure, -r, energy)
+    r -= r.mean()
+    x = np.zeros(r.size)
+    reduction = 0.1 if sets.changed else 1e-3
+    floor = 0.3 * goal.tolerance * level.gap_scale
+    counts.cg += conjugate_gradients(level, points, r, x, reduction, floor)
     _put(level, it, points, pressure, x)
     level.convolution.apply(it.p, it.u)
-    return True
+    return step
 
 
 def _collect(
-    level: Level, it: Iterate, state: StateArray, found: _Found
-) -> tuple[Points, FloatArray, FloatArray, float]:
-    """The elastic points with their pressure and residual; the others are put on their bound."""
-    n = found.elastic
-    begins, begin = {}, 0
-    for start, number in zip(level.convolution.blocks, found.per_block, strict=True):
-        begins[start] = slice(begin, begin + number)
-        begin += number
+    level: Level, it: Iterate, state: StateArray, sets: _Sets
+) -> tuple[Points, FloatArray, FloatArray]:
+    """The elastic points, their pressure and residual h - u - z."""
+    begins, n = {}, 0
+    for start, number in zip(level.convolution.blocks, sets.per_block, strict=True):
+        begins[start] = slice(n, n + number)
+        n += number
     points = Points(np.empty(n, dtype=np.int32), begins)
     pressure, r = np.empty(n), np.empty(n)
     p, u, h, s = (a.reshape(-1) for a in (it.p, it.u, level.heights, state))
 
-    def block(start: int) -> float:
-        k, base = level.part(start)
-        j = points.part(start)
-        force: float = passes.collect(
-            p[k], u[k], h[k], s[k], base, it.z, level.cap,
-            points.index[j], pressure[j], r[j],
-        )  # fmt: skip
-        return force
-
-    return points, pressure, r, sum(level.workers.run(block, level.convolution.blocks))
-
-
-def _residual(level: Level, it: Iterate, points: Points, r: FloatArray) -> None:
-    u, h = it.u.reshape(-1), level.heights.reshape(-1)
-
     def block(start: int) -> None:
-        k, base = level.part(start)
-        j = points.part(start)
-        passes.residual_at(u[k], h[k], base, points.index[j], r[j])
+        k, j = level.part(start), points.part(start)
+        passes.collect(p[k], u[k], h[k], s[k], k.start, it.z, points.index[j], pressure[j], r[j])
 
     level.workers.run(block, level.convolution.blocks)
+    return points, pressure, r
 
 
 def conjugate_gradients(
@@ -271,58 +226,56 @@ def conjugate_gradients(
 def _put(level: Level, it: Iterate, points: Points, pressure: FloatArray, x: FloatArray) -> None:
     """Write pressure + x, moved into the bounds, and restore the mean."""
     p = it.p.reshape(-1)
-    target = float(pressure.sum() + x.sum())
+    target = float(pressure.sum())
 
     def put(start: int) -> tuple[float, float]:
-        k, base = level.part(start)
         j = points.part(start)
-        sums: tuple[float, float] = passes.put_clipped(
-            p[k], base, points.index[j], pressure[j], x[j], level.cap
-        )
+        sums: tuple[float, float] = passes.put_clipped(p, points.index[j], pressure[j], x[j], cap)
         return sums
 
-    sums = level.workers.run(put, level.convolution.blocks)
-    total, weight = (sum(s[i] for s in sums) for i in (0, 1))
-    missing = target - total
-    if missing == 0:
-        return
-    if weight <= 0 or abs(missing) > 0.9 * weight:
-        it.p[...] = project(level, it.p)
-        return
-
     def spread(start: int) -> None:
-        k, base = level.part(start)
-        passes.spread(p[k], base, points.index[points.part(start)], missing / weight, level.cap)
+        passes.spread(p, points.index[points.part(start)], missing / weight, cap)
 
-    level.workers.run(spread, level.convolution.blocks)
+    cap = level.cap
+    parts = level.workers.run(put, level.convolution.blocks)
+    missing = target - sum(s[0] for s in parts)
+    weight = sum(s[1] for s in parts)
+    if abs(missing) < 0.9 * weight:
+        level.workers.run(spread, level.convolution.blocks)
+    else:
+        p[points.index] = project(pressure + x, cap, target)
 
 
-def line_search(
-    level: Level, it: Iterate, p_old: FloatArray, u_old: FloatArray
-) -> tuple[float, float, float]:
-    """Move back along the step to the minimum of the energy on it.
+def _cut(level: Level, it: Iterate, step: _Step, energy: float) -> None:
+    """Go back along the step to the minimum of the energy on it, which is a parabola."""
+    p = it.p.reshape(-1)
+    index = step.points.index
+    d = p[index] - step.before
+    slope = float(step.gap @ d)
+    curvature = 2 * (energy - step.energy - slope)
+    t = min(1.0, max(0.0, -slope / curvature)) if curvature > 0 else 0.0
+    p[index] = step.before + t * d
+    level.convolution.apply(it.p, it.u)
 
-    Returns the share of the step kept, and <d, S d> and <d, d> of the whole step d.
-    """
-    arrays = [a.reshape(-1) for a in (it.p, it.u, level.heights, p_old, u_old)]
 
-    def products(start: int) -> tuple[float, float, float]:
-        k, _ = level.part(start)
-        out: tuple[float, float, float] = passes.descent_products(*(a[k] for a in arrays))
-        return out
-
-    sums = level.workers.run(products, level.convolution.blocks)
-    slope, curvature, square = (sum(s[i] for s in sums) for i in range(3))
-    t = 1.0 if curvature <= 0 else min(1.0, max(0.0, -slope / curvature))
-    if t < 1:
-        passes.blend(arrays[0], arrays[1], arrays[3], arrays[4], t)
-    return t, curvature, square
+def _gradient_steps(level: Level, it: Iterate) -> int:
+    """A few projected gradient steps; returns their number."""
+    length = level.step
+    for _ in range(_GRADIENT_STEPS):
+        length = gradient_step(level, it, length)
+    return _GRADIENT_STEPS
 
 
 def gradient_step(level: Level, it: Iterate, length: float) -> float:
     """One projected gradient step with exact line search; returns the next spectral length."""
     p_old, u_old = it.p.copy(), it.u.copy()
-    it.p[...] = project(level, p_old - length * (u_old - level.heights))
+    it.p[...] = project(p_old - length * (u_old - level.heights), level.cap, float(p_old.size))
     level.convolution.apply(it.p, it.u)
-    _, curvature, square = line_search(level, it, p_old, u_old)
-    return square / curvature if curvature > 0 else level.step
+    arrays = [a.reshape(-1) for a in (it.p, it.u, level.heights, p_old, u_old)]
+    slope, curvature, square = passes.descent_products(*arrays)
+    if curvature <= 0:
+        return level.step
+    t = min(1.0, max(0.0, -slope / curvature))
+    if t < 1:
+        passes.blend(arrays[0], arrays[1], arrays[3], arrays[4], t)
+    return float(square / curvature)

@@ -112,100 +112,80 @@ def cg_direction(d: Any, y: Any, mean: float, beta: float) -> None:
 
 
 @_jit
-def interior_offset(p: Any, u: Any, h: Any, cap: float) -> tuple[float, float, float]:
-    """Over points with 0 < p < cap: the sum of h - u and their number; and the sum of all p."""
+def measure(p: Any, u: Any, h: Any, cap: float) -> tuple[float, int, float, float]:
+    """Over points with 0 < p < cap the sum of h - u and their number; over all, the sums of p
+    and of p (u/2 - h)."""
     total = 0.0
     number = 0
     force = 0.0
+    energy = 0.0
     for i in range(p.size):
         force += p[i]
+        energy += p[i] * (0.5 * u[i] - h[i])
         if p[i] > 0.0 and p[i] < cap:
             total += h[i] - u[i]
             number += 1
-    return total, float(number), force
+    return total, number, force, energy
 
 
 @_jit
 def classify(
-    p: Any, u: Any, h: Any, state: Any, z: float, c: float, cap: float
-) -> tuple[int, int, int, float, float]:
-    """Predict the sets from p - c g, with g = u + z - h.
+    p: Any, u: Any, h: Any, state: Any, z: float, cap: float
+) -> tuple[int, int, int, float]:
+    """The sets to solve on, given the offset z: elastic is what is between its bounds, and what is
+    on a bound where the gap g = u + z - h has the wrong sign.
 
-    Returns the number of changes, of elastic and of plastic points, the largest violation of
-    the conditions on g by the pressure as it stands, and the sum of the pressure that points of
-    the new outer sets are away from their bound.
+    Returns the number of changes, of elastic and of plastic points and the largest violation of
+    the conditions on g.
     """
     changed = 0
     elastic = 0
     plastic = 0
     worst = 0.0
-    away = 0.0
     for i in range(p.size):
         g = u[i] + z - h[i]
-        w = p[i] - c * g
         if p[i] <= 0.0:
-            worst = max(worst, -g)
+            new = 1 if g < 0.0 else 0
+            violation = -g
         elif p[i] >= cap:
-            worst = max(worst, g)
-        else:
-            worst = max(worst, abs(g))
-            w = p[i]
-        if w <= 0.0:
-            new = 0
-            away += p[i]
-        elif w >= cap:
-            new = 2
-            plastic += 1
-            away += cap - p[i]
+            new = 1 if g > 0.0 else 2
+            violation = g
         else:
             new = 1
-            elastic += 1
+            violation = abs(g)
+        worst = max(worst, violation)
+        elastic += new == 1
+        plastic += new == 2
         if new != state[i]:
             state[i] = new
             changed += 1
-    return changed, elastic, plastic, worst, away
+    return changed, elastic, plastic, worst
 
 
 @_jit
 def collect(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by one
-    p: Any, u: Any, h: Any, state: Any, base: int, z: float, cap: float,
-    index: Any, pressure: Any, residual: Any,
-) -> float:  # fmt: skip
-    """List the elastic points with their pressure and h - u - z; put the others on their bound.
-
-    Returns the sum of all pressures.
-    """
+    p: Any,
+    u: Any,
+    h: Any,
+    state: Any,
+    base: int,
+    z: float,
+    index: Any,
+    pressure: Any,
+    residual: Any,
+) -> None:
+    """List the elastic points with their pressure and h - u - z."""
     k = 0
-    force = 0.0
     for i in range(p.size):
         if state[i] == 1:
             index[k] = base + i
             pressure[k] = p[i]
             residual[k] = h[i] - u[i] - z
             k += 1
-        elif state[i] == 0:
-            p[i] = 0.0
-        else:
-            p[i] = cap
-        force += p[i]
-    return force
 
 
 @_jit
-def residual_at(u: Any, h: Any, base: int, index: Any, out: Any) -> float:
-    """out = h - u at the listed points; returns its sum."""
-    total = 0.0
-    for k in range(index.size):
-        i = index[k] - base
-        out[k] = h[i] - u[i]
-        total += out[k]
-    return total
-
-
-@_jit
-def put_clipped(
-    p: Any, base: int, index: Any, pressure: Any, x: Any, cap: float
-) -> tuple[float, float]:
+def put_clipped(p: Any, index: Any, pressure: Any, x: Any, cap: float) -> tuple[float, float]:
     """p = pressure + x at the listed points, moved into [0, cap].
 
     Returns the sum of what is put, and of the weights p (1 - p/cap).
@@ -214,22 +194,18 @@ def put_clipped(
     weight = 0.0
     for k in range(index.size):
         value = min(max(pressure[k] + x[k], 0.0), cap)
-        p[index[k] - base] = value
+        p[index[k]] = value
         total += value
         weight += value * (1.0 - value / cap)
     return total, weight
 
 
 @_jit
-def spread(p: Any, base: int, index: Any, amount: float, cap: float) -> float:
-    """p += amount p (1 - p/cap) at the listed points; returns the sum of what was added."""
-    added = 0.0
+def spread(p: Any, index: Any, amount: float, cap: float) -> None:
+    """p += amount p (1 - p/cap) at the listed points."""
     for k in range(index.size):
-        i = index[k] - base
-        step = amount * p[i] * (1.0 - p[i] / cap)
-        p[i] += step
-        added += step
-    return added
+        i = index[k]
+        p[i] += amount * p[i] * (1.0 - p[i] / cap)
 
 
 @_jit

@@ -24,9 +24,6 @@ from epcontact.errors import InvalidScene, NotConverged
 
 FloatArray = NDArray[np.float64]
 
-# Grids of at most this many points are cheap: there every step is safeguarded from the start.
-_SAFEGUARD_POINTS = 128 * 128
-
 
 @dataclass(frozen=True)
 class PressureSolution:
@@ -54,8 +51,7 @@ class Options:
     tolerance: float = 1e-8
     area_tolerance: float = 0.0
     threads: int = 1
-    max_steps: int = 60
-    max_safeguarded_steps: int = 1000
+    max_steps: int = 500
     coarse: bool = True
     progress: Callable[[str], None] | None = field(default=None, compare=False)
 
@@ -96,8 +92,8 @@ def solve_symbol(
             guess = _coarse_guess(run, heights, options)
         level = run.level(heights)
         first = np.ones(heights.shape) if start is None else start / mean_pressure
-        p = project(level, first if guess is None else guess)
-        it, counts = solve_level(level, p, _goal(options, heights.size))
+        p = project(first if guess is None else guess, cap, float(heights.size))
+        it, counts = solve_level(level, p, _goal(options))
         return _solution(run, level, it, counts, options)
 
 
@@ -112,7 +108,6 @@ class _Run:
     workers: Workers
     coarse_pairs: float = 0.0
     levels: int = 0
-    safeguarded: int = 0
 
     @property
     def points(self) -> int:
@@ -126,15 +121,8 @@ class _Run:
         return make_level(heights, conv, self.cap, self.scale)
 
 
-def _goal(options: Options, points: int) -> Goal:
-    return Goal(
-        options.tolerance,
-        options.area_tolerance,
-        options.max_steps,
-        options.max_safeguarded_steps,
-        points <= _SAFEGUARD_POINTS,
-        options.progress,
-    )
+def _goal(options: Options) -> Goal:
+    return Goal(options.tolerance, options.area_tolerance, options.max_steps, options.progress)
 
 
 def _coarse_guess(run: _Run, heights: FloatArray, options: Options) -> FloatArray | None:
@@ -146,13 +134,10 @@ def _coarse_guess(run: _Run, heights: FloatArray, options: Options) -> FloatArra
     coarse = coarsened_heights(heights, below, run.workers.threads)
     guess = _coarse_guess(run, coarse, options)
     level = run.level(coarse)
-    p = project(level, np.ones(below) if guess is None else guess)
-    goal = replace(
-        _goal(options, coarse.size), tolerance=max(1e-4, options.tolerance), area_tolerance=1e-2
-    )
-    it, counts = solve_level(level, p, goal)
+    p = project(np.ones(below) if guess is None else guess, run.cap, float(coarse.size))
+    goal = replace(_goal(options), tolerance=max(1e-4, options.tolerance), area_tolerance=1e-2)
+    it, _ = solve_level(level, p, goal)
     run.coarse_pairs += level.convolution.pairs * coarse.size / run.points
-    run.safeguarded += counts.gradient
     w = it.p - level.step * (it.u + it.z - coarse)
     return interpolated(w, shape, run.workers)
 
@@ -171,10 +156,10 @@ def _solution(
             history,
         )
     notes: tuple[str, ...] = ()
-    if counts.safeguarded and it.p.size > _SAFEGUARD_POINTS:
+    if counts.cut:
         notes = (
-            "Newton's method stopped converging; steps that decrease the energy took over "
-            f"({counts.gradient} projected gradient steps among them).",
+            f"{counts.cut} of {counts.newton} Newton steps would have raised the energy and were "
+            f"cut short; {counts.gradient} projected gradient steps followed them.",
         )
     pairs = level.convolution.pairs
     numbers = {
