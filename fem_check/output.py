@@ -2,7 +2,7 @@
 
 Points carry displacement (m), the equivalent plastic strain and the nodal stress (means of the
 Gauss points around a node, volume-weighted), its von Mises norm, contact_pressure, gap and state
-of the top; points below the top hold zero pressure, NaN gap and state 0.  Cells carry the means over an
+of the top; points below hold zero pressure, NaN gap and state 0.  Cells carry the means over an
 element.  Coordinates are those of the deformed rough body: the roughness of a gap geometry is put
 on top here, shifted through the layers as the moved geometry would.  A file appears whole or not
 at all.
@@ -66,11 +66,13 @@ def write_step(
 
 
 def write_collection(folder: Path, mean_pressures: Sequence[float]) -> Path:
-    """Writes path.pvd over the steps, the mean pressure (Pa) standing as time."""
+    """Writes path.pvd over the steps.  Time is the step's number, for a path may unload; the mean
+    pressure (Pa) stands in each step's `name`."""
     lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "<Collection>"]
     for number, pressure in enumerate(mean_pressures):
         lines.append(
-            f'<DataSet timestep="{pressure!r}" part="0" file={quoteattr(step_name(number))}/>'
+            f'<DataSet timestep="{number}" part="0" name="mean pressure {float(pressure)!r} Pa" '
+            f"file={quoteattr(step_name(number))}/>"
         )
     text = "\n".join([*lines, "</Collection>", "</VTKFile>", ""])
     target = folder / "path.pvd"
