@@ -2,8 +2,9 @@
 
 `solve` answers a scene.  Underneath: `elastoplastic` (areas and pressure distribution in closed
 form), `reduction` (the energy reduction S), `roughness` (what is read of a spectrum), `curves`
-(columns against magnification and pressure), `tables` (what the reduction does) and
-`separation` (mean gap and elastic energy).
+(columns against magnification and pressure), `tables` (what the reduction does),
+`separation` (mean gap and elastic energy) and `hardness` (a hardness that depends on the
+magnification, by `moving_wall`).
 """
 
 from epcontact.persson.curves import (
@@ -20,6 +21,7 @@ from epcontact.persson.elastoplastic import (
     pressure_cumulative,
     pressure_density,
 )
+from epcontact.persson.hardness import HardnessCurve, hardness_curve
 from epcontact.persson.reduction import (
     PUBLISHED,
     EnergyReduction,
@@ -51,6 +53,7 @@ __all__ = [
     "PUBLISHED",
     "ContactAreas",
     "EnergyReduction",
+    "HardnessCurve",
     "MagnificationCurve",
     "PressureCurve",
     "ReductionRow",
@@ -63,6 +66,7 @@ __all__ = [
     "elastic_force",
     "flattened_roughness",
     "gamma_columns",
+    "hardness_curve",
     "magnification_curve",
     "mean_separation",
     "pressure_at_separation",
