@@ -18,7 +18,6 @@ from typing import Any
 from pydantic import ValidationError
 
 from epcontact import surfaces
-from epcontact.closed_forms import CLOSED_FORMS
 from epcontact.compare import Gate
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.scene import (
@@ -273,15 +272,21 @@ def _gates(path: Path, table: CaseFile, size: str) -> tuple[Gate, ...]:
                 raise InvalidCase(
                     f"{where} reads {method}, which case.methods does not name; add it there"
                 )
-        named = isinstance(gate.against, str) and gate.against not in METHODS
-        if named and gate.against not in CLOSED_FORMS:
-            raise InvalidCase(
-                f"{where} has against = {gate.against!r}, which is neither a method nor a "
-                f"closed form{_nearest(str(gate.against), CLOSED_FORMS)}"
-            )
+        if isinstance(gate.against, str) and gate.against not in METHODS:
+            _require_closed_form(where, gate.against)
         if gate.sizes is None or size in gate.sizes:
             gates.append(_gate(gate))
     return tuple(gates)
+
+
+def _require_closed_form(where: str, name: str) -> None:
+    from epcontact.closed_forms import CLOSED_FORMS
+
+    if name not in CLOSED_FORMS:
+        raise InvalidCase(
+            f"{where} has against = {name!r}, which is neither a method nor a closed "
+            f"form{_nearest(name, CLOSED_FORMS)}"
+        )
 
 
 def _gate(table: GateTable) -> Gate:

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from epcontact.errors import InvalidCase
 from epcontact.results import ContactResult, PressureDistribution
@@ -100,7 +100,7 @@ def estimate(values: Sequence[float]) -> Estimate:
     if array.size == 1:
         return Estimate(float(array[0]), 0.0, 0.0, (float(array[0]),))
     deviation = float(array.std(ddof=1))
-    factor = float(student.ppf(0.5 + CONFIDENCE / 2, array.size - 1))
+    factor = float(stdtrit(array.size - 1, 0.5 + CONFIDENCE / 2))
     half_width = factor * deviation / math.sqrt(array.size)
     return Estimate(float(array.mean()), half_width, deviation, tuple(map(float, array)))
 

@@ -132,7 +132,7 @@ class Surface:
     @property
     def fingerprint(self) -> str:
         """What identifies the heights: their recipe, or the hash of their bytes."""
-        return self.recipe or hashlib.sha256(self.heights.tobytes()).hexdigest()
+        return self.recipe or hashlib.sha256(self.heights.data).hexdigest()
 
 
 @dataclass(frozen=True)

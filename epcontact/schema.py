@@ -49,7 +49,7 @@ class SelfAffineTable(Table):
     wavenumber_high: float = Field(description="rad/m; no roughness above")
     rms_slope: float = Field(description="m/m; exact on the grid")
     points_per_shortest_wavelength: int | None = Field(
-        default=None, ge=2, description="grid points per 2 pi / wavenumber_high; or give shape"
+        default=None, ge=3, description="grid points per 2 pi / wavenumber_high; or give shape"
     )
     shape: list[int] | None = Field(default=None, description="grid points [nx, ny], or [nx]")
     seeds: list[Annotated[int, Field(ge=0)]] = Field(
