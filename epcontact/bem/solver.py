@@ -85,16 +85,31 @@ def solve_symbol(
     Raises NotConverged.
     """
     cap = hardness / mean_pressure
+    heights, datum = _lowered(heights)
     with Workers(options.threads) as workers:
         run = _Run(symbol, mean_pressure, cap, gap_scale(heights, symbol, mean_pressure), workers)
         guess = None
         if start is None and options.coarse:
             guess = _coarse_guess(run, heights, options)
         level = run.level(heights)
-        first = np.ones(heights.shape) if start is None else start / mean_pressure
-        p = project(first if guess is None else guess, cap, float(heights.size))
+        if start is not None:
+            # No point can carry more than all of the load: beyond that, digits would be lost.
+            guess = np.clip(start / mean_pressure, 0.0, min(cap, heights.size))
+        p = project(np.ones(heights.shape) if guess is None else guess, cap, float(heights.size))
         it, counts = solve_level(level, p, _goal(options))
-        return _solution(run, level, it, counts, options)
+        solution = _solution(run, level, it, counts, options)
+        return replace(solution, offset=solution.offset + datum)
+
+
+def _lowered(heights: FloatArray) -> tuple[FloatArray, float]:
+    """Heights measured from a datum among them where they lie far from zero, and the datum.
+
+    A gap is the difference of heights: a common part would cost it digits.
+    """
+    datum = float(heights[0, 0])
+    if abs(datum) <= 10 * float(np.ptp(heights)):
+        return heights, 0.0
+    return heights - datum, datum
 
 
 @dataclass
