@@ -23,8 +23,6 @@ from epcontact import casefile
 from epcontact.casefile import Case
 from epcontact.errors import EpcontactError
 
-STYLES = {"holds": "green", "falls short": "bold red", "error": "bold red", "skipped": "yellow"}
-
 
 class _Refusal(EpcontactError):
     """What the command line itself refuses."""
@@ -120,7 +118,9 @@ def run(
     fields: str,
 ) -> None:
     """Solve one case and write its results and fields; no gate is judged."""
+    from epcontact.pictures import write_pictures
     from epcontact.run import Plan, run_cases
+    from epcontact.tables import answers_table
 
     loaded = casefile.load_case(casefile.find_case(case), size)
     absent = [m for m in methods if m not in loaded.methods]
@@ -134,10 +134,12 @@ def run(
     chosen = {loaded.id: methods or loaded.methods}
     with _progress([loaded], chosen, plan) as progress:
         answers = run_cases([loaded], chosen, plan, progress)[loaded.id]
-    _console().print(_answers_table(answers))
+    _console().print(answers_table(answers))
     errors = [sentence for answer in answers.values() for sentence in answer.errors]
     if errors:
         raise _Refusal(f"{loaded.id}: {'; '.join(errors)}")
+    if fields != "none":
+        write_pictures(loaded, answers, output / loaded.id)
     click.echo(f"results in {output / loaded.id}")
 
 
@@ -161,6 +163,7 @@ def verify(
     Writes verdict.json and junit.xml into the output folder.
     """
     from epcontact.run import Plan, run_cases
+    from epcontact.tables import STYLES, print_shortfalls, verdict_table
     from epcontact.verify import exit_code, judge_case, write_verdict
 
     loaded = _cases_to_verify(cases, size)
@@ -171,13 +174,65 @@ def verify(
     outcomes = [judge_case(case, answers[case.id]) for case in loaded]
     write_verdict(outcomes, size, output)
     console = _console()
-    console.print(_verdict_table(outcomes))
+    console.print(verdict_table(outcomes))
     for outcome in outcomes:
-        _print_shortfalls(console, outcome)
+        print_shortfalls(console, outcome)
     counts = [sum(o.status == s for o in outcomes) for s in STYLES]
     summary = ", ".join(f"{n} {s}" for n, s in zip(counts, STYLES, strict=True) if n)
     console.print(f"{len(outcomes)} cases: {summary}; verdict in {output / 'verdict.json'}")
     sys.exit(exit_code(outcomes))
+
+
+@cli.command()
+@click.argument("result", type=click.Path(path_type=Path))
+@click.option(
+    "--screenshot",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Draw to this PNG instead of a window.",
+)
+@click.option(
+    "--map",
+    "contact_map",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Draw contact state and pressure in the plane: a .png, or by a name without ending a "
+    "picture, its data and a caption.",
+)
+@click.option(
+    "--against",
+    type=click.Path(path_type=Path),
+    help="Draw this result's pressure beside it, with the difference (with --screenshot).",
+)
+@click.option(
+    "--film",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Draw the load steps of a .pvd as a film: .gif, or .mp4 with imageio-ffmpeg.",
+)
+@click.option("--factor", type=float, default=None, help="Stretch the deformation by this.")
+def view(
+    result: Path,
+    screenshot: Path | None,
+    contact_map: Path | None,
+    against: Path | None,
+    film: Path | None,
+    factor: float | None,
+) -> None:
+    """Show the fields of a result (.vti, .vtu, .pvd, or a method's .json) in three dimensions."""
+    from epcontact.output import view as viewing
+
+    if contact_map is not None:
+        from epcontact.pictures import save_map
+
+        save_map(viewing.find_result(result), contact_map)
+    if film is not None:
+        viewing.animate([result], film, factor=factor)
+    if against is not None:
+        if screenshot is None:
+            raise click.UsageError("--against draws to a file; give --screenshot too")
+        viewing.compare(result, against, screenshot)
+    elif screenshot is not None:
+        viewing.screenshot(result, screenshot, factor=factor)
+    elif contact_map is None and film is None:
+        viewing.show(result, factor=factor)
 
 
 def _cases_to_verify(names: Sequence[str], size: str) -> list[Case]:
@@ -224,78 +279,6 @@ def _progress(cases: Sequence[Case], methods: Any, plan: Any) -> Iterator[Any]:
                 click.echo(f"[{done}/{total}] {what}{note}", err=True)
 
         yield advance
-
-
-def _answers_table(answers: Any) -> Table:
-    from epcontact.compare import estimate
-
-    table = Table(box=None, pad_edge=False)
-    headings = ("method", "areas", "total", "elastic", "plastic", "surfaces", "reused")
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading in ("method", "areas") else "right")
-    for method, answer in answers.items():
-        for kind in ("raw", "corrected"):
-            if not answer.results or kind not in answer.results[0].final.areas:
-                continue
-            parts = [
-                _figure(estimate([getattr(r.final.areas[kind], p) for r in answer.results]))
-                for p in ("total", "elastic", "plastic")
-            ]
-            table.add_row(method, kind, *parts, str(len(answer.results)), str(answer.reused))
-    return table
-
-
-def _verdict_table(outcomes: Any) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for heading in ("case", "quantity", "of", "against", "value", "reference"):
-        table.add_column(heading, overflow="fold")
-    table.add_column("difference", justify="right")
-    table.add_column("band", justify="right", no_wrap=True)
-    table.add_column("verdict", no_wrap=True)
-    for outcome in outcomes:
-        if outcome.case.skip:
-            table.add_row(outcome.case.id, *[""] * 7, f"[{STYLES['skipped']}]skipped[/]")
-        name = outcome.case.id
-        for gate in outcome.gates:
-            table.add_row(name, *_gate_row(gate))
-            name = ""
-    return table
-
-
-def _gate_row(outcome: Any) -> tuple[str, ...]:
-    gate, verdict = outcome.gate, outcome.verdict
-    against = gate.against if isinstance(gate.against, str) else "number"
-    status = f"[{STYLES[outcome.status]}]{outcome.status}[/]"
-    if verdict is None:
-        return (gate.quantity, gate.of, against, "", "", "", "", status)
-    percent = gate.norm == "relative" and max(abs(gate.low), abs(gate.high)) >= 1e-4
-
-    def show(x: float) -> str:
-        return f"{100 * x:+.2f} %" if percent else f"{x:+.2e}"
-
-    difference = show(verdict.difference.mean)
-    if verdict.difference.half_width:
-        difference += f" ± {show(verdict.difference.half_width).lstrip('+')}"
-    symmetric = gate.low == -gate.high
-    band = f"± {show(gate.high)[1:]}" if symmetric else f"{show(gate.low)} … {show(gate.high)}"
-    values = (_figure(verdict.value), _figure(verdict.reference))
-    return (gate.quantity, gate.of, against, *values, difference, band, status)
-
-
-def _figure(estimate: Any) -> str:
-    if not estimate.half_width:
-        return f"{estimate.mean:.5g}"
-    return f"{estimate.mean:.5g} ± {estimate.half_width:.1g}"
-
-
-def _print_shortfalls(console: Console, outcome: Any) -> None:
-    from epcontact.verify import describe
-
-    if outcome.case.skip:
-        console.print(f"{outcome.case.id}: {outcome.case.skip}", markup=False)
-    for gate in outcome.gates:
-        if gate.status != "holds":
-            console.print(f"{outcome.case.id}: {describe(gate)}", markup=False)
 
 
 def main() -> None:

@@ -1,0 +1,129 @@
+"""What `epcontact run` draws of a case: the theory's curves and the methods' distributions.
+
+    persson-magnification   areas against magnification, with the areas another method found
+    persson-pressure        P(sigma) of the theory as a table
+    pressure-distribution   P(sigma) of every method on one axis
+
+Each is a picture (.png, .svg), its data (.csv, .json) and a caption (.txt).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.casefile import Case
+from epcontact.output.files import write_bytes, write_json
+from epcontact.run import Answer
+
+FloatArray = NDArray[np.float64]
+
+
+def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> list[Path]:
+    """Draw what the answers allow into `folder`; returns the files written.
+
+    Raises OutputError.
+    """
+    written: list[Path] = []
+    for name, chart in _charts(case, answers).items():
+        written += chart.save(folder / name)
+    if answers.get("persson", Answer()).results:
+        for name, curve in _theory_curves(case).items():
+            path = folder / f"persson-{name}.json"
+            write_json(path, {key: list(column) for key, column in curve.columns().items()})
+            written.append(path)
+    return written
+
+
+def _theory_curves(case: Case) -> dict[str, Any]:
+    from epcontact import persson
+
+    scene, options = case.scene(case.recipes[0]), case.options["persson"]
+    return {
+        "magnification": persson.scene_magnification_curve(scene, **options),
+        "pressure": persson.scene_pressure_curve(scene, **options),
+    }
+
+
+def _charts(case: Case, answers: Mapping[str, Answer]) -> dict[str, Any]:
+    from epcontact.output.charts import areas_against_magnification, pressure_distribution
+    from epcontact.output.figures import Series
+
+    charts: dict[str, Any] = {}
+    series, plastic = [], {}
+    found = {m: a for m, a in answers.items() if a.results and a.results[0].distribution}
+    if "persson" in found:
+        curves = _theory_curves(case)
+        areas, pressure = curves["magnification"], curves["pressure"]
+        zeta = areas.magnification
+        parts = {"total": areas.total, "elastic": areas.elastic, "plastic": areas.plastic}
+        gamma = case.options["persson"]["energy_reduction"]
+        charts["persson-magnification"] = areas_against_magnification(
+            [Series(name, zeta, area) for name, area in parts.items() if np.any(area > 0)],
+            points=_mean_areas(found),
+            caption=f"{case.id}: areas against magnification by Persson's theory, "
+            f"gamma = {gamma:g}; points: the boundary elements, in the continuum limit.",
+        )
+        series.append(Series("persson", pressure.pressure, pressure.density, line=True))
+        plastic["persson"] = pressure.plastic
+    for method in [m for m in found if m != "persson"]:
+        sigma, density = _mean_density(found[method])
+        series.append(Series(method, sigma, density))
+        plastic[method] = float(np.mean([_plastic(r) for r in found[method].results]))
+    if series:
+        charts["pressure-distribution"] = pressure_distribution(
+            series,
+            mean_pressure=case.load.final,
+            hardness=case.material.hardness,
+            plastic=plastic,
+        )
+    return charts
+
+
+def _plastic(result: Any) -> float:
+    return float(result.distribution.plastic)
+
+
+def _mean_areas(found: Mapping[str, Answer]) -> dict[str, float]:
+    if "bem" not in found:
+        return {}
+    results = found["bem"].results
+    parts = ("total", "elastic", "plastic")
+    means = {p: [getattr(r.final.areas["corrected"], p) for r in results] for p in parts}
+    return {f"{p}, bem": float(np.mean(v)) for p, v in means.items() if np.any(np.array(v) > 0)}
+
+
+def _mean_density(answer: Answer, bins: int = 60) -> tuple[FloatArray, FloatArray]:
+    """P(sigma) averaged over the surfaces, in common bins."""
+    tables = [r.distribution for r in answer.results if r.distribution is not None]
+    edges = np.linspace(0, max(t.pressure[-1] for t in tables), bins + 1)
+    cumulative = np.mean([np.interp(edges, t.pressure, t.cumulative) for t in tables], axis=0)
+    return 0.5 * (edges[1:] + edges[:-1]), np.diff(cumulative) / np.diff(edges)
+
+
+def save_map(source: Path, target: Path) -> None:
+    """Draw contact state and pressure of a .vti file to `target`: PNG alone, if it ends so.
+
+    Raises OutputError.
+    """
+    chart = _map_of_file(source)
+    if target.suffix == ".png":
+        write_bytes(target, chart.png())
+    else:
+        chart.save(target)
+
+
+def _map_of_file(path: Path) -> Any:
+    from epcontact.output.maps import contact_map, contact_profile
+    from epcontact.output.vtk import read_fields
+
+    file = read_fields(path)
+    state, pressure = file.fields["state"], file.fields["pressure"]
+    hardness = float(file.attributes.get("hardness", np.inf))
+    if state.ndim == 1:
+        return contact_profile(state, pressure, file.fields["gap"], file.spacing)
+    return contact_map(state, pressure, file.spacing, hardness=hardness)
