@@ -94,7 +94,7 @@ def circular_punch(
                   math.sin(SLICE) * math.cos(SLICE))  # fmt: skip
 
 
-def _punch(  # noqa: PLR0913, PLR0917
+def _punch(
     body: SmallBody,
     grid: FloatArray,
     elements: int,

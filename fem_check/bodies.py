@@ -6,13 +6,13 @@ axisymmetric or plane-strain body one slice of bricks whose faces stay in their 
 subtend a small angle; the flat facets err by its square.
 
 `push` prescribes some of the unknowns step by step and returns the forces this takes, by Newton's
-method with the consistent tangent, blended with a tenth of the relative residual of the elastic stiffness,
-and a sparse direct solver.
+method with the consistent tangent, blended with the elastic stiffness by a tenth of the relative
+residual, and a sparse direct solver.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,7 +123,7 @@ def push(
     body: SmallBody,
     law: Law,
     pushed: NDArray[np.integer],
-    path: Sequence[float],
+    path: Iterable[float],
     *,
     tolerance: float = 1e-9,
     max_newton: int = 40,

@@ -26,9 +26,10 @@ from epcontact.errors import InvalidScene
 from epcontact.scene import Scene
 from fem_check.element import CORNERS, Elements, FloatArray, elements
 
-#: Ratio of neighbouring layers. Halving every layer changes no compliance by more than the
-#: lateral grid does (tests/test_fem_mesh.py).
-GROWTH = 1.12
+#: Ratio of neighbouring layers.  Against equal layers as thin as the first, no wave's compliance
+#: changes by more than 0.7 % (tests/test_fem_mesh.py); on a rough J2 scene of 64 x 64 nodes,
+#: going from 1.08 to 1.2 changed the pressure quantiles by 0.2 % and no node's contact.
+GROWTH = 1.2
 
 
 @dataclass(frozen=True)
