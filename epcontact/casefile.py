@@ -79,9 +79,13 @@ class Case:
 
 
 def find_cases() -> list[Path]:
-    """The case files in ./cases or, where there are none, those shipped with the package."""
-    local = sorted(Path("cases").glob("*.toml"))
-    return local or sorted(Path(str(files("epcontact") / "_cases")).glob("*.toml"))
+    """The case files in ./cases or, where there are none, those that came with the package."""
+    package = Path(str(files("epcontact")))
+    # An editable install has the cases beside the package, a wheel inside it.
+    for folder in (Path("cases"), package / "_cases", package.parent / "cases"):
+        if found := sorted(folder.glob("*.toml")):
+            return found
+    return []
 
 
 def find_case(name: str) -> Path:

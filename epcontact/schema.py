@@ -161,6 +161,9 @@ class TheoryTable(Table):
     """[theory]: what Persson's theory needs beside the scene."""
 
     energy_reduction: float = Field(gt=0, le=1, description="gamma, elastic energy reduction")
+    reduction: Literal["constant", "persson", "wang_muser", "xu"] = Field(
+        default="constant", description="how gamma turns into S(q) as the contact fills"
+    )
     spectrum: Literal["analytic", "surface"] = Field(
         default="analytic", description="the spectrum drawn from, or each surface's own"
     )

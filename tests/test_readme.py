@@ -1,0 +1,98 @@
+"""Every command and code block of the README runs."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
+
+
+def blocks(language: str) -> list[str]:
+    return [text for found, text in BLOCKS if found == language]
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory) -> Path:
+    """A folder with the case file and the solver that the README shows."""
+    folder = tmp_path_factory.mktemp("readme")
+    (case,) = blocks("toml")
+    (folder / "my-surface.toml").write_text(case)
+    (solver,) = [text for text in blocks("python") if text.startswith("# my_solver.py")]
+    (folder / "my_solver.py").write_text(solver)
+    return folder
+
+
+def run(command: list[str], folder: Path, timeout: float = 280) -> str:
+    scripts = str(Path(sys.executable).parent)
+    environment = os.environ | {"PATH": scripts + os.pathsep + os.environ["PATH"]}
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True,
+        timeout=timeout, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, (command, done.stdout[-2000:], done.stderr[-2000:])
+    return done.stdout
+
+
+def test_every_block_is_of_a_kind_that_is_tested() -> None:
+    assert {language for language, _ in BLOCKS} == {"bash", "python", "toml", "yaml"}
+
+
+def test_readme_names_every_command() -> None:
+    from epcontact.cli import cli
+
+    text = (ROOT / "README.md").read_text()
+    assert [c for c in cli.commands if f"`epcontact {c}" not in text] == []
+
+
+@pytest.mark.slow
+def test_main_job_from_a_clean_checkout(tmp_path) -> None:
+    """The first command, to the letter, in a copy of what git tracks."""
+    tracked = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split("\0")
+    for name in filter(None, tracked):
+        if (ROOT / name).exists():
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, tmp_path / name)
+    main_job, tests = blocks("bash")[:2]
+    assert "pytest" in tests  # not run here: it would run itself
+    out = run(["bash", "-ec", main_job], tmp_path, timeout=580)
+    assert "falls short" not in out
+    assert (tmp_path / "results" / "verdict.json").exists()
+
+
+@pytest.mark.slow
+def test_commands_then_the_code_that_reads_their_results(home) -> None:
+    for text in blocks("bash")[2:]:
+        run(["bash", "-ec", text], home)
+    assert (home / "contact.png").stat().st_size > 10_000
+    (reader,) = [text for text in blocks("python") if "pyvista" in text]
+    assert "pressure" in run([sys.executable, "-c", reader], home)
+
+
+def test_ten_lines_of_python(home) -> None:
+    first = blocks("python")[0]
+    assert len([line for line in first.splitlines() if line]) <= 10
+    assert run([sys.executable, "-c", first], home).count("Areas(") == 2
+
+
+def test_solver_and_case_of_the_readers_own(home) -> None:
+    (yaml,) = blocks("yaml")
+    verify = yaml.split("&&")[1]
+    run(["bash", "-ec", verify], home)
+    assert (home / "verdict" / "junit.xml").exists()
+
+
+def test_conftest_collects_gates(home) -> None:
+    (conftest,) = [text for text in blocks("python") if "pytest_cases" in text]
+    (home / "conftest.py").write_text(conftest)
+    out = run([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "."], home)
+    assert "1 passed" in out
