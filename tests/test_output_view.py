@@ -16,7 +16,7 @@ from PIL import Image
 from epcontact.errors import OutputError
 from epcontact.output import render, view
 from epcontact.output.pvd import Step, read_pvd, write_pvd
-from epcontact.output.scenes import round_factor
+from epcontact.output.staging import round_factor
 from epcontact.output.vtk import write_image
 
 YELLOW, BLACK = (240, 196, 25), (0, 0, 0)

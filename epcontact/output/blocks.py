@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from epcontact.errors import OutputError
+from epcontact.output.staging import bar, frame_view, round_factor
 from epcontact.output.style import STRESS_MAP, unit_for
 
 #: Of the block's width, the largest displacement that is shown when no factor is given.
@@ -69,8 +70,6 @@ def joint_limits(limits: Sequence[Limits]) -> Limits:
 
 def shape_factor(blocks: Sequence[Block]) -> float:
     """A round factor of the displacement that shows the deformed shape."""
-    from epcontact.output.scenes import round_factor
-
     largest, width = 0.0, 0.0
     for block in blocks:
         x0, x1, y0, y1, *_ = block.mesh.bounds
@@ -83,8 +82,6 @@ def shape_factor(blocks: Sequence[Block]) -> float:
 
 def draw_block(plotter: Any, block: Block, factor: float, limits: Limits) -> None:
     """Both halves of the plotter: von Mises stress on the left, plastic strain on the right."""
-    from epcontact.output.scenes import frame_view
-
     mesh = _opened(block.mesh)
     if block.displacement:
         mesh = mesh.warp_by_vector(block.displacement, factor=factor - 1.0)
@@ -126,8 +123,6 @@ def _opened(mesh: Any) -> Any:
 def _panel(
     plotter: Any, mesh: Any, name: str, scale: tuple[float, float], title: str, colours: str
 ) -> None:
-    from epcontact.output.scenes import bar
-
     if not name:
         plotter.add_mesh(mesh, color="#d9d9d9")
         plotter.add_text(f"no {title.partition(' (')[0]} in the file", font_size=11, color="black")

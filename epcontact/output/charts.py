@@ -6,6 +6,7 @@ CSV and caption by its `save`.  A chart without a single point to draw is a Valu
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -29,14 +30,15 @@ FloatArray = NDArray[np.float64]
 
 
 def pressure_density(
-    distribution: PressureDistribution, bins: int = 60
+    distribution: PressureDistribution, bins: int = 60, largest: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """The density P(sigma) of the elastic contact, (bins,) pressures in Pa and values in 1/Pa.
 
-    The mean density in `bins` intervals of one width, from 0 to the largest pressure: differences
-    of the cumulative areas, so that their sum is the elastic area exactly.
+    The mean density in `bins` intervals of one width, from 0 to the largest pressure (or to
+    `largest`, to give several distributions the same intervals): differences of the cumulative
+    areas, so that their sum is the elastic area exactly.
     """
-    edges = np.linspace(0.0, distribution.pressure[-1], bins + 1)
+    edges = np.linspace(0.0, largest or distribution.pressure[-1], bins + 1)
     pressure = np.concatenate([[0.0], distribution.pressure])
     cumulative = np.concatenate([[0.0], distribution.cumulative])
     area = np.interp(edges, pressure, cumulative)
@@ -276,4 +278,6 @@ def _state_colours(names: Sequence[str]) -> dict[str, str]:
         "elastic": STATE_COLOURS[ELASTIC],
         "plastic": STATE_COLOURS[PLASTIC],
     }
-    return {n: colour for n in names for word, colour in words.items() if word in n.split()}
+    return {
+        n: colour for n in names for word, colour in words.items() if word in re.findall(r"\w+", n)
+    }

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from epcontact.errors import OutputError
 from epcontact.output.render import MARK
+from epcontact.output.staging import bar, finish, frame_view, new_plotter, round_factor
 from epcontact.output.style import (
     DIFFERENCE_MAP,
     PRESSURE_MAP,
@@ -53,15 +54,15 @@ def probe(_: dict[str, Any]) -> None:
 
 def surface(task: dict[str, Any]) -> None:
     """The contact of one .vti; the picture, or a window where no picture is asked for."""
-    plotter = _plotter(task, (1, 2))
+    plotter = new_plotter(task, (1, 2))
     read = read_fields(task["source"])
     _draw_surface(plotter, read, task["factor"] or _relief_factor([read]), _top_of([read]))
-    _finish(plotter, task)
+    finish(plotter, task)
 
 
 def compare(task: dict[str, Any]) -> None:
     """Two pressures and their difference, from above."""
-    plotter = _plotter(task, (1, 3))
+    plotter = new_plotter(task, (1, 3))
     files = [_strided(read_fields(source)) for source in task["sources"]]
     pressures = [np.asarray(_field(f, "pressure"), dtype=np.float64) for f in files]
     scale, unit = unit_for(max(float(p.max()) for p in pressures), "Pa")
@@ -76,17 +77,17 @@ def compare(task: dict[str, Any]) -> None:
     bound = most / scale or 1.0
     title = f"{task['names'][0]} minus {task['names'][1]} ({unit})"
     _flat(plotter, files[0], difference / scale, (-bound, bound), DIFFERENCE_MAP, title)
-    _finish(plotter, task)
+    finish(plotter, task)
 
 
 def block(task: dict[str, Any]) -> None:
     """A finite-element block, cut open."""
     from epcontact.output.blocks import draw_block, read_block, shape_factor
 
-    plotter = _plotter(task, (1, 2))
+    plotter = new_plotter(task, (1, 2))
     read = read_block(task["source"])
     draw_block(plotter, read, task["factor"] or shape_factor([read]), read.limits)
-    _finish(plotter, task)
+    finish(plotter, task)
 
 
 def animate(task: dict[str, Any]) -> None:
@@ -112,7 +113,7 @@ def animate(task: dict[str, Any]) -> None:
 
     frames = []
     for source in sources:
-        plotter = _plotter({**task, "picture": "frame"}, (1, 2))
+        plotter = new_plotter({**task, "picture": "frame"}, (1, 2))
         draw(plotter, source)
         frames.append(np.asarray(plotter.screenshot(None, return_img=True)))
         plotter.close()
@@ -190,16 +191,6 @@ def _look_down(plotter: Any, mesh: Any) -> None:
     )
 
 
-def frame_view(plotter: Any, bounds: Any, towards: Sequence[float], zoom: float) -> None:
-    """Look at the middle of `bounds` from the direction `towards`, with room for a bar below."""
-    low, high = np.asarray(bounds[0::2]), np.asarray(bounds[1::2])
-    middle = (low + high) / 2
-    plotter.camera_position = [tuple(middle + np.asarray(towards)), tuple(middle), (0, 0, 1)]
-    plotter.reset_camera(bounds=bounds)
-    plotter.camera.zoom(zoom)
-    plotter.camera.SetWindowCenter(0.0, -0.1)
-
-
 def _flat(
     plotter: Any,
     read: FieldFile,
@@ -236,22 +227,6 @@ def _flat(
     plotter.camera.zoom(1.2)
 
 
-def bar(title: str, *, wide: bool = False) -> dict[str, Any]:
-    """Settings of a colour bar below the picture."""
-    return {
-        "title": title + "\n",
-        "color": "black",
-        "n_labels": 4,
-        "fmt": "%.3g",
-        "title_font_size": 18,
-        "label_font_size": 15,
-        "width": 0.7 if wide else 0.5,
-        "height": 0.07,
-        "position_x": 0.15 if wide else 0.25,
-        "position_y": 0.02,
-    }
-
-
 def _strided(read: FieldFile) -> FieldFile:
     step = max(1, -(-max(read.shape) // POINTS))
     if step == 1:
@@ -268,14 +243,6 @@ def _relief_factor(files: Sequence[FieldFile]) -> float:
     return round_factor(RELIEF * max(files[0].periods) / depth) if depth > 0 else 1.0
 
 
-def round_factor(value: float) -> float:
-    """`value` rounded down to 1, 2 or 5 times a power of ten; 1 between 0.7 and 2."""
-    if not np.isfinite(value) or value <= 0 or 0.7 <= value < 2:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(power * max(m for m in (1, 2, 5) if m * power <= value * (1 + 1e-12)))
-
-
 def _top_of(files: Sequence[FieldFile]) -> float:
     """The upper end of the pressure scale: the hardness where the files know a finite one."""
     tops = []
@@ -290,24 +257,6 @@ def _field(read: FieldFile, name: str) -> NDArray[Any]:
     if name not in read.fields:
         raise OutputError(f"the file holds no field {name}, only {', '.join(sorted(read.fields))}")
     return read.fields[name]
-
-
-def _plotter(task: dict[str, Any], shape: tuple[int, int]) -> Any:
-    import pyvista as pv
-
-    off_screen = task["picture"] is not None
-    plotter = pv.Plotter(off_screen=off_screen, window_size=task["size"], shape=shape, border=False)
-    plotter.set_background("white", all_renderers=True)
-    return plotter
-
-
-def _finish(plotter: Any, task: dict[str, Any]) -> None:
-    if task["picture"] is None:
-        plotter.link_views()
-        plotter.show(title="epcontact")
-    else:
-        plotter.screenshot(task["picture"])
-        plotter.close()
 
 
 SCENES: dict[str, Callable[[dict[str, Any]], None]] = {

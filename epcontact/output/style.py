@@ -81,7 +81,8 @@ def series_looks(names: Sequence[str], lines: Sequence[bool]) -> list[dict[str, 
     dashes.
     """
     own = [METHOD_COLOURS.get(name.split(" ")[0].rstrip(",:")) for name in names]
-    rest = itertools.cycle([c for c in CYCLE if c not in own] or CYCLE)
+    taken = METHOD_COLOURS.values() if any(own) else ()
+    rest = itertools.cycle([c for c in CYCLE if c not in taken])
     dashes, marks = itertools.cycle(DASHES), itertools.cycle(MARKERS)
     return [
         {
