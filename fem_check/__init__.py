@@ -18,6 +18,6 @@ def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for: `import fem_check` stays cheap."""
     if name not in __all__:
         raise AttributeError(f"module 'fem_check' has no attribute {name!r}")
-    from fem_check import solve as module
+    from fem_check import driver
 
-    return getattr(module, name)
+    return getattr(driver, name)

@@ -90,37 +90,34 @@ def _layer_force(block: Block, positions: FloatArray, stress: FloatArray) -> Flo
 
 
 def assembled_stiffness(block: Block, shear: float, bulk: float):  # type: ignore[no-untyped-def]
-    """The sparse elastic stiffness of a small block, degrees of freedom 3 node + component."""
+    """The sparse elastic stiffness of a small block, degrees of freedom 3 node + component.
+
+    With b_e the integral of the divergence over element e, the dilatational part is the sum of
+    K/V_e b_e b_e^T: the mean dilatation's energy.
+    """
     import scipy.sparse as sp
     from skfem import Basis, BilinearForm, ElementHex1, ElementVector, LinearForm
-    from skfem.helpers import ddot, dev, div, sym_grad
+    from skfem.helpers import ddot, div, sym_grad
 
-    nz, (nx, ny) = len(block.layers), block.shape
-    size = 3 * (nz + 1) * nx * ny
+    nx, ny = block.shape
+    size = 3 * (len(block.layers) + 1) * nx * ny
     total = sp.csr_matrix((size, size))
     positions = block.positions()
-    deviatoric = BilinearForm(lambda u, v, w: 2 * shear * ddot(dev(sym_grad(u)), dev(sym_grad(v))))
+    deviatoric = BilinearForm(  # dev e : dev f = e : f - tr e tr f / 3
+        lambda u, v, w: 2 * shear * (ddot(sym_grad(u), sym_grad(v)) - div(u) * div(v) / 3)
+    )
     divergence = LinearForm(lambda v, w: div(v))
-    for k in range(nz):
+    for k in range(len(block.layers)):
         mesh, at = _layer_mesh(block, positions[k : k + 2])
         basis = Basis(mesh, ElementVector(ElementHex1()), intorder=2)
-        K = deviatoric.assemble(basis)
-        b = divergence.coo_data(basis) if hasattr(divergence, "coo_data") else None
-        rows = basis.element_dofs
-        if b is None:
-            per = divergence.elemental(basis).data.reshape(rows.shape[0], -1)
-        volumes = basis.dx.sum(axis=1)
-        D = sp.coo_matrix(
-            (per.ravel(), (rows.ravel(), np.tile(np.arange(rows.shape[1]), rows.shape[0]))),
-            shape=(K.shape[0], rows.shape[1]),
-        ).tocsr()
-        K = K + D @ sp.diags(bulk / volumes) @ D.T
+        local = divergence.coo_data(basis)
+        element = np.tile(np.arange(basis.nelems), basis.Nbfun)
+        b = sp.csr_matrix((local.data, (local.indices[0], element)), (basis.N, basis.nelems))
+        K = deviatoric.assemble(basis) + b @ sp.diags(bulk / basis.dx.sum(axis=1)) @ b.T
         node = ((k + at[0]) * nx + at[1]) * ny + at[2]
-        target = np.empty(K.shape[0], dtype=np.int64)
-        for c in range(3):
-            target[basis.nodal_dofs[c]] = 3 * node + c
-        P = sp.csr_matrix(
-            (np.ones(target.size), (np.arange(target.size), target)), shape=(target.size, size)
-        )
-        total = total + P.T @ K @ P
+        target = np.empty(basis.N, dtype=np.int64)
+        for component in range(3):
+            target[basis.nodal_dofs[component]] = 3 * node + component
+        join = sp.csr_matrix((np.ones(basis.N), (np.arange(basis.N), target)), (basis.N, size))
+        total = total + join.T @ K @ join
     return total.tocsr()

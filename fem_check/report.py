@@ -41,7 +41,7 @@ from fem_check.element import FloatArray
 from fem_check.newton import Problem
 
 if TYPE_CHECKING:
-    from fem_check.solve import Reached, SolvedPath
+    from fem_check.driver import Reached, SolvedPath
 
 _DISTRIBUTION_POINTS = 1025
 #: Largest rms slope at which the gap geometry and small strains are trusted: at slope 0.1 and

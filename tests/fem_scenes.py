@@ -1,0 +1,58 @@
+"""Scenes and surfaces that the tests of the finite elements share."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.scene import Body, Load, Material, Scene, Surface
+
+
+def rough_heights(
+    nodes: int, highest: int, *, seed: int = 7, slope: float = 0.05, dimensions: int = 2
+) -> NDArray[np.float64]:
+    """Self-affine heights of unit period, wave numbers 1 to `highest` per period, Hurst exponent
+    0.8, rms slope `slope`.  The waves do not depend on `nodes`: grids refine one surface."""
+    rng = np.random.default_rng(seed)
+    waves = np.arange(-highest, highest + 1)
+    grid = np.meshgrid(*[waves] * dimensions, indexing="ij")
+    q = np.sqrt(sum(g.astype(float) ** 2 for g in grid))
+    shape = (2 * highest + 1,) * dimensions
+    noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+    power = -1.8 if dimensions == 2 else -1.3
+    inside = (q > 0) & (q <= highest)
+    amplitude = np.where(inside, np.where(inside, q, 1.0) ** power, 0.0) * noise
+    spectrum = np.zeros((nodes,) * dimensions, dtype=complex)
+    spectrum[np.ix_(*[waves % nodes] * dimensions)] = amplitude
+    # The real part of a sum of waves: half of each wave and of its mirror.
+    heights = np.fft.ifftn(spectrum).real * nodes**dimensions
+    mirrored = amplitude[(slice(None, None, -1),) * dimensions].conj()
+    real_waves = (amplitude + mirrored) / 2
+    present = np.sqrt(np.sum(np.abs(real_waves) ** 2 * (2 * np.pi * q) ** 2))
+    return np.asarray(heights * slope / present)
+
+
+def rough_scene(
+    nodes: int,
+    highest: int,
+    *,
+    pressure: float | tuple[float, ...] = 0.05,
+    poisson_ratio: float = 0.3,
+    yield_stress: float = 0.2,
+    hardness: float = 0.6,
+    dimensions: int = 2,
+    seed: int = 7,
+    slope: float = 0.05,
+    body: Body | None = None,
+) -> Scene:
+    """A rough scene with E* xi = 1 at slope 0.05, so pressures are in units of E* xi."""
+    return Scene(
+        Surface(
+            rough_heights(nodes, highest, seed=seed, slope=slope, dimensions=dimensions),
+            (1.0,) * dimensions,
+            seed=seed,
+        ),
+        Material((1 - poisson_ratio**2) / slope, poisson_ratio, hardness, yield_stress),
+        Load(pressure),
+        body or Body(),
+    )

@@ -1,0 +1,61 @@
+"""fem_check can disagree with epcontact only while it shares nothing with it but the question."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import fem_check
+
+ALLOWED = {"epcontact.scene", "epcontact.results", "epcontact.errors"}
+SOURCES = sorted(Path(fem_check.__file__).parent.glob("**/*.py"))
+
+
+def imported(source: str) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "relative imports would hide where a name comes from"
+            found.add(node.module or "")
+    return found
+
+
+def test_its_sources_import_scene_results_and_errors_alone() -> None:
+    assert len(SOURCES) > 5
+    for path in SOURCES:
+        ours = {n for n in imported(path.read_text()) if n.split(".")[0] == "epcontact"}
+        assert ours <= ALLOWED, f"{path.name} imports {ours - ALLOWED}"
+
+
+def test_no_source_reaches_epcontact_by_another_door() -> None:
+    for path in SOURCES:
+        for name in ("importlib", "__import__"):
+            assert name not in path.read_text(), f"{path.name} uses {name}"
+
+
+def test_a_fresh_process_that_solves_loads_scene_results_and_errors_alone() -> None:
+    program = """
+import sys
+import fem_check, numpy as np
+from epcontact.scene import Load, Material, Scene, Surface
+x = np.cos(2 * np.pi * np.arange(8) / 8) * 0.01
+scene = Scene(Surface(x, (1.0,)), Material(1.0, 0.3, yield_stress=0.01), Load(0.002))
+fem_check.solve(scene)
+print(sorted(m for m in sys.modules if m.split(".")[0] == "epcontact"))
+"""
+    answer = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=True
+    )
+    assert set(ast.literal_eval(answer.stdout)) == {"epcontact"} | ALLOWED
+
+
+def test_the_contract_itself_imports_numpy_and_the_standard_library_alone() -> None:
+    root = Path(sys.modules["fem_check"].__file__ or "").parent.parent / "epcontact"
+    for name in ("scene", "results", "errors"):
+        top = {n.split(".")[0] for n in imported((root / f"{name}.py").read_text())}
+        outside = {n for n in top if n not in sys.stdlib_module_names}
+        assert outside <= {"numpy", "epcontact"}
