@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem.area import estimate_areas
+from epcontact.bem.baselines import BASELINES
 from epcontact.bem.constraints import states
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.solver import (
@@ -32,7 +33,7 @@ from epcontact.results import ContactResult, LoadStep, PressureDistribution, Pro
 from epcontact.scene import Scene
 
 FloatArray = NDArray[np.float64]
-Method = Literal["newton"]
+Method = Literal["newton", "relaxation", "polonsky_keer", "projected_gradient"]
 
 _DISTRIBUTION_POINTS = 1025
 # Along a load path the last pressure is the better start up to this ratio of loads; beyond it
@@ -126,7 +127,9 @@ def _require_options(
             raise InvalidScene(message)
 
 
-METHODS: tuple[str, ...] = ("newton",)
+METHODS = ("newton", *BASELINES)
+#: Of a baseline, unless the caller says otherwise; each step costs one or two pairs.
+_BASELINE_STEPS = 5000
 
 
 def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
@@ -149,9 +152,15 @@ def _solve_step(
     setup: _Setup, symbol: Symbol, mean_pressure: float, start: FloatArray | None
 ) -> PressureSolution:
     heights = setup.scene.surface.heights.reshape(symbol.shape)
-    options = Options(setup.tolerance, setup.area_tolerance, setup.threads, progress=setup.progress)
-    if setup.max_steps is not None:
-        options = replace(options, max_steps=setup.max_steps)
+    options = Options(
+        setup.tolerance,
+        setup.area_tolerance,
+        setup.threads,
+        setup.method,
+        progress=setup.progress,
+    )
+    default = options.max_steps if setup.method == "newton" else _BASELINE_STEPS
+    options = replace(options, max_steps=setup.max_steps or default)
     hardness = setup.scene.material.hardness
     first = None if start is None else start.reshape(symbol.shape)
     return solve_symbol(heights, symbol, mean_pressure, hardness, options, first)

@@ -34,7 +34,7 @@ def rfft_wavenumbers(shape: tuple[int, ...], periods: tuple[float, ...]) -> Floa
 
     shape, periods: of the surface, one or two of each.  Returns (nx, ny//2 + 1) or (nx//2 + 1,).
     """
-    last: FloatArray = 2 * np.pi / periods[-1] * np.arange(shape[-1] // 2 + 1)
+    last = np.asarray(2 * np.pi / periods[-1] * np.arange(shape[-1] // 2 + 1), dtype=np.float64)
     if len(shape) == 1:
         return last
     first = 2 * np.pi / periods[0] * np.abs(np.fft.fftfreq(shape[0], 1 / shape[0]))

@@ -27,12 +27,20 @@ from numpy.typing import NDArray
 
 from epcontact.bem import passes
 from epcontact.bem.constraints import Level, measured, project, states
-from epcontact.bem.transforms import Points
+from epcontact.bem.split import SplitOperator, splittable
+from epcontact.bem.transforms import Convolution, Points
 
 FloatArray = NDArray[np.float64]
 StateArray = NDArray[np.uint8]
 
-_GRADIENT_STEPS = 3
+# Most gradient steps after a step that was cut: one at first, four times as many each time that
+# it happens again.
+_GRADIENT_STEPS = 64
+# The 2-norm of the residual falls by this in a step; by the second once the sets have settled.
+_REDUCTION = 0.1
+_LAST_REDUCTION = 1e-3
+# Share of elastic points up to which the stencil of the cheap operator beats transforms.
+_FEW = 0.4
 # Differences of the energy below this share of (points x mean pressure x gap scale) are rounding.
 _ENERGY_NOISE = 1e-12
 
@@ -56,6 +64,7 @@ class Counts:
     cg: int = 0
     gradient: int = 0
     cut: int = 0
+    pairs: float = 0.0
     history: list[float] = field(default_factory=list)
 
 
@@ -67,6 +76,36 @@ class Goal:
     area_tolerance: float = 0.0
     max_steps: int = 500
     progress: Callable[[str], None] | None = None
+
+
+Operator = Convolution | SplitOperator
+
+
+class _Inner:
+    """The operator of the inner iterations: the cheap one where it exists and serves."""
+
+    def __init__(self, level: Level) -> None:
+        self._level = level
+        self._serves = splittable(level.heights.shape)
+        self._split: SplitOperator | None = None
+        self._last = math.inf
+
+    @property
+    def pairs(self) -> float:
+        """Pairs of transforms of the cheap operator, in pairs of the level's grid."""
+        return 0.0 if self._split is None else self._split.pairs
+
+    def choose(self, sets: _Sets, it: Iterate) -> Operator:
+        """The cheap operator serves while the sets change or the residual falls, and while the
+        elastic points are few: its stencil costs by the point."""
+        stuck = not sets.changed and it.residual > 0.5 * self._last
+        self._last = it.residual
+        self._serves = self._serves and not stuck
+        if not self._serves or sum(sets.per_block) > _FEW * it.p.size:
+            return self._level.convolution
+        if self._split is None:
+            self._split = SplitOperator(self._level.convolution)
+        return self._split
 
 
 @dataclass(frozen=True)
@@ -95,28 +134,35 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
     Returns the last iterate, whether or not it meets the goal (`settled`), and the counts.
     """
     counts = Counts()
+    inner = _Inner(level)
     it = Iterate(p, np.empty_like(p))
     level.convolution.apply(p, it.u)
     state = states(p, level.cap)
     step: _Step | None = None
+    trouble = 0
     while True:
         now = measured(level, it.p, it.u)
         if step is not None and now.energy > step.energy + _noise(level):
             counts.cut += 1
+            trouble += 1
             _cut(level, it, step, now.energy)
-            counts.gradient += _gradient_steps(level, it)
+            counts.gradient += _gradient_steps(level, it, min(4 ** (trouble - 1), _GRADIENT_STEPS))
             now = measured(level, it.p, it.u)
+        else:
+            trouble = max(0, trouble - 1)
         it.z = now.offset
         sets = _classify(level, it, state)
         it.residual = max(sets.worst / level.gap_scale, abs(now.force - 1))
         counts.history.append(it.residual)
         it.settled = _settled(it, sets, counts, goal)
         if it.settled or counts.newton >= goal.max_steps:
+            counts.pairs = level.convolution.pairs + inner.pairs
             return it, counts
         counts.newton += 1
         if goal.progress is not None:
             goal.progress(f"grid {level.heights.shape}: residual {it.residual:.1e}")
-        step = _newton_step(level, it, state, sets, now.energy, counts, goal)
+        operator = inner.choose(sets, it)
+        step = _newton_step(level, operator, it, state, sets, now.energy, counts, goal)
 
 
 def _noise(level: Level) -> float:
@@ -147,8 +193,9 @@ def _classify(level: Level, it: Iterate, state: StateArray) -> _Sets:
     )
 
 
-def _newton_step(
+def _newton_step(  # noqa: PLR0913, PLR0917 - one step needs them all
     level: Level,
+    operator: Operator,
     it: Iterate,
     state: StateArray,
     sets: _Sets,
@@ -160,14 +207,15 @@ def _newton_step(
     points, pressure, r = _collect(level, it, state, sets)
     if r.size < 2:
         # One point carries what the others leave: only a gradient step can change the sets.
-        counts.gradient += _gradient_steps(level, it)
+        counts.gradient += _gradient_steps(level, it, 1)
         return None
     step = _Step(points, pressure, -r, energy)
     r -= r.mean()
     x = np.zeros(r.size)
-    reduction = 0.1 if sets.changed else 1e-3
+    exact = operator is level.convolution
+    reduction = _LAST_REDUCTION if exact and not sets.changed else _REDUCTION
     floor = 0.3 * goal.tolerance * level.gap_scale
-    counts.cg += conjugate_gradients(level, points, r, x, reduction, floor)
+    counts.cg += conjugate_gradients(operator, points, r, x, reduction, floor)
     _put(level, it, points, pressure, x)
     level.convolution.apply(it.p, it.u)
     return step
@@ -194,7 +242,12 @@ def _collect(
 
 
 def conjugate_gradients(
-    level: Level, points: Points, r: FloatArray, x: FloatArray, reduction: float, floor: float
+    operator: Operator,
+    points: Points,
+    r: FloatArray,
+    x: FloatArray,
+    reduction: float,
+    floor: float,
 ) -> int:
     """Solve S_F x = r up to a constant for x of zero mean, adding to x and overwriting r.
 
@@ -205,15 +258,15 @@ def conjugate_gradients(
     d = np.zeros_like(r)
     goal = reduction * math.sqrt(float(r @ r))
     rho_old = math.inf
-    conv, n = level.convolution, r.size
+    n = r.size
     if np.abs(r).max() <= floor:
         return 0
     for k in range(200):
-        total, rho = conv.apply_on(points, r, y, r, inverse=True)
+        total, rho = operator.apply_on(points, r, y, r, inverse=True)
         if not rho > 0:
             return k
         passes.cg_direction(d, y, total / n, rho / rho_old)
-        total, curvature = conv.apply_on(points, d, v, d, inverse=False)
+        total, curvature = operator.apply_on(points, d, v, d, inverse=False)
         if not curvature > 0:
             return k
         square, largest = passes.cg_step(x, r, d, v, rho / curvature, total / n)
@@ -258,12 +311,12 @@ def _cut(level: Level, it: Iterate, step: _Step, energy: float) -> None:
     level.convolution.apply(it.p, it.u)
 
 
-def _gradient_steps(level: Level, it: Iterate) -> int:
+def _gradient_steps(level: Level, it: Iterate, number: int) -> int:
     """A few projected gradient steps; returns their number."""
     length = level.step
-    for _ in range(_GRADIENT_STEPS):
+    for _ in range(number):
         length = gradient_step(level, it, length)
-    return _GRADIENT_STEPS
+    return number
 
 
 def gradient_step(level: Level, it: Iterate, length: float) -> float:

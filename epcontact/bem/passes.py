@@ -277,3 +277,125 @@ def interpolate(
             for k in range(4):
                 value += column_weights[j, k] * line[columns[j, k]]
             out[i, j] = value
+
+
+#: Columns that a masked grid repeats on its left and right, and points that a stencil handles at
+#: once: a register of single precision.
+HALO_LEFT, HALO_RIGHT, RUN = 4, 20, 16
+
+
+@_jit
+def put_single(masked: Any, index: Any, values: Any, factor: float) -> None:
+    """masked = factor values at the listed points of the grid, and in its repeated columns."""
+    ny = masked.shape[1] - HALO_LEFT - HALO_RIGHT
+    for k in range(index.size):
+        i = index[k] // ny
+        j = index[k] - i * ny
+        value = factor * values[k]
+        masked[i, j + HALO_LEFT] = value
+        if j < HALO_RIGHT:
+            masked[i, j + HALO_LEFT + ny] = value
+        if j >= ny - HALO_LEFT:
+            masked[i, j + HALO_LEFT - ny] = value
+
+
+@_jit
+def restrict(masked: Any, half: Any, first: int, last: int) -> None:
+    """half = P^T masked for its rows first to last, P being cubic interpolation (periodic)."""
+    nx = masked.shape[0]
+    width = 2 * half.shape[1] + 6
+    line = np.empty(width, dtype=np.float32)
+    outer = np.float32(-1 / 16)
+    inner = np.float32(9 / 16)
+    for row in range(first, last):
+        i = 2 * row
+        at = masked[i, HALO_LEFT - 3 :]
+        a = masked[(i - 3) % nx, HALO_LEFT - 3 :]
+        b = masked[(i - 1) % nx, HALO_LEFT - 3 :]
+        c = masked[(i + 1) % nx, HALO_LEFT - 3 :]
+        d = masked[(i + 3) % nx, HALO_LEFT - 3 :]
+        for j in range(width):
+            line[j] = at[j] + inner * (b[j] + c[j]) + outer * (a[j] + d[j])
+        for j in range(half.shape[1]):
+            k = 2 * j + 3
+            half[row, j] = (
+                line[k] + inner * (line[k - 1] + line[k + 1]) + outer * (line[k - 3] + line[k + 3])
+            )
+
+
+@_jit
+def _interpolated_run(half: Any, i: int, j: int, length: int, line: Any, out: Any) -> None:
+    """out[t] = `half` interpolated by cubics to the fine points (i, j + t), t < length."""
+    mx, my = half.shape
+    r = i // 2
+    first = j // 2 - 1
+    for t in range(length // 2 + 5):
+        c = first + t
+        c = c + my if c < 0 else (c - my if c >= my else c)
+        if i % 2 == 0:
+            line[t] = half[r, c]
+        else:
+            up = r + 1 if r + 1 < mx else 0
+            far = up + 1 if up + 1 < mx else 0
+            near = half[r, c] + half[up, c]
+            line[t] = (9 * near - half[r - 1, c] - half[far, c]) / 16
+    for t in range(length):
+        k = (j + t) // 2 - first
+        if (j + t) % 2 == 0:
+            out[t] = line[k]
+        else:
+            out[t] = (9 * (line[k] + line[k + 1]) - line[k - 1] - line[k + 2]) / 16
+
+
+@_jit
+def _add_row(near: Any, row: Any, taps: Any) -> None:
+    """near[t] += sum of taps[b] row[t + b], for a symmetric row of a stencil."""
+    c0, c1, c2, c3, c4 = taps[4], taps[3], taps[2], taps[1], taps[0]
+    for t in range(RUN):
+        near[t] += (
+            c0 * row[t + 4]
+            + c1 * (row[t + 3] + row[t + 5])
+            + c2 * (row[t + 2] + row[t + 6])
+            + c3 * (row[t + 1] + row[t + 7])
+            + c4 * (row[t] + row[t + 8])
+        )
+
+
+@_jit
+def gather_split(
+    masked: Any, half: Any, taps: Any, index: Any, out: Any, other: Any
+) -> tuple[float, float]:
+    """At the listed points, the 9 x 9 stencil on `masked` plus `half` interpolated.
+
+    Listed points among RUN neighbours of a row are handled together.  Returns sum(out) and
+    sum(out other).
+    """
+    nx = masked.shape[0]
+    ny = masked.shape[1] - HALO_LEFT - HALO_RIGHT
+    near = np.empty(RUN, dtype=np.float32)
+    far = np.empty(RUN)
+    line = np.empty(RUN // 2 + 6)
+    total = 0.0
+    product = 0.0
+    k = 0
+    while k < index.size:
+        i = index[k] // ny
+        j = index[k] - i * ny
+        last = k
+        limit = index[k] + min(RUN, ny - j)
+        while last + 1 < index.size and index[last + 1] < limit:
+            last += 1
+        length = index[last] - index[k] + 1
+        near[:] = 0
+        for a in range(9):
+            _add_row(near, masked[(i + a - 4) % nx, j : j + RUN + 8], taps[a])
+        _interpolated_run(half, i, j, length, line, far)
+        origin = index[k]
+        for m in range(k, last + 1):
+            t = index[m] - origin
+            value = near[t] + far[t]
+            out[m] = value
+            total += value
+            product += value * other[m]
+        k = last + 1
+    return total, product

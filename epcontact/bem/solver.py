@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from epcontact.bem.baselines import BASELINES
 from epcontact.bem.cascade import coarsened_heights, coarser, interpolated
 from epcontact.bem.constraints import Level, kkt_residuals, make_level, project
 from epcontact.bem.newton import Counts, Goal, Iterate, solve_level
@@ -51,8 +52,8 @@ class Options:
     tolerance: float = 1e-8
     area_tolerance: float = 0.0
     threads: int = 1
+    method: str = "newton"
     max_steps: int = 500
-    coarse: bool = True
     progress: Callable[[str], None] | None = field(default=None, compare=False)
 
 
@@ -89,14 +90,15 @@ def solve_symbol(
     with Workers(options.threads) as workers:
         run = _Run(symbol, mean_pressure, cap, gap_scale(heights, symbol, mean_pressure), workers)
         guess = None
-        if start is None and options.coarse:
+        if start is None and options.method == "newton":
             guess = _coarse_guess(run, heights, options)
         level = run.level(heights)
         if start is not None:
             # No point can carry more than all of the load: beyond that, digits would be lost.
             guess = np.clip(start / mean_pressure, 0.0, min(cap, heights.size))
         p = project(np.ones(heights.shape) if guess is None else guess, cap, float(heights.size))
-        it, counts = solve_level(level, p, _goal(options))
+        method = BASELINES.get(options.method, solve_level)
+        it, counts = method(level, p, _goal(options))
         solution = _solution(run, level, it, counts, options)
         return replace(solution, offset=solution.offset + datum)
 
@@ -151,8 +153,8 @@ def _coarse_guess(run: _Run, heights: FloatArray, options: Options) -> FloatArra
     level = run.level(coarse)
     p = project(np.ones(below) if guess is None else guess, run.cap, float(coarse.size))
     goal = replace(_goal(options), tolerance=max(1e-4, options.tolerance), area_tolerance=1e-2)
-    it, _ = solve_level(level, p, goal)
-    run.coarse_pairs += level.convolution.pairs * coarse.size / run.points
+    it, counts = solve_level(level, p, goal)
+    run.coarse_pairs += counts.pairs * coarse.size / run.points
     w = it.p - level.step * (it.u + it.z - coarse)
     return interpolated(w, shape, run.workers)
 
@@ -164,7 +166,7 @@ def _solution(
     history = tuple(counts.history)
     if not it.settled:
         raise NotConverged(
-            f"the boundary elements did not reach {options.tolerance:g} in {counts.newton} steps: "
+            f"{options.method} did not reach {options.tolerance:g} in {len(history) - 1} steps: "
             f"the largest residual is {max(residuals.values()):.1e}; "
             "give more steps or a larger tolerance",
             residuals,
@@ -182,7 +184,7 @@ def _solution(
         "cg": counts.cg,
         "gradient": counts.gradient,
         "fft_pairs": pairs,
-        "equivalent_fft_pairs": pairs + run.coarse_pairs,
+        "equivalent_fft_pairs": counts.pairs + run.coarse_pairs,
         "levels": run.levels,
     }
     it.p *= run.mean_pressure

@@ -69,6 +69,10 @@ class Convolution:
         self._modes = np.empty((nx, ny // 2 + 1), dtype=np.complex128)
         self._local = threading.local()
 
+    def share(self, other: Convolution) -> None:
+        """Use the modes' array of another convolution of the same shape, to save memory."""
+        self._modes = other._modes
+
     @property
     def blocks(self) -> range:
         """The first row of each block of rows."""

@@ -1,0 +1,122 @@
+"""The classic methods of rough contact, small and readable, to measure others against.
+
+They start from a uniform pressure on the grid itself, know nothing of coarser grids, and are
+judged by the same Karush-Kuhn-Tucker residuals as the Newton method; where they do not meet the
+tolerance within their steps, that is what the caller is told.
+
+relaxation         the pressure is relaxed against the gap, p <- clip(p - omega K g), with the
+                   offset moved by the error of the force: the method by which the boundary
+                   elements of Almqvist, Sahlin, Larsson and Glavatskih, Tribology International
+                   40 (2007) 574 are solved, the pressure cut at the hardness
+polonsky_keer      constrained conjugate gradients of Polonsky and Keer, Wear 231 (1999) 206;
+                   points at the hardness leave the set on which directions are conjugate
+projected_gradient p <- P(p - lambda (u - h)), P the projection on bounds and mean, lambda the
+                   spectral length of Barzilai and Borwein, with an exact line search
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.bem.constraints import Level, kkt_residuals, measured, project
+from epcontact.bem.newton import Counts, Goal, Iterate, gradient_step
+
+FloatArray = NDArray[np.float64]
+Baseline = Callable[[Level, FloatArray, Goal], tuple[Iterate, Counts]]
+
+
+def _watch(level: Level, it: Iterate, counts: Counts, goal: Goal) -> bool:
+    """Note the residual of an iterate; whether to stop."""
+    it.z = measured(level, it.p, it.u).offset
+    it.residual = max(kkt_residuals(level, it.p, it.u, it.z).values())
+    counts.history.append(it.residual)
+    counts.pairs = level.convolution.pairs
+    it.settled = it.residual <= goal.tolerance
+    if goal.progress is not None and counts.gradient % 100 == 0:
+        goal.progress(f"step {counts.gradient}: residual {it.residual:.1e}")
+    return it.settled or counts.gradient >= goal.max_steps
+
+
+def _begin(level: Level, p: FloatArray) -> tuple[Iterate, Counts]:
+    it = Iterate(p, np.empty_like(p))
+    level.convolution.apply(p, it.u)
+    return it, Counts()
+
+
+def projected_gradient(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Counts]:
+    """From a feasible p (units of the mean), which is overwritten."""
+    it, counts = _begin(level, p)
+    length = level.step
+    while not _watch(level, it, counts, goal):
+        length = gradient_step(level, it, length)
+        counts.gradient += 1
+    return it, counts
+
+
+def relaxation(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Counts]:
+    """From a feasible p (units of the mean), which is overwritten.
+
+    K is the stiffness of the longest wave, the largest that relaxes every wave stably.
+    """
+    it, counts = _begin(level, p)
+    symbol = level.convolution.symbol
+    length = 1 / (float(symbol.values.max()) * level.convolution.scale)
+    while not _watch(level, it, counts, goal):
+        w = it.p - length * (it.u - level.heights)
+        it.p[...] = project(w, level.cap, float(w.size))
+        level.convolution.apply(it.p, it.u)
+        counts.gradient += 1
+    return it, counts
+
+
+def polonsky_keer(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Counts]:
+    """From a feasible p (units of the mean), which is overwritten."""
+    it, counts = _begin(level, p)
+    cap, count = level.cap, float(p.size)
+    direction, image = np.zeros_like(p), np.empty_like(p)
+    old, keep = 1.0, 0.0
+    while not _watch(level, it, counts, goal):
+        counts.gradient += 1
+        free = (it.p > 0) & (it.p < cap)
+        if not free.any():
+            break
+        gap = it.u - level.heights
+        gap -= gap[free].mean()
+        square = float(gap[free] @ gap[free])
+        direction = np.where(free, gap + keep * square / old * direction, 0.0)
+        old = square
+        level.convolution.apply(direction, image)
+        image -= image[free].mean()
+        curvature = float(image[free] @ direction[free])
+        if not curvature > 0:
+            break
+        length = float(gap[free] @ direction[free]) / curvature
+        it.p[...] = np.clip(it.p - length * direction, 0.0, cap)
+        wrong = ((it.p <= 0) & (gap < 0)) | ((it.p >= cap) & (gap > 0))
+        keep = 0.0 if wrong.any() else 1.0
+        it.p[wrong] = np.clip(it.p[wrong] - length * gap[wrong], 0.0, cap)
+        _rescale(it.p, cap, count)
+        level.convolution.apply(it.p, it.u)
+    return it, counts
+
+
+def _rescale(p: FloatArray, cap: float, total: float) -> None:
+    """Scale what is below the cap so that the sum is kept; what exceeds the cap is cut."""
+    below = p < cap
+    wanted = total - cap * float(np.count_nonzero(~below)) if np.isfinite(cap) else total
+    carried = float(p[below].sum())
+    if carried > 0 and wanted > 0:
+        p[below] = np.minimum(p[below] * (wanted / carried), cap)
+    missing = abs(float(p.sum()) - total)
+    if missing > 1e-12 * total:
+        p[...] = project(p, cap, total)
+
+
+BASELINES: dict[str, Baseline] = {
+    "relaxation": relaxation,
+    "polonsky_keer": polonsky_keer,
+    "projected_gradient": projected_gradient,
+}

@@ -1,0 +1,149 @@
+"""A cheap stand-in for the compliance of a grid, and for its inverse, on the elastic set.
+
+The kernel is split by a Gaussian, as in Ewald's sums: the short-range part becomes a stencil of a
+few points around each elastic one, the long-range part is smooth and is applied on the grid of
+half as many points a direction, with cubic interpolation from it and its transpose to it:
+
+    S ~ stencil + P G P^T,    G = [S phi + (S (1 - phi) - sigma) sqrt(phi)] / T^2
+
+phi = exp(-(a theta)^2/4), theta the phase per grid point, sigma the symbol of the stencil and T
+that of P; the second term of G hands to the coarse grid what the stencil's cut left out.  An
+application costs a quarter of a pair of transforms.  It is off by a few per cent, which is enough
+for inner iterations: the displacement of every outer iterate is exact, so each outer step corrects
+what the last one left.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.bem import passes
+from epcontact.bem.transforms import Convolution, Points, Symbol
+
+FloatArray = NDArray[np.float64]
+
+_WIDTH = 2.0  # a: the alias of the interpolation falls with it, the stencil grows
+_RADIUS = 4  # of the stencil, in grid points
+_SAMPLE = 128  # modes a direction that the stencil is found from
+
+
+def splittable(shape: tuple[int, int]) -> bool:
+    """Whether a grid has an exact half, and enough points for it to pay."""
+    return min(shape) >= 64 and shape[0] % 2 == 0 and shape[1] % 2 == 0
+
+
+class SplitOperator:
+    """The approximate compliance of a grid and its inverse on listed points.
+
+    The counterpart of `Convolution.apply_on`, with the same units and arguments.
+    """
+
+    def __init__(self, convolution: Convolution) -> None:
+        nx, ny = convolution.shape
+        self.workers = convolution.workers
+        half = (nx // 2, ny // 2)
+        compliance, stiffness = _halves(convolution.symbol)
+        self._taps = {
+            False: (compliance[0] * convolution.scale).astype(np.float32),
+            True: (stiffness[0] / convolution.scale).astype(np.float32),
+        }
+        self._coarse = {
+            False: Convolution(
+                Symbol.from_quarter(compliance[1], half), convolution.scale, self.workers
+            ),
+            True: Convolution(
+                Symbol.from_quarter(stiffness[1], half), 1 / convolution.scale, self.workers
+            ),
+        }
+        self._coarse[True].share(self._coarse[False])
+        width = ny + passes.HALO_LEFT + passes.HALO_RIGHT
+        self._masked = np.zeros((nx, width), dtype=np.float32)
+        self._half = np.empty(half)
+        self._row_step = max(2, convolution.row_step // 2 * 2)
+        self._points: Points | None = None
+
+    @property
+    def pairs(self) -> float:
+        """Pairs of transforms, in pairs of the fine grid."""
+        return sum(c.pairs for c in self._coarse.values()) / 4
+
+    def apply_on(
+        self, points: Points, values: FloatArray, out: FloatArray, other: FloatArray, inverse: bool
+    ) -> tuple[float, float]:
+        """out = approximately (S or its inverse) applied to `values`, at the points.
+
+        Returns sum(out) and sum(out other).
+        """
+        if self._points is not points:
+            if self._points is not None:
+                old = self._points.index
+                passes.put_single(self._masked, old, np.zeros(len(old)), 0.0)
+            self._points = points
+        masked, half, taps = self._masked, self._half, self._taps[inverse]
+
+        def put(start: int) -> None:
+            part = points.part(start)
+            passes.put_single(masked, points.index[part], values[part], 1.0)
+
+        def restrict(start: int) -> None:
+            passes.restrict(masked, half, start // 2, min(start + self._row_step, len(masked)) // 2)
+
+        def gather(start: int) -> tuple[float, float]:
+            part = points.part(start)
+            sums: tuple[float, float] = passes.gather_split(
+                masked, half, taps, points.index[part], out[part], other[part]
+            )
+            return sums
+
+        self.workers.run(put, points.begins)
+        self.workers.run(restrict, range(0, len(masked), self._row_step))
+        self._coarse[inverse].apply(half, half)
+        sums = self.workers.run(gather, points.begins)
+        return sum(s for s, _ in sums), sum(s for _, s in sums)
+
+
+def _halves(symbol: Symbol) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
+    """Stencil and coarse symbol (a quarter of the modes) of the compliance and of its inverse."""
+    nx, ny = symbol.shape
+    k = np.arange(_SAMPLE // 2 + 1)
+    sample = symbol.values[np.ix_(symbol.rows[np.rint(k * nx / _SAMPLE).astype(int)],
+                                  np.rint(k * ny / _SAMPLE).astype(int))]  # fmt: skip
+    theta = 2 * np.pi * k / _SAMPLE
+    modes = symbol.values[symbol.rows[: nx // 4 + 1], : ny // 4 + 1]
+    tx, ty = 2 * np.pi * np.arange(nx // 4 + 1) / nx, 2 * np.pi * np.arange(ny // 4 + 1) / ny
+    found = []
+    for power in (1, -1):
+        with np.errstate(divide="ignore"):
+            part = np.where(sample > 0, sample**power, 0.0)
+            coarse = np.where(modes > 0, modes**power, 0.0)
+        coarse[0, 0] = part[0, 0] = 0.0
+        taps = _stencil(part, theta)
+        phi = np.exp(-(_WIDTH**2) / 4 * (tx[:, None] ** 2 + ty**2))
+        rest = coarse * (1 - phi) - _stencil_symbol(taps, tx, ty)
+        interpolation = np.outer(_interpolation_symbol(tx), _interpolation_symbol(ty))
+        coarse = np.maximum((coarse * phi + rest * np.sqrt(phi)) * 4 / interpolation**2, 0.0)
+        coarse[0, 0] = 0.0
+        found.append((taps, coarse))
+    return found[0], found[1]
+
+
+def _stencil(part: FloatArray, theta: FloatArray) -> FloatArray:
+    """The short-range part's kernel within the radius, from its symbol on a quarter."""
+    phi = np.exp(-(_WIDTH**2) / 4 * (theta[:, None] ** 2 + theta**2))
+    weight = np.where((theta == 0) | (theta == theta[-1]), 1.0, 2.0) / _SAMPLE
+    i = np.arange(-_RADIUS, _RADIUS + 1)
+    wave = weight[:, None] * np.cos(theta[:, None] * i)
+    taps = wave.T @ (part * (1 - phi)) @ wave
+    taps[i[:, None] ** 2 + i**2 > _RADIUS**2] = 0.0
+    return np.asarray(taps, dtype=np.float64)
+
+
+def _stencil_symbol(taps: FloatArray, tx: FloatArray, ty: FloatArray) -> FloatArray:
+    i = np.arange(-_RADIUS, _RADIUS + 1)
+    return np.asarray(np.cos(np.outer(tx, i)) @ taps @ np.cos(np.outer(i, ty)), dtype=np.float64)
+
+
+def _interpolation_symbol(theta: FloatArray) -> FloatArray:
+    """Of cubic interpolation to twice as many points: weights 1 and -1/16, 9/16, 9/16, -1/16."""
+    return np.asarray(1 + 9 / 8 * np.cos(theta) - 1 / 8 * np.cos(3 * theta), dtype=np.float64)
