@@ -6,6 +6,7 @@ import importlib.util
 import itertools
 import os
 import stat
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -230,6 +231,18 @@ def test_no_window_without_a_display(tmp_path: Path, monkeypatch: pytest.MonkeyP
     write_image(tmp_path / "line.vti", {"gap": np.ones(4)}, (1.0,), {})
     with pytest.raises(OutputError, match="is a line"):
         view.show(tmp_path / "line.vti")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="displays are X's")
+def test_no_window_on_a_display_that_does_not_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """VTK falls back to drawing where nobody sees it; nothing shown must not pass for shown."""
+    monkeypatch.setenv("DISPLAY", ":7531")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(OutputError):
+        view.show(surface_file(tmp_path / "x.vti"))
 
 
 def test_what_is_no_result(tmp_path: Path) -> None:

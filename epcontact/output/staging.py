@@ -7,6 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from epcontact.errors import OutputError
+
+#: Windows that VTK falls back to where the display does not answer; they show nothing.
+OFF_SCREEN_ONLY = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
+
 
 def new_plotter(task: dict[str, Any], shape: tuple[int, int]) -> Any:
     """A white window of `shape` panels; off the screen where the task names a picture."""
@@ -21,6 +26,10 @@ def new_plotter(task: dict[str, Any], shape: tuple[int, int]) -> Any:
 def finish(plotter: Any, task: dict[str, Any]) -> None:
     """Write the task's picture, or show the window until it is closed."""
     if task["picture"] is None:
+        if plotter.render_window.GetClassName() in OFF_SCREEN_ONLY:
+            raise OutputError(
+                "no window can be opened on this display; ask for a screenshot instead"
+            )
         plotter.link_views()
         plotter.show(title="epcontact")
     else:
