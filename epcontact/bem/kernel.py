@@ -27,6 +27,8 @@ FloatArray = NDArray[np.float64]
 # Below this q d the numerators k sinh 2x - 2x and cosh 2x - 1 are summed as series: the closed
 # forms would lose more than ten digits for nu -> 1/2, the series is exact to rounding.
 _SERIES_BELOW = 0.1
+# Beyond this q d a layer is the half-space to the last digit.
+_DEEP = 300.0
 
 
 def rfft_wavenumbers(shape: tuple[int, ...], periods: tuple[float, ...]) -> FloatArray:
@@ -70,7 +72,7 @@ def surface_compliance(wavenumber: FloatArray, body: Body, material: Material) -
     safe = np.where(zero, 1.0, q)
     compliance = 2 / (effective_modulus(material) * safe)
     if body.kind != "half_space":
-        x = safe * body.depth
+        x = np.minimum(safe * body.depth, _DEEP)
         bonded = body.kind == "bonded_layer"
         compliance *= _bonded_factor(x, material.poisson_ratio) if bonded else _sliding_factor(x)
     mean = 0.0 if body.kind == "half_space" else body.depth / oedometric_modulus(material)

@@ -88,7 +88,9 @@ def solve_symbol(
     cap = hardness / mean_pressure
     heights, datum = _lowered(heights)
     with Workers(options.threads) as workers:
-        run = _Run(symbol, mean_pressure, cap, gap_scale(heights, symbol, mean_pressure), workers)
+        run = _Run(
+            symbol, mean_pressure, hardness, gap_scale(heights, symbol, mean_pressure), workers
+        )
         guess = None
         if start is None and options.method == "newton":
             guess = _coarse_guess(run, heights, options)
@@ -120,11 +122,15 @@ class _Run:
 
     symbol: Symbol
     mean_pressure: float
-    cap: float
+    hardness: float
     scale: float
     workers: Workers
     coarse_pairs: float = 0.0
     levels: int = 0
+
+    @property
+    def cap(self) -> float:
+        return self.hardness / self.mean_pressure
 
     @property
     def points(self) -> int:
@@ -187,7 +193,9 @@ def _solution(
         "equivalent_fft_pairs": counts.pairs + run.coarse_pairs,
         "levels": run.levels,
     }
+    at_cap = it.p >= level.cap
     it.p *= run.mean_pressure
+    it.p[at_cap] = run.hardness  # exactly, whatever the rounding of cap = hardness / p0
     return PressureSolution(it.p, it.u, it.z, residuals, numbers, history, notes)
 
 

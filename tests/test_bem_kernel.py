@@ -1,0 +1,86 @@
+"""The surface compliance of each body, its limits and its independence of scale."""
+
+import math
+
+import numpy as np
+import pytest
+
+from epcontact.bem.kernel import quarter_compliance, rfft_wavenumbers, surface_compliance
+from epcontact.moduli import effective_modulus, oedometric_modulus
+from epcontact.reference.layer import surface_compliance as plane_strain_compliance
+from epcontact.scene import Body, Material
+
+E = 250e9
+DEPTH = 1e-5
+RATIOS = (-0.5, 0.0, 0.3, 0.45, 0.499)
+LAYERS = ("bonded_layer", "sliding_layer")
+
+
+@pytest.mark.parametrize("nu", RATIOS)
+@pytest.mark.parametrize("kind", LAYERS)
+def test_layer_agrees_with_the_plane_strain_solve(kind, nu):
+    # The reference solves the 4 x 4 boundary-value problem of the layer, no closed form.
+    x = np.geomspace(0.05, 30, 60)
+    ours = surface_compliance(x / DEPTH, Body(kind, DEPTH), Material(E, nu))
+    theirs = plane_strain_compliance(x / DEPTH, DEPTH, E, nu, bonded=kind == "bonded_layer")
+    # Its matrix loses digits towards incompressibility and shallow waves.
+    np.testing.assert_allclose(ours, theirs, rtol=1e-10)
+
+
+@pytest.mark.parametrize("nu", RATIOS)
+def test_long_waves_see_the_uniform_layer(nu):
+    material = Material(E, nu)
+    q = np.array([1e-7, 1e-5]) / DEPTH
+    bonded = surface_compliance(q, Body("bonded_layer", DEPTH), material)
+    sliding = surface_compliance(q, Body("sliding_layer", DEPTH), material)
+    # The next term of either series is (q d)^2 times up to about (1 - 2 nu)^-2 = 2.5e5.
+    np.testing.assert_allclose(bonded, DEPTH / oedometric_modulus(material), rtol=1e-4)
+    np.testing.assert_allclose(sliding, DEPTH / effective_modulus(material), rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", LAYERS)
+def test_mean_mode_is_uniaxial_strain(kind):
+    material = Material(E, 0.3)
+    mean = surface_compliance(np.zeros(1), Body(kind, DEPTH), material)[0]
+    assert mean == pytest.approx(DEPTH / oedometric_modulus(material), rel=1e-15)
+
+
+@pytest.mark.parametrize("kind", LAYERS)
+def test_deep_layer_is_the_half_space_without_overflow(kind):
+    material = Material(E, 0.3)
+    q = np.array([20.0, 400.0, 1e6, 1e200]) / DEPTH
+    layer = surface_compliance(q, Body(kind, DEPTH), material)
+    half_space = surface_compliance(q, Body(), material)
+    # At q d = 20 the difference is about (q d)^2 exp(-2 q d) = 2e-15.
+    np.testing.assert_allclose(layer, half_space, rtol=1e-14)
+
+
+@pytest.mark.parametrize("nu", RATIOS)
+@pytest.mark.parametrize("kind", LAYERS)
+def test_series_of_shallow_layers_joins_the_closed_form(kind, nu):
+    # A jump at the switch of the formulas would break the smoothness of log C.
+    q = np.linspace(0.0996, 0.1004, 9) / DEPTH
+    log = np.log(surface_compliance(q, Body(kind, DEPTH), Material(E, nu)))
+    # Third differences of a smooth function are alike over so small a window; a jump of one part
+    # in 1e10 would show in three of them.
+    assert np.ptp(np.diff(log, 3)) < 1e-10
+
+
+def test_half_space_leaves_out_the_mean():
+    c = surface_compliance(np.array([0.0, 2.0]), Body(), Material(E, 0.3))
+    assert c.tolist() == [0.0, pytest.approx((1 - 0.3**2) / E, rel=1e-15)]
+
+
+@pytest.mark.parametrize("shape", [(8, 6), (7, 6), (8, 5), (5, 9)])
+def test_quarter_holds_every_mode(shape):
+    periods = (3e-4, 1e-4)
+    material, body = Material(E, 0.2), Body("bonded_layer", DEPTH)
+    full = surface_compliance(rfft_wavenumbers(shape, periods), body, material)
+    quarter = quarter_compliance(shape, periods, body, material)
+    rows = np.minimum(np.arange(shape[0]), shape[0] - np.arange(shape[0]))
+    np.testing.assert_array_equal(full, quarter[rows])
+
+
+def test_wavenumbers_of_a_line():
+    q = rfft_wavenumbers((6,), (2e-4,))
+    np.testing.assert_allclose(q, 2 * math.pi / 2e-4 * np.arange(4), rtol=1e-15)
