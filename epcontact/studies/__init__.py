@@ -1,0 +1,69 @@
+"""Studies: what accuracy costs, and what the theory and its checks say of each other, as charts.
+
+Each study is a module with pure functions that make plain data, and `charts(size, progress)`
+that draws them.  `STUDIES` names them; nothing of a study is imported before it runs.  The size
+"fast" takes seconds, "full" minutes.  Times that a chart shows were taken in that one run: their
+ratios mean something, they themselves belong to the machine.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from epcontact.errors import EpcontactError
+
+if TYPE_CHECKING:
+    from epcontact.output.figures import Chart
+
+Size = Literal["fast", "full"]
+Progress = Callable[[str], None]
+
+
+class StudyUnavailable(EpcontactError):
+    """A study that needs what is not installed here."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study by name; `run` makes its charts."""
+
+    name: str
+    description: str
+
+    def run(self, size: Size = "fast", progress: Progress | None = None) -> tuple[Chart, ...]:
+        """The charts; `progress` is called with a sentence now and then.
+
+        Raises EpcontactError where a solver does not converge or something is not installed.
+        """
+        module = importlib.import_module(f"epcontact.studies.{self.name}")
+        found: tuple[Chart, ...] = module.charts(size, progress or _silent)
+        return found
+
+
+def _silent(_: str) -> None:
+    pass
+
+
+def save_charts(name: str, charts: tuple[Chart, ...], folder: Path) -> list[Path]:
+    """Write the charts of a study as <name>-1, <name>-2, ... (one alone: <name>) into `folder`.
+
+    Returns the files written.  Raises OutputError.
+    """
+    several = len(charts) > 1
+    written: list[Path] = []
+    for number, chart in enumerate(charts, start=1):
+        written += chart.save(folder / (f"{name}-{number}" if several else name))
+    return written
+
+
+_DESCRIPTIONS = {
+    "gamma": "areas of the theory against its energy reduction, beside boundary elements",
+    "resolution": "error of raw and corrected areas against points per wavelength and cost",
+}
+
+#: Every study by its name.
+STUDIES = {name: Study(name, text) for name, text in _DESCRIPTIONS.items()}

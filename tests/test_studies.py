@@ -1,0 +1,177 @@
+"""Studies: the data behind the charts, and that every chart tells and shows it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from epcontact.output.figures import Series
+from epcontact.persson import areas
+from epcontact.studies import STUDIES, gamma, resolution, save_charts, scenes
+from epcontact.studies.drawing import curves, with_orders
+
+
+def quiet(_: str) -> None:
+    pass
+
+
+def rows_of(chart):
+    return list(csv.DictReader(io.StringIO(chart.csv())))
+
+
+# --- what studies share -------------------------------------------------------------------------
+
+
+def test_the_paper_s_scene_has_the_paper_s_groups():
+    scene = scenes.rough_scene(4, seed=1, bandwidth=16)
+    slope = np.sqrt(
+        sum(np.mean(d**2) for d in _gradients(scene.surface.heights, scene.surface.spacing))
+    )
+    assert slope == pytest.approx(1, rel=1e-10)
+    assert scene.load.final / scenes.MODULUS == 0.05
+    assert scene.material.hardness / scenes.MODULUS == 0.6
+
+
+def _gradients(heights, spacing):
+    modes = np.fft.fft2(heights)
+    for axis in (0, 1):
+        q = 2 * math.pi * np.fft.fftfreq(heights.shape[axis], spacing[axis])
+        yield np.fft.ifft2(1j * np.expand_dims(q, 1 - axis) * modes).real
+
+
+def test_the_interval_of_a_mean_is_student_s():
+    mean, half_width = scenes.mean_and_half_width([1.0, 2.0, 3.0])
+    # t(2 degrees, 97.5 %) = 4.30265
+    assert (mean, half_width) == pytest.approx((2.0, 4.302653 / math.sqrt(3)), rel=1e-6)
+    assert scenes.mean_and_half_width([5.0]) == (5.0, 0.0)
+
+
+def test_a_chart_s_table_holds_what_is_drawn():
+    chart = curves(
+        [Series("one", [1, 10, 100], [0.1, 0.01, 0.001]), Series("flat", [1, 100], [1, 1])],
+        x="cost (s)",
+        y="error (–)",
+        columns=("cost_s", "error"),
+        caption="What is seen.",
+        log="xy",
+        pareto=["one"],
+    )
+    assert [row["error"] for row in rows_of(chart)] == ["0.1", "0.01", "0.001", "1.0", "1.0"]
+    front = [line for line in chart.figure.axes[0].lines if line.get_label() == "Pareto front"]
+    assert np.array_equal(front[0].get_ydata(), [0.1, 0.01, 0.001])
+
+
+def test_labels_tell_the_observed_order_and_no_other():
+    x = np.array([1.0, 2.0, 4.0])
+    series = [Series("second", x, x**-2.0), Series("level", x, np.ones(3))]
+    assert with_orders(series, ["second"], sign=-1) == {"second": "second: order 2.00"}
+
+
+def test_charts_are_saved_under_the_study_s_name(tmp_path: Path):
+    chart = curves([Series("s", [1], [1])], x="x", y="y", columns=("x", "y"), caption="c")
+    save_charts("alone", (chart,), tmp_path)
+    save_charts("pair", (chart, chart), tmp_path)
+    assert {p.stem for p in tmp_path.iterdir()} == {"alone", "pair-1", "pair-2"}
+
+
+# --- gamma --------------------------------------------------------------------------------------
+
+
+def exact_bem(gamma_of_each: dict[str, float], width: float):
+    tau = scenes.MODULUS**2 / 8
+    bem = {}
+    for key, g in gamma_of_each.items():
+        hardness = math.inf if key == "elastic_body_area" else scenes.HARDNESS
+        part = "total" if "body" in key else key.removesuffix("_area")
+        area = float(getattr(areas(g * tau, scenes.MEAN_PRESSURE, hardness), part))
+        bem[key] = (area, width * area)
+    return gamma.fit_gamma(bem, tau, scenes.MEAN_PRESSURE, scenes.HARDNESS)
+
+
+def test_areas_of_the_theory_give_back_their_gamma():
+    fit = exact_bem(dict.fromkeys(gamma.NAMES, 0.536), 1e-3)
+    for middle, low, high in fit.fits.values():
+        # The table's steps of 0.005, between which it is linear, leave curvature times 3e-6.
+        assert middle == pytest.approx(0.536, abs=2e-5)
+        assert low < middle < high
+    assert fit.common
+
+
+def test_areas_of_two_gammas_have_none_in_common():
+    fit = exact_bem(dict.fromkeys(gamma.NAMES, 0.5) | {"elastic_body_area": 0.6}, 1e-3)
+    assert not fit.common
+    # Intervals wide enough to hold both are no evidence.
+    assert exact_bem(dict.fromkeys(gamma.NAMES, 0.5) | {"elastic_body_area": 0.6}, 0.2).common
+
+
+def test_an_area_that_no_gamma_meets_is_told_as_such():
+    tau = scenes.MODULUS**2 / 8
+    bem = {"total_area": (0.9, 0.0)}
+    fit = gamma.fit_gamma(bem, tau, scenes.MEAN_PRESSURE, scenes.HARDNESS)
+    assert math.isnan(fit.fits["total_area"][0])
+    assert not fit.common
+
+
+def test_no_gamma_fits_the_capped_and_the_elastic_body():
+    fit = gamma.measure(4, 64, range(7, 15), quiet)
+    assert fit.fits["elastic_body_area"][1] > fit.fits["total_area"][2]
+    assert not fit.common
+    first, second = gamma.draw_fit(fit, 4, 64)
+    assert "No single gamma fits" in first.caption
+    assert "No single gamma fits" in second.caption
+    assert {row["series"] for row in rows_of(second)} == set(gamma.NAMES.values())
+
+
+# --- resolution ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def errors():
+    return resolution.measure((4, 6, 8), 16, 16, range(3), quiet)
+
+
+def test_raw_areas_have_first_order_and_corrected_ones_are_better(errors):
+    for one in errors:
+        if one.part == "elastic":
+            continue
+        raw, corrected = one.errors["raw"], one.errors["corrected"]
+        order = -np.polyfit(np.log(one.points), np.log(raw), 1)[0]
+        assert 0.7 < order < 1.4  # first order, on three grids of three surfaces
+        # The correction leaves less than a quarter of the raw error on every grid.
+        assert np.all(corrected < 0.25 * raw)
+
+
+def test_extrapolation_uses_the_grid_half_as_fine(errors):
+    found = errors[0].errors["raw, extrapolated"]
+    assert np.isnan(found[:2]).all()
+    assert found[2] < errors[0].errors["raw"][2]
+
+
+def test_work_counts_transforms_times_points(errors):
+    # From 4 to 8 points per wavelength there are four times the points.
+    assert 3 < errors[0].work[2] / errors[0].work[0] < 8
+
+
+def test_the_charts_of_resolution_say_what_the_reference_is_worth(errors):
+    against_points, against_work = resolution.draw_errors(errors[0], 16)
+    assert "uncertain by" in against_points.caption
+    assert "uncertain by" in against_work.caption
+    names = {row["series"] for row in rows_of(against_points)}
+    assert {*resolution.KINDS, resolution.CLAIMED, "uncertainty of the reference"} == names
+
+
+# --- every study --------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["gamma", "resolution"])
+def test_a_fast_study_makes_charts_that_can_be_saved(name, tmp_path):
+    charts = STUDIES[name].run("fast")
+    files = save_charts(name, charts, tmp_path)
+    assert {f.suffix for f in files} == {".png", ".svg", ".csv", ".txt"}
+    assert all(len(chart.caption) > 100 for chart in charts)
