@@ -16,8 +16,9 @@ straight front (`rim_calibration`), as a sum over what each row and column meets
 * m < 3 elastic points between apart and plastic: the two fronts see each other, and each is off
   by a tabulated amount that depends on m and on tau = H/(H + (E*/dx) |difference of the gaps|),
   down to nothing for a rigid-plastic body, tau -> 0;
-* switches in line over many rows or columns: rims along the grid, whose offset is larger; what
-  exceeds the share that a rim of any direction has is added.
+* switches in line over STRAIGHT_FROM rows or columns: rims along the grid, whose offset is
+  larger; what exceeds the share that a rim of any direction has is added.  From LOCATED_FROM on
+  the front is also located inside its cells, by p - c g = 0, c = pi E*/(2 e dx), as on a line.
 
 On a line fronts are located inside their cell, see `area_line`.
 """
@@ -49,14 +50,15 @@ TAU_NODES = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0])
 STRIP_0 = np.array([0, 0.034, 0.0709, 0.1278, 0.1859, 0.233, 0.2659, 0.2854, 0.3064, 0.326])
 STRIP_1 = np.array([0, 0.0226, 0.0449, 0.0588, 0.0662, 0.0765, 0.0854, 0.0875, 0.0927, 0.1026])
 STRIP_2 = 0.1052
-#: Switches in line are a straight rim from this number on; a rim of any direction has as many of
+#: Switches in line are a straight rim from these numbers on; a rim of any direction has as many of
 #: them that their excess over RIM_PER_SWITCH is ISOTROPIC_EXCESS per switch.
-STRAIGHT_FROM = 12
+STRAIGHT_FROM, LOCATED_FROM = 12, 48
 ISOTROPIC_EXCESS = 0.0052
 
 _jit = numba.njit(cache=True, nogil=True)
 # Places in the vector of sums.
-_CONTACT, _PLASTIC, _RIM, _PLASTIC_RIM, _STRIP, _STRIP_OFFSET, _LINE, _PLASTIC_LINE = range(8)
+_CONTACT, _PLASTIC, _RIM, _PLASTIC_RIM, _STRIP, _STRIP_OFFSET = range(6)
+_LINE, _LOCATED, _LINE_SQUARES = 6, 8, 10  # of the contact; those of the plastic part follow
 _BLOCK = 64  # columns swept together: their states stay in the innermost cache
 
 
@@ -104,17 +106,17 @@ def estimate_areas(
         counted, located, error = ((total / n, plastic / n) for total, plastic in lengths)
         return _areas(*counted), _areas(*located), _error(*error)
     stiffness = effective_modulus / math.sqrt(spacing[0] * spacing[1])
-    sums = np.zeros(8)
+    sums = np.zeros(12)
     _sweep(pressure, gap, hardness, stiffness, sums)
     _sweep(pressure.T, gap.T, hardness, stiffness, sums)
     n = pressure.size
     contact, plastic = sums[_CONTACT] / 2, sums[_PLASTIC] / 2  # both sweeps count
-    correction = _correction(sums, _RIM, _LINE)
-    plastic_correction = _correction(sums, _PLASTIC_RIM, _PLASTIC_LINE)
+    correction = _correction(sums, 0)
+    plastic_correction = _correction(sums, 1)
     corrected = _areas((contact - correction) / n, (plastic + plastic_correction) / n)
     uncertain = (
-        _uncertainty(sums, _RIM, correction, min(contact, n - contact)),
-        _uncertainty(sums, _PLASTIC_RIM, plastic_correction, min(plastic, n - plastic)),
+        _uncertainty(sums, 0, correction, min(contact, n - contact)),
+        _uncertainty(sums, 1, plastic_correction, min(plastic, n - plastic)),
     )
     return _areas(contact / n, plastic / n), corrected, _error(*(u / n for u in uncertain))
 
@@ -127,25 +129,28 @@ def _error(total: float, plastic: float) -> Areas:
     return Areas(total=float(total), elastic=math.hypot(total, plastic), plastic=float(plastic))
 
 
-def _correction(sums: FloatArray, rim: int, line: int) -> float:
-    """Cells to take off the contact, or to add to the plastic part."""
-    switches = sums[rim] + sums[_STRIP]
+def _correction(sums: FloatArray, front: int) -> float:
+    """Cells to take off the contact (front 0), or to add to the plastic part (front 1)."""
+    rim, line = sums[_RIM + front], sums[_LINE + front]
+    switches = rim + sums[_STRIP]
     if switches == 0:
         return 0.0
-    share = sums[rim] / switches
+    share = rim / switches
     longest = AXIS_OFFSET - RIM_PER_SWITCH
-    excess = max(0.0, sums[line] - ISOTROPIC_EXCESS * switches) * share
+    excess = max(0.0, line - ISOTROPIC_EXCESS * switches) * share
     straight = excess * longest / (longest - ISOTROPIC_EXCESS)
-    return float(RIM_PER_SWITCH * sums[rim] + sums[_STRIP_OFFSET] + straight)
+    offset = RIM_PER_SWITCH * rim + sums[_STRIP_OFFSET] + straight
+    return float(offset - sums[_LOCATED + front])
 
 
-def _uncertainty(sums: FloatArray, rim: int, correction: float, area: float) -> float:
+def _uncertainty(sums: FloatArray, front: int, correction: float, area: float) -> float:
     """Cells by which an area may be off; the figures are measured, see the tests.
 
-    The rim's position in its cells is random; a next order falls with the size of the spots.
+    The rim's position in its cells is random, over a straight rim all at once; a next order falls
+    with the size of the spots.
     """
-    switches = sums[rim] + sums[_STRIP]
-    chance = 0.22 * math.sqrt(switches)
+    switches = sums[_RIM + front] + sums[_STRIP]
+    chance = math.sqrt(0.16 * switches + 0.25 * sums[_LINE_SQUARES + front])
     order = 0.5 * correction * min(1.0, correction / max(area, 1.0))
     return math.hypot(chance, order, 0.05 * sums[_STRIP_OFFSET])
 
@@ -189,6 +194,25 @@ def _close(sums: FloatArray, plastic: bool, was_plastic: bool, run: int, tau: fl
 
 
 @_jit
+def _close_line(sums: FloatArray, front: int, length: int, shift: float) -> None:
+    """Book that many switches in line, with the sum of their located positions in the cell."""
+    sums[_LINE + front] += _straight(length)
+    if length >= LOCATED_FROM:
+        sums[_LOCATED + front] += shift
+    elif length >= STRAIGHT_FROM:
+        sums[_LINE_SQUARES + front] += length * length
+
+
+@_jit
+def _field(p: float, g: float, hardness: float, stiffness: float, front: int) -> float:
+    """p - c g, or hardness - p + c g at the plastic front; elastic points have no gap."""
+    if 0 < p < hardness:
+        g = 0.0
+    field = p - math.pi / (2 * math.e) * stiffness * g
+    return hardness - field if front else field
+
+
+@_jit
 def _straight(length: int) -> float:
     """Excess offset of that many switches in line, as one of a rim of slope 1/length has it.
 
@@ -213,6 +237,7 @@ def _sweep(  # noqa: PLR0912 - one pass over memory
         gaps = np.zeros((2, width))
         side = np.zeros((2, width), np.int64)  # of contact, of plastic: +1 into it, -1 out, 0
         length = np.zeros((2, width), np.int64)
+        shift = np.zeros((2, width))
         for i in range(nx):
             for k in range(width):
                 p, q = pressure[i, start + k], pressure[i, start + k - 1]
@@ -223,10 +248,17 @@ def _sweep(  # noqa: PLR0912 - one pass over memory
                     now = (p >= hardness) - (q >= hardness) if front else (p > 0) - (q > 0)
                     if now != side[front, k]:
                         if side[front, k] != 0:
-                            sums[_LINE + front] += _straight(length[front, k])
+                            _close_line(sums, front, length[front, k], shift[front, k])
                         side[front, k] = now
                         length[front, k] = 0
+                        shift[front, k] = 0.0
                     length[front, k] += 1
+                    if now != 0:
+                        g, f = gap[i, start + k], gap[i, start + k - 1]
+                        first = _field(p, g, hardness, stiffness, front)
+                        second = _field(q, f, hardness, stiffness, front)
+                        if first != second:
+                            shift[front, k] += max(first, second) / abs(first - second) - 0.5
                 if contact and not plastic:
                     run[k] += 1
                     continue
@@ -241,7 +273,7 @@ def _sweep(  # noqa: PLR0912 - one pass over memory
         for k in range(width):
             for front in range(2):
                 if side[front, k] != 0:
-                    sums[_LINE + front] += _straight(length[front, k])
+                    _close_line(sums, front, length[front, k], shift[front, k])
             if seen[k]:
                 tau = hardness / (hardness + stiffness * abs(gaps[0, k] - gaps[1, k]))
                 _close(sums, ends[0, k], ends[1, k], run[k] + head[k], tau)
