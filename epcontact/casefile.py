@@ -277,19 +277,32 @@ def _gates(path: Path, table: CaseFile, size: str) -> tuple[Gate, ...]:
                     f"{where} reads {method}, which case.methods does not name; add it there"
                 )
         if isinstance(gate.against, str) and gate.against not in METHODS:
-            _require_closed_form(where, gate.against)
+            _require_closed_form(where, gate)
+        elif gate.norm == "l2" or (
+            gate.quantity == "distribution" and not isinstance(gate.against, str)
+        ):
+            raise InvalidCase(
+                f"{where}: {gate.quantity} is held against {gate.against!r}, but needs a closed "
+                "form that has it" + (" or a method" if gate.norm != "l2" else "")
+            )
         if gate.sizes is None or size in gate.sizes:
             gates.append(_gate(gate))
     return tuple(gates)
 
 
-def _require_closed_form(where: str, name: str) -> None:
+def _require_closed_form(where: str, gate: GateTable) -> None:
     from epcontact.closed_forms import CLOSED_FORMS
 
+    name = str(gate.against)
     if name not in CLOSED_FORMS:
         raise InvalidCase(
             f"{where} has against = {name!r}, which is neither a method nor a closed "
             f"form{_nearest(name, CLOSED_FORMS)}"
+        )
+    if not CLOSED_FORMS[name].knows(gate.quantity):
+        raise InvalidCase(
+            f"{where}: the closed form {name} has no {gate.quantity!r}; it has "
+            f"{', '.join(CLOSED_FORMS[name].quantities)}"
         )
 
 

@@ -31,6 +31,7 @@ from epcontact.casefile import Case, load_case
 from epcontact.closed_forms import CLOSED_FORMS
 from epcontact.compare import estimate
 from epcontact.errors import EpcontactError, InvalidCase, NotConverged
+from epcontact.measures import MEASURES, measure
 from epcontact.output.files import write_json
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
@@ -62,7 +63,7 @@ class Answer:
     reused: int = 0
 
 
-Progress = Callable[[Task, bool], None]
+Progress = Callable[[Task, str], None]  # a task is done; the note is "reused", "failed" or empty
 
 
 @dataclass(frozen=True)
@@ -120,13 +121,14 @@ def run_cases(
         if found is not None:
             outcomes[task] = found
             reused.add(task)
-            progress(task, True)
+            progress(task, "reused")
     waiting = [task for task in by_task if task not in outcomes]
     for task, outcome in _solve_all(waiting, plan.jobs):
         outcomes[task] = outcome
+        good = isinstance(outcome, ContactResult)
         if isinstance(outcome, ContactResult):
             _keep(task, by_task[task], plan.output, outcome)
-        progress(task, False)
+        progress(task, "" if good else "failed")
     answers = {
         case.id: {m: _collect(case, m, by_task, outcomes, reused) for m in methods[case.id]}
         for case in cases
@@ -221,7 +223,7 @@ def _key(task: Task, case: Case) -> str:
         "method": task.method,
         "options": repr(sorted(case.options[task.method].items())),
         "solver": task.solver,
-        "fields": sorted(g.name for g in case.gates if g.norm == "l2" and g.of == task.method),
+        "fields": sorted(_measured_by(case, task.method)),
         "sources": sources_digest(),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
@@ -333,10 +335,10 @@ def _bem(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResul
 
 
 def _fem(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
-    from fem_check.solve import solve
+    import fem_check
 
     del threads
-    return solve(scene, **options)
+    return fem_check.solve(scene, **options)
 
 
 def _foreign(name: str) -> Solver:
@@ -354,23 +356,40 @@ def _foreign(name: str) -> Solver:
 def _with_field_measures(
     case: Case, task: Task, scene: Scene, result: ContactResult
 ) -> ContactResult:
-    """Add the distance of each gated field from its closed form to the quantities.
+    """Add what gates ask of the fields to the quantities: the distance of a field from its
+    closed form as l2.<form>.<field>, and the harness's own measures (see `measures`).
 
-    It is measured here because fields do not leave the process that made them.
+    They are taken here because fields do not leave the process that made them.
     """
     measures = {}
-    for gate in case.gates:
-        if gate.norm == "l2" and gate.of == task.method:
-            name = gate.quantity.removeprefix("field.")
-            exact = CLOSED_FORMS[str(gate.against)].field(name, scene)
-            if name not in result.fields:
-                raise InvalidCase(f"{task.method} gives no field {name!r} for a gate")
-            error = np.linalg.norm(result.fields[name] - exact) / np.linalg.norm(exact)
-            measures[f"l2.{name}"] = float(error)
+    for name in _measured_by(case, task.method):
+        if not name.startswith("l2."):
+            measures[name] = measure(name, scene, result)
+            continue
+        _, form, field_name = name.split(".")
+        exact = CLOSED_FORMS[form].field(field_name, scene)
+        found = result.fields.get(field_name)
+        if found is None or np.shape(found) != exact.shape:
+            raise InvalidCase(
+                f"{task.method} gives no field {field_name!r} on the scene's grid for a gate"
+            )
+        error = np.linalg.norm(found - exact) / np.linalg.norm(exact)
+        measures[name] = float(error)
     if not measures:
         return result
     final = replace(result.final, quantities=dict(result.final.quantities) | measures)
     return replace(result, steps=(*result.steps[:-1], final))
+
+
+def _measured_by(case: Case, method: str) -> set[str]:
+    """The names of what the gates on a method ask of its fields."""
+    names = set()
+    for gate in case.gates:
+        if gate.norm == "l2" and method in (gate.of, gate.against):
+            names.add(f"l2.{gate.against}.{gate.quantity.removeprefix('field.')}")
+        elif method in (gate.of, gate.against):
+            names.add(gate.quantity.removeprefix("quantity."))
+    return {name for name in names if name.startswith("l2.") or name in MEASURES}
 
 
 @contextlib.contextmanager

@@ -189,9 +189,17 @@ class FemTable(Table):
 class GateTable(Table):
     """[[gate]]: one comparison that must hold."""
 
-    quantity: str = Field(
-        description="area.<total|elastic|plastic>.<raw|corrected>, quantity.<name>, "
-        "residual.<name>, iterations.<name>, distribution, or field.<name>"
+    quantity: Annotated[
+        str,
+        Field(
+            pattern=r"^(area\.(total|elastic|plastic)\.(raw|corrected|error)|mean_pressure|"
+            r"distribution|(quantity|residual|iterations|cost|field)\.[a-z0-9_]+)$"
+        ),
+    ] = Field(
+        description="area.<total|elastic|plastic>.<raw|corrected|error>, quantity.<name>, "
+        "residual.<name>, iterations.<name>, cost.<name>, distribution, or field.<name>; "
+        "quantity.measured_<force|bounds|gap|raw_total|raw_plastic|carried> is measured on the "
+        "method's fields by the harness itself"
     )
     of: Method = Field(description="the method that is judged")
     against: str | float = Field(description="a method, a closed form's name, or a number")

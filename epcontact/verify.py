@@ -27,7 +27,7 @@ from epcontact.compare import (
 )
 from epcontact.errors import EpcontactError
 from epcontact.output.files import whole_file, write_json
-from epcontact.results import ContactResult, package_versions
+from epcontact.results import PressureDistribution, package_versions
 from epcontact.run import Answer
 
 HOLDS, FALLS_SHORT, SKIPPED, ERROR = "holds", "falls short", "skipped", "error"
@@ -96,7 +96,7 @@ def _judge(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> Verdict:
     if gate.norm in DISTRIBUTION_NORMS:
         return judge_distance(gate, _distances(case, gate, of, against))
     if gate.norm == "l2":
-        name = "quantity.l2." + gate.quantity.removeprefix("field.")
+        name = f"quantity.l2.{gate.against}." + gate.quantity.removeprefix("field.")
         return judge_distance(gate, [read_quantity(r, name) for r in of.results])
     value = [read_quantity(result, gate.quantity) for result in of.results]
     if against is not None:
@@ -110,18 +110,21 @@ def _judge(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> Verdict:
 
 
 def _distances(case: Case, gate: Gate, of: Answer, against: Answer | None) -> list[float]:
-    others: list[ContactResult] = list(against.results) if against else []
+    others: list[PressureDistribution | None]
+    if against is None:
+        form = CLOSED_FORMS[str(gate.against)]
+        others = [form.pressures(case.scene(recipe)) for recipe in case.recipes]
+    else:
+        others = [result.distribution for result in against.results]
     if len(others) == 1:
         others *= len(of.results)
     if len(others) != len(of.results):
         raise EpcontactError("distributions can be compared with one answer, or one a surface")
-    distances = []
+    distances: list[float] = []
     for mine, other in zip(of.results, others, strict=True):
-        if mine.distribution is None or other.distribution is None:
+        if mine.distribution is None or other is None:
             raise EpcontactError(f"{gate.name}: a method gave no pressure distribution")
-        distances.append(
-            distance(gate.norm, mine.distribution, other.distribution, case.material.hardness)
-        )
+        distances.append(distance(gate.norm, mine.distribution, other, case.material.hardness))
     return distances
 
 

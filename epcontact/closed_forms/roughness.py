@@ -1,0 +1,41 @@
+"""What a surface's own heights say to the theory: slopes and full-contact pressures."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from epcontact.closed_forms.form import ClosedForm, refuse_unless
+from epcontact.moduli import effective_modulus
+from epcontact.scene import Scene
+
+
+def _slope(scene: Scene) -> float:
+    """rms slope by spectral derivatives along each axis: exact for band-limited heights."""
+    surface = scene.surface
+    refuse_unless(surface.heights.ndim == 2, "heights", "a surface")
+    total = 0.0
+    for axis, (n, d) in enumerate(zip(surface.shape, surface.spacing, strict=True)):
+        q = 2 * np.pi * np.fft.fftfreq(n, d)
+        if n % 2 == 0:
+            q[n // 2] = 0.0  # the unpaired mode has no derivative on the grid
+        modes = np.fft.fft(surface.heights, axis=axis) * q.reshape(
+            (-1, 1) if axis == 0 else (1, -1)
+        )
+        total += float(np.mean(np.abs(np.fft.ifft(modes, axis=axis)) ** 2))
+    return math.sqrt(total)
+
+
+def _half_variance(scene: Scene) -> float:
+    """Half the variance that the pressure would have in full contact, E*^2 xi^2/8, in Pa^2."""
+    return effective_modulus(scene.material) ** 2 * _slope(scene) ** 2 / 8
+
+
+FORMS = (
+    ClosedForm(
+        "heights",
+        "the surface's own heights: xi^2 = <|grad h|^2>, <(p - p0)^2> = E*^2 xi^2/4",
+        {"quantity.rms_slope": _slope, "quantity.diffusion": _half_variance},
+    ),
+)

@@ -1,0 +1,105 @@
+"""What a result's own fields say of it, whatever its method claims: the harness's own residuals.
+
+A gate that names `quantity.measured_<name>` has the harness compute it with plain numpy from the
+pressure field, the scene's heights and the compliance of `closed_forms.linear`, so that a solver
+cannot vouch for itself:
+
+    measured_force       mean(p)/p0 - 1
+    measured_bounds      how far p leaves [0, hardness], divided by p0
+    measured_gap         the largest violation of the contact conditions on the gap, divided by
+                         the rms height: |g| where 0 < p < hardness, -g where p = 0, g where
+                         p = hardness (Karush-Kuhn-Tucker)
+    measured_raw_total   share of grid points with p > 0, less the raw area that is claimed
+    measured_raw_plastic share of grid points at the hardness, less the claimed one
+    measured_carried     (int sigma dF + hardness A_pl)/p0 - 1 of the claimed distribution
+    smallest_contact_pressure  in Pa, where p > 0
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.closed_forms.linear import compliance
+from epcontact.errors import InvalidCase
+from epcontact.results import ContactResult
+from epcontact.scene import Scene
+
+FloatArray = NDArray[np.float64]
+
+# A pressure this close to the hardness counts as at it: scaling by p0 and back rounds.
+_AT_THE_CAP = 1e-12
+
+
+def _force(p: FloatArray, scene: Scene, _: ContactResult) -> float:
+    return float(p.mean()) / scene.load.final - 1
+
+
+def _bounds(p: FloatArray, scene: Scene, _: ContactResult) -> float:
+    beyond = max(-float(p.min()), float(p.max()) - scene.material.hardness, 0.0)
+    return beyond / scene.load.final
+
+
+def _gap(p: FloatArray, scene: Scene, _: ContactResult) -> float:
+    C = compliance(scene)
+    C.flat[0] = 0.0
+    gap = np.fft.ifftn(C * np.fft.fftn(p)).real - scene.surface.heights
+    apart, flowing = p <= 0, p >= scene.material.hardness * (1 - _AT_THE_CAP)
+    between = ~apart & ~flowing
+    if between.any():
+        gap -= gap[between].mean()
+    elif flowing.any():
+        gap -= gap[flowing].max()
+    wrong = np.where(apart, -gap, np.where(flowing, gap, np.abs(gap)))
+    return float(wrong.max()) / float(scene.surface.heights.std())
+
+
+def _raw_total(p: FloatArray, _: Scene, result: ContactResult) -> float:
+    return float((p > 0).mean()) - result.final.areas["raw"].total
+
+
+def _raw_plastic(p: FloatArray, scene: Scene, result: ContactResult) -> float:
+    flowing = p >= scene.material.hardness * (1 - _AT_THE_CAP)
+    return float(flowing.mean()) - result.final.areas["raw"].plastic
+
+
+def _carried(_: FloatArray, scene: Scene, result: ContactResult) -> float:
+    found = result.distribution
+    if found is None:
+        raise InvalidCase(f"{result.method} gives no pressure distribution for a gate")
+    middle = (found.pressure[1:] + found.pressure[:-1]) / 2
+    carried = float(np.sum(middle * np.diff(found.cumulative)))
+    if math.isfinite(scene.material.hardness):
+        carried += scene.material.hardness * found.plastic
+    return carried / scene.load.final - 1
+
+
+def _smallest(p: FloatArray, _: Scene, __: ContactResult) -> float:
+    return float(p[p > 0].min()) if (p > 0).any() else 0.0
+
+
+MEASURES: dict[str, Callable[[FloatArray, Scene, ContactResult], float]] = {
+    "measured_force": _force,
+    "measured_bounds": _bounds,
+    "measured_gap": _gap,
+    "measured_raw_total": _raw_total,
+    "measured_raw_plastic": _raw_plastic,
+    "measured_carried": _carried,
+    "smallest_contact_pressure": _smallest,
+}
+
+
+def measure(name: str, scene: Scene, result: ContactResult) -> float:
+    """The measure called `name`.  Raises InvalidCase if the result lacks what it takes."""
+    pressure = result.fields.get("pressure")
+    if pressure is None:
+        raise InvalidCase(f"{result.method} gives no field 'pressure' for a gate")
+    if np.shape(pressure) != scene.surface.shape:
+        raise InvalidCase(
+            f"{result.method} gives a pressure of shape {np.shape(pressure)} on a grid of "
+            f"{scene.surface.shape}"
+        )
+    return MEASURES[name](np.asarray(pressure, dtype=np.float64), scene, result)
