@@ -12,7 +12,15 @@ import pytest
 
 from epcontact.output.figures import Series
 from epcontact.persson import areas
-from epcontact.studies import STUDIES, gamma, resolution, save_charts, scenes
+from epcontact.studies import (
+    STUDIES,
+    gamma,
+    magnification,
+    resolution,
+    save_charts,
+    scenes,
+    theory,
+)
 from epcontact.studies.drawing import curves, with_orders
 
 
@@ -165,11 +173,102 @@ def test_the_charts_of_resolution_say_what_the_reference_is_worth(errors):
     assert {*resolution.KINDS, resolution.CLAIMED, "uncertainty of the reference"} == names
 
 
+# --- magnification ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    return magnification.measure(4, 16, (1.5, 3.0, 6.0, 11.0, 16.0), range(3), quiet)
+
+
+def test_the_last_cut_off_is_the_whole_surface(comparison):
+    from epcontact import bem
+
+    solved = [bem.solve(scenes.rough_scene(4, seed, 16), area_tolerance=1e-5) for seed in range(3)]
+    for part in scenes.PARTS:
+        mean, _ = scenes.area_band(solved, part)
+        # Filtering rounds heights, and area_tolerance bounds what that may do.
+        assert comparison.bem[part][-1] == pytest.approx(mean, rel=2e-5)
+
+
+def test_boundary_elements_lose_contact_as_the_theory_does(comparison):
+    for areas_ in (comparison.bem["total"], comparison.theory["total"]):
+        assert np.all(np.diff(areas_) < 0)
+    # Within 25 %: so few waves are a coarse sample of the theory's continuum of them.
+    assert np.all(np.abs(comparison.bem["total"] / comparison.theory["total"] - 1) < 0.25)
+
+
+def test_five_cut_offs_have_distributions_that_hold_the_elastic_area(comparison):
+    assert list(comparison.densities) == [1.5, 3.0, 6.0, 11.0, 16.0]
+    for i, (pressure, _, density) in enumerate(comparison.densities.values()):
+        width = pressure[1] - pressure[0]
+        elastic = comparison.theory["elastic"][i]
+        assert density.sum() * width == pytest.approx(elastic, rel=1e-6)
+
+
+def test_five_cut_offs_are_chosen_evenly_with_the_last():
+    assert magnification.five_of(13) == [2, 5, 7, 10, 12]
+    assert magnification.five_of(5) == [0, 1, 2, 3, 4]
+
+
+def test_the_charts_of_magnification_hold_both_methods(comparison):
+    against, deviation, density = magnification.draw_comparison(comparison)
+    series = {row["series"] for row in rows_of(against)}
+    assert {"total, bem", "total, theory", "plastic, bem"} <= series
+    assert "At the last magnification" in deviation.caption
+    assert len({row["series"] for row in rows_of(density)}) == 10
+
+
+# --- theory -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("G", [0.01, 0.186, 1.0])
+@pytest.mark.parametrize("summed", [theory.eigenfunction_sums, theory.image_sums])
+def test_each_partial_sum_is_that_of_arbitrary_precision(summed, G):
+    import mpmath as mp
+
+    s, c = mp.mpf(1) / 12, 2 * mp.sqrt(G)
+
+    def eigenfunction(i: int):
+        n = 2 * i + 1
+        return 4 / (mp.pi * n) * mp.sin(n * mp.pi * s) * mp.exp(-((n * mp.pi) ** 2) * G)
+
+    def image(k: int):
+        pair = mp.erf((k + s) / c) - mp.erf((k - s) / c)
+        return (-1) ** k * pair if k else pair / 2
+
+    term = image if summed is theory.image_sums else eigenfunction
+    with mp.workdps(40):
+        exact = [float(mp.fsum(term(i) for i in range(n + 1))) for n in range(8)]
+    # Rounding of terms that are at most 1.
+    assert summed(G, 1 / 12, 8) == pytest.approx(exact, abs=1e-15)
+
+
+def test_few_images_at_small_diffusion_and_few_eigenfunctions_at_large():
+    small, large = theory.terms_needed(1e-3), theory.terms_needed(1.0)
+    assert small["images"] == 1
+    assert small["eigenfunctions"] > 15
+    assert large["eigenfunctions"] == 1
+    assert large["images"] > 10
+
+
+def test_where_the_package_changes_its_series_both_are_short():
+    from epcontact.persson.series import SWITCH
+
+    assert max(theory.terms_needed(SWITCH**2 / 4).values()) <= 6
+
+
+def test_finite_volumes_are_of_second_order():
+    coarse, fine = theory.finite_volume_errors([64, 128])
+    assert coarse < 1e-4
+    assert np.log2(coarse / fine) == pytest.approx(2, abs=0.1)
+
+
 # --- every study --------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["gamma", "resolution"])
+@pytest.mark.parametrize("name", ["gamma", "resolution", "magnification", "theory"])
 def test_a_fast_study_makes_charts_that_can_be_saved(name, tmp_path):
     charts = STUDIES[name].run("fast")
     files = save_charts(name, charts, tmp_path)

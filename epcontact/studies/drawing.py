@@ -36,12 +36,15 @@ def curves(  # noqa: PLR0913 - what a chart consists of, by keyword
     pareto: Sequence[str] = (),
     limits: Mapping[str, Any] | None = None,
     ticks: Sequence[float] = (),
+    apart: Sequence[str] = (),
+    zeros: bool = False,
 ) -> Chart:
     """Curves and points on one axis, its legend beside it.
 
     x, y: labels with units; columns: the names of both in the CSV; log: "x", "y" or "xy";
     upright: dotted lines by their labels; level: a dotted horizontal line; pareto: the series
-    among whose points (cost, error) the front is drawn; limits: of the axes; ticks: along x.
+    among whose points (cost, error) the front is drawn; limits: of the axes; ticks: along x;
+    apart: series whose points are not joined; zeros: show values of 0 below a logarithmic axis.
     """
     with styled():
         figure, (axes,) = new_figure(6.4, 3.9)
@@ -53,7 +56,10 @@ def curves(  # noqa: PLR0913 - what a chart consists of, by keyword
         if ticks:
             axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
             axes.set_xticks([], minor=True)
-        if "y" in log:
+        for drawn in axes.lines:
+            if drawn.get_label() in apart:
+                drawn.set_linestyle("none")
+        if zeros:
             zeros_at_the_bottom(axes, series)
         if level is not None:
             axes.axhline(level, color="#7f7f7f", linewidth=0.9, linestyle=":")
