@@ -72,7 +72,7 @@ def strip_punch(
     *,
     poisson_ratio: float = 0.3,
     mean_dilatation: bool = True,
-    steps: int = 6,
+    steps: int = 8,
     domain: float = 5.0,
 ) -> Curve:
     """Mean pressure over Y under a smooth strip punch with `elements` to its half-width, in a
@@ -84,7 +84,7 @@ def strip_punch(
 
 
 def circular_punch(
-    elements: int, *, poisson_ratio: float = 0.3, steps: int = 6, domain: float = 5.0
+    elements: int, *, poisson_ratio: float = 0.3, steps: int = 8, domain: float = 5.0
 ) -> Curve:
     """Mean pressure over Y under a smooth circular punch.  `exact` is Shield's 2.845 for the
     Tresca solid of the same Y, which bounds von Mises from below; 2/sqrt(3) of it from above."""
@@ -105,7 +105,7 @@ def _punch(
 ) -> Curve:
     Y, E = 1.0, 1000.0
     top = np.arange(elements + 1) * grid.size  # the nodes (i, level 0) under the punch
-    path = -np.linspace(1 / steps, 1.0, steps) * 36 * Y / E
+    path = -np.linspace(1 / steps, 1.0, steps) * 72 * Y / E
     done = push(body, law(E, poisson_ratio, Y), 2 * top + 1, path)
     force = -np.array([step.forces[2 * top + 1].sum() for step in done])
     return Curve(force / area, np.full(steps, exact), tuple(s.residuals for s in done))

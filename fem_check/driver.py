@@ -141,7 +141,9 @@ def _peak_memory() -> float:
     return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * 1024
 
 
-def _checked(scene: Scene, law: str, geometry: str, hardening: float, tolerance: float) -> None:
+def _checked(
+    scene: Scene, law: str, geometry: str, hardening: float, tolerance: float, steps: int | None
+) -> None:
     material = scene.material
     if law not in ("elastic", "capped", "j2"):
         raise InvalidScene(f"law is {law!r}, but must be elastic, capped or j2")
@@ -155,6 +157,8 @@ def _checked(scene: Scene, law: str, geometry: str, hardening: float, tolerance:
         scene.require_loading()
     if not (math.isfinite(hardening) and hardening >= 0):
         raise InvalidScene(f"hardening is {hardening!r}, but must be zero or positive, in Pa")
+    if steps is not None and steps < 1:
+        raise InvalidScene(f"steps is {steps!r}, but must be a positive number of increments")
     if not 0 < tolerance < 1:
         raise InvalidScene(f"tolerance is {tolerance!r}, but must lie between 0 and 1")
 
@@ -226,7 +230,7 @@ def solve_path(  # noqa: PLR0913
     output: Path | str | None = None,
 ) -> SolvedPath:
     """`solve`, but returning the finite-element states; arguments and errors are the same."""
-    _checked(scene, law, geometry, hardening, tolerance)
+    _checked(scene, law, geometry, hardening, tolerance, steps)
     begin = time.perf_counter()
     problem = problem_of(
         scene,
@@ -258,7 +262,8 @@ def solve_path(  # noqa: PLR0913
         if output is not None:
             from fem_check.output import write_step
 
-            write_step(Path(output), number, pressure, problem, state, history)
+            states = reached[-1].surface_states
+            write_step(Path(output), number, problem, state, history, states)
         if progress is not None:
             progress((number + 1) / len(increments), f"fem: mean pressure {pressure:.3g} Pa")
     if output is not None:

@@ -40,13 +40,13 @@ def step_name(number: int) -> str:
 def write_step(
     folder: Path,
     number: int,
-    mean_pressure: float,
     problem: Problem,
     state: State,
     history: History,
     states: NDArray[np.int8] | None = None,
 ) -> Path:
-    """Writes one point of the path; returns its file.  Raises OutputError."""
+    """Writes one point of the path; returns its file.  `states`: of the top, if others than the
+    contact's own are wanted.  Raises OutputError."""
     import meshio
 
     points, cells, nodes = _mesh(problem, state)

@@ -15,12 +15,11 @@ import numpy as np
 
 from epcontact.scene import Load, Material, Scene, Surface
 from fem_check import plasticity
-from fem_check.output import von_mises
 from fem_check.driver import solve, solve_path
+from fem_check.output import von_mises
 
 #: Contact radius over sphere radius at the Hertzian load: small strains.
 _SLENDER = 0.05
-_OFFSET = (0.21, 0.37)
 
 
 @dataclass(frozen=True)
@@ -38,12 +37,18 @@ class SphereAnswer:
 
 
 def sphere_scene(
-    force: float, *, nodes: int, nodes_to_rim: float, poisson_ratio: float, yield_stress: float
+    force: float,
+    *,
+    nodes: int,
+    nodes_to_rim: float,
+    poisson_ratio: float,
+    yield_stress: float,
+    offset: tuple[float, float] = (0.21, 0.37),
 ) -> Scene:
     """A sphere of R = 1 m and E = 1 Pa under `force` (N); a contact of radius 0.05 m would have
-    `nodes_to_rim` nodes along its radius."""
+    `nodes_to_rim` nodes along its radius.  offset: of its top from a node, in spacings."""
     period = nodes * _SLENDER / nodes_to_rim
-    x, y = (((np.arange(nodes) + o) / nodes - 0.5) * period for o in _OFFSET)
+    x, y = (((np.arange(nodes) + o) / nodes - 0.5) * period for o in offset)
     heights = -(x[:, None] ** 2 + y[None, :] ** 2) / 2
     return Scene(
         Surface(heights, (period, period)),
@@ -89,7 +94,9 @@ def sphere_onset(
     path = solve_path(scene, law="elastic")
     bricks, state = path.problem.bricks, path.reached[-1].state
     stress = plasticity.stresses(
-        state.displacement.reshape(-1, 3), bricks, path.problem.law,
+        state.displacement.reshape(-1, 3),
+        bricks,
+        path.problem.law,
         plasticity.virgin(bricks.number),
     )
     equivalent = von_mises(np.moveaxis(stress, 1, 2))  # (elements, Gauss points)

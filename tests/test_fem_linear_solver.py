@@ -83,9 +83,7 @@ def test_every_waves_compliance_converges_to_the_closed_form(
     for n in grids:
         block = Block((n, 1), (1 / n, 1 / n), np.full(n // 2, 1 / n), sliding)
         found = factorise(block, flat_elements(block), rule).surface[:, 0] * block.node_area
-        exact = exact_compliance(
-            2 * np.pi * waves, 0.5, 1.0, poisson_ratio, bonded=not sliding
-        )
+        exact = exact_compliance(2 * np.pi * waves, 0.5, 1.0, poisson_ratio, bonded=not sliding)
         errors.append(np.abs(found[waves] / exact - 1))
         # Uniform compression is exact on any mesh.
         depth_over_modulus = 0.5 * (1 + poisson_ratio) * (1 - 2 * poisson_ratio)

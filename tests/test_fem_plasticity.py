@@ -118,7 +118,7 @@ def test_the_elastic_element_passes_the_patch_test_on_any_shape() -> None:
     bricks, _ = brick(7)
     rng = np.random.default_rng(8)
     rule = law(2.0, 0.3, np.inf)
-    corners = (CORNERS + 0.1 * np.random.default_rng(7).standard_normal((8, 3)))
+    corners = CORNERS + 0.1 * np.random.default_rng(7).standard_normal((8, 3))
     gradient = 1e-3 * rng.standard_normal((3, 3))
     stress = plasticity.stresses(corners @ gradient.T, bricks, rule, plasticity.virgin(1))[0]
     e = (gradient + gradient.T) / 2
