@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
 
+#: Offset of a front along an axis, in dx: 1/4 - (1/2 pi) int_0^{pi/2} (cot t/t - cot^2 t) dt.
 AXIS_OFFSET = 0.189965421265238
 #: Interpolated width of a strip in dx, and the offset of each of its fronts.
 WIDTH_NODES = np.array([0.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.9, 1.05, 1.2, 1.4, 1.7, 2.0])

@@ -1,4 +1,4 @@
-"""The discrete problem at a straight front, solved once: where `area.py` has its constants from.
+"""The discrete problem at a straight front: where the area estimates have their constants from.
 
 A straight front across a square grid sees the grid as rows: with the normal along the lattice
 direction (a, b), rows h = dx/sqrt(a^2 + b^2) apart, each of them at one pressure.  The rows form
@@ -17,7 +17,7 @@ no term of second order for a straight front.
 Two fronts.  Where apart and plastic lie close to each other, an elastic strip of width w between
 them, the offset depends on w/dx: it vanishes with w (the count is exact for a rigid-plastic
 body), overshoots and settles to delta at w = dx.  Solutions over all w, directions and
-positions calibrate what `area.py` can see of a strip: the elastic points m along a row or column
+positions calibrate what an estimate can see of a strip: the elastic points m along a row or column
 between apart and plastic, and tau = H/(H + (E*/dx) |difference of the gaps at its ends|).
 
 `python -m epcontact.bem.rim_calibration` prints the tables.
@@ -31,8 +31,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.area import MEAN_OFFSET, TAU_NODES
 from epcontact.bem.area_line import AXIS_OFFSET, WIDTH_NODES
+from epcontact.bem.area_sweep import MEAN_OFFSET, TAU_NODES
 from epcontact.bem.solver import Options, solve_pressure
 
 FloatArray = NDArray[np.float64]
@@ -252,7 +252,7 @@ def _local_mean(curve: FloatArray, at: float, half_width: float = 0.06) -> float
 
 
 def main() -> None:
-    """Print the constants and tables of `area.py` and `area_line.py`."""
+    """Print the constants and tables of `area_sweep` and `area_line`."""
     print("mean offset", round(mean_offset(720), 5), " along an axis", round(front_offset(0.0), 5))
     zero, one, two, misfit = calibrate_grid()
     print("tau   ", np.round(TAU_NODES, 4))
