@@ -155,8 +155,15 @@ def run(
     metavar="MODULE:FUNCTION",
     help="Hold this function Scene -> ContactResult to the gates in the place of bem.",
 )
+@click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
 def verify(
-    cases: tuple[str, ...], size: str, jobs: int | None, output: Path, fresh: bool, solver: str
+    cases: tuple[str, ...],
+    size: str,
+    jobs: int | None,
+    output: Path,
+    fresh: bool,
+    solver: str,
+    with_report: bool,
 ) -> None:
     """Run the gates of the cases (all, where none is named) and write the verdict.
 
@@ -167,12 +174,15 @@ def verify(
     from epcontact.verify import exit_code, judge_case, write_verdict
 
     loaded = _cases_to_verify(cases, size)
-    plan = Plan(_jobs_or_cores(jobs), output, solver=solver, fresh=fresh)
+    kept = "first" if with_report else "none"
+    plan = Plan(_jobs_or_cores(jobs), output, solver=solver, fields=kept, fresh=fresh)
     methods = {case.id: case.methods for case in loaded}
     with _progress(loaded, methods, plan) as progress:
         answers = run_cases(loaded, methods, plan, progress)
     outcomes = [judge_case(case, answers[case.id]) for case in loaded]
     write_verdict(outcomes, size, output)
+    if with_report:
+        _write_report(loaded, answers, output)
     console = _console()
     console.print(verdict_table(outcomes))
     for outcome in outcomes:
@@ -181,6 +191,16 @@ def verify(
     summary = ", ".join(f"{n} {s}" for n, s in zip(counts, STYLES, strict=True) if n)
     console.print(f"{len(outcomes)} cases: {summary}; verdict in {output / 'verdict.json'}")
     sys.exit(exit_code(outcomes))
+
+
+@cli.command()
+@click.argument("folder", type=click.Path(path_type=Path), default=Path("results"))
+@click.option("--output", type=click.Path(path_type=Path), help="Page to write.")
+def report(folder: Path, output: Path | None) -> None:
+    """Make one self-contained page of a verification run from its output FOLDER."""
+    from epcontact.output.report import report_folder
+
+    click.echo(f"report in {report_folder(folder, output)}")
 
 
 @cli.command()
@@ -245,6 +265,16 @@ def _cases_to_verify(names: Sequence[str], size: str) -> list[Case]:
     return [case for case in loaded if case.verify]
 
 
+def _write_report(cases: Sequence[Case], answers: Any, output: Path) -> None:
+    from epcontact.output.report import report_folder
+    from epcontact.pictures import write_pictures
+
+    for case in cases:
+        if not case.skip:
+            write_pictures(case, answers[case.id], output / case.id)
+    report_folder(output)
+
+
 def _jobs_or_cores(jobs: int | None) -> int:
     from epcontact.run import available_cores
 
@@ -269,14 +299,14 @@ def _progress(cases: Sequence[Case], methods: Any, plan: Any) -> Iterator[Any]:
         row = bar.add_task("solving", total=total)
         done = 0
 
-        def advance(task: Task, reused: bool) -> None:
+        def advance(task: Task, note: str) -> None:
             nonlocal done
             done += 1
             what = f"{task.path.stem} {task.method} {task.label}"
             bar.update(row, advance=1, description=what)
             if not console.is_terminal:
-                note = " (reused)" if reused else ""
-                click.echo(f"[{done}/{total}] {what}{note}", err=True)
+                told = f" ({note})" if note else ""
+                click.echo(f"[{done}/{total}] {what}{told}", err=True)
 
         yield advance
 

@@ -1,5 +1,6 @@
 """What `epcontact run` draws of a case: the theory's curves and the methods' distributions.
 
+    power-spectrum          of the first surface, and the analytic one
     persson-magnification   areas against magnification, with the areas another method found
     persson-pressure        P(sigma) of the theory as a table
     pressure-distribution   P(sigma) of every method on one axis
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from epcontact.casefile import Case
 from epcontact.output.files import write_bytes, write_json
 from epcontact.run import Answer
+from epcontact.scene import Surface
 
 FloatArray = NDArray[np.float64]
 
@@ -49,11 +51,28 @@ def _theory_curves(case: Case) -> dict[str, Any]:
     }
 
 
+def _spectrum_chart(surface: Surface) -> Any:
+    """The paper's Fig. 2: the spectrum of the first surface, over the one it was drawn from."""
+    from epcontact.output.charts import power_spectrum
+    from epcontact.output.figures import Series
+    from epcontact.power_spectrum import radial_spectrum
+    from epcontact.spectrum import density
+
+    found = radial_spectrum(surface)
+    shown = found.density > 1e-12 * found.density.max()
+    series = [Series("surface", found.wavenumber[shown], found.density[shown])]
+    analytic, dimension = surface.spectrum, surface.heights.ndim
+    if analytic is not None:
+        q = np.geomspace(analytic.wavenumber_low, analytic.wavenumber_high, 300)
+        series.append(Series("analytic", q, density(analytic, q, dimension), line=True))
+    return power_spectrum(series, line=dimension == 1)
+
+
 def _charts(case: Case, answers: Mapping[str, Answer]) -> dict[str, Any]:
     from epcontact.output.charts import areas_against_magnification, pressure_distribution
     from epcontact.output.figures import Series
 
-    charts: dict[str, Any] = {}
+    charts: dict[str, Any] = {"power-spectrum": _spectrum_chart(case.recipes[0].build())}
     series, plastic = [], {}
     found = {m: a for m, a in answers.items() if a.results and a.results[0].distribution}
     if "persson" in found:
@@ -97,12 +116,14 @@ def _mean_areas(found: Mapping[str, Answer]) -> dict[str, float]:
     return {f"{p}, bem": float(np.mean(v)) for p, v in means.items() if np.any(np.array(v) > 0)}
 
 
-def _mean_density(answer: Answer, bins: int = 60) -> tuple[FloatArray, FloatArray]:
+def _mean_density(answer: Answer) -> tuple[FloatArray, FloatArray]:
     """P(sigma) averaged over the surfaces, in common bins."""
+    from epcontact.output.charts import pressure_density
+
     tables = [r.distribution for r in answer.results if r.distribution is not None]
-    edges = np.linspace(0, max(t.pressure[-1] for t in tables), bins + 1)
-    cumulative = np.mean([np.interp(edges, t.pressure, t.cumulative) for t in tables], axis=0)
-    return 0.5 * (edges[1:] + edges[:-1]), np.diff(cumulative) / np.diff(edges)
+    largest = max(float(t.pressure[-1]) for t in tables)
+    densities = [pressure_density(t, largest=largest) for t in tables]
+    return densities[0][0], np.mean([density for _, density in densities], axis=0)
 
 
 def save_map(source: Path, target: Path) -> None:
@@ -110,20 +131,10 @@ def save_map(source: Path, target: Path) -> None:
 
     Raises OutputError.
     """
-    chart = _map_of_file(source)
+    from epcontact.output.maps import map_of_file
+
+    chart = map_of_file(source)
     if target.suffix == ".png":
         write_bytes(target, chart.png())
     else:
         chart.save(target)
-
-
-def _map_of_file(path: Path) -> Any:
-    from epcontact.output.maps import contact_map, contact_profile
-    from epcontact.output.vtk import read_fields
-
-    file = read_fields(path)
-    state, pressure = file.fields["state"], file.fields["pressure"]
-    hardness = float(file.attributes.get("hardness", np.inf))
-    if state.ndim == 1:
-        return contact_profile(state, pressure, file.fields["gap"], file.spacing)
-    return contact_map(state, pressure, file.spacing, hardness=hardness)

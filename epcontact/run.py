@@ -335,10 +335,10 @@ def _bem(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResul
 
 
 def _fem(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
-    import fem_check
+    from fem_check.driver import solve
 
     del threads
-    return fem_check.solve(scene, **options)
+    return solve(scene, **options)
 
 
 def _foreign(name: str) -> Solver:

@@ -8,11 +8,13 @@ Arrays are [x, y]; pictures show x to the right and y upward.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from epcontact.errors import OutputError
 from epcontact.output.figures import Chart, new_figure, styled
 from epcontact.output.style import (
     DIFFERENCE_MAP,
@@ -59,6 +61,24 @@ def contact_map(
     rows = [(STATE_NAMES[kind], share) for kind, share in shares.items()]
     rows.append(("mean_pressure_Pa", float(np.mean(pressure, dtype=np.float64))))
     return Chart(figure, ("quantity", "share_of_points_or_value"), rows, told)
+
+
+def map_of_file(path: Path | str, caption: str = "") -> Chart:
+    """The contact map of the fields in a .vti file, or the profile of a line.
+
+    Raises OutputError if the file cannot be read or holds no contact.
+    """
+    from epcontact.output.vtk import read_fields
+
+    read = read_fields(path)
+    missing = {"state", "pressure", "gap"} - read.fields.keys()
+    if missing:
+        raise OutputError(f"{path} holds no field called {', '.join(sorted(missing))}")
+    state, pressure = read.fields["state"], read.fields["pressure"]
+    if state.ndim == 1:
+        return contact_profile(state, pressure, read.fields["gap"], read.spacing, caption=caption)
+    hardness = float(read.attributes.get("hardness", np.inf))
+    return contact_map(state, pressure, read.spacing, hardness=hardness, caption=caption)
 
 
 def pressure_difference(

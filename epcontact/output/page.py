@@ -38,6 +38,9 @@ a { color: inherit; } .soft { color: var(--soft); }
   font-variant-numeric: tabular-nums; min-width: 100%; }
 th, td { text-align: left; vertical-align: top; padding: 0.3rem 0.7rem 0.3rem 0;
   border-bottom: 1px solid var(--line); } th { color: var(--soft); font-weight: 600; }
+tr.noted td { border-bottom: 0; padding-bottom: 0; }
+tr.note td { color: var(--soft); padding-top: 0; }
+tr.note p { margin: 0 0 0.2rem; max-width: 46rem; }
 td.n, th.n { text-align: right; white-space: nowrap; }
 figure { margin: 1rem 0; } figure img { display: block; max-width: 100%; height: auto;
   background: #ffffff; border-radius: 0.3rem; }
@@ -94,10 +97,19 @@ def badge(status: str) -> str:
     return f'<span class="badge {_BADGES.get(status, "idle")}">{text(status)}</span>'
 
 
-def table(headings: Sequence[str | Cell], rows: Sequence[Sequence[str | Cell]]) -> str:
-    """A table that scrolls within itself where it is too wide."""
+def table(
+    headings: Sequence[str | Cell],
+    rows: Sequence[Sequence[str | Cell]],
+    notes: Sequence[str] = (),
+) -> str:
+    """A table that scrolls within itself where it is too wide; notes stand under their rows."""
     head = "".join(_cell(h, "th") for h in headings)
-    body = "".join("<tr>" + "".join(_cell(c, "td") for c in row) + "</tr>" for row in rows)
+    lines = ["<tr>" + "".join(_cell(c, "td") for c in row) + "</tr>" for row in rows]
+    if notes:
+        under = f'<tr class=note><td colspan="{len(headings)}"><p>{{}}</p></td></tr>'
+        lines = [a + under.format(text(n)) for a, n in zip(lines, notes, strict=True)]
+        lines = [line.replace("<tr>", "<tr class=noted>", 1) for line in lines]
+    body = "".join(lines)
     return (
         f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"

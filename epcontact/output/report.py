@@ -137,6 +137,7 @@ def _case(case: Data, answers: Mapping[str, Data], pictures: Sequence[Picture]) 
 
 def _gates(gates: Sequence[Data]) -> str:
     rows: list[list[str | Cell]] = []
+    reasons = []
     for gate in gates:
         against = gate["against"]
         judged = [
@@ -145,7 +146,9 @@ def _gates(gates: Sequence[Data]) -> str:
         ]
         band = f"[{number(gate['low']).text}, {number(gate['high']).text}]"
         shown = against if isinstance(against, str) else number(against).text
-        reason = gate.get("error") or gate["because"]
+        reason = gate.get("error") or f"Because {gate['because']}."
+        source = f" Source: {gate['source']}." if gate.get("source") else ""
+        reasons.append(reason + source)
         rows.append(
             [
                 f"{gate['quantity']} ({gate['norm']})",
@@ -154,11 +157,10 @@ def _gates(gates: Sequence[Data]) -> str:
                 *judged,
                 Cell(band, number=True),
                 Cell(gate["status"], badge="yes"),
-                " ".join(s for s in (reason, gate.get("source", "")) if s),
             ]
         )
     numbers = _right("value", "reference", "difference", "band")
-    return table(["quantity", "of", "against", *numbers, "verdict", "because"], rows)
+    return table(["quantity", "of", "against", *numbers, "verdict"], rows, reasons)
 
 
 def _areas(answers: Mapping[str, Data]) -> str:

@@ -128,18 +128,10 @@ def _first_fields(folder: Path, method: str) -> Path | None:
 
 
 def _map_of(path: Path, method: str) -> Picture:
-    from epcontact.output.maps import contact_map, contact_profile
-    from epcontact.output.vtk import read_fields
+    from epcontact.output.maps import map_of_file
 
-    read = read_fields(path)
-    state, pressure = read.fields["state"], read.fields["pressure"]
     told = f"Contact state and pressure by {method}, {path.name}."
-    if state.ndim == 1:
-        chart = contact_profile(state, pressure, read.fields["gap"], read.spacing, caption=told)
-    else:
-        hardness = float(read.attributes.get("hardness", np.inf))
-        chart = contact_map(state, pressure, read.spacing, hardness=hardness, caption=told)
-    return Picture(chart.png(110), "png", told)
+    return Picture(map_of_file(path, told).png(110), "png", told)
 
 
 def _difference_of(bem: Path, fem: Path) -> list[Picture]:
