@@ -51,7 +51,7 @@ _jobs = click.option(
     "--jobs",
     type=click.IntRange(min=1),
     default=None,
-    help="Worker processes; the cores are shared out among them. Default: one a core.",
+    help="Worker processes; the cores are shared out among them. Default: one a core, and one alone for size large.",
 )
 _output = click.option(
     "--output",
@@ -130,7 +130,7 @@ def run(
         )
     if loaded.skip:
         raise _Refusal(f"{loaded.path}: {loaded.skip}")
-    plan = Plan(_jobs_or_cores(jobs), output, fields=fields, fresh=fresh)
+    plan = Plan(_jobs_or_cores(jobs, size), output, fields=fields, fresh=fresh)
     chosen = {loaded.id: methods or loaded.methods}
     with _progress([loaded], chosen, plan) as progress:
         answers = run_cases([loaded], chosen, plan, progress)[loaded.id]
@@ -175,7 +175,7 @@ def verify(
 
     loaded = _cases_to_verify(cases, size)
     kept = "first" if with_report else "none"
-    plan = Plan(_jobs_or_cores(jobs), output, solver=solver, fields=kept, fresh=fresh)
+    plan = Plan(_jobs_or_cores(jobs, size), output, solver=solver, fields=kept, fresh=fresh)
     methods = {case.id: case.methods for case in loaded}
     with _progress(loaded, methods, plan) as progress:
         answers = run_cases(loaded, methods, plan, progress)
@@ -275,10 +275,11 @@ def _write_report(cases: Sequence[Case], answers: Any, output: Path) -> None:
     report_folder(output)
 
 
-def _jobs_or_cores(jobs: int | None) -> int:
+def _jobs_or_cores(jobs: int | None, size: str) -> int:
     from epcontact.run import available_cores
 
-    return jobs or available_cores()
+    # Large grids are solved one by one, each with all cores: two would not fit into memory.
+    return jobs or (1 if size == "large" else available_cores())
 
 
 @contextlib.contextmanager
