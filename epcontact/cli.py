@@ -51,7 +51,8 @@ _jobs = click.option(
     "--jobs",
     type=click.IntRange(min=1),
     default=None,
-    help="Worker processes; the cores are shared out among them. Default: one a core, and one alone for size large.",
+    help="Worker processes; the cores are shared out among them. "
+    "Default: one a core, and one alone for size large.",
 )
 _output = click.option(
     "--output",
