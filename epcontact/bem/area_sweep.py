@@ -22,9 +22,9 @@ MEAN_OFFSET = 0.12908
 RIM_PER_SWITCH = math.pi / 4 * MEAN_OFFSET
 #: Offset per crossing of a strip with m = 0, 1 (by tau) and 2 elastic points in it.
 TAU_NODES = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0])
-STRIP_0 = np.array([0, 0.034, 0.0709, 0.1278, 0.1859, 0.233, 0.2659, 0.2854, 0.3064, 0.326])
-STRIP_1 = np.array([0, 0.0226, 0.0449, 0.0588, 0.0662, 0.0765, 0.0854, 0.0875, 0.0927, 0.1026])
-STRIP_2 = 0.1052
+STRIP_0 = np.array([0, 0.034, 0.0697, 0.1293, 0.1866, 0.2349, 0.2663, 0.2855, 0.3091, 0.3329])
+STRIP_1 = np.array([0, 0.0223, 0.0444, 0.0581, 0.0657, 0.0765, 0.0843, 0.0878, 0.0937, 0.1026])
+STRIP_2 = 0.1054
 #: Switches in line are a straight rim from these numbers on; a rim of any direction has as many of
 #: them that their excess over RIM_PER_SWITCH is ISOTROPIC_EXCESS per switch.
 STRAIGHT_FROM, LOCATED_FROM = 12, 48

@@ -1,0 +1,160 @@
+"""How the contact pressures of a solution are distributed, and what the grid does to the ends.
+
+P(sigma) is the share of the nominal area per pressure.  Near a rim the pressure rises as the
+square root of the distance, p = K sqrt(s), so in the continuum P(sigma) = slope sigma -> 0 at
+sigma -> 0, slope = 2 x the integral of K^-2 along the rims; at the hardness the same by
+particle-hole symmetry.  On a grid the points next to the rim, with pressures of the order
+K sqrt(dx), fill the ends: P(0+) > 0 falls as dx^(1/2).
+
+`end_fits` measures both, `extrapolated` takes limits for ever more points per wavelength.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.errors import InvalidScene
+from epcontact.results import Areas, PressureDistribution
+
+FloatArray = NDArray[np.float64]
+
+# Of the hardness; what is closer to it than rounding is plastic.
+_ROUNDING = 1 - 1e-12
+_CHUNK = 1 << 20  # points at a time: no temporary of the grid's size
+
+
+def graded_pressures(largest: float, bins: int, *, both_ends: bool) -> FloatArray:
+    """(bins + 1,) pressures in Pa from 0 to `largest`, close together at 0, or at both ends.
+
+    largest (1 - cos(pi k/(2 bins))) or largest sin^2(pi k/(2 bins)): quadratic where they are
+    dense, so that each bin has about the same number of points where P rises linearly.
+    """
+    angle = np.pi / 2 * np.arange(bins + 1) / bins
+    grades = np.sin(angle) ** 2 if both_ends else 1 - np.cos(angle)
+    grades[-1] = 1.0
+    return np.asarray(largest * grades)
+
+
+def pressure_distribution(
+    pressure: FloatArray, hardness: float, bins: int | Sequence[float] | FloatArray = 200
+) -> PressureDistribution:
+    """The distribution of a pressure field (any shape, Pa) by counting its points.
+
+    hardness: in Pa, may be infinite.  bins: their number, graded towards 0 and the hardness (0
+    only, up to the largest pressure, where there is none), or their ascending edges in Pa,
+    beginning at 0.
+
+    Raises InvalidScene for edges that do not ascend from 0, or fewer than one bin.
+    """
+    finite = math.isfinite(hardness)
+    flat = pressure.reshape(-1)
+    largest = hardness if finite else max(float(flat.max()), np.finfo(float).tiny)
+    if isinstance(bins, int | np.integer):
+        if bins < 1:
+            raise InvalidScene(f"bins is {bins}, but at least one is needed")
+        edges = graded_pressures(largest, int(bins), both_ends=finite)
+    else:
+        edges = np.asarray(bins, dtype=np.float64)
+        if edges.ndim != 1 or edges.size < 2 or edges[0] != 0 or not np.all(np.diff(edges) > 0):
+            raise InvalidScene("bins must be a number, or edges in Pa that ascend from 0")
+    counts, plastic = np.zeros(edges.size, dtype=np.int64), 0
+    for start in range(0, flat.size, _CHUNK):
+        p = flat[start : start + _CHUNK]
+        flowing = p >= hardness * _ROUNDING
+        plastic += int(np.count_nonzero(flowing))
+        # side="left": a pressure on an edge belongs to the bin below it, (edge[i-1], edge[i]].
+        place = np.searchsorted(edges, p[(p > 0) & ~flowing], side="left")
+        counts += np.bincount(place, minlength=edges.size + 1)[: edges.size]
+    return PressureDistribution(edges, np.cumsum(counts) / flat.size, plastic / flat.size)
+
+
+@dataclass(frozen=True)
+class EndFit:
+    """P(sigma) within `window` (Pa) of an end, as a function of the distance from it (Pa).
+
+    density, slope: of the straight line with the area and the mean pressure of the points there,
+        per Pa and per Pa^2: what the grid shows.
+    continuum_slope: of the straight line through zero with the corrected area there, per Pa^2.
+    """
+
+    density: float
+    slope: float
+    continuum_slope: float
+    window: float
+
+
+def end_fits(
+    pressure: FloatArray, hardness: float, window: float, areas: tuple[Areas, Areas]
+) -> tuple[EndFit, EndFit | None]:
+    """P at 0+ and at hardness-; the latter None where the hardness is infinite.
+
+    pressure: any shape, Pa; window: Pa, some times the pressure of the points next to the rim,
+    yet small beside the width of P; areas: (raw, corrected) of `area.estimate_areas`.  The area
+    that the counted rims have too much lies within the window, hence `continuum_slope`.
+
+    Raises InvalidScene unless 0 < window <= hardness.
+    """
+    if not 0 < window <= hardness:
+        raise InvalidScene(f"window is {window:g} Pa, but must lie between 0 and the hardness")
+    flat, finite = pressure.reshape(-1), math.isfinite(hardness)
+    sums = np.zeros((2, 2))
+    for start in range(0, flat.size, _CHUNK):
+        p = flat[start : start + _CHUNK]
+        p = p[(p > 0) & (p < hardness * _ROUNDING)]
+        for end, distance in enumerate((p, hardness - p) if finite else (p,)):
+            near = distance[distance <= window]
+            sums[end] += near.size, float(near.sum())
+    sums /= flat.size
+    raw, corrected = areas
+    surplus = (raw.total - corrected.total, corrected.plastic - raw.plastic)
+    fits = [_line(sums[end, 0], sums[end, 1], surplus[end], window) for end in range(2)]
+    return fits[0], fits[1] if finite else None
+
+
+def _line(share: float, moment: float, surplus: float, w: float) -> EndFit:
+    """density d and slope s with d w + s w^2/2 = share, d w^2/2 + s w^3/3 = moment."""
+    slope = 12 * moment / w**3 - 6 * share / w**2
+    return EndFit(share / w - slope * w / 2, slope, 2 * (share - surplus) / w**2, w)
+
+
+def extrapolated(
+    points_per_wavelength: Sequence[float] | FloatArray,
+    values: Sequence[float] | FloatArray,
+    order: float = 1.0,
+) -> tuple[float, float]:
+    """(limit, error) of values for ever more points n per wavelength: v = limit + c n^-order.
+
+    order: 1/2 for the density of `EndFit`, 1 for raw areas.
+    Least squares over two values or more; the error is the standard error of the fit, or how far
+    the limit moves without the coarsest value, whichever is larger (two values: how far it is
+    from the finest).
+
+    Raises InvalidScene for fewer than two different numbers of points.
+    """
+    n = np.asarray(points_per_wavelength, dtype=np.float64)
+    v = np.asarray(values, dtype=np.float64)
+    if n.shape != v.shape or n.ndim != 1 or np.unique(n).size < 2 or not np.all(n > 0):
+        raise InvalidScene("two values or more at different points per wavelength are needed")
+    limit, spread = _limit(n, v, order)
+    rest = n > n.min()
+    if np.unique(n[rest]).size < 2:
+        return limit, float(abs(limit - v[np.argmax(n)]))
+    return limit, max(spread, abs(limit - _limit(n[rest], v[rest], order)[0]))
+
+
+def _limit(n: FloatArray, v: FloatArray, order: float) -> tuple[float, float]:
+    """Intercept of the straight line in n^-order, and its standard error."""
+    x = n**-order
+    design = np.stack([np.ones_like(x), x], axis=1)
+    solution = np.linalg.lstsq(design, v, rcond=None)[0]
+    freedom = n.size - 2
+    if freedom == 0:
+        return float(solution[0]), 0.0
+    variance = float(np.sum((design @ solution - v) ** 2)) / freedom
+    covariance = variance * np.linalg.inv(design.T @ design)
+    return float(solution[0]), math.sqrt(covariance[0, 0])
