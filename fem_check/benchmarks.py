@@ -72,7 +72,7 @@ def strip_punch(
     *,
     poisson_ratio: float = 0.3,
     mean_dilatation: bool = True,
-    steps: int = 8,
+    steps: int = 6,
     domain: float = 5.0,
 ) -> Curve:
     """Mean pressure over Y under a smooth strip punch with `elements` to its half-width, in a
@@ -84,7 +84,7 @@ def strip_punch(
 
 
 def circular_punch(
-    elements: int, *, poisson_ratio: float = 0.3, steps: int = 8, domain: float = 5.0
+    elements: int, *, poisson_ratio: float = 0.3, steps: int = 6, domain: float = 5.0
 ) -> Curve:
     """Mean pressure over Y under a smooth circular punch.  `exact` is Shield's 2.845 for the
     Tresca solid of the same Y, which bounds von Mises from below; 2/sqrt(3) of it from above."""

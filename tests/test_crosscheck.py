@@ -1,0 +1,136 @@
+"""The parts of a difference between finite and boundary elements, and the effective hardness."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from fem_scenes import rough_scene
+
+import fem_check
+from epcontact import bem
+from epcontact.crosscheck import (
+    Difference,
+    EffectiveHardness,
+    difference,
+    effective_hardness,
+    error_budget,
+)
+from epcontact.errors import InvalidScene
+from epcontact.scene import Body
+
+
+@pytest.mark.parametrize("dimensions", [1, 2])
+def test_the_budget_tells_the_parts_apart(dimensions: int) -> None:
+    said: list[str] = []
+    nodes, highest = (64, 8) if dimensions == 2 else (256, 16)
+    scene = rough_scene(nodes, highest, dimensions=dimensions)
+    budget = error_budget(scene, law="j2", report=said.append)
+    # The same discrete body: nothing but rounding and the solvers' tolerances.
+    assert budget.solver.nodes == 0
+    assert budget.solver.pressure < 1e-5
+    # A depth chosen to hide the base to 0.1 % of the longest wave.
+    assert budget.depth.pressure < 1e-3
+    # 8 (or 16) points a wave: per cents, and far above the other two.
+    assert 1e-2 < budget.discretisation.pressure < 0.1
+    assert budget.model is not None
+    assert budget.model.pressure > 2 * budget.discretisation.pressure
+    assert budget.model.area > 0.03
+    assert said == [str(budget)]
+    assert said[0].count(";") == 3
+    assert "\n" not in said[0]
+
+
+def test_the_discretisation_alone_falls_with_the_grid() -> None:
+    budgets = [error_budget(rough_scene(n, 4), report=None) for n in (32, 64)]
+    parts = np.array([[b.discretisation.pressure, b.depth.pressure] for b in budgets])
+    # First order: halved by twice the grid, here and there by a little less.
+    assert parts[1, 0] < parts[0, 0] / 1.7
+    np.testing.assert_allclose(parts[1, 1], parts[0, 1], rtol=0.5)
+
+
+def test_the_depth_alone_falls_with_the_depth() -> None:
+    found = [
+        error_budget(rough_scene(32, 4), law="elastic", depth=d, report=None) for d in (0.4, 0.8)
+    ]
+    # The base's influence falls as exp(-2 q d): by 150 here.
+    assert found[1].depth.pressure < found[0].depth.pressure / 20
+    assert found[0].depth.pressure > 1e-3
+
+
+def test_a_layer_has_no_depth_part() -> None:
+    scene = rough_scene(32, 4, body=Body("sliding_layer", 0.4))
+    assert error_budget(scene, report=None).depth.pressure == 0
+
+
+def test_differences_of_known_answers() -> None:
+    scene = rough_scene(32, 4)
+    one = bem.solve(scene)
+    same = difference(one, one, 0.6)
+    assert same == Difference(0.0, 0.0, 1.0, 0.0, 0)
+    fields = dict(one.fields)
+    fields["pressure"] = 1.01 * fields["pressure"]
+    assert difference(dataclasses.replace(one, fields=fields), one, 0.6).pressure == pytest.approx(
+        0.01
+    )
+    with pytest.raises(InvalidScene, match="cannot be compared"):
+        difference(bem.solve(rough_scene(16, 4)), one, 0.6)
+
+
+def test_the_effective_hardness_gives_the_area_of_the_j2_body() -> None:
+    scene = rough_scene(64, 8, hardness=math.inf)
+    found = effective_hardness(scene)
+    assert found.severity == pytest.approx(5, rel=1e-9)
+    # nu = 0.3 at E* xi/sigma_Y = 5: 1.9 to 2.1 on every surface and grid tried.
+    assert 1.85 < found.ratio < 2.15
+    assert 0 < found.error < 0.1
+    at_cap = dataclasses.replace(scene.material, hardness=found.ratio * 0.2)
+    capped = bem.solve(
+        dataclasses.replace(scene, material=at_cap),
+        compliance=fem_check.surface_compliance(scene),
+    )
+    # Bisection to 1e-4 of the ratio: the area may jump by a few nodes there.
+    assert capped.final.areas["raw"].total == pytest.approx(found.area, abs=3 / 64**2)
+    assert found.at_cap is not None
+    assert found.at_cap.overlap > 0.9
+    assert "c_eff = " in str(found)
+
+
+def test_a_body_that_hardly_flows_has_no_effective_hardness() -> None:
+    scene = rough_scene(32, 4, yield_stress=10.0, hardness=math.inf)
+    found = effective_hardness(scene)
+    assert found.ratio == math.inf
+    assert found.at_cap is None
+
+
+def test_paths_and_odd_grids_are_refused() -> None:
+    path = rough_scene(16, 4, pressure=(0.01, 0.02))
+    for function in (error_budget, effective_hardness):
+        with pytest.raises(InvalidScene, match="path of 2 mean pressures"):
+            function(path)
+    with pytest.raises(InvalidScene, match="no half"):
+        effective_hardness(rough_scene(15, 3, hardness=math.inf))
+
+
+def severities(seed: int, nu: float, severity: float) -> EffectiveHardness:
+    scene = rough_scene(
+        64, 8, seed=seed, poisson_ratio=nu, yield_stress=1 / severity, hardness=math.inf,
+        pressure=0.25 / severity,
+    )  # fmt: skip
+    return effective_hardness(scene, coarse=False)
+
+
+@pytest.mark.slow
+def test_the_effective_hardness_rises_towards_three_yield_stresses() -> None:
+    """With E* xi/sigma_Y, for every Poisson's ratio; the bands are what two seeds gave, widened
+    by the scatter of one surface (0.1)."""
+    bands = {5.0: (1.55, 2.35), 15.0: (2.0, 2.7), 50.0: (2.4, 2.9)}
+    for nu in (0.0, 0.3, 0.45):
+        ratios = [severities(11, nu, s).ratio for s in bands]
+        assert ratios == sorted(ratios)
+        for ratio, (low, high) in zip(ratios, bands.values(), strict=True):
+            assert low < ratio < high
+    # nu = 0 is the softest: the mean pressure alone shears it.
+    assert severities(7, 0.0, 5.0).ratio < severities(7, 0.3, 5.0).ratio
