@@ -13,6 +13,12 @@ cannot vouch for itself:
     measured_raw_plastic share of grid points at the hardness, less the claimed one
     measured_carried     (int sigma dF + hardness A_pl)/p0 - 1 of the claimed distribution
     smallest_contact_pressure  in Pa, where p > 0
+
+and of the surface that the scene was given, whatever recipe it claims to follow:
+
+    surface_rms_height   in m
+    surface_rms_slope    by spectral derivatives
+    surface_curvature    in 1/m, at the highest point, by differences, mean over the axes
 """
 
 from __future__ import annotations
@@ -24,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.closed_forms.linear import compliance
+from epcontact.closed_forms.roughness import rms_slope
 from epcontact.errors import InvalidCase
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
@@ -81,7 +88,25 @@ def _smallest(p: FloatArray, _: Scene, __: ContactResult) -> float:
     return float(p[p > 0].min()) if (p > 0).any() else 0.0
 
 
-MEASURES: dict[str, Callable[[FloatArray, Scene, ContactResult], float]] = {
+def _rms_height(scene: Scene) -> float:
+    return float(scene.surface.heights.std())
+
+
+def _summit_curvature(scene: Scene) -> float:
+    heights, curvatures = scene.surface.heights, []
+    summit = np.unravel_index(int(np.argmax(heights)), heights.shape)
+    for axis, d in enumerate(scene.surface.spacing):
+        beside = [np.roll(heights, shift, axis)[summit] for shift in (1, -1)]
+        curvatures.append((2 * heights[summit] - sum(beside)) / d**2)
+    return float(np.mean(curvatures))
+
+
+SURFACE_MEASURES: dict[str, Callable[[Scene], float]] = {
+    "surface_rms_height": _rms_height,
+    "surface_rms_slope": rms_slope,
+    "surface_curvature": _summit_curvature,
+}
+FIELD_MEASURES: dict[str, Callable[[FloatArray, Scene, ContactResult], float]] = {
     "measured_force": _force,
     "measured_bounds": _bounds,
     "measured_gap": _gap,
@@ -90,10 +115,13 @@ MEASURES: dict[str, Callable[[FloatArray, Scene, ContactResult], float]] = {
     "measured_carried": _carried,
     "smallest_contact_pressure": _smallest,
 }
+MEASURES = (*SURFACE_MEASURES, *FIELD_MEASURES)
 
 
 def measure(name: str, scene: Scene, result: ContactResult) -> float:
     """The measure called `name`.  Raises InvalidCase if the result lacks what it takes."""
+    if name in SURFACE_MEASURES:
+        return SURFACE_MEASURES[name](scene)
     pressure = result.fields.get("pressure")
     if pressure is None:
         raise InvalidCase(f"{result.method} gives no field 'pressure' for a gate")
@@ -102,4 +130,4 @@ def measure(name: str, scene: Scene, result: ContactResult) -> float:
             f"{result.method} gives a pressure of shape {np.shape(pressure)} on a grid of "
             f"{scene.surface.shape}"
         )
-    return MEASURES[name](np.asarray(pressure, dtype=np.float64), scene, result)
+    return FIELD_MEASURES[name](np.asarray(pressure, dtype=np.float64), scene, result)

@@ -301,8 +301,6 @@ def solve_task(task: Task, threads: int) -> ContactResult | str:
         with _limited(case.time_limit):
             scene = case.scene(recipe)
             result = _solver_of(task)(scene, case.options[task.method], threads)
-        if not isinstance(result, ContactResult):
-            raise InvalidCase(f"{task.solver} returned no epcontact.ContactResult")
         result = _with_field_measures(case, task, scene, result)
         if task.fields is not None and result.fields:
             from epcontact.output.vtk import write_fields
@@ -346,11 +344,29 @@ def _foreign(name: str) -> Solver:
     module_name, _, attribute = name.partition(":")
     try:
         function = getattr(importlib.import_module(module_name), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
+    except Exception as error:
         raise InvalidCase(
-            f"--solver {name}: cannot be imported ({error}); give package.module:function"
+            f"--solver {name}: cannot be imported ({_one_line(error)}); "
+            "give package.module:function"
         ) from None
-    return lambda scene, options, threads: function(scene)
+
+    def solve(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
+        del options, threads
+        try:
+            result = function(scene)
+        except EpcontactError:
+            raise
+        except Exception as error:
+            raise InvalidCase(f"--solver {name} raised {_one_line(error)}") from error
+        if not isinstance(result, ContactResult):
+            raise InvalidCase(f"{name} returned no epcontact.ContactResult")
+        return result
+
+    return solve
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def _with_field_measures(

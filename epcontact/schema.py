@@ -199,7 +199,8 @@ class GateTable(Table):
         description="area.<total|elastic|plastic>.<raw|corrected|error>, quantity.<name>, "
         "residual.<name>, iterations.<name>, cost.<name>, distribution, or field.<name>; "
         "quantity.measured_<force|bounds|gap|raw_total|raw_plastic|carried> is measured on the "
-        "method's fields by the harness itself"
+        "method's fields, quantity.surface_<rms_height|rms_slope|curvature> on the surface, by "
+        "the harness itself"
     )
     of: Method = Field(description="the method that is judged")
     against: str | float = Field(description="a method, a closed form's name, or a number")

@@ -108,6 +108,10 @@ def test_solver_of_the_users_own(epcontact, write_case, tmp_path) -> None:
     stalled = verify("faults:never_converges")
     assert stalled.returncode == 2
     assert "stalled" in stalled.stdout
+    crashed = verify("faults:crashes")
+    assert crashed.returncode == 2
+    assert "ZeroDivisionError: an honest mistake" in crashed.stdout
+    assert "Traceback" not in crashed.stdout + crashed.stderr
     nonsense = verify("faults:returns_nonsense")
     assert nonsense.returncode == 2
     assert "no epcontact.ContactResult" in nonsense.stdout

@@ -6,15 +6,14 @@ import math
 
 import numpy as np
 
-from epcontact.closed_forms.form import ClosedForm, refuse_unless
+from epcontact.closed_forms.form import ClosedForm
 from epcontact.moduli import effective_modulus
 from epcontact.scene import Scene
 
 
-def _slope(scene: Scene) -> float:
+def rms_slope(scene: Scene) -> float:
     """rms slope by spectral derivatives along each axis: exact for band-limited heights."""
     surface = scene.surface
-    refuse_unless(surface.heights.ndim == 2, "heights", "a surface")
     total = 0.0
     for axis, (n, d) in enumerate(zip(surface.shape, surface.spacing, strict=True)):
         q = 2 * np.pi * np.fft.fftfreq(n, d)
@@ -29,13 +28,13 @@ def _slope(scene: Scene) -> float:
 
 def _half_variance(scene: Scene) -> float:
     """Half the variance that the pressure would have in full contact, E*^2 xi^2/8, in Pa^2."""
-    return effective_modulus(scene.material) ** 2 * _slope(scene) ** 2 / 8
+    return effective_modulus(scene.material) ** 2 * rms_slope(scene) ** 2 / 8
 
 
 FORMS = (
     ClosedForm(
         "heights",
         "the surface's own heights: xi^2 = <|grad h|^2>, <(p - p0)^2> = E*^2 xi^2/4",
-        {"quantity.rms_slope": _slope, "quantity.diffusion": _half_variance},
+        {"quantity.rms_slope": rms_slope, "quantity.diffusion": _half_variance},
     ),
 )
