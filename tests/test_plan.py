@@ -1,0 +1,308 @@
+"""Plans: the rule by which a model is chosen, that promises hold, and that plans are cheaper."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from epcontact import bem, candidates, pilots
+from epcontact.auto_size import auto_case
+from epcontact.casefile import case_sizes, find_case, find_cases, load_case
+from epcontact.closed_forms import CLOSED_FORMS
+from epcontact.errors import InvalidCase
+from epcontact.pilots import Pilot, Section
+from epcontact.plan import plan, planned_case, promise_held
+from epcontact.results import Areas
+from epcontact.run import Answer
+from epcontact.surfaces import HeightsFromArray, SelfAffine, Sinusoid
+
+HERE = Path(__file__).parent
+
+
+def shipped(name: str, size: str = "full"):
+    return load_case(HERE.parent / "cases" / f"{name}.toml", size)
+
+
+def answer_of(case, chosen) -> Answer:
+    auto = planned_case(case, chosen)
+    results = [
+        bem.solve(auto.scene(recipe), threads=1, **auto.options["bem"]) for recipe in auto.recipes
+    ]
+    return Answer(tuple(results), tuple(f"seed{i}" for i in range(len(results))))
+
+
+def mean_total(answer: Answer) -> float:
+    return float(np.mean([r.final.areas["corrected"].total for r in answer.results]))
+
+
+# --- pilots -------------------------------------------------------------------------------------
+
+
+def pilot(n: int, error: float, raw: float = 1.0) -> Pilot:
+    every = dict.fromkeys(pilots.PARTS, error)
+    raws = dict.fromkeys(pilots.PARTS, raw)
+    return Pilot((n, n), Areas(0.1, 0.06, 0.04), every, raws, 30.0 * n * n, 1e-6 * n * n)
+
+
+def test_errors_are_carried_by_their_observed_order():
+    known = [pilot(64, 0.08), pilot(128, 0.08 / 2**1.5)]
+    error, raw = pilots.carried_error(known, (512, 512), ["total"])
+    assert error == pytest.approx(0.08 / 8**1.5)
+    assert not raw
+
+
+@pytest.mark.parametrize(("ratio", "order"), [(0.9, 1), (16.0, 2)])
+def test_an_order_outside_1_to_2_is_not_believed(ratio, order):
+    known = [pilot(64, 0.08), pilot(128, 0.08 / ratio)]
+    error, _ = pilots.carried_error(known, (256, 256), ["total"])
+    assert error == pytest.approx(0.08 / ratio / 2**order)
+
+
+def test_costs_are_carried_by_points():
+    work, seconds = pilots.carried_cost([pilot(64, 0.1), pilot(128, 0.1)], (256, 256))
+    assert work == pytest.approx(30 * 256**2)
+    assert seconds == pytest.approx(1e-6 * 256**2)
+
+
+def test_a_ladder_starts_at_three_points_a_wavelength_and_holds_the_case_s_own_grid():
+    recipe = shipped("rough-capped").recipes[0]
+    rungs = pilots.ladder(recipe, beyond=False)
+    coarse = pilots.on_grid(recipe, rungs[0])
+    assert pilots.points_per_wavelength(coarse) == pytest.approx(3, rel=0.02)
+    assert rungs[-1] == recipe.shape
+    assert math.prod(pilots.ladder(recipe, beyond=True)[-1]) > math.prod(recipe.shape)
+
+
+def test_measured_heights_stay_on_their_own_grid():
+    recipe = HeightsFromArray(np.random.default_rng(1).random((32, 32)), (1.0, 1.0), "periodic")
+    assert pilots.ladder(recipe, beyond=True) == [(32, 32)]
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_section_is_the_line_of_a_one_directional_surface(axis):
+    whole = Sinusoid((1e-3, 2e-3), (64, 96), 1e-6, 2, "xy"[axis])
+    assert pilots.one_directional(whole) == axis
+    line = Section(whole, axis).build()
+    expected = np.take(whole.build().heights, 5, axis=1 - axis)
+    assert np.array_equal(line.heights, expected)
+    assert line.periods == (whole.periods[axis],)
+    assert line.fingerprint != whole.fingerprint
+
+
+def test_roughness_of_both_directions_is_no_line():
+    assert pilots.one_directional(Sinusoid((1e-3, 1e-3), (64, 64), 1e-6, 1, "both")) is None
+    assert pilots.one_directional(Sinusoid((1e-3,), (64,), 1e-6)) is None
+
+
+# --- the number of surfaces ---------------------------------------------------------------------
+
+
+def test_the_interval_is_student_s():
+    # t(7 degrees, 97.5 %) = 2.364624
+    assert candidates.scatter_of(0.02, 8) == pytest.approx(2.364624 * 0.02 / math.sqrt(8), rel=1e-6)
+
+
+def test_few_pilots_are_not_taken_at_their_word():
+    spread = [replace(pilot(64, 0.01), areas=Areas(a, 0.06, 0.04)) for a in (0.09, 0.10, 0.11)]
+    # chi^2(2 degrees, lower 20 %) = -2 ln 0.8
+    expected = 0.1 * math.sqrt(2 / (-2 * math.log(0.8)))
+    assert candidates.deviation_of(spread, "total") == pytest.approx(expected)
+
+
+def test_as_few_surfaces_as_the_tolerance_allows(write_case):
+    case = load_case(write_case(("seeds = [3, 5, 7]", "seeds = [1, 2, 3, 4, 5, 6]")), "full")
+    case = replace(case, methods=("bem",))
+    chosen = plan(case, 0.05, threads=1)
+    assert chosen.meets
+    room = math.sqrt(0.05**2 - chosen.grid_error**2)
+    one_less = chosen.scatter * math.sqrt(chosen.surfaces / (chosen.surfaces - 1))
+    assert chosen.scatter <= room
+    # Student's quantile grows as well with one surface less.
+    assert one_less * 1.5 > room
+    assert len(chosen.seeds) == len(set(chosen.seeds)) == chosen.surfaces
+    kept = min(6, chosen.surfaces)
+    assert chosen.seeds[:kept] == (1, 2, 3, 4, 5, 6)[:kept]
+
+
+def test_a_capped_plan_never_exceeds_the_case_and_says_what_it_misses(write_case):
+    case = load_case(write_case(), "full")
+    chosen = plan(case, 1e-4, threads=1, capped=True)
+    assert chosen.surfaces <= 3
+    assert math.prod(chosen.shape) <= math.prod(case.recipes[0].shape)
+    assert not chosen.meets
+    assert any("is not met" in reason for reason in chosen.reasons)
+
+
+# --- promises, judged by what is known exactly --------------------------------------------------
+
+
+@pytest.mark.parametrize("tolerance", [0.03, 0.01, 0.003])
+def test_a_planned_sphere_has_hertz_s_area(tolerance):
+    case = shipped("hertz-sphere-dense")
+    chosen = plan(case, tolerance, threads=1)
+    answer = answer_of(case, chosen)
+    promise = promise_held(chosen, answer)
+    gate = next(g for g in case.gates if g.quantity == "area.total.corrected")
+    form, scene = CLOSED_FORMS[str(gate.against)], case.scene(case.recipes[0])
+    exact = form.scalar("area.total.corrected", scene)
+    assert promise.held
+    assert abs(mean_total(answer) / exact - 1) <= tolerance
+    assert chosen.work < 0.1 * chosen.given_work
+
+
+def test_a_one_directional_surface_becomes_a_line_with_the_same_area():
+    case = shipped("westergaard-surface", "fast")
+    chosen = plan(case, 0.002, threads=1)
+    assert chosen.dimension == 1
+    assert "a line stands for the surface" in chosen.reasons[0]
+    exact = CLOSED_FORMS["westergaard"].scalar("area.total.corrected", case.scene(case.recipes[0]))
+    assert mean_total(answer_of(case, chosen)) == pytest.approx(exact, rel=0.002)
+
+
+def test_a_planned_rough_surface_has_the_area_of_a_fine_grid():
+    case = shipped("rough-capped")
+    chosen = plan(case, 0.01, threads=1)
+    fine = bem.solve(case.scene(case.recipes[0]), area_tolerance=1e-4)
+    reference = fine.final.areas["corrected"].total
+    answer = answer_of(case, chosen)
+    assert promise_held(chosen, answer).held
+    assert mean_total(answer) == pytest.approx(reference, rel=0.01)
+    # The hand-chosen grid has 64 times the points of the one that is needed, pilots included 10.
+    assert chosen.work + chosen.pilot_work < 0.1 * chosen.given_work
+
+
+def test_a_broken_promise_is_told():
+    case = shipped("rough-capped", "fast")
+    chosen = replace(plan(case, 0.02, threads=1), tolerance=1e-5)
+    promise = promise_held(chosen, answer_of(case, chosen))
+    assert not promise.held
+    assert "was broken" in promise.sentence
+    with pytest.raises(InvalidCase, match="no answer"):
+        promise_held(chosen, Answer())
+
+
+def test_an_ensemble_s_error_holds_its_scatter(write_case):
+    case = load_case(write_case(), "fast")
+    chosen = plan(replace(case, methods=("bem",)), 0.3, threads=1)
+    result = bem.solve(case.scene(case.recipes[0]), threads=1)
+
+    def shifted(factor: float):
+        areas = dict(result.final.areas)
+        total = areas["corrected"].total * factor
+        areas["corrected"] = Areas(total, total, 0.0)
+        return replace(result, steps=(replace(result.final, areas=areas),))
+
+    answer = Answer((shifted(0.9), shifted(1.0), shifted(1.1)), ("a", "b", "c"))
+    claimed = result.final.areas["error"].total / result.final.areas["corrected"].total
+    # t(2 degrees, 97.5 %) = 4.302653
+    expected = math.hypot(claimed, 4.302653 * 0.1 / math.sqrt(3))
+    assert promise_held(chosen, answer).error == pytest.approx(expected, rel=1e-6)
+
+
+# --- theory and finite elements -----------------------------------------------------------------
+
+
+def test_the_theory_stands_in_only_where_it_is_near_enough(write_case):
+    case = load_case(write_case(), "fast")
+    loose, tight = plan(case, 0.9, threads=1), plan(case, 0.02, threads=1)
+    assert (loose.method, loose.work) == ("persson", 0.0)
+    assert tight.method == "bem"
+    assert any("too far to stand in" in reason for reason in tight.reasons)
+    assert promise_held(loose, Answer((object(),), ("x",))).held
+
+
+def test_finite_elements_are_given_depth_and_load_steps(write_case):
+    path = write_case(
+        ('methods = ["persson", "bem"]', 'methods = ["fem"]'),
+        ("hardness = 6.0e9", "yield_stress = 2.0e9"),
+        ('of = "bem"', 'of = "fem"'),
+        ('against = "persson"', 'against = 0.1\nsource = "made for the test"'),
+        ("wavenumber_high = 5.026548245743669e4", "wavenumber_high = 1.8849555921538758e4"),
+        ("seeds = [3, 5, 7]", "seeds = [3]"),
+        ("{ fast = 4, full = 8 }", "6"),
+    )
+    case = load_case(path, "fast")
+    chosen = plan(case, 0.2, threads=1)
+    assert chosen.method == "fem"
+    assert chosen.options["depth"] > 0
+    assert chosen.options["steps"] in candidates.LOAD_STEPS
+    assert planned_case(case, chosen).options["fem"]["steps"] == chosen.options["steps"]
+
+
+# --- size = "auto" ------------------------------------------------------------------------------
+
+
+def test_gates_that_ask_for_their_grid_keep_it():
+    auto, told = auto_case(shipped("hertz-sphere", "fast"), threads=1)
+    assert auto.recipes == shipped("hertz-sphere", "fast").recipes
+    assert auto.size == "auto"
+    assert "asks for its grid" in told
+
+
+def test_auto_makes_a_case_of_corrected_areas_cheaper_and_its_gates_still_hold():
+    given = shipped("hertz-sphere-dense")
+    # Gates of 1 %: those of the case itself are a thirtieth of that and keep its grid.
+    case = replace(given, gates=tuple(replace(g, low=-0.01, high=0.01) for g in given.gates))
+    auto, told = auto_case(case, threads=1)
+    assert math.prod(auto.recipes[0].shape) < math.prod(case.recipes[0].shape)
+    assert "corrected areas" in told
+    result = bem.solve(auto.scene(auto.recipes[0]), threads=1)
+    for gate in case.gates:
+        scene = case.scene(case.recipes[0])
+        exact = CLOSED_FORMS[str(gate.against)].scalar(gate.quantity, scene)
+        assert gate.low <= result.final.areas["corrected"].total / exact - 1 <= gate.high
+
+
+CHEAP = ("hertz-sphere-dense", "rough-capped", "westergaard-line", "waviness-light", "fem-capped")
+
+
+@pytest.mark.parametrize("name", CHEAP)
+def test_a_plan_with_its_pilots_is_never_dearer_than_the_hand_chosen_full_size(name):
+    chosen = plan(shipped(name), 0.01, threads=1)
+    assert chosen.meets
+    assert chosen.work + chosen.pilot_work < chosen.given_work
+
+
+@pytest.mark.slow
+def test_no_shipped_case_has_a_plan_dearer_than_its_full_size():
+    for path in find_cases():
+        if "full" not in case_sizes(path) or path.stem.startswith("paper"):
+            continue
+        case = load_case(path, "full")
+        if case.skip or "bem" not in case.methods:
+            continue
+        chosen = plan(case, 0.01, threads=1, capped=True)
+        assert chosen.work <= chosen.given_work, case.id
+        auto, _ = auto_case(case, threads=1)
+        for a, b in zip(auto.recipes, case.recipes, strict=False):
+            assert math.prod(a.shape) <= math.prod(b.shape), case.id
+        assert len(auto.recipes) <= len(case.recipes), case.id
+
+
+# --- what is refused ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1.0, math.nan])
+def test_a_tolerance_out_of_range_is_refused(tolerance):
+    with pytest.raises(InvalidCase, match="between 0 and 1"):
+        plan(shipped("rough-capped", "fast"), tolerance)
+
+
+def test_a_case_of_the_theory_alone_needs_no_plan():
+    path = find_case(str(HERE.parent / "cases" / "theory-elastic.toml"))
+    with pytest.raises(InvalidCase, match="needs no plan"):
+        plan(load_case(path), 0.01)
+
+
+def test_seeds_of_more_surfaces_than_the_case_has_are_new():
+    case = shipped("rough-capped", "fast")
+    recipe = case.recipes[0]
+    assert isinstance(recipe, SelfAffine)
+    two = replace(case, recipes=(recipe, replace(recipe, seed=9)))
+    chosen = plan(two, 0.05, threads=1)
+    assert chosen.seeds[:2] == (5, 9)
+    assert chosen.seeds[2:] == tuple(range(10, 10 + chosen.surfaces - 2))
