@@ -9,6 +9,7 @@ mean: the value that makes g vanish on average over the points between their bou
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ StateArray = NDArray[np.uint8]
 
 #: First length of a projected gradient step, in stiffnesses of the shortest wave along an axis.
 GRADIENT_STEP = 0.3
+
+_CHUNK = 262144  # points that a thread takes at once in a projection
 
 
 @dataclass(frozen=True)
@@ -94,19 +97,28 @@ def _offset_between(level: Level, p: FloatArray, u: FloatArray) -> float:
     return float(np.mean(limits))
 
 
-def project(w: FloatArray, cap: float, total: float) -> FloatArray:
+def project(w: FloatArray, cap: float, total: float, workers: Workers | None = None) -> FloatArray:
     """The point nearest to w with 0 <= p <= cap and sum(p) = total: clip(w + z, 0, cap).
 
     The sum is piecewise linear and increasing in z; Newton's steps on it are kept in a bracket.
     """
     flat = w.reshape(-1)
-    smallest, largest = passes.extremes(flat)
-    low = -largest
-    high = (cap if np.isfinite(cap) else total) - smallest
+    parts = [slice(start, start + _CHUNK) for start in range(0, flat.size, _CHUNK)]
+    run = Workers(1).run if workers is None else workers.run
+    blocks = range(len(parts))
+
+    def summed(offset: float, k: int) -> tuple[float, int]:
+        sums: tuple[float, int] = passes.clipped_sum(flat[parts[k]], offset, cap)
+        return sums
+
+    ends = run(lambda k: passes.extremes(flat[parts[k]]), blocks)
+    low = -float(max(e[1] for e in ends))
+    high = (cap if np.isfinite(cap) else total) - float(min(e[0] for e in ends))
     z = min(max(0.0, low), high)
     for _ in range(200):
-        reached, inside = passes.clipped_sum(flat, z, cap)
-        excess = reached - total
+        sums = run(partial(summed, z), blocks)
+        excess = sum(s[0] for s in sums) - total
+        inside = sum(s[1] for s in sums)
         low, high = (low, z) if excess > 0 else (z, high)
         if abs(excess) <= 1e-15 * total:
             break
@@ -116,7 +128,9 @@ def project(w: FloatArray, cap: float, total: float) -> FloatArray:
         if following == z:
             break
         z = following
-    return np.asarray(np.clip(w + z, 0.0, cap), dtype=np.float64)
+    out = np.empty_like(flat)
+    run(lambda k: passes.shift_clip(flat[parts[k]], z, cap, out[parts[k]]), blocks)
+    return out.reshape(w.shape)
 
 
 def states(p: FloatArray, cap: float) -> StateArray:

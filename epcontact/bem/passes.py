@@ -52,11 +52,13 @@ class Workers:
 
 @_jit
 def multiply_rows(modes: Any, symbol: Any, rows: Any, factor: float) -> None:
-    """modes[i] *= factor symbol[rows[i]]."""
+    """modes[i] *= factor symbol[rows[i]]; real and imaginary parts follow one another."""
     for i in range(modes.shape[0]):
         row = rows[i]
-        for j in range(modes.shape[1]):
-            modes[i, j] *= factor * symbol[row, j]
+        for j in range(symbol.shape[1]):
+            weight = factor * symbol[row, j]
+            modes[i, 2 * j] *= weight
+            modes[i, 2 * j + 1] *= weight
 
 
 @_jit
@@ -64,9 +66,11 @@ def divide_rows(modes: Any, symbol: Any, rows: Any, factor: float) -> None:
     """modes[i] *= factor / symbol[rows[i]]; a mode without compliance becomes 0."""
     for i in range(modes.shape[0]):
         row = rows[i]
-        for j in range(modes.shape[1]):
+        for j in range(symbol.shape[1]):
             s = symbol[row, j]
-            modes[i, j] *= factor / s if s > 0 else 0.0
+            weight = factor / s if s > 0 else 0.0
+            modes[i, 2 * j] *= weight
+            modes[i, 2 * j + 1] *= weight
 
 
 @_jit
@@ -224,6 +228,22 @@ def clipped_sum(w: Any, z: float, cap: float) -> tuple[float, int]:
 
 
 @_jit
+def step_product(p: Any, index: Any, before: Any, gap: Any) -> float:
+    """Sum over the listed points of gap (p - before)."""
+    total = 0.0
+    for k in range(index.size):
+        total += gap[k] * (p[index[k]] - before[k])
+    return total
+
+
+@_jit
+def shift_clip(w: Any, z: float, cap: float, out: Any) -> None:
+    """out = clip(w + z, 0, cap)."""
+    for i in range(w.size):
+        out[i] = min(max(w[i] + z, 0.0), cap)
+
+
+@_jit
 def extremes(w: Any) -> tuple[float, float]:
     """Smallest and largest value."""
     low = w[0]
@@ -281,7 +301,7 @@ def interpolate(
 
 #: Columns that a masked grid repeats on its left and right, and points that a stencil handles at
 #: once: a register of single precision.
-HALO_LEFT, HALO_RIGHT, RUN = 4, 20, 16
+HALO_LEFT, HALO_RIGHT, RUN = 3, 20, 16
 
 
 @_jit
@@ -323,58 +343,66 @@ def restrict(masked: Any, half: Any, first: int, last: int) -> None:
             )
 
 
-@_jit
-def _interpolated_run(half: Any, i: int, j: int, length: int, line: Any, out: Any) -> None:
-    """out[t] = `half` interpolated by cubics to the fine points (i, j + t), t < length."""
-    mx, my = half.shape
-    r = i // 2
-    first = j // 2 - 1
-    for t in range(length // 2 + 5):
-        c = first + t
-        c = c + my if c < 0 else (c - my if c >= my else c)
-        if i % 2 == 0:
-            line[t] = half[r, c]
-        else:
-            up = r + 1 if r + 1 < mx else 0
-            far = up + 1 if up + 1 < mx else 0
-            near = half[r, c] + half[up, c]
-            line[t] = (9 * near - half[r - 1, c] - half[far, c]) / 16
-    for t in range(length):
-        k = (j + t) // 2 - first
-        if (j + t) % 2 == 0:
-            out[t] = line[k]
-        else:
-            out[t] = (9 * (line[k] + line[k + 1]) - line[k - 1] - line[k + 2]) / 16
+# Unsigned indices cannot count from the end, which spares the loops below a test that would keep
+# them from vectorising; flat arrays spare them views.
+_UINT = np.uint64
 
 
 @_jit
-def _add_row(near: Any, row: Any, taps: Any) -> None:
-    """near[t] += sum of taps[b] row[t + b], for a symmetric row of a stencil."""
-    c0, c1, c2, c3, c4 = taps[4], taps[3], taps[2], taps[1], taps[0]
-    for t in range(RUN):
-        near[t] += (
-            c0 * row[t + 4]
-            + c1 * (row[t + 3] + row[t + 5])
-            + c2 * (row[t + 2] + row[t + 6])
-            + c3 * (row[t + 1] + row[t + 7])
-            + c4 * (row[t] + row[t + 8])
-        )
+def _coarse_line(half: Any, my: int, rows: Any, first: int, line: Any, middle: Any) -> None:
+    """The half grid (flat) interpolated by cubics to a row of the fine grid.
+
+    rows: the half grid's row that the fine one lies on, or the four around it; first: a column.
+    Fills line at the columns from `first`, and middle[k] midway between line[k] and line[k + 1].
+    """
+    if first >= 0 and first + line.size <= my:
+        b = _UINT(rows[1] * my + first)
+        if rows.size == 3:
+            for t in range(_UINT(line.size)):
+                line[t] = half[b + t]
+        else:
+            a = _UINT(rows[0] * my + first)
+            c, d = _UINT(rows[2] * my + first), _UINT(rows[3] * my + first)
+            for t in range(_UINT(line.size)):
+                line[t] = (9 * (half[b + t] + half[c + t]) - half[a + t] - half[d + t]) * 0.0625
+    else:
+        for t in range(line.size):
+            k = (first + t) % my
+            if rows.size == 3:
+                line[t] = half[rows[1] * my + k]
+            else:
+                line[t] = (
+                    9 * (half[rows[1] * my + k] + half[rows[2] * my + k])
+                    - half[rows[0] * my + k]
+                    - half[rows[3] * my + k]
+                ) / 16
+    for k in range(_UINT(1), _UINT(line.size - 2)):
+        middle[k] = (
+            9 * (line[k] + line[k + _UINT(1)]) - line[k - _UINT(1)] - line[k + _UINT(2)]
+        ) * 0.0625
 
 
 @_jit
 def gather_split(
     masked: Any, half: Any, taps: Any, index: Any, out: Any, other: Any
 ) -> tuple[float, float]:
-    """At the listed points, the 9 x 9 stencil on `masked` plus `half` interpolated.
+    """At the listed points, the 7 x 7 stencil on `masked` plus `half` interpolated.
 
     Listed points among RUN neighbours of a row are handled together.  Returns sum(out) and
     sum(out other).
     """
-    nx = masked.shape[0]
-    ny = masked.shape[1] - HALO_LEFT - HALO_RIGHT
+    nx, width = masked.shape
+    ny = width - HALO_LEFT - HALO_RIGHT
+    mx, my = half.shape
+    fine, coarse = masked.reshape(-1), half.reshape(-1)
     near = np.empty(RUN, dtype=np.float32)
-    far = np.empty(RUN)
-    line = np.empty(RUN // 2 + 6)
+    line = np.empty(RUN // 2 + 4)
+    middle = np.empty(RUN // 2 + 4)
+    on, between = np.empty(3, dtype=np.int64), np.empty(4, dtype=np.int64)
+    reach = 0
+    for a in range(4):
+        if taps[3 - a, 3] != 0:
+            reach = a
     total = 0.0
     product = 0.0
     k = 0
@@ -385,15 +413,36 @@ def gather_split(
         limit = index[k] + min(RUN, ny - j)
         while last + 1 < index.size and index[last + 1] < limit:
             last += 1
-        length = index[last] - index[k] + 1
         near[:] = 0
-        for a in range(9):
-            _add_row(near, masked[(i + a - 4) % nx, j : j + RUN + 8], taps[a])
-        _interpolated_run(half, i, j, length, line, far)
-        origin = index[k]
+        for a in range(-reach, reach + 1):
+            row = i + a
+            row = row + nx if row < 0 else (row - nx if row >= nx else row)
+            base = _UINT(row * width + j)
+            c0, c1, c2, c3 = taps[a + 3, 3], taps[a + 3, 2], taps[a + 3, 1], taps[a + 3, 0]
+            for t in range(_UINT(RUN)):
+                at = base + t
+                near[t] += (
+                    c0 * fine[at + _UINT(3)]
+                    + c1 * (fine[at + _UINT(2)] + fine[at + _UINT(4)])
+                    + c2 * (fine[at + _UINT(1)] + fine[at + _UINT(5)])
+                    + c3 * (fine[at] + fine[at + _UINT(6)])
+                )
+        first = j // 2 - 1
+        if i % 2 == 0:
+            on[1] = i // 2
+            _coarse_line(coarse, my, on, first, line, middle)
+        else:
+            r = i // 2
+            between[0] = r - 1 if r > 0 else mx - 1
+            between[1] = r
+            between[2] = r + 1 if r + 1 < mx else 0
+            between[3] = between[2] + 1 if between[2] + 1 < mx else 0
+            _coarse_line(coarse, my, between, first, line, middle)
+        origin = index[k] - j
         for m in range(k, last + 1):
-            t = index[m] - origin
-            value = near[t] + far[t]
+            column = index[m] - origin
+            c = column // 2 - first
+            value = near[column - j] + (line[c] if column % 2 == 0 else middle[c])
             out[m] = value
             total += value
             product += value * other[m]

@@ -98,7 +98,9 @@ def solve_symbol(
         if start is not None:
             # No point can carry more than all of the load: beyond that, digits would be lost.
             guess = np.clip(start / mean_pressure, 0.0, min(cap, heights.size))
-        p = project(np.ones(heights.shape) if guess is None else guess, cap, float(heights.size))
+        p = project(
+            np.ones(heights.shape) if guess is None else guess, cap, float(heights.size), workers
+        )
         method = BASELINES.get(options.method, solve_level)
         it, counts = method(level, p, _goal(options))
         solution = _solution(run, level, it, counts, options)
@@ -157,8 +159,10 @@ def _coarse_guess(run: _Run, heights: FloatArray, options: Options) -> FloatArra
     coarse = coarsened_heights(heights, below, run.workers.threads)
     guess = _coarse_guess(run, coarse, options)
     level = run.level(coarse)
-    p = project(np.ones(below) if guess is None else guess, run.cap, float(coarse.size))
-    goal = replace(_goal(options), tolerance=max(1e-4, options.tolerance), area_tolerance=1e-2)
+    p = project(
+        np.ones(below) if guess is None else guess, run.cap, float(coarse.size), run.workers
+    )
+    goal = replace(_goal(options), tolerance=max(1e-4, options.tolerance), area_tolerance=1e-3)
     it, counts = solve_level(level, p, goal)
     run.coarse_pairs += counts.pairs * coarse.size / run.points
     w = it.p - level.step * (it.u + it.z - coarse)

@@ -24,7 +24,8 @@ from epcontact.bem.transforms import Convolution, Points, Symbol
 FloatArray = NDArray[np.float64]
 
 _WIDTH = 2.0  # a: the alias of the interpolation falls with it, the stencil grows
-_RADIUS = 4  # of the stencil, in grid points
+_SIDE = 3  # grid points that a stencil reaches to each side
+_RADIUS = {1: 3, -1: 2}  # of the compliance's and, for a preconditioner, of the stiffness's
 _SAMPLE = 128  # modes a direction that the stencil is found from
 
 
@@ -118,7 +119,7 @@ def _halves(symbol: Symbol) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatA
             part = np.where(sample > 0, sample**power, 0.0)
             coarse = np.where(modes > 0, modes**power, 0.0)
         coarse[0, 0] = part[0, 0] = 0.0
-        taps = _stencil(part, theta)
+        taps = _stencil(part, theta, _RADIUS[power])
         phi = np.exp(-(_WIDTH**2) / 4 * (tx[:, None] ** 2 + ty**2))
         rest = coarse * (1 - phi) - _stencil_symbol(taps, tx, ty)
         interpolation = np.outer(_interpolation_symbol(tx), _interpolation_symbol(ty))
@@ -128,19 +129,19 @@ def _halves(symbol: Symbol) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatA
     return found[0], found[1]
 
 
-def _stencil(part: FloatArray, theta: FloatArray) -> FloatArray:
+def _stencil(part: FloatArray, theta: FloatArray, radius: int) -> FloatArray:
     """The short-range part's kernel within the radius, from its symbol on a quarter."""
     phi = np.exp(-(_WIDTH**2) / 4 * (theta[:, None] ** 2 + theta**2))
     weight = np.where((theta == 0) | (theta == theta[-1]), 1.0, 2.0) / _SAMPLE
-    i = np.arange(-_RADIUS, _RADIUS + 1)
+    i = np.arange(-_SIDE, _SIDE + 1)
     wave = weight[:, None] * np.cos(theta[:, None] * i)
     taps = wave.T @ (part * (1 - phi)) @ wave
-    taps[i[:, None] ** 2 + i**2 > _RADIUS**2] = 0.0
+    taps[i[:, None] ** 2 + i**2 > radius**2] = 0.0
     return np.asarray(taps, dtype=np.float64)
 
 
 def _stencil_symbol(taps: FloatArray, tx: FloatArray, ty: FloatArray) -> FloatArray:
-    i = np.arange(-_RADIUS, _RADIUS + 1)
+    i = np.arange(-_SIDE, _SIDE + 1)
     return np.asarray(np.cos(np.outer(tx, i)) @ taps @ np.cos(np.outer(i, ty)), dtype=np.float64)
 
 

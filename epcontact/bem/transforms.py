@@ -94,7 +94,8 @@ class Convolution:
             modes = self._modes[:, part]
             if self.shape[0] > 1:
                 ducc0.fft.c2c(modes, axes=(0,), forward=True, out=modes, nthreads=1)
-            kernel(modes, values[:, part], rows, factor)
+            parts = self._modes.view(np.float64)[:, 2 * part.start : 2 * part.stop]
+            kernel(parts, values[:, part], rows, factor)
             if start == 0:
                 modes[0, 0] = 0.0
             if self.shape[0] > 1:
