@@ -304,7 +304,7 @@ def _progress(cases: Sequence[Case], methods: Any, plan: Any) -> Iterator[Any]:
         def advance(task: Task, note: str) -> None:
             nonlocal done
             done += 1
-            what = f"{task.path.stem} {task.method} {task.label}"
+            what = f"{task.case.id} {task.method} {task.label}"
             bar.update(row, advance=1, description=what)
             if not console.is_terminal:
                 told = f" ({note})" if note else ""

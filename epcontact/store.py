@@ -1,0 +1,121 @@
+"""Results on disk: kept one file a task, found again by what made them, summed up by method.
+
+`<output>/<case>/members/<method>-<surface>.json` holds one result and its key: scene, size,
+options and the package's own sources.  A task of the same key need not run again; one of a
+solver that is not the package's always does, as its sources are not known here.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from epcontact.casefile import Case
+from epcontact.compare import estimate
+from epcontact.output.files import write_json
+from epcontact.results import ContactResult
+from epcontact.tasks import Task, measured_by
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a method said of a case: one result a surface, or the sentence why not."""
+
+    results: tuple[ContactResult, ...] = ()
+    labels: tuple[str, ...] = ()
+    errors: tuple[str, ...] = ()
+    reused: int = 0
+
+
+@functools.cache
+def sources_digest() -> str:
+    """SHA-256 of the package's own sources: a result of other sources is not reused."""
+    import fem_check
+
+    digest = hashlib.sha256()
+    for package in (__file__, fem_check.__file__):
+        for file in sorted(Path(package or "").parent.rglob("*.py")):
+            digest.update(file.name.encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+def _key(task: Task) -> str:
+    content = {
+        "scene": task.case.digest(task.recipe),
+        "size": task.case.size,
+        "method": task.method,
+        "options": repr(sorted(task.case.options[task.method].items())),
+        "fields": sorted(measured_by(task.case, task.method)),
+        "sources": sources_digest(),
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _member_path(task: Task, output: Path) -> Path:
+    return output / task.case.id / "members" / f"{task.method}-{task.label}.json"
+
+
+def keep(task: Task, output: Path, result: ContactResult) -> None:
+    """Write the result of a task.  Raises OutputError."""
+    about = {"case": task.case.id, "size": task.case.size, "key": _key(task)}
+    write_json(_member_path(task, output), about | result.to_json())
+
+
+def kept(task: Task, output: Path) -> ContactResult | None:
+    """The result of an earlier run of just this task, if it is there and whole."""
+    if task.solver or (task.fields is not None and not task.fields.exists()):
+        return None
+    try:
+        data = json.loads(_member_path(task, output).read_bytes())
+        if data["key"] != _key(task):
+            return None
+        return ContactResult.from_json(data)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def summary(case: Case, answer: Answer) -> dict[str, Any]:
+    """A method's answer as JSON: means over the surfaces, their scatter, and every member."""
+    members = [result.to_json() for result in answer.results]
+    first = answer.results[0]
+    ensemble = {
+        kind: {
+            part: _spread([getattr(r.final.areas[kind], part) for r in answer.results])
+            for part in ("total", "elastic", "plastic")
+        }
+        for kind in first.final.areas
+    }
+    mean = {
+        kind: {part: spread["mean"] for part, spread in parts.items()}
+        for kind, parts in ensemble.items()
+    }
+    cost = {
+        key: (max if key == "peak_memory_bytes" else sum)(r.cost[key] for r in answer.results)
+        for key in first.cost
+    }
+    residuals = {
+        key: max(r.final.residuals[key] for r in answer.results) for key in first.final.residuals
+    }
+    return {
+        "case": case.id,
+        "method": first.method,
+        "size": case.size,
+        "converged": all(r.converged for r in answer.results),
+        "residuals": residuals,
+        "areas": mean,
+        "ensemble": {"surfaces": list(answer.labels), "areas": ensemble},
+        "mean_pressure": first.final.mean_pressure,
+        "cost": cost,
+        "provenance": members[0]["provenance"],
+        "members": members,
+    }
+
+
+def _spread(values: Sequence[float]) -> dict[str, float]:
+    e = estimate(values)
+    return {"mean": e.mean, "standard_deviation": e.deviation, "half_width_95": e.half_width}
