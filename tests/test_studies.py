@@ -14,7 +14,9 @@ from epcontact.output.figures import Series
 from epcontact.persson import areas
 from epcontact.studies import (
     STUDIES,
+    bem,
     gamma,
+    growth,
     magnification,
     resolution,
     save_charts,
@@ -182,9 +184,9 @@ def comparison():
 
 
 def test_the_last_cut_off_is_the_whole_surface(comparison):
-    from epcontact import bem
+    from epcontact.bem import solve
 
-    solved = [bem.solve(scenes.rough_scene(4, seed, 16), area_tolerance=1e-5) for seed in range(3)]
+    solved = [solve(scenes.rough_scene(4, seed, 16), area_tolerance=1e-5) for seed in range(3)]
     for part in scenes.PARTS:
         mean, _ = scenes.area_band(solved, part)
         # Filtering rounds heights, and area_tolerance bounds what that may do.
@@ -264,11 +266,55 @@ def test_finite_volumes_are_of_second_order():
     assert np.log2(coarse / fine) == pytest.approx(2, abs=0.1)
 
 
+# --- solvers and growth -------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def work():
+    scene = scenes.rough_scene(4, 7, 16)
+    return bem.measure(scene, ("newton", "projected_gradient"), (1e-2, 1e-4, 1e-6), max_steps=300)
+
+
+def test_every_point_meets_its_tolerance_and_effort_rises(work):
+    for one in work.values():
+        assert np.all(one.residual <= [1e-2, 1e-4, 1e-6])
+        assert np.all(np.diff(one.pairs) > 0)
+
+
+def test_newton_needs_fewer_transforms_than_the_projected_gradient(work):
+    assert work["newton"].pairs[-1] < work["projected_gradient"].pairs[-1]
+    assert "projected_gradient" in bem.draw_work(work, (64, 64), 1e-5)[0].caption
+
+
+def test_areas_settle_with_the_residual(work):
+    for one in work.values():
+        assert one.area_error[-1] < 1e-3
+
+
+def test_a_method_that_does_not_converge_is_told_and_stops():
+    found = bem.measure(scenes.rough_scene(4, 7, 16), ("relaxation",), (1e-1, 1e-9), max_steps=30)
+    one = found["relaxation"]
+    assert one.residual.size <= 1
+    assert "relaxation stops at a residual of" in one.failure
+    assert "after 30 steps" in one.failure
+
+
+def test_transforms_do_not_grow_with_the_grid_where_the_roughness_is_fixed():
+    found = growth.measure([(4, 16), (8, 16), (16, 16)], quiet)
+    assert list(found.points) == [64, 128, 256]
+    assert found.finest_pairs[-1] <= found.finest_pairs[0] + 2
+    pairs, times = growth.draw_growth(found, found)
+    assert "Exponents" in pairs.caption
+    assert len(rows_of(times)) == 6
+
+
 # --- every study --------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["gamma", "resolution", "magnification", "theory"])
+@pytest.mark.parametrize(
+    "name", ["gamma", "resolution", "magnification", "theory", "bem", "growth"]
+)
 def test_a_fast_study_makes_charts_that_can_be_saved(name, tmp_path):
     charts = STUDIES[name].run("fast")
     files = save_charts(name, charts, tmp_path)

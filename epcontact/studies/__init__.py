@@ -65,6 +65,8 @@ _DESCRIPTIONS = {
     "resolution": "error of raw and corrected areas against points per wavelength and cost",
     "magnification": "theory against boundary elements on one surface filtered at many cut-offs",
     "theory": "error of the theory's series against their terms, of its cells against their number",
+    "bem": "residual and area error of Newton and the baselines against FFT pairs and time",
+    "growth": "FFT pairs and time of boundary elements against the size of the grid",
 }
 
 #: Every study by its name.
