@@ -1,4 +1,4 @@
-"""The command line: list, keys, run, verify.
+"""The command line: list, keys, run and verify here, the rest in `cli_studies`.
 
 Exit code 0: all gates hold (or the command did what it was asked); 1: a gate fell short; 2: an
 error, told in one sentence.  130: interrupted.
@@ -21,6 +21,7 @@ from rich.table import Table
 
 from epcontact import casefile
 from epcontact.casefile import Case
+from epcontact.cli_studies import COMMANDS
 from epcontact.errors import EpcontactError
 
 
@@ -42,10 +43,10 @@ def _console() -> Console:
 
 _size = click.option(
     "--size",
-    type=click.Choice(casefile.SIZES),
+    type=click.Choice((*casefile.SIZES, "auto")),
     default="fast",
     show_default=True,
-    help="Which of a case's sizes to run.",
+    help="Which of a case's sizes to run; auto: the cheapest that its gates allow.",
 )
 _jobs = click.option(
     "--jobs",
@@ -123,7 +124,7 @@ def run(
     from epcontact.run import Plan, run_cases
     from epcontact.tables import answers_table
 
-    loaded = casefile.load_case(casefile.find_case(case), size)
+    loaded = _load(casefile.find_case(case), size)
     absent = [m for m in methods if m not in loaded.methods]
     if absent:
         raise click.UsageError(
@@ -194,76 +195,34 @@ def verify(
     sys.exit(exit_code(outcomes))
 
 
-@cli.command()
-@click.argument("folder", type=click.Path(path_type=Path), default=Path("results"))
-@click.option("--output", type=click.Path(path_type=Path), help="Page to write.")
-def report(folder: Path, output: Path | None) -> None:
-    """Make one self-contained page of a verification run from its output FOLDER."""
-    from epcontact.output.report import report_folder
-
-    click.echo(f"report in {report_folder(folder, output)}")
+for _command in COMMANDS:
+    cli.add_command(_command)
 
 
-@cli.command()
-@click.argument("result", type=click.Path(path_type=Path))
-@click.option(
-    "--screenshot",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Draw to this PNG instead of a window.",
-)
-@click.option(
-    "--map",
-    "contact_map",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Draw contact state and pressure in the plane: a .png, or by a name without ending a "
-    "picture, its data and a caption.",
-)
-@click.option(
-    "--against",
-    type=click.Path(path_type=Path),
-    help="Draw this result's pressure beside it, with the difference (with --screenshot).",
-)
-@click.option(
-    "--film",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Draw the load steps of a .pvd as a film: .gif, or .mp4 with imageio-ffmpeg.",
-)
-@click.option("--factor", type=float, default=None, help="Stretch the deformation by this.")
-def view(
-    result: Path,
-    screenshot: Path | None,
-    contact_map: Path | None,
-    against: Path | None,
-    film: Path | None,
-    factor: float | None,
-) -> None:
-    """Show the fields of a result (.vti, .vtu, .pvd, or a method's .json) in three dimensions."""
-    from epcontact.output import view as viewing
+def _load(path: Path, size: str) -> Case:
+    """A case at a size; auto starts from its full size, or its only one."""
+    if size != "auto":
+        return casefile.load_case(path, size)
+    from epcontact.auto_size import auto_case
 
-    if contact_map is not None:
-        from epcontact.pictures import save_map
-
-        save_map(viewing.find_result(result), contact_map)
-    if film is not None:
-        viewing.animate([result], film, factor=factor)
-    if against is not None:
-        if screenshot is None:
-            raise click.UsageError("--against draws to a file; give --screenshot too")
-        viewing.compare(result, against, screenshot)
-    elif screenshot is not None:
-        viewing.screenshot(result, screenshot, factor=factor)
-    elif contact_map is None and film is None:
-        viewing.show(result, factor=factor)
+    sizes = [each for each in casefile.case_sizes(path) if each != "large"]
+    given = casefile.load_case(path, (sizes or ["large"])[-1])
+    if given.skip:
+        return given
+    case, sentence = auto_case(given)
+    click.echo(sentence, err=True)
+    return case
 
 
 def _cases_to_verify(names: Sequence[str], size: str) -> list[Case]:
     if names:
-        return [casefile.load_case(casefile.find_case(name), size) for name in names]
+        return [_load(casefile.find_case(name), size) for name in names]
     paths = casefile.find_cases()
     if not paths:
         raise _Refusal("no cases found, neither in ./cases nor in the installed package")
-    loaded = [casefile.load_case(p, size) for p in paths if size in casefile.case_sizes(p)]
-    return [case for case in loaded if case.verify]
+    needed = "fast" if size == "auto" else size
+    offered = [p for p in paths if needed in casefile.case_sizes(p)]
+    return [_load(p, size) for p in offered if casefile.load_case(p, needed).verify]
 
 
 def _write_report(cases: Sequence[Case], answers: Any, output: Path) -> None:

@@ -1,0 +1,188 @@
+"""Commands around the main job: chart, plan, stability, report, view."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from epcontact import casefile
+from epcontact.errors import EpcontactError, InvalidCase
+
+_folder = click.Path(path_type=Path, file_okay=True)
+_file = click.Path(path_type=Path, dir_okay=False)
+
+
+def _tell(sentence: str) -> None:
+    click.echo(sentence, err=True)
+
+
+@click.command()
+@click.argument("names", nargs=-1)
+@click.option("--full", is_flag=True, help="Minutes instead of seconds, and finer.")
+@click.option("--peers", is_flag=True, help="Add the comparison with other solvers (extra peers).")
+@click.option("--output", type=_folder, default=Path("charts"), show_default=True)
+def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None:
+    """Draw accuracy against cost, by NAME (none: the list); each with its data and a caption."""
+    from epcontact.studies import STUDIES, save_charts
+
+    wanted = (*names, "peers") if peers else names
+    unknown = [name for name in wanted if name not in STUDIES]
+    if unknown:
+        raise InvalidCase(f"no chart is called {unknown[0]!r}; there are {', '.join(STUDIES)}")
+    if not wanted:
+        table = Table(box=None, pad_edge=False)
+        table.add_column("chart")
+        table.add_column("shows")
+        for study in STUDIES.values():
+            table.add_row(study.name, study.description)
+        Console().print(table)
+    for name in dict.fromkeys(wanted):
+        charts = STUDIES[name].run("full" if full else "fast", _tell)
+        for path in save_charts(name, charts, output):
+            click.echo(path)
+        for one in charts:
+            click.echo(one.caption)
+
+
+@click.command()
+@click.argument("case")
+@click.option(
+    "--tolerance",
+    default="1%",
+    show_default=True,
+    help="On the contact area, relative, at 95 % confidence: 1% or 0.01.",
+)
+@click.option("--size", type=click.Choice(casefile.SIZES), default=None, help="Of the case.")
+@click.option("--check", is_flag=True, help="Run the plan and say whether its promise held.")
+def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
+    """Say what the cheapest model of CASE is that meets a tolerance, why, and what it costs."""
+    from epcontact.plan import plan as make_plan
+
+    path = casefile.find_case(case)
+    loaded = casefile.load_case(path, size or casefile.case_sizes(path)[-1])
+    if loaded.skip:
+        raise InvalidCase(f"{path}: {loaded.skip}")
+    chosen = make_plan(loaded, _share(tolerance), progress=_tell)
+    surfaces = f"{chosen.surfaces} surface{'s' if chosen.surfaces > 1 else ''}"
+    grid = " x ".join(map(str, chosen.shape))
+    areas = "" if chosen.method == "persson" else f", {grid} points, {surfaces}"
+    click.echo(f"{chosen.case}: {chosen.method}{areas}, {chosen.areas} areas")
+    for reason in chosen.reasons:
+        click.echo(f"  {reason}")
+    click.echo(
+        f"  expected: error {100 * chosen.expected_error:.2g} %, "
+        f"work {chosen.work:.3g} point-transforms against {chosen.given_work:.3g} of the case"
+    )
+    if not chosen.meets:
+        raise InvalidCase(f"{chosen.case}: no model within reach meets {tolerance}")
+    if check:
+        _check(loaded, chosen)
+
+
+def _check(case: casefile.Case, chosen: object) -> None:
+    from tempfile import TemporaryDirectory
+
+    from epcontact.plan import Plan, planned_case, promise_held
+    from epcontact.run import Plan as Runs
+    from epcontact.run import available_cores, run_cases
+
+    assert isinstance(chosen, Plan)
+    cheaper = planned_case(case, chosen)
+    with TemporaryDirectory() as folder:
+        runs = Runs(jobs=available_cores(), output=Path(folder))
+        methods = {cheaper.id: (chosen.method,)}
+        answers = run_cases([cheaper], methods, runs, lambda *_: None)
+    answer = answers[cheaper.id][chosen.method]
+    if answer.errors:
+        raise EpcontactError("; ".join(answer.errors))
+    click.echo(f"  {promise_held(chosen, answer).sentence}")
+
+
+def _share(text: str) -> float:
+    try:
+        number = text.strip()
+        return float(number[:-1]) / 100 if number.endswith("%") else float(number)
+    except ValueError:
+        raise InvalidCase(
+            f"--tolerance is {text!r}, but must be a share such as 1% or 0.01"
+        ) from None
+
+
+@click.command()
+@click.argument("maps", nargs=-1)
+@click.option("--full", is_flag=True, help="Minutes instead of seconds, and finer.")
+@click.option("--output", type=_folder, default=Path("stability"), show_default=True)
+def stability(maps: tuple[str, ...], full: bool, output: Path) -> None:
+    """Sweep loads and hardnesses, and map where each method converges and how fast."""
+    from epcontact.stability import MAPS, stability_map, write
+
+    data = stability_map(maps or MAPS, "full" if full else "coarse", progress=_tell)
+    for path in write(data, output):
+        click.echo(path)
+    click.echo(f"{len(data.points)} points, {len(data.failures)} without convergence")
+    for point in data.failures:
+        click.echo(f"  {point}")
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path), default=Path("results"))
+@click.option("--output", type=_file, help="Page to write; else report.html in the folder.")
+def report(folder: Path, output: Path | None) -> None:
+    """Make one self-contained page of a verification run from its output FOLDER."""
+    from epcontact.output.report import report_folder
+
+    click.echo(f"report in {report_folder(folder, output)}")
+
+
+@click.command()
+@click.argument("result", type=click.Path(path_type=Path))
+@click.option("--screenshot", type=_file, help="Draw to this PNG instead of a window.")
+@click.option(
+    "--map",
+    "contact_map",
+    type=_file,
+    help="Draw contact state and pressure in the plane: a .png, or by a name without ending a "
+    "picture, its data and a caption.",
+)
+@click.option(
+    "--against",
+    type=click.Path(path_type=Path),
+    help="Draw this result's pressure beside it, with the difference (with --screenshot).",
+)
+@click.option(
+    "--film",
+    type=_file,
+    help="Draw the load steps of a .pvd as a film: .gif, or .mp4 with imageio-ffmpeg.",
+)
+@click.option("--factor", type=float, default=None, help="Stretch the deformation by this.")
+def view(
+    result: Path,
+    screenshot: Path | None,
+    contact_map: Path | None,
+    against: Path | None,
+    film: Path | None,
+    factor: float | None,
+) -> None:
+    """Show the fields of a result (.vti, .vtu, .pvd, or a method's .json) in three dimensions."""
+    from epcontact.output import view as viewing
+
+    if contact_map is not None:
+        from epcontact.pictures import save_map
+
+        save_map(viewing.find_result(result), contact_map)
+    if film is not None:
+        viewing.animate([result], film, factor=factor)
+    if against is not None:
+        if screenshot is None:
+            raise click.UsageError("--against draws to a file; give --screenshot too")
+        viewing.compare(result, against, screenshot)
+    elif screenshot is not None:
+        viewing.screenshot(result, screenshot, factor=factor)
+    elif contact_map is None and film is None:
+        viewing.show(result, factor=factor)
+
+
+COMMANDS = (chart, plan, stability, report, view)
