@@ -21,7 +21,7 @@ def test_case_becomes_scenes(write_case) -> None:
     assert [r.seed for r in case.recipes] == [3, 5, 7]
     assert case.recipes[0].shape == (64, 64)
     assert case.material.hardness == 6.0e9
-    assert case.options["persson"] ["energy_reduction"] == 0.536
+    assert case.options["persson"]["energy_reduction"] == 0.536
 
 
 def test_digest_is_known_before_the_surface_is_made(write_case) -> None:
