@@ -166,17 +166,26 @@ def _mean_pressure(distribution: PressureDistribution) -> float:
 def judge(gate: Gate, value: Sequence[float], reference: Sequence[float], paired: bool) -> Verdict:
     """Hold the values of a scalar quantity against those of its reference."""
     a, b = estimate(value), estimate(reference)
-    if paired:
-        difference = estimate(
-            [_difference(gate.norm, x, y) for x, y in zip(value, reference, strict=True)]
-        )
-    else:
-        mean = _difference(gate.norm, a.mean, b.mean)
+    if not paired:
+        return judge_estimates(gate, a, b)
+    difference = estimate(
+        [_difference(gate.norm, x, y) for x, y in zip(value, reference, strict=True)]
+    )
+    return Verdict(gate, a, b, difference, _within(gate, difference))
+
+
+def judge_estimates(gate: Gate, a: Estimate, b: Estimate) -> Verdict:
+    """Hold one estimate with its interval against another, the two being independent.
+
+    A limit of a convergence study with its uncertainty is such an estimate too.
+    """
+    half_width = math.hypot(a.half_width, b.half_width)
+    if gate.norm == "relative":
         # First order: the relative difference is (a - b)/b, so b's width counts times a/b.
-        scale = abs(b.mean) if gate.norm == "relative" else 1.0
-        ratio = a.mean / b.mean if gate.norm == "relative" else 1.0
-        half_width = math.hypot(a.half_width, ratio * b.half_width) / scale
-        difference = Estimate(mean, half_width, math.nan, ())
+        scale = abs(b.mean) or math.inf
+        half_width = math.hypot(a.half_width, a.mean / scale * b.half_width) / scale
+    mean = _difference(gate.norm, a.mean, b.mean)
+    difference = Estimate(mean, half_width, math.nan, ())
     return Verdict(gate, a, b, difference, _within(gate, difference))
 
 
