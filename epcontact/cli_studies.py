@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
@@ -10,6 +11,9 @@ from rich.table import Table
 
 from epcontact import casefile
 from epcontact.errors import EpcontactError, InvalidCase
+
+if TYPE_CHECKING:
+    from epcontact.stability import StabilityMap
 
 _folder = click.Path(path_type=Path, file_okay=True)
 _file = click.Path(path_type=Path, dir_okay=False)
@@ -122,9 +126,21 @@ def stability(maps: tuple[str, ...], full: bool, output: Path) -> None:
     data = stability_map(maps or MAPS, "full" if full else "coarse", progress=_tell)
     for path in write(data, output):
         click.echo(path)
-    click.echo(f"{len(data.points)} points, {len(data.failures)} without convergence")
-    for point in data.failures:
-        click.echo(f"  {point}")
+    Console().print(_stability_table(data))
+
+
+def _stability_table(data: StabilityMap) -> Table:
+    """Points, failures and the largest effort of each method; the map's CSV tells each point."""
+    table = Table(box=None, pad_edge=False)
+    for heading in ("map", "method", "points", "failures", "largest effort"):
+        table.add_column(heading, justify="left" if heading in ("map", "method") else "right")
+    for key in dict.fromkeys((point.map, point.method) for point in data.points):
+        mine = [point for point in data.points if (point.map, point.method) == key]
+        failed = sum(not point.converged for point in mine)
+        effort = max((point.effort for point in mine if point.converged), default=float("nan"))
+        shown = f"[bold red]{failed}[/]" if failed else "0"
+        table.add_row(*key, str(len(mine)), shown, f"{effort:g}")
+    return table
 
 
 @click.command()
