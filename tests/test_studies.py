@@ -18,6 +18,7 @@ from epcontact.studies import (
     gamma,
     growth,
     magnification,
+    master,
     resolution,
     save_charts,
     scenes,
@@ -306,6 +307,34 @@ def test_transforms_do_not_grow_with_the_grid_where_the_roughness_is_fixed():
     pairs, times = growth.draw_growth(found, found)
     assert "Exponents" in pairs.caption
     assert len(rows_of(times)) == 6
+
+
+# --- all methods on one scene -------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def all_methods():
+    return master.measure((3, 4, 8), (3, 4, 8), 32, 8, range(2), quiet)
+
+
+def test_every_method_nears_one_reference(all_methods):
+    for series in ("bem, raw", "bem, corrected", "fem, raw", "fem, corrected"):
+        error = all_methods.errors[series]
+        assert error[-1] < error[0]
+    # Eight points a wavelength: the grids' claims are 1 % (bem) and 5 % (fem) of the area.
+    assert all_methods.errors["bem, corrected"][-1] < 0.01
+    assert all_methods.errors["fem, corrected"][-1] < 0.05
+    # The theory knows the spectrum alone; four shortest waves a roll-off are few of them.
+    assert 0 < all_methods.errors["persson"][0] < 0.3
+
+
+def test_the_master_chart_has_every_method_and_the_reference_s_worth(all_methods):
+    chart = master.draw_comparison(all_methods)
+    names = {row["series"] for row in rows_of(chart)}
+    assert {"persson", "bem, raw", "fem, corrected", master.UNCERTAINTY} <= names
+    assert "uncertain by" in chart.caption
+    labels = [line.get_label() for line in chart.figure.axes[0].lines]
+    assert "Pareto front" in labels
 
 
 # --- every study --------------------------------------------------------------------------------

@@ -117,8 +117,7 @@ def _rising_effort(
         residual = max(result.final.residuals.values())
         rows.append((residual, result.cost["equivalent_fft_pairs"], off, seconds))
     columns = np.array(rows).reshape(-1, 4).T
-    residual, pairs, area_error, times = columns
-    return Work(residual, pairs, area_error, times, failure)
+    return Work(columns[0], columns[1], columns[2], columns[3], failure)
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:

@@ -101,7 +101,7 @@ def _readable_ticks(axis: Any) -> None:
 
     low, high = axis.get_view_interval()
     axis.set_minor_formatter(NullFormatter())
-    if high < 50 * low:
+    if high < 200 * low:
         axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axis.set_major_formatter(FuncFormatter(_tick))
 
