@@ -14,8 +14,11 @@ the offset is exact up to the third order in dx, as the magnitude of S has no fu
 
 The plastic front is the same with hardness - p for p and -g for g.  Where apart and plastic lie
 within two spacings, the strip between them is taken as wide as the roots of p - c g and
-p - c g - hardness on straight lines between points, less what STRIP_OFFSETS has for that width:
-calibrated in `rim_calibration` like its counterpart on grids.
+p - c g - hardness on straight lines between points, less twice what STRIP_OFFSETS has for that
+width: calibrated in `rim_calibration` like its counterpart on grids.  Its middle is where the
+force puts it, as the pressure rises antisymmetrically about it (p = (2 H/pi) arcsin sqrt(s/w)):
+half a spacing beyond the last plastic point plus the sum of p/H over the elastic ones.  Strips
+wider than a spacing are placed by the roots.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
 
 #: Offset of a front along an axis, in dx: 1/4 - (1/2 pi) int_0^{pi/2} (cot t/t - cot^2 t) dt.
-AXIS_OFFSET = 0.189965421265238
+AXIS_OFFSET = 0.190009285925947
 #: Interpolated width of a strip in dx, and the offset of each of its fronts.
 WIDTH_NODES = np.array([0.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.9, 1.05, 1.2, 1.4, 1.7, 2.0])
 STRIP_OFFSETS = np.array(
@@ -111,11 +114,12 @@ def _located(p: FloatArray, g: FloatArray, hardness: float, c: float) -> tuple[f
                 continue
             near, far = p[i] - c * min(g[i], 0.0), -c * max(g[j], 0.0)
             plain = near / (near - far) if near > far else 0.5
-            width = _strip_width(p, g, hardness, c, i, d, plain)
+            width, middle = _strip(p, g, hardness, c, i, d, plain)
             if width < 2:
                 offset = np.interp(width, WIDTH_NODES, STRIP_OFFSETS)
-                length += plain - 0.5 - offset
-                error += 0.03
+                true = width - 2 * offset
+                length += middle + true / 2 if true < 1 else plain - 0.5 - offset
+                error += 0.01 + 0.1 * true
                 continue
             inner, outer = (i - d) % n, (j + d) % n
             q = np.array([p[inner] + _MIX * p[i], near, far, -c * g[outer] + _MIX * c * g[j]])
@@ -128,22 +132,24 @@ def _located(p: FloatArray, g: FloatArray, hardness: float, c: float) -> tuple[f
 
 
 @_jit
-def _strip_width(
+def _strip(
     p: FloatArray, g: FloatArray, hardness: float, c: float, i: int, d: int, plain: float
-) -> float:
-    """Distance from the interpolated front beyond i (looking along d) to the plastic one behind
-    it, in grid spacings; 9 if that is more than three points away."""
-    if not np.isfinite(hardness):
-        return 9.0
+) -> tuple[float, float]:
+    """Width of the strip behind a front beyond i (looking along d), and where the force has its
+    middle, counted from the edge of the points in contact; width 9 if there is none."""
     n = p.size
+    if not np.isfinite(hardness):
+        return 9.0, 0.0
     if p[i] >= hardness:
-        below, above = -c * max(g[(i + d) % n], 0.0), hardness - c * min(g[i], 0.0)
-        return float(hardness / (above - below))
+        drop = hardness - c * (min(g[i], 0.0) - max(g[(i + d) % n], 0.0))
+        return hardness / drop, 0.0
+    force = 0.0
     for m in range(1, 4):
+        force += p[(i - (m - 1) * d) % n] / hardness
         k = (i - m * d) % n
+        if p[k] <= 0:
+            break
         if p[k] >= hardness:
             low, high = p[(k + d) % n], hardness - c * min(g[k], 0.0)
-            return float(plain + m - 1 + (hardness - low) / (high - low))
-        if p[k] <= 0:
-            return 9.0
-    return 9.0
+            return plain + m - 1 + (hardness - low) / (high - low), force - m
+    return 9.0, 0.0

@@ -129,10 +129,9 @@ def extrapolated(
 ) -> tuple[float, float]:
     """(limit, error) of values for ever more points n per wavelength: v = limit + c n^-order.
 
-    order: 1/2 for the density of `EndFit`, 1 for raw areas.
-    Least squares over two values or more; the error is the standard error of the fit, or how far
-    the limit moves without the coarsest value, whichever is larger (two values: how far it is
-    from the finest).
+    order: 1/2 for the density of `EndFit`, 1 for raw areas.  Least squares over two values or
+    more.  The error is the standard error of the fit, or twice how far the limit moves without
+    the coarsest value, whichever is larger; of two values, how far it is from the finer one.
 
     Raises InvalidScene for fewer than two different numbers of points.
     """
@@ -144,7 +143,7 @@ def extrapolated(
     rest = n > n.min()
     if np.unique(n[rest]).size < 2:
         return limit, float(abs(limit - v[np.argmax(n)]))
-    return limit, max(spread, abs(limit - _limit(n[rest], v[rest], order)[0]))
+    return limit, max(spread, 2 * abs(limit - _limit(n[rest], v[rest], order)[0]))
 
 
 def _limit(n: FloatArray, v: FloatArray, order: float) -> tuple[float, float]:
