@@ -35,9 +35,10 @@ StateArray = NDArray[np.uint8]
 
 # Most gradient steps after a step that was cut: none at first, one the second time, and four
 # times as many each time that it happens again.
-_GRADIENT_STEPS = 64
+_GRADIENT_STEPS = 16
 # Points that change sets in a step, by the error of the areas after it: most exchange places, or
-# change back.  30 to 60 were measured for rough surfaces from 1024^2 to 2048^2; 10 is safe on small grids too.
+# change back.  30 to 60 were measured for rough surfaces from 1024^2 to 2048^2; 10 is safe on
+# small grids too.
 _CHANGES_PER_ERROR = 10
 # A full step is taken if the least energy along it lies beyond this share; beyond 1/2 it lowers
 # the energy.
@@ -149,7 +150,8 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
     while True:
         now = measured(level, it.p, it.u)
         share = 1.0 if step is None else _best_share(level, it, step, now.energy)
-        if step is not None and share < _FULL_STEP:
+        full = share >= _FULL_STEP
+        if step is not None and not full:
             counts.cut += 1
             trouble += 1
             _cut(level, it, step, share)
@@ -163,7 +165,7 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
         sets = _classify(level, it, state)
         it.residual = max(sets.worst / level.gap_scale, abs(now.force - 1))
         counts.history.append(it.residual)
-        it.settled = _settled(it, sets, counts, goal)
+        it.settled = _settled(it, sets, goal, full and step is not None)
         if it.settled or counts.newton >= goal.max_steps:
             counts.pairs = level.convolution.pairs + inner.pairs
             return it, counts
@@ -174,11 +176,12 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
         step = _newton_step(level, operator, it, state, sets, now.energy, counts, goal)
 
 
-def _settled(it: Iterate, sets: _Sets, counts: Counts, goal: Goal) -> bool:
+def _settled(it: Iterate, sets: _Sets, goal: Goal, full_step: bool) -> bool:
+    """By the residual, or by the sets; after a step that was cut, sets at rest mean nothing."""
     if it.residual <= goal.tolerance:
         return True
     few = sets.changed <= _CHANGES_PER_ERROR * goal.area_tolerance * max(sets.contact, 1)
-    return goal.area_tolerance > 0 and counts.newton > 0 and few
+    return goal.area_tolerance > 0 and full_step and few
 
 
 def _classify(level: Level, it: Iterate, state: StateArray) -> _Sets:
