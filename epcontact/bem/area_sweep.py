@@ -1,4 +1,4 @@
-"""The pass over the grid behind `area.estimate_areas`: what each row and column meets.
+"""The pass over the grid behind `area.estimate_areas`: what every row and column meets.
 
 The constants are those of the discrete problem at a straight front; `rim_calibration` derives
 and prints them.

@@ -1,6 +1,6 @@
 """The discrete problem at a straight front: where the area estimates have their constants from.
 
-A straight front across a square grid sees the grid as rows: with the normal along the lattice
+A straight front across a square grid meets it as rows: with the normal along the lattice
 direction (a, b), rows h = dx/sqrt(a^2 + b^2) apart, each of them at one pressure.  The rows form
 a problem on a line, whose compliance at the wave number q is that of the grid at q n folded into
 its first Brillouin zone, 2/(E* |fold(q n)|).
@@ -230,7 +230,7 @@ def calibrate_line(period: int = 400, shifts: int = 40) -> FloatArray:
     c = math.pi / (2 * math.e)
     widths, offsets = [0.0], [0.0]
     for hardness in np.linspace(2e-4, 5e-3, 150):
-        contact, plastic = exact_fronts(hardness, period)
+        contact, plastic = exact_fronts(hardness, period, 1 << 14)
         for k in range(shifts):
             p, g = _solve(2 / q, period, (k + 0.5) / shifts, hardness)
             outer = _length(p - c * g) / 2 + AXIS_OFFSET
