@@ -6,8 +6,8 @@ forces press and its gaps are open (a primal-dual active set).  The step to that
 whole unless the energy's slope along it shows that it overshoots.  Merging the two loops, or
 starting cold with full steps, lets the contact set jump between a few nodes and all of them.
 
-Far from the solution the tangent is blended with the elastic stiffness, by the relative residual:
-a fully plastic contact has next to no stiffness of its own to aim with.
+Far from the solution the tangent is blended with the elastic stiffness, by a tenth of the relative
+residual: a fully plastic contact has next to no stiffness of its own to aim with.
 
 The linear solves are conjugate gradients in the null space of the constraints, preconditioned by
 the elastic flat block with the same constraints met exactly (a constraint preconditioner; Gould,
@@ -387,8 +387,8 @@ def solve_step(
             softening = plasticity.linearise(
                 state.displacement.reshape(-1, 3), problem.bricks, problem.law, history, yielded
             )
-        tangent = partial(_product, problem, softening, balance if options.regularise else 0.0)
-        forcing = max(min(1e-2, 0.1 * balance), 0.1 * options.tolerance / max(balance, 1e-300))
+        tangent = partial(_product, problem, softening, 0.1 * balance if options.regularise else 0.0)
+        forcing = max(min(0.1, balance), 0.1 * options.tolerance / max(balance, 1e-300))
         R = _open_residual(problem, state.states, internal)
         linear = _linear_contact(
             problem, state, R, tangent, control, (min(forcing, 0.5), options.sweeps), counts
