@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from epcontact.bem.area import estimate_areas
 from epcontact.bem.baselines import BASELINES
-from epcontact.bem.constraints import states
+from epcontact.bem.constraints import GRADIENT_STEP, states
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.solver import (
     Options,
@@ -36,9 +36,9 @@ FloatArray = NDArray[np.float64]
 Method = Literal["newton", "relaxation", "polonsky_keer", "projected_gradient"]
 
 _DISTRIBUTION_POINTS = 1025
-# Along a load path the last pressure is the better start up to this ratio of loads; beyond it
-# the coarse grids are.
-_WARM_RATIO = 1.25
+# Along a load path the last answer is the better start up to this ratio of loads; beyond it the
+# coarse grids are.
+_WARM_RATIO = 1.03
 
 
 def solve(  # noqa: PLR0913 - options by keyword only, each with its default
@@ -80,7 +80,9 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     steps: list[LoadStep] = []
     totals = dict.fromkeys(("fft_pairs", "equivalent_fft_pairs"), 0.0)
     for mean_pressure in scene.load.path:
-        warm = _warm_start(solution, steps[-1].mean_pressure, mean_pressure) if steps else first
+        warm = first
+        if solution is not None:
+            warm = _warm_start(scene, symbol, solution, mean_pressure / steps[-1].mean_pressure)
         solution = None
         solution = _solve_step(setup, symbol, mean_pressure, warm)
         steps.append(_load_step(scene, symbol, solution, mean_pressure))
@@ -142,10 +144,14 @@ def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
     return Symbol.from_quarter(quarter_compliance(grid, lengths, scene.body, scene.material), grid)
 
 
-def _warm_start(solution: PressureSolution | None, before: float, now: float) -> FloatArray | None:
-    if solution is None or now > _WARM_RATIO * before:
+def _warm_start(
+    scene: Scene, symbol: Symbol, last: PressureSolution, ratio: float
+) -> FloatArray | None:
+    """p - c g of the last answer, in Pa: where its pressure vanishes, how far contact is."""
+    if not 1 / _WARM_RATIO <= ratio <= _WARM_RATIO:
         return None
-    return solution.pressure * (now / before)
+    gap = last.displacement + (last.offset - scene.surface.heights.reshape(symbol.shape))
+    return np.asarray(last.pressure * ratio - GRADIENT_STEP / symbol.shortest() * gap)
 
 
 def _solve_step(
@@ -270,8 +276,9 @@ def peak_memory() -> int:
 def estimated_memory(scene: Scene) -> int:
     """Bytes a solve needs beside the heights, by the arrays it keeps.
 
-    Per point: pressure, displacement, gap and modes (8 each), the compliance (2), the sets (2);
-    and 52 for each elastic point, of which rough contact has about 2 p0/(E* xi), 3 to be safe.
+    Per point: pressure, displacement and modes (8 each), the compliance (2), the sets (1), the
+    cheap operator (8) and four arrays of a gradient step (32); and 52 for each elastic point, of
+    which rough contact has about 2 p0/(E* xi), 3 to be safe.
     """
     heights = scene.surface.heights
     slope = 0.0
@@ -282,7 +289,7 @@ def estimated_memory(scene: Scene) -> int:
     stiffness = effective_modulus(scene.material) * math.sqrt(slope)
     load = scene.load.final
     elastic = min(1.0, 3 * load / stiffness) if stiffness > 0 else 1.0
-    return int(heights.size * (36 + 52 * elastic))
+    return int(heights.size * (67 + 52 * elastic))
 
 
 def require_memory(scene: Scene) -> None:

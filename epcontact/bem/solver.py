@@ -97,7 +97,7 @@ def solve_symbol(
         level = run.level(heights)
         if start is not None:
             # No point can carry more than all of the load: beyond that, digits would be lost.
-            guess = np.clip(start / mean_pressure, 0.0, min(cap, heights.size))
+            guess = np.clip(start / mean_pressure, -heights.size, min(cap, heights.size))
         p = project(
             np.ones(heights.shape) if guess is None else guess, cap, float(heights.size), workers
         )
