@@ -19,9 +19,8 @@ def rms_slope(scene: Scene) -> float:
         q = 2 * np.pi * np.fft.fftfreq(n, d)
         if n % 2 == 0:
             q[n // 2] = 0.0  # the unpaired mode has no derivative on the grid
-        modes = np.fft.fft(surface.heights, axis=axis) * q.reshape(
-            (-1, 1) if axis == 0 else (1, -1)
-        )
+        along = q.reshape([-1 if a == axis else 1 for a in range(surface.heights.ndim)])
+        modes = np.fft.fft(surface.heights, axis=axis) * along
         total += float(np.mean(np.abs(np.fft.ifft(modes, axis=axis)) ** 2))
     return math.sqrt(total)
 

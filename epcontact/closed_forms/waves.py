@@ -84,6 +84,7 @@ def _wave_distribution(scene: Scene) -> PressureDistribution:
     sigma = np.linspace(0, 2 * math.sqrt(load), _TABULATED)
     root = np.sqrt((1 - load) ** 2 + sigma**2)
     y = (load - sigma**2 / 4) * 2 / (1 + load + root)
+    y[-1] = 0.0  # the crest; rounding would leave a root of it
     rim = math.asin(math.sqrt(load))
     cumulative = 2 / np.pi * (rim - np.arcsin(np.sqrt(np.clip(y, 0, load))))
     return PressureDistribution(complete * sigma, cumulative)
@@ -100,8 +101,9 @@ def _product(scene: Scene, name: str) -> float:
     amplitude = 4 * float(modes[k])
     # The four modes (+-k, +-k) hold all of the variance.
     alone = abs(float(np.var(surface.heights)) - amplitude**2 / 4) < 1e-9 * amplitude**2
-    refuse_unless(alone and k[0] == k[1], name, "the product of two waves on a square period")
-    wavelength = surface.periods[0] / int(k[0])
+    along = min(int(k[0]), modes.shape[0] - int(k[0]))  # the mode or its mirror image
+    refuse_unless(alone and along == k[1], name, "the product of two waves on a square period")
+    wavelength = surface.periods[0] / along
     return scene.load.final / sinusoid.surface_complete_pressure(amplitude, wavelength, E)
 
 
