@@ -353,7 +353,7 @@ def test_unloading_is_refused_where_it_needs_memory():
 
 
 def test_memory_is_estimated_before_it_is_taken(monkeypatch):
-    monkeypatch.setattr("epcontact.bem.driver.available_memory", lambda: 1000)
+    monkeypatch.setattr("epcontact.bem.memory.available_memory", lambda: 1000)
     with pytest.raises(NotEnoughMemory, match="64 x 64 needs about"):
         bem.solve(scene(rough()))
 

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 
 from epcontact.bem import passes
 from epcontact.bem.constraints import Level, measured, project, states
-from epcontact.bem.split import SplitOperator, splittable
-from epcontact.bem.transforms import Convolution, Points
+from epcontact.bem.inner import Inner, Operator, conjugate_gradients
+from epcontact.bem.transforms import Points
 
 FloatArray = NDArray[np.float64]
 StateArray = NDArray[np.uint8]
@@ -46,8 +46,6 @@ _FULL_STEP = 0.5
 # The 2-norm of the residual falls by this in a step; by the second once the sets have settled.
 _REDUCTION = 0.1
 _LAST_REDUCTION = 1e-3
-# Share of elastic points up to which the stencil of the cheap operator beats transforms.
-_FEW = 0.4
 # Differences of the energy below this share of (points x mean pressure x gap scale) are rounding.
 _ENERGY_NOISE = 1e-12
 
@@ -85,36 +83,6 @@ class Goal:
     progress: Callable[[str], None] | None = None
 
 
-Operator = Convolution | SplitOperator
-
-
-class _Inner:
-    """The operator of the inner iterations: the cheap one where it exists and serves."""
-
-    def __init__(self, level: Level) -> None:
-        self._level = level
-        self._serves = splittable(level.heights.shape)
-        self._split: SplitOperator | None = None
-        self._last = math.inf
-
-    @property
-    def pairs(self) -> float:
-        """Pairs of transforms of the cheap operator, in pairs of the level's grid."""
-        return 0.0 if self._split is None else self._split.pairs
-
-    def choose(self, sets: _Sets, it: Iterate) -> Operator:
-        """The cheap operator serves while the sets change or the residual falls, and while the
-        elastic points are few: its stencil costs by the point."""
-        stuck = not sets.changed and it.residual > 0.5 * self._last
-        self._last = it.residual
-        self._serves = self._serves and not stuck
-        if not self._serves or sum(sets.per_block) > _FEW * it.p.size:
-            return self._level.convolution
-        if self._split is None:
-            self._split = SplitOperator(self._level.convolution)
-        return self._split
-
-
 @dataclass(frozen=True)
 class _Step:
     """A step that was taken: where from, with which gap."""
@@ -141,7 +109,7 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
     Returns the last iterate, whether or not it meets the goal (`settled`), and the counts.
     """
     counts = Counts()
-    inner = _Inner(level)
+    inner = Inner(level)
     it = Iterate(p, np.empty_like(p))
     level.convolution.apply(p, it.u)
     state = states(p, level.cap)
@@ -172,7 +140,7 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
         counts.newton += 1
         if goal.progress is not None:
             goal.progress(f"grid {level.heights.shape}: residual {it.residual:.1e}")
-        operator = inner.choose(sets, it)
+        operator = inner.choose(sets.changed, sum(sets.per_block), it.residual)
         step = _newton_step(level, operator, it, state, sets, now.energy, counts, goal)
 
 
@@ -247,41 +215,6 @@ def _collect(
 
     level.workers.run(block, level.convolution.blocks)
     return points, pressure, r
-
-
-def conjugate_gradients(
-    operator: Operator,
-    points: Points,
-    r: FloatArray,
-    x: FloatArray,
-    reduction: float,
-    floor: float,
-) -> int:
-    """Solve S_F x = r up to a constant for x of zero mean, adding to x and overwriting r.
-
-    Stops when the 2-norm of r has fallen by `reduction`, or its largest element below `floor`.
-    Returns the number of iterations.
-    """
-    v, y = np.empty_like(r), np.empty_like(r)
-    d = np.zeros_like(r)
-    goal = reduction * math.sqrt(float(r @ r))
-    rho_old = math.inf
-    n = r.size
-    if np.abs(r).max() <= floor:
-        return 0
-    for k in range(200):
-        total, rho = operator.apply_on(points, r, y, r, inverse=True)
-        if not rho > 0:
-            return k
-        passes.cg_direction(d, y, total / n, rho / rho_old)
-        total, curvature = operator.apply_on(points, d, v, d, inverse=False)
-        if not curvature > 0:
-            return k
-        square, largest = passes.cg_step(x, r, d, v, rho / curvature, total / n)
-        rho_old = rho
-        if math.sqrt(square) <= goal or largest <= floor:
-            return k + 1
-    return 200
 
 
 def _put(level: Level, it: Iterate, points: Points, pressure: FloatArray, x: FloatArray) -> None:

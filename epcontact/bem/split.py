@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem import passes
+from epcontact.bem import split_passes
 from epcontact.bem.transforms import Convolution, Points, Symbol
 
 FloatArray = NDArray[np.float64]
@@ -58,7 +58,7 @@ class SplitOperator:
             ),
         }
         self._coarse[True].share(self._coarse[False])
-        width = ny + passes.HALO_LEFT + passes.HALO_RIGHT
+        width = ny + split_passes.HALO_LEFT + split_passes.HALO_RIGHT
         self._masked = np.zeros((nx, width), dtype=np.float32)
         self._half = np.empty(half)
         self._row_step = max(2, convolution.row_step // 2 * 2)
@@ -79,20 +79,22 @@ class SplitOperator:
         if self._points is not points:
             if self._points is not None:
                 old = self._points.index
-                passes.put_single(self._masked, old, np.zeros(len(old)), 0.0)
+                split_passes.put_single(self._masked, old, np.zeros(len(old)), 0.0)
             self._points = points
         masked, half, taps = self._masked, self._half, self._taps[inverse]
 
         def put(start: int) -> None:
             part = points.part(start)
-            passes.put_single(masked, points.index[part], values[part], 1.0)
+            split_passes.put_single(masked, points.index[part], values[part], 1.0)
 
         def restrict(start: int) -> None:
-            passes.restrict(masked, half, start // 2, min(start + self._row_step, len(masked)) // 2)
+            split_passes.restrict(
+                masked, half, start // 2, min(start + self._row_step, len(masked)) // 2
+            )
 
         def gather(start: int) -> tuple[float, float]:
             part = points.part(start)
-            sums: tuple[float, float] = passes.gather_split(
+            sums: tuple[float, float] = split_passes.gather_split(
                 masked, half, taps, points.index[part], out[part], other[part]
             )
             return sums

@@ -1,0 +1,63 @@
+"""What a solve takes of the machine's memory, estimated before and measured after."""
+
+from __future__ import annotations
+
+import math
+import os
+import resource
+import sys
+
+import numpy as np
+
+from epcontact.errors import NotEnoughMemory
+from epcontact.moduli import effective_modulus
+from epcontact.scene import Scene
+
+
+def peak_memory() -> int:
+    """The largest resident memory of this process so far, in bytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def estimated_memory(scene: Scene) -> int:
+    """Bytes a solve needs beside the heights, by the arrays it keeps.
+
+    Per point: pressure, displacement and modes (8 each), the compliance (2), the sets (1), the
+    cheap operator (8) and four arrays of a gradient step (32); and 52 for each elastic point, of
+    which rough contact has about 2 p0/(E* xi), 3 to be safe.
+    """
+    heights = scene.surface.heights
+    slope = 0.0
+    for axis, spacing in enumerate(scene.surface.spacing):
+        sample = heights[: max(2, 65536 // heights.shape[-1])] if axis else heights
+        step = np.diff(sample[..., :64] if axis == 0 and heights.ndim > 1 else sample, axis=axis)
+        slope += float(np.mean(step**2)) / spacing**2
+    stiffness = effective_modulus(scene.material) * math.sqrt(slope)
+    load = scene.load.final
+    elastic = min(1.0, 3 * load / stiffness) if stiffness > 0 else 1.0
+    return int(heights.size * (67 + 52 * elastic))
+
+
+def require_memory(scene: Scene) -> None:
+    """Raises NotEnoughMemory if a solve of the scene is estimated not to fit."""
+    needed, available = estimated_memory(scene), available_memory()
+    if available is not None and needed > available:
+        raise NotEnoughMemory(
+            f"a grid of {' x '.join(map(str, scene.surface.shape))} needs about "
+            f"{needed / 2**30:.1f} GiB beside its heights, but {available / 2**30:.1f} GiB are "
+            "free; take a coarser grid or a larger machine"
+        )
+
+
+def available_memory() -> int | None:
+    """Memory this process may still take, in bytes; None where the system does not say."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as info:
+            fields = dict(line.split(":") for line in info)
+        return int(fields["MemAvailable"].split()[0]) * 1024
+    except (OSError, KeyError, ValueError):
+        try:
+            return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        except (ValueError, OSError):
+            return None
