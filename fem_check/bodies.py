@@ -139,7 +139,7 @@ def push(
             for s in range(len(body.bricks.gradients))
         ]
     )
-    elastic = _elastic_tangents(body, law, strain)
+    elastic = elastic_tangents(body.bricks, law, strain)
     q = np.zeros(body.motion.shape[1])
     free = np.ones(q.size, dtype=bool)
     free[body.held] = free[pushed] = False
@@ -175,8 +175,8 @@ def _push_step(
             if residuals[-1] <= limits[0]:
                 return q, Pushed(q, forces, tuple(residuals))
         blend = min(1.0, 0.1 * residuals[-1]) if residuals else 1.0
-        tangents = _tangents(body, elastic, strain, soft, blend)
-        K = (body.motion.T @ _assembled(body, tangents) @ body.motion).tocsc()
+        per_element = tangents(body.bricks, elastic, strain, soft, blend)
+        K = (body.motion.T @ assembled(body.bricks, per_element, len(u)) @ body.motion).tocsc()
         right = -forces - (K @ change if iteration == 0 else 0.0)
         q = q + (change if iteration == 0 else 0.0)
         q[free] += splu(K[free][:, free]).solve(right[free])
@@ -205,21 +205,21 @@ def _force(
     return force, plasticity.linearise(u, bricks, law, history, yielded)
 
 
-def _elastic_tangents(body: SmallBody, law: Law, strain: FloatArray) -> FloatArray:
+def elastic_tangents(bricks: Elements, law: Law, strain: FloatArray) -> FloatArray:
     """(shapes, 24, 24) elastic stiffnesses."""
     D = np.diag([2 * law.shear] * 3 + [law.shear] * 3)
     D[:3, :3] += law.bulk - 2 * law.shear / 3
-    weighted = body.bricks.weights[..., None, None] * (D @ strain)
+    weighted = bricks.weights[..., None, None] * (D @ strain)
     result: FloatArray = np.matmul(np.swapaxes(strain, 2, 3), weighted).sum(axis=1)
     return result
 
 
-def _tangents(
-    body: SmallBody, elastic: FloatArray, strain: FloatArray, soft: Softening, blend: float
+def tangents(
+    bricks: Elements, elastic: FloatArray, strain: FloatArray, soft: Softening, blend: float
 ) -> FloatArray:
     """(elements, 24, 24) consistent tangents, blended with the elastic stiffness."""
-    out: FloatArray = elastic[body.bricks.shape_of]
-    B = strain[body.bricks.shape_of[soft.which]]
+    out: FloatArray = elastic[bricks.shape_of]
+    B = strain[bricks.shape_of[soft.which]]
     deviator = np.diag([1.0] * 3 + [0.5] * 3)
     deviator[:3, :3] -= 1 / 3
     n = np.moveaxis(soft.terms[:, :6], 1, 2)
@@ -229,9 +229,9 @@ def _tangents(
     return out
 
 
-def _assembled(body: SmallBody, tangents: FloatArray) -> sp.csr_matrix:
-    dofs = (3 * body.bricks.connectivity[:, :, None] + np.arange(3)).reshape(-1, 24)
+def assembled(bricks: Elements, per_element: FloatArray, nodes: int) -> sp.csr_matrix:
+    """The sparse sum of (elements, 24, 24) matrices, degrees of freedom 3 node + component."""
+    dofs = (3 * bricks.connectivity[:, :, None] + np.arange(3)).reshape(-1, 24)
     rows = np.repeat(dofs, 24, axis=1).ravel()
     columns = np.tile(dofs, (1, 24)).ravel()
-    size = body.motion.shape[0]
-    return sp.coo_matrix((tangents.ravel(), (rows, columns)), shape=(size, size)).tocsr()
+    return sp.coo_matrix((per_element.ravel(), (rows, columns)), shape=(3 * nodes,) * 2).tocsr()

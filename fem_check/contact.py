@@ -1,8 +1,7 @@
 """Unilateral contact of the top with a rigid frictionless flat, exact at every node.
 
-With F the downward nodal forces, v the downward displacement of the top, h the heights and d the
-approach of the flat (the highest point it reaches lies at -d below the reference), the gap is
-g = v - h - d, and a solution satisfies, node by node,
+With F the downward nodal forces, v the downward displacement of the top, h the heights and the
+flat at the height -d, the gap is g = v - h - d, and a solution satisfies, node by node,
 
     F = 0 and g >= 0,    or    0 <= F <= F_cap and g = 0,    or    F = F_cap and g <= 0,
 

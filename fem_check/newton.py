@@ -253,6 +253,23 @@ def _solve_on_set(
     counts.largest_cg = max(counts.largest_cg, spent)
 
 
+def solve_linear(
+    problem: Problem,
+    state: State,
+    softening: Softening,
+    right: FloatArray,
+    control: Control,
+    goal: float,
+    counts: Counts,
+) -> FloatArray:
+    """The displacement under the forces `right` of the body frozen at `softening`, the contact
+    nodes of `state` held where `control` wants them; to a residual of `goal`, in N."""
+    linear = _Linear(np.zeros_like(right), right.copy(), state.approach, state.states)
+    tangent = partial(_product, problem, softening, 0.0)
+    _solve_on_set(problem, state, linear, tangent, control, goal, counts)
+    return linear.step
+
+
 def _linear_contact(
     problem: Problem,
     state: State,
@@ -321,7 +338,8 @@ def residuals(
     R = _open_residual(problem, state.states, internal)
     capped = state.states == PLASTIC
     r, r_d, forces = _residual(problem, R, state.states, control)
-    total = control.scale or float(forces.sum()) or 1.0
+    pressed = float(forces.sum()) + (problem.cap * int(capped.sum()) if capped.any() else 0.0)
+    total = control.scale or pressed or 1.0
     rms = float(np.std(problem.heights)) or float(np.abs(state.approach)) or 1.0
     gap = -state.displacement[0, ..., 2] - problem.heights - state.approach
     contact = state.states == ELASTIC
@@ -387,7 +405,9 @@ def solve_step(
             softening = plasticity.linearise(
                 state.displacement.reshape(-1, 3), problem.bricks, problem.law, history, yielded
             )
-        tangent = partial(_product, problem, softening, 0.1 * balance if options.regularise else 0.0)
+        tangent = partial(
+            _product, problem, softening, 0.1 * balance if options.regularise else 0.0
+        )
         forcing = max(min(0.1, balance), 0.1 * options.tolerance / max(balance, 1e-300))
         R = _open_residual(problem, state.states, internal)
         linear = _linear_contact(

@@ -1,0 +1,68 @@
+"""Costs in counts: iterations hardly grow with the mesh, and every solver solves one system."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import spsolve
+
+import fem_check
+from epcontact.results import ELASTIC
+from fem_check import newton, speed
+from fem_check.newton import Control, Counts
+
+
+def test_the_preconditioned_solve_is_the_direct_solve() -> None:
+    problem, state, softening = speed._middle(16, 6)
+    assert softening.which.size > 0
+    right = np.random.default_rng(1).standard_normal(problem.block.field_shape)
+    right[-1] = 0
+    right[0, ..., 2][state.states == ELASTIC] = 0
+    K, keep = speed._matrix(problem, state, softening)
+    direct = np.zeros(right.size)
+    direct[keep] = spsolve(K.tocsc(), right.ravel()[keep])
+    found = newton.solve_linear(
+        problem, state, softening, right, Control(approach=state.approach), 1e-10, Counts()
+    )
+    # The surface solves inside an iteration stop at 1e-6: Newton's next step mends what is left.
+    np.testing.assert_allclose(found.ravel(), direct, atol=1e-6 * np.abs(direct).max())
+
+
+@pytest.mark.slow
+def test_iterations_hardly_grow_with_the_mesh() -> None:
+    """A grid three times as fine: the linear solve by at most half as many iterations again, and
+    Jacobi's many times as many throughout."""
+    coarse, fine = (
+        {c.solver: c.iterations for c in speed.linear_costs(n, n // 2, ("fft", "jacobi"))}
+        for n in (12, 36)
+    )
+    assert fine["fft"] <= 25
+    assert fine["fft"] < 1.5 * coarse["fft"]
+    assert fine["jacobi"] > 1.5 * coarse["jacobi"]
+    assert fine["jacobi"] > 10 * fine["fft"]
+
+
+@pytest.mark.parametrize(("nodes", "layers"), [(32, 16), pytest.param(64, 24, marks=pytest.mark.slow)])
+def test_a_load_path_stays_within_its_iterations(nodes: int, layers: int) -> None:
+    cost = speed.path_cost(nodes, layers)
+    assert cost.most_newton_steps <= 10
+    assert cost.cg_iterations <= 20 * cost.newton_steps
+    assert cost.unknowns == 3 * nodes**2 * layers
+
+
+def test_newton_is_quadratic_at_the_end_of_a_step() -> None:
+    history = fem_check.solve(speed.speed_scene(32), tolerance=1e-10).history
+    last = [r for r in history if r < 1e-2]
+    # Two decades, then four or more: faster than any fixed factor.
+    rates = np.diff(np.log10(last))
+    assert rates.min() < -2.5
+    assert last[-1] <= 1e-10
+
+
+def test_solvers_have_names_and_limits() -> None:
+    assert speed.linear_costs(8, 4, ("fft",))[0].solver == "fft"
+    with pytest.raises(ValueError, match="solver is 'magic'"):
+        speed.linear_costs(8, 4, ("magic",))
+    assert [c.solver for c in speed.linear_costs(64, 4, ("superlu",))] == []
+    assert speed.linear_costs(8, 4, ("superlu",))[0].iterations == 0
+    assert speed.fft_pair_seconds(64, 1) > 0
