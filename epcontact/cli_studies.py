@@ -1,4 +1,4 @@
-"""Commands around the main job: chart, plan, stability, report, view."""
+"""Commands around the main job: chart, plan, stability, report, view, schema."""
 
 from __future__ import annotations
 
@@ -201,4 +201,17 @@ def view(
         viewing.show(result, factor=factor)
 
 
-COMMANDS = (chart, plan, stability, report, view)
+@click.command()
+@click.argument("kind", type=click.Choice(["case", "verdict"]))
+def schema(kind: str) -> None:
+    """Print the JSON Schema of a case file, or of verdict.json."""
+    import json
+
+    from epcontact.schema import CaseFile
+    from epcontact.verdict_schema import verdict_schema
+
+    found = CaseFile.model_json_schema() if kind == "case" else verdict_schema()
+    click.echo(json.dumps(found, indent=2, default=str))
+
+
+COMMANDS = (chart, plan, stability, report, view, schema)

@@ -11,6 +11,7 @@ import pytest
 from epcontact.casefile import load_case
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 from epcontact.run import Answer
+from epcontact.verdict_schema import VerdictFile, verdict_schema
 from epcontact.verify import exit_code, judge_case, write_verdict
 
 
@@ -80,6 +81,7 @@ def test_files_say_what_the_verdict_says(case, tmp_path) -> None:
     outcomes = [judge_case(case, answers([0.12, 0.121, 0.122]))]
     write_verdict(outcomes, "fast", tmp_path)
     verdict = json.loads((tmp_path / "verdict.json").read_text())
+    VerdictFile.model_validate(verdict)
     assert verdict["passed"] is False
     assert verdict["exit_code"] == 1
     gate = verdict["cases"][0]["gates"][0]
@@ -90,3 +92,11 @@ def test_files_say_what_the_verdict_says(case, tmp_path) -> None:
     failure = suites.find("testsuite/testcase/failure")
     assert failure is not None
     assert "only a smoke test" in failure.attrib["message"]
+
+
+def test_verdict_of_what_could_not_be_judged_has_the_same_shape(case, tmp_path) -> None:
+    given = answers([0.1]) | {"bem": Answer(errors=("bem, seed3: stalled",))}
+    write_verdict([judge_case(case, given)], "fast", tmp_path)
+    verdict = VerdictFile.model_validate_json((tmp_path / "verdict.json").read_text())
+    assert verdict.cases[0].gates[0].error == "bem, seed3: stalled"
+    assert "cases" in verdict_schema()["required"]
