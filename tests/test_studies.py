@@ -15,6 +15,7 @@ from epcontact.persson import areas
 from epcontact.studies import (
     STUDIES,
     bem,
+    fem,
     gamma,
     growth,
     magnification,
@@ -307,6 +308,38 @@ def test_transforms_do_not_grow_with_the_grid_where_the_roughness_is_fixed():
     pairs, times = growth.draw_growth(found, found)
     assert "Exponents" in pairs.caption
     assert len(rows_of(times)) == 6
+
+
+# --- finite elements ----------------------------------------------------------------------------
+
+
+def test_elements_with_mean_dilatation_find_the_limit_that_others_miss():
+    good, locking = fem.punch_errors([2], True), fem.punch_errors([2], False)
+    assert good[0] < 0.2
+    assert locking[0] > 3 * good[0]
+
+
+def test_a_deep_block_is_the_half_space_to_its_longest_wave():
+    errors = fem.depth_errors([0.25, 0.5, 1.0], [1], 64)[0]
+    assert errors[0] > errors[1] > errors[2]
+    # 64 nodes a wave leave 1e-3 of discretisation.
+    assert errors[2] < 2e-3
+
+
+def test_every_linear_solver_solves_the_same_system():
+    found = fem.linear_solve(8)
+    # Nodes on 8 x 8 points, 3 components, on every level but the base.
+    assert found.unknowns % (3 * 64) == 0
+    assert found.residuals["Fourier elimination"] < 1e-12
+    assert found.residuals["sparse factorisation"] < 1e-12
+    assert found.residuals["conjugate gradients"] <= 2e-8
+    assert all(seconds > 0 for seconds in found.seconds.values())
+
+
+def test_load_steps_near_their_reference():
+    errors, iterations = fem.step_errors([1, 2], 4, 4, [7], quiet)
+    assert errors["mean gap"][1] < errors["mean gap"][0] < 0.05
+    assert iterations[1] > iterations[0]
 
 
 # --- all methods on one scene -------------------------------------------------------------------
