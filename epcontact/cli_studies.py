@@ -207,11 +207,12 @@ def schema(kind: str) -> None:
     """Print the JSON Schema of a case file, or of verdict.json."""
     import json
 
+    from epcontact.output.files import plain
     from epcontact.schema import CaseFile
     from epcontact.verdict_schema import verdict_schema
 
     found = CaseFile.model_json_schema() if kind == "case" else verdict_schema()
-    click.echo(json.dumps(found, indent=2, default=str))
+    click.echo(json.dumps(plain(found), indent=2, allow_nan=False))
 
 
 COMMANDS = (chart, plan, stability, report, view, schema)
