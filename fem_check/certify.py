@@ -15,8 +15,8 @@ import numpy as np
 from fem_check import plasticity
 from fem_check.element import CORNERS, FloatArray
 from fem_check.mesh import Block
-from fem_check.newton import Problem, State
 from fem_check.plasticity import History
+from fem_check.problem import Problem, State
 
 _PAIR = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
 

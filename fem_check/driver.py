@@ -9,6 +9,7 @@ slopes allow;  moved, the top nodes at the real heights.
 from __future__ import annotations
 
 import math
+import os
 import resource
 import time
 from collections.abc import Callable, Sequence
@@ -18,18 +19,18 @@ from typing import Literal
 
 import numpy as np
 
-from epcontact.errors import InvalidScene, NotConverged
-from epcontact.results import APART, PLASTIC, ContactResult
+from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
+from epcontact.results import ContactResult
 from epcontact.scene import Scene
 from fem_check import plasticity
 from fem_check.certify import certify
-from fem_check.contact import States, rigid_contact
 from fem_check.element import FloatArray
-from fem_check.linear_solver import eliminate, factorise, substitute
-from fem_check.mesh import block_for, flat_elements, moved_elements
-from fem_check.newton import Control, Counts, Options, Problem, State, solve_step
+from fem_check.linear_solver import factorise
+from fem_check.mesh import Block, block_for, flat_elements, moved_elements
+from fem_check.path import Reached, added, increments_of, march, point_of_path, targets_of
 from fem_check.plasticity import History
-from fem_check.report import contact_result, yielded_surface
+from fem_check.problem import Counts, Problem
+from fem_check.report import contact_result
 
 LawName = Literal["elastic", "capped", "j2"]
 Geometry = Literal["gap", "moved"]
@@ -38,22 +39,6 @@ Progress = Callable[[float, str], None]
 #: Load increments from zero to the largest pressure. On a rough scene with
 #: yield_stress = 0.2 E* xi, going from 4 to 16 of them changed the area by 0.1 %.
 J2_INCREMENTS = 4
-
-
-@dataclass(frozen=True)
-class Reached:
-    """A converged point of the path.  The whole displacement is kept of the last point alone.
-
-    surface_states: (nx, ny) APART, ELASTIC or PLASTIC in the sense of `report`.
-    measures: of the plastic zone, by name.
-    """
-
-    mean_pressure: float
-    state: State
-    counts: Counts
-    residuals: dict[str, float]
-    surface_states: States
-    measures: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -141,9 +126,71 @@ def _peak_memory() -> float:
     return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * 1024
 
 
+def solve_path(  # noqa: PLR0913
+    scene: Scene,
+    *,
+    law: LawName = "j2",
+    geometry: Geometry = "gap",
+    depth: float | None = None,
+    layers: int | None = None,
+    first_layer: float | None = None,
+    steps: int | None = None,
+    tolerance: float = 1e-8,
+    approach: float | Sequence[float] | None = None,
+    hardening: float = 0.0,
+    progress: Progress | None = None,
+    output: Path | str | None = None,
+) -> SolvedPath:
+    """`solve`, but returning the finite-element states; arguments and errors are the same."""
+    _checked(scene, law, geometry, hardening, tolerance, steps)
+    begin = time.perf_counter()
+    problem = problem_of(
+        scene,
+        law=law,
+        geometry=geometry,
+        depth=depth,
+        layers=layers,
+        first_layer=first_layer,
+        hardening=hardening,
+    )
+    targets = targets_of(scene, problem, approach)
+    increments = increments_of(targets, steps or (J2_INCREMENTS if law == "j2" else None))
+    history = plasticity.virgin(problem.bricks.number if law == "j2" else 0)
+    state, reached, notes = None, [], []
+    area = problem.block.node_area * problem.heights.size
+    for number, (point, ends) in enumerate(increments):
+        total = Counts()
+        found: dict[str, float] = {}
+        for target in point:
+            state, counts, found, halvings = march(
+                problem, state, history, target, approach is not None, tolerance
+            )
+            total = added(total, counts)
+            if halvings:
+                notes.append(f"an increment towards point {number} was halved {halvings} times")
+        assert state is not None
+        pressure = float(state.forces.sum()) / area if approach is not None else ends / area
+        reached.append(point_of_path(problem, pressure, state, history, total, found))
+        if output is not None:
+            from fem_check.output import write_step
+
+            states = reached[-1].surface_states
+            write_step(Path(output), number, problem, state, history, states)
+        if progress is not None:
+            progress((number + 1) / len(increments), f"fem: mean pressure {pressure:.3g} Pa")
+    if output is not None:
+        from fem_check.output import write_collection
+
+        write_collection(Path(output), [r.mean_pressure for r in reached])
+    return SolvedPath(
+        scene, problem, history, tuple(reached), time.perf_counter() - begin, tuple(notes)
+    )
+
+
 def _checked(
     scene: Scene, law: str, geometry: str, hardening: float, tolerance: float, steps: int | None
 ) -> None:
+    """Refuses a question that makes no sense.  Raises InvalidScene."""
     material = scene.material
     if law not in ("elastic", "capped", "j2"):
         raise InvalidScene(f"law is {law!r}, but must be elastic, capped or j2")
@@ -178,6 +225,7 @@ def problem_of(
     block = block_for(
         scene, depth=depth, layers=layers, first_layer=first_layer, moved=geometry == "moved"
     )
+    require_memory(block, plastic=law == "j2")
     rule = plasticity.law(
         material.young_modulus,
         material.poisson_ratio,
@@ -214,191 +262,29 @@ def surface_compliance(scene: Scene, **block: float | int | None) -> FloatArray:
     return half[mirrored][:, : ny // 2 + 1].copy()
 
 
-def solve_path(  # noqa: PLR0913
-    scene: Scene,
-    *,
-    law: LawName = "j2",
-    geometry: Geometry = "gap",
-    depth: float | None = None,
-    layers: int | None = None,
-    first_layer: float | None = None,
-    steps: int | None = None,
-    tolerance: float = 1e-8,
-    approach: float | Sequence[float] | None = None,
-    hardening: float = 0.0,
-    progress: Progress | None = None,
-    output: Path | str | None = None,
-) -> SolvedPath:
-    """`solve`, but returning the finite-element states; arguments and errors are the same."""
-    _checked(scene, law, geometry, hardening, tolerance, steps)
-    begin = time.perf_counter()
-    problem = problem_of(
-        scene,
-        law=law,
-        geometry=geometry,
-        depth=depth,
-        layers=layers,
-        first_layer=first_layer,
-        hardening=hardening,
-    )
-    targets = _targets(scene, problem, approach)
-    increments = _increments(targets, steps or (J2_INCREMENTS if law == "j2" else None))
-    history = plasticity.virgin(problem.bricks.number if law == "j2" else 0)
-    state, reached, notes = None, [], []
-    area = problem.block.node_area * problem.heights.size
-    for number, (point, ends) in enumerate(increments):
-        total = Counts()
-        found: dict[str, float] = {}
-        for target in point:
-            state, counts, found, halvings = _march(
-                problem, state, history, target, approach is not None, tolerance
-            )
-            total = _added(total, counts)
-            if halvings:
-                notes.append(f"an increment towards point {number} was halved {halvings} times")
-        assert state is not None
-        pressure = float(state.forces.sum()) / area if approach is not None else ends / area
-        reached.append(_reached(problem, pressure, state, history, total, found))
-        if output is not None:
-            from fem_check.output import write_step
+def bytes_needed(block: Block, *, plastic: bool) -> float:
+    """Estimate of a solve's memory, from what is kept an element and a wave.
 
-            states = reached[-1].surface_states
-            write_step(Path(output), number, problem, state, history, states)
-        if progress is not None:
-            progress((number + 1) / len(increments), f"fem: mean pressure {pressure:.3g} Pa")
-    if output is not None:
-        from fem_check.output import write_collection
-
-        write_collection(Path(output), [r.mean_pressure for r in reached])
-    return SolvedPath(
-        scene, problem, history, tuple(reached), time.perf_counter() - begin, tuple(notes)
-    )
+    An element: connectivity and shape (36), the history (448), and moved its own gradients (1800
+    and as much again while scikit-fem makes them); a node: some sixteen displacement fields (24
+    each); half a wave a node: the factor's 15 numbers.
+    """
+    nodes = float(np.prod(block.field_shape[:3]))
+    element = 36 + (448 if plastic else 0) + (3600 if block.moved is not None else 0)
+    return nodes * (element + 16 * 24 + 15 * 8 / 2)
 
 
-def _reached(
-    problem: Problem,
-    pressure: float,
-    state: State,
-    history: History,
-    counts: Counts,
-    found: dict[str, float],
-) -> Reached:
-    states, measures = state.states, {}
-    if problem.plastic:
-        surface = yielded_surface(problem, history.accumulated)
-        states = np.where((states != APART) & surface, PLASTIC, states).astype(np.int8)
-        accumulated = history.accumulated.reshape(len(problem.block.layers), -1)
-        flowed = accumulated.max(axis=1) > 0
-        last = int(np.flatnonzero(flowed).max(initial=-1))
-        measures = {
-            "largest_plastic_strain": float(accumulated.max()),
-            "plastic_volume": _plastic_volume(problem, history),
-            "plastic_depth": -float(problem.block.levels[last + 1]),
-        }
-    return Reached(pressure, state, counts, found, states, measures)
-
-
-def _plastic_volume(problem: Problem, history: History) -> float:
-    """The share of the body that has flowed."""
-    weights = problem.bricks.weights[problem.bricks.shape_of]
-    return float(weights[history.accumulated > 0].sum() / weights.sum())
-
-
-def _targets(
-    scene: Scene, problem: Problem, approach: float | Sequence[float] | None
-) -> tuple[float, ...]:
-    """The path: total forces in N, or approaches from the reference level in m."""
-    if approach is None:
-        area = problem.block.node_area * problem.heights.size
-        return tuple(p * area for p in scene.load.path)
-    given = (approach,) if isinstance(approach, int | float) else tuple(approach)
-    if not given or not all(math.isfinite(a) and a > 0 for a in given):
-        raise InvalidScene(f"approach is {approach!r}, but must be positive lengths in m")
-    return given
-
-
-def _increments(targets: tuple[float, ...], steps: int | None) -> list[tuple[list[float], float]]:
-    """For each point of the path the values on the way to it, the point last."""
-    largest, before, out = max(targets), 0.0, []
-    for target in targets:
-        count = 1
-        if steps is not None:
-            count = max(1, math.ceil(abs(target - before) / largest * steps - 1e-9))
-        way = [before + (target - before) * (i + 1) / count for i in range(count)]
-        out.append((way, target))
-        before = target
-    return out
-
-
-def _control(problem: Problem, target: float, by_approach: bool) -> Control:
-    if by_approach:
-        return Control(approach=target - float(problem.heights.max()))
-    return Control(load=target, scale=target)
-
-
-def _march(
-    problem: Problem,
-    state: State | None,
-    history: History,
-    target: float,
-    by_approach: bool,
-    tolerance: float,
-) -> tuple[State, Counts, dict[str, float], int]:
-    """Goes to `target` in one increment, or in halves where that does not converge; commits the
-    history after each that does."""
-    before, goal, halvings, total = _position(problem, state, by_approach), target, 0, Counts()
-    while True:
-        control = _control(problem, goal, by_approach)
-        try:
-            begun = _elastic_state(problem, control) if state is None else state
-            state_, counts, found = solve_step(problem, begun, history, control, Options(tolerance))
-        except NotConverged:
-            halvings += 1
-            if halvings > 6:
-                raise
-            goal = (before + goal) / 2
-            continue
-        state, total = state_, _added(total, counts)
-        if problem.plastic:
-            plasticity.commit(
-                state.displacement.reshape(-1, 3), problem.bricks, problem.law, history
-            )
-        if goal == target:
-            return state, total, found, halvings
-        before, goal = goal, target
-
-
-def _position(problem: Problem, state: State | None, by_approach: bool) -> float:
-    """Where the path stands: the total force, or the approach after the first touch."""
-    if state is None:
-        return 0.0
-    if by_approach:
-        return state.approach + float(problem.heights.max())
-    return float(state.forces.sum())
-
-
-def _added(first: Counts, second: Counts) -> Counts:
-    return Counts(
-        newton=first.newton + second.newton,
-        cg=first.cg + second.cg,
-        sweeps=first.sweeps + second.sweeps,
-        cuts=first.cuts + second.cuts,
-        largest_cg=max(first.largest_cg, second.largest_cg),
-        largest_newton=max(first.largest_newton, second.newton),
-        increments=first.increments + second.increments,
-        history=second.history,
-    )
-
-
-def _elastic_state(problem: Problem, control: Control) -> State:
-    """The flat elastic block's own contact: where every path starts."""
-    solved = rigid_contact(
-        problem.factor.surface,
-        problem.heights,
-        load=control.load,
-        approach=control.approach,
-        cap=problem.cap,
-    )
-    spectrum = eliminate(problem.factor, np.zeros(problem.block.field_shape))
-    u = substitute(problem.factor, spectrum, solved.forces)
-    return State(u, solved.approach, solved.states, solved.forces)
+def require_memory(block: Block, *, plastic: bool) -> None:
+    """Refuses a block that will not fit.  Raises NotEnoughMemory before anything is made."""
+    try:
+        free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return
+    needed = bytes_needed(block, plastic=plastic)
+    if needed > free:
+        nx, ny = block.shape
+        raise NotEnoughMemory(
+            f"the block of {nx} x {ny} x {len(block.layers)} elements needs about "
+            f"{needed / 2**30:.1f} GiB, but {free / 2**30:.1f} GiB are free; give fewer grid "
+            "points or layers"
+        )

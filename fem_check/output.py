@@ -23,8 +23,8 @@ from epcontact.errors import OutputError
 from epcontact.results import APART, ELASTIC
 from fem_check import plasticity
 from fem_check.element import FloatArray
-from fem_check.newton import Problem, State
 from fem_check.plasticity import History
+from fem_check.problem import Problem, State
 
 #: VTK's order of a hexahedron's corners.
 _VTK_CORNERS = np.array(

@@ -38,10 +38,11 @@ from epcontact.results import (
 )
 from epcontact.scene import Scene
 from fem_check.element import FloatArray
-from fem_check.newton import Problem
+from fem_check.problem import Problem
 
 if TYPE_CHECKING:
-    from fem_check.driver import Reached, SolvedPath
+    from fem_check.driver import SolvedPath
+    from fem_check.path import Reached
 
 _DISTRIBUTION_POINTS = 1025
 #: Largest rms slope at which the gap geometry and small strains are trusted: at slope 0.1 and

@@ -27,7 +27,7 @@ from fem_check.bodies import assembled, elastic_tangents, tangents
 from fem_check.driver import solve, solve_path
 from fem_check.element import FloatArray, strain_operator
 from fem_check.linear_solver import factorise
-from fem_check.newton import Control, Counts, Problem, State
+from fem_check.problem import Control, Counts, Problem, State, internal_force
 
 #: Largest number of unknowns that each alternative is given: beyond, it needs minutes.
 LIMITS = {"superlu": 20_000, "jacobi": 2_000_000, "smoothed aggregation": 500_000}
@@ -132,7 +132,7 @@ def _middle(nodes: int, layers: int) -> tuple[Problem, State, plasticity.Softeni
     after = solve_path(speed_scene(nodes, load=0.05), layers=layers, steps=4)
     problem, state = after.problem, after.reached[-1].state
     u = state.displacement
-    _, yielded = newton.internal_force(problem, u, before.history)
+    _, yielded = internal_force(problem, u, before.history)
     softening = plasticity.linearise(
         u.reshape(-1, 3), problem.bricks, problem.law, before.history, yielded
     )

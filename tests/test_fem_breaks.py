@@ -10,7 +10,8 @@ from epcontact.errors import NotConverged
 from epcontact.results import APART
 from fem_check import benchmarks, plasticity, solve
 from fem_check.driver import problem_of
-from fem_check.newton import Control, Options, State, solve_step
+from fem_check.newton import Options, solve_step
+from fem_check.problem import Control, State
 from fem_check.report import nodes_across
 from fem_check.spheres import sphere, sphere_scene
 

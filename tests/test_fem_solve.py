@@ -15,7 +15,9 @@ from epcontact.errors import InvalidScene, NotConverged
 from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from fem_check import driver
-from fem_check.newton import Control, Options, solve_step
+from fem_check import path as path_module
+from fem_check.newton import Options, solve_step
+from fem_check.problem import Control
 
 
 @pytest.mark.parametrize("dimensions", [1, 2])
@@ -235,7 +237,7 @@ def test_a_step_that_does_not_converge_raises_with_its_history_and_commits_nothi
 
 
 def test_increments_that_fail_are_halved(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = driver.solve_step
+    real = path_module.solve_step
     asked = []
 
     def reluctant(problem, state, history, control, options):  # type: ignore[no-untyped-def]
@@ -244,7 +246,7 @@ def test_increments_that_fail_are_halved(monkeypatch: pytest.MonkeyPatch) -> Non
             raise NotConverged("too far")
         return real(problem, state, history, control, options)
 
-    monkeypatch.setattr(driver, "solve_step", reluctant)
+    monkeypatch.setattr(path_module, "solve_step", reluctant)
     result = fem_check.solve(rough_scene(8, 2), steps=1)
     assert asked[:2] == [pytest.approx(0.05), pytest.approx(0.025)]
     assert result.final.mean_pressure == 0.05

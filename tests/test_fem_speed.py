@@ -9,7 +9,9 @@ from scipy.sparse.linalg import spsolve
 import fem_check
 from epcontact.results import ELASTIC
 from fem_check import newton, speed
-from fem_check.newton import Control, Counts
+from fem_check.problem import Control, Counts
+
+SLOW = pytest.mark.slow
 
 
 def test_the_preconditioned_solve_is_the_direct_solve() -> None:
@@ -42,7 +44,9 @@ def test_iterations_hardly_grow_with_the_mesh() -> None:
     assert fine["jacobi"] > 10 * fine["fft"]
 
 
-@pytest.mark.parametrize(("nodes", "layers"), [(32, 16), pytest.param(64, 24, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("nodes", "layers"), [(32, 16), pytest.param(64, 24, marks=pytest.mark.slow)]
+)
 def test_a_load_path_stays_within_its_iterations(nodes: int, layers: int) -> None:
     cost = speed.path_cost(nodes, layers)
     assert cost.most_newton_steps <= 10
