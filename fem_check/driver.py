@@ -9,7 +9,6 @@ slopes allow;  moved, the top nodes at the real heights.
 from __future__ import annotations
 
 import math
-import os
 import resource
 import time
 from collections.abc import Callable, Sequence
@@ -274,13 +273,19 @@ def bytes_needed(block: Block, *, plastic: bool) -> float:
     return nodes * (element + 16 * 24 + 15 * 8 / 2)
 
 
+def _free_memory() -> float:
+    """Bytes that can be had without swapping; infinite where the system does not tell."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as lines:
+            fields = dict(line.split(":", 1) for line in lines)
+        return float(fields["MemAvailable"].split()[0]) * 1024
+    except (OSError, KeyError, ValueError, IndexError):
+        return math.inf
+
+
 def require_memory(block: Block, *, plastic: bool) -> None:
     """Refuses a block that will not fit.  Raises NotEnoughMemory before anything is made."""
-    try:
-        free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):
-        return
-    needed = bytes_needed(block, plastic=plastic)
+    needed, free = bytes_needed(block, plastic=plastic), _free_memory()
     if needed > free:
         nx, ny = block.shape
         raise NotEnoughMemory(

@@ -11,10 +11,10 @@ import pytest
 from fem_scenes import rough_scene
 
 import fem_check
-from epcontact.errors import InvalidScene, NotConverged
+from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
 from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
 from epcontact.scene import Body, Load, Material, Scene, Surface
-from fem_check import driver
+from fem_check import driver, plasticity
 from fem_check import path as path_module
 from fem_check.newton import Options, solve_step
 from fem_check.problem import Control
@@ -280,3 +280,19 @@ def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded() -> None:
         around = flowed[[i - 1, i - 1, i, i], [j - 1, j, j - 1, j]].any()
         touching = path.reached[-1].state.states[i, j] == ELASTIC
         assert states[i, j] == (PLASTIC if touching and around else ELASTIC if touching else APART)
+
+
+def test_a_block_that_will_not_fit_is_refused_before_anything_is_made() -> None:
+    scene = rough_scene(64, 4)
+    with pytest.raises(NotEnoughMemory, match=r"64 x 64 x 1000000 elements needs about"):
+        fem_check.solve(scene, layers=1_000_000)
+
+
+def test_the_estimate_of_memory_is_of_the_right_size() -> None:
+    """Against the arrays that stay for the whole solve; what comes and goes is less."""
+    problem = driver.problem_of(rough_scene(32, 4), law="j2")
+    kept = problem.bricks.connectivity.nbytes + problem.bricks.shape_of.nbytes
+    kept += problem.factor.compliances.nbytes + problem.factor.couplings.nbytes
+    kept += sum(a.nbytes for a in plasticity.virgin(problem.bricks.number))
+    needed = driver.bytes_needed(problem.block, plastic=True)
+    assert kept < needed < 2.5 * kept
