@@ -184,19 +184,20 @@ def test_no_poisson_ratio_locks() -> None:
     assert max(areas) - min(areas) < 0.03 * areas[0]
 
 
-def test_moved_nodes_tend_to_the_gap_as_the_slope_vanishes() -> None:
-    """At equal groups the elastic answers differ by an amount of first order in the slope, and
-    by a measurable one at slope 0.2."""
+@pytest.mark.parametrize("law", ["elastic", "j2"])
+def test_moved_nodes_tend_to_the_gap_as_the_slope_vanishes(law: str) -> None:
+    """At equal groups the answers differ by an amount of first order in the slope (a little more
+    where plastic flow adds its own), and by a measurable one at slope 0.2."""
     slopes, differences = np.array([0.0125, 0.05, 0.2]), []
     for slope in slopes:
         scene = rough_scene(16, 2, slope=float(slope), pressure=0.2)
         gap, moved = (
-            fem_check.solve(scene, law="elastic", geometry=g).fields["pressure"]  # type: ignore[arg-type]
+            fem_check.solve(scene, law=law, geometry=g).fields["pressure"]  # type: ignore[arg-type]
             for g in ("gap", "moved")
         )
         differences.append(np.linalg.norm(moved - gap) / np.linalg.norm(gap))
     order = np.polyfit(np.log(slopes), np.log(differences), 1)[0]
-    assert 0.8 < order < 1.6, (order, differences)
+    assert 0.8 < order < 1.8, (order, differences)
     assert differences[0] < 0.02
     assert differences[-1] > 0.02
 
