@@ -41,6 +41,7 @@ from epcontact.schema import (
     SinusoidTable,
     Table,
 )
+from epcontact.surfaces.recipe import require_room
 
 SIZES = ("fast", "full", "large")
 METHODS = ("persson", "bem", "fem")
@@ -74,7 +75,8 @@ class Case:
         )
 
     def scene(self, recipe: surfaces.Recipe) -> Scene:
-        """Make the surface and the scene on it.  Raises InvalidScene."""
+        """Make the surface and the scene on it.  Raises InvalidScene, NotEnoughMemory."""
+        require_room(recipe.shape)
         return Scene(recipe.build(), self.material, self.load, self.body)
 
 
@@ -154,6 +156,9 @@ def _size_tables(value: Any) -> Any:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
+        if not path.is_file():
+            path.stat()  # says why, where it is nothing at all
+            raise InvalidCase(f"{path}: is no regular file")
         if path.stat().st_size > LARGEST_FILE:
             raise InvalidCase(f"{path}: is larger than a case file can be (1 MiB)")
         return tomllib.loads(path.read_bytes().decode("utf-8"))

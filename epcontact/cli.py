@@ -24,6 +24,10 @@ from epcontact.casefile import Case
 from epcontact.cli_studies import COMMANDS
 from epcontact.errors import EpcontactError
 
+#: Raised by click where a command is missing, with the help as its message; since click 8.2.
+_NO_ARGUMENTS: type[click.UsageError] | tuple[()]
+_NO_ARGUMENTS = getattr(click.exceptions, "NoArgsIsHelpError", ())
+
 
 class _Refusal(EpcontactError):
     """What the command line itself refuses."""
@@ -281,6 +285,9 @@ def main() -> None:
         code, sentence = 130, "interrupted; results finished so far are kept"
     except EpcontactError as error:
         code, sentence = 2, str(error)
+    except _NO_ARGUMENTS as error:
+        click.echo(error.format_message(), err=True)
+        code, sentence = 2, ""
     except click.ClickException as error:
         code, sentence = 2, f"{error.format_message()} (see epcontact --help)"
     except BrokenPipeError:

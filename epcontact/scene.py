@@ -118,6 +118,11 @@ class Surface:
             bool(np.all(np.isfinite(extremes))),
             "heights hold NaN or infinite values; fill or crop them first",
         )
+        span = float(extremes[1]) - float(extremes[0])
+        _require(
+            span * span < math.inf,
+            f"heights span {span:g} m, too much to be squared; check their unit",
+        )
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -248,6 +248,12 @@ def _require_finite(heights: FloatArray, where: str) -> None:
         )
 
 
+def _require_measurable(heights: FloatArray, where: str) -> None:
+    span = float(heights.max()) - float(heights.min())
+    if not span * span < math.inf:
+        raise InvalidScene(f"{where}: heights span {span:g} m; check their unit")
+
+
 def _jump_words(jumps: list[tuple[float, float]]) -> str:
     return " and ".join(
         f"{edge:.3g} m across {axis} (between neighbours at most {inner:.3g} m)"
@@ -257,6 +263,7 @@ def _jump_words(jumps: list[tuple[float, float]]) -> str:
 
 def _treated(heights: FloatArray, recipe: Any, where: str) -> Surface:
     """The surface of a recipe's own, writable heights after its treatment."""
+    _require_measurable(heights, where)
     jumps = edge_jumps(heights)
     words = f"rms jump at the edges: {_jump_words(jumps)}"
     periodic = all(edge <= LARGEST_JUMP * inner for edge, inner in jumps)

@@ -9,6 +9,11 @@ from typing import Any, Protocol
 from epcontact.errors import InvalidScene, NotEnoughMemory
 from epcontact.scene import Surface
 
+#: Points beyond which no array can be addressed.
+LARGEST_GRID = 2**56
+#: Bytes that any machine has.
+SMALL = 2**28
+
 
 class Recipe(Protocol):
     """What every recipe can do; `build` sets `Surface.recipe` to `fingerprint`."""
@@ -55,7 +60,22 @@ def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...],
         raise InvalidScene(
             f"periods is {given_periods!r}, but must be {len(shape)} positive lengths in m"
         )
+    if math.prod(shape) > LARGEST_GRID:
+        raise out_of_memory(shape, arrays=1)
     return shape, periods
+
+
+def require_room(shape: tuple[int, ...]) -> None:
+    """Raise NotEnoughMemory if heights and their modes are not going to fit, before they are
+    tried: a system that promises more than it has kills the process that takes it."""
+    needed = 16 * math.prod(shape)
+    if needed < SMALL:
+        return
+    from epcontact.bem.memory import available_memory
+
+    available = available_memory()
+    if available is not None and needed > available:
+        raise out_of_memory(shape, arrays=2)
 
 
 def described(name: str, recipe: Any) -> str:

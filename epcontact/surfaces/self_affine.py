@@ -39,7 +39,12 @@ def grid_shape(
     periods: tuple[float, ...],
     points_per_shortest_wavelength: float,
 ) -> tuple[int, ...]:
-    """Grid points along each direction for so many points per wavelength 2 pi / q_1."""
+    """Grid points along each direction for so many points per wavelength 2 pi / q_1.
+
+    Raises InvalidScene if a period is no positive length.
+    """
+    if not all(0 < p < math.inf for p in periods):
+        raise InvalidScene(f"period is {periods!r}, but must be positive lengths in m")
     waves = [p * spectrum.wavenumber_high / (2 * math.pi) for p in periods]
     return tuple(round(points_per_shortest_wavelength * w) for w in waves)
 
