@@ -162,7 +162,8 @@ def _coarse_guess(run: _Run, heights: FloatArray, options: Options) -> FloatArra
     p = project(
         np.ones(below) if guess is None else guess, run.cap, float(coarse.size), run.workers
     )
-    goal = replace(_goal(options), tolerance=max(1e-4, options.tolerance), area_tolerance=1e-3)
+    # The share of points that change falls with the spacing: looser, finer grids start worse.
+    goal = replace(_goal(options), tolerance=max(1e-4, options.tolerance), area_tolerance=1e-4)
     it, counts = solve_level(level, p, goal)
     run.coarse_pairs += counts.pairs * coarse.size / run.points
     w = it.p - level.step * (it.u + it.z - coarse)
