@@ -6,17 +6,19 @@ disk already are set aside, and the others are spread over worker processes.
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from epcontact.casefile import Case
+from epcontact.errors import InvalidCase
 from epcontact.output.files import write_json
 from epcontact.results import ContactResult
 from epcontact.store import Answer, keep, kept, summary
@@ -51,13 +53,12 @@ def tasks_of(case: Case, methods: Sequence[str], plan: Plan) -> list[Task]:
         for member, recipe in enumerate(case.recipes[:1] if one else case.recipes):
             seed = None if one else getattr(recipe, "seed", None)
             label = "single" if seed is None else f"seed{seed}"
-            keep = plan.fields == "all" or (plan.fields == "first" and member == 0)
-            name = method if seed is None else f"{method}-{label}"
-            fields = plan.output / case.id / f"{name}.vti" if keep else None
+            wanted = plan.fields == "all" or (plan.fields == "first" and member == 0)
             solver = plan.solver if method == "bem" else ""
-            if method == "persson":
-                fields = None
-            tasks.append(Task(case, method, member, label, solver, fields))
+            task = Task(case, method, member, label, solver)
+            if wanted and method != "persson":
+                task = replace(task, fields=task.fields_path(plan.output))
+            tasks.append(task)
     return tasks
 
 
@@ -71,7 +72,9 @@ def run_cases(
 
     Deliberate errors of a task are kept in its Answer; anything else propagates.  Results are
     on disk as soon as they exist, so that an interrupted run resumes where it stopped.
+    Raises InvalidCase if two cases have one id: they would share a folder.
     """
+    _require_distinct(cases)
     tasks = [task for case in cases for task in tasks_of(case, methods[case.id], plan)]
     outcomes: dict[Task, ContactResult | str] = {}
     reused: set[Task] = set()
@@ -97,6 +100,17 @@ def run_cases(
             if answer.results:
                 write_json(plan.output / case.id / f"{method}.json", summary(case, answer))
     return answers
+
+
+def _require_distinct(cases: Sequence[Case]) -> None:
+    by_id: dict[str, Case] = {}
+    for case in cases:
+        other = by_id.setdefault(case.id, case)
+        if other is not case:
+            raise InvalidCase(
+                f"{case.path}: case.id is {case.id!r} like that of {other.path}; results are "
+                "kept by id, so run them one after the other into folders of their own"
+            )
 
 
 def _collect(
@@ -136,9 +150,10 @@ def _solve_all(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Contact
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_quiet_worker)
     try:
-        futures: dict[Future[Any], Task] = {
-            pool.submit(solve_task, task, threads): task for task in tasks
-        }
+        with _interrupts_held():
+            futures: dict[Future[Any], Task] = {
+                pool.submit(solve_task, task, threads): task for task in tasks
+            }
         for future in as_completed(futures):
             try:
                 yield futures[future], future.result()
@@ -151,6 +166,20 @@ def _solve_all(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Contact
             process.terminate()
         pool.shutdown(wait=False, cancel_futures=True)
         raise
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while workers start: they inherit this, and deaf to it from their first
+    instruction they print no traceback of an import that was cut short."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _quiet_worker() -> None:

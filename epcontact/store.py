@@ -1,12 +1,14 @@
 """Results on disk: kept one file a task, found again by what made them, summed up by method.
 
 `<output>/<case>/members/<method>-<surface>.json` holds one result and its key: scene, size,
-options and the package's own sources.  A task of the same key need not run again; one of a
-solver that is not the package's always does, as its sources are not known here.
+options, solver and the package's own sources, and the hash of the fields written with it.  A task
+of the same key need not run again, as long as the fields it asks for are those very ones; one of
+a solver that is not the package's always runs, as its sources are not known here.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import json
@@ -49,6 +51,7 @@ def _key(task: Task) -> str:
         "scene": task.case.digest(task.recipe),
         "size": task.case.size,
         "method": task.method,
+        "solver": task.solver,
         "options": repr(sorted(task.case.options[task.method].items())),
         "fields": sorted(measured_by(task.case, task.method)),
         "sources": sources_digest(),
@@ -61,22 +64,57 @@ def _member_path(task: Task, output: Path) -> Path:
 
 
 def keep(task: Task, output: Path, result: ContactResult) -> None:
-    """Write the result of a task.  Raises OutputError."""
+    """Write the result of a task.  Raises OutputError.
+
+    Fields of an earlier, other result would pass for those of this one: they are removed.
+    """
     about = {"case": task.case.id, "size": task.case.size, "key": _key(task)}
-    write_json(_member_path(task, output), about | result.to_json())
+    fields_digest = _digest(task.fields)
+    if task.fields is None:
+        earlier = _read_member(task, output)
+        if earlier.get("key") == about["key"]:
+            fields_digest = earlier.get("fields_digest")
+        else:
+            with contextlib.suppress(OSError):
+                task.fields_path(output).unlink()
+    write_json(
+        _member_path(task, output), about | {"fields_digest": fields_digest} | result.to_json()
+    )
 
 
 def kept(task: Task, output: Path) -> ContactResult | None:
     """The result of an earlier run of just this task, if it is there and whole."""
-    if task.solver or (task.fields is not None and not task.fields.exists()):
+    if task.solver:
+        return None
+    data = _read_member(task, output)
+    if data.get("key") != _key(task):
+        return None
+    if task.fields is not None and data.get("fields_digest") != _digest(task.fields):
         return None
     try:
-        data = json.loads(_member_path(task, output).read_bytes())
-        if data["key"] != _key(task):
-            return None
         return ContactResult.from_json(data)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return None
+
+
+def _read_member(task: Task, output: Path) -> dict[str, Any]:
+    """What `keep` wrote of a task, or nothing."""
+    try:
+        data = json.loads(_member_path(task, output).read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return data if isinstance(data, dict) else {}
+
+
+def _digest(fields: Path | None) -> str | None:
+    """SHA-256 of a file of fields; empty where there is none, None where none was asked for."""
+    if fields is None:
+        return None
+    try:
+        with fields.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return ""
 
 
 def summary(case: Case, answer: Answer) -> dict[str, Any]:

@@ -49,6 +49,11 @@ class Task:
         """Of the surface."""
         return self.case.recipes[self.member]
 
+    def fields_path(self, output: Path) -> Path:
+        """Where the fields lie, if they are kept: `<output>/<case>/<method>[-<surface>].vti`."""
+        name = self.method if self.label == "single" else f"{self.method}-{self.label}"
+        return output / self.case.id / f"{name}.vti"
+
 
 def solve_task(task: Task, threads: int) -> ContactResult | str:
     """Run one task; a deliberate error comes back as its sentence."""
