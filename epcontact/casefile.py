@@ -93,7 +93,8 @@ def find_cases() -> list[Path]:
 def find_case(name: str) -> Path:
     """The file of a case given by path or by id.  Raises InvalidCase if there is none."""
     path = Path(name)
-    if path.suffix == ".toml" or path.exists():
+    # A folder of results is called as its case is.
+    if path.suffix == ".toml" or (path.exists() and name not in {p.stem for p in find_cases()}):
         if not path.is_file():
             raise InvalidCase(f"{name}: no such case file; `epcontact list` shows the cases")
         return path
@@ -161,7 +162,7 @@ def _read(path: Path) -> dict[str, Any]:
             raise InvalidCase(f"{path}: is no regular file")
         if path.stat().st_size > LARGEST_FILE:
             raise InvalidCase(f"{path}: is larger than a case file can be (1 MiB)")
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
         raise InvalidCase(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -292,6 +293,8 @@ def _gates(path: Path, table: CaseFile, size: str) -> tuple[Gate, ...]:
             )
         if gate.sizes is None or size in gate.sizes:
             gates.append(_gate(gate))
+    if not gates:
+        raise InvalidCase(f"{path}: no gate applies to size {size!r}, which the case offers")
     return tuple(gates)
 
 
@@ -334,8 +337,7 @@ def _sentence(error: ValidationError) -> str:
     # A misspelt key is both unknown and missing: the former says more.
     errors = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
     first, more = errors[0], len(errors) - 1
-    location = [str(part) for part in first["loc"] if part not in _KINDS]
-    where = ".".join(location) or "the case"
+    where = _where(first["loc"])
     kind, given = first["type"], first.get("input")
     if kind == "extra_forbidden":
         message = f"{where} is no key of a case file{_suggest(first['loc'])}"
@@ -349,6 +351,17 @@ def _sentence(error: ValidationError) -> str:
         message = f"{where} is {given!r}, but must be right: {first['msg'].lower()}"
     return message + (f" (and {more} more)" if more else "")
 
+
+def _where(location: tuple[Any, ...]) -> str:
+    """The key as it stands in the file: gates counted from 1, no names of types or kinds."""
+    parts = [str(part) for part in location if part not in _KINDS and part not in _TYPES]
+    if parts[:1] == ["gate"] and len(parts) > 1:
+        parts[:2] = [f"gate {int(parts[1]) + 1}"]
+    return ".".join(parts) or "the case"
+
+
+#: What pydantic calls the members of a union.
+_TYPES = ("float", "int", "str", "list[float]")
 
 _KINDS: dict[str, type[Table]] = {
     "self_affine": SelfAffineTable,

@@ -7,6 +7,7 @@ see the values.  `epcontact keys` prints what stands here.
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -208,7 +209,10 @@ class GateTable(Table):
         default="relative", description="how the difference is measured"
     )
     tolerance: float | None = Field(
-        default=None, gt=0, description="the difference lies within +- tolerance"
+        default=None,
+        gt=0,
+        allow_inf_nan=False,
+        description="the difference lies within +- tolerance",
     )
     between: list[float] | None = Field(
         default=None,
@@ -218,7 +222,9 @@ class GateTable(Table):
     )
     because: str = Field(min_length=1, description="why the band is as wide as it is")
     source: str = Field(default="", description="where a number comes from; needed for one")
-    sizes: list[str] | None = Field(default=None, description="the sizes it applies to; else all")
+    sizes: list[Literal["fast", "full", "large"]] | None = Field(
+        default=None, min_length=1, description="the sizes it applies to; else all"
+    )
 
     @model_validator(mode="after")
     def _one_band(self) -> GateTable:
@@ -226,6 +232,12 @@ class GateTable(Table):
             raise ValueError("give either tolerance or between")
         if self.between is not None and not self.between[0] <= self.between[1]:
             raise ValueError("between is out of order; give [low, high]")
+        if self.between is not None and all(map(math.isinf, self.between)):
+            raise ValueError("between holds whatever the difference is, or never; give it an end")
+        if isinstance(self.against, float | int) and not math.isfinite(self.against):
+            raise ValueError(f"against is {self.against}, but must be a finite number")
+        if self.against == self.of:
+            raise ValueError(f"{self.of} is held against itself, which tells nothing")
         if isinstance(self.against, float | int) and not self.source:
             raise ValueError("against is a number without a source; say where it comes from")
         if (self.quantity == "distribution") != (self.norm in ("wasserstein", "supremum")):
