@@ -10,6 +10,7 @@ import contextlib
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -290,13 +291,28 @@ def main() -> None:
         code, sentence = 2, ""
     except click.ClickException as error:
         code, sentence = 2, f"{error.format_message()} (see epcontact --help)"
-    except BrokenPipeError:
-        # The reader of a pipe has left; nobody is there to be told.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except SystemExit as end:
+        # click and rich turn a closed pipe into exit code 1, which says that a gate fell short.
+        if not isinstance(end.__context__, BrokenPipeError):
+            raise
+        _forget_output()
         code, sentence = 2, ""
+    except BrokenPipeError:
+        _forget_output()
+        code, sentence = 2, ""
+    except Exception:
+        # A bug: its traceback is wanted, Python's exit code 1 for it is not.
+        traceback.print_exc()
+        code, sentence = 2, "this is a mistake of epcontact's own; please report it"
     if sentence:
         click.echo(f"epcontact: {sentence}", err=True)
     sys.exit(code)
+
+
+def _forget_output() -> None:
+    """The reader of a pipe has left: nobody is there to be told, at exit neither."""
+    with contextlib.suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _terminated(*_: object) -> None:

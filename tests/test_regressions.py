@@ -1,0 +1,196 @@
+"""Mistakes that users met, each kept from coming back."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from epcontact import bem
+from epcontact.casefile import find_case, load_case
+from epcontact.errors import InvalidCase
+from epcontact.output.vtk import read_fields
+from epcontact.results import ContactResult
+from epcontact.run import Plan, run_cases
+from epcontact.scene import Scene
+
+ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
+LOAD = "mean_pressure = 5.0e8"
+
+
+def half_the_area(scene: Scene) -> ContactResult:
+    """A solver that is wrong, named on the command line as test_regressions:half_the_area."""
+    result = bem.solve(scene)
+    areas = {k: replace(a, total=a.total / 2) for k, a in result.final.areas.items()}
+    return replace(result, steps=(replace(result.final, areas=areas),))
+
+
+def answer(path: Path, output: Path, **plan: object):
+    """The boundary elements' answer, and which of its tasks were reused."""
+    case, notes = load_case(path), []
+    plan_ = Plan(jobs=1, output=output, **plan)  # type: ignore[arg-type]
+    answers = run_cases([case], {case.id: ("bem",)}, plan_, lambda task, note: notes.append(note))
+    return answers[case.id]["bem"].results[0], notes
+
+
+def test_results_of_the_users_solver_do_not_pass_for_the_packages(write_case, tmp_path) -> None:
+    case, out = write_case(ONE), tmp_path / "out"
+    wrong, _ = answer(case, out, solver=f"{__name__}:half_the_area")
+    own, notes = answer(case, out)
+    assert notes == [""]
+    assert own.final.areas["raw"].total == pytest.approx(2 * wrong.final.areas["raw"].total)
+
+
+def test_fields_of_another_load_do_not_pass_for_those_of_this_one(write_case, tmp_path) -> None:
+    out = tmp_path / "out"
+    answer(write_case(ONE), out, fields="first")
+    fields = out / "small" / "bem-seed3.vti"
+    assert fields.is_file()
+    other = write_case(ONE, (LOAD, "mean_pressure = 6.0e8"))
+    answer(other, out)  # as verify runs it: without fields
+    assert not fields.exists()
+    _, notes = answer(other, out, fields="first")
+    assert notes == [""]
+    assert read_fields(fields).attributes["mean_pressure"] == 6.0e8
+    # Solving afresh without fields leaves those of the very same task, and they are reused.
+    answer(other, out, fresh=True)
+    assert answer(other, out, fields="first")[1] == ["reused"]
+    fields.write_bytes(b"spoilt")
+    assert answer(other, out, fields="first")[1] == [""]
+    assert read_fields(fields).shape == (32, 32)
+
+
+# One change at a time; each must be solved again.
+CHANGES = [
+    (LOAD, "mean_pressure = 5.0000001e8"),
+    (LOAD, "mean_pressure = [4.0e8, 5.0e8]"),
+    ("poisson_ratio = 0.3", "poisson_ratio = 0.31"),
+    ("hardness = 6.0e9", ""),
+    ("hardness = 6.0e9", "hardness = 6.0e9\nyield_stress = 1.0e12"),
+    ("rms_slope = 0.1", "rms_slope = 0.1000001"),
+    ("period = 1.0e-3", "period = [1.0e-3, 2.0e-3]"),
+    ("fast = 4,", "fast = 5,"),
+    ("[load]", '[body]\nkind = "bonded_layer"\ndepth = 1.0e-4\n\n[load]'),
+    ("[load]", "[bem]\ntolerance = 1e-7\n\n[load]"),
+    (
+        "[[gate]]",
+        '[[gate]]\nquantity = "quantity.measured_force"\nof = "bem"\nagainst = 0.0\n'
+        'norm = "absolute"\ntolerance = 1e-9\nsource = "the load"\nbecause = "rounding"\n\n'
+        "[[gate]]",
+    ),
+]
+
+
+def test_every_change_of_a_case_is_solved_again(write_case, tmp_path) -> None:
+    out = tmp_path / "out"
+    for change in CHANGES:
+        first = write_case(ONE)
+        answer(first, out)
+        assert answer(first, out)[1] == ["reused"]
+        assert answer(write_case(ONE, change), out)[1] == [""], change
+
+
+def test_two_cases_of_one_id_are_refused(write_case, tmp_path) -> None:
+    first = load_case(write_case(ONE))
+    (tmp_path / "other").mkdir()
+    second = load_case(write_case(ONE).rename(tmp_path / "other" / "small.toml"))
+    methods = {"small": ("bem",)}
+    with pytest.raises(InvalidCase, match="folders of their own"):
+        run_cases([first, second], methods, Plan(output=tmp_path / "out"), lambda *_: None)
+    assert not (tmp_path / "out").exists()
+
+
+# A gate that cannot fail, cannot hold, or is never asked tells nothing.
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("tolerance = 0.5", "tolerance = inf", "finite"),
+        ("tolerance = 0.5", "between = [-inf, inf]", "whatever"),
+        ("tolerance = 0.5", 'tolerance = 0.5\nsizes = ["ful"]', "'fast', 'full' or 'large'"),
+        ("tolerance = 0.5", "tolerance = 0.5\nsizes = []", "at least 1"),
+        ("tolerance = 0.5", 'tolerance = 0.5\nsizes = ["full"]', "no gate applies to size 'fast'"),
+        ('against = "persson"', 'against = nan\nsource = "x"', "finite"),
+        ('against = "persson"', 'against = "bem"', "itself"),
+    ],
+)
+def test_gate_that_tells_nothing_is_refused(write_case, old: str, new: str, word: str) -> None:
+    with pytest.raises(InvalidCase, match=word):
+        load_case(write_case((old, new)))
+
+
+def test_keys_are_named_as_they_stand_in_the_file(write_case) -> None:
+    with pytest.raises(InvalidCase, match=r"gate 1\.tolerance is -1"):
+        load_case(write_case(("tolerance = 0.5", "tolerance = -1.0")))
+    with pytest.raises(InvalidCase, match=r"load\.mean_pressure is True"):
+        load_case(write_case((LOAD, "mean_pressure = true")))
+
+
+def test_byte_order_mark_and_line_ends_of_windows(write_case) -> None:
+    path = write_case(ONE)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert load_case(path).id == "small"
+
+
+def test_folder_of_results_does_not_hide_a_case(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "paper-elastic").mkdir()
+    assert find_case("paper-elastic").name == "paper-elastic.toml"
+    (tmp_path / "other").mkdir()
+    with pytest.raises(InvalidCase, match="no such case file"):
+        find_case("other")
+
+
+def test_closed_pipe_does_not_say_that_a_gate_fell_short() -> None:
+    command = [sys.executable, "-m", "epcontact", "keys"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(timeout=120) == 2
+
+
+def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short() -> None:
+    program = (
+        "from epcontact import casefile, cli\n"
+        "casefile.find_cases = lambda: 1 / 0\n"
+        "import sys; sys.argv = ['epcontact', 'list']; cli.main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], check=False, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 2
+    assert "ZeroDivisionError" in done.stderr
+    assert done.stderr.splitlines()[-1].startswith("epcontact: ")
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
+def test_interrupt_while_workers_start_is_quiet(write_case, tmp_path) -> None:
+    # Workers take a second to import what they need; that is when impatient users interrupt.
+    process = subprocess.Popen(
+        [sys.executable, "-m", "epcontact", "verify", str(write_case()), "--jobs", "2"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        cwd=tmp_path,
+    )  # fmt: skip
+    deadline = time.monotonic() + 120
+    while not _children(process.pid) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert stderr.strip() == "epcontact: interrupted; results finished so far are kept"
+
+
+def _children(pid: int) -> list[str]:
+    """Workers of a process, where the system lists them; the tracker of resources is none."""
+    listed = Path(f"/proc/{pid}/task/{pid}/children")
+    if not listed.exists():
+        pytest.skip("needs /proc")
+    commands = (Path(f"/proc/{child}/cmdline") for child in listed.read_text().split())
+    return [text for path in commands if b"spawn_main" in (text := path.read_bytes())]
