@@ -5,21 +5,25 @@ from __future__ import annotations
 import csv
 import io
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from epcontact.bem import solve
 from epcontact.output.figures import Series
 from epcontact.persson import areas
 from epcontact.studies import (
     STUDIES,
+    StudyUnavailable,
     bem,
     fem,
     gamma,
     growth,
     magnification,
     master,
+    peers,
     resolution,
     save_charts,
     scenes,
@@ -186,8 +190,6 @@ def comparison():
 
 
 def test_the_last_cut_off_is_the_whole_surface(comparison):
-    from epcontact.bem import solve
-
     solved = [solve(scenes.rough_scene(4, seed, 16), area_tolerance=1e-5) for seed in range(3)]
     for part in scenes.PARTS:
         mean, _ = scenes.area_band(solved, part)
@@ -368,6 +370,45 @@ def test_the_master_chart_has_every_method_and_the_reference_s_worth(all_methods
     assert "uncertain by" in chart.caption
     labels = [line.get_label() for line in chart.figure.axes[0].lines]
     assert "Pareto front" in labels
+
+
+# --- peers --------------------------------------------------------------------------------------
+
+
+def test_without_any_peer_one_sentence_says_what_to_install(monkeypatch):
+    for name in peers.PEERS:
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(StudyUnavailable, match="pip install"):
+        peers.installed()
+
+
+def test_a_peer_is_timed_only_where_its_areas_agree():
+    def same(heights, load, hardness, _):
+        scene = scenes.rough_scene(8, 7, 8, scenes.MODULUS * hardness)
+        return solve(scene, threads=1).fields["pressure"] / scenes.MODULUS
+
+    def wrong(heights, load, hardness, _):
+        return np.full(heights.shape, load)
+
+    found = peers.race(8, 8, peers.HARDNESS, {"ContactMechanics": same, "tamaas": wrong})
+    assert [one.agrees for one in found] == [True, True, False]
+    chart = peers.draw_races(found)
+    assert {row["series"] for row in rows_of(chart)} == {"epcontact", "ContactMechanics"}
+    assert "Without agreement: tamaas at 64" in chart.caption
+
+
+def test_areas_agree_within_a_thousandth_only():
+    assert peers.agree((0.1, 0.05), (0.1 * 1.0009, 0.05))
+    assert not peers.agree((0.1, 0.05), (0.1, 0.05 * 1.002))
+    assert not peers.agree((0.1, 0.01), (0.1, 0.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hardness", [peers.HARDNESS, math.inf])
+def test_installed_peers_find_the_same_areas(hardness):
+    pytest.importorskip("tamaas")
+    found = peers.race(8, 8, hardness, peers.installed())
+    assert all(one.agrees for one in found)
 
 
 # --- every study --------------------------------------------------------------------------------

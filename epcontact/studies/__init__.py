@@ -69,6 +69,7 @@ _DESCRIPTIONS = {
     "growth": "FFT pairs and time of boundary elements against the size of the grid",
     "fem": "what elements, meshes, depth, load steps and linear solvers of finite elements do",
     "master": "error of the contact area against time for all three methods on one scene",
+    "peers": "time to the same areas beside public codes, where they are installed",
 }
 
 #: Every study by its name.

@@ -124,7 +124,7 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     """Residual against FFT pairs, area error against FFT pairs, area error against time."""
     from epcontact.bem.driver import METHODS
 
-    points, bandwidth, steps = (8, 32, 1000) if size == "fast" else (8, 64, 4000)
+    points, bandwidth, steps = (8, 32, 1000) if size == "fast" else (8, 64, 2000)
     scene = scenes.rough_scene(points, 7, bandwidth)
     found = measure(scene, METHODS, max_steps=steps, progress=progress)
     return draw_work(found, scene.surface.shape, bare_pair_seconds(scene.surface.shape, 1))
