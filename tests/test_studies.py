@@ -82,6 +82,22 @@ def test_a_chart_s_table_holds_what_is_drawn():
     assert np.array_equal(front[0].get_ydata(), [0.1, 0.01, 0.001])
 
 
+def test_a_point_without_error_ends_the_front():
+    series = [Series("a", [1, 5], [0.1, 0.0]), Series("b", [3, 9], [0.01, 0.001])]
+    chart = curves(
+        series,
+        x="x",
+        y="y",
+        columns=("x", "y"),
+        caption="",
+        log="xy",
+        pareto=["a", "b"],
+        zeros=True,
+    )
+    front = [line for line in chart.figure.axes[0].lines if line.get_label() == "Pareto front"]
+    assert np.array_equal(front[0].get_xdata(), [1, 3])
+
+
 def test_labels_tell_the_observed_order_and_no_other():
     x = np.array([1.0, 2.0, 4.0])
     series = [Series("second", x, x**-2.0), Series("level", x, np.ones(3))]

@@ -89,7 +89,10 @@ def with_orders(series: Sequence[Series], names: Sequence[str], sign: int = 1) -
 
 def _draw_front(axes: Any, series: Sequence[Series]) -> None:
     cost, error = (np.concatenate([getattr(one, key) for one in series]) for key in "xy")
-    front = pareto_front(cost[error > 0], error[error > 0])
+    # No error at all beats every dearer point; it has no place on the axis, but ends the front.
+    cheapest_exact = cost[error == 0].min(initial=math.inf)
+    shown = (error > 0) & (cost < cheapest_exact)
+    front = pareto_front(cost[shown], error[shown])
     look = {"color": "#999999", "linewidth": 4, "alpha": 0.4, "zorder": 0}
     axes.step(*front.T, where="post", label="Pareto front", **look)
 
