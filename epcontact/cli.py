@@ -142,6 +142,8 @@ def run(
     with _progress([loaded], chosen, plan) as progress:
         answers = run_cases([loaded], chosen, plan, progress)[loaded.id]
     _console().print(answers_table(answers))
+    if "persson" in answers:
+        _tell_gamma([loaded])
     errors = [sentence for answer in answers.values() for sentence in answer.errors]
     if errors:
         raise _Refusal(f"{loaded.id}: {'; '.join(errors)}")
@@ -191,7 +193,8 @@ def verify(
     if with_report:
         _write_report(loaded, answers, output)
     console = _console()
-    console.print(verdict_table(outcomes))
+    console.print(verdict_table(outcomes, console.width))
+    _tell_gamma(loaded)
     for outcome in outcomes:
         print_shortfalls(console, outcome)
     counts = [sum(o.status == s for o in outcomes) for s in STYLES]
@@ -202,6 +205,13 @@ def verify(
 
 for _command in COMMANDS:
     cli.add_command(_command)
+
+
+def _tell_gamma(cases: Sequence[Case]) -> None:
+    from epcontact.tables import gamma_sentence
+
+    if sentence := gamma_sentence(cases):
+        click.echo(sentence)
 
 
 def _load(path: Path, size: str) -> Case:

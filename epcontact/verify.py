@@ -83,11 +83,27 @@ def _outcome(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateOutco
     needed = [m for m in (gate.of, gate.against) if isinstance(m, str) and m in case.methods]
     failed = [sentence for m in needed for sentence in answers[m].errors]
     if failed:
-        return GateOutcome(gate, None, "; ".join(failed))
+        return GateOutcome(gate, None, _joined(failed))
     try:
         return GateOutcome(gate, _judge(case, gate, answers))
     except EpcontactError as error:
         return GateOutcome(gate, None, str(error))
+
+
+def _joined(sentences: Sequence[str]) -> str:
+    """Errors of many surfaces as one line; what they share is said once.
+
+    Each is "method, surface: reason", as `run` makes them.
+    """
+    by_reason: dict[str, list[str]] = {}
+    for sentence in dict.fromkeys(sentences):
+        where, _, reason = sentence.partition(": ")
+        by_reason.setdefault(reason, []).append(where)
+    parts = []
+    for reason, places in by_reason.items():
+        more = f" and {len(places) - 1} more" if len(places) > 1 else ""
+        parts.append(f"{places[0]}{more}: {reason}")
+    return "; ".join(parts)
 
 
 def _judge(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> Verdict:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import subprocess
@@ -11,14 +12,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from epcontact import bem
 from epcontact.casefile import find_case, load_case
 from epcontact.errors import InvalidCase
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
-from epcontact.run import Plan, run_cases
+from epcontact.run import Answer, Plan, run_cases
 from epcontact.scene import Scene
+from epcontact.tables import answers_table, gamma_sentence, verdict_table
+from epcontact.verify import judge_case
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
 LOAD = "mean_pressure = 5.0e8"
@@ -194,3 +198,39 @@ def _children(pid: int) -> list[str]:
         pytest.skip("needs /proc")
     commands = (Path(f"/proc/{child}/cmdline") for child in listed.read_text().split())
     return [text for path in commands if b"spawn_main" in (text := path.read_bytes())]
+
+
+@pytest.mark.parametrize("width", [60, 80, 200])
+def test_figures_are_whole_on_every_terminal(write_case, tmp_path, width: int) -> None:
+    band = ("tolerance = 0.5", "between = [0.111111, 0.1111112]")
+    case, methods = load_case(write_case(ONE, band)), ("persson", "bem")
+    answers = run_cases([case], {"small": methods}, Plan(output=tmp_path), lambda *_: None)["small"]
+    outcome = judge_case(case, answers)
+    verdict = outcome.gates[0].verdict
+    assert verdict is not None
+    out = io.StringIO()
+    console = Console(width=width, file=out)
+    console.print(verdict_table([outcome], console.width))
+    console.print(answers_table(answers))
+    shown = out.getvalue()
+    assert max(map(len, shown.splitlines())) <= width
+    assert f"{100 * verdict.difference.mean:+.2f} %" in shown
+    assert "+11.11110 %" in shown  # with the digits that tell the ends apart
+    assert "+11.11112 %" in shown
+    assert f"{answers['bem'].results[0].final.areas['corrected'].elastic:.5g}"[:5] in shown
+    assert shown.count("…") == 1  # of the band; no figure is cut off
+
+
+def test_gamma_is_told_with_the_figures_of_the_theory(write_case) -> None:
+    case = load_case(write_case())
+    assert gamma_sentence([case]) == "theory with energy reduction gamma = 0.536"
+    other = load_case(write_case(("= 0.536", "= 0.5"), name="other"))
+    assert gamma_sentence([case, other]).endswith("0.536 in small; 0.5 in other")
+    assert gamma_sentence([replace(case, methods=("bem",))]) == ""
+
+
+def test_one_reason_is_said_once_however_many_surfaces_have_it(write_case) -> None:
+    case = load_case(write_case())
+    errors = tuple(f"bem, seed{i}: a worker process died" for i in range(60))
+    outcome = judge_case(case, {"persson": Answer(), "bem": Answer(errors=errors)})
+    assert outcome.gates[0].error == "bem, seed0 and 59 more: a worker process died"
