@@ -203,6 +203,30 @@ def test_an_ensemble_s_error_holds_its_scatter(write_case):
     assert promise_held(chosen, answer).error == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
+def test_plans_keep_their_promise_on_surfaces_they_have_not_seen(write_case):
+    case = replace(load_case(write_case(), "full"), methods=("bem",))
+    first = case.recipes[0]
+
+    def mean_area(recipes) -> float:
+        areas = [
+            bem.solve(case.scene(r), threads=1, area_tolerance=1e-4).final.areas["corrected"].total
+            for r in recipes
+        ]
+        return float(np.mean(areas))
+
+    fine = tuple(2 * n for n in first.shape)
+    truth = mean_area([replace(first, seed=s, shape=fine) for s in range(1000, 1300)])
+    kept = 0
+    for k in range(12):
+        given = tuple(replace(first, seed=s) for s in range(8 * k, 8 * k + 8))
+        chosen = plan(replace(case, recipes=given), 0.05, threads=1)
+        fresh = [replace(r, seed=5000 + 200 * k + i) for i, r in enumerate(chosen.recipes)]
+        kept += abs(mean_area(fresh) / truth - 1) <= 0.05
+    # Of promises at 95 %, more than one broken in twelve has a chance of one in eight.
+    assert kept >= 11
+
+
 # --- theory and finite elements -----------------------------------------------------------------
 
 
