@@ -94,6 +94,9 @@ def _bem(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResul
 
 
 def _fem(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
+    from epcontact import kernel_cache
+
+    kernel_cache.provide()  # which fem_check, independent as it is, cannot ask for itself
     from fem_check.driver import solve
 
     del threads

@@ -234,3 +234,29 @@ def test_one_reason_is_said_once_however_many_surfaces_have_it(write_case) -> No
     errors = tuple(f"bem, seed{i}: a worker process died" for i in range(60))
     outcome = judge_case(case, {"persson": Answer(), "bem": Answer(errors=errors)})
     assert outcome.gates[0].error == "bem, seed0 and 59 more: a worker process died"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="relies on /proc, where nobody can write")
+def test_kernels_compile_where_nothing_can_be_written(tmp_path) -> None:
+    # /proc refuses even root: the package, the home and the named folder all lie there.
+    program = """
+import os, sys
+from pathlib import Path
+from epcontact import kernel_cache
+kernel_cache.__file__ = "/proc/nowhere/epcontact/kernel_cache.py"
+kernel_cache.provide()
+print(os.environ["NUMBA_CACHE_DIR"])
+from epcontact import bem
+assert Path(os.environ["NUMBA_CACHE_DIR"]).is_dir()
+"""
+    away = {"HOME": "/proc/nowhere", "XDG_CACHE_HOME": "/proc/nowhere", "TMPDIR": str(tmp_path)}
+    for named in ({}, {"NUMBA_CACHE_DIR": "/proc/nowhere"}):
+        inherited = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+        command = [sys.executable, "-c", program]
+        done = subprocess.run(
+            command, check=False, capture_output=True, text=True, timeout=120,
+            env=inherited | away | named,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.startswith(str(tmp_path))
+        assert list(tmp_path.iterdir()) == []  # gone with the process

@@ -3,7 +3,11 @@
 `solve` answers a scene; `solve_pressure` is the same on plain arrays.
 """
 
-from epcontact.bem.driver import solve
-from epcontact.bem.solver import Options, PressureSolution, solve_pressure
+from epcontact import kernel_cache
+
+kernel_cache.provide()  # before the first kernel is defined
+
+from epcontact.bem.driver import solve  # noqa: E402
+from epcontact.bem.solver import Options, PressureSolution, solve_pressure  # noqa: E402
 
 __all__ = ["Options", "PressureSolution", "solve", "solve_pressure"]
