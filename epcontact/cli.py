@@ -315,7 +315,9 @@ def main() -> None:
         traceback.print_exc()
         code, sentence = 2, "this is a mistake of epcontact's own; please report it"
     if sentence:
-        click.echo(f"epcontact: {sentence}", err=True)
+        # A name may hold any character; one that moves the cursor is shown, not obeyed.
+        shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in sentence)
+        click.echo(f"epcontact: {shown}", err=True)
     sys.exit(code)
 
 

@@ -409,7 +409,7 @@ def test_command_lines(in_folder, words) -> None:
 
 
 @pytest.mark.slow
-@some(500)
+@some(150)
 @given(words=st.lists(st.sampled_from(WORDS) | st.text(max_size=10), max_size=7))
 def test_many_command_lines(in_folder, words) -> None:
     judge_line(words, in_folder())
@@ -601,15 +601,16 @@ def test_two_runs_into_one_folder(small, tmp_path) -> None:
 
 @pytest.mark.slow
 def test_killed_at_any_moment_leaves_whole_files(small, tmp_path) -> None:
-    small.write_text(CASE.replace("seeds = [3]", f"seeds = {list(range(40))}"))
+    small.write_text(CASE.replace("seeds = [3]", f"seeds = {list(range(16))}"))
     out = tmp_path / "out"
-    for number in range(4):
+    for number in range(2):
         run = started(small, out)
         deadline = time.monotonic() + 120
         while len(list(out.rglob("bem-seed*.json"))) <= 3 * number and time.monotonic() < deadline:
             time.sleep(0.02)
         run.kill()
-        run.communicate()
+        # Its workers hold the same pipes: they have to end with it.
+        run.communicate(timeout=60)
         # A killed process may leave a temporary file behind, but no half file under its name.
         for path in out.rglob("*.json"):
             if not path.name.startswith(".epcontact-"):
@@ -617,4 +618,4 @@ def test_killed_at_any_moment_leaves_whole_files(small, tmp_path) -> None:
     run = started(small, out)
     _, stderr = run.communicate(timeout=300)
     assert run.returncode == 0, stderr
-    assert stderr.count("(reused)") >= 10
+    assert stderr.count("(reused)") >= 4
