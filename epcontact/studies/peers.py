@@ -35,6 +35,8 @@ Pressure = Callable[[FloatArray, float, float, Any], FloatArray]
 
 #: Largest relative difference of total and plastic raw areas that counts as the same answer.
 AGREEMENT = 1e-3
+#: Seconds after which a code that does not agree is not tried with more effort.
+LONGEST = 60.0
 LOAD, HARDNESS = 0.05, 0.6  # over E*, as everywhere in these studies
 
 
@@ -137,7 +139,7 @@ def race(points: int, bandwidth: int, hardness: float, peers: dict[str, Pressure
             seconds = time.perf_counter() - started
             areas = areas_of(pressure, hardness)
             last = Race(code, side, hardness, seconds, areas, agree(areas, exact), f"{effort:.3g}")
-            if last.agrees:
+            if last.agrees or seconds > LONGEST:
                 break
         found.append(last)
     return found
