@@ -110,7 +110,10 @@ def _plastic(result: Any) -> float:
 def _mean_areas(found: Mapping[str, Answer]) -> dict[str, float]:
     if "bem" not in found:
         return {}
-    results = found["bem"].results
+    # A solver of the user's in the place of bem need not have corrected areas.
+    results = [r for r in found["bem"].results if "corrected" in r.final.areas]
+    if not results:
+        return {}
     parts = ("total", "elastic", "plastic")
     means = {p: [getattr(r.final.areas["corrected"], p) for r in results] for p in parts}
     return {f"{p}, bem": float(np.mean(v)) for p, v in means.items() if np.any(np.array(v) > 0)}

@@ -108,7 +108,7 @@ def _foreign(name: str) -> Solver:
     module_name, _, attribute = name.partition(":")
     try:
         function = getattr(importlib.import_module(module_name), attribute)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InvalidCase(
             f"--solver {name}: cannot be imported ({_one_line(error)}); "
             "give package.module:function"
@@ -120,16 +120,23 @@ def _foreign(name: str) -> Solver:
             result = function(scene)
         except EpcontactError:
             raise
-        except Exception as error:
+        # A solver that calls sys.exit(0) would end the verification, and end it well.
+        except (Exception, SystemExit) as error:
             raise InvalidCase(f"--solver {name} raised {_one_line(error)}") from error
         if not isinstance(result, ContactResult):
             raise InvalidCase(f"{name} returned no epcontact.ContactResult")
+        for field, values in result.fields.items():
+            if np.shape(values) != scene.surface.shape:
+                raise InvalidCase(
+                    f"--solver {name} returned the field {field} of shape {np.shape(values)}, "
+                    f"but the scene's grid is {scene.surface.shape}"
+                )
         return result
 
     return solve
 
 
-def _one_line(error: Exception) -> str:
+def _one_line(error: BaseException) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 

@@ -11,6 +11,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -33,6 +34,27 @@ def half_the_area(scene: Scene) -> ContactResult:
     result = bem.solve(scene)
     areas = {k: replace(a, total=a.total / 2) for k, a in result.final.areas.items()}
     return replace(result, steps=(replace(result.final, areas=areas),))
+
+
+def gives_up(scene: Scene) -> ContactResult:
+    """A solver that ends the process, and says that all is well."""
+    sys.exit(0)
+
+
+def wrong_grid(scene: Scene) -> ContactResult:
+    """A solver whose pressure is on another grid."""
+    return replace(bem.solve(scene), fields={"pressure": np.zeros(3)})
+
+
+@pytest.mark.parametrize(
+    ("solver", "word"), [("gives_up", "SystemExit"), ("wrong_grid", "field pressure of shape (3,)")]
+)
+def test_users_solver_cannot_end_the_verification(write_case, tmp_path, solver, word) -> None:
+    case = load_case(write_case(ONE))
+    plan = Plan(output=tmp_path, solver=f"{__name__}:{solver}", fields="first")
+    answers = run_cases([case], {"small": ("bem",)}, plan, lambda *_: None)
+    assert answers["small"]["bem"].results == ()
+    assert word in answers["small"]["bem"].errors[0]
 
 
 def answer(path: Path, output: Path, **plan: object):
