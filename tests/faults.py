@@ -120,10 +120,10 @@ def coarse(scene: Scene) -> ContactResult:
     """Solved on every second point, each answer given to the points of its cell."""
     every = (slice(None, None, 2),) * scene.surface.heights.ndim
     result = honest(_with_heights(scene, scene.surface.heights[every]))
-    pressure = result.fields["pressure"]
-    for axis in range(pressure.ndim):
-        pressure = np.repeat(pressure, 2, axis)
-    return _with_pressure(result, pressure)
+    fields = dict(result.fields)
+    for axis in range(scene.surface.heights.ndim):
+        fields = {name: np.repeat(a, 2, axis) for name, a in fields.items()}
+    return replace(result, fields=fields)
 
 
 # --- the kernel ----------------------------------------------------------------------------------
