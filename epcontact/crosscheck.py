@@ -204,18 +204,24 @@ def _equal_area(scene: Scene, layers: int | None) -> tuple[float, float, float, 
 
     if capped(math.inf).final.areas["raw"].total >= wanted:
         return math.inf, 0.0, wanted, None
-    low, high = scene.load.final / yield_stress * 1.001, 8.0
-    while capped(high).final.areas["raw"].total >= wanted:
-        low, high = high, 2 * high
+    # Under the least cap that bears the load every node touches.
+    areas = {scene.load.final / yield_stress * 1.001: 1.0}
+    high = 8.0
+    while (found := capped(high).final.areas["raw"].total) >= wanted:
+        areas[high] = found
+        high *= 2
+    areas[high] = found
     count = scene.surface.heights.size
     edges = []
-    # The area jumps by nodes: the ratios between which it passes the wanted count, each way.
+    # The area jumps by nodes: the ratios between which it passes the wanted count, each way. The
+    # area falls with the ratio, so the second search starts from all that the first one knows.
     for target in (wanted + 0.5 / count, wanted - 0.5 / count):
-        a, b = low, high
+        a = max((r for r, area in areas.items() if area > target), default=min(areas))
+        b = min((r for r, area in areas.items() if area <= target and r > a), default=high)
         while b - a > 1e-4 * b:
             middle = math.sqrt(a * b)
-            above = capped(middle).final.areas["raw"].total > target
-            a, b = (middle, b) if above else (a, middle)
+            areas[middle] = capped(middle).final.areas["raw"].total
+            a, b = (middle, b) if areas[middle] > target else (a, middle)
         edges.append(math.sqrt(a * b))
     ratio = (edges[0] + edges[1]) / 2
     at_cap = difference(j2, capped(ratio), ratio * yield_stress)

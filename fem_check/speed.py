@@ -111,12 +111,14 @@ def linear_costs(
 ) -> list[LinearCost]:
     """One linear solve of the same tangent and right-hand side by each of `solvers`: fft,
     jacobi, superlu, smoothed aggregation.  A solver beyond its limit is left out."""
+    unknowns = 3 * nodes**2 * layers
+    wanted = [s for s in solvers if unknowns <= LIMITS.get(s, unknowns)]
+    if not wanted:
+        return []
     problem, state, softening = _middle(nodes, layers)
     right = np.random.default_rng(9).standard_normal(problem.block.field_shape)
     right[-1] = 0
     right[0, ..., 2][state.states == ELASTIC] = 0
-    unknowns = 3 * problem.heights.size * len(problem.block.layers)
-    wanted = [s for s in solvers if unknowns <= LIMITS.get(s, unknowns)]
     out = []
     if "fft" in wanted:
         out.append(_by_fft(problem, state, softening, right, unknowns))

@@ -80,7 +80,7 @@ def test_they_converge_to_each_other_on_the_half_space(law: str) -> None:
 def test_j2_differs_from_the_cap_by_what_the_model_says() -> None:
     """E* xi/sigma_Y = 5, cap at 3 sigma_Y: J2 carries the load on 20 to 50 % more area, and on
     less pressure than the cap; the band is physics, measured on other seeds and grids."""
-    scene = rough_scene(64, 8, pressure=0.05, poisson_ratio=0.3)
+    scene = rough_scene(48, 6, pressure=0.05, poisson_ratio=0.3)
     j2 = fem_check.solve(scene)
     cap = bem.solve(scene, threads=1, compliance=fem_check.surface_compliance(scene))
     ratio = j2.final.areas["raw"].total / cap.final.areas["raw"].total
