@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from epcontact.output.figures import Chart
 
 FloatArray = NDArray[np.float64]
-Pressure = Callable[[FloatArray, float, float, Any], FloatArray]
+Pressure = Callable[..., FloatArray]
 
 #: Largest relative difference of total and plastic raw areas that counts as the same answer.
 AGREEMENT = 1e-3
@@ -57,18 +57,23 @@ class Race:
 
 
 def contact_mechanics(
-    heights: FloatArray, load: float, hardness: float, tolerance: float | None
+    heights: FloatArray,
+    load: float,
+    hardness: float,
+    tolerance: float | None,
+    lengths: tuple[float, float] = (1.0, 1.0),
 ) -> FloatArray:
-    """Pressure over E* by ContactMechanics on a unit period; tolerance: its `pentol`."""
+    """Pressure over E* by ContactMechanics on periods near 1; tolerance: its `pentol`."""
     from ContactMechanics import PeriodicFFTElasticHalfSpace
     from ContactMechanics.Optimization import constrained_conjugate_gradients
 
-    cell = 1 / heights.size
+    nominal = lengths[0] * lengths[1]
+    cell = nominal / heights.size
     found = constrained_conjugate_gradients(
-        PeriodicFFTElasticHalfSpace(heights.shape, 1.0, (1.0, 1.0)),
+        PeriodicFFTElasticHalfSpace(heights.shape, 1.0, lengths),
         heights,
         hardness=None if math.isinf(hardness) else hardness * cell,
-        external_force=load,
+        external_force=load * nominal,
         pentol=tolerance,
         maxiter=20000,
     )
@@ -76,16 +81,20 @@ def contact_mechanics(
 
 
 def tamaas(
-    heights: FloatArray, load: float, hardness: float, effort: float | int | None
+    heights: FloatArray,
+    load: float,
+    hardness: float,
+    effort: float | int | None,
+    lengths: tuple[float, float] = (1.0, 1.0),
 ) -> FloatArray:
-    """Pressure over E* by tamaas on a unit period.
+    """Pressure over E* by tamaas on periods near 1.
 
     effort: the tolerance without a hardness, the number of iterations with one.
     """
     import tamaas as tm
 
     tm.set_log_level(tm.LogLevel.error)
-    model = tm.Model(tm.model_type.basic_2d, [1.0, 1.0], list(heights.shape))
+    model = tm.Model(tm.model_type.basic_2d, list(lengths), list(heights.shape))
     model.E, model.nu = 1.0, 0.0
     if math.isinf(hardness):
         solver = tm.PolonskyKeerRey(model, heights, float(effort or 1e-8))
