@@ -76,13 +76,16 @@ def press(
     forces = np.where(contact, 0.0 if start is None else start, 0.0)
     if load is not None:
         forces = np.where(contact, forces + (load - forces.sum()) / count, 0.0)
-    raw = wanted - displaced(forces)
+    answered = displaced(forces)
+    raw = wanted - answered
     residual = project(raw)
-    scale = norm(project(wanted)) + norm(residual)
+    # Where all that is wanted is the mean that load control leaves free, only rounding is left.
+    rounding = 8 * np.finfo(float).eps * (norm(wanted) + norm(answered))
+    enough = max(tolerance * (norm(project(wanted)) + norm(residual)), rounding)
     direction = np.zeros_like(residual)
     rho_before, spent = 0.0, 0
     for spent in range(1, 500):
-        if norm(residual) <= tolerance * scale:
+        if norm(residual) <= enough:
             break
         z = project(inverse(transform(residual) / compliance, nx))
         rho = dot(residual, z)

@@ -28,7 +28,7 @@ from fem_check.linear_solver import factorise
 from fem_check.mesh import Block, block_for, flat_elements, moved_elements
 from fem_check.path import Reached, added, increments_of, march, point_of_path, targets_of
 from fem_check.plasticity import History
-from fem_check.problem import Counts, Problem
+from fem_check.problem import Counts, Problem, State
 from fem_check.report import contact_result
 
 LawName = Literal["elastic", "capped", "j2"]
@@ -155,26 +155,27 @@ def solve_path(  # noqa: PLR0913
     targets = targets_of(scene, problem, approach)
     increments = increments_of(targets, steps or (J2_INCREMENTS if law == "j2" else None))
     history = plasticity.virgin(problem.bricks.number if law == "j2" else 0)
-    state, reached, notes = None, [], []
+    states: tuple[State, ...] = ()
+    reached, notes = [], []
     area = problem.block.node_area * problem.heights.size
     for number, (point, ends) in enumerate(increments):
         total = Counts()
         found: dict[str, float] = {}
         for target in point:
-            state, counts, found, halvings = march(
-                problem, state, history, target, approach is not None, tolerance
+            states, counts, found, halvings = march(
+                problem, states, history, target, approach is not None, tolerance
             )
             total = added(total, counts)
             if halvings:
                 notes.append(f"an increment towards point {number} was halved {halvings} times")
-        assert state is not None
+        state = states[-1]
         pressure = float(state.forces.sum()) / area if approach is not None else ends / area
         reached.append(point_of_path(problem, pressure, state, history, total, found))
         if output is not None:
             from fem_check.output import write_step
 
-            states = reached[-1].surface_states
-            write_step(Path(output), number, problem, state, history, states)
+            surface = reached[-1].surface_states
+            write_step(Path(output), number, problem, state, history, surface)
         if progress is not None:
             progress((number + 1) / len(increments), f"fem: mean pressure {pressure:.3g} Pa")
     if output is not None:

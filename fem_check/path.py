@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from epcontact.errors import InvalidScene, NotConverged
-from epcontact.results import APART, PLASTIC
+from epcontact.results import APART, ELASTIC, PLASTIC
 from epcontact.scene import Scene
 from fem_check import plasticity
 from fem_check.contact import States, rigid_contact
@@ -100,21 +100,56 @@ def _control(problem: Problem, target: float, by_approach: bool) -> Control:
     return Control(load=target, scale=target)
 
 
+def _predicted(problem: Problem, states: tuple[State, ...], load: float) -> State:
+    """Where the step to `load` starts: on the secant through the last two states.
+
+    The contact area grows about in proportion to the load, so it is extrapolated, too, and filled
+    by the nodes nearest to the flat.  Unloading, a step much longer than the last, and capped
+    forces do not follow the secant: such steps start from the last state.
+    """
+    state = states[-1]
+    forces, count = float(state.forces.sum()), int((state.states == ELASTIC).sum())
+    # Before the first state: no force on no area.
+    earlier = states[-2] if len(states) > 1 else None
+    grown = forces - (0.0 if earlier is None else float(earlier.forces.sum()))
+    ratio = (load - forces) / grown if grown > 0 else 0.0
+    if not 0 < ratio <= 1.5 or np.isfinite(problem.cap):
+        return state
+    u, d, contact = state.displacement, state.approach, state.states == ELASTIC
+    if earlier is not None:
+        u = u + ratio * (u - earlier.displacement)
+        d += ratio * (d - earlier.approach)
+        contact &= state.forces + ratio * (state.forces - earlier.forces) > 0
+        count_before = int((earlier.states == ELASTIC).sum())
+    else:
+        count_before = 0
+    wanted = max(round(count + ratio * (count - count_before)), int(contact.sum()))
+    order = np.where(contact, -np.inf, -u[0, ..., 2] - problem.heights - d)
+    touching = np.full(contact.shape, APART, dtype=np.int8)
+    touching.ravel()[np.argsort(order, axis=None, kind="stable")[:wanted]] = ELASTIC
+    return State(u, d, touching, state.forces)
+
+
 def march(
     problem: Problem,
-    state: State | None,
+    states: tuple[State, ...],
     history: History,
     target: float,
     by_approach: bool,
     tolerance: float,
-) -> tuple[State, Counts, dict[str, float], int]:
-    """Goes to `target` in one increment, or in halves where that does not converge; commits the
-    history after each that does."""
+) -> tuple[tuple[State, ...], Counts, dict[str, float], int]:
+    """Goes on from the last of `states` to `target` in one increment, or in halves where that
+    does not converge; commits the history after each that does.  Returns the last two states,
+    the counts, the residuals, and how often the increment was halved."""
+    state = states[-1] if states else None
     before, goal, halvings, total = _position(problem, state, by_approach), target, 0, Counts()
     while True:
         control = _control(problem, goal, by_approach)
         try:
-            begun = _elastic_state(problem, control) if state is None else state
+            if state is None:
+                begun = _elastic_state(problem, control)
+            else:
+                begun = state if by_approach else _predicted(problem, states, goal)
             state_, counts, found = solve_step(problem, begun, history, control, Options(tolerance))
         except NotConverged:
             halvings += 1
@@ -123,12 +158,13 @@ def march(
             goal = (before + goal) / 2
             continue
         state, total = state_, added(total, counts)
+        states = (*states[-1:], state)
         if problem.plastic:
             plasticity.commit(
                 state.displacement.reshape(-1, 3), problem.bricks, problem.law, history
             )
         if goal == target:
-            return state, total, found, halvings
+            return states, total, found, halvings
         before, goal = goal, target
 
 
