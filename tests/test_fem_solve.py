@@ -14,6 +14,7 @@ import fem_check
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
 from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
 from epcontact.scene import Body, Load, Material, Scene, Surface
+from epcontact.stability import rough_surface
 from fem_check import driver, plasticity
 from fem_check import path as path_module
 from fem_check.newton import Options, solve_step
@@ -297,3 +298,12 @@ def test_the_estimate_of_memory_is_of_the_right_size() -> None:
     kept += sum(a.nbytes for a in plasticity.virgin(problem.bricks.number))
     needed = driver.bytes_needed(problem.block, plastic=True)
     assert kept < needed < 2.5 * kept
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3])
+def test_full_contact_leaves_nothing_to_press(nu: float) -> None:
+    """With every node in contact the load alone decides: no direction is left to search along."""
+    unit = 1e11 / (1 - nu**2) * 0.1
+    material = Material(1e11, nu, yield_stress=unit / 50)
+    scene = Scene(rough_surface((24, 24)), material, Load(unit))
+    assert fem_check.solve(scene, law="j2").final.areas["raw"].total == 1.0
