@@ -30,6 +30,19 @@ def dense(symbol: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return np.array(columns).T
 
 
+def test_press_ends_where_only_rounding_is_left() -> None:
+    """A flat body in full contact, or forces that are right from the start: nothing to search."""
+    shape = (6, 5)
+    symbol, everywhere = compliance(shape), np.ones(shape, dtype=bool)
+    even = press(symbol, np.full(shape, 0.3), everywhere, 2.0)
+    np.testing.assert_allclose(even.forces, 2.0 / everywhere.sum(), rtol=1e-12)
+    rng = np.random.default_rng(37)
+    forces = rng.random(shape)
+    wanted = inverse(symbol * transform(forces), shape[0]) + 0.2
+    again = press(symbol, wanted, everywhere, float(forces.sum()), start=forces)
+    np.testing.assert_allclose(again.forces, forces, rtol=1e-9)
+
+
 @pytest.mark.parametrize("load", [0.3, None])
 def test_press_agrees_with_a_dense_solve(load: float | None) -> None:
     shape = (6, 5)
