@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from epcontact.bem.area import estimate_areas
 from epcontact.bem.baselines import BASELINES
 from epcontact.bem.constraints import GRADIENT_STEP, states
+from epcontact.bem.distribution import pressure_distribution
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.memory import peak_memory, require_memory
 from epcontact.bem.solver import (
@@ -27,13 +27,13 @@ from epcontact.bem.solver import (
 from epcontact.bem.transforms import Symbol
 from epcontact.errors import InvalidScene
 from epcontact.moduli import effective_modulus, oedometric_modulus
-from epcontact.results import ContactResult, LoadStep, PressureDistribution, Provenance
+from epcontact.results import ContactResult, LoadStep, Provenance
 from epcontact.scene import Scene
 
 FloatArray = NDArray[np.float64]
 Method = Literal["newton", "relaxation", "polonsky_keer", "projected_gradient"]
 
-_DISTRIBUTION_POINTS = 1025
+_DISTRIBUTION_BINS = 1024
 # Along a load path the last answer is the better start up to this ratio of loads; beyond it the
 # coarse grids are.
 _WARM_RATIO = 1.03
@@ -235,7 +235,7 @@ def _result(
         method="bem",
         steps=steps,
         provenance=Provenance(scene.digest, scene.surface.seed, options),
-        distribution=pressure_distribution(pressure, hardness),
+        distribution=pressure_distribution(pressure, hardness, _DISTRIBUTION_BINS),
         fields={
             "heights": scene.surface.heights,
             "pressure": pressure,
@@ -247,19 +247,3 @@ def _result(
         history=solution.history,
         notes=scene.surface.notes + solution.notes,
     )
-
-
-def pressure_distribution(pressure: FloatArray, hardness: float) -> PressureDistribution:
-    """How the area is shared out over the pressures, tabulated at 1025 of them.
-
-    pressure: any shape, in Pa.
-    """
-    top = hardness if math.isfinite(hardness) else float(pressure.max())
-    edges = np.linspace(0, top, _DISTRIBUTION_POINTS)
-    counts = np.histogram(pressure, edges)[0]
-    # The histogram's first and last cells also hold the points on the two bounds.
-    counts[0] -= np.count_nonzero(pressure <= 0)
-    plastic = np.count_nonzero(pressure >= hardness)
-    counts[-1] -= plastic
-    cumulative = np.concatenate([[0], np.cumsum(counts)]) / pressure.size
-    return PressureDistribution(edges, cumulative, plastic / pressure.size)
