@@ -318,7 +318,10 @@ def main() -> None:
         # A name may hold any character; one that moves the cursor is shown, not obeyed.
         shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in sentence)
         click.echo(f"epcontact: {shown}", err=True)
-    sys.exit(code)
+    # Every file is whole by now; the helpers of a broken-off pool of workers are not waited for.
+    with contextlib.suppress(OSError, ValueError):
+        sys.stdout.flush()
+    os._exit(code)
 
 
 def _forget_output() -> None:

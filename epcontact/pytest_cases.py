@@ -50,6 +50,12 @@ class CaseModule(pytest.File):
         for number, gate in enumerate(case.gates):
             yield GateItem.from_parent(self, name=gate.name, number=number)
 
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+        """A case file that cannot be read says so in its one sentence."""
+        if isinstance(excinfo.value, EpcontactError):
+            return str(excinfo.value)
+        return super().repr_failure(excinfo)
+
     def judged(self) -> CaseOutcome:
         """The outcome of the case, solved at the first call."""
         if self.outcome is None:

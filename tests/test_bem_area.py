@@ -13,7 +13,7 @@ from epcontact.bem.area import estimate_areas, perimeter_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import InvalidScene
 from epcontact.reference import hertz, sinusoid
-from epcontact.scene import SelfAffineSpectrum
+from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
 
 OPTIONS = bem.Options(tolerance=1e-7)
@@ -333,3 +333,21 @@ def test_ensembles_and_their_error_estimates(load, hardness):
     covered = np.abs(errors[:, 2]) <= errors[:, 3]
     assert covered.mean() >= 0.8
     assert np.median(errors[:, 3] / np.abs(errors[:, 2])) < 8
+
+
+@pytest.mark.parametrize("load", [1e-6, 0.1, 0.5, 0.9])
+@pytest.mark.parametrize("hardness", [1e7, 1e9, np.inf])
+@pytest.mark.parametrize("shape", [(32, 32), (64,)])
+def test_corrected_areas_can_carry_the_load_however_little_is_resolved(load, hardness, shape):
+    """White noise has nothing that a rim could be told from: bounds, not estimates, are left."""
+    heights = 1e-6 * np.random.default_rng(11).standard_normal(shape)
+    surface = Surface(heights, (1e-3,) * len(shape))
+    pressure = load * (hardness if np.isfinite(hardness) else 1e9)
+    result = bem.solve(Scene(surface, Material(1e11, 0.3, hardness), Load(pressure)))
+    corrected, error = result.final.areas["corrected"], result.final.areas["error"]
+    share = pressure / hardness
+    # The solver's force is right to rounding.
+    assert share * (1 - 1e-12) <= corrected.total <= 1
+    assert 0 <= corrected.plastic <= share * (1 + 1e-12)
+    assert corrected.elastic >= -1e-12
+    assert error.total >= 0

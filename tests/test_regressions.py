@@ -282,3 +282,15 @@ assert Path(os.environ["NUMBA_CACHE_DIR"]).is_dir()
         assert done.returncode == 0, done.stderr
         assert done.stdout.startswith(str(tmp_path))
         assert list(tmp_path.iterdir()) == []  # gone with the process
+
+
+def test_broken_case_is_collected_as_its_sentence(write_case) -> None:
+    path = write_case(("hurst", "hurts"))
+    (path.parent / "conftest.py").write_text(
+        "from epcontact.pytest_cases import pytest_addoption, pytest_collect_file  # noqa: F401\n"
+    )
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(path.parent)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert "did you mean 'hurst'" in done.stdout
+    assert "Traceback" not in done.stdout
+    assert "casefile.py" not in done.stdout

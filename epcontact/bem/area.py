@@ -84,11 +84,12 @@ def estimate_areas(
             f"pressure {pressure.shape}, gap {gap.shape} and {len(spacing)} spacings do not fit: "
             "a line (nx,) or a grid (nx, ny) each and one spacing a direction are needed"
         )
+    share = float(pressure.mean()) / hardness
     hardness, n = hardness * _ROUNDING, pressure.size
     if pressure.ndim == 1:
         lengths = line_lengths(pressure, gap, hardness, effective_modulus / spacing[0])
         counted, located, error = ((total / n, plastic / n) for total, plastic in lengths)
-        return _areas(*counted), _areas(*located), _error(*error)
+        return _areas(*counted), *_possible(located, error, share)
     stiffness = effective_modulus / math.sqrt(spacing[0] * spacing[1])
     sums = np.zeros(10)
     sweep.sweep(pressure, gap, hardness, stiffness, sums)
@@ -96,12 +97,28 @@ def estimate_areas(
     contact, plastic, _, _ = sweep.count(pressure, hardness)
     correction = _correction(sums, 0)
     plastic_correction = _correction(sums, 1)
-    corrected = _areas((contact - correction) / n, (plastic + plastic_correction) / n)
+    corrected = ((contact - correction) / n, (plastic + plastic_correction) / n)
     uncertain = (
         _uncertainty(sums, 0, correction, min(contact, n - contact)),
         _uncertainty(sums, 1, plastic_correction, min(plastic, n - plastic)),
     )
-    return _areas(contact / n, plastic / n), corrected, _error(*(u / n for u in uncertain))
+    errors = (uncertain[0] / n, uncertain[1] / n)
+    return _areas(contact / n, plastic / n), *_possible(corrected, errors, share)
+
+
+def _possible(
+    areas: tuple[float, float], errors: tuple[float, float], share: float
+) -> tuple[Areas, Areas]:
+    """Total and plastic area moved to the nearest that can carry the load, and their errors.
+
+    share = p0/hardness: at the hardness a plastic area larger than that carries too much, and a
+    contact smaller than that too little.  What had to be moved adds to the error: where nothing
+    of a contact is resolved, the estimate is worth no more than the bound.
+    """
+    bounds = ((share, 1.0), (0.0, share))
+    moved = [min(max(a, low), high) for a, (low, high) in zip(areas, bounds, strict=True)]
+    widened = [e + abs(m - a) for e, m, a in zip(errors, moved, areas, strict=True)]
+    return _areas(*moved), _error(*widened)
 
 
 def _areas(total: float, plastic: float) -> Areas:
