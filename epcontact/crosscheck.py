@@ -15,13 +15,14 @@ and, where the finite elements flow by J2, before all of these,
         model           plastic flow against a pressure cap: physics, not error.
 
 `effective_hardness` turns the last one into a number: the cap, in units of the yield stress, at
-which the capped body has the contact area of the J2 body under the same load.
+which the capped body has the contact area of the J2 body under the same load.  `crosscheck` says
+all of it of a case.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -30,8 +31,9 @@ from numpy.typing import NDArray
 
 import fem_check
 from epcontact import bem
+from epcontact.casefile import Case
 from epcontact.compare import distance
-from epcontact.errors import InvalidScene
+from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.results import APART, ContactResult
 from epcontact.scene import Body, Load, Scene, Surface
 
@@ -45,7 +47,7 @@ class Difference:
     area: relative difference of the raw contact areas.  pressure: L2 norm of the difference of
     the nodal pressures over that of the second.  overlap: shared contact nodes over all nodes in
     either contact (Jaccard).  wasserstein: distance of the pressure distributions, as in
-    `compare`.  nodes: how many differ in being in contact.
+    `compare`.  nodes: how many differ in being in contact.  areas: both raw areas.
     """
 
     area: float
@@ -53,6 +55,7 @@ class Difference:
     overlap: float
     wasserstein: float
     nodes: int
+    areas: tuple[float, float]
 
     def __str__(self) -> str:
         return f"area {self.area:+.2%}, pressure {self.pressure:.1e}"
@@ -72,6 +75,7 @@ def difference(first: ContactResult, second: ContactResult, hardness: float) -> 
         float((a & b).sum() / (a | b).sum()),
         distance("wasserstein", first.distribution, second.distribution, hardness),
         int((a != b).sum()),
+        (float(a.mean()), float(b.mean())),
     )
 
 
@@ -167,16 +171,18 @@ class EffectiveHardness:
 
 
 def effective_hardness(
-    scene: Scene, *, coarse: bool = True, layers: int | None = None
+    scene: Scene, *, coarse: bool = True, depth: float | None = None, layers: int | None = None
 ) -> EffectiveHardness:
     """The effective hardness of a scene's J2 body under its one load; its hardness is not read.
 
     coarse: solve on every other grid point too, for the error; else that part of it is missing.
+    depth (m), layers: of the elements, chosen from the scene where not given.
 
     Raises InvalidScene for a path, or a grid of an odd number of points with `coarse`.
     """
     _require_one_load(scene)
-    ratio, half_node, area, at_cap = _equal_area(scene, layers)
+    block: dict[str, Any] = {"depth": depth, "layers": layers}
+    ratio, half_node, area, at_cap = _equal_area(scene, block)
     error = half_node
     if coarse and math.isfinite(ratio):
         if any(n % 2 or n < 8 for n in scene.surface.shape):
@@ -184,18 +190,20 @@ def effective_hardness(
                 f"the grid of {scene.surface.shape} points has no half; give even numbers of at "
                 "least 8, or coarse=False"
             )
-        error += abs(_equal_area(_half(scene), layers)[0] - ratio)
+        error += abs(_equal_area(_half(scene), block)[0] - ratio)
     material = scene.material
     effective = material.young_modulus / (1 - material.poisson_ratio**2)
     severity = effective * _rms_slope(scene.surface) / material.yield_stress
     return EffectiveHardness(ratio, error, severity, area, at_cap)
 
 
-def _equal_area(scene: Scene, layers: int | None) -> tuple[float, float, float, Difference | None]:
+def _equal_area(
+    scene: Scene, block: dict[str, Any]
+) -> tuple[float, float, float, Difference | None]:
     """(ratio, its change for half a node, area, the difference there), by bisection."""
-    j2 = fem_check.solve(scene, law="j2", layers=layers, certified=False)
+    j2 = fem_check.solve(scene, law="j2", certified=False, **block)
     wanted = j2.final.areas["raw"].total
-    compliance = fem_check.surface_compliance(scene, layers=layers)
+    compliance = fem_check.surface_compliance(scene, **block)
     yield_stress = scene.material.yield_stress
 
     def capped(ratio: float) -> ContactResult:
@@ -226,6 +234,62 @@ def _equal_area(scene: Scene, layers: int | None) -> tuple[float, float, float, 
     ratio = (edges[0] + edges[1]) / 2
     at_cap = difference(j2, capped(ratio), ratio * yield_stress)
     return ratio, abs(edges[1] - edges[0]) / 2, wanted, at_cap
+
+
+def crosscheck(case: Case) -> str:
+    """What makes the finite and the boundary elements of a case differ, surface by surface.
+
+    The error budget of the case's finite-element law; for j2 also both contact areas, their
+    overlap, the distance of the pressure distributions, and the effective hardness.
+
+    Raises InvalidCase where a case has nothing to cross-check, and what the solvers raise.
+    """
+    if case.skip:
+        raise InvalidCase(f"{case.path}: {case.skip}")
+    missing = [m for m in ("fem", "bem") if m not in case.methods]
+    if missing:
+        raise InvalidCase(
+            f"{case.path}: case.methods lacks {' and '.join(missing)}; a cross-check needs both "
+            "fem and bem"
+        )
+    if len(case.load.path) != 1:
+        raise InvalidCase(
+            f"{case.path}: load.mean_pressure is a path of {len(case.load.path)}, but a "
+            "cross-check answers a single mean pressure"
+        )
+    options = case.options["fem"]
+    if options["geometry"] != "gap":
+        raise InvalidCase(
+            f"{case.path}: fem.geometry is {options['geometry']!r}, but must be 'gap': the "
+            "boundary elements know no other, so a cross-check could not tell slope from error"
+        )
+    lines = []
+    for recipe in case.recipes:
+        seed = getattr(recipe, "seed", None)
+        lines.append(f"{case.id}, {case.size}" + ("" if seed is None else f", seed {seed}"))
+        lines += [f"  {line}" for line in _checked(case.scene(recipe), options)]
+    return "\n".join(lines)
+
+
+def _checked(scene: Scene, options: Mapping[str, Any]) -> list[str]:
+    """The lines on one surface."""
+    block = {name: options.get(name) for name in ("depth", "layers")}
+    law = options["law"]
+    budget = error_budget(scene, law=law, report=None, **block)
+    lines = [str(budget)]
+    model = budget.model
+    if model is not None:
+        unit = "hardness" if math.isfinite(scene.material.hardness) else "mean contact pressure"
+        cap = "capped" if math.isfinite(scene.material.hardness) else "elastic"
+        lines.append(
+            f"j2 touches on {model.areas[0]:.4f}, the {cap} body on {model.areas[1]:.4f} of the "
+            f"nodes; overlap {model.overlap:.2f}; distance of the pressure distributions "
+            f"{model.wasserstein:.3f} of the {unit}"
+        )
+        halved = all(n % 2 == 0 and n >= 8 for n in scene.surface.shape)
+        found = effective_hardness(scene, coarse=halved, **block)
+        lines.append(str(found) + ("" if halved else "; no coarser grid in the error"))
+    return lines
 
 
 def _require_one_load(scene: Scene) -> None:

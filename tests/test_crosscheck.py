@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,14 +14,16 @@ from fem_scenes import rough_scene
 
 import fem_check
 from epcontact import bem
+from epcontact.casefile import load_case
 from epcontact.crosscheck import (
     Difference,
     EffectiveHardness,
+    crosscheck,
     difference,
     effective_hardness,
     error_budget,
 )
-from epcontact.errors import InvalidScene
+from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.scene import Body
 
 
@@ -69,7 +74,8 @@ def test_differences_of_known_answers() -> None:
     scene = rough_scene(32, 4)
     one = bem.solve(scene)
     same = difference(one, one, 0.6)
-    assert same == Difference(0.0, 0.0, 1.0, 0.0, 0)
+    area = one.final.areas["raw"].total
+    assert same == Difference(0.0, 0.0, 1.0, 0.0, 0, (area, area))
     fields = dict(one.fields)
     fields["pressure"] = 1.01 * fields["pressure"]
     assert difference(dataclasses.replace(one, fields=fields), one, 0.6).pressure == pytest.approx(
@@ -112,6 +118,73 @@ def test_paths_and_odd_grids_are_refused() -> None:
             function(path)
     with pytest.raises(InvalidScene, match="no half"):
         effective_hardness(rough_scene(15, 3, hardness=math.inf))
+
+
+MODEL = (Path(__file__).parents[1] / "cases/fem-model-5.toml").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def tiny(tmp_path: Path) -> Callable[..., Path]:
+    """fem-model-5 on one surface of 24 x 24 nodes, with replacements."""
+
+    def write(*replacements: tuple[str, str]) -> Path:
+        text = MODEL
+        for old, new in (("[32, 32]", "[24, 24]"), ("[5, 6, 7, 8]", "[5]"), *replacements):
+            assert old in text, old
+            text = text.replace(old, new)
+        path = tmp_path / "fem-model-5.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_a_case_is_cross_checked_in_words(tiny) -> None:
+    case = load_case(tiny())
+    head, budget, areas, effective = crosscheck(case).splitlines()
+    assert head == "fem-model-5, fast, seed 5"
+    assert budget.startswith("  fem j2 against bem: model: ")
+    # A layer: the boundary elements know its depth, too.
+    assert budget.endswith("depth: area +0.00%, pressure 0.0e+00")
+    # The areas said are those of the two bodies.
+    found = [float(word) for word in re.findall(r"on (\d\.\d+)", areas)]
+    j2 = fem_check.solve(case.scene(case.recipes[0]), certified=False)
+    assert found[0] == pytest.approx(j2.final.areas["raw"].total, abs=1e-4)
+    assert found[0] > found[1]
+    assert "of the hardness" in areas
+    ratio, error = (float(word) for word in re.findall(r"c_eff = (\S+) \+- (\S+) ", effective)[0])
+    assert 1.5 < ratio < 2.6
+    assert 0 < error < 1
+
+
+def test_an_elastic_case_has_a_budget_and_no_model(tiny) -> None:
+    lines = crosscheck(load_case(tiny(('law = "j2"', 'law = "elastic"')))).splitlines()
+    assert len(lines) == 2
+    assert lines[1].startswith("  fem elastic against bem: solver: ")
+
+
+def test_an_odd_grid_says_what_its_error_lacks(tiny) -> None:
+    text = crosscheck(load_case(tiny(("[24, 24]", "[25, 25]"))))
+    assert text.endswith("; no coarser grid in the error")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('"fem", "bem"]', '"fem"]', "lacks bem"),
+        ("mean_pressure = 5.7692e+08", "mean_pressure = [1.0e8, 5.0e8]", "is a path of 2"),
+        ('law = "j2"', 'law = "j2"\ngeometry = "moved"', "fem.geometry is 'moved'"),
+    ],
+)
+def test_a_case_that_cannot_be_cross_checked_is_refused(
+    tiny, old: str, new: str, sentence: str
+) -> None:
+    path = tiny((old, new))
+    if "lacks" in sentence:  # gates against what is missing would be refused first
+        kept = [g for g in path.read_text().split("[[gate]]") if 'against = "bem"' not in g]
+        path.write_text("[[gate]]".join(kept))
+    with pytest.raises(InvalidCase, match=sentence):
+        crosscheck(load_case(path))
 
 
 def severities(seed: int, nu: float, severity: float) -> EffectiveHardness:
