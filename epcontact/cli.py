@@ -318,10 +318,7 @@ def main() -> None:
         # A name may hold any character; one that moves the cursor is shown, not obeyed.
         shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in sentence)
         click.echo(f"epcontact: {shown}", err=True)
-    # Every file is whole by now; the helpers of a broken-off pool of workers are not waited for.
-    with contextlib.suppress(OSError, ValueError):
-        sys.stdout.flush()
-    os._exit(code)
+    sys.exit(code)
 
 
 def _forget_output() -> None:
