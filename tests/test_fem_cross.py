@@ -35,7 +35,7 @@ def distance(a: ContactResult, b: ContactResult) -> float:
 
 
 @pytest.mark.parametrize("law", ["elastic", "capped"])
-@pytest.mark.parametrize("seed", [7, 8, 11])
+@pytest.mark.parametrize("seed", [7, 8, pytest.param(11, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("nodes", "highest", "dimensions"), [(32, 4, 2), (64, 16, 2), (256, 16, 1)]
 )
@@ -62,7 +62,7 @@ def test_the_compliance_given_is_what_makes_them_agree() -> None:
     assert distance(fem, other) > 1e-4
 
 
-@pytest.mark.parametrize("law", ["elastic", "capped"])
+@pytest.mark.parametrize("law", [pytest.param("elastic", marks=pytest.mark.slow), "capped"])
 def test_they_converge_to_each_other_on_the_half_space(law: str) -> None:
     grids = np.array([32, 64, 128])
     found = [both(rough_scene(int(n), 4), law, like_for_like=False) for n in grids]
