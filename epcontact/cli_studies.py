@@ -1,4 +1,4 @@
-"""Commands around the main job: chart, plan, stability, report, view, schema."""
+"""Commands around the main job: charts, cross-checks, plans, maps, reports, views, schemas."""
 
 from __future__ import annotations
 
@@ -215,4 +215,14 @@ def schema(kind: str) -> None:
     click.echo(json.dumps(plain(found), indent=2, allow_nan=False))
 
 
-COMMANDS = (chart, plan, stability, report, view, schema)
+@click.command()
+@click.argument("case")
+@click.option("--size", type=click.Choice(casefile.SIZES), default="fast", show_default=True)
+def crosscheck(case: str, size: str) -> None:
+    """Split the difference of finite and boundary elements on CASE: grid, depth, model."""
+    from epcontact.crosscheck import crosscheck as check
+
+    click.echo(check(casefile.load_case(casefile.find_case(case), size)))
+
+
+COMMANDS = (chart, crosscheck, plan, stability, report, view, schema)

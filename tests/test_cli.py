@@ -194,3 +194,26 @@ def test_interrupt_is_clean(write_case, tmp_path, how) -> None:
     assert members
     for member in members:
         json.loads(member.read_text())
+
+
+def test_crosscheck_needs_both_kinds_of_elements(epcontact, write_case) -> None:
+    refused(epcontact("crosscheck", write_case()), "fem", "cross-check needs both")
+
+
+def test_plan_tells_the_model_and_why(epcontact, write_case) -> None:
+    done = epcontact("plan", write_case(), "--tolerance", "20%", "--check")
+    assert done.returncode == 0, done
+    assert done.stdout.startswith("small: ")
+    assert "promise held" in done.stdout
+    refused(epcontact("plan", write_case(), "--tolerance", "little"), "--tolerance", "1%")
+
+
+def test_chart_of_no_name_is_refused_with_the_names(epcontact) -> None:
+    refused(epcontact("chart", "gama"), "gamma")
+
+
+def test_schema_is_json(epcontact) -> None:
+    for kind in ("case", "verdict"):
+        done = epcontact("schema", kind)
+        assert done.returncode == 0
+        assert "$defs" in json.loads(done.stdout)
