@@ -172,16 +172,29 @@ def _solve_all(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Contact
 
 @contextlib.contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while workers start: they inherit this, and deaf to it from their first
-    instruction they print no traceback of an import that was cut short."""
-    if not hasattr(signal, "pthread_sigmask"):
+    """Hold Ctrl-C and termination back while workers start, and answer them afterwards.
+
+    Workers inherit the mask: deaf to Ctrl-C from their first instruction, they print no traceback
+    of an import that was cut short.  The mask alone is not enough, as a thread of a library may
+    take the signal; interrupted while it hands a worker its task, the parent would leave one that
+    reads half of it.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    if not (main and hasattr(signal, "pthread_sigmask")):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    held: list[int] = []
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    kinds = (signal.SIGINT, signal.SIGTERM)
+    handlers = [signal.signal(kind, lambda number, _: held.append(number)) for kind in kinds]
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for kind, handler in zip(kinds, handlers, strict=True):
+            signal.signal(kind, handler)
+    if held:
+        raise KeyboardInterrupt
 
 
 def _quiet_worker() -> None:
