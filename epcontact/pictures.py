@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from epcontact.casefile import Case
 from epcontact.output.files import write_bytes, write_json
 from epcontact.run import Answer
-from epcontact.scene import Surface
+from epcontact.scene import Scene, Surface
 
 FloatArray = NDArray[np.float64]
 
@@ -30,21 +30,22 @@ def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> l
 
     Raises OutputError.
     """
+    scene = case.scene(case.recipes[0])
+    theory = answers.get("persson", Answer()).results
+    curves = _theory_curves(scene, case.options["persson"]) if theory else {}
     written: list[Path] = []
-    for name, chart in _charts(case, answers).items():
+    for name, chart in _charts(case, scene, answers, curves).items():
         written += chart.save(folder / name)
-    if answers.get("persson", Answer()).results:
-        for name, curve in _theory_curves(case).items():
-            path = folder / f"persson-{name}.json"
-            write_json(path, {key: list(column) for key, column in curve.columns().items()})
-            written.append(path)
+    for name, curve in curves.items():
+        path = folder / f"persson-{name}.json"
+        write_json(path, {key: list(column) for key, column in curve.columns().items()})
+        written.append(path)
     return written
 
 
-def _theory_curves(case: Case) -> dict[str, Any]:
+def _theory_curves(scene: Scene, options: Mapping[str, Any]) -> dict[str, Any]:
     from epcontact import persson
 
-    scene, options = case.scene(case.recipes[0]), case.options["persson"]
     return {
         "magnification": persson.scene_magnification_curve(scene, **options),
         "pressure": persson.scene_pressure_curve(scene, **options),
@@ -68,15 +69,16 @@ def _spectrum_chart(surface: Surface) -> Any:
     return power_spectrum(series, line=dimension == 1)
 
 
-def _charts(case: Case, answers: Mapping[str, Answer]) -> dict[str, Any]:
+def _charts(
+    case: Case, scene: Scene, answers: Mapping[str, Answer], curves: Mapping[str, Any]
+) -> dict[str, Any]:
     from epcontact.output.charts import areas_against_magnification, pressure_distribution
     from epcontact.output.figures import Series
 
-    charts: dict[str, Any] = {"power-spectrum": _spectrum_chart(case.recipes[0].build())}
+    charts: dict[str, Any] = {"power-spectrum": _spectrum_chart(scene.surface)}
     series, plastic = [], {}
     found = {m: a for m, a in answers.items() if a.results and a.results[0].distribution}
-    if "persson" in found:
-        curves = _theory_curves(case)
+    if curves:
         areas, pressure = curves["magnification"], curves["pressure"]
         zeta = areas.magnification
         parts = {"total": areas.total, "elastic": areas.elastic, "plastic": areas.plastic}

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from epcontact.casefile import Case
+from epcontact.cores import available_cores
 from epcontact.errors import InvalidCase
 from epcontact.output.files import write_json
 from epcontact.results import ContactResult
@@ -133,13 +134,6 @@ def _collect(
         ),
         reused=sum(t in reused for t in mine),
     )
-
-
-def available_cores() -> int:
-    """Cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _solve_all(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, ContactResult | str]]:

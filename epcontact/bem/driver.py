@@ -19,12 +19,12 @@ from epcontact.bem.memory import peak_memory, require_memory
 from epcontact.bem.solver import (
     Options,
     PressureSolution,
-    available_threads,
     checked_start,
     checked_symbol,
     solve_symbol,
 )
 from epcontact.bem.transforms import Symbol
+from epcontact.cores import available_cores
 from epcontact.errors import InvalidScene
 from epcontact.moduli import effective_modulus, oedometric_modulus
 from epcontact.results import ContactResult, LoadStep, Provenance
@@ -69,7 +69,7 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     scene.require_loading()
     _require_options(tolerance, area_tolerance, threads, method, max_steps)
     started = time.perf_counter()
-    setup = _Setup(scene, tolerance, area_tolerance or 0.0, threads or available_threads(),
+    setup = _Setup(scene, tolerance, area_tolerance or 0.0, threads or available_cores(),
                    method, max_steps, progress)  # fmt: skip
     require_memory(scene)
     symbol = _symbol(scene, compliance)

@@ -8,7 +8,6 @@ problem (Kalker's variational principle; the cap after Tian and Bhushan, 1996).
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -55,11 +54,6 @@ class Options:
     method: str = "newton"
     max_steps: int = 500
     progress: Callable[[str], None] | None = field(default=None, compare=False)
-
-
-def available_threads() -> int:
-    """The cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def gap_scale(heights: FloatArray, symbol: Symbol, mean_pressure: float) -> float:
