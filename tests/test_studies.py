@@ -27,6 +27,7 @@ from epcontact.studies import (
     resolution,
     save_charts,
     scenes,
+    speed,
     theory,
 )
 from epcontact.studies.drawing import curves, with_orders
@@ -326,6 +327,57 @@ def test_transforms_do_not_grow_with_the_grid_where_the_roughness_is_fixed():
     pairs, times = growth.draw_growth(found, found)
     assert "Exponents" in pairs.caption
     assert len(rows_of(times)) == 6
+
+
+# --- speed --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def solves():
+    return speed.measure([64, 128], quiet, threads=1)
+
+
+def test_the_unit_of_time_is_made_of_transforms_alone(monkeypatch):
+    """Arrays made while the clock runs would be cleared in it, and lengthen the unit."""
+    import ducc0
+
+    outs, r2c, c2r = [], ducc0.fft.r2c, ducc0.fft.c2r
+
+    def recording(transform):
+        return lambda *args, **more: outs.append(more["out"]) or transform(*args, **more)
+
+    monkeypatch.setattr(ducc0.fft, "r2c", recording(r2c))
+    monkeypatch.setattr(ducc0.fft, "c2r", recording(c2r))
+    assert bem.bare_pair_seconds((32, 48), 1, repeats=3) > 0
+    assert [out.shape for out in outs] == [(32, 25), (32, 48)] * 3
+    assert len({out.ctypes.data for out in outs}) == 2
+    # A pair is what a convolution does, scaling included: there and back is where it began.
+    assert np.abs(outs[1] - np.random.default_rng(1).random((32, 48))).max() < 1e-14
+
+
+def test_a_solve_to_areas_costs_less_and_has_them(solves):
+    assert len(solves) == 8
+    for tight, loose in zip(solves[::2], solves[1::2], strict=True):
+        assert (tight.aim, loose.aim) == (speed.TIGHT, speed.LOOSE)
+        assert (tight.law, tight.side) == (loose.law, loose.side)
+        assert loose.finest_pairs <= tight.finest_pairs <= speed.GOALS["finest_pairs"][speed.TIGHT]
+        assert loose.all_pairs <= tight.all_pairs
+        assert tight.area_error == 0
+        assert loose.area_error <= speed.AREA
+
+
+def test_the_charts_of_speed_tell_every_solve_and_the_goals(solves):
+    charts = speed.draw_speed(solves)
+    for key, chart in zip(("finest_pairs", "all_pairs", "time"), charts[:3], strict=True):
+        drawn = {(row["series"], float(row["points_a_side"])): row[key] for row in rows_of(chart)}
+        for one in solves:
+            assert float(drawn[f"{one.law}, {one.aim}", one.side]) == getattr(one, key)
+            assert f"{getattr(one, key):.3g} at {one.side}²" in chart.caption
+    assert "60 for residuals 1e-08" in charts[0].caption
+    assert "120 for residuals 1e-08" in charts[2].caption
+    assert [row["series"] for row in rows_of(charts[3])] == ["capped, areas 0.0001"] * 2 + [
+        "elastic, areas 0.0001"
+    ] * 2
 
 
 # --- finite elements ----------------------------------------------------------------------------

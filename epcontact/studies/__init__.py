@@ -67,6 +67,7 @@ _DESCRIPTIONS = {
     "theory": "error of the theory's series against their terms, of its cells against their number",
     "bem": "residual and area error of Newton and the baselines against FFT pairs and time",
     "growth": "FFT pairs and time of boundary elements against the size of the grid",
+    "speed": "FFT pairs, time in bare FFT pairs, area errors and memory on the paper's scene",
     "fem": "what elements, meshes, depth, load steps and linear solvers of finite elements do",
     "master": "error of the contact area against time for all three methods on one scene",
     "peers": "time to the same areas beside public codes, where they are installed",
