@@ -218,11 +218,23 @@ def schema(kind: str) -> None:
 @click.command()
 @click.argument("case")
 @click.option("--size", type=click.Choice(casefile.SIZES), default="fast", show_default=True)
-def crosscheck(case: str, size: str) -> None:
+@click.option(
+    "--seeds", default="", metavar="FIRST-LAST", help="other random surfaces by the case's recipe"
+)
+def crosscheck(case: str, size: str, seeds: str) -> None:
     """Split the difference of finite and boundary elements on CASE: grid, depth, model."""
     from epcontact.crosscheck import crosscheck as check
 
-    click.echo(check(casefile.load_case(casefile.find_case(case), size)))
+    found = casefile.load_case(casefile.find_case(case), size)
+    click.echo(check(found, _seeds(seeds) if seeds else ()))
+
+
+def _seeds(text: str) -> range:
+    """The seeds FIRST to LAST, both included."""
+    first, _, last = text.partition("-")
+    if not (first.isdecimal() and last.isdecimal() and int(first) <= int(last)):
+        raise click.BadParameter(f"{text} is no range of seeds; give such as 101-112")
+    return range(int(first), int(last) + 1)
 
 
 COMMANDS = (chart, crosscheck, plan, stability, report, view, schema)

@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from epcontact.errors import InvalidCase
-from epcontact.results import ContactResult, PressureDistribution
+from epcontact.errors import InvalidCase, InvalidScene
+from epcontact.results import APART, ContactResult, PressureDistribution
 
 CONFIDENCE = 0.95
 NORMS = ("relative", "absolute", "wasserstein", "supremum", "l2")
@@ -161,6 +161,45 @@ def _mean_pressure(distribution: PressureDistribution) -> float:
     """int sigma dF over the elastic contact: the mean pressure where nothing is plastic."""
     sigma, F = distribution.pressure, distribution.cumulative
     return float(np.sum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(F)))
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Of one answer from another.
+
+    area: relative difference of the raw contact areas.  pressure: L2 norm of the difference of
+    the nodal pressures over that of the second.  overlap: shared contact nodes over all nodes in
+    either contact (Jaccard).  wasserstein: distance of the pressure distributions, as in
+    `compare`.  nodes: how many differ in being in contact.  areas: both raw areas.
+    """
+
+    area: float
+    pressure: float
+    overlap: float
+    wasserstein: float
+    nodes: int
+    areas: tuple[float, float]
+
+    def __str__(self) -> str:
+        return f"area {self.area:+.2%}, pressure {self.pressure:.1e}"
+
+
+def difference(first: ContactResult, second: ContactResult, hardness: float) -> Difference:
+    """Of `first` from `second`, on one grid; hardness (Pa) scales the distributions' distance."""
+    p, q = first.fields["pressure"], second.fields["pressure"]
+    if p.shape != q.shape:
+        raise InvalidScene(f"pressures on grids of {p.shape} and {q.shape} cannot be compared")
+    a, b = first.fields["state"] != APART, second.fields["state"] != APART
+    assert first.distribution is not None
+    assert second.distribution is not None
+    return Difference(
+        float(a.mean() / b.mean() - 1),
+        float(np.linalg.norm(p - q) / np.linalg.norm(q)),
+        float((a & b).sum() / (a | b).sum()),
+        distance("wasserstein", first.distribution, second.distribution, hardness),
+        int((a != b).sum()),
+        (float(a.mean()), float(b.mean())),
+    )
 
 
 def judge(gate: Gate, value: Sequence[float], reference: Sequence[float], paired: bool) -> Verdict:
