@@ -7,7 +7,6 @@ each scene.
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,6 +17,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from epcontact import surfaces
+from epcontact.case_gates import gates_of
+from epcontact.case_mistakes import nearest, sentence
 from epcontact.compare import Gate
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.scene import (
@@ -31,20 +32,16 @@ from epcontact.scene import (
     scene_digest,
 )
 from epcontact.schema import (
-    TABLES,
     CaseFile,
     FileTable,
     FlatPunchTable,
-    GateTable,
     ParaboloidTable,
     SelfAffineTable,
     SinusoidTable,
-    Table,
 )
 from epcontact.surfaces.recipe import require_room
 
 SIZES = ("fast", "full", "large")
-METHODS = ("persson", "bem", "fem")
 LARGEST_FILE = 1 << 20  # bytes; a case is a page of text, anything larger is another file
 
 
@@ -100,7 +97,7 @@ def find_case(name: str) -> Path:
         return path
     known = {p.stem: p for p in find_cases()}
     if name not in known:
-        raise InvalidCase(f"no case is called {name!r}{_nearest(name, known)}")
+        raise InvalidCase(f"no case is called {name!r}{nearest(name, known)}")
     return known[name]
 
 
@@ -177,7 +174,7 @@ def _build(path: Path, size: str, data: Mapping[str, Any]) -> Case:
     try:
         table = CaseFile.model_validate(data)
     except ValidationError as error:
-        raise InvalidCase(f"{path}: {_sentence(error)}") from None
+        raise InvalidCase(f"{path}: {sentence(error)}") from None
     skip = ""
     recipes: tuple[surfaces.Recipe, ...] = ()
     try:
@@ -208,7 +205,7 @@ def _build(path: Path, size: str, data: Mapping[str, Any]) -> Case:
         body=body,
         load=load,
         options=_options(path, table),
-        gates=_gates(path, table, size),
+        gates=gates_of(path, table, size),
         path=path,
         skip=skip,
     )
@@ -273,118 +270,5 @@ def _options(path: Path, table: CaseFile) -> dict[str, dict[str, Any]]:
     return {method: options[method] for method in table.case.methods}
 
 
-def _gates(path: Path, table: CaseFile, size: str) -> tuple[Gate, ...]:
-    gates = []
-    for number, gate in enumerate(table.gate, start=1):
-        where = f"{path}: gate {number}"
-        for method in (gate.of, gate.against):
-            if method in METHODS and method not in table.case.methods:
-                raise InvalidCase(
-                    f"{where} reads {method}, which case.methods does not name; add it there"
-                )
-        if isinstance(gate.against, str) and gate.against not in METHODS:
-            _require_closed_form(where, gate)
-        elif gate.norm == "l2" or (
-            gate.quantity == "distribution" and not isinstance(gate.against, str)
-        ):
-            raise InvalidCase(
-                f"{where}: {gate.quantity} is held against {gate.against!r}, but needs a closed "
-                "form that has it" + (" or a method" if gate.norm != "l2" else "")
-            )
-        if gate.sizes is None or size in gate.sizes:
-            gates.append(_gate(gate))
-    if not gates:
-        raise InvalidCase(f"{path}: no gate applies to size {size!r}, which the case offers")
-    return tuple(gates)
-
-
-def _require_closed_form(where: str, gate: GateTable) -> None:
-    from epcontact.closed_forms import CLOSED_FORMS
-
-    name = str(gate.against)
-    if name not in CLOSED_FORMS:
-        raise InvalidCase(
-            f"{where} has against = {name!r}, which is neither a method nor a closed "
-            f"form{_nearest(name, CLOSED_FORMS)}"
-        )
-    if not CLOSED_FORMS[name].knows(gate.quantity):
-        raise InvalidCase(
-            f"{where}: the closed form {name} has no {gate.quantity!r}; it has "
-            f"{', '.join(CLOSED_FORMS[name].quantities)}"
-        )
-
-
-def _gate(table: GateTable) -> Gate:
-    low, high = table.between or (-float(table.tolerance or 0), float(table.tolerance or 0))
-    return Gate(
-        table.quantity, table.of, table.against, table.norm, low, high, table.because, table.source
-    )
-
-
 def _lengths(value: float | list[float]) -> tuple[float, ...]:
     return tuple(value) if isinstance(value, list) else (value,)
-
-
-def _nearest(name: str, known: Any) -> str:
-    close = difflib.get_close_matches(name, list(known), n=1)
-    if close:
-        return f"; did you mean {close[0]!r}?"
-    return f"; there are {', '.join(sorted(known))}"
-
-
-def _sentence(error: ValidationError) -> str:
-    """The first of pydantic's errors as one sentence naming the key and the remedy."""
-    # A misspelt key is both unknown and missing: the former says more.
-    errors = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-    first, more = errors[0], len(errors) - 1
-    where = _where(first["loc"])
-    kind, given = first["type"], first.get("input")
-    if kind == "extra_forbidden":
-        message = f"{where} is no key of a case file{_suggest(first['loc'])}"
-    elif kind == "missing":
-        message = f"{where} is missing; add it ({_describe(first['loc'])})"
-    elif kind in ("union_tag_not_found", "union_tag_invalid"):
-        message = f"{where}.kind must be one of {', '.join(_KINDS)}"
-    elif kind == "value_error":
-        message = f"{where}: {first['ctx']['error']}"
-    else:
-        message = f"{where} is {given!r}, but must be right: {first['msg'].lower()}"
-    return message + (f" (and {more} more)" if more else "")
-
-
-def _where(location: tuple[Any, ...]) -> str:
-    """The key as it stands in the file: gates counted from 1, no names of types or kinds."""
-    parts = [str(part) for part in location if part not in _KINDS and part not in _TYPES]
-    if parts[:1] == ["gate"] and len(parts) > 1:
-        parts[:2] = [f"gate {int(parts[1]) + 1}"]
-    return ".".join(parts) or "the case"
-
-
-#: What pydantic calls the members of a union.
-_TYPES = ("float", "int", "str", "list[float]")
-
-_KINDS: dict[str, type[Table]] = {
-    "self_affine": SelfAffineTable,
-    "sinusoid": SinusoidTable,
-    "paraboloid": ParaboloidTable,
-    "flat_punch": FlatPunchTable,
-    "file": FileTable,
-}
-
-
-def _table_at(location: tuple[Any, ...]) -> type[Table]:
-    """The schema of the table that holds the key at `location`."""
-    if len(location) == 1:
-        return CaseFile
-    if location[0] == "surface":
-        return _KINDS.get(str(location[1]), SelfAffineTable)
-    return TABLES[str(location[0])]
-
-
-def _suggest(location: tuple[Any, ...]) -> str:
-    return _nearest(str(location[-1]), _table_at(location).model_fields)
-
-
-def _describe(location: tuple[Any, ...]) -> str:
-    field = _table_at(location).model_fields.get(str(location[-1]))
-    return (field.description if field else None) or f"a table [{location[-1]}]"

@@ -19,12 +19,16 @@ and of the surface that the scene was given, whatever recipe it claims to follow
     surface_rms_height   in m
     surface_rms_slope    by spectral derivatives
     surface_curvature    in 1/m, at the highest point, by differences, mean over the axes
+
+and of finite elements under J2 how they differ from the boundary elements on the elements' own
+compliance: `model_difference` says what model_area, model_overlap, model_distance,
+effective_hardness, effective_overlap and elements_area are.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,13 +119,28 @@ FIELD_MEASURES: dict[str, Callable[[FloatArray, Scene, ContactResult], float]] =
     "measured_carried": _carried,
     "smallest_contact_pressure": _smallest,
 }
-MEASURES = (*SURFACE_MEASURES, *FIELD_MEASURES)
+#: Of `model_difference`, which is imported where they are asked for: it takes both solvers.
+MODEL_MEASURES = (
+    "model_area",
+    "model_overlap",
+    "model_distance",
+    "effective_hardness",
+    "effective_overlap",
+    "elements_area",
+)
+MEASURES = (*SURFACE_MEASURES, *FIELD_MEASURES, *MODEL_MEASURES)
 
 
 def measure(name: str, scene: Scene, result: ContactResult) -> float:
     """The measure called `name`.  Raises InvalidCase if the result lacks what it takes."""
-    if name in SURFACE_MEASURES:
-        return SURFACE_MEASURES[name](scene)
+    return measure_all((name,), scene, result)[name]
+
+
+def measure_all(names: Collection[str], scene: Scene, result: ContactResult) -> dict[str, float]:
+    """`measure` of each name; those that share a solve share it."""
+    found = {name: SURFACE_MEASURES[name](scene) for name in names if name in SURFACE_MEASURES}
+    if len(found) == len(names):
+        return found
     pressure = result.fields.get("pressure")
     if pressure is None:
         raise InvalidCase(f"{result.method} gives no field 'pressure' for a gate")
@@ -130,4 +149,10 @@ def measure(name: str, scene: Scene, result: ContactResult) -> float:
             f"{result.method} gives a pressure of shape {np.shape(pressure)} on a grid of "
             f"{scene.surface.shape}"
         )
-    return FIELD_MEASURES[name](np.asarray(pressure, dtype=np.float64), scene, result)
+    p = np.asarray(pressure, dtype=np.float64)
+    found |= {n: FIELD_MEASURES[n](p, scene, result) for n in names if n in FIELD_MEASURES}
+    if model := set(names) & set(MODEL_MEASURES):
+        from epcontact.model_difference import model_measures
+
+        found |= model_measures(model, scene, result)
+    return found

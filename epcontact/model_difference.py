@@ -116,7 +116,7 @@ def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray:
             f"the result of {result.method} does not say its block's {missing.args[0]}, so what "
             "the law alone does cannot be told"
         ) from None
-    return fem_check.surface_compliance(scene, **block)
+    return np.asarray(fem_check.surface_compliance(scene, **block))
 
 
 def capped_body(scene: Scene, hardness: float, compliance: FloatArray | None) -> ContactResult:

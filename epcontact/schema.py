@@ -201,7 +201,10 @@ class GateTable(Table):
         "residual.<name>, iterations.<name>, cost.<name>, distribution, or field.<name>; "
         "quantity.measured_<force|bounds|gap|raw_total|raw_plastic|carried> is measured on the "
         "method's fields, quantity.surface_<rms_height|rms_slope|curvature> on the surface, by "
-        "the harness itself"
+        "the harness itself; of fem under j2 quantity.model_<area|overlap|distance> tells it from "
+        "the capped bem on the elements' own compliance, quantity.effective_<hardness|overlap> "
+        "is hardness/yield_stress at equal contact area and the overlap there, and "
+        "quantity.elements_area what the elements' compliance does to the capped area"
     )
     of: Method = Field(description="the method that is judged")
     against: str | float = Field(description="a method, a closed form's name, or a number")

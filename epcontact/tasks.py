@@ -21,7 +21,7 @@ import numpy as np
 from epcontact.casefile import Case
 from epcontact.closed_forms import CLOSED_FORMS
 from epcontact.errors import EpcontactError, InvalidCase, NotConverged
-from epcontact.measures import MEASURES, measure
+from epcontact.measures import MEASURES, measure_all
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 from epcontact.surfaces import Recipe
@@ -146,11 +146,9 @@ def _with_field_measures(task: Task, scene: Scene, result: ContactResult) -> Con
 
     They are taken here because fields do not leave the process that made them.
     """
-    measures = {}
-    for name in measured_by(task.case, task.method):
-        if not name.startswith("l2."):
-            measures[name] = measure(name, scene, result)
-            continue
+    asked = measured_by(task.case, task.method)
+    measures = measure_all({n for n in asked if not n.startswith("l2.")}, scene, result)
+    for name in asked - measures.keys():
         _, form, field_name = name.split(".")
         exact = CLOSED_FORMS[form].field(field_name, scene)
         found = result.fields.get(field_name)
