@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem import split_passes
+from epcontact.bem.passes import Workers
 from epcontact.bem.transforms import Convolution, Points, Symbol
 
 FloatArray = NDArray[np.float64]
@@ -50,17 +51,13 @@ class SplitOperator:
             True: (stiffness[0] / convolution.scale).astype(np.float32),
         }
         self._coarse = {
-            False: Convolution(
-                Symbol.from_quarter(compliance[1], half), convolution.scale, self.workers
-            ),
-            True: Convolution(
-                Symbol.from_quarter(stiffness[1], half), 1 / convolution.scale, self.workers
-            ),
+            False: _single(compliance[1], half, convolution.scale, self.workers),
+            True: _single(stiffness[1], half, 1 / convolution.scale, self.workers),
         }
         self._coarse[True].share(self._coarse[False])
         width = ny + split_passes.HALO_LEFT + split_passes.HALO_RIGHT
         self._masked = np.zeros((nx, width), dtype=np.float32)
-        self._half = np.empty(half)
+        self._half = np.empty(half, dtype=np.float32)
         self._row_step = max(2, convolution.row_step // 2 * 2)
         self._points: Points | None = None
 
@@ -104,6 +101,15 @@ class SplitOperator:
         self._coarse[inverse].apply(half, half)
         sums = self.workers.run(gather, points.begins)
         return sum(s for s, _ in sums), sum(s for _, s in sums)
+
+
+def _single(
+    quarter: FloatArray, shape: tuple[int, int], scale: float, workers: Workers
+) -> Convolution:
+    """The coarse part in single precision, its symbol brought to order one."""
+    largest = float(quarter.max())
+    symbol = Symbol.from_quarter((quarter / largest).astype(np.float32), shape)
+    return Convolution(symbol, scale * largest, workers, np.float32)
 
 
 def _halves(symbol: Symbol) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:

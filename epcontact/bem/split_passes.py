@@ -13,6 +13,12 @@ _jit = numba.njit(nogil=True, cache=True, fastmath={"reassoc", "contract", "nsz"
 #: Columns that a masked grid repeats on its left and right, and points that a stencil handles at
 #: once: a register of single precision.
 HALO_LEFT, HALO_RIGHT, RUN = 3, 20, 16
+# Points of the half grid along a run with their neighbours, and the midpoints between them:
+# constants, so that the loops over them are unrolled.
+_LINE, _MIDDLE = RUN // 2 + 4, RUN // 2 + 1
+
+# Weights of cubic interpolation midway between points.
+_INNER, _OUTER = np.float32(9 / 16), np.float32(-1 / 16)
 
 
 @_jit
@@ -36,8 +42,6 @@ def restrict(masked: Any, half: Any, first: int, last: int) -> None:
     nx = masked.shape[0]
     width = 2 * half.shape[1] + 6
     line = np.empty(width, dtype=np.float32)
-    outer = np.float32(-1 / 16)
-    inner = np.float32(9 / 16)
     for row in range(first, last):
         i = 2 * row
         at = masked[i, HALO_LEFT - 3 :]
@@ -46,11 +50,13 @@ def restrict(masked: Any, half: Any, first: int, last: int) -> None:
         c = masked[(i + 1) % nx, HALO_LEFT - 3 :]
         d = masked[(i + 3) % nx, HALO_LEFT - 3 :]
         for j in range(width):
-            line[j] = at[j] + inner * (b[j] + c[j]) + outer * (a[j] + d[j])
+            line[j] = at[j] + _INNER * (b[j] + c[j]) + _OUTER * (a[j] + d[j])
         for j in range(half.shape[1]):
             k = 2 * j + 3
             half[row, j] = (
-                line[k] + inner * (line[k - 1] + line[k + 1]) + outer * (line[k - 3] + line[k + 3])
+                line[k]
+                + _INNER * (line[k - 1] + line[k + 1])
+                + _OUTER * (line[k - 3] + line[k + 3])
             )
 
 
@@ -60,41 +66,19 @@ _UINT = np.uint64
 
 
 @_jit
-def _coarse_line(half: Any, my: int, rows: Any, first: int, line: Any, middle: Any) -> None:
-    """The half grid (flat) interpolated by cubics to a row of the fine grid.
-
-    rows: the half grid's row that the fine one lies on, or the four around it; first: a column.
-    Fills line at the columns from `first`, and middle[k] midway between line[k] and line[k + 1].
-    """
-    if first >= 0 and first + line.size <= my:
-        b = _UINT(rows[1] * my + first)
-        if rows.size == 3:
-            for t in range(_UINT(line.size)):
-                line[t] = half[b + t]
-        else:
-            a = _UINT(rows[0] * my + first)
-            c, d = _UINT(rows[2] * my + first), _UINT(rows[3] * my + first)
-            for t in range(_UINT(line.size)):
-                line[t] = (9 * (half[b + t] + half[c + t]) - half[a + t] - half[d + t]) * 0.0625
-    else:
-        for t in range(line.size):
-            k = (first + t) % my
-            if rows.size == 3:
-                line[t] = half[rows[1] * my + k]
-            else:
-                line[t] = (
-                    9 * (half[rows[1] * my + k] + half[rows[2] * my + k])
-                    - half[rows[0] * my + k]
-                    - half[rows[3] * my + k]
-                ) / 16
-    for k in range(_UINT(1), _UINT(line.size - 2)):
-        middle[k] = (
-            9 * (line[k] + line[k + _UINT(1)]) - line[k - _UINT(1)] - line[k + _UINT(2)]
-        ) * 0.0625
+def _around_the_edge(
+    half: Any, my: int, rows: tuple[int, int, int, int], first: int, line: Any
+) -> None:
+    """The rows of the half grid (flat indices of their first points) interpolated midway, at
+    columns from `first` on that reach beyond the grid and are repeated."""
+    a, b, c, d = rows
+    for t in range(line.size):
+        k = (first + t) % my
+        line[t] = _INNER * (half[b + k] + half[c + k]) + _OUTER * (half[a + k] + half[d + k])
 
 
 @_jit
-def gather_split(
+def gather_split(  # noqa: PLR0912, PLR0915 - one loop: cut into functions it took a third longer
     masked: Any, half: Any, taps: Any, index: Any, out: Any, other: Any
 ) -> tuple[float, float]:
     """At the listed points, the 7 x 7 stencil on `masked` plus `half` interpolated.
@@ -107,9 +91,8 @@ def gather_split(
     mx, my = half.shape
     fine, coarse = masked.reshape(-1), half.reshape(-1)
     near = np.empty(RUN, dtype=np.float32)
-    line = np.empty(RUN // 2 + 4)
-    middle = np.empty(RUN // 2 + 4)
-    on, between = np.empty(3, dtype=np.int64), np.empty(4, dtype=np.int64)
+    line = np.empty(_LINE, dtype=np.float32)
+    middle = np.empty(_MIDDLE, dtype=np.float32)
     reach = 0
     for a in range(4):
         if taps[3 - a, 3] != 0:
@@ -138,22 +121,44 @@ def gather_split(
                     + c2 * (fine[at + _UINT(1)] + fine[at + _UINT(5)])
                     + c3 * (fine[at] + fine[at + _UINT(6)])
                 )
+        # The half grid's rows around this one, interpolated to it: line, and midway: middle.
         first = j // 2 - 1
+        r = i // 2
+        b = r * my
         if i % 2 == 0:
-            on[1] = i // 2
-            _coarse_line(coarse, my, on, first, line, middle)
+            if first >= 0 and first + _LINE <= my:
+                ub = _UINT(b + first)
+                for t in range(_UINT(_LINE)):
+                    line[t] = coarse[ub + t]
+            else:
+                for t in range(_LINE):
+                    line[t] = coarse[b + (first + t) % my]
         else:
-            r = i // 2
-            between[0] = r - 1 if r > 0 else mx - 1
-            between[1] = r
-            between[2] = r + 1 if r + 1 < mx else 0
-            between[3] = between[2] + 1 if between[2] + 1 < mx else 0
-            _coarse_line(coarse, my, between, first, line, middle)
+            a = (r - 1 if r > 0 else mx - 1) * my
+            c = (r + 1 if r + 1 < mx else 0) * my
+            d = (r + 2 if r + 2 < mx else r + 2 - mx) * my
+            if first >= 0 and first + _LINE <= my:
+                ua, ub, uc, ud = (
+                    _UINT(a + first),
+                    _UINT(b + first),
+                    _UINT(c + first),
+                    _UINT(d + first),
+                )
+                for t in range(_UINT(_LINE)):
+                    line[t] = _INNER * (coarse[ub + t] + coarse[uc + t]) + _OUTER * (
+                        coarse[ua + t] + coarse[ud + t]
+                    )
+            else:
+                _around_the_edge(coarse, my, (a, b, c, d), first, line)
+        for t in range(_UINT(_MIDDLE)):
+            middle[t] = _INNER * (line[t + _UINT(1)] + line[t + _UINT(2)]) + _OUTER * (
+                line[t] + line[t + _UINT(3)]
+            )
         origin = index[k] - j
         for m in range(k, last + 1):
             column = index[m] - origin
             c = column // 2 - first
-            value = near[column - j] + (line[c] if column % 2 == 0 else middle[c])
+            value = near[column - j] + (line[c] if column % 2 == 0 else middle[c - 1])
             out[m] = value
             total += value
             product += value * other[m]
