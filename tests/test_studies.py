@@ -6,11 +6,13 @@ import csv
 import io
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from epcontact import persson
 from epcontact.bem import solve
 from epcontact.output.figures import Series
 from epcontact.persson import areas
@@ -24,6 +26,7 @@ from epcontact.studies import (
     magnification,
     master,
     peers,
+    pressures,
     resolution,
     save_charts,
     scenes,
@@ -327,6 +330,68 @@ def test_transforms_do_not_grow_with_the_grid_where_the_roughness_is_fixed():
     pairs, times = growth.draw_growth(found, found)
     assert "Exponents" in pairs.caption
     assert len(rows_of(times)) == 6
+
+
+# --- pressures ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def ends():
+    return pressures.measure((4, 8, 16), 16, range(3), quiet)
+
+
+def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
+    scene = scenes.rough_scene(4, 1, 8)
+    theory, end_slopes, distribution = pressures.theory_of(scene)
+    exact = persson.solve(scene, energy_reduction=scenes.GAMMA, spectrum="surface")
+    areas_, G = exact.final.areas["raw"], exact.final.quantities["diffusion"]
+    # A million pressures, evenly by their share of the area, as a field of boundary elements.
+    n = 1_000_000
+    sigma = np.linspace(0, scenes.HARDNESS, 20001)
+    cumulative = persson.pressure_cumulative(sigma, G, scenes.MEAN_PRESSURE, scenes.HARDNESS)
+    share = (np.arange(n) + 0.5) / n
+    pressure = np.interp(share, cumulative, sigma, right=0.0)
+    pressure[share > 1 - areas_.plastic] = scenes.HARDNESS
+    found = pressures.figures_of(replace(exact, fields={"pressure": pressure}), 4)
+    # The smallest window holds 1300 of the pressures; the table of them is linear in steps.
+    np.testing.assert_allclose(found[:, pressures.MEAN_SLOPE :], theory[:, 4:], rtol=2e-3)
+    np.testing.assert_allclose(found[:, pressures.RAW_SLOPE], theory[:, 1], rtol=2e-2)
+    assert np.all(np.abs(found[:, pressures.DENSITY]) < 2e-3)
+    # P bends down from both its ends, so that the mean slope falls from that at the very end.
+    assert np.all(np.diff(np.column_stack([end_slopes, theory[:, 2:]])) < 0)
+    assert distribution.plastic == pytest.approx(areas_.plastic)
+
+
+def test_limits_of_exact_powers_are_exact():
+    n = np.array([4.0, 8.0, 16.0])
+    values = np.empty((2, 3, 2, 2 + len(pressures.WINDOWS)))
+    values[:] = (0.3 + 0.2 / n)[:, None, None]
+    values[..., :2] = (0.1 + 0.4 / np.sqrt(n))[:, None, None]
+    found = pressures.Ends(n, values, np.ones((2, 8)), np.ones(2), {}, 16)
+    for figure, limit in ((0, 0.1), (1, 0.1), (2, 0.3)):
+        assert found.limit(0, figure).limit == pytest.approx(limit, abs=1e-12)
+    # Surfaces that agree and a fit that is exact leave no error; slopes have but two grids left.
+    assert found.limit(0, pressures.DENSITY).error < 1e-12
+
+
+def test_the_density_at_both_ends_falls_with_the_grid(ends):
+    for end in range(2):
+        raw = ends.limit(end, pressures.DENSITY)
+        assert np.all(np.diff(raw.mean) < 0)
+        assert abs(raw.limit) < 0.5 * raw.mean[-1]
+        # The mean slope is positive where the raw one may still be hidden by the rims.
+        assert ends.limit(end, pressures.MEAN_SLOPE).mean[-1] > 0
+
+
+def test_the_charts_of_pressures_tell_the_limits(ends):
+    charts = pressures.draw_ends(ends)
+    assert "zero lies" in charts[1].caption
+    for end, name in enumerate(pressures.ENDS):
+        one = ends.limit(end, pressures.DENSITY)
+        assert f"limit {one.limit:+.2g} ± {one.error:.2g}" in charts[1].caption
+        rows = [row for row in rows_of(charts[1]) if row["series"] == f"{name}, limit"]
+        assert float(rows[0]["relative_density"]) == one.limit
+    assert {row["series"] for row in rows_of(charts[0])} >= {"persson", "4 points a wavelength"}
 
 
 # --- speed --------------------------------------------------------------------------------------

@@ -112,12 +112,18 @@ def end_fits(
     sums /= flat.size
     raw, corrected = areas
     surplus = (raw.total - corrected.total, corrected.plastic - raw.plastic)
-    fits = [_line(sums[end, 0], sums[end, 1], surplus[end], window) for end in range(2)]
+    fits = [end_fit(sums[end, 0], sums[end, 1], window, surplus[end]) for end in range(2)]
     return fits[0], fits[1] if finite else None
 
 
-def _line(share: float, moment: float, surplus: float, w: float) -> EndFit:
-    """density d and slope s with d w + s w^2/2 = share, d w^2/2 + s w^3/3 = moment."""
+def end_fit(share: float, moment: float, window: float, surplus: float = 0.0) -> EndFit:
+    """The fit to a share of the nominal area within `window` (Pa) of an end.
+
+    moment: integral of the distance from the end over that share, Pa; surplus: what of the share
+    is the grid's.  The line of density d and slope s at the end has the same share and moment,
+    d w + s w^2/2 and d w^2/2 + s w^3/3.
+    """
+    w = window
     slope = 12 * moment / w**3 - 6 * share / w**2
     return EndFit(share / w - slope * w / 2, slope, 2 * (share - surplus) / w**2, w)
 

@@ -68,6 +68,7 @@ _DESCRIPTIONS = {
     "bem": "residual and area error of Newton and the baselines against FFT pairs and time",
     "growth": "FFT pairs and time of boundary elements against the size of the grid",
     "speed": "FFT pairs, time in bare FFT pairs, area errors and memory on the paper's scene",
+    "pressures": "P(sigma) at 0 and at the hardness, raw and extrapolated, beside the theory",
     "fem": "what elements, meshes, depth, load steps and linear solvers of finite elements do",
     "master": "error of the contact area against time for all three methods on one scene",
     "peers": "time to the same areas beside public codes, where they are installed",

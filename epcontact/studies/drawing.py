@@ -37,6 +37,7 @@ def curves(  # noqa: PLR0913 - what a chart consists of, by keyword
     limits: Mapping[str, Any] | None = None,
     ticks: Sequence[float] = (),
     apart: Sequence[str] = (),
+    hollow: Sequence[str] = (),
     zeros: bool = False,
 ) -> Chart:
     """Curves and points on one axis, its legend beside it.
@@ -44,7 +45,8 @@ def curves(  # noqa: PLR0913 - what a chart consists of, by keyword
     x, y: labels with units; columns: the names of both in the CSV; log: "x", "y" or "xy";
     upright: dotted lines by their labels; level: a dotted horizontal line; pareto: the series
     among whose points (cost, error) the front is drawn; limits: of the axes; ticks: along x;
-    apart: series whose points are not joined; zeros: show values of 0 below a logarithmic axis.
+    apart: series whose points are not joined; hollow: series of open marks; zeros: show
+    values of 0 below a logarithmic axis.
     """
     with styled():
         figure, (axes,) = new_figure(6.4, 3.9)
@@ -59,6 +61,8 @@ def curves(  # noqa: PLR0913 - what a chart consists of, by keyword
         for drawn in axes.lines:
             if drawn.get_label() in apart:
                 drawn.set_linestyle("none")
+            if drawn.get_label() in hollow:
+                drawn.set_fillstyle("none")
         if zeros:
             zeros_at_the_bottom(axes, series)
         if level is not None:
