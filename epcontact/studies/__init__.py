@@ -69,6 +69,7 @@ _DESCRIPTIONS = {
     "growth": "FFT pairs and time of boundary elements against the size of the grid",
     "speed": "FFT pairs, time in bare FFT pairs, area errors and memory on the paper's scene",
     "pressures": "P(sigma) at 0 and at the hardness, raw and extrapolated, beside the theory",
+    "gap": "mean gap against pressure, its elastic and plastic part, by all methods",
     "fem": "what elements, meshes, depth, load steps and linear solvers of finite elements do",
     "master": "error of the contact area against time for all three methods on one scene",
     "peers": "time to the same areas beside public codes, where they are installed",
