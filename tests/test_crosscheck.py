@@ -25,6 +25,7 @@ from epcontact.crosscheck import (
 )
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.scene import Body
+from epcontact.surfaces import Sinusoid
 
 
 @pytest.mark.parametrize("dimensions", [1, 2])
@@ -166,6 +167,32 @@ def test_an_elastic_case_has_a_budget_and_no_model(tiny) -> None:
 def test_an_odd_grid_says_what_its_error_lacks(tiny) -> None:
     text = crosscheck(load_case(tiny(("[24, 24]", "[15, 15]"))))
     assert text.endswith("; no coarser grid in the error")
+
+
+def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny) -> None:
+    case = load_case(tiny())
+    *alone, head, _, area, _, _, hardness, _, _ = crosscheck(case, seeds=[21, 22]).splitlines()
+    assert [line for line in alone if "seed" in line] == [
+        "fem-model-5, fast, seed 21",
+        "fem-model-5, fast, seed 22",
+    ]
+    assert head.startswith("fem-model-5, fast, 2 surfaces: mean +- standard error")
+    ratios = [float(r) for r in re.findall(r"c_eff = (\S+) ", "\n".join(alone))]
+    low, high = sorted(ratios)
+    mean, error, deviation = (float(x) for x in re.findall(r"[+-]?\d\.\d+", hardness))
+    assert mean == pytest.approx((low + high) / 2, abs=1e-3)
+    assert error == pytest.approx((high - low) / 2, abs=1e-3)
+    assert deviation == pytest.approx((high - low) / math.sqrt(2), abs=1e-3)
+    assert area.startswith("  model, area: +")
+
+
+def test_seeds_that_make_no_ensemble_are_refused(tiny) -> None:
+    case = load_case(tiny())
+    with pytest.raises(InvalidCase, match="different numbers"):
+        crosscheck(case, seeds=[3, 3])
+    wavy = dataclasses.replace(case, recipes=(Sinusoid((1e-3,) * 2, (16, 16), 1e-6),))
+    with pytest.raises(InvalidCase, match="surface is not random"):
+        crosscheck(wavy, seeds=[1, 2])
 
 
 @pytest.mark.parametrize(

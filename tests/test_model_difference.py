@@ -1,0 +1,146 @@
+"""J2 against a cap on one discrete body: the measures that gates read, and their study."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fem_scenes import rough_scene
+
+import fem_check
+from epcontact import bem
+from epcontact.casefile import load_case
+from epcontact.compare import distance
+from epcontact.errors import InvalidCase
+from epcontact.measures import MODEL_MEASURES, measure, measure_all
+from epcontact.model_difference import elements_compliance, model_measures
+from epcontact.results import ContactResult
+from epcontact.scene import Body, Scene
+from epcontact.studies.hardness import NAMES, draw_grids, draw_severities, measured, model_scene
+
+CASES = Path(__file__).parents[1] / "cases"
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return rough_scene(32, 4)
+
+
+@pytest.fixture(scope="module")
+def j2(scene: Scene) -> ContactResult:
+    return fem_check.solve(scene, law="j2", certified=False)
+
+
+def with_fields(result: ContactResult, **fields: np.ndarray) -> ContactResult:
+    return dataclasses.replace(result, fields=dict(result.fields) | fields)
+
+
+@pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 0.7), Body("sliding_layer", 0.7)])
+def test_the_compliance_is_that_of_the_block_that_answered(body: Body) -> None:
+    scene = rough_scene(16, 3, body=body)
+    result = fem_check.solve(scene, law="elastic", layers=7, certified=False)
+    expected = fem_check.surface_compliance(scene, layers=7)
+    np.testing.assert_allclose(elements_compliance(scene, result), expected, rtol=1e-12)
+
+
+def test_a_cap_by_the_elements_does_not_differ_from_a_cap_by_the_boundary_elements() -> None:
+    """The null test: with the law taken out, grid and depth leave nothing behind."""
+    scene = rough_scene(32, 4, hardness=0.35)
+    capped = fem_check.solve(scene, law="capped", certified=False)
+    options = dict(capped.provenance.options) | {"law": "j2"}
+    provenance = dataclasses.replace(capped.provenance, options=options)
+    found = measure_all(MODEL_MEASURES, scene, dataclasses.replace(capped, provenance=provenance))
+    assert found["model_area"] == 0
+    assert found["model_overlap"] == 1
+    assert found["model_distance"] < 1e-3  # the elements tabulate 1025 pressures
+    # Its effective hardness is its hardness, to the node by which the area can tell.
+    assert found["effective_hardness"] == pytest.approx(1.75, rel=0.02)
+    assert found["effective_overlap"] > 0.98
+
+
+def test_the_measures_say_what_they_mean(scene: Scene, j2: ContactResult) -> None:
+    found = measure_all(MODEL_MEASURES, scene, j2)
+    own = bem.solve(scene, compliance=fem_check.surface_compliance(scene))
+    exact = bem.solve(scene)
+    touching, below = j2.fields["state"] > 0, own.fields["state"] > 0
+    assert found["model_area"] == pytest.approx(touching.sum() / below.sum() - 1)
+    assert found["model_overlap"] == (touching & below).sum() / (touching | below).sum()
+    assert j2.distribution is not None
+    assert own.distribution is not None
+    expected = distance("wasserstein", j2.distribution, own.distribution, 0.6)
+    assert found["model_distance"] == pytest.approx(expected)
+    assert found["elements_area"] == pytest.approx(
+        below.sum() / (exact.fields["state"] > 0).sum() - 1
+    )
+    # The area of the J2 body tells the model from 8 nodes a wave, as its grid is taken out.
+    assert found["model_area"] > 2 * abs(found["elements_area"])
+    assert 1.5 < found["effective_hardness"] < 2.3
+    assert found["effective_overlap"] > found["model_overlap"]
+
+
+def test_one_measure_alone_is_what_it_is_among_all(scene: Scene, j2: ContactResult) -> None:
+    together = measure_all(MODEL_MEASURES, scene, j2)
+    for name in MODEL_MEASURES:
+        assert measure(name, scene, j2) == together[name]
+
+
+def test_a_turned_contact_shows_in_the_overlap_and_not_in_the_area(
+    scene: Scene, j2: ContactResult
+) -> None:
+    turned = with_fields(j2, state=j2.fields["state"].T)
+    right = model_measures(("model_area", "model_overlap"), scene, j2)
+    wrong = model_measures(("model_area", "model_overlap"), scene, turned)
+    assert wrong["model_area"] == right["model_area"]
+    assert wrong["model_overlap"] < right["model_overlap"] / 2
+
+
+def test_what_has_no_effective_hardness_or_no_block_is_refused(j2: ContactResult) -> None:
+    stiff = rough_scene(16, 3, yield_stress=10.0, hardness=math.inf)
+    elastic = fem_check.solve(stiff, law="j2", certified=False)
+    with pytest.raises(InvalidCase, match="no cap gives its area"):
+        model_measures(("effective_hardness",), stiff, elastic)
+    scene = rough_scene(16, 3)
+    with pytest.raises(InvalidCase, match="law of the elements is capped, not j2"):
+        model_measures(
+            ("model_area",), scene, fem_check.solve(scene, law="capped", certified=False)
+        )
+    blank = dataclasses.replace(j2.provenance, options={"law": "j2"})
+    with pytest.raises(InvalidCase, match="does not say its block's layers"):
+        model_measures(("model_area",), scene, dataclasses.replace(j2, provenance=blank))
+
+
+# --- the study -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "severity", "nu"),
+    [("fem-model-5", 5, 0.3), ("fem-model-50-nu0", 50, 0.0), ("fem-model-15-nu045", 15, 0.45)],
+)
+def test_the_study_answers_the_scenes_of_the_cases(name: str, severity: float, nu: float) -> None:
+    case = load_case(CASES / f"{name}.toml")
+    seed = case.recipes[0].seed
+    ours, theirs = model_scene(severity, nu, seed, 48), case.scene(case.recipes[0])
+    np.testing.assert_array_equal(ours.surface.heights, theirs.surface.heights)
+    assert ours.body == theirs.body
+    # The case's stresses have five figures.
+    for part in ("hardness", "yield_stress", "poisson_ratio", "young_modulus"):
+        expected = getattr(theirs.material, part)
+        assert getattr(ours.material, part) == pytest.approx(expected, rel=1e-4)
+    assert ours.load.final == pytest.approx(theirs.load.final, rel=1e-4)
+
+
+def test_the_study_draws_what_it_measured() -> None:
+    table = measured(5.0, 0.3, (1, 2), 16, lambda _: None)
+    assert table.shape == (2, len(NAMES))
+    three = np.stack([table, table + 0.1, table + 0.2])
+    charts = draw_severities((5.0, 15.0, 50.0), {0.3: three}, "2 surfaces")
+    for chart, name in zip(charts, NAMES, strict=True):
+        row = chart.rows[0]
+        assert row[:2] == ("nu = 0.3", 5.0)
+        assert row[2] == pytest.approx(table[:, NAMES.index(name)].mean())
+        assert row[3] < row[2] < row[4]
+    grids = draw_grids((4.0, 6.0, 8.0), {5.0: three[..., 0]}, 2)
+    assert [row[2] for row in grids.rows] == pytest.approx([-0.2, -0.1])
