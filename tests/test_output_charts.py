@@ -120,6 +120,17 @@ def make_convergence() -> Chart:
     )
 
 
+def make_short_convergence() -> Chart:
+    """Axes of little more than a decade, where matplotlib labels minor ticks."""
+    n = np.geomspace(3, 60, 6)
+    return charts.convergence([Series("raw", n, 1e-5 / n)], resolution="points a wave (–)")
+
+
+def make_short_work() -> Chart:
+    cost = np.geomspace(300, 6000, 6)
+    return charts.work_precision([Series("newton", cost, 1e-3 / cost)], cost="FFT pairs (–)")
+
+
 def make_history() -> Chart:
     steps = np.arange(30)
     return charts.history([Series("newton", steps, 10.0**-steps)], tolerance=1e-9)
@@ -135,6 +146,8 @@ MAKERS: list[Callable[[], Chart]] = [
     make_spectrum,
     make_work,
     make_convergence,
+    make_short_work,
+    make_short_convergence,
     make_history,
 ]
 

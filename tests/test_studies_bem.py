@@ -1,4 +1,4 @@
-"""Studies of the boundary elements: pressures at both ends, the mean gap, and what a solve costs."""
+"""Studies of the boundary elements: pressures at both ends, the mean gap, what a solve costs."""
 
 from __future__ import annotations
 

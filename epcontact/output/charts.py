@@ -17,6 +17,7 @@ from epcontact.output.figures import (
     Chart,
     Series,
     draw,
+    logarithmic,
     long_table,
     new_figure,
     outside_legend,
@@ -122,12 +123,11 @@ def areas_against_magnification(
         names = [one.name for one in [*curves, *marks]]
         draw(axes, [*curves, *marks], colours=_state_colours(names), positive=True)
         axes.set(
-            xscale="log",
-            yscale="log",
-            xlabel=r"magnification $\zeta = q / q_0$ (–)",
-            ylabel=r"contact area $A / A_0$ (–)",
+            xlabel=r"magnification $\zeta = q / q_0$ (–)", ylabel=r"contact area $A / A_0$ (–)"
         )
         _room_below(axes, [*curves, *marks])
+        for name in "xy":
+            logarithmic(axes, name)
         axes.legend()
     told = caption or "Contact areas against the magnification at which the surfaces are seen."
     header = ("series", "magnification", "area_fraction", "low", "high")
@@ -151,7 +151,8 @@ def power_spectrum(
     with styled():
         figure, (axes,) = new_figure()
         draw(axes, series, positive=True)
-        axes.set(xscale="log", yscale="log")
+        for axis in "xy":
+            logarithmic(axes, axis)
         axes.set_xlabel(r"wave number $q$ (rad/m)")
         axes.set_ylabel(rf"spectral density ${name}(q)$ (m$^{power}$)")
         for symbol, q in (marks or {}).items():
@@ -182,20 +183,12 @@ def work_precision(
     with styled():
         figure, (axes,) = new_figure(5.6, 3.8)
         draw(axes, series, positive=True)
-        axes.set(xscale="log", yscale="log", xlabel=cost, ylabel=error)
+        axes.set(xlabel=cost, ylabel=error)
+        for name in "xy":
+            logarithmic(axes, name)
         zeros_at_the_bottom(axes, series)
         if pareto:
-            cost_of, error_of = (np.concatenate([getattr(s, k) for s in series]) for k in "xy")
-            front = pareto_front(cost_of[error_of > 0], error_of[error_of > 0])
-            axes.step(
-                *front.T,
-                where="post",
-                color="#999999",
-                linewidth=4,
-                alpha=0.4,
-                zorder=0,
-                label="Pareto front",
-            )
+            draw_front(axes, series)
         outside_legend(axes)
     told = caption or "Error against cost; down and to the left is better."
     return Chart(figure, ("series", cost, error, "low", "high"), long_table(series), told)
@@ -215,7 +208,9 @@ def convergence(
     with styled():
         figure, (axes,) = new_figure(5.6, 3.8)
         draw(axes, series, labels=labels, positive=True)
-        axes.set(xscale="log", yscale="log", xlabel=resolution, ylabel=error)
+        axes.set(xlabel=resolution, ylabel=error)
+        for name in "xy":
+            logarithmic(axes, name)
         outside_legend(axes)
     told = caption or "Error against resolution; the order is the slope of a fitted line."
     return Chart(figure, ("series", resolution, error, "low", "high"), long_table(series), told)
@@ -232,7 +227,8 @@ def history(
     with styled():
         figure, (axes,) = new_figure(5.6, 3.6)
         draw(axes, series, positive=True)
-        axes.set(yscale="log", xlabel=f"{count} (–)", ylabel="residual (–)")
+        axes.set(xlabel=f"{count} (–)", ylabel="residual (–)")
+        logarithmic(axes, "y")
         if tolerance is not None:
             axes.axhline(tolerance, color="#7f7f7f", linestyle=":", label="tolerance")
         outside_legend(axes)
@@ -256,6 +252,19 @@ def pareto_front(cost: ArrayLike, error: ArrayLike) -> FloatArray:
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     before = np.concatenate([[np.inf], np.minimum.accumulate(pairs[:, 1])[:-1]])
     return pairs[pairs[:, 1] < before]
+
+
+def draw_front(axes: Any, series: Sequence[Series]) -> None:
+    """What no point (cost, error) of the series beats in both, as steps behind them.
+
+    No error at all beats every dearer point; it has no place on the axis, but ends the front.
+    """
+    cost, error = (np.concatenate([getattr(one, key) for one in series]) for key in "xy")
+    cheapest_exact = cost[error == 0].min(initial=np.inf)
+    shown = (error > 0) & (cost < cheapest_exact)
+    front = pareto_front(cost[shown], error[shown])
+    look = {"color": "#999999", "linewidth": 4, "alpha": 0.4, "zorder": 0}
+    axes.step(*front.T, where="post", label="Pareto front", **look)
 
 
 def _scaled(one: Series, x: float, y: float) -> Series:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -180,6 +181,30 @@ def draw(
                 axes.vlines(x[good], low, high, color=look["color"], linewidth=0.9)
     if not shown:
         raise ValueError("there is nothing to draw: no series has a finite point")
+
+
+def logarithmic(axes: Any, name: str) -> None:
+    """Make the axis called `name` ("x" or "y") logarithmic; call it once the data are drawn.
+
+    Ticks stand at 1, 2 and 5 where it spans little, at whole decades elsewhere: labels of every
+    minor tick would overlap.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.set(**{f"{name}scale": "log"})
+    axis = getattr(axes, f"{name}axis")
+    low, high = axis.get_view_interval()
+    axis.set_minor_formatter(NullFormatter())
+    if high < 200 * low:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter(FuncFormatter(_tick))
+
+
+def _tick(value: float, _: object) -> str:
+    if 0.01 <= value < 1e4:
+        return f"{value:g}"
+    power = math.floor(math.log10(value) + 1e-9)
+    return rf"${value / 10**power:g}\times10^{{{power}}}$"
 
 
 def zeros_at_the_bottom(axes: Any, series: Sequence[Series]) -> None:

@@ -6,13 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-from epcontact.output.charts import observed_order, pareto_front
+from epcontact.output.charts import draw_front, observed_order
 from epcontact.output.figures import (
     Chart,
     Series,
     draw,
+    logarithmic,
     long_table,
     new_figure,
     outside_legend,
@@ -53,8 +52,7 @@ def curves(  # noqa: PLR0913 - what a chart consists of, by keyword
         draw(axes, series, colours=colours, labels=labels, positive="y" in log)
         axes.set(xlabel=x, ylabel=y, **(limits or {}))
         for name in log:
-            axes.set(**{f"{name}scale": "log"})
-            _readable_ticks(getattr(axes, f"{name}axis"))
+            logarithmic(axes, name)
         if ticks:
             axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
             axes.set_xticks([], minor=True)
@@ -77,7 +75,7 @@ def curves(  # noqa: PLR0913 - what a chart consists of, by keyword
                 color="#555555",
             )
         if pareto:
-            _draw_front(axes, [one for one in series if one.name in pareto])
+            draw_front(axes, [one for one in series if one.name in pareto])
         outside_legend(axes)
     return Chart(figure, ("series", *columns, "low", "high"), long_table(series), caption)
 
@@ -89,32 +87,3 @@ def with_orders(series: Sequence[Series], names: Sequence[str], sign: int = 1) -
     """
     orders = {one.name: sign * observed_order(one.x, one.y) for one in series if one.name in names}
     return {name: f"{name}: order {p:.2f}" for name, p in orders.items() if math.isfinite(p)}
-
-
-def _draw_front(axes: Any, series: Sequence[Series]) -> None:
-    cost, error = (np.concatenate([getattr(one, key) for one in series]) for key in "xy")
-    # No error at all beats every dearer point; it has no place on the axis, but ends the front.
-    cheapest_exact = cost[error == 0].min(initial=math.inf)
-    shown = (error > 0) & (cost < cheapest_exact)
-    front = pareto_front(cost[shown], error[shown])
-    look = {"color": "#999999", "linewidth": 4, "alpha": 0.4, "zorder": 0}
-    axes.step(*front.T, where="post", label="Pareto front", **look)
-
-
-def _readable_ticks(axis: Any) -> None:
-    """Ticks at 1, 2 and 5 where an axis spans little, whole decades elsewhere: labels of every
-    minor tick would overlap."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    low, high = axis.get_view_interval()
-    axis.set_minor_formatter(NullFormatter())
-    if high < 200 * low:
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter(FuncFormatter(_tick))
-
-
-def _tick(value: float, _: object) -> str:
-    if 0.01 <= value < 1e4:
-        return f"{value:g}"
-    power = math.floor(math.log10(value) + 1e-9)
-    return rf"${value / 10**power:g}\times10^{{{power}}}$"
