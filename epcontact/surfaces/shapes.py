@@ -83,7 +83,34 @@ class Sinusoid:
 
 
 @dataclass(frozen=True)
-class Paraboloid:
+class _RoundBump:
+    """One bump of a given radius of curvature; what it looks like is its `_heights`."""
+
+    periods: tuple[float, ...]
+    shape: tuple[int, ...]
+    radius: float
+    centre: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        normalise_grid(self)
+        _require_length("radius", self.radius)
+        _normalise_centre(self)
+
+    @property
+    def fingerprint(self) -> str:
+        """The parameters, and the version of the formula."""
+        return described(f"{type(self).__name__.lower()}/1", self)
+
+    def build(self) -> Surface:
+        """Make the heights."""
+        return _surface(self, self._heights(_squared_distance(self)))
+
+    def _heights(self, squared: FloatArray) -> FloatArray:
+        """Heights of the points at those squared distances, which may be overwritten."""
+        raise NotImplementedError
+
+
+class Paraboloid(_RoundBump):
     """One bump h = -r^2 / (2 radius) (on a line a parabolic cylinder), summit at h = 0.
 
     radius: of curvature at the summit, in m; centre: of the bump as fractions of the periods (by
@@ -91,57 +118,22 @@ class Paraboloid:
     nearest periodic image.  Hertz's theory is exact for this shape, but for the images.
     """
 
-    periods: tuple[float, ...]
-    shape: tuple[int, ...]
-    radius: float
-    centre: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        normalise_grid(self)
-        _require_length("radius", self.radius)
-        _normalise_centre(self)
-
-    @property
-    def fingerprint(self) -> str:
-        """The parameters, and the version of the formula."""
-        return described("paraboloid/1", self)
-
-    def build(self) -> Surface:
-        """Make the heights."""
-        heights = _squared_distance(self)
-        heights *= -0.5 / self.radius
-        return _surface(self, heights)
+    def _heights(self, squared: FloatArray) -> FloatArray:
+        squared *= -0.5 / self.radius
+        return squared
 
 
-@dataclass(frozen=True)
-class Sphere:
+class Sphere(_RoundBump):
     """The upper half of a ball (on a line, of a cylinder) on a flat, summit at h = 0.
 
     h = sqrt(radius^2 - r^2) - radius within r < radius, -radius outside; otherwise as Paraboloid.
     """
 
-    periods: tuple[float, ...]
-    shape: tuple[int, ...]
-    radius: float
-    centre: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        normalise_grid(self)
-        _require_length("radius", self.radius)
-        _normalise_centre(self)
-
-    @property
-    def fingerprint(self) -> str:
-        """The parameters, and the version of the formula."""
-        return described("sphere/1", self)
-
-    def build(self) -> Surface:
-        """Make the heights."""
-        heights = _squared_distance(self)
+    def _heights(self, squared: FloatArray) -> FloatArray:
         # -r^2 / (R + sqrt(R^2 - r^2)) is sqrt(R^2 - r^2) - R without cancellation at the summit.
-        np.minimum(heights, self.radius**2, out=heights)
-        heights /= -(self.radius + np.sqrt(self.radius**2 - heights))
-        return _surface(self, heights)
+        np.minimum(squared, self.radius**2, out=squared)
+        squared /= -(self.radius + np.sqrt(self.radius**2 - squared))
+        return squared
 
 
 @dataclass(frozen=True)
