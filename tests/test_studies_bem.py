@@ -161,7 +161,7 @@ def test_the_charts_of_the_gap_define_and_tell_it(gaps, blocks):
 
 @pytest.fixture(scope="module")
 def solves():
-    return speed.measure([64, 128], quiet, threads=1)
+    return speed.measure([64, 128], quiet, threads=1, most_solves=1)
 
 
 def test_the_unit_of_time_is_made_of_transforms_alone(monkeypatch):
@@ -190,18 +190,21 @@ def test_a_solve_to_areas_costs_less_and_has_them(solves):
         assert loose.finest_pairs <= tight.finest_pairs <= speed.GOALS["finest_pairs"][speed.TIGHT]
         assert loose.all_pairs <= tight.all_pairs
         assert tight.area_error == 0
-        assert loose.area_error <= speed.AREA
+        # So small a grid has areas in steps of one point, which is this share of the smallest.
+        assert loose.area_error <= speed.AREA + 1 / (0.05 * loose.side**2)
+        assert min(tight.time, tight.processor_time, loose.time, loose.processor_time) > 0
 
 
 def test_the_charts_of_speed_tell_every_solve_and_the_goals(solves):
     charts = speed.draw_speed(solves)
-    for key, chart in zip(("finest_pairs", "all_pairs", "time"), charts[:3], strict=True):
+    speed_keys = ("finest_pairs", "all_pairs", "time", "processor_time")
+    for key, chart in zip(speed_keys, charts[:4], strict=True):
         drawn = {(row["series"], float(row["points_a_side"])): row[key] for row in rows_of(chart)}
         for one in solves:
             assert float(drawn[f"{one.law}, {one.aim}", one.side]) == getattr(one, key)
             assert f"{getattr(one, key):.3g} at {one.side}²" in chart.caption
     assert "60 for residuals 1e-08" in charts[0].caption
     assert "120 for residuals 1e-08" in charts[2].caption
-    assert [row["series"] for row in rows_of(charts[3])] == ["capped, areas 0.0001"] * 2 + [
+    assert [row["series"] for row in rows_of(charts[4])] == ["capped, areas 0.0001"] * 2 + [
         "elastic, areas 0.0001"
     ] * 2
