@@ -59,7 +59,7 @@ def test_limits_of_exact_powers_are_exact():
     values = np.empty((2, 3, 2, 2 + len(pressures.WINDOWS)))
     values[:] = (0.3 + 0.2 / n)[:, None, None]
     values[..., :2] = (0.1 + 0.4 / np.sqrt(n))[:, None, None]
-    found = pressures.Ends(n, values, np.ones((2, 8)), np.ones(2), {}, 16)
+    found = pressures.Ends(n, values, np.ones((2, 8)), np.ones(2), 1.0, {}, 16)
     for figure, limit in ((0, 0.1), (1, 0.1), (2, 0.3)):
         assert found.limit(0, figure).limit == pytest.approx(limit, abs=1e-12)
     # Surfaces that agree and a fit that is exact leave no error; slopes have but two grids left.

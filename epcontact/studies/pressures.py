@@ -65,6 +65,7 @@ class Ends:
     points: (n,) per shortest wavelength.  values: (surfaces, n, 2 ends, 2 + windows), the last
     axis being density, raw slope and the mean slope within each window.  theory: (2, 2 + windows)
     alike, end_slopes: (2,) its slopes at the very ends.
+    elastic: corrected elastic area on the finest grid, mean of the surfaces, over the theory's.
     densities: (pressure, P) of the theory and of each grid, mean over BINS, by name.
     """
 
@@ -72,6 +73,7 @@ class Ends:
     values: FloatArray
     theory: FloatArray
     end_slopes: FloatArray
+    elastic: float
     densities: dict[str, tuple[FloatArray, FloatArray]]
     bandwidth: int
 
@@ -96,13 +98,14 @@ def measure(
     """Solve surfaces on grids of so many points per shortest wavelength, from coarse to fine."""
     from epcontact import bem
 
-    rows, found = [], dict[int, list[FloatArray]]()
+    rows, elastic, found = [], list[float](), dict[int, list[FloatArray]]()
     for seed in seeds:
         progress(f"pressures: seed {seed}")
         for n in points:
             result = bem.solve(scenes.rough_scene(n, seed, bandwidth), area_tolerance=1e-6)
             rows.append(figures_of(result, n))
             found.setdefault(n, []).append(_binned(result.distribution)[1])
+        elastic.append(scenes.area_of(result, "elastic"))
     scene = scenes.rough_scene(points[0], seeds[0], bandwidth)
     theory, end_slopes, distribution = theory_of(scene)
     pressure, density = _binned(distribution)
@@ -113,6 +116,7 @@ def measure(
         np.reshape(rows, (len(seeds), len(points), 2, 2 + len(WINDOWS))),
         theory,
         end_slopes,
+        float(np.mean(elastic) / distribution.cumulative[-1]),
         densities,
         bandwidth,
     )

@@ -146,7 +146,7 @@ def _draw_windows(found: Ends, told: str) -> Chart:
         caption="Mean slope of the density of the pressure within a window of either end, 2 F/w² "
         f"of the corrected area F within a window w, at {found.points[-1]:g} points per shortest "
         f"wavelength, {told}, with 95 % intervals, beside the theory's. Boundary elements over "
-        f"theory, by window: {ratios}.",
+        f"theory, by window: {ratios}; of the whole elastic area: {found.elastic:.2f}.",
         colours=colours,
         limits={"ylim": (0, None)},
     )
