@@ -121,11 +121,13 @@ def _budget(
 
 @dataclass(frozen=True)
 class Checked:
-    """What is measured on one surface; `effective` only where the law is j2."""
+    """What is measured on one surface; `effective` and `largest`, the largest pressure over
+    sigma_Y, only where the law is j2."""
 
     budget: ErrorBudget
-    effective: EffectiveHardness | None
     halved: bool
+    effective: EffectiveHardness | None = None
+    largest: float = math.nan
 
 
 def crosscheck(case: Case, seeds: Sequence[int] = ()) -> str:
@@ -193,8 +195,10 @@ def _checked(scene: Scene, options: Mapping[str, Any]) -> Checked:
     budget, j2 = _budget(scene, options["law"], block)
     halved = all(n % 2 == 0 and n >= 8 for n in scene.surface.shape)
     if j2 is None:
-        return Checked(budget, None, halved)
-    return Checked(budget, effective_hardness(scene, coarse=halved, j2=j2, **block), halved)
+        return Checked(budget, halved)
+    effective = effective_hardness(scene, coarse=halved, j2=j2, **block)
+    largest = j2.final.quantities["largest_pressure"] / scene.material.yield_stress
+    return Checked(budget, halved, effective, largest)
 
 
 def _told(checked: Checked, hardness: float) -> list[str]:
@@ -223,6 +227,7 @@ def _ensemble(found: Sequence[Checked]) -> list[str]:
         rows.append(("model, area", [m.area for m in models]))
         rows.append(("model, overlap", [m.overlap for m in models]))
         rows.append(("model, distance of the pressures", [m.wasserstein for m in models]))
+        rows.append(("largest pressure of j2 over sigma_Y", [one.largest for one in found]))
     effective = [one.effective for one in found if one.effective is not None]
     caps = [e.at_cap for e in effective if e.at_cap is not None]
     if caps and len(caps) == len(found):

@@ -78,6 +78,10 @@ MISTAKES = {
     "closed form": (('against = "persson"', 'against = "herz"'), ["'herz'", "'hertz'"]),
     "number without source": (('against = "persson"', "against = 0.1"), ["gate", "source"]),
     "tolerance and between": (("tolerance = 0.5", "tolerance = 1\nbetween = [0, 1]"), ["either"]),
+    "model of the boundary elements": (
+        ('quantity = "area.total.corrected"', 'quantity = "quantity.model_area"'),
+        ["gate 1", "model_area", "of fem against a number", "of bem against 'persson'"],
+    ),
     "size table": (("full = 8 }", "full = 8.5 }"), ["points_per", "8.5"]),
     "depth of a half-space": (("[load]", "[body]\ndepth = 1.0\n[load]"), ["[body]", "depth"]),
     "layer without depth": (
@@ -122,6 +126,26 @@ def test_id_must_be_the_name_of_the_file(write_case, tmp_path: Path) -> None:
     path = write_case().rename(tmp_path / "other.toml")
     with pytest.raises(InvalidCase, match="must be the file's name, 'other'"):
         load_case(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ('law = "j2"', 'law = "capped"', "needs fem.law = 'j2', but it is 'capped'"),
+        ('law = "j2"', 'law = "j2"\ngeometry = "moved"', "fem.geometry = 'gap'"),
+        ("mean_pressure = 5.7692e+08", "mean_pressure = [1e8, 2e8]", "single load.mean_pressure"),
+    ],
+)
+def test_what_has_no_model_difference_cannot_gate_it(
+    tmp_path: Path, old: str, new: str, word: str
+) -> None:
+    path = tmp_path / "fem-model-5.toml"
+    text = (Path(__file__).parents[1] / "cases/fem-model-5.toml").read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(InvalidCase, match=word) as caught:
+        load_case(path)
+    assert "gate 1: quantity.effective_hardness" in str(caught.value)
 
 
 def test_infinite_hardness_is_the_default(write_case) -> None:
