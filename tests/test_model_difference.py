@@ -19,7 +19,14 @@ from epcontact.measures import MODEL_MEASURES, measure, measure_all
 from epcontact.model_difference import elements_compliance, model_measures
 from epcontact.results import ContactResult
 from epcontact.scene import Body, Scene
-from epcontact.studies.hardness import NAMES, draw_grids, draw_severities, measured, model_scene
+from epcontact.studies.hardness import (
+    NAMES,
+    draw_breadths,
+    draw_grids,
+    draw_severities,
+    measured,
+    model_scene,
+)
 
 CASES = Path(__file__).parents[1] / "cases"
 
@@ -144,3 +151,5 @@ def test_the_study_draws_what_it_measured() -> None:
         assert row[3] < row[2] < row[4]
     grids = draw_grids((4.0, 6.0, 8.0), {5.0: three[..., 0]}, 2)
     assert [row[2] for row in grids.rows] == pytest.approx([-0.2, -0.1])
+    breadths = draw_breadths((2, 4, 8), {5.0: three[..., 0]}, 4, 2)
+    assert np.diff([row[2] for row in breadths.rows]) == pytest.approx([0.1, 0.1])
