@@ -1,19 +1,22 @@
 """The linear problem within a Newton step, on the elastic set alone.
 
-(S p)_F + z = h_F with the mean of p kept: conjugate gradients in the space of zero mean,
-preconditioned by the inverse of S restricted to F, with the exact compliance or a cheap one.
+(S p)_F + z = h_F with the mean of p kept: conjugate gradients in the space of zero mean, with the
+exact compliance or a cheap one, preconditioned cell by cell (`cells`), or by the inverse of S
+restricted to F where a grid has no cells.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem import passes
+from epcontact.bem.cells import CellPreconditioner, cell_body
 from epcontact.bem.constraints import Level
-from epcontact.bem.split import SplitOperator, splittable
+from epcontact.bem.split import MaskedGrid, SplitOperator, splittable
 from epcontact.bem.transforms import Convolution, Points
 
 FloatArray = NDArray[np.float64]
@@ -22,16 +25,21 @@ FloatArray = NDArray[np.float64]
 _FEW = 0.4
 
 Operator = Convolution | SplitOperator
+#: y = P r, given r, y and a scratch array; returns sum(y) and sum(y r).
+Preconditioner = Callable[[FloatArray, FloatArray, FloatArray], tuple[float, float]]
 
 
 class Inner:
-    """The operator of the inner iterations: the cheap one where it exists and serves."""
+    """The operators of a level's inner iterations: the cheap ones where they exist and serve."""
 
     def __init__(self, level: Level) -> None:
         self._level = level
         self._serves = splittable(level.heights.shape)
         self._split: SplitOperator | None = None
         self._last = math.inf
+        convolution = level.convolution
+        self._masked = MaskedGrid(convolution.shape, convolution.workers)
+        self._body = cell_body(convolution.symbol, convolution.scale)
 
     @property
     def pairs(self) -> float:
@@ -47,12 +55,24 @@ class Inner:
         if not self._serves or elastic > _FEW * self._level.heights.size:
             return self._level.convolution
         if self._split is None:
-            self._split = SplitOperator(self._level.convolution)
+            self._split = SplitOperator(self._level.convolution, self._masked)
         return self._split
+
+    def preconditioner(self, points: Points) -> Preconditioner:
+        """By cells, or by the exact inverse of the whole compliance."""
+        convolution = self._level.convolution
+        if self._body is not None:
+            return CellPreconditioner(self._body, convolution, self._masked, points).apply
+
+        def inverse(r: FloatArray, y: FloatArray, _: FloatArray) -> tuple[float, float]:
+            return convolution.apply_on(points, r, y, r, inverse=True)
+
+        return inverse
 
 
 def conjugate_gradients(
     operator: Operator,
+    precondition: Preconditioner,
     points: Points,
     r: FloatArray,
     x: FloatArray,
@@ -72,11 +92,11 @@ def conjugate_gradients(
     if np.abs(r).max() <= floor:
         return 0
     for k in range(200):
-        total, rho = operator.apply_on(points, r, y, r, inverse=True)
+        total, rho = precondition(r, y, v)
         if not rho > 0:
             return k
         passes.cg_direction(d, y, total / n, rho / rho_old)
-        total, curvature = operator.apply_on(points, d, v, d, inverse=False)
+        total, curvature = operator.apply_on(points, d, v, d)
         if not curvature > 0:
             return k
         square, largest = passes.cg_step(x, r, d, v, rho / curvature, total / n)

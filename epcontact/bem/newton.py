@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from epcontact.bem import passes
 from epcontact.bem.constraints import Level, measured, project, states
-from epcontact.bem.inner import Inner, Operator, conjugate_gradients
+from epcontact.bem.inner import Inner, conjugate_gradients
 from epcontact.bem.transforms import Points
 
 FloatArray = NDArray[np.float64]
@@ -140,8 +140,7 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
         counts.newton += 1
         if goal.progress is not None:
             goal.progress(f"grid {level.heights.shape}: residual {it.residual:.1e}")
-        operator = inner.choose(sets.changed, sum(sets.per_block), it.residual)
-        step = _newton_step(level, operator, it, state, sets, now.energy, counts, goal)
+        step = _newton_step(level, inner, it, state, sets, now.energy, counts, goal)
 
 
 def _settled(it: Iterate, sets: _Sets, goal: Goal, full_step: bool) -> bool:
@@ -171,7 +170,7 @@ def _classify(level: Level, it: Iterate, state: StateArray) -> _Sets:
 
 def _newton_step(  # noqa: PLR0913, PLR0917 - one step needs them all
     level: Level,
-    operator: Operator,
+    inner: Inner,
     it: Iterate,
     state: StateArray,
     sets: _Sets,
@@ -188,10 +187,12 @@ def _newton_step(  # noqa: PLR0913, PLR0917 - one step needs them all
     step = _Step(points, pressure, -r, energy)
     r -= r.mean()
     x = np.zeros(r.size)
+    operator = inner.choose(sets.changed, r.size, it.residual)
     exact = operator is level.convolution
     reduction = _LAST_REDUCTION if exact and not sets.changed else _REDUCTION
     floor = 0.3 * goal.tolerance * level.gap_scale
-    counts.cg += conjugate_gradients(operator, points, r, x, reduction, floor)
+    precondition = inner.preconditioner(points)
+    counts.cg += conjugate_gradients(operator, precondition, points, r, x, reduction, floor)
     _put(level, it, points, pressure, x)
     level.convolution.apply(it.p, it.u)
     return step

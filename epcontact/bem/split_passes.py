@@ -22,13 +22,13 @@ _INNER, _OUTER = np.float32(9 / 16), np.float32(-1 / 16)
 
 
 @_jit
-def put_single(masked: Any, index: Any, values: Any, factor: float) -> None:
-    """masked = factor values at the listed points of the grid, and in its repeated columns."""
+def put_single(masked: Any, index: Any, values: Any) -> None:
+    """masked = values at the listed points of the grid, and in its repeated columns."""
     ny = masked.shape[1] - HALO_LEFT - HALO_RIGHT
     for k in range(index.size):
         i = index[k] // ny
         j = index[k] - i * ny
-        value = factor * values[k]
+        value = values[k]
         masked[i, j + HALO_LEFT] = value
         if j < HALO_RIGHT:
             masked[i, j + HALO_LEFT + ny] = value
@@ -93,10 +93,6 @@ def gather_split(  # noqa: PLR0912, PLR0915 - one loop: cut into functions it to
     near = np.empty(RUN, dtype=np.float32)
     line = np.empty(_LINE, dtype=np.float32)
     middle = np.empty(_MIDDLE, dtype=np.float32)
-    reach = 0
-    for a in range(4):
-        if taps[3 - a, 3] != 0:
-            reach = a
     total = 0.0
     product = 0.0
     k = 0
@@ -108,7 +104,7 @@ def gather_split(  # noqa: PLR0912, PLR0915 - one loop: cut into functions it to
         while last + 1 < index.size and index[last + 1] < limit:
             last += 1
         near[:] = 0
-        for a in range(-reach, reach + 1):
+        for a in range(-3, 4):
             row = i + a
             row = row + nx if row < 0 else (row - nx if row >= nx else row)
             base = _UINT(row * width + j)

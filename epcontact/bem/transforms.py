@@ -23,6 +23,7 @@ from epcontact.bem.passes import Workers
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
+RealArray = NDArray[np.floating]  # float64, or float32 in single precision
 
 _BLOCK_POINTS = 262144  # of a block of rows or columns: 2 MiB of reals, within a core's cache
 
@@ -73,16 +74,12 @@ class Convolution:
         self._modes = np.empty((nx, ny // 2 + 1), dtype=np.result_type(dtype, np.complex64))
         self._local = threading.local()
 
-    def share(self, other: Convolution) -> None:
-        """Use the modes' array of another convolution of the same shape, to save memory."""
-        self._modes = other._modes
-
     @property
     def blocks(self) -> range:
         """The first row of each block of rows."""
         return range(0, self.shape[0], self.row_step)
 
-    def _buffer(self, rows: int) -> FloatArray:
+    def _buffer(self, rows: int) -> RealArray:
         if not hasattr(self._local, "buffer"):
             self._local.buffer = np.empty((self.row_step, self.shape[1]), dtype=self._dtype)
         return self._local.buffer[:rows]  # type: ignore[no-any-return]
@@ -109,9 +106,9 @@ class Convolution:
 
     def _apply(
         self,
-        source: Callable[[int, int], FloatArray],
-        sink: Callable[[int, int, FloatArray | None], Any],
-        target: FloatArray | None,
+        source: Callable[[int, int], RealArray],
+        sink: Callable[[int, int, RealArray | None], Any],
+        target: RealArray | None,
         inverse: bool,
     ) -> list[Any]:
         nx, ny = self.shape
@@ -139,12 +136,17 @@ class Convolution:
         self.pairs += 1
         return self.workers.run(backward, self.blocks)
 
-    def apply(self, field: FloatArray, out: FloatArray) -> None:
+    def apply(self, field: RealArray, out: RealArray) -> None:
         """out = S field on the whole grid; both (nx, ny)."""
         self._apply(lambda a, b: field[a:b], lambda *_: None, out, inverse=False)
 
     def apply_on(
-        self, points: Points, values: FloatArray, out: FloatArray, other: FloatArray, inverse: bool
+        self,
+        points: Points,
+        values: FloatArray,
+        out: FloatArray,
+        other: FloatArray,
+        inverse: bool = False,
     ) -> tuple[float, float]:
         """out = (S or its inverse) applied to `values` at the points and 0 elsewhere, at them.
 
@@ -152,13 +154,13 @@ class Convolution:
         """
         ny = self.shape[1]
 
-        def source(start: int, stop: int) -> FloatArray:
+        def source(start: int, stop: int) -> RealArray:
             buffer = self._buffer(stop - start)
             part = points.part(start)
             passes.scatter(buffer.reshape(-1), start * ny, points.index[part], values[part])
             return buffer
 
-        def sink(start: int, _stop: int, block: FloatArray | None) -> tuple[float, float]:
+        def sink(start: int, _stop: int, block: RealArray | None) -> tuple[float, float]:
             assert block is not None
             part = points.part(start)
             flat = block.reshape(-1)

@@ -1,0 +1,128 @@
+"""The preconditioner of the boundary elements: a stencil within cells and a problem of cells."""
+
+import numpy as np
+import pytest
+
+from epcontact.bem.cells import CELL, CellPreconditioner, cell_body
+from epcontact.bem.inner import conjugate_gradients
+from epcontact.bem.kernel import quarter_compliance
+from epcontact.bem.passes import Workers
+from epcontact.bem.split import MaskedGrid
+from epcontact.bem.transforms import Convolution, Points, Symbol
+from epcontact.scene import Body, Material
+
+STEEL = Material(200e9, 0.3)
+SPACING = 1e-6
+
+
+def symbol_of(shape, body=None, spacings=(SPACING, SPACING)):
+    periods = (shape[0] * spacings[0], shape[1] * spacings[1])
+    if shape[0] == 1:
+        periods = (1.0, periods[1])
+    quarter = quarter_compliance(shape, periods, body or Body(), STEEL)
+    return Symbol.from_quarter(quarter, shape)
+
+
+def points_of(contact, convolution):
+    index = np.flatnonzero(contact).astype(np.int32)
+    ny = contact.shape[1]
+    begins = {}
+    for start in convolution.blocks:
+        ends = np.searchsorted(index, [start * ny, (start + convolution.row_step) * ny])
+        begins[start] = slice(*map(int, ends))
+    return Points(index, begins)
+
+
+def scattered(shape, share, seed, size=4):
+    """Contacts of about `size` points, at random, that cover about `share` of the grid."""
+    rng = np.random.default_rng(seed)
+    modes = np.fft.rfft2(rng.standard_normal(shape))
+    q = np.hypot(np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1]))
+    field = np.fft.irfft2(modes * np.exp(-((q * size) ** 2)), s=shape)
+    return field > np.quantile(field, 1 - share)
+
+
+def made(contact, workers, body=None):
+    convolution = Convolution(symbol_of(contact.shape, body), 1e9, workers)
+    points = points_of(contact, convolution)
+    found = cell_body(convolution.symbol, convolution.scale)
+    masked = MaskedGrid(contact.shape, workers)
+    return convolution, points, CellPreconditioner(found, convolution, masked, points)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("shape", [(128, 96), (65, 130), (1, 512)])
+@pytest.mark.parametrize("share", [0.02, 0.3, 1.0])
+def test_symmetric_and_positive(shape, share, threads):
+    rng = np.random.default_rng(3)
+    contact = scattered(shape, share, 5) if share < 1 else np.ones(shape, dtype=bool)
+    with Workers(threads) as workers:
+        _, points, cells = made(contact, workers)
+        a, b = rng.standard_normal((2, points.index.size))
+        pa, pb, scratch = np.empty_like(a), np.empty_like(a), np.empty_like(a)
+        total, product = cells.apply(a, pa, scratch)
+        cells.apply(b, pb, scratch)
+    assert total == pytest.approx(pa.sum(), abs=1e-9 * np.abs(pa).sum())
+    assert product == pytest.approx(pa @ a)
+    assert product > 0
+    # The cells' problem is solved to a hundredth, single precision is a millionth.
+    assert abs(pa @ b - a @ pb) < 2e-2 * np.sqrt((pa @ a) * (pb @ b))
+
+
+def iterations(contact, body, cells_wanted=True):
+    """Of conjugate gradients to 1e-6 of a smooth right-hand side plus noise, exact operator."""
+    rng = np.random.default_rng(1)
+    with Workers(1) as workers:
+        convolution, points, cells = made(contact, workers, body)
+        r = rng.standard_normal(points.index.size)
+        r += 10 * np.cos(2 * np.pi * points.index / contact.size)
+        r -= r.mean()
+        wanted, x = r.copy(), np.zeros_like(r)
+
+        def plain(r, y, _):
+            return convolution.apply_on(points, r, y, r, inverse=True)
+
+        used = cells.apply if cells_wanted else plain
+        count = conjugate_gradients(convolution, used, points, r, x, 1e-6, 0.0)
+        got = np.empty_like(x)
+        convolution.apply_on(points, x, got, x)
+    assert x.mean() == pytest.approx(0, abs=1e-9 * np.abs(x).max())
+    rest = got - got.mean() - wanted
+    assert np.linalg.norm(rest) < 2e-6 * np.linalg.norm(wanted)
+    return count
+
+
+@pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 3e-5), Body("sliding_layer", 3e-4)])
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.4, 0.9])
+def test_few_iterations_whatever_the_contact(share, body):
+    # 10 to 17 were measured over shares of 0.02 to 1 and contacts of 1 to 12 points.
+    assert iterations(scattered((256, 256), share, 7), body) <= 20
+
+
+def test_iterations_do_not_grow_with_the_grid_as_those_of_the_whole_inverse_do():
+    small, large = (scattered((n, n), 0.4, 2, size=1) for n in (128, 512))
+    few, many = iterations(small, None), iterations(large, None)
+    assert many <= 1.15 * few
+    # 19 and 33, against 17 and 16.
+    whole = [iterations(contact, None, cells_wanted=False) for contact in (small, large)]
+    assert whole[1] > 1.5 * whole[0]
+    assert whole[1] > 1.5 * many
+
+
+def test_lines():
+    rng = np.random.default_rng(4)
+    contact = np.repeat(rng.random(512) < 0.1, 8)[None, :]
+    assert iterations(contact, None) <= 20
+
+
+def test_none_where_it_would_not_serve():
+    assert cell_body(symbol_of((256, 256), spacings=(SPACING, 40 * SPACING)), 1.0) is None
+    assert cell_body(symbol_of((32, 256)), 1.0) is None
+    assert cell_body(symbol_of((1, 32)), 1.0) is None
+
+
+def test_full_cells_have_the_displacement_of_the_whole():
+    body = cell_body(symbol_of((128, 128)), 1.0)
+    # Denser contact is stiffer, and a full cell has next to nothing beyond the kernel of cells.
+    assert np.all(np.diff(body.delta[1:]) <= 0)
+    assert body.delta[CELL**2] < 0.1 * body.delta[CELL]
