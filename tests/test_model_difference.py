@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
+import inspect
 import math
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 from fem_scenes import rough_scene
 
 import fem_check
-from epcontact import bem
+from epcontact import bem, crosscheck, model_difference
 from epcontact.casefile import load_case
 from epcontact.compare import distance
 from epcontact.errors import InvalidCase
@@ -117,6 +120,22 @@ def test_what_has_no_effective_hardness_or_no_block_is_refused(j2: ContactResult
     blank = dataclasses.replace(j2.provenance, options={"law": "j2"})
     with pytest.raises(InvalidCase, match="does not say its block's layers"):
         model_measures(("model_area",), scene, dataclasses.replace(j2, provenance=blank))
+
+
+@pytest.mark.parametrize("module", [crosscheck, model_difference])
+def test_nothing_but_the_compliance_passes_from_one_solver_to_the_other(module: ModuleType) -> None:
+    allowed = {"bem": {"compliance", "threads"}, "fem_check": {"law", "certified", "block"}}
+    calls = 0
+    for node in ast.walk(ast.parse(inspect.getsource(module))):
+        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
+            continue
+        owner = getattr(node.func.value, "id", "")
+        if owner in allowed and node.func.attr == "solve":
+            calls += 1
+            assert len(node.args) == 1
+            given = {k.arg or getattr(k.value, "id", "?") for k in node.keywords}
+            assert given <= allowed[owner], ast.unparse(node)
+    assert calls >= 2
 
 
 # --- the study -----------------------------------------------------------------------------------
