@@ -204,7 +204,8 @@ def _tick(value: float, _: object) -> str:
     if 0.01 <= value < 1e4:
         return f"{value:g}"
     power = math.floor(math.log10(value) + 1e-9)
-    return rf"${value / 10**power:g}\times10^{{{power}}}$"
+    factor = f"{value / 10**power:g}"
+    return rf"$10^{{{power}}}$" if factor == "1" else rf"${factor}\times10^{{{power}}}$"
 
 
 def zeros_at_the_bottom(axes: Any, series: Sequence[Series]) -> None:

@@ -175,5 +175,5 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     """P(sigma), its ends and its slopes there against the grid, its slopes against the window."""
     from epcontact.studies.pressures_charts import draw_ends
 
-    points, bandwidth = ((4, 8, 16, 32), 32) if size == "fast" else ((4, 8, 16, 32, 64), 64)
-    return draw_ends(measure(points, bandwidth, range(7, 15), progress))
+    bandwidth = 32 if size == "fast" else 128
+    return draw_ends(measure((4, 8, 16, 32), bandwidth, range(7, 15), progress))
