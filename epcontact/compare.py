@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from epcontact.errors import InvalidCase, InvalidScene
@@ -163,6 +164,11 @@ def _mean_pressure(distribution: PressureDistribution) -> float:
     return float(np.sum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(F)))
 
 
+def l2_distance(found: NDArray[Any], exact: NDArray[Any]) -> float:
+    """||found - exact||_2/||exact||_2 of two fields on one grid."""
+    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+
+
 @dataclass(frozen=True)
 class Difference:
     """Of one answer from another.
@@ -194,7 +200,7 @@ def difference(first: ContactResult, second: ContactResult, hardness: float) -> 
     assert second.distribution is not None
     return Difference(
         float(a.mean() / b.mean() - 1),
-        float(np.linalg.norm(p - q) / np.linalg.norm(q)),
+        l2_distance(p, q),
         float((a & b).sum() / (a | b).sum()),
         distance("wasserstein", first.distribution, second.distribution, hardness),
         int((a != b).sum()),

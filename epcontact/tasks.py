@@ -20,6 +20,7 @@ import numpy as np
 
 from epcontact.casefile import Case
 from epcontact.closed_forms import CLOSED_FORMS
+from epcontact.compare import l2_distance
 from epcontact.errors import EpcontactError, InvalidCase, NotConverged
 from epcontact.measures import MEASURES, measure_all
 from epcontact.results import ContactResult
@@ -156,8 +157,7 @@ def _with_field_measures(task: Task, scene: Scene, result: ContactResult) -> Con
             raise InvalidCase(
                 f"{task.method} gives no field {field_name!r} on the scene's grid for a gate"
             )
-        error = np.linalg.norm(found - exact) / np.linalg.norm(exact)
-        measures[name] = float(error)
+        measures[name] = l2_distance(found, exact)
     if not measures:
         return result
     final = replace(result.final, quantities=dict(result.final.quantities) | measures)

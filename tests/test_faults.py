@@ -142,7 +142,7 @@ def _early(original: Any) -> Any:
 def _low_cap(original: Any) -> Any:
     def wrong(*args: Any, **kwargs: Any) -> Any:
         problem = original(*args, **kwargs)
-        return dataclasses.replace(problem, cap=0.97 * problem.cap)
+        return dataclasses.replace(problem, cap=0.95 * problem.cap)
 
     return wrong
 
@@ -318,7 +318,7 @@ FAULTS: dict[str, Caught] = {
     ),
     "distance of a field not measured": Caught(
         "yardstick", "field.pressure", "flat",
-        at("numpy.linalg.norm", lambda a: 1.0),
+        at("epcontact.tasks.l2_distance", lambda *_: 0.0),
     ),
     # finite elements: elements, return mapping, contact
     "yield in the wrong norm": Caught(
@@ -349,7 +349,7 @@ FAULTS: dict[str, Caught] = {
         "fem-capped", "area.total.corrected", "bem",
         changed("fem_check.report.areas", _uncorrected),
     ),
-    "cap of the nodes 3 % low": Caught(
+    "cap of the nodes 5 % low": Caught(
         "fem-capped", "area.plastic.corrected", "bem",
         changed("fem_check.driver.problem_of", _low_cap),
     ),
