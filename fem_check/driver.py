@@ -265,12 +265,13 @@ def surface_compliance(scene: Scene, **block: float | int | None) -> FloatArray:
 def bytes_needed(block: Block, *, plastic: bool) -> float:
     """Estimate of a solve's memory, from what is kept an element and a wave.
 
-    An element: connectivity and shape (36), the history (448), and moved its own gradients (1800
-    and as much again while scikit-fem makes them); a node: some sixteen displacement fields (24
-    each); half a wave a node: the factor's 15 numbers.
+    An element: connectivity and shape (36), the history (448), where it flows, taken to be one
+    in ten, its softening and its rows (2700), and moved its own gradients (1800 and as much again
+    while scikit-fem makes them); a node: some sixteen displacement fields (24 each); half a wave a
+    node: the factor's 15 numbers.
     """
     nodes = float(np.prod(block.field_shape[:3]))
-    element = 36 + (448 if plastic else 0) + (3600 if block.moved is not None else 0)
+    element = 36 + (448 + 270 if plastic else 0) + (3600 if block.moved is not None else 0)
     return nodes * (element + 16 * 24 + 15 * 8 / 2)
 
 

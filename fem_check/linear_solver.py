@@ -151,8 +151,8 @@ def _eliminate(A, C, below, S):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
 def _down(f, S, C):  # type: ignore[no-untyped-def]
-    """Eliminates from the base to the top, in place; f is (nz + 1, waves, 3)."""
-    for k in range(C.shape[0] - 1, -1, -1):
+    """Eliminates from the lowest level given to the top, in place; f is (levels, waves, 3)."""
+    for k in range(f.shape[0] - 2, -1, -1):
         for q in range(C.shape[1]):
             s, c = S[k + 1, q], C[k, q]
             x, y, z = f[k + 1, q, 0], f[k + 1, q, 1], f[k + 1, q, 2] * -1j
@@ -166,8 +166,8 @@ def _down(f, S, C):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
 def _up(f, S, C):  # type: ignore[no-untyped-def]
-    """Solves from the top to the base, in place."""
-    for k in range(S.shape[0]):
+    """Solves from the top to the lowest level given, in place."""
+    for k in range(f.shape[0]):
         for q in range(S.shape[1]):
             s = S[k, q]
             x, y, z = f[k, q, 0], f[k, q, 1], f[k, q, 2] * -1j
@@ -180,6 +180,24 @@ def _up(f, S, C):  # type: ignore[no-untyped-def]
             f[k, q, 0] = s[0] * x + s[3] * y + s[5] * z
             f[k, q, 1] = s[3] * x + s[1] * y + s[4] * z
             f[k, q, 2] = 1j * (s[5] * x + s[4] * y + s[2] * z)
+
+
+@njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+def _continue(level, S, C, out):  # type: ignore[no-untyped-def]
+    """From the `level` (waves, 3) above to the base, no force below it."""
+    for k in range(out.shape[0]):
+        for q in range(out.shape[1]):
+            s, c = S[k, q], C[k, q]
+            if k == 0:
+                a, b, d = level[q, 0], level[q, 1], level[q, 2] * -1j
+            else:
+                a, b, d = out[k - 1, q, 0], out[k - 1, q, 1], out[k - 1, q, 2] * -1j
+            x = -(c[0] * a + c[3] * b + c[6] * d)
+            y = -(c[1] * a + c[4] * b + c[7] * d)
+            z = -(c[2] * a + c[5] * b + c[8] * d)
+            out[k, q, 0] = s[0] * x + s[3] * y + s[5] * z
+            out[k, q, 1] = s[3] * x + s[1] * y + s[4] * z
+            out[k, q, 2] = 1j * (s[5] * x + s[4] * y + s[2] * z)
 
 
 def transform(field: FloatArray) -> ComplexArray:
@@ -199,7 +217,10 @@ def inverse(spectrum: ComplexArray, nx: int) -> FloatArray:
 
 
 def eliminate(factor: Factor, force: FloatArray) -> ComplexArray:
-    """The transformed `force` (nz + 1, nx, ny, 3) after the sweep to the top."""
+    """The transformed `force` (levels, nx, ny, 3) after the sweep to the top.
+
+    Levels below those given bear no force; what is eliminated and substituted is cut off there.
+    """
     spectrum = transform(force)
     _down(_flat(spectrum), factor.compliances, factor.couplings)
     return spectrum
@@ -219,6 +240,16 @@ def substitute(factor: Factor, eliminated: ComplexArray, pressing: FloatArray) -
     eliminated[0, :, :, 2] -= transform(pressing)
     _up(_flat(eliminated), factor.compliances, factor.couplings)
     return inverse(eliminated, factor.shape[0])
+
+
+def continued(factor: Factor, level: FloatArray, above: int) -> FloatArray:
+    """The displacement of the levels below `above` - 1, which has the displacement `level`
+    (nx, ny, 3), where no force acts on them."""
+    spectrum = transform(level[None])
+    below = np.empty((len(factor.compliances) - above, *spectrum.shape[1:]), dtype=complex)
+    _continue(_flat(spectrum)[0], factor.compliances[above:], factor.couplings[above - 1 :],
+              _flat(below))  # fmt: skip
+    return inverse(below, factor.shape[0])
 
 
 def _flat(spectrum: ComplexArray) -> ComplexArray:

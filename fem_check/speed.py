@@ -22,7 +22,7 @@ from scipy.sparse.linalg import cg, splu
 from epcontact.errors import NotConverged
 from epcontact.results import ELASTIC
 from epcontact.scene import Load, Material, Scene, Surface
-from fem_check import newton, plasticity
+from fem_check import linearised, plasticity
 from fem_check.bodies import assembled, elastic_tangents, tangents
 from fem_check.driver import solve, solve_path
 from fem_check.element import FloatArray, strain_operator
@@ -152,7 +152,7 @@ def _by_fft(
     factorise(problem.block, problem.bricks, problem.law)
     setup = time.perf_counter() - begin
     counts, begin = Counts(), time.perf_counter()
-    newton.solve_linear(problem, state, softening, right, Control(approach=state.approach),
+    linearised.solve_linear(problem, state, softening, right, Control(approach=state.approach),
                         1e-8 * float(np.linalg.norm(right)), counts)  # fmt: skip
     return LinearCost("fft", unknowns, setup, time.perf_counter() - begin, counts.cg)
 

@@ -1,0 +1,260 @@
+"""Block Gauss-Seidel sweeps over the nodes that flow: what the elastic preconditioner cannot see.
+
+Perfect plasticity gives way along slip lines as thin as an element, wherever the material flows.
+The elastic flat block does not know of them, and no coarse grid does; but sweeps over the flowing
+nodes do, which are a few in a hundred.  The two make one symmetric preconditioner,
+
+    sweep up  ->  elastic block  ->  sweep down,
+
+a multiplicative Schwarz method (Smith, Bjorstad and Gropp, Domain Decomposition, 1996, section
+1.1) whose product with the tangent falls off on the way: what one part leaves of the residual is
+what the next one starts from.
+
+The tangent's rows of the flowing nodes are assembled as 3 x 3 blocks, one for each of the at most
+27 nodes that share an element with a node.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fem_check.element import CORNERS, Elements, FloatArray, elastic_stiffness
+from fem_check.plasticity import Law, Softening
+
+#: Sweeps on either side of the elastic block.
+SWEEPS = 3
+
+_FAST = {"contract", "reassoc", "nsz"}
+
+
+class Rows(NamedTuple):
+    """The tangent's rows of the flowing nodes.
+
+    nodes: (n,) their numbers, ascending.  neighbours: (n, 27) numbers of the nodes in their rows,
+    -1 where there is none.  places: (n, 27) those nodes' places among `nodes`; n and more where
+    they do not flow.  blocks: (n, 27, 3, 3), N/m.
+    """
+
+    nodes: NDArray[np.int64]
+    neighbours: NDArray[np.int32]
+    places: NDArray[np.int32]
+    blocks: FloatArray
+
+
+@dataclass(frozen=True)
+class Smoother:
+    """The rows, with the inverses (n, 3, 3) of their diagonal blocks in which what the contact
+    holds does not move."""
+
+    rows: Rows
+    inverses: FloatArray
+
+    def before(self, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(z, K z) of the sweeps over the (levels, nx, ny, 3) `residual`."""
+        return self._swept(residual, [k % 2 == 0 for k in range(SWEEPS)])
+
+    def after(self, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(z, K z) of the transposed sweeps: the other way, the last one first."""
+        return self._swept(residual, [k % 2 == 1 for k in reversed(range(SWEEPS))])
+
+    def _swept(self, residual: FloatArray, ascending: list[bool]) -> tuple[FloatArray, FloatArray]:
+        x = np.zeros((len(self.rows.nodes), 3))
+        right = residual.reshape(-1, 3)
+        for way in ascending:
+            _sweep(self.rows, self.inverses, right, x, way)
+        z, product = np.zeros_like(residual), np.zeros_like(residual)
+        z.reshape(-1, 3)[self.rows.nodes] = x
+        _multiply(self.rows, x, product.reshape(-1, 3))
+        return z, product
+
+
+def smoother(rows: Rows, held: NDArray[np.bool_]) -> Smoother:
+    """The smoother of `rows` where the contact holds the normal motion of the top's `held`
+    (nx, ny) nodes."""
+    inverses = np.empty((len(rows.nodes), 3, 3))
+    _invert(rows, held.ravel(), inverses)
+    return Smoother(rows, inverses)
+
+
+def flowing_levels(softening: Softening, shape: tuple[int, int]) -> int:
+    """How many levels of nodes, from the top, the flowing elements and their neighbours touch."""
+    nx, ny = shape
+    return int(softening.which.max(initial=0)) // (nx * ny) + 3
+
+
+def assemble(
+    shape: tuple[int, int], bricks: Elements, law: Law, softening: Softening, scale: float
+) -> Rows:
+    """The rows of elastic stiffness less `scale` times the `softening`, for the nodes of the
+    flowing elements of a flat block of `shape` nodes a level; the base is left out."""
+    nx, ny = shape
+    layers = bricks.number // (nx * ny)
+    levels = min(flowing_levels(softening, shape), layers + 1)
+    size = nx * ny
+    flows = np.zeros((layers + 1) * size, dtype=np.bool_)
+    flows[bricks.connectivity[softening.which]] = True
+    flows[layers * size :] = False
+    nodes = np.flatnonzero(flows)
+    places = np.full((layers + 1) * size, len(nodes), dtype=np.int32)
+    places[nodes] = np.arange(len(nodes))
+    number = np.full(bricks.number, -1, dtype=np.int32)
+    number[softening.which] = np.arange(softening.which.size)
+    elastic = np.stack(
+        [elastic_stiffness(bricks, k, law.shear, law.bulk) for k in range(len(bricks.weights))]
+    )
+    neighbours = np.full((len(nodes), 27), -1, dtype=np.int32)
+    blocks = np.zeros((len(nodes), 27, 3, 3))
+    reach = (levels - 1) * size
+    body = (bricks.connectivity[:reach], bricks.shape_of, bricks.gradients, elastic)
+    flow = (number, softening.terms, float(scale))
+    _assemble(body, flow, places, _slots(nx, ny), neighbours, blocks)
+    within = np.where(neighbours < 0, len(nodes), places[neighbours]).astype(np.int32)
+    return Rows(nodes, neighbours, within, blocks)
+
+
+def _slots(nx: int, ny: int) -> NDArray[np.int64]:
+    """(8, 8) the slot of corner b in the row of corner a.  Across one or two nodes a period, a
+    node's neighbours on both sides are one node, and have one slot."""
+    step = CORNERS[None, :, :] - CORNERS[:, None, :]
+    for axis, count in ((0, nx), (1, ny)):
+        if count <= 2:
+            step[..., axis] = np.abs(step[..., axis]) * (count - 1)
+    out: NDArray[np.int64] = ((step + 1) @ np.array([9, 3, 1])).astype(np.int64)
+    return out
+
+
+_SELF = 13
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _element(K, gradients, terms, scale):  # type: ignore[no-untyped-def]
+    """K (24, 24) less `scale` times the softening of one element."""
+    v = np.empty(24)
+    for q in range(8):
+        n = terms[:6, q]
+        a, b = scale * terms[6, q], scale * terms[7, q]
+        for c in range(8):
+            gx, gy, gz = gradients[0, c, q], gradients[1, c, q], gradients[2, c, q]
+            v[3 * c] = n[0] * gx + n[3] * gy + n[5] * gz
+            v[3 * c + 1] = n[3] * gx + n[1] * gy + n[4] * gz
+            v[3 * c + 2] = n[5] * gx + n[4] * gy + n[2] * gz
+        for c in range(8):
+            hx, hy, hz = a * gradients[0, c, q], a * gradients[1, c, q], a * gradients[2, c, q]
+            for d in range(c, 8):
+                gx, gy, gz = gradients[0, d, q], gradients[1, d, q], gradients[2, d, q]
+                half = 0.5 * (hx * gx + hy * gy + hz * gz)
+                i, j = 3 * c, 3 * d
+                # a dev sym grad N_c e_i : dev sym grad N_d e_j + b (n : ..)(n : ..)
+                K[i, j] -= half + hx * gx / 6 + b * v[i] * v[j]
+                K[i, j + 1] -= 0.5 * hy * gx - hx * gy / 3 + b * v[i] * v[j + 1]
+                K[i, j + 2] -= 0.5 * hz * gx - hx * gz / 3 + b * v[i] * v[j + 2]
+                K[i + 1, j] -= 0.5 * hx * gy - hy * gx / 3 + b * v[i + 1] * v[j]
+                K[i + 1, j + 1] -= half + hy * gy / 6 + b * v[i + 1] * v[j + 1]
+                K[i + 1, j + 2] -= 0.5 * hz * gy - hy * gz / 3 + b * v[i + 1] * v[j + 2]
+                K[i + 2, j] -= 0.5 * hx * gz - hz * gx / 3 + b * v[i + 2] * v[j]
+                K[i + 2, j + 1] -= 0.5 * hy * gz - hz * gy / 3 + b * v[i + 2] * v[j + 1]
+                K[i + 2, j + 2] -= half + hz * gz / 6 + b * v[i + 2] * v[j + 2]
+    for i in range(24):
+        for j in range(i):
+            K[i, j] = K[j, i]
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _assemble(body, flow, places, slots, neighbours, blocks):  # type: ignore[no-untyped-def]
+    conn, shape_of, gradients, elastic = body
+    number, terms, scale = flow
+    K, count = np.empty((24, 24)), blocks.shape[0]
+    for e in range(conn.shape[0]):
+        touched = False
+        for a in range(8):
+            touched = touched or places[conn[e, a]] < count
+        if not touched:
+            continue
+        shape = shape_of[e]
+        K[:] = elastic[shape]
+        if number[e] >= 0:
+            _element(K, gradients[shape], terms[number[e]], scale)
+        for a in range(8):
+            row = places[conn[e, a]]
+            if row >= count:
+                continue
+            for b in range(8):
+                slot = slots[a, b]
+                neighbours[row, slot] = conn[e, b]
+                for i in range(3):
+                    for j in range(3):
+                        blocks[row, slot, i, j] += K[3 * a + i, 3 * b + j]
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _invert(rows, held, out):  # type: ignore[no-untyped-def]
+    """Inverses of the diagonal blocks; a held normal motion has neither row nor column."""
+    for r in range(rows.nodes.size):
+        A, node = rows.blocks[r, _SELF], rows.nodes[r]
+        a, b, d = A[0, 0], A[1, 1], A[2, 2]
+        e, f, g = A[0, 1], A[1, 2], A[0, 2]
+        if node < held.size and held[node]:
+            det = a * b - e * e
+            out[r, 0, 0], out[r, 1, 1], out[r, 0, 1] = b / det, a / det, -e / det
+            out[r, 1, 0] = out[r, 0, 1]
+            out[r, 2, :] = 0
+            out[r, :, 2] = 0
+            continue
+        det = a * (b * d - f * f) - e * (e * d - f * g) + g * (e * f - b * g)
+        out[r, 0, 0], out[r, 1, 1] = (b * d - f * f) / det, (a * d - g * g) / det
+        out[r, 2, 2] = (a * b - e * e) / det
+        out[r, 0, 1] = out[r, 1, 0] = (f * g - e * d) / det
+        out[r, 1, 2] = out[r, 2, 1] = (e * g - a * f) / det
+        out[r, 0, 2] = out[r, 2, 0] = (e * f - b * g) / det
+
+
+# Sums in order: reassociated, they would be gathered into slow vectors of neighbours.
+@njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
+def _sweep(rows, inverses, right, x, ascending):  # type: ignore[no-untyped-def]
+    """One Gauss-Seidel sweep that goes on from x."""
+    count = rows.nodes.size
+    for k in range(count):
+        r = k if ascending else count - 1 - k
+        n = rows.nodes[r]
+        b0, b1, b2 = right[n, 0], right[n, 1], right[n, 2]
+        for s in range(27):
+            c = rows.places[r, s]
+            if c < count:
+                A = rows.blocks[r, s]
+                b0 -= A[0, 0] * x[c, 0] + A[0, 1] * x[c, 1] + A[0, 2] * x[c, 2]
+                b1 -= A[1, 0] * x[c, 0] + A[1, 1] * x[c, 1] + A[1, 2] * x[c, 2]
+                b2 -= A[2, 0] * x[c, 0] + A[2, 1] * x[c, 1] + A[2, 2] * x[c, 2]
+        D = inverses[r]
+        for i in range(3):
+            x[r, i] += D[i, 0] * b0 + D[i, 1] * b1 + D[i, 2] * b2
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _multiply(rows, x, out):  # type: ignore[no-untyped-def]
+    """out += K x, in the rows of the flowing nodes and of their neighbours."""
+    count = rows.nodes.size
+    for r in range(count):
+        n = rows.nodes[r]
+        b0 = b1 = b2 = 0.0
+        x0, x1, x2 = x[r, 0], x[r, 1], x[r, 2]
+        for s in range(27):
+            m = rows.neighbours[r, s]
+            if m < 0:
+                continue
+            A, c = rows.blocks[r, s], rows.places[r, s]
+            if c < count:
+                b0 += A[0, 0] * x[c, 0] + A[0, 1] * x[c, 1] + A[0, 2] * x[c, 2]
+                b1 += A[1, 0] * x[c, 0] + A[1, 1] * x[c, 1] + A[1, 2] * x[c, 2]
+                b2 += A[2, 0] * x[c, 0] + A[2, 1] * x[c, 1] + A[2, 2] * x[c, 2]
+            else:
+                out[m, 0] += A[0, 0] * x0 + A[1, 0] * x1 + A[2, 0] * x2
+                out[m, 1] += A[0, 1] * x0 + A[1, 1] * x1 + A[2, 1] * x2
+                out[m, 2] += A[0, 2] * x0 + A[1, 2] * x1 + A[2, 2] * x2
+        out[n, 0] += b0
+        out[n, 1] += b1
+        out[n, 2] += b2
