@@ -8,13 +8,15 @@ slopes allow;  moved, the top nodes at the real heights.
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
 import resource
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, ParamSpec
 
 import numpy as np
 
@@ -34,6 +36,7 @@ from fem_check.report import contact_result
 LawName = Literal["elastic", "capped", "j2"]
 Geometry = Literal["gap", "moved"]
 Progress = Callable[[float, str], None]
+P = ParamSpec("P")
 
 #: Load increments from zero to the largest pressure. On a rough scene with
 #: yield_stress = 0.2 E* xi, going from 4 to 16 of them changed the area by 0.1 %.
@@ -42,7 +45,10 @@ J2_INCREMENTS = 4
 
 @dataclass(frozen=True)
 class SolvedPath:
-    """A solved path with what made it: the last state's history is `history`."""
+    """A solved path with what made it: the last state's history is `history`.
+
+    certificate: what scikit-fem's own assembly says of the last state, where it was asked.
+    """
 
     scene: Scene
     problem: Problem
@@ -50,9 +56,11 @@ class SolvedPath:
     reached: tuple[Reached, ...]
     seconds: float
     notes: tuple[str, ...]
+    options: dict[str, Any]
+    certificate: dict[str, float]
 
 
-def solve(  # noqa: PLR0913 - the scene's many questions, by keyword
+def solve_path(  # noqa: PLR0913 - the scene's many questions, by keyword
     scene: Scene,
     *,
     law: LawName = "j2",
@@ -65,78 +73,6 @@ def solve(  # noqa: PLR0913 - the scene's many questions, by keyword
     approach: float | Sequence[float] | None = None,
     hardening: float = 0.0,
     certified: bool = True,
-    progress: Progress | None = None,
-    output: Path | str | None = None,
-) -> ContactResult:
-    """The contact of `scene` along its load path.
-
-    law, geometry: see the module.  depth, first_layer (m), layers (their number): of the block,
-        chosen from the scene where not given (`mesh`).
-    steps: load increments from zero to the largest pressure; 4 for j2, else one a mean pressure.
-    tolerance: on every residual: forces by the total force, lengths by the rms height.
-    approach: of the flat after it touched the highest point, m; prescribes the path in place of
-        the mean pressures.
-    hardening: H of linear isotropic hardening, Pa.
-    certified: whether scikit-fem's own assembly must confirm the last state (`certify`).
-    progress: called with the share of the path that is done and a sentence.
-    output: folder for one .vtu a point of the path and a .pvd.
-
-    Raises InvalidScene, NotConverged (with the residual history), OutputError.
-    """
-    path = solve_path(
-        scene,
-        law=law,
-        geometry=geometry,
-        depth=depth,
-        layers=layers,
-        first_layer=first_layer,
-        steps=steps,
-        tolerance=tolerance,
-        approach=approach,
-        hardening=hardening,
-        progress=progress,
-        output=output,
-    )
-    certificate = {}
-    if certified:
-        certificate = certify(path.problem, path.reached[-1].state, path.history)
-        # Ten times the tolerance: the certificate adds up forces in another order.
-        if certificate["certified_balance"] > max(10 * tolerance, 1e-12):
-            raise NotConverged(
-                "scikit-fem's assembly does not confirm the converged state: its internal force "
-                f"misses the contact forces by {certificate['certified_balance']:.1e}",
-                residuals=certificate,
-            )
-    options = {
-        "law": law,
-        "geometry": geometry,
-        "depth": path.problem.block.depth,
-        "layers": len(path.problem.block.layers),
-        "first_layer": float(path.problem.block.layers[0]),
-        "tolerance": tolerance,
-        "hardening": hardening,
-        "steps": steps,
-    }
-    return contact_result(path, options, certificate, _peak_memory())
-
-
-def _peak_memory() -> float:
-    """Of the process so far, in bytes."""
-    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * 1024
-
-
-def solve_path(  # noqa: PLR0913
-    scene: Scene,
-    *,
-    law: LawName = "j2",
-    geometry: Geometry = "gap",
-    depth: float | None = None,
-    layers: int | None = None,
-    first_layer: float | None = None,
-    steps: int | None = None,
-    tolerance: float = 1e-8,
-    approach: float | Sequence[float] | None = None,
-    hardening: float = 0.0,
     progress: Progress | None = None,
     output: Path | str | None = None,
 ) -> SolvedPath:
@@ -182,9 +118,72 @@ def solve_path(  # noqa: PLR0913
         from fem_check.output import write_collection
 
         write_collection(Path(output), [r.mean_pressure for r in reached])
+    seconds = time.perf_counter() - begin
+    options = {
+        "law": law,
+        "geometry": geometry,
+        "depth": problem.block.depth,
+        "layers": len(problem.block.layers),
+        "first_layer": float(problem.block.layers[0]),
+        "tolerance": tolerance,
+        "hardening": hardening,
+        "steps": steps,
+    }
+    certificate = _certificate(problem, states[-1], history, tolerance) if certified else {}
     return SolvedPath(
-        scene, problem, history, tuple(reached), time.perf_counter() - begin, tuple(notes)
+        scene, problem, history, tuple(reached), seconds, tuple(notes), options, certificate
     )
+
+
+def _certificate(
+    problem: Problem, state: State, history: History, tolerance: float
+) -> dict[str, float]:
+    """What `certify` finds.  Raises NotConverged where it does not confirm the state."""
+    certificate = certify(problem, state, history)
+    # Ten times the tolerance: the certificate adds up forces in another order.
+    if certificate["certified_balance"] > max(10 * tolerance, 1e-12):
+        raise NotConverged(
+            "scikit-fem's assembly does not confirm the converged state: its internal force "
+            f"misses the contact forces by {certificate['certified_balance']:.1e}",
+            residuals=certificate,
+        )
+    return certificate
+
+
+def _answered(path: Callable[P, SolvedPath]) -> Callable[P, ContactResult]:
+    """The function of the same arguments that returns the path's result."""
+
+    @functools.wraps(path, assigned=("__module__",))
+    def solve(*args: P.args, **options: P.kwargs) -> ContactResult:
+        """The contact of `scene` along its load path.
+
+        law, geometry: see the module.  depth, first_layer (m), layers (their number): of the
+            block, chosen from the scene where not given (`mesh`).
+        steps: load increments from zero to the largest pressure; 4 for j2, else one a mean
+            pressure.
+        tolerance: on every residual: forces by the total force, lengths by the rms height.
+        approach: of the flat after it touched the highest point, m; prescribes the path in place
+            of the mean pressures.
+        hardening: H of linear isotropic hardening, Pa.
+        certified: whether scikit-fem's own assembly must confirm the last state (`certify`).
+        progress: called with the share of the path that is done and a sentence.
+        output: folder for one .vtu a point of the path and a .pvd.
+
+        Raises InvalidScene, NotConverged (with the residual history), OutputError.
+        """
+        return contact_result(path(*args, **options), _peak_memory())
+
+    signature = inspect.signature(path).replace(return_annotation="ContactResult")
+    solve.__signature__ = signature  # type: ignore[attr-defined]
+    return solve
+
+
+solve = _answered(solve_path)
+
+
+def _peak_memory() -> float:
+    """Of the process so far, in bytes."""
+    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * 1024
 
 
 def _checked(

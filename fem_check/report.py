@@ -52,13 +52,11 @@ FEWEST_NODES = 4
 LARGEST_STRAIN = 0.2
 
 
-def contact_result(
-    path: SolvedPath, options: dict[str, Any], certificate: dict[str, float], memory: float
-) -> ContactResult:
-    """The result of a solved path; `certificate` joins the residuals of the last step."""
+def contact_result(path: SolvedPath, memory: float) -> ContactResult:
+    """The result of a solved path; its certificate joins the residuals of the last step."""
     problem, last = path.problem, path.reached[-1]
     steps = [load_step(path.scene, problem, reached) for reached in path.reached]
-    steps[-1].residuals.update(certificate)  # type: ignore[attr-defined]
+    steps[-1].residuals.update(path.certificate)  # type: ignore[attr-defined]
     shape = path.scene.surface.shape
     fields = surface_fields(path.scene, problem, last)
     counts = [reached.counts for reached in path.reached]
@@ -78,7 +76,7 @@ def contact_result(
     return ContactResult(
         method="fem",
         steps=tuple(steps),
-        provenance=Provenance(path.scene.digest, path.scene.surface.seed, options),
+        provenance=Provenance(path.scene.digest, path.scene.surface.seed, path.options),
         distribution=distribution(
             fields["pressure"],
             fields["state"],
