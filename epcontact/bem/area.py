@@ -8,17 +8,22 @@ count underestimates the plastic part as it overestimates the contact.
 International 114 (2017) 161): A = A_raw - (pi - 1 + ln 2)/24 S dx with S the length of the rim,
 counted by the switches along rows and columns.  It takes off a sixth too much.
 
-`estimate_areas` uses the exact offset of the counted rim instead, from the discrete problem at a
-straight front (`rim_calibration`), as a sum over what each row and column meets:
+`estimate_areas` locates the fronts inside the cells (`area_sweep`) and corrects what they bound,
+in cells, L being a front's length in spacings:
 
-* a switch between apart and elastic contact, or elastic and plastic: RIM_PER_SWITCH, the mean
-  over the directions of a rim;
-* m < 3 elastic points between apart and plastic: the two fronts see each other, and each is off
-  by a tabulated amount that depends on m and on tau = H/(H + (E*/dx) |difference of the gaps|),
-  down to nothing for a rigid-plastic body, tau -> 0;
-* switches in line over STRAIGHT_FROM rows or columns: rims along the grid, whose offset is
-  larger; what exceeds the share that a rim of any direction has is added.  From LOCATED_FROM on
-  the front is also located inside its cells, by p - c g = 0, c = pi E*/(2 e dx), as on a line.
+    A = located - sum (offset(u) + HARMONIC cos 4 theta) dL + CORNER chi - TIP (tips)
+
+and the same for the plastic part with the offset and the tips to the other side.
+
+* First order: the offset of a located front is that of the discrete problem at a straight one, of
+  any direction theta, with an elastic strip of any width beside it (`rim_calibration`).
+* Second order: a smooth front has two local lengths, the radius of its curvature and that over
+  which the pressure bends off the square root.  The cubic takes care of the latter; the former
+  integrates to the Euler number chi of the front's inside, so that CORNER, measured on a sphere
+  (and, of the other sign, on a penny-shaped gap) holds for any shape.
+* What is not resolved: gaps (or plastic spots) narrower than a spacing are met by chance.  Met,
+  they show as tips; a straight gap that may be of any width calls for STRAIGHT_TIP a tip, a round
+  one for nothing.  TIP, in between, is the only figure taken from rough surfaces.
 
 On a line fronts are located inside their cell, see `area_line`.
 """
@@ -28,11 +33,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem import area_sweep as sweep
-from epcontact.bem.area_line import AXIS_OFFSET, line_lengths
+from epcontact.bem.area_line import AXIS_OFFSET, STIFFNESS, line_lengths
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas
 
@@ -40,8 +46,22 @@ FloatArray = NDArray[np.float64]
 
 #: Yastrebov, Anciaux and Molinari (2017): of a grid cell's area, for each switch.
 PERIMETER_FACTOR = (math.pi - 1 + math.log(2)) / 24
-#: Fitted to rough surfaces at 4 points per shortest wavelength; vanishes on finer grids by itself.
-STRIP_CURVATURE = 0.25
+#: Offset of a located front at area_sweep.U_NODES, in spacings, and its share by direction.
+OFFSETS = np.array(
+    [
+        *(0.0, 0.0721, 0.1369, 0.1915, 0.2198, 0.2229, 0.215, 0.1934),
+        *(0.18, 0.1743, 0.1695, 0.1784, 0.1778, 0.1788),
+    ]
+)
+HARMONIC = 0.0127
+#: Cells that a spot lacks by the curvature of its front.
+CORNER = 0.6
+#: Cells missed for each tip: of straight gaps, and as fitted to rough surfaces.
+STRAIGHT_TIP, TIP = 0.277, 0.2
+#: Mean offset on oblong cells, 1 + OBLONG ln^2(dx/dy) times that on square ones.
+OBLONG = 0.057
+#: Share of narrow strips among the fronts from which on the load places them.
+PLACED_FROM = 0.7
 #: Of the hardness; what is closer to it than rounding is plastic.
 _ROUNDING = 1 - 1e-12
 
@@ -53,7 +73,7 @@ def perimeter_areas(pressure: FloatArray, hardness: float = math.inf) -> tuple[A
     line, for which nothing is published, the exact offset AXIS_OFFSET stands in.
     """
     grid, hardness = pressure.reshape(pressure.shape[0], -1), hardness * _ROUNDING
-    contact, plastic, contact_switches, plastic_switches = sweep.count(grid, hardness)
+    contact, plastic, contact_switches, plastic_switches = count(grid, hardness)
     factor = AXIS_OFFSET if pressure.ndim == 1 else PERIMETER_FACTOR
     raw = _areas(contact / grid.size, plastic / grid.size)
     total = (contact - factor * contact_switches) / grid.size
@@ -74,8 +94,8 @@ def estimate_areas(
         effective_modulus: E* in Pa (a layer's too: the rim is a matter of short waves).
     error: estimated absolute error of the corrected areas; meant to cover nine errors of ten.
 
-    Validity: square cells; the offset of oblong ones has not been calibrated, their geometric
-    mean spacing stands in.  Works in place, without arrays of the grid's size.
+    Validity: oblong cells are right on average over directions up to dx/dy = 2; beyond, and for
+    fronts of one direction, the error grows.  Works in place, without arrays of the grid's size.
 
     Raises InvalidScene if the shapes do not fit.
     """
@@ -90,20 +110,39 @@ def estimate_areas(
         lengths = line_lengths(pressure, gap, hardness, effective_modulus / spacing[0])
         counted, located, error = ((total / n, plastic / n) for total, plastic in lengths)
         return _areas(*counted), *_possible(located, error, share)
-    stiffness = effective_modulus / math.sqrt(spacing[0] * spacing[1])
-    sums = np.zeros(10)
-    sweep.sweep(pressure, gap, hardness, stiffness, sums)
-    sweep.sweep(pressure.T, gap.T, hardness, stiffness, sums)
-    contact, plastic, _, _ = sweep.count(pressure, hardness)
-    correction = _correction(sums, 0)
-    plastic_correction = _correction(sums, 1)
-    corrected = ((contact - correction) / n, (plastic + plastic_correction) / n)
-    uncertain = (
-        _uncertainty(sums, 0, correction, min(contact, n - contact)),
-        _uncertainty(sums, 1, plastic_correction, min(plastic, n - plastic)),
+    stiffness = [STIFFNESS * effective_modulus / step for step in spacing]
+    sums = np.zeros(sweep.SUMS)
+    sweep.sweep(pressure, gap, hardness, (stiffness[0], stiffness[1]), OFFSETS, sums)
+    contact, plastic, _, _ = count(pressure, hardness)
+    oblong = OBLONG * math.log(spacing[0] / spacing[1]) ** 2
+    corrected = _placed([_corrected(sums, front, oblong) / n for front in range(2)], sums, share)
+    less = (min(contact, n - contact), min(plastic, n - plastic))
+    errors = tuple(_uncertainty(sums, front, less[front], oblong) / n for front in range(2))
+    return (
+        _areas(contact / n, plastic / n),
+        *_possible(corrected, (errors[0], errors[1]), share),
     )
-    errors = (uncertain[0] / n, uncertain[1] / n)
-    return _areas(contact / n, plastic / n), *_possible(corrected, errors, share)
+
+
+@numba.njit(cache=True, nogil=True)
+def count(pressure: FloatArray, hardness: float) -> tuple[int, int, int, int]:
+    """Points in contact and at the hardness, and switches of either along rows and columns."""
+    nx, ny = pressure.shape
+    contact = plastic = contact_switches = plastic_switches = 0
+    for i in range(nx):
+        for j in range(ny):
+            p = pressure[i, j]
+            touching, flowing = p > 0, p >= hardness
+            contact += touching
+            plastic += flowing
+            if ny > 1:
+                q = pressure[i, j - 1]
+                contact_switches += touching != (q > 0)
+                plastic_switches += flowing != (q >= hardness)
+            q = pressure[i - 1, j]
+            contact_switches += touching != (q > 0)
+            plastic_switches += flowing != (q >= hardness)
+    return contact, plastic, contact_switches, plastic_switches
 
 
 def _possible(
@@ -129,40 +168,45 @@ def _error(total: float, plastic: float) -> Areas:
     return Areas(total=float(total), elastic=math.hypot(total, plastic), plastic=float(plastic))
 
 
-def _correction(sums: FloatArray, front: int) -> float:
-    """Cells to take off the contact (front 0), or to add to the plastic part (front 1)."""
-    rim, line = sums[sweep.RIM + front], sums[sweep.LINE + front]
-    switches = rim + sums[sweep.STRIP]
-    if switches == 0:
-        return 0.0
-    share = rim / switches
-    longest = AXIS_OFFSET - sweep.RIM_PER_SWITCH
-    excess = max(0.0, line - sweep.ISOTROPIC_EXCESS * switches) * share
-    straight = excess * longest / (longest - sweep.ISOTROPIC_EXCESS)
-    strips = sums[sweep.STRIP_OFFSET] * (1 + (-1) ** front * _curved_strips(sums))
-    offset = sweep.RIM_PER_SWITCH * rim + strips + straight
-    return float(offset - sums[sweep.LOCATED + front])
+def _corrected(sums: FloatArray, front: int, oblong: float) -> float:
+    """Cells of the contact (front 0) or of the plastic part (front 1)."""
+    offset = (1 + oblong) * sums[sweep.OFFSET + front] + HARMONIC * sums[sweep.HARMONIC + front]
+    outward = offset + TIP * sums[sweep.TIPS + front]
+    side = -1 if front == 0 else 1
+    return float(sums[sweep.AREA + front] + side * outward + CORNER * sums[sweep.TURN + front])
 
 
-def _curved_strips(sums: FloatArray) -> float:
-    """Share of a strip's offset that moves from its inner front to its outer one.
+def _placed(areas: list[float], sums: FloatArray, share: float) -> tuple[float, float]:
+    """Total and plastic area with the middle of the strips where the load puts it.
 
-    A strip around a plastic spot is longer outside than inside, and the tables are for straight
-    ones.  Odd under particle-hole exchange; STRIP_CURVATURE is a fit.
+    Across a narrow strip the pressure rises antisymmetrically, so that strips alone have
+    (A + A_pl)/2 = p0/hardness.  Used as far as more than PLACED_FROM of the fronts are strips.
     """
-    outer = sums[sweep.RIM] + sums[sweep.STRIP]
-    inner = sums[sweep.PLASTIC_RIM] + sums[sweep.STRIP]
-    both = outer + inner
-    return float(STRIP_CURVATURE * (outer - inner) / both * 2 * sums[sweep.STRIP] / both)
+    length = sums[sweep.LENGTH] + sums[sweep.LENGTH + 1]
+    strips = (sums[sweep.STRIP] + sums[sweep.STRIP + 1]) / length if length else 0.0
+    weight = max(0.0, (strips - PLACED_FROM) / (1 - PLACED_FROM))
+    shift = weight * (share - (areas[0] + areas[1]) / 2)
+    return areas[0] + shift, areas[1] + shift
 
 
-def _uncertainty(sums: FloatArray, front: int, correction: float, area: float) -> float:
-    """Cells by which an area may be off; the figures are measured, see the tests.
+def _uncertainty(sums: FloatArray, front: int, area: float, oblong: float) -> float:
+    """Cells by which an area may be off; area: cells inside the front or outside, the less.
 
-    The rim's position in its cells is random, over a straight rim all at once; a next order falls
-    with the size of the spots.
+    Chance: a front's position in its cells, and the tips that happen to be met.  Common to all of
+    a front: what its offset, its corners and its tips are known to, a rest of the second order,
+    that goes with the distance between fronts, and, where the front runs one way, its offset
+    there.  Dips are a bound.  The figures are measured on rough surfaces, see the tests.
     """
-    switches = sums[sweep.RIM + front] + sums[sweep.STRIP]
-    chance = math.sqrt(0.16 * switches + 0.25 * sums[sweep.LINE_SQUARES + front])
-    order = 0.5 * correction * min(1.0, correction / max(area, 1.0))
-    return math.hypot(chance, order, 0.05 * sums[sweep.STRIP_OFFSET])
+    length, strip = sums[sweep.LENGTH + front], sums[sweep.STRIP + front]
+    tips, others = sums[sweep.TIPS + front], sums[sweep.TIPS + 1 - front]
+    chance = 0.006 * length + 0.08 * strip + 0.5 * tips + sums[sweep.DIPS + front]
+    common = (
+        0.0015 * length,
+        0.003 * strip,
+        0.009 * length * length / max(area, 1.0),
+        0.1 * tips + 0.04 * others,
+        0.05 * sums[sweep.TURN + front],
+        oblong * sums[sweep.OFFSET + front],
+        0.01 * abs(sums[sweep.HARMONIC + front]),
+    )
+    return math.hypot(math.sqrt(chance), *common)

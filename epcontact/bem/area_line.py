@@ -53,8 +53,8 @@ STRIP_OFFSETS = np.array(
         0.2047,
     ]
 )
-_STIFFNESS = math.pi / (2 * math.e)
-_MIX = 0.5894898722360835  # Si(pi)/pi
+STIFFNESS = math.pi / (2 * math.e)
+MIX = 0.5894898722360835  # Si(pi)/pi
 
 _jit = numba.njit(cache=True, nogil=True)
 
@@ -66,7 +66,7 @@ def line_lengths(
 
     pressure, gap: (n,); stiffness: E*/dx in Pa/m.
     """
-    c, capped = _STIFFNESS * stiffness, math.isfinite(hardness)
+    c, capped = STIFFNESS * stiffness, math.isfinite(hardness)
     contact, contact_error = _located(pressure, gap, hardness, c)
     rest, rest_error = _located(hardness - pressure, -gap, hardness, c) if capped else (0.0, 0.0)
     n = pressure.size
@@ -137,7 +137,7 @@ def _located(p: FloatArray, g: FloatArray, hardness: float, c: float) -> tuple[f
                 chance += (0.04 + 0.2 * true) ** 2
                 continue
             inner, outer = (i - d) % n, (j + d) % n
-            q = np.array([p[inner] + _MIX * p[i], near, far, -c * g[outer] + _MIX * c * g[j]])
+            q = np.array([p[inner] + MIX * p[i], near, far, -c * g[outer] + MIX * c * g[j]])
             low = 0 if 0 < p[inner] < hardness else 1
             high = 4 if p[outer] <= 0 else 3
             root = _root(q, low, high)

@@ -1,7 +1,17 @@
-"""The pass over the grid behind `area.estimate_areas`: what every row and column meets.
+"""The pass over the grid behind `area.estimate_areas`: fronts located in every cell that has one.
 
-The constants are those of the discrete problem at a straight front; `rim_calibration` derives
-and prints them.
+A front crosses the links between neighbouring points.  Along a link the field v = p - c g,
+c = pi E*/(2 e dx) with dx the link's length, is what `area_line` locates a front by: with the
+points beyond its ends it makes the values of a cubic, whose root is the crossing.  Straight
+segments between the crossings of a cell bound the area.  The plastic front is the same of
+hardness - v.
+
+What a cell books besides, for the corrections of `area`: its segments' length times an offset by
+u = hardness/|grad v| (grad per spacing), which is the width of the elastic strip in spacings
+where both fronts pass the cell, and large where there is one front only; the turn of the front,
+a quarter for each corner cut off: in the sum over a front its Euler number; tips, the points
+apart (or plastic) with at most two of their eight neighbours like them; and dips, what may hide
+between points that all touch.
 """
 
 from __future__ import annotations
@@ -12,192 +22,260 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.area_line import AXIS_OFFSET
+from epcontact.bem.area_line import MIX
 from epcontact.results import ELASTIC
 
 FloatArray = NDArray[np.float64]
 
-#: Offset of a rim in grid spacings: the mean over its directions, and per switch of a line.
-MEAN_OFFSET = 0.12908
-RIM_PER_SWITCH = math.pi / 4 * MEAN_OFFSET
-#: Offset per crossing of a strip with m = 0, 1 (by tau) and 2 elastic points in it.
-TAU_NODES = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0])
-STRIP_0 = np.array([0, 0.034, 0.0697, 0.1293, 0.1866, 0.2349, 0.2663, 0.2855, 0.3091, 0.3329])
-STRIP_1 = np.array([0, 0.0223, 0.0444, 0.0581, 0.0657, 0.0765, 0.0843, 0.0878, 0.0937, 0.1026])
-STRIP_2 = 0.1054
-#: Switches in line are a straight rim from these numbers on; a rim of any direction has as many of
-#: them that their excess over RIM_PER_SWITCH is ISOTROPIC_EXCESS per switch.
-STRAIGHT_FROM, LOCATED_FROM = 12, 48
-ISOTROPIC_EXCESS = 0.0052
+#: Nodes of the table of offsets.
+U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
+#: A tip has no more neighbours like it.
+TIP_NEIGHBOURS = 2
 
 _jit = numba.njit(cache=True, nogil=True)
-# Places in the vector of sums.
-RIM, PLASTIC_RIM, STRIP, STRIP_OFFSET = range(4)
-LINE, LOCATED, LINE_SQUARES = 4, 6, 8  # of the contact; those of the plastic part follow
-_BLOCK = 64  # columns swept together: their states stay in the innermost cache
+# Places in the vector of sums: of the contact first, of the plastic part next.
+AREA, OFFSET, LENGTH, STRIP, HARMONIC, TURN, TIPS, DIPS = range(0, 16, 2)
+SUMS = 16
+#: Fronts are those of a narrow strip below this u.
+STRIP_BELOW = 0.9
 
 
 @_jit
-def count(pressure: FloatArray, hardness: float) -> tuple[int, int, int, int]:
-    """Points in contact and at the hardness, and switches of either along rows and columns."""
-    nx, ny = pressure.shape
-    contact = plastic = contact_switches = plastic_switches = 0
-    for i in range(nx):
-        for j in range(ny):
-            p = pressure[i, j]
-            touching, flowing = p > 0, p >= hardness
-            contact += touching
-            plastic += flowing
-            if ny > 1:
-                q = pressure[i, j - 1]
-                contact_switches += touching != (q > 0)
-                plastic_switches += flowing != (q >= hardness)
-            q = pressure[i - 1, j]
-            contact_switches += touching != (q > 0)
-            plastic_switches += flowing != (q >= hardness)
-    return contact, plastic, contact_switches, plastic_switches
-
-
-@_jit
-def _close(
-    pressure: FloatArray,
-    gap: FloatArray,
-    hardness: float,
-    stiffness: float,
-    sums: FloatArray,
-    ends: tuple[int, int],
-) -> None:
-    """Book a run of elastic points of a column between two that are apart or plastic."""
-    top, bottom = ends[0], ends[1] % pressure.size
-    run = ends[1] - top - 1
-    plastic = pressure[top] >= hardness
-    if plastic == (pressure[bottom] >= hardness):
-        if run > 0:
-            sums[PLASTIC_RIM if plastic else RIM] += 2
-    elif run > 2:
-        sums[RIM] += 1
-        sums[PLASTIC_RIM] += 1
-    else:
-        sums[STRIP] += 1
-        tau = hardness / (hardness + stiffness * abs(gap[top] - gap[bottom]))
-        if run == 2:
-            sums[STRIP_OFFSET] += STRIP_2
-        else:
-            sums[STRIP_OFFSET] += np.interp(tau, TAU_NODES, STRIP_0 if run == 0 else STRIP_1)
-
-
-@_jit
-def _close_line(sums: FloatArray, front: int, side: int, length: int, shift: float) -> None:
-    """Book that many switches in line, with the sum of their located positions in the cell."""
-    if side == 0:
-        return
-    sums[LINE + front] += _straight(length)
-    if length >= LOCATED_FROM:
-        sums[LOCATED + front] += shift
-    elif length >= STRAIGHT_FROM:
-        sums[LINE_SQUARES + front] += length * length
-
-
-@_jit
-def _shift(
-    pressure: FloatArray,
-    gap: FloatArray,
-    hardness: float,
-    stiffness: float,
-    place: tuple[int, int, int],
-) -> float:
-    """How far beyond the middle between points (i, j - 1) and (i, j) the front is located, in
-    grid spacings, away from the contact, or from what is not plastic."""
-    i, j, front = place
-    here = _field(pressure[i, j], gap[i, j], hardness, stiffness, front)
-    there = _field(pressure[i, j - 1], gap[i, j - 1], hardness, stiffness, front)
-    if here == there:
-        return 0.0
-    return float(max(here, there) / abs(here - there) - 0.5)
-
-
-@_jit
-def _field(p: float, g: float, hardness: float, stiffness: float, front: int) -> float:
-    """p - c g, or hardness - p + c g at the plastic front; elastic points have no gap."""
-    if 0 < p < hardness:
-        g = 0.0
-    field = p - math.pi / (2 * math.e) * stiffness * g
-    return hardness - field if front else field
-
-
-@_jit
-def _straight(length: int) -> float:
-    """Excess offset of that many switches in line, as one of a rim of slope 1/length has it.
-
-    A fit to `rim_calibration.front_offset`, good to 1e-3 of it.
-    """
-    if length < STRAIGHT_FROM:
-        return 0.0
-    return (AXIS_OFFSET - RIM_PER_SWITCH) * length - math.log(length) / (2 * math.pi) - 0.098
-
-
-@_jit
-def _kind(p: float, hardness: float) -> int:
+def kind(p: float, hardness: float) -> int:
     """APART, ELASTIC or PLASTIC."""
     return int(p > 0) + int(p >= hardness)
 
 
 @_jit
-def sweep(
-    pressure: FloatArray, gap: FloatArray, hardness: float, stiffness: float, sums: FloatArray
-) -> None:
-    """Follow every column [:, j] down the rows: its strips, and switches to column j - 1."""
-    ny = pressure.shape[1]
-    for start in range(0, ny, _BLOCK):
-        _sweep_block(pressure, gap, hardness, stiffness, sums, (start, min(start + _BLOCK, ny)))
+def field(p: float, g: float, hardness: float, c: float) -> float:
+    """v = p - c g: not above 0 where apart, not below the hardness where plastic."""
+    if p <= 0:
+        return float(-c * max(g, 0.0))
+    if p >= hardness:
+        return float(hardness - c * min(g, 0.0))
+    return p
 
 
 @_jit
-def _sweep_block(  # noqa: PLR0912 - one pass over memory
+def _cubic_shift(q: FloatArray, before: bool, after: bool) -> float:
+    """From the root of the line through (0, q[1]) and (1, q[2]), q[1] > 0 >= q[2], to that of the
+    polynomial that also takes (-1, q[0]) and (2, q[3]), where there are such."""
+    a, b = q[1], q[2] - q[1]
+    # q = a + b x + x (x - 1) (d + e (x + 1)), or with (x - 2) without the point before.
+    d = e = 0.0
+    if before:
+        d = (q[0] - a + b) / 2
+        if after:
+            e = ((q[3] - a - 2 * b) / 2 - d) / 3
+    elif after:
+        d = (q[3] - a - 2 * b) / 2
+    line = x = -a / b
+    low, high = 0.0, 1.0
+    for _ in range(20):
+        bend = d + e * (x + 1)
+        value = a + b * x + x * (x - 1) * bend
+        slope = b + (2 * x - 1) * bend + x * (x - 1) * e
+        if value > 0:
+            low = x
+        else:
+            high = x
+        new = x - value / slope if slope < 0 else -1.0
+        if not low <= new <= high:
+            new = (low + high) / 2
+        step, x = abs(new - x), new
+        if step < 1e-7:
+            break
+    return float(x - line)
+
+
+@_jit
+def crossing(v: FloatArray, hardness: float, front: int) -> float:
+    """Where between the middle two of four points in line, 0 to 1, v crosses 0 or the hardness.
+
+    v: (4,), overwritten.
+    """
+    if front:
+        for k in range(4):
+            v[k] = hardness - v[k]
+    turned = v[1] <= 0
+    if turned:
+        v[0], v[1], v[2], v[3] = v[3], v[2], v[1], v[0]
+    root = v[1] / (v[1] - v[2])
+    if v[1] < hardness:
+        before, after = 0 < v[0] < hardness, v[3] <= 0
+        v[0] += MIX * v[1]
+        v[3] -= MIX * v[2]
+        root += _cubic_shift(v, before, after)
+    elif v[1] - v[2] > hardness:
+        # No point in the strip: the gap alone, smooth but for the strip, tells the bend.
+        before, after = v[0] >= hardness, v[3] <= 0
+        v[0] -= hardness
+        v[1] -= hardness
+        root += _cubic_shift(v, before, after)
+    root = min(max(root, 0.0), 1.0)
+    return float(1 - root if turned else root)
+
+
+@_jit
+def _corner(x: float, y: float) -> tuple[float, float]:
+    return x * y / 2, math.sqrt(x * x + y * y)
+
+
+@_jit
+def _polygon(inside: NDArray[np.int64], cut: FloatArray, joined: bool) -> tuple[float, float]:
+    """(area, length of its front) of what is inside of a cell, in its own units.
+
+    inside: (4,), 0 or 1, of the corners (0, 0), (1, 0), (1, 1), (0, 1); cut: crossings of its
+    sides, each from its first to its next corner; joined: whether two opposite corners join.
+    """
+    n = inside.sum()
+    if n == 2 and inside[0] != inside[2]:
+        first = 0 if inside[0] == inside[1] else 1  # the side with no crossing, or its opposite
+        s, t = cut[first + 1], 1 - cut[(first + 3) % 4]
+        area = (s + t) / 2
+        return (area if inside[first] == 1 else 1 - area), math.sqrt(1 + (s - t) ** 2)
+    # Corners cut off: those of the kind there is one of, or, of two opposite ones, the outside's
+    # where the inside joins.
+    kind = 1 if n == 1 or (n == 2 and not joined) else 0
+    area = length = 0.0
+    for k in range(4):
+        if inside[k] == kind:
+            a, s = _corner(cut[k], 1 - cut[k - 1])
+            area += a
+            length += s
+    return (area if kind == 1 else 1 - area), length
+
+
+@_jit
+def book(
     pressure: FloatArray,
     gap: FloatArray,
     hardness: float,
-    stiffness: float,
+    stiffness: tuple[float, float],
+    place: tuple[int, int],
+    table: FloatArray,
     sums: FloatArray,
-    columns: tuple[int, int],
 ) -> None:
-    nx, (begin, end) = pressure.shape[0], columns
-    above = np.empty(end - begin, np.int64)
-    # Ends (points apart or plastic) at the two sides of a run of elastic points: the first end
-    # of the column, to close it with at the bottom, and the last one.  Row -1: none yet.
-    first, last = np.full(end - begin, -1), np.full(end - begin, -1)
-    side = np.zeros((2, end - begin), np.int64)  # of each front, to column j - 1: 1 in, -1 out
-    length, shift = np.zeros((2, end - begin), np.int64), np.zeros((2, end - begin))
-    for i in range(nx):
-        left = _kind(pressure[i, begin - 1], hardness)
-        for k in range(end - begin):
-            j = begin + k
-            here = _kind(pressure[i, j], hardness)
-            if i == 0:
-                above[k] = here
-                first[k] = 0 if here != ELASTIC else -1
-            if here == above[k] and here == left and side[0, k] == 0 and side[1, k] == 0:
+    """Add what a cell with a front, between (i - 1, j - 1) and (i, j), has to the sums."""
+    (i, j), (nx, ny) = place, pressure.shape
+    kinds, inside = np.empty(4, np.int64), np.empty(4, np.int64)
+    along, across = np.empty(4), np.empty(4)  # v by the links along x and along y
+    for k in range(4):
+        a = i if k in (1, 2) else i - 1
+        b = j if k >= 2 else j - 1
+        p, g = pressure[a, b], gap[a, b]
+        kinds[k] = kind(p, hardness)
+        along[k] = field(p, g, hardness, stiffness[0])
+        across[k] = along[k]
+        if stiffness[1] != stiffness[0]:
+            across[k] = field(p, g, hardness, stiffness[1])
+    dx = (along[1] + along[2] - along[0] - along[3]) / 2
+    dy = (across[2] + across[3] - across[0] - across[1]) / 2
+    square = dx * dx + dy * dy
+    u = hardness / math.sqrt(square) if square > 0 else np.inf
+    harmonic = 1 - 8 * (dx * dy / square) ** 2 if square > 0 else 0.0
+    offset = np.interp(u, U_NODES, table)
+    middle = (along.sum() + across.sum()) / 8
+    cut, v = np.zeros(4), np.empty(4)
+    for front in range(2):
+        n = 0
+        for k in range(4):
+            inside[k] = int(kinds[k] > front)
+            n += inside[k]
+        if n == 4:
+            sums[AREA + front] += 1
+        if n in (0, 4):
+            continue
+        for k in range(4):
+            if inside[k] == inside[(k + 1) % 4]:
                 continue
-            for front in range(2):
-                now = int(here > front) - int(left > front)
-                if now != side[front, k]:
-                    _close_line(sums, front, side[front, k], length[front, k], shift[front, k])
-                    side[front, k], length[front, k], shift[front, k] = now, 0, 0.0
-                if now != 0:
-                    length[front, k] += 1
-                    shift[front, k] += _shift(pressure, gap, hardness, stiffness, (i, j, front))
-            if here != above[k]:
-                if above[k] != ELASTIC:
-                    last[k] = i - 1
-                if here != ELASTIC:
-                    if first[k] < 0:
-                        first[k] = i
-                    if last[k] >= 0:
-                        _close(pressure[:, j], gap[:, j], hardness, stiffness, sums, (last[k], i))
-            above[k] = left = here
-    for k in range(end - begin):
-        for front in range(2):
-            _close_line(sums, front, side[front, k], length[front, k], shift[front, k])
-        if first[k] >= 0:
-            j, bottom = begin + k, nx - 1 if above[k] != ELASTIC else last[k]
-            _close(pressure[:, j], gap[:, j], hardness, stiffness, sums, (bottom, first[k] + nx))
+            # Sides 0 and 2 run along x, 1 and 3 along y.
+            x_side = k in (0, 2)
+            c = stiffness[0] if x_side else stiffness[1]
+            row, column = i if k == 1 else i - 1, j if k == 2 else j - 1
+            for m in range(4):
+                a = (row + m - 1) % nx if x_side else row
+                b = column if x_side else (column + m - 1) % ny
+                v[m] = field(pressure[a, b], gap[a, b], hardness, c)
+            where = crossing(v, hardness, front)
+            cut[k] = where if k < 2 else 1 - where
+        joined = middle > (hardness if front else 0.0)
+        area, length = _polygon(inside, cut, joined)
+        sums[AREA + front] += area
+        sums[LENGTH + front] += length
+        sums[OFFSET + front] += offset * length
+        sums[HARMONIC + front] += harmonic * length
+        if u < STRIP_BELOW:
+            sums[STRIP + front] += length
+        if n != 2:
+            sums[TURN + front] += 0.25 if n == 1 else -0.25
+        elif inside[0] == inside[2]:
+            sums[TURN + front] += -0.5 if joined else 0.5
+
+
+@_jit
+def is_tip(pressure: FloatArray, hardness: float, i: int, j: int, state: int) -> bool:
+    """Whether at most two of a point's eight neighbours are in its state."""
+    nx, ny = pressure.shape
+    like = -1
+    for a in range(i - 1, i + 2):
+        for b in range(j - 1, j + 2):
+            like += kind(pressure[a % nx, b % ny], hardness) == state
+    return like <= TIP_NEIGHBOURS
+
+
+@_jit
+def _dip(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> float:
+    """Square of the area that may hide at a point that is the least of its four neighbours.
+
+    Between points p may fall to 0, or for front 1 hardness - p.  Where contact is full, p is a
+    smooth wave; a parabola -p1 + p2 s^2 opens a gap of radius sqrt(3 p1/(2 p2)), as a penny-shaped
+    crack that closes smoothly, and with p at the point its p1 is p2/2 - p at most, as half of a
+    cell's diagonal is the farthest that its bottom can be.
+    """
+    nx, ny = pressure.shape
+    here, above, below = pressure[i, j], pressure[i - 1, j], pressure[(i + 1) % nx, j]
+    left, right = pressure[i, j - 1], pressure[i, (j + 1) % ny]
+    if front:
+        here, above, below = hardness - here, hardness - above, hardness - below
+        left, right = hardness - left, hardness - right
+    if here <= 0 or here > min(above, below, left, right):
+        return 0.0
+    if max(above, below, left, right) >= hardness:
+        return 0.0
+    bend = (above + below + left + right - 4 * here) / 4
+    if here >= bend / 2:
+        return 0.0
+    return float((math.pi * 1.5 * (0.5 - here / bend)) ** 2)
+
+
+@_jit
+def sweep(
+    pressure: FloatArray,
+    gap: FloatArray,
+    hardness: float,
+    stiffness: tuple[float, float],
+    table: FloatArray,
+    sums: FloatArray,
+) -> None:
+    """Book every cell of the periodic grid.
+
+    stiffness: c for the links along x and along y; table: offsets at U_NODES.
+    """
+    nx, ny = pressure.shape
+    for i in range(nx):
+        above, here = kind(pressure[i - 1, -1], hardness), kind(pressure[i, -1], hardness)
+        for j in range(ny):
+            above_2, here_2 = kind(pressure[i - 1, j], hardness), kind(pressure[i, j], hardness)
+            if above == here == above_2 == here_2:
+                sums[AREA] += here > 0
+                sums[AREA + 1] += here > 1
+            else:
+                book(pressure, gap, hardness, stiffness, (i, j), table, sums)
+                if here_2 != ELASTIC and is_tip(pressure, hardness, i, j, here_2):
+                    sums[TIPS + (here_2 > ELASTIC)] += 1
+            if here_2 == ELASTIC:
+                sums[DIPS] += _dip(pressure, i, j, hardness, 0)
+                if hardness < np.inf:
+                    sums[DIPS + 1] += _dip(pressure, i, j, hardness, 1)
+            above, here = above_2, here_2
