@@ -115,30 +115,25 @@ def _preconditioned(
     tangent: Tangent, sweeps: Smoother | None, r: FloatArray, missing: float | None, states: States
 ) -> tuple[FloatArray, FloatArray, float]:
     """(z, K z, approach) for the residual `r`, zero on the contact, and the `missing` load."""
-    contact = states == ELASTIC
-    if sweeps is None:
-        first, product = None, None
-        left = r
-    else:
-        first, product = sweeps.before(r)
-        release_base(tangent.problem, product)
-        left = r - product
+    problem, contact, left = tangent.problem, states == ELASTIC, r.copy()
+    swept = np.empty(0)
+    if sweeps is not None:
+        swept = sweeps.before(r)
+        sweeps.add_product(-1.0, swept, left)
+        release_base(problem, left)
         if missing is not None:
-            missing += float(product[0, ..., 2][contact].sum())
+            missing -= float(left[0, ..., 2][contact].sum())
         left[0, ..., 2][contact] = 0
     z, forces, approach = _elastic_solve(
-        tangent.problem, left, states, np.zeros(states.shape), missing, 1e-6
+        problem, left, states, np.zeros(states.shape), missing, 1e-6
     )
-    elastic = left.copy() if left is r else left
-    elastic[0, ..., 2] -= forces
-    stiff = tangent.product(z, elastic)
-    if sweeps is not None and first is not None and product is not None:
-        last, more = sweeps.after(elastic - stiff)
-        release_base(tangent.problem, more)
-        for part in (first, last):
-            add(z, 1.0, part)
-        for part in (product, more):
-            add(stiff, 1.0, part)
+    left[0, ..., 2] -= forces
+    stiff = tangent.product(z, left)
+    if sweeps is not None:
+        swept += sweeps.after(np.subtract(left, stiff, out=left))
+        sweeps.add(swept, z)
+        sweeps.add_product(1.0, swept, stiff)
+        release_base(problem, stiff)
     return z, stiff, approach
 
 

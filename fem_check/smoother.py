@@ -54,23 +54,28 @@ class Smoother:
     rows: Rows
     inverses: FloatArray
 
-    def before(self, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(z, K z) of the sweeps over the (levels, nx, ny, 3) `residual`."""
+    def before(self, residual: FloatArray) -> FloatArray:
+        """The displacement (n, 3) of the flowing nodes by the sweeps over the (levels, nx, ny, 3)
+        `residual`."""
         return self._swept(residual, [k % 2 == 0 for k in range(SWEEPS)])
 
-    def after(self, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(z, K z) of the transposed sweeps: the other way, the last one first."""
+    def after(self, residual: FloatArray) -> FloatArray:
+        """That of the transposed sweeps: the other way, the last one first."""
         return self._swept(residual, [k % 2 == 1 for k in reversed(range(SWEEPS))])
 
-    def _swept(self, residual: FloatArray, ascending: list[bool]) -> tuple[FloatArray, FloatArray]:
+    def _swept(self, residual: FloatArray, ascending: list[bool]) -> FloatArray:
         x = np.zeros((len(self.rows.nodes), 3))
-        right = residual.reshape(-1, 3)
         for way in ascending:
-            _sweep(self.rows, self.inverses, right, x, way)
-        z, product = np.zeros_like(residual), np.zeros_like(residual)
-        z.reshape(-1, 3)[self.rows.nodes] = x
-        _multiply(self.rows, x, product.reshape(-1, 3))
-        return z, product
+            _sweep(self.rows, self.inverses, residual.reshape(-1, 3), x, way)
+        return x
+
+    def add_product(self, scale: float, x: FloatArray, force: FloatArray) -> None:
+        """Adds `scale` times K x to the (levels, nx, ny, 3) `force`, in place."""
+        _multiply(self.rows, scale * x, force.reshape(-1, 3))
+
+    def add(self, x: FloatArray, displacement: FloatArray) -> None:
+        """Adds x to the flowing nodes' part of a (levels, nx, ny, 3) field, in place."""
+        displacement.reshape(-1, 3)[self.rows.nodes] += x
 
 
 def smoother(rows: Rows, held: NDArray[np.bool_]) -> Smoother:

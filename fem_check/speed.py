@@ -88,17 +88,27 @@ def speed_scene(nodes: int, *, line: bool = False, load: float = 0.05, seed: int
     )
 
 
-def path_cost(nodes: int, layers: int, *, line: bool = False, steps: int = 4) -> PathCost:
-    """The J2 path of `speed_scene`, after a small one that compiles the loops."""
+def path_cost(
+    nodes: int,
+    layers: int,
+    *,
+    line: bool = False,
+    steps: int = 4,
+    seed: int = 5,
+    fft_pair: float | None = None,
+) -> PathCost:
+    """The J2 path of `speed_scene`, after a small one that compiles the loops; `fft_pair`: its
+    seconds, timed anew where not given."""
     solve(speed_scene(16, line=line))
     begin = time.perf_counter()
-    result = solve(speed_scene(nodes, line=line), layers=layers, steps=steps, certified=False)
+    scene = speed_scene(nodes, line=line, seed=seed)
+    result = solve(scene, layers=layers, steps=steps, certified=False)
     seconds = time.perf_counter() - begin
     cost = result.cost
     return PathCost(
         int(cost["unknowns"]),
         seconds,
-        seconds / fft_pair_seconds(),
+        seconds / (fft_pair_seconds() if fft_pair is None else fft_pair),
         int(cost["newton_steps"]),
         int(cost["most_newton_steps"]),
         int(cost["cg_iterations"]),

@@ -46,7 +46,10 @@ def test_the_rows_are_the_assembled_tangents(dimensions: int, depth: float | Non
     assert (rows.nodes < nodes - problem.heights.size).all()
     sweeps = smoother(rows, state.states == ELASTIC)
     residual = np.random.default_rng(4).standard_normal(problem.block.field_shape)
-    for z, product in (sweeps.before(residual), sweeps.after(residual)):
+    for swept in (sweeps.before(residual), sweeps.after(residual)):
+        z, product = np.zeros_like(residual), np.zeros_like(residual)
+        sweeps.add(swept, z)
+        sweeps.add_product(1.0, swept, product)
         expected = (K @ z.ravel()).reshape(z.shape)
         np.testing.assert_allclose(product, expected, atol=1e-12 * np.abs(expected).max())
         # It moves what flows and not what the contact holds.

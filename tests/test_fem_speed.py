@@ -8,6 +8,8 @@ from scipy.sparse.linalg import spsolve
 
 import fem_check
 from epcontact.results import ELASTIC
+from epcontact.studies import fem
+from epcontact.studies.fem_charts import draw_paths
 from fem_check import linearised, speed
 from fem_check.problem import Control, Counts
 
@@ -68,6 +70,18 @@ def test_iterations_of_a_path_hardly_grow_with_the_mesh() -> None:
         assert max(r.cost["most_cg_iterations"] for r in results) <= 20
         found[nodes] = np.mean([r.cost["cg_iterations"] for r in results])
     assert found[128] <= 1.5 * found[32]
+
+
+def test_the_growth_of_paths_is_that_of_their_results() -> None:
+    growth = fem.path_growth([(8, 4), (16, 8)], [5, 6], lambda sentence: None)
+    for k, nodes in enumerate((8, 16)):
+        costs = [fem_check.solve(speed.speed_scene(nodes, seed=s), layers=nodes // 2).cost
+                 for s in (5, 6)]  # fmt: skip
+        assert growth.cg[k] == np.mean([c["cg_iterations"] for c in costs])
+        assert growth.newton[k] == np.mean([c["newton_steps"] for c in costs])
+    assert (growth.fft_pairs > 0).all()
+    caption = draw_paths(growth, 2).caption
+    assert f"grow by {growth.cg[1] / growth.cg[0]:.2f}" in caption
 
 
 def test_newton_is_quadratic_at_the_end_of_a_step() -> None:

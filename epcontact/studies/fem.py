@@ -6,6 +6,7 @@ meshes          contact area of a J2 body against nodes per shortest wavelength
 depth           the block's surface compliance of its longest waves against the half-space's
 load steps      contact area of a J2 body against the number of increments
 linear solvers  one elastic block, one force: time in products with its assembled matrix
+load paths      iterations and time of a J2 load path against the nodes of the mesh
 """
 
 from __future__ import annotations
@@ -183,6 +184,32 @@ def linear_solve(points: int) -> LinearSolve:
     return LinearSolve(free, seconds, residuals, (time.perf_counter() - started) / 5)
 
 
+@dataclass(frozen=True)
+class PathGrowth:
+    """What a J2 load path costs on meshes of n x n nodes, means over surfaces, (k,) each: CG and
+    Newton iterations of the whole path, and seconds over those of a bare FFT pair."""
+
+    nodes: Sequence[int]
+    cg: FloatArray
+    newton: FloatArray
+    fft_pairs: FloatArray
+
+
+def path_growth(
+    meshes: Sequence[tuple[int, int]], seeds: Sequence[int], progress: Progress
+) -> PathGrowth:
+    """Solve the load paths of `fem_check.speed` on meshes of (nodes a side, layers)."""
+    from fem_check.speed import fft_pair_seconds, path_cost
+
+    pair, rows = fft_pair_seconds(), []
+    for nodes, layers in meshes:
+        progress(f"fem: load paths, {nodes} x {nodes} x {layers}")
+        costs = [path_cost(nodes, layers, seed=seed, fft_pair=pair) for seed in seeds]
+        rows.append(np.mean([(c.cg_iterations, c.newton_steps, c.fft_pairs) for c in costs], 0))
+    cg, newton, pairs = np.array(rows).T
+    return PathGrowth([nodes for nodes, _ in meshes], cg, newton, pairs)
+
+
 def _assembled(problem: Any) -> Any:
     """The elastic stiffness as a sparse matrix, rows 3 node + component."""
     import scipy.sparse as sp
@@ -200,11 +227,12 @@ def _assembled(problem: Any) -> Any:
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """Elements, meshes, depths, load steps, linear solvers."""
+    """Elements, meshes, depths, load steps, linear solvers, load paths."""
     from epcontact.studies.fem_charts import (
         draw_depths,
         draw_linear_solvers,
         draw_meshes,
+        draw_paths,
         draw_punch,
         draw_steps,
     )
@@ -224,10 +252,14 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     progress("fem: depths and linear solvers")
     depths, waves = [0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0], [1, 2, 4]
     blocks = [linear_solve(n) for n in ((8, 12, 16) if fast else (8, 12, 16, 24))]
+    sizes = [(16, 8), (32, 16), (64, 24)] if fast else [(32, 16), (64, 24), (128, 32)]
+    surfaces = range(5, 7) if fast else range(5, 9)
+    paths = path_growth(sizes, surfaces, progress)
     return (
         draw_punch(counts, punch),
         draw_meshes(points, errors, claimed, finest, (bandwidth, len(seeds))),
         draw_depths(depths, waves, depth_errors(depths, waves, 64)),
         draw_steps((*steps, many), off, iterations, (bandwidth, len(seeds))),
         draw_linear_solvers(blocks),
+        draw_paths(paths, len(surfaces)),
     )
