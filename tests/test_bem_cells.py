@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from epcontact.bem.cells import CELL, CellPreconditioner, cell_body
+from epcontact.bem.cells import CELL, CellPreconditioner, Cells, cell_body
 from epcontact.bem.inner import conjugate_gradients
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.passes import Workers
@@ -47,7 +47,7 @@ def made(contact, workers, body=None):
     points = points_of(contact, convolution)
     found = cell_body(convolution.symbol, convolution.scale)
     masked = MaskedGrid(contact.shape, workers)
-    return convolution, points, CellPreconditioner(found, convolution, masked, points)
+    return convolution, points, CellPreconditioner(found, Cells(convolution, points), masked)
 
 
 @pytest.mark.parametrize("threads", [1, 2])

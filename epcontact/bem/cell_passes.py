@@ -15,23 +15,24 @@ _jit = numba.njit(nogil=True, cache=True, fastmath={"reassoc", "contract", "nsz"
 
 @_jit
 def number_cells(
-    index: Any, shape: tuple[int, int], cells: tuple[int, int], out: Any, count: Any
+    index: Any, shape: tuple[int, int], cells: tuple[int, int], out: Any, first: int, count: Any
 ) -> None:
-    """out = the flat number of the cell of each point; adds the points of each cell to `count`."""
+    """out = the flat number of the cell of each point; count: points by cell, from `first`."""
     nx, ny = shape
     mx, my = cells
     columns = np.empty(ny, dtype=np.int32)
     for j in range(ny):
         columns[j] = j * my // ny
-    row, end, first = -1, 0, 0
+    count[:] = 0.0
+    row, end, begin = -1, 0, 0
     for k in range(index.size):
         if index[k] >= end:
             row = index[k] // ny
             end = (row + 1) * ny
-            first = row * mx // nx * my
-        cell = first + columns[index[k] - row * ny]
+            begin = row * mx // nx * my
+        cell = begin + columns[index[k] - row * ny]
         out[k] = cell
-        count[cell] += 1.0
+        count[cell - first] += 1.0
 
 
 @_jit

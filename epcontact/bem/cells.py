@@ -18,6 +18,8 @@ B is the kernel averaged over pairs of cells, b the mean displacement that a uni
 square gives it: contact within a cell is denser than the cell.  (0.6: contacts are no squares;
 0.5 to 1 were measured to need the same number of iterations.)  Neither part takes a transform of
 the fine grid; the cells' problem is solved by conjugate gradients of its own.
+
+The cells also tell the neighbourhoods within which a Newton step keeps the force (`newton`).
 """
 
 from __future__ import annotations
@@ -46,49 +48,24 @@ _LEAST_DELTA = 0.05  # of b(square): keeps the cells' problem definite where cel
 _ENOUGH = 1e-2  # reduction of the residual of the cells' problem
 
 
-@dataclass(frozen=True)
-class CellBody:
-    """What the symbol of a grid says, whatever the points.
+def cells_of(shape: tuple[int, int]) -> tuple[int, int]:
+    """The number of cells in each direction of a grid; (1, 1) where it is too small for more."""
+    if any(1 < n < _FEWEST for n in shape) or max(shape) < _FEWEST:
+        return 1, 1
+    return max(1, shape[0] // CELL), max(1, shape[1] // CELL)
 
-    cells: their numbers (mx, my); taps: (3, 3) the stencil; kernel: (mx, my // 2 + 1) modes of B;
-    delta: by the number of points of a cell, from 0.
+
+class Cells:
+    """The cells that listed points lie in.
+
+    counts: (cells,) the points of each, as floats.
     """
 
-    cells: tuple[int, int]
-    taps: FloatArray
-    kernel: FloatArray
-    delta: FloatArray
-
-
-def cell_body(symbol: Symbol, scale: float) -> CellBody | None:
-    """For a grid's symbol times `scale`; None where there are too few cells, or where no stencil
-    is near enough to the inverse (very oblong spacings, bodies unlike a half-space)."""
-    if any(1 < n < _FEWEST for n in symbol.shape) or max(symbol.shape) < _FEWEST:
-        return None
-    cells = (max(1, symbol.shape[0] // CELL), max(1, symbol.shape[1] // CELL))
-    sample, weights = _sample(symbol)
-    sides = (symbol.shape[0] / cells[0], symbol.shape[1] / cells[1])
-    taps = _stencil(sample, 2 * np.pi / (2 * max(sides)))
-    if taps is None:
-        return None
-    return CellBody(
-        cells,
-        (taps / scale).astype(np.float32),
-        _kernel(symbol, cells) * scale,
-        _delta(sample, weights, sides) * scale,
-    )
-
-
-class CellPreconditioner:
-    """P for the points listed in it; the operator's counterpart of `Convolution.apply_on`."""
-
-    def __init__(
-        self, body: CellBody, convolution: Convolution, masked: MaskedGrid, points: Points
-    ) -> None:
-        self._body, self._masked, self._points = body, masked, points
-        self._workers = convolution.workers
-        nx, ny = convolution.shape
-        mx, my = body.cells
+    def __init__(self, convolution: Convolution, points: Points) -> None:
+        self.workers, self.points = convolution.workers, points
+        self.shape = cells_of(convolution.shape)
+        nx = convolution.shape[0]
+        mx, my = self.shape
         self._cell = np.empty(points.index.size, dtype=np.int32)
         # Blocks of rows share the cells at their edges only, so each sums over its own range.
         step = convolution.row_step
@@ -96,12 +73,73 @@ class CellPreconditioner:
             start: slice(start * mx // nx * my, ((min(start + step, nx) - 1) * mx // nx + 1) * my)
             for start in points.begins
         }
-        counts = np.zeros(mx * my)
-        for start in points.begins:
+
+        def number(start: int, sums: FloatArray) -> None:
             part = points.part(start)
+            first = self._ranges[start].start
             cell_passes.number_cells(
-                points.index[part], (nx, ny), body.cells, self._cell[part], counts
+                points.index[part], convolution.shape, self.shape, self._cell[part], first, sums[0]
             )
+
+        (self.counts,) = self.sums(number, 1)
+
+    def part(self, start: int) -> tuple[IntArray, int]:
+        """The cells of a block's points, and the first cell of the block."""
+        return self._cell[self.points.part(start)], self._ranges[start].start
+
+    def sums(self, task: Callable[[int, FloatArray], None], number: int) -> FloatArray:
+        """(number, cells) sums, of what `task` sums over the cells of a block, from its first."""
+
+        def block(start: int) -> FloatArray:
+            cells = self._ranges[start]
+            sums = np.empty((number, cells.stop - cells.start))
+            task(start, sums)
+            return sums
+
+        out = np.zeros((number, self.shape[0] * self.shape[1]))
+        parts = self.workers.run(block, self.points.begins)
+        for cells, part in zip(self._ranges.values(), parts, strict=True):
+            out[:, cells] += part
+        return out
+
+
+@dataclass(frozen=True)
+class CellBody:
+    """What the symbol of a grid says, whatever the points.
+
+    taps: (3, 3) the stencil; kernel: (mx, my // 2 + 1) modes of B; delta: by the number of points
+    of a cell, from 0.
+    """
+
+    taps: NDArray[np.float32]
+    kernel: FloatArray
+    delta: FloatArray
+
+
+def cell_body(symbol: Symbol, scale: float) -> CellBody | None:
+    """For a grid's symbol times `scale`; None where there are too few cells, or where no stencil
+    is near enough to the inverse (very oblong spacings, bodies unlike a half-space)."""
+    cells = cells_of(symbol.shape)
+    if cells == (1, 1):
+        return None
+    sample, weights = _sample(symbol)
+    sides = (symbol.shape[0] / cells[0], symbol.shape[1] / cells[1])
+    taps = _stencil(sample, 2 * np.pi / (2 * max(sides)))
+    if taps is None:
+        return None
+    return CellBody(
+        (taps / scale).astype(np.float32),
+        _kernel(symbol, cells) * scale,
+        _delta(sample, weights, sides) * scale,
+    )
+
+
+class CellPreconditioner:
+    """P for the points of some cells."""
+
+    def __init__(self, body: CellBody, cells: Cells, masked: MaskedGrid) -> None:
+        self._body, self._cells, self._masked = body, cells, masked
+        counts = cells.counts
         self._used = counts > 0
         self._per_point = self._used / np.maximum(counts, 1)
         self._delta = np.where(self._used, body.delta[counts.astype(int)], 0.0)
@@ -110,56 +148,43 @@ class CellPreconditioner:
 
     def apply(self, r: FloatArray, y: FloatArray, scratch: FloatArray) -> tuple[float, float]:
         """y = P r, using `scratch` of the same size; returns sum(y) and sum(y r)."""
-        points, cell, masked, taps = self._points, self._cell, self._masked, self._body.taps
+        cells, points = self._cells, self._cells.points
 
         def residual_sums(start: int, sums: FloatArray) -> None:
-            part = points.part(start)
-            cell_passes.sum_cells(cell[part], r[part], self._ranges[start].start, sums)
+            cell, first = cells.part(start)
+            cell_passes.sum_cells(cell, r[points.part(start)], first, sums[0])
 
         def within(start: int) -> None:
             part = points.part(start)
-            cell_passes.subtract(cell[part], r[part], mean, scratch[part])
+            cell_passes.subtract(cells.part(start)[0], r[part], mean, scratch[part])
 
         def stencil_sums(start: int, sums: FloatArray) -> None:
             part = points.part(start)
+            cell, first = cells.part(start)
             cell_passes.gather_stencil(
-                masked.array, taps, points.index[part], cell[part], self._ranges[start].start,
-                y[part], sums,
+                self._masked.array, self._body.taps, points.index[part], cell, first, y[part],
+                sums[0],
             )  # fmt: skip
 
         def shifted(start: int) -> tuple[float, float]:
             part = points.part(start)
-            sums: tuple[float, float] = cell_passes.add_cells(cell[part], shift, y[part], r[part])
+            sums: tuple[float, float] = cell_passes.add_cells(
+                cells.part(start)[0], shift, y[part], r[part]
+            )
             return sums
 
-        mean = self._sums(residual_sums) * self._per_point
+        mean = cells.sums(residual_sums, 1)[0] * self._per_point
         forces = self._solve(mean)
-        self._workers.run(within, points.begins)
-        masked.put(points, scratch)
-        shift = (forces - self._sums(stencil_sums)) * self._per_point
-        parts = self._workers.run(shifted, points.begins)
+        cells.workers.run(within, points.begins)
+        self._masked.put(points, scratch)
+        shift = (forces - cells.sums(stencil_sums, 1)[0]) * self._per_point
+        parts = cells.workers.run(shifted, points.begins)
         return sum(s for s, _ in parts), sum(s for _, s in parts)
 
-    def _sums(self, task: Callable[[int, FloatArray], None]) -> FloatArray:
-        """Sums by cell, of what `task` sums over the cells of a block."""
-
-        def block(start: int) -> FloatArray:
-            cells = self._ranges[start]
-            sums = np.empty(cells.stop - cells.start)
-            task(start, sums)
-            return sums
-
-        out = np.zeros(self._used.size)
-        parts = self._workers.run(block, self._points.begins)
-        for cells, part in zip(self._ranges.values(), parts, strict=True):
-            out[cells] += part
-        return out
-
     def _filter(self, values: FloatArray, modes: FloatArray) -> FloatArray:
-        threads = self._workers.threads
-        field = ducc0.fft.r2c(values.reshape(self._body.cells), nthreads=threads)
+        threads, last = self._cells.workers.threads, self._cells.shape[1]
+        field = ducc0.fft.r2c(values.reshape(self._cells.shape), nthreads=threads)
         field *= modes
-        last = self._body.cells[1]
         out = ducc0.fft.c2r(field, lastsize=last, forward=False, inorm=2, nthreads=threads)
         return np.asarray(out).reshape(-1)
 
@@ -187,7 +212,7 @@ def _sample(symbol: Symbol) -> tuple[FloatArray, list[FloatArray]]:
     at, weights = [], []
     for n in symbol.shape:
         k = np.arange(min(n, _SAMPLE) // 2 + 1)
-        at.append(np.rint(k * n / min(n, _SAMPLE)).astype(int))
+        at.append(np.minimum(np.rint(k * n / min(n, _SAMPLE)), n // 2).astype(int))
         weight = np.where((k == 0) | (2 * k == min(n, _SAMPLE)), 1.0, 2.0)
         weights.append(weight / weight.sum())
     return symbol.values[np.ix_(symbol.rows[at[0]], at[1])], weights

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem import passes
-from epcontact.bem.cells import CellPreconditioner, cell_body
+from epcontact.bem.cells import CellPreconditioner, Cells, cell_body
 from epcontact.bem.constraints import Level
 from epcontact.bem.split import MaskedGrid, SplitOperator, splittable
 from epcontact.bem.transforms import Convolution, Points
@@ -58,11 +58,11 @@ class Inner:
             self._split = SplitOperator(self._level.convolution, self._masked)
         return self._split
 
-    def preconditioner(self, points: Points) -> Preconditioner:
-        """By cells, or by the exact inverse of the whole compliance."""
-        convolution = self._level.convolution
+    def preconditioner(self, cells: Cells) -> Preconditioner:
+        """By cells, or by the exact inverse of the whole compliance; for the cells' points."""
         if self._body is not None:
-            return CellPreconditioner(self._body, convolution, self._masked, points).apply
+            return CellPreconditioner(self._body, cells, self._masked).apply
+        convolution, points = self._level.convolution, cells.points
 
         def inverse(r: FloatArray, y: FloatArray, _: FloatArray) -> tuple[float, float]:
             return convolution.apply_on(points, r, y, r, inverse=True)

@@ -6,7 +6,8 @@ One outer step, from a pressure p that keeps its bounds and its mean:
    has the wrong sign: (S p)_F + z = h_F, the mean of p kept, by conjugate gradients in the space
    of zero mean, preconditioned by the inverse of S restricted to F; only as far as the sets are
    worth;
-2. move the outcome into the bounds, restore the mean, and find the displacement of all points.
+2. move the outcome into the bounds, restore the force of each neighbourhood and the mean, and
+   find the displacement of all points.
 
 So a step costs one pair of transforms and two for each inner iteration, and the Karush-Kuhn-Tucker
 residuals of every iterate are known.  So is its energy 1/2 <p, S p> - <p, h>, which decides: the
@@ -26,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem import passes
+from epcontact.bem.cells import Cells
 from epcontact.bem.constraints import Level, measured, project, states
 from epcontact.bem.inner import Inner, conjugate_gradients
 from epcontact.bem.transforms import Points
@@ -36,13 +38,14 @@ StateArray = NDArray[np.uint8]
 # Most gradient steps after a step that was cut: none at first, one the second time, and four
 # times as many each time that it happens again.
 _GRADIENT_STEPS = 16
-# Points that change sets in a step, by the error of the areas after it: most exchange places, or
-# change back.  30 to 60 were measured for rough surfaces from 1024^2 to 2048^2; 10 is safe on
-# small grids too.
+# Points that change sets in a step, by the error of the areas after it, below which what is about
+# to come into contact tells that error: each step leaves about a tenth of the changes.
 _CHANGES_PER_ERROR = 10
 # A full step is taken if the least energy along it lies beyond this share; beyond 1/2 it lowers
 # the energy.
 _FULL_STEP = 0.5
+# The largest share of the distance to its bounds that a point is moved by to restore the force.
+_MOST = 0.9
 # The 2-norm of the residual falls by this in a step; by the second once the sets have settled.
 _REDUCTION = 0.1
 _LAST_REDUCTION = 1e-3
@@ -95,12 +98,25 @@ class _Step:
 
 @dataclass(frozen=True)
 class _Sets:
-    """What the sets to solve on look like."""
+    """What the sets to solve on look like: numbers of points, elastic ones by block."""
 
     changed: int
-    contact: int
+    plastic: int
+    entering: int
+    unloading: int
     worst: float
     per_block: list[int]
+
+    def unsettled(self) -> float:
+        """How far the areas are from those of the sets: what comes into contact and what ceases
+        to be plastic, as a share of the smallest area that it changes."""
+        elastic = sum(self.per_block)
+        shares = (
+            (self.entering, elastic + self.plastic),
+            (self.unloading, self.plastic),
+            (self.entering + self.unloading, elastic),
+        )
+        return max(number / max(area, 1) for number, area in shares)
 
 
 def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Counts]:
@@ -144,26 +160,34 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
 
 
 def _settled(it: Iterate, sets: _Sets, goal: Goal, full_step: bool) -> bool:
-    """By the residual, or by the sets; after a step that was cut, sets at rest mean nothing."""
+    """By the residual, or by the sets.
+
+    After a step that was cut, or while many points still change, sets at rest mean nothing.
+    """
     if it.residual <= goal.tolerance:
         return True
-    few = sets.changed <= _CHANGES_PER_ERROR * goal.area_tolerance * max(sets.contact, 1)
-    return goal.area_tolerance > 0 and full_step and few
+    aim, contact = goal.area_tolerance, sets.plastic + sum(sets.per_block)
+    calm = full_step and sets.changed <= _CHANGES_PER_ERROR * aim * max(contact, 1)
+    return aim > 0 and calm and sets.unsettled() <= aim
 
 
 def _classify(level: Level, it: Iterate, state: StateArray) -> _Sets:
     p, u, h, s = (a.reshape(-1) for a in (it.p, it.u, level.heights, state))
 
-    def block(start: int) -> tuple[int, int, int, float]:
+    def block(start: int) -> tuple[int, int, int, int, int, float]:
         k = level.part(start)
-        out: tuple[int, int, int, float] = passes.classify(p[k], u[k], h[k], s[k], it.z, level.cap)
+        out: tuple[int, int, int, int, int, float] = passes.classify(
+            p[k], u[k], h[k], s[k], it.z, level.cap
+        )
         return out
 
     parts = level.workers.run(block, level.convolution.blocks)
     return _Sets(
         changed=sum(x[0] for x in parts),
-        contact=sum(x[1] + x[2] for x in parts),
-        worst=max(x[3] for x in parts),
+        plastic=sum(x[2] for x in parts),
+        entering=sum(x[3] for x in parts),
+        unloading=sum(x[4] for x in parts),
+        worst=max(x[5] for x in parts),
         per_block=[x[1] for x in parts],
     )
 
@@ -191,9 +215,10 @@ def _newton_step(  # noqa: PLR0913, PLR0917 - one step needs them all
     exact = operator is level.convolution
     reduction = _LAST_REDUCTION if exact and not sets.changed else _REDUCTION
     floor = 0.3 * goal.tolerance * level.gap_scale
-    precondition = inner.preconditioner(points)
+    cells = Cells(level.convolution, points)
+    precondition = inner.preconditioner(cells)
     counts.cg += conjugate_gradients(operator, precondition, points, r, x, reduction, floor)
-    _put(level, it, points, pressure, x)
+    _put(level, it, points, cells, pressure, x)
     level.convolution.apply(it.p, it.u)
     return step
 
@@ -218,24 +243,36 @@ def _collect(
     return points, pressure, r
 
 
-def _put(level: Level, it: Iterate, points: Points, pressure: FloatArray, x: FloatArray) -> None:
-    """Write pressure + x, moved into the bounds, and restore the mean."""
-    p = it.p.reshape(-1)
-    target = float(pressure.sum())
+def _put(
+    level: Level, it: Iterate, points: Points, cells: Cells, pressure: FloatArray, x: FloatArray
+) -> None:
+    """Write pressure + x, moved into the bounds, and restore the force: of each cell where its
+    points can carry it, then the mean.
 
-    def put(start: int) -> tuple[float, float]:
+    What the bounds cut off differs from place to place.  Made good by all points alike, it would
+    leave a long-wave imbalance of forces, whose displacement is large, and steps would overshoot.
+    """
+    p, cap, target = it.p.reshape(-1), level.cap, float(pressure.sum())
+
+    def put(start: int, sums: FloatArray) -> None:
         j = points.part(start)
-        sums: tuple[float, float] = passes.put_clipped(p, points.index[j], pressure[j], x[j], cap)
+        cell, first = cells.part(start)
+        passes.put_clipped(p, points.index[j], pressure[j], x[j], cap, cell, first, sums)
+
+    def spread(start: int) -> tuple[float, float]:
+        cell, _ = cells.part(start)
+        sums: tuple[float, float] = passes.spread(
+            p, points.index[points.part(start)], cell, factor, cap
+        )
         return sums
 
-    def spread(start: int) -> None:
-        passes.spread(p, points.index[points.part(start)], missing / weight, cap)
-
-    cap = level.cap
-    parts = level.workers.run(put, level.convolution.blocks)
-    missing = target - sum(s[0] for s in parts)
-    weight = sum(s[1] for s in parts)
-    if abs(missing) < 0.9 * weight:
+    missing, weight = cells.sums(put, 2)
+    able = np.abs(missing) < _MOST * weight
+    factor = np.where(able, missing / np.where(able, weight, 1.0), np.copysign(_MOST, missing))
+    parts = level.workers.run(spread, level.convolution.blocks)
+    left, left_weight = target - sum(s[0] for s in parts), sum(s[1] for s in parts)
+    if abs(left) < _MOST * left_weight:
+        factor = np.full(factor.shape, left / left_weight)
         level.workers.run(spread, level.convolution.blocks)
     else:
         p[points.index] = project(pressure + x, cap, target)

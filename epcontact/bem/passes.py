@@ -135,24 +135,28 @@ def measure(p: Any, u: Any, h: Any, cap: float) -> tuple[float, int, float, floa
 @_jit
 def classify(
     p: Any, u: Any, h: Any, state: Any, z: float, cap: float
-) -> tuple[int, int, int, float]:
+) -> tuple[int, int, int, int, int, float]:
     """The sets to solve on, given the offset z: elastic is what is between its bounds, and what is
     on a bound where the gap g = u + z - h has the wrong sign.
 
-    Returns the number of changes, of elastic and of plastic points and the largest violation of
-    the conditions on g.
+    Returns the number of changes, of elastic and of plastic points, of points that come into
+    contact and that cease to be plastic, and the largest violation of the conditions on g.
     """
     changed = 0
     elastic = 0
     plastic = 0
+    entering = 0
+    unloading = 0
     worst = 0.0
     for i in range(p.size):
         g = u[i] + z - h[i]
         if p[i] <= 0.0:
             new = 1 if g < 0.0 else 0
+            entering += new
             violation = -g
         elif p[i] >= cap:
             new = 1 if g > 0.0 else 2
+            unloading += g > 0.0
             violation = g
         else:
             new = 1
@@ -163,7 +167,7 @@ def classify(
         if new != state[i]:
             state[i] = new
             changed += 1
-    return changed, elastic, plastic, worst
+    return changed, elastic, plastic, entering, unloading, worst
 
 
 @_jit
@@ -189,27 +193,37 @@ def collect(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by
 
 
 @_jit
-def put_clipped(p: Any, index: Any, pressure: Any, x: Any, cap: float) -> tuple[float, float]:
+def put_clipped(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by one
+    p: Any, index: Any, pressure: Any, x: Any, cap: float, cell: Any, first: int, sums: Any
+) -> None:
     """p = pressure + x at the listed points, moved into [0, cap].
 
-    Returns the sum of what is put, and of the weights p (1 - p/cap).
+    sums: by cell, counted from `first`, of what the bounds cut off, and of p (1 - p/cap).
+    """
+    sums[:] = 0.0
+    for k in range(index.size):
+        wanted = pressure[k] + x[k]
+        value = min(max(wanted, 0.0), cap)
+        p[index[k]] = value
+        sums[0, cell[k] - first] += wanted - value
+        sums[1, cell[k] - first] += value * (1.0 - value / cap)
+
+
+@_jit
+def spread(p: Any, index: Any, cell: Any, factor: Any, cap: float) -> tuple[float, float]:
+    """p += factor[cell] p (1 - p/cap) at the listed points.
+
+    Returns the sums of p and of p (1 - p/cap) after it.
     """
     total = 0.0
     weight = 0.0
     for k in range(index.size):
-        value = min(max(pressure[k] + x[k], 0.0), cap)
-        p[index[k]] = value
+        i = index[k]
+        value = p[i] + factor[cell[k]] * p[i] * (1.0 - p[i] / cap)
+        p[i] = value
         total += value
         weight += value * (1.0 - value / cap)
     return total, weight
-
-
-@_jit
-def spread(p: Any, index: Any, amount: float, cap: float) -> None:
-    """p += amount p (1 - p/cap) at the listed points."""
-    for k in range(index.size):
-        i = index[k]
-        p[i] += amount * p[i] * (1.0 - p[i] / cap)
 
 
 @_jit
