@@ -90,3 +90,40 @@ def add_cells(cell: Any, shift: Any, out: Any, other: Any) -> tuple[float, float
         total += value
         product += value * other[k]
     return total, product
+
+
+# Of the cells' problem: its vectors are short, and a linear algebra library's threads would cost
+# more than they gain.
+
+
+@_jit
+def keep_used(s: Any, delta: Any, r: Any) -> float:
+    """s = 0 in cells without points, whose delta is 0; returns sum(s r)."""
+    total = 0.0
+    for k in range(s.size):
+        if delta[k] > 0.0:
+            total += s[k] * r[k]
+        else:
+            s[k] = 0.0
+    return total
+
+
+@_jit
+def add_own(v: Any, delta: Any, d: Any) -> float:
+    """v += delta d, but 0 in cells without points; returns sum(v d)."""
+    total = 0.0
+    for k in range(v.size):
+        v[k] = v[k] + delta[k] * d[k] if delta[k] > 0.0 else 0.0
+        total += v[k] * d[k]
+    return total
+
+
+@_jit
+def descend(y: Any, r: Any, d: Any, v: Any, alpha: float) -> float:
+    """y += alpha d, r -= alpha v; returns sum(r^2)."""
+    total = 0.0
+    for k in range(y.size):
+        y[k] += alpha * d[k]
+        r[k] -= alpha * v[k]
+        total += r[k] * r[k]
+    return total

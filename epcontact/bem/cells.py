@@ -31,7 +31,7 @@ import ducc0
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem import cell_passes
+from epcontact.bem import cell_passes, passes
 from epcontact.bem.split import MaskedGrid
 from epcontact.bem.transforms import Convolution, Points, Symbol
 
@@ -190,20 +190,19 @@ class CellPreconditioner:
 
     def _solve(self, mean: FloatArray) -> FloatArray:
         """The cells' forces that give them the mean displacements `mean`, (B + delta) y = mean."""
-        y, r = np.zeros_like(mean), mean.copy()
-        goal = _ENOUGH * float(np.linalg.norm(r))
-        d, rho_old = np.zeros_like(mean), np.inf
+        y, r, d = np.zeros_like(mean), mean.copy(), np.zeros_like(mean)
+        goal, rho_old = _ENOUGH**2 * passes.dot(r, r), np.inf
         for _ in range(50):
-            if not np.linalg.norm(r) > goal:
+            s = self._filter(r, self._smoother)
+            rho = cell_passes.keep_used(s, self._delta, r)
+            if not rho > 0:
                 break
-            s = self._filter(r, self._smoother) * self._used
-            rho = float(s @ r)
             d = s + (rho / rho_old) * d
-            v = (self._filter(d, self._body.kernel) + self._delta * d) * self._used
-            alpha = rho / float(d @ v)
-            y += alpha * d
-            r -= alpha * v
+            v = self._filter(d, self._body.kernel)
+            alpha = rho / cell_passes.add_own(v, self._delta, d)
             rho_old = rho
+            if cell_passes.descend(y, r, d, v, alpha) <= goal:
+                break
         return y
 
 

@@ -86,7 +86,7 @@ def conjugate_gradients(
     """
     v, y = np.empty_like(r), np.empty_like(r)
     d = np.zeros_like(r)
-    goal = reduction * math.sqrt(float(r @ r))
+    goal = reduction * math.sqrt(passes.dot(r, r))
     rho_old = math.inf
     n = r.size
     if np.abs(r).max() <= floor:

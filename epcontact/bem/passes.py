@@ -95,6 +95,15 @@ def gather_dot(block: Any, base: int, index: Any, out: Any, other: Any) -> tuple
 
 
 @_jit
+def dot(a: Any, b: Any) -> float:
+    """Sum of a b; on one thread, as the threads of a linear algebra library would fight ours."""
+    total = 0.0
+    for k in range(a.size):
+        total += a[k] * b[k]
+    return total
+
+
+@_jit
 def cg_step(x: Any, r: Any, d: Any, v: Any, alpha: float, mean: float) -> tuple[float, float]:
     """x += alpha d, r -= alpha (v - mean); returns sum(r^2) and max|r|."""
     square = 0.0
