@@ -22,6 +22,7 @@ from epcontact.measures import MODEL_MEASURES, measure, measure_all
 from epcontact.model_difference import elements_compliance, model_measures
 from epcontact.results import ContactResult
 from epcontact.scene import Body, Scene
+from epcontact.studies import STUDIES, save_charts
 from epcontact.studies.hardness import (
     NAMES,
     draw_breadths,
@@ -172,3 +173,13 @@ def test_the_study_draws_what_it_measured() -> None:
     assert [row[2] for row in grids.rows] == pytest.approx([-0.2, -0.1])
     breadths = draw_breadths((2, 4, 8), {5.0: three[..., 0]}, 4, 2)
     assert np.diff([row[2] for row in breadths.rows]) == pytest.approx([0.1, 0.1])
+
+
+@pytest.mark.slow
+def test_the_fast_study_rises_with_the_severity(tmp_path: Path) -> None:
+    charts = STUDIES["hardness"].run("fast")
+    assert {f.suffix for f in save_charts("hardness", charts, tmp_path)} >= {".png", ".csv"}
+    assert all(len(chart.caption) > 100 for chart in charts)
+    for nu in (0.0, 0.3, 0.45):
+        found = [row[2] for row in charts[0].rows if row[0] == f"nu = {nu:g}"]
+        assert found == sorted(found)
