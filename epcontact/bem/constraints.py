@@ -97,8 +97,16 @@ def _offset_between(level: Level, p: FloatArray, u: FloatArray) -> float:
     return float(np.mean(limits))
 
 
-def project(w: FloatArray, cap: float, total: float, workers: Workers | None = None) -> FloatArray:
+def project(
+    w: FloatArray,
+    cap: float,
+    total: float,
+    workers: Workers | None = None,
+    out: FloatArray | None = None,
+) -> FloatArray:
     """The point nearest to w with 0 <= p <= cap and sum(p) = total: clip(w + z, 0, cap).
+
+    out: where to write it, w itself if need be.
 
     The sum is piecewise linear and increasing in z; Newton's steps on it are kept in a bracket.
     """
@@ -111,9 +119,9 @@ def project(w: FloatArray, cap: float, total: float, workers: Workers | None = N
         sums: tuple[float, int] = passes.clipped_sum(flat[parts[k]], offset, cap)
         return sums
 
-    ends = run(lambda k: passes.extremes(flat[parts[k]]), blocks)
-    low = -float(max(e[1] for e in ends))
-    high = (cap if np.isfinite(cap) else total) - float(min(e[0] for e in ends))
+    ends = run(lambda k: (float(flat[parts[k]].min()), float(flat[parts[k]].max())), blocks)
+    low = -max(e[1] for e in ends)
+    high = (cap if np.isfinite(cap) else total) - min(e[0] for e in ends)
     z = min(max(0.0, low), high)
     for _ in range(200):
         sums = run(partial(summed, z), blocks)
@@ -128,9 +136,10 @@ def project(w: FloatArray, cap: float, total: float, workers: Workers | None = N
         if following == z:
             break
         z = following
-    out = np.empty_like(flat)
-    run(lambda k: passes.shift_clip(flat[parts[k]], z, cap, out[parts[k]]), blocks)
-    return out.reshape(w.shape)
+    found = np.empty_like(w) if out is None else out
+    target = found.reshape(-1)
+    run(lambda k: passes.shift_clip(flat[parts[k]], z, cap, target[parts[k]]), blocks)
+    return found
 
 
 def states(p: FloatArray, cap: float) -> StateArray:

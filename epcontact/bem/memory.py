@@ -24,8 +24,9 @@ def estimated_memory(scene: Scene) -> int:
     """Bytes a solve needs beside the heights, by the arrays it keeps.
 
     Per point: pressure, displacement and modes (8 each), the compliance (2), the sets (1), the
-    cheap operator (8) and four arrays of a gradient step (32); and 52 for each elastic point, of
-    which rough contact has about 2 p0/(E* xi), 3 to be safe.
+    cheap operator and the preconditioner (6), and two arrays of a gradient step (16), in whose
+    place the gap and its areas come afterwards; and 68 for each elastic point, of which rough
+    contact has about 2 p0/(E* xi), 3 to be safe.
     """
     heights = scene.surface.heights
     slope = 0.0
@@ -36,7 +37,7 @@ def estimated_memory(scene: Scene) -> int:
     stiffness = effective_modulus(scene.material) * math.sqrt(slope)
     load = scene.load.final
     elastic = min(1.0, 3 * load / stiffness) if stiffness > 0 else 1.0
-    return int(heights.size * (67 + 52 * elastic))
+    return int(heights.size * (49 + 68 * elastic))
 
 
 def require_memory(scene: Scene) -> None:

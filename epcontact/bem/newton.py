@@ -310,9 +310,12 @@ def _gradient_steps(level: Level, it: Iterate, number: int) -> int:
 
 def gradient_step(level: Level, it: Iterate, length: float) -> float:
     """One projected gradient step with exact line search; returns the next spectral length."""
-    p_old, u_old = it.p.copy(), it.u.copy()
-    w = p_old - length * (u_old - level.heights)
-    it.p[...] = project(w, level.cap, float(w.size), level.workers)
+    p_old, u_old = it.p, it.u
+    w = u_old - level.heights
+    w *= -length
+    w += p_old
+    it.p = project(w, level.cap, float(w.size), level.workers, out=w)
+    it.u = np.empty_like(u_old)
     level.convolution.apply(it.p, it.u)
     arrays = [a.reshape(-1) for a in (it.p, it.u, level.heights, p_old, u_old)]
     slope, curvature, square = passes.descent_products(*arrays)

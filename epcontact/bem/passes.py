@@ -267,17 +267,6 @@ def shift_clip(w: Any, z: float, cap: float, out: Any) -> None:
 
 
 @_jit
-def extremes(w: Any) -> tuple[float, float]:
-    """Smallest and largest value."""
-    low = w[0]
-    high = w[0]
-    for i in range(w.size):
-        low = min(low, w[i])
-        high = max(high, w[i])
-    return low, high
-
-
-@_jit
 def descent_products(p: Any, u: Any, h: Any, p_old: Any, u_old: Any) -> tuple[float, float, float]:
     """With d = p - p_old: (u_old - h).d, d.(u - u_old) and d.d."""
     slope = 0.0

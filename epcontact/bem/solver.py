@@ -96,9 +96,8 @@ def solve_symbol(
         if start is not None:
             # No point can carry more than all of the load: beyond that, digits would be lost.
             guess = np.clip(start / mean_pressure, -heights.size, min(cap, heights.size))
-        p = project(
-            np.ones(heights.shape) if guess is None else guess, cap, float(heights.size), workers
-        )
+        p = np.ones(heights.shape) if guess is None else guess
+        project(p, cap, float(heights.size), workers, out=p)
         method = BASELINES.get(options.method, solve_level)
         it, counts = method(level, p, _goal(options))
         solution = _solution(run, level, it, counts, options)
@@ -157,9 +156,8 @@ def _coarse_guess(run: _Run, heights: FloatArray, options: Options) -> FloatArra
     coarse = coarsened_heights(heights, below, run.workers.threads)
     guess = _coarse_guess(run, coarse, options)
     level = run.level(coarse)
-    p = project(
-        np.ones(below) if guess is None else guess, run.cap, float(coarse.size), run.workers
-    )
+    p = np.ones(below) if guess is None else guess
+    project(p, run.cap, float(coarse.size), run.workers, out=p)
     goal = replace(
         _goal(options), tolerance=max(1e-4, options.tolerance), area_tolerance=_COARSE_AREAS
     )
