@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.special import sici
 
 from epcontact import bem
-from epcontact.bem import area, area_line, area_sweep, rim_calibration
+from epcontact.bem import area, area_front, area_line, area_sweep, rim_calibration
 from epcontact.bem.area import estimate_areas, perimeter_areas
 from epcontact.bem.area_rows import book_rows, solve_rows
 from epcontact.bem.kernel import rfft_wavenumbers
@@ -71,12 +71,12 @@ def test_offsets_of_straight_fronts():
     # The integrand is 1/3 at 0, where its terms cancel.
     integral = quad(lambda t: (1 / t - 1 / math.tan(t)) / math.tan(t), 1e-3, math.pi / 2)[0]
     axis = 0.25 - (integral + 1e-3 / 3) / (2 * math.pi)
-    assert pytest.approx(axis, abs=1e-9) == area_line.AXIS_OFFSET
+    assert pytest.approx(axis, abs=1e-9) == area_front.AXIS_OFFSET
     # A diagonal front sees rows closer by sqrt 2; the cut of the integral leaves 2e-4.
     assert rim_calibration.front_offset(0.0) == pytest.approx(axis, abs=2e-4)
     diagonal = rim_calibration.front_offset(math.pi / 4)
     assert diagonal == pytest.approx(axis / math.sqrt(2), abs=2e-4)
-    assert pytest.approx(sici(math.pi)[0] / math.pi, abs=1e-12) == area_line.MIX
+    assert pytest.approx(sici(math.pi)[0] / math.pi, abs=1e-12) == area_front.MIX
 
 
 def test_one_front_of_any_direction():
@@ -88,7 +88,7 @@ def test_one_front_of_any_direction():
         rows = solve_rows((1, 0), 80, phase, 0.5 * math.pi / 80)
         sums = book_rows(rows)[0]
         exact = sinusoid.line_contact_fraction(0.5) * 80 / 2
-        assert sums[area_sweep.AREA] - exact == pytest.approx(area_line.AXIS_OFFSET, abs=1e-3)
+        assert sums[area_sweep.AREA] - exact == pytest.approx(area_front.AXIS_OFFSET, abs=1e-3)
 
 
 def test_the_corner_is_that_of_spheres_and_of_gaps():
@@ -100,12 +100,21 @@ def test_the_corner_is_that_of_spheres_and_of_gaps():
 
 @pytest.mark.slow
 def test_the_tables_come_from_the_calibration():
-    table, misfit = rim_calibration.calibrate_strips()
-    np.testing.assert_allclose(table, area.OFFSETS, atol=2e-4)
-    assert misfit < 1e-3
-    assert rim_calibration.calibrate_straight_tip() == pytest.approx(area.STRAIGHT_TIP, abs=0.002)
-    line = rim_calibration.calibrate_line(shifts=4)
-    np.testing.assert_allclose(line, area_line.STRIP_OFFSETS, atol=0.01)
+    for fronts, known, bound in (
+        (rim_calibration.all_directions(), area.OFFSETS, 1e-3),
+        (rim_calibration.along_axis(), area_line.LINE_OFFSETS, 2e-3),
+    ):
+        table, misfit = rim_calibration.calibrate_strips(fronts)
+        np.testing.assert_allclose(table, known, atol=3e-4)
+        assert misfit < bound
+    tip = rim_calibration.calibrate_straight_tip(
+        rim_calibration.all_directions(), area.OFFSETS[-1], area.HARMONIC
+    )
+    assert tip == pytest.approx(area.STRAIGHT_TIP, abs=0.003)
+    lone = rim_calibration.calibrate_straight_tip(
+        rim_calibration.along_axis(), area_front.AXIS_OFFSET, 0.0
+    )
+    assert lone == pytest.approx(area_line.STRAIGHT_LONE, abs=0.003)
 
 
 # Lines -----------------------------------------------------------------------------------------
@@ -282,7 +291,7 @@ def test_published_correction_counts_switches():
     assert corrected.total == pytest.approx((12 - 14 * factor) / 64)
     assert corrected.plastic == pytest.approx((1 + 4 * factor) / 64)
     line = perimeter_areas(p[3], 2.0)[1]
-    assert line.total == pytest.approx((4 - 2 * area_line.AXIS_OFFSET) / 8)
+    assert line.total == pytest.approx((4 - 2 * area_front.AXIS_OFFSET) / 8)
 
 
 def test_shapes_that_do_not_fit():

@@ -38,7 +38,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem import area_sweep as sweep
-from epcontact.bem.area_line import AXIS_OFFSET, STIFFNESS, line_lengths
+from epcontact.bem.area_front import AXIS_OFFSET, STIFFNESS
+from epcontact.bem.area_line import line_lengths
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem import area_sweep as sweep
-from epcontact.bem.area_line import STIFFNESS
+from epcontact.bem.area_front import STIFFNESS, kind
 from epcontact.bem.solver import Options, solve_pressure
 
 FloatArray = NDArray[np.float64]
@@ -100,11 +100,11 @@ def _column(
     p: FloatArray, g: FloatArray, hardness: float, tables: FloatArray, out: FloatArray
 ) -> None:
     for i in range(p.shape[0]):
-        first = sweep.kind(p[i, 3], hardness)
+        first = kind(p[i, 3], hardness)
         same = (
-            sweep.kind(p[i - 1, 3], hardness) == first
-            and sweep.kind(p[i, 2], hardness) == first
-            and sweep.kind(p[i - 1, 2], hardness) == first
+            kind(p[i - 1, 3], hardness) == first
+            and kind(p[i, 2], hardness) == first
+            and kind(p[i - 1, 2], hardness) == first
         )
         for k in range(len(tables)):
             if same:

@@ -1,10 +1,7 @@
 """The pass over the grid behind `area.estimate_areas`: fronts located in every cell that has one.
 
-A front crosses the links between neighbouring points.  Along a link the field v = p - c g,
-c = pi E*/(2 e dx) with dx the link's length, is what `area_line` locates a front by: with the
-points beyond its ends it makes the values of a cubic, whose root is the crossing.  Straight
-segments between the crossings of a cell bound the area.  The plastic front is the same of
-hardness - v.
+A front crosses the links between neighbouring points, where `area_front` locates it.
+Straight segments between the crossings of a cell bound the area.
 
 What a cell books besides, for the corrections of `area`: its segments' length times an offset by
 u = hardness/|grad v| (grad per spacing), which is the width of the elastic strip in spacings
@@ -22,7 +19,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.area_line import MIX
+from epcontact.bem.area_front import crossing, field, kind
 from epcontact.results import ELASTIC
 
 FloatArray = NDArray[np.float64]
@@ -38,82 +35,6 @@ AREA, OFFSET, LENGTH, STRIP, HARMONIC, TURN, TIPS, DIPS = range(0, 16, 2)
 SUMS = 16
 #: Fronts are those of a narrow strip below this u.
 STRIP_BELOW = 0.9
-
-
-@_jit
-def kind(p: float, hardness: float) -> int:
-    """APART, ELASTIC or PLASTIC."""
-    return int(p > 0) + int(p >= hardness)
-
-
-@_jit
-def field(p: float, g: float, hardness: float, c: float) -> float:
-    """v = p - c g: not above 0 where apart, not below the hardness where plastic."""
-    if p <= 0:
-        return float(-c * max(g, 0.0))
-    if p >= hardness:
-        return float(hardness - c * min(g, 0.0))
-    return p
-
-
-@_jit
-def _cubic_shift(q: FloatArray, before: bool, after: bool) -> float:
-    """From the root of the line through (0, q[1]) and (1, q[2]), q[1] > 0 >= q[2], to that of the
-    polynomial that also takes (-1, q[0]) and (2, q[3]), where there are such."""
-    a, b = q[1], q[2] - q[1]
-    # q = a + b x + x (x - 1) (d + e (x + 1)), or with (x - 2) without the point before.
-    d = e = 0.0
-    if before:
-        d = (q[0] - a + b) / 2
-        if after:
-            e = ((q[3] - a - 2 * b) / 2 - d) / 3
-    elif after:
-        d = (q[3] - a - 2 * b) / 2
-    line = x = -a / b
-    low, high = 0.0, 1.0
-    for _ in range(20):
-        bend = d + e * (x + 1)
-        value = a + b * x + x * (x - 1) * bend
-        slope = b + (2 * x - 1) * bend + x * (x - 1) * e
-        if value > 0:
-            low = x
-        else:
-            high = x
-        new = x - value / slope if slope < 0 else -1.0
-        if not low <= new <= high:
-            new = (low + high) / 2
-        step, x = abs(new - x), new
-        if step < 1e-7:
-            break
-    return float(x - line)
-
-
-@_jit
-def crossing(v: FloatArray, hardness: float, front: int) -> float:
-    """Where between the middle two of four points in line, 0 to 1, v crosses 0 or the hardness.
-
-    v: (4,), overwritten.
-    """
-    if front:
-        for k in range(4):
-            v[k] = hardness - v[k]
-    turned = v[1] <= 0
-    if turned:
-        v[0], v[1], v[2], v[3] = v[3], v[2], v[1], v[0]
-    root = v[1] / (v[1] - v[2])
-    if v[1] < hardness:
-        before, after = 0 < v[0] < hardness, v[3] <= 0
-        v[0] += MIX * v[1]
-        v[3] -= MIX * v[2]
-        root += _cubic_shift(v, before, after)
-    elif v[1] - v[2] > hardness:
-        # No point in the strip: the gap alone, smooth but for the strip, tells the bend.
-        before, after = v[0] >= hardness, v[3] <= 0
-        v[0] -= hardness
-        v[1] -= hardness
-        root += _cubic_shift(v, before, after)
-    root = min(max(root, 0.0), 1.0)
-    return float(1 - root if turned else root)
 
 
 @_jit

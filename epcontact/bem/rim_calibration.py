@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from epcontact.bem import area_sweep as sweep
 from epcontact.bem.area import CORNER, HARMONIC, OFFSETS
-from epcontact.bem.area_line import AXIS_OFFSET, STIFFNESS, WIDTH_NODES
+from epcontact.bem.area_front import AXIS_OFFSET, STIFFNESS
 from epcontact.bem.area_rows import book_rows, front_offset, row_period, solve_rows, solve_wave
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.bem.solver import Options, solve_pressure
@@ -69,10 +69,17 @@ def _length(field: FloatArray) -> float:
     return float(both + inside - np.count_nonzero(crossing) * AXIS_OFFSET)
 
 
-def _weighted_directions(
-    along: int, across: int
-) -> list[tuple[tuple[int, int], float, list[float]]]:
-    """(direction, weight, phases): rows of a lattice line need many phases, others have them."""
+#: (lattice direction, weight of each phase, phases)
+Fronts = list[tuple[tuple[int, int], float, list[float]]]
+
+
+def along_axis(count: int = 60) -> Fronts:
+    """Fronts along the grid only, as on a line."""
+    return [((1, 0), 1 / count, [(k + 0.5) / count for k in range(count)])]
+
+
+def all_directions(along: int = 40, across: int = 2) -> Fronts:
+    """Fronts of all directions: rows of a lattice line need many phases, others have them."""
     angles = np.array([math.atan2(b, a) for a, b in DIRECTIONS])
     weights = np.diff(np.r_[angles[0], (angles[1:] + angles[:-1]) / 2, angles[-1]])
     weights /= weights.sum()
@@ -89,7 +96,7 @@ def calibrate_directions() -> tuple[float, float]:
     load = 0.5
     exact = sinusoid.line_contact_fraction(load) / 2
     offsets = []
-    for direction, _, phases in _weighted_directions(40, 1):
+    for direction, _, phases in all_directions(40, 1):
         period = row_period(direction, PERIOD)[1]
         rows = [solve_rows(direction, PERIOD, s, load * math.pi / period) for s in phases]
         sums = np.mean([book_rows(r)[0] for r in rows], axis=0)
@@ -99,7 +106,7 @@ def calibrate_directions() -> tuple[float, float]:
     return float(mean), float(amplitude)
 
 
-def calibrate_strips() -> tuple[FloatArray, float]:
+def calibrate_strips(fronts: Fronts) -> tuple[FloatArray, float]:
     """(offsets at U_NODES, largest misfit), in dx, of a front with another one beside it.
 
     Least squares over the widths of the strip, each the mean over directions and positions.
@@ -108,7 +115,7 @@ def calibrate_strips() -> tuple[FloatArray, float]:
     for hardness in HARDNESSES:
         contact, plastic = exact_fronts(hardness, PERIOD)
         feature, bias = np.zeros(len(sweep.U_NODES)), 0.0
-        for direction, weight, phases in _weighted_directions(40, 2):
+        for direction, weight, phases in fronts:
             scale = row_period(direction, PERIOD)[1] / PERIOD
             for phase in phases:
                 cap = hardness / scale
@@ -136,18 +143,23 @@ def _fit(features: FloatArray, biases: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq(np.r_[features, smooth], target, rcond=None)[0])
 
 
-def calibrate_straight_tip(step: float = 0.1) -> float:
-    """Cells that a straight gap lacks for each tip, over widths of 0 to 2.2 dx alike."""
+def calibrate_straight_tip(
+    fronts: Fronts, offset: float, harmonic: float, step: float = 0.1
+) -> float:
+    """Cells that a straight gap lacks for each tip, over widths of 0 to 2.2 dx alike.
+
+    offset, harmonic: of a located front, in dx.
+    """
     lacking = tips = 0.0
     for width in np.arange(step / 2, 2.2, step):
-        for direction, weight, phases in _weighted_directions(40, 2):
+        for direction, weight, phases in fronts:
             period = row_period(direction, 24)[1]
             share = 1 - width / period
             load = math.pi / period * math.sin(math.pi / 2 * share) ** 2
             for phase in phases:
-                sums, nodes = book_rows(solve_rows(direction, 24, phase, load))
-                offset = nodes[:, 0] @ OFFSETS + HARMONIC * sums[sweep.HARMONIC]
-                lacking += weight * (sums[sweep.AREA] - offset - share * period / 2)
+                sums, _ = book_rows(solve_rows(direction, 24, phase, load))
+                outward = offset * sums[sweep.LENGTH] + harmonic * sums[sweep.HARMONIC]
+                lacking += weight * (sums[sweep.AREA] - outward - share * period / 2)
                 tips += weight * sums[sweep.TIPS]
     return lacking / tips
 
@@ -173,45 +185,19 @@ def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, floa
     return float(np.mean(out)), float(np.std(out) / math.sqrt(shifts))
 
 
-def calibrate_line(period: int = 400, shifts: int = 40) -> FloatArray:
-    """Offsets in dx at WIDTH_NODES: of fronts interpolated on p - c g, by the strip's width so."""
-    q = 2 * np.pi * np.arange(period // 2 + 1) / period
-    q[0] = np.inf
-    widths, offsets = [0.0], [0.0]
-    for hardness in np.linspace(2e-4, 5e-3, 150):
-        contact, plastic = exact_fronts(hardness, period, 1 << 14)
-        for k in range(shifts):
-            p, g = solve_wave(2 / q, period, (k + 0.5) / shifts, hardness / 2, hardness)
-            outer = _length(p - STIFFNESS * g) / 2 + AXIS_OFFSET
-            inner = (period - _length(hardness - p + STIFFNESS * g)) / 2 - AXIS_OFFSET
-            widths.append(outer - inner)
-            offsets.append((outer - contact + plastic - inner) / 2)
-    order = np.argsort(widths)
-    smooth = np.array([widths, offsets])[:, order]
-    return np.array([_local_mean(smooth, node) for node in WIDTH_NODES])
-
-
-def _local_mean(curve: FloatArray, at: float, half_width: float = 0.06) -> float:
-    """Straight-line fit to the points of a curve near `at`, there."""
-    near = np.abs(curve[0] - at) <= half_width
-    x, y = curve[0][near] - at, curve[1][near]
-    if at == 0:
-        return 0.0
-    return float(np.polyfit(x, y, 1)[1])
-
-
 def main() -> None:
     """Print the constants and tables of `area` and `area_line`."""
     print("offset of a counted front along an axis", round(front_offset(0.0), 5))
     mean, amplitude = calibrate_directions()
     print("offset of a located front", round(mean, 4), "+", round(amplitude, 4), "cos 4 theta")
-    table, misfit = calibrate_strips()
     print("u     ", sweep.U_NODES)
-    print("offset", np.round(table, 4), " largest misfit", round(misfit, 4))
+    for name, fronts in (("offset", all_directions()), ("line", along_axis())):
+        table, misfit = calibrate_strips(fronts)
+        print(name, np.round(table, 4), " largest misfit", round(misfit, 4))
     print("corner", "{:.3f} +- {:.3f}".format(*calibrate_corner()), "in use", CORNER)
-    print("straight tip", round(calibrate_straight_tip(), 3))
-    print("width ", np.round(WIDTH_NODES, 4))
-    print("line  ", np.round(calibrate_line(), 4))
+    tip = calibrate_straight_tip(all_directions(), float(OFFSETS[-1]), HARMONIC)
+    print("straight tip", round(tip, 3))
+    print("lone point", round(calibrate_straight_tip(along_axis(), AXIS_OFFSET, 0.0), 3))
 
 
 if __name__ == "__main__":

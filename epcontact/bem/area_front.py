@@ -1,0 +1,110 @@
+"""Where a front crosses between two grid points, exact for a straight one along the grid.
+
+At a front between apart and elastic points the discrete problem on the half-line is solved by a
+Wiener-Hopf factorisation of the compliance 2/(E* |q|), |q| < pi/dx.  With q(x) = alpha + beta x +
+... the polynomial that the continuum has for its square root times p, the pressure inside is
+(1/S_+) q and the gap outside is -S_- q.  The leading coefficients of S give, in units of
+c = pi E*/(2 e dx), with b = Si(pi)/pi and points counted from the last in contact outwards,
+
+    q(0) = p_0,  q(-1) = p_1 + b p_0 (to a common factor),  q(1) = -c g_1,  q(2) = -c g_2 + b c g_1.
+
+The front lies AXIS_OFFSET dx short of the root of q between 0 and 1.  The root is that of the
+polynomial through the four values (three or two where the contact or the gap has one point only):
+the offset is exact up to the third order in dx, as the magnitude of S has no further terms.
+
+The plastic front is the same with hardness - p for p and -g for g.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+#: Offset of a front along an axis, in dx: 1/4 - (1/2 pi) int_0^{pi/2} (cot t/t - cot^2 t) dt.
+AXIS_OFFSET = 0.190009285925947
+#: c in E*/dx, and b.
+STIFFNESS = math.pi / (2 * math.e)
+MIX = 0.5894898722360835  # Si(pi)/pi
+
+_jit = numba.njit(cache=True, nogil=True)
+
+
+@_jit
+def kind(p: float, hardness: float) -> int:
+    """APART, ELASTIC or PLASTIC."""
+    return int(p > 0) + int(p >= hardness)
+
+
+@_jit
+def field(p: float, g: float, hardness: float, c: float) -> float:
+    """v = p - c g: not above 0 where apart, not below the hardness where plastic."""
+    if p <= 0:
+        return float(-c * max(g, 0.0))
+    if p >= hardness:
+        return float(hardness - c * min(g, 0.0))
+    return p
+
+
+@_jit
+def _cubic_shift(q: FloatArray, before: bool, after: bool) -> float:
+    """From the root of the line through (0, q[1]) and (1, q[2]), q[1] > 0 >= q[2], to that of the
+    polynomial that also takes (-1, q[0]) and (2, q[3]), where there are such."""
+    a, b = q[1], q[2] - q[1]
+    # q = a + b x + x (x - 1) (d + e (x + 1)), or with (x - 2) without the point before.
+    d = e = 0.0
+    if before:
+        d = (q[0] - a + b) / 2
+        if after:
+            e = ((q[3] - a - 2 * b) / 2 - d) / 3
+    elif after:
+        d = (q[3] - a - 2 * b) / 2
+    line = x = -a / b
+    low, high = 0.0, 1.0
+    for _ in range(20):
+        bend = d + e * (x + 1)
+        value = a + b * x + x * (x - 1) * bend
+        slope = b + (2 * x - 1) * bend + x * (x - 1) * e
+        if value > 0:
+            low = x
+        else:
+            high = x
+        new = x - value / slope if slope < 0 else -1.0
+        if not low <= new <= high:
+            new = (low + high) / 2
+        step, x = abs(new - x), new
+        if step < 1e-7:
+            break
+    return float(x - line)
+
+
+@_jit
+def crossing(v: FloatArray, hardness: float, front: int) -> float:
+    """Where between the middle two of four points in line, 0 to 1, v crosses 0 or the hardness.
+
+    v: (4,), overwritten.
+    """
+    if front:
+        for k in range(4):
+            v[k] = hardness - v[k]
+    turned = v[1] <= 0
+    if turned:
+        v[0], v[1], v[2], v[3] = v[3], v[2], v[1], v[0]
+    root = v[1] / (v[1] - v[2])
+    if v[1] < hardness:
+        before, after = 0 < v[0] < hardness, v[3] <= 0
+        v[0] += MIX * v[1]
+        v[3] -= MIX * v[2]
+        root += _cubic_shift(v, before, after)
+    elif v[1] - v[2] > hardness:
+        # No point in the strip: the gap alone, smooth but for the strip, tells the bend.
+        before, after = v[0] >= hardness, v[3] <= 0
+        v[0] -= hardness
+        v[1] -= hardness
+        root += _cubic_shift(v, before, after)
+    root = min(max(root, 0.0), 1.0)
+    return float(1 - root if turned else root)
