@@ -163,36 +163,89 @@ def test_plastic_strips_of_any_width_on_a_line():
 
 
 def test_hertz_over_shifts_of_the_grid():
-    """The mean over shifts is unbiased, where the published correction overshoots."""
-    coarse = sphere_errors(9.6, 16, 3).mean(axis=0)
-    fine = sphere_errors(20, 16, 4).mean(axis=0)
-    assert coarse[0] > 0.02
-    assert fine[0] > 0.01
-    # Three standard errors of the mean over 16 shifts (0.65 % and 0.15 % a shift, measured).
-    assert abs(coarse[2]) < 0.005
-    assert abs(fine[2]) < 0.0012
-    assert fine[1] < -0.0015
+    """Right to 0.2 % at four points across the radius, at every shift of the grid to 0.6 %."""
+    for points, shifts, each, mean in (
+        (4, 16, 6e-3, 2e-3),
+        (9.6, 12, 1e-3, 4e-4),
+        (20, 6, 4e-4, 2e-4),
+    ):
+        raw, published, corrected, covered = sphere_errors(points, shifts, 3).T
+        assert np.abs(corrected).max() < each
+        assert abs(corrected.mean()) < mean < raw.mean() / 10
+        assert abs(corrected.mean()) < abs(published.mean())
+        assert np.all(np.abs(corrected) <= covered)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("points", "shifts", "bound"), [(5, 48, 0.011), (38, 12, 8e-4)])
-def test_hertz_coarser_and_finer(points, shifts, bound):
-    """Bound: three standard errors of the mean (2.6 % and 0.07 % a shift) and a next order."""
-    errors = sphere_errors(points, shifts, 5)
-    assert abs(errors[:, 2].mean()) < bound
-    assert abs(errors[:, 2].mean()) < abs(errors[:, 0].mean()) / 4
-    assert np.mean(np.abs(errors[:, 2]) <= errors[:, 3]) >= 0.9
+@pytest.mark.parametrize(("points", "bound"), [(5, 1e-3), (10, 4e-4), (38, 5e-5)])
+def test_hertz_is_of_higher_than_second_order(points, bound):
+    """Means over shifts; the raw count is 6, 3 and 0.7 % off."""
+    assert abs(sphere_errors(points, 24 if points < 20 else 6, 5)[:, 2].mean()) < bound
+
+
+@pytest.mark.parametrize("aspect", [1.5, 2.0, 4.0])
+def test_oblong_cells(aspect):
+    """Spheres again: within the error, and within 0.5 % where dx is not beyond twice dy."""
+    nx, ny = (2 * round(42 * aspect**power) for power in (-0.5, 0.5))
+    force = hertz.sphere_force(0.15, 1.0, 1.0)
+    exact = math.pi * hertz.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
+    errors = []
+    for shift in np.random.default_rng(7).uniform(size=(6, 2)):
+        x, y = ((np.arange(n) + s) / n - 0.5 for n, s in zip((nx, ny), shift, strict=True))
+        _, corrected, error = estimate(*solve(-(x[:, None] ** 2 + y**2) / 2, force))
+        errors.append([corrected.total / exact - 1, error.total / exact])
+    off, claimed = np.array(errors).T
+    assert np.all(np.abs(off) <= claimed)
+    assert abs(off.mean()) < (5e-4 if aspect <= 2 else 2e-3)
+
+
+def egg_box(n, shift):
+    x, y = ((np.arange(n) + s) / n for s in shift)
+    return (np.cos(2 * np.pi * x)[:, None] + np.cos(2 * np.pi * y)) / 2
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.98])
+def test_gaps_in_a_contact_that_is_nearly_full(share):
+    """Of the other sign of curvature, down to a radius of two spacings, against a fine grid."""
+    exact = estimate(*solve(egg_box(384, (0.3, 0.6)), share * math.pi))[1].total
+    n = 32
+    for shift in np.random.default_rng(3).uniform(size=(6, 2)):
+        _, corrected, error = estimate(*solve(egg_box(n, shift), share * math.pi))
+        assert abs(corrected.total - exact) < 0.25 / n**2  # a quarter of a cell
+        assert abs(corrected.total - exact) <= error.total
+
+
+@pytest.mark.parametrize("share", [0.99, 0.995, 0.999, 0.9999])
+def test_what_may_hide_between_points_that_all_touch(share):
+    """Near full contact a gap may fit between two points: no error of 0 is claimed, on lines and
+    on grids, but where the pressure says that there is none."""
+    exact, n = sinusoid.line_contact_fraction(share), 16
+    for phase in (0.1, 0.3, 0.5, 0.8):
+        h = np.cos(2 * np.pi * (np.arange(n) + phase) / n)
+        _, corrected, error = estimate(*solve(h, share * math.pi))
+        assert abs(corrected.total - exact) <= error.total < 3 / n
+    exact = estimate(*solve(egg_box(384, (0.3, 0.6)), share * math.pi))[1].total
+    touching = 0
+    for shift in np.random.default_rng(4).uniform(size=(8, 2)):
+        raw, _, error = estimate(*solve(egg_box(n, shift), share * math.pi))
+        if raw.total == 1:
+            touching += 1
+            assert 1 - exact <= error.total < 3 / n**2
+    assert touching or share < 0.993
+    p, g = solve(egg_box(n, (0.3, 0.6)), 1.2 * math.pi)  # full contact with pressure to spare
+    assert estimate(p, g)[2].total == 0
 
 
 def test_straight_rims_along_the_grid_are_those_of_a_line():
     n, load = 96, 0.3
-    for shift in (0.2, 0.6):
+    exact = sinusoid.line_contact_fraction(load)
+    for shift in (0.05, 0.2, 0.45, 0.6, 0.9):
         h = np.cos(2 * np.pi * (np.arange(n) + shift) / n)
         p, g = solve(np.repeat(h[:, None], n, axis=1), load * math.pi)
-        raw, corrected, _ = estimate(p, g)
-        exact = sinusoid.line_contact_fraction(load)
+        raw, corrected, error = estimate(p, g)
         assert abs(raw.total / exact - 1) > 2e-3
-        assert corrected.total == pytest.approx(exact, rel=1.5e-3)  # 0.03 of a spacing a rim
+        assert corrected.total == pytest.approx(exact, rel=2e-4)
+        assert abs(corrected.total - exact) <= error.total
         turned = estimate(np.ascontiguousarray(p.T), np.ascontiguousarray(g.T))[1]
         assert turned.total == pytest.approx(corrected.total, rel=1e-12)
 
@@ -209,7 +262,7 @@ def test_oblique_rims():
     raw, corrected = np.mean(errors, axis=0)
     assert raw > 0.012
     # A row of points, 1/sqrt(29) of a spacing or 0.4 % of the area, is there or not.
-    assert abs(corrected) < 0.0025
+    assert abs(corrected) < 2e-4
 
 
 def test_rigid_plastic_bodies_need_no_correction():
@@ -306,20 +359,16 @@ def test_shapes_that_do_not_fit():
 
 def rough_errors(load, hardness, seeds, high, points=4, finest=32):
     """Relative errors (raw, published, corrected) and estimate, of the total and, if there is
-    any, of the plastic area: (seeds, 4, 1 or 2)."""
-    parts = ("total", "plastic") if math.isfinite(hardness) else ("total",)
+    any, of the plastic and of the elastic area: (seeds, 4, 1 or 3)."""
+    parts = ("total", "plastic", "elastic") if math.isfinite(hardness) else ("total",)
 
     def figures(areas):
         return np.array([getattr(areas, part) for part in parts])
 
     out = []
     for seed in seeds:
-        middle, fine = (
-            figures(estimate(*solve(rough(k * high, seed, high), load, hardness), hardness)[1])
-            for k in (finest // 2, finest)
-        )
-        # Both are off by chance, the finer one by less; their remainders are below 0.1 %.
-        exact = 0.2 * middle + 0.8 * fine
+        fine = solve(rough(finest * high, seed, high), load, hardness)
+        exact = figures(estimate(*fine, hardness)[1])
         p, g = solve(rough(points * high, seed, high), load, hardness)
         raw, corrected, error = estimate(p, g, hardness)
         found = [raw, perimeter_areas(p, hardness)[1], corrected]
@@ -332,25 +381,26 @@ def test_rough_surfaces_at_four_points_a_wavelength():
     mean = errors.mean(axis=0)
     assert mean[0, 0] > 0.05
     assert mean[0, 1] < -0.05
-    # Chance of six small surfaces: 0.3 % in total, 0.6 % in plastic area, twice.
-    assert np.all(np.abs(mean[2]) < [0.006, 0.012])
+    assert mean[0, 2] > 0.15
+    # Chance of six small surfaces: 0.1 % in total, 0.3 % in plastic area, twice.
+    assert np.all(np.abs(mean[2]) < [0.003, 0.008, 0.008])
     assert np.mean(np.abs(errors[:, 2]) <= errors[:, 3]) >= 0.75
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("load", "hardness"), [(0.05, 0.6), (0.05, math.inf), (0.2, 0.6), (0.05, 0.2)]
+    ("load", "hardness"), [(0.05, 0.6), (0.05, math.inf), (0.2, 0.6), (0.1, 1.2), (0.3, 0.9)]
 )
 def test_ensembles_and_their_error_estimates(load, hardness):
-    """Four points a wavelength: the mean error, and an estimate that covers most of them."""
-    errors = rough_errors(load, hardness, range(40, 48), 32)
-    mean = np.abs(errors.mean(axis=0))
-    # The aim is 0.3 %; the chance of eight surfaces of this size adds as much again.
-    assert np.all(mean[2] < [0.006, 0.01][: mean.shape[-1]])
-    assert np.all(mean[2] < mean[1])
-    covered = np.abs(errors[:, 2]) <= errors[:, 3]
-    assert covered.mean() >= 0.8
-    assert np.median(errors[:, 3] / np.abs(errors[:, 2])) < 8
+    """Four points a wavelength, surfaces that nothing was fitted to: each area's mean error, and
+    an estimate that covers most of them without being wide."""
+    errors = rough_errors(load, hardness, range(8000, 8010), 32, finest=24)
+    mean = errors.mean(axis=0)
+    chance = errors[:, 2].std(axis=0, ddof=1) / math.sqrt(len(errors))
+    assert np.all(np.abs(mean[2]) < 0.003 + 2 * chance)
+    assert np.all(np.abs(mean[2]) < np.abs(mean[1]) / 5)
+    assert (np.abs(errors[:, 2]) <= errors[:, 3]).mean() >= 0.85
+    assert np.median(errors[:, 3] / np.abs(errors[:, 2])) < 12
 
 
 @pytest.mark.parametrize("load", [1e-6, 0.1, 0.5, 0.9])

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem.area_front import STIFFNESS, crossing, field
-from epcontact.bem.area_sweep import U_NODES
+from epcontact.bem.area_sweep import SEEN, U_NODES
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -145,9 +145,10 @@ def _dip(before: float, here: float, after: float) -> float:
     """Width of a gap that may hide at a point of the least pressure.
 
     Where contact is full p is a smooth wave, and where it would fall to -p1 + p2 s^2 a gap of
-    half-width sqrt(2 p1/p2) opens; p1 is p2/4 - p at most, half a spacing from the point.
+    half-width sqrt(2 p1/p2) opens; p1 is p2/4 - p at most, half a spacing from the point.  Of a
+    wave's p2 the second difference shows 1/SEEN at four points to its length.
     """
-    bend = (before + after - 2 * here) / 2
+    bend = SEEN * (before + after - 2 * here) / 2
     if here > min(before, after) or here >= bend / 4:
         return 0.0
     return float(2 * math.sqrt(0.5 - 2 * here / bend))

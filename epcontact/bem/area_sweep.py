@@ -26,6 +26,8 @@ FloatArray = NDArray[np.float64]
 
 #: Nodes of the table of offsets.
 U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
+#: Curvature of a wave over its second difference, at four points to its length.
+SEEN = 1.25
 #: A tip has no more neighbours like it.
 TIP_NEIGHBOURS = 2
 
@@ -152,7 +154,8 @@ def _dip(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> f
     Between points p may fall to 0, or for front 1 hardness - p.  Where contact is full, p is a
     smooth wave; a parabola -p1 + p2 s^2 opens a gap of radius sqrt(3 p1/(2 p2)), as a penny-shaped
     crack that closes smoothly, and with p at the point its p1 is p2/2 - p at most, as half of a
-    cell's diagonal is the farthest that its bottom can be.
+    cell's diagonal is the farthest that its bottom can be.  Of a wave's p2 the second difference
+    shows 1/SEEN at four points to its length.
     """
     nx, ny = pressure.shape
     here, above, below = pressure[i, j], pressure[i - 1, j], pressure[(i + 1) % nx, j]
@@ -164,7 +167,7 @@ def _dip(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> f
         return 0.0
     if max(above, below, left, right) >= hardness:
         return 0.0
-    bend = (above + below + left + right - 4 * here) / 4
+    bend = SEEN * (above + below + left + right - 4 * here) / 4
     if here >= bend / 2:
         return 0.0
     return float((math.pi * 1.5 * (0.5 - here / bend)) ** 2)
