@@ -39,8 +39,8 @@ StateArray = NDArray[np.uint8]
 # times as many each time that it happens again.
 _GRADIENT_STEPS = 16
 # Points that change sets in a step, by the error of the areas after it, below which what is about
-# to come into contact tells that error: each step leaves about a tenth of the changes.
-_CHANGES_PER_ERROR = 10
+# to come into contact tells that error: each step leaves a fifth of the changes or less.
+_CHANGES_PER_ERROR = 5
 # A full step is taken if the least energy along it lies beyond this share; beyond 1/2 it lowers
 # the energy.
 _FULL_STEP = 0.5
