@@ -28,11 +28,11 @@ Pair = tuple[float, float]
 #: Offset of a located front at U_NODES, in spacings.
 LINE_OFFSETS = np.array(
     [
-        *(0.0, 0.0719, 0.1377, 0.1927, 0.229, 0.236, 0.2467, 0.2108),
-        *(0.2008, 0.1974, 0.1681, 0.1886, 0.19, 0.19),
+        *(0.0, 0.0717, 0.1382, 0.1932, 0.2292, 0.2358, 0.2471, 0.2106),
+        *(0.2007, 0.1976, 0.168, 0.1886, 0.19, 0.19),
     ]
 )
-STRAIGHT_LONE, LONE = 0.107, 0.2
+STRAIGHT_LONE, LONE = 0.109, 0.2
 
 _jit = numba.njit(cache=True, nogil=True)
 
