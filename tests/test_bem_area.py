@@ -323,6 +323,16 @@ def test_inputs_are_left_alone_and_repeat(capped):
         assert areas.total == pytest.approx(areas.elastic + areas.plastic, rel=1e-15)
 
 
+def test_grids_of_a_row_or_two_are_lines():
+    p, g = solve(np.cos(2 * np.pi * (np.arange(64) + 0.2) / 64), 0.4 * math.pi)
+    exact = sinusoid.line_contact_fraction(0.4)
+    for rows in (1, 2, 3):
+        for turn in (np.asarray, np.transpose):
+            q, f = (np.ascontiguousarray(turn(np.tile(a, (rows, 1)))) for a in (p, g))
+            corrected = estimate_areas(q, f, math.inf, (1 / 64, 1 / 64), 1.0)[1]
+            assert corrected.total == pytest.approx(exact, rel=5e-4)
+
+
 def test_complete_contact_is_exact():
     p = np.full((16, 16), 2.0)
     raw, corrected, error = estimate(p, np.zeros_like(p))

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem.area_front import STIFFNESS, crossing, field
-from epcontact.bem.area_sweep import SEEN, U_NODES
+from epcontact.bem.area_sweep import SEEN, interpolated
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
 
-#: Offset of a located front at U_NODES, in spacings.
+#: Offset of a located front at area_sweep.U_NODES, in spacings.
 LINE_OFFSETS = np.array(
     [
         *(0.0, 0.0717, 0.1382, 0.1932, 0.2292, 0.2358, 0.2471, 0.2106),
@@ -115,7 +115,7 @@ def _front(
         k = (i + (m - 1) * d) % n
         v[m] = field(p[k], g[k], hardness, c)
     drop, level = v[1] - v[2], hardness if front else 0.0
-    offset = np.interp(hardness / drop, U_NODES, LINE_OFFSETS)
+    offset = interpolated(hardness / drop, LINE_OFFSETS)
     line = (v[1] - level) / drop
     where = crossing(v, hardness, front)
     return where + (offset if front else -offset), where - line

@@ -99,6 +99,7 @@ def book_rows(rows: Rows) -> tuple[FloatArray, FloatArray]:
 def _column(
     p: FloatArray, g: FloatArray, hardness: float, tables: FloatArray, out: FloatArray
 ) -> None:
+    work = sweep.workspace()
     for i in range(p.shape[0]):
         first = kind(p[i, 3], hardness)
         same = (
@@ -111,6 +112,6 @@ def _column(
                 out[k, sweep.AREA] += first > 0
                 out[k, sweep.AREA + 1] += first > 1
             else:
-                sweep.book(p, g, hardness, (STIFFNESS, STIFFNESS), (i, 3), tables[k], out[k])
+                sweep.book(p, g, hardness, (STIFFNESS, STIFFNESS), (i, 3), tables[k], out[k], work)
                 if first != 1 and sweep.is_tip(p, hardness, i, 3, first):
                     out[k, sweep.TIPS + (first > 1)] += 1

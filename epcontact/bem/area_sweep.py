@@ -40,6 +40,16 @@ STRIP_BELOW = 0.9
 
 
 @_jit
+def interpolated(u: float, table: FloatArray) -> float:
+    """A table at U_NODES, at u; constant beyond."""
+    k = 1
+    while k < U_NODES.size - 1 and U_NODES[k] < u:
+        k += 1
+    t = min((u - U_NODES[k - 1]) / (U_NODES[k] - U_NODES[k - 1]), 1.0)
+    return float(table[k - 1] + t * (table[k] - table[k - 1]))
+
+
+@_jit
 def _corner(x: float, y: float) -> tuple[float, float]:
     return x * y / 2, math.sqrt(x * x + y * y)
 
@@ -70,7 +80,13 @@ def _polygon(inside: NDArray[np.int64], cut: FloatArray, joined: bool) -> tuple[
 
 
 @_jit
-def book(
+def workspace() -> tuple[NDArray[np.int64], FloatArray]:
+    """Room for `book`, so that not every cell asks for its own."""
+    return np.empty((2, 4), np.int64), np.empty((4, 4))
+
+
+@_jit
+def book(  # noqa: PLR0913, PLR0917 - the problem, where, and what to add to
     pressure: FloatArray,
     gap: FloatArray,
     hardness: float,
@@ -78,11 +94,13 @@ def book(
     place: tuple[int, int],
     table: FloatArray,
     sums: FloatArray,
+    work: tuple[NDArray[np.int64], FloatArray],
 ) -> None:
     """Add what a cell with a front, between (i - 1, j - 1) and (i, j), has to the sums."""
     (i, j), (nx, ny) = place, pressure.shape
-    kinds, inside = np.empty(4, np.int64), np.empty(4, np.int64)
-    along, across = np.empty(4), np.empty(4)  # v by the links along x and along y
+    kinds, inside = work[0][0], work[0][1]
+    # v by the links along x and along y; crossings of the sides; v along one of them.
+    along, across, cut, v = work[1][0], work[1][1], work[1][2], work[1][3]
     for k in range(4):
         a = i if k in (1, 2) else i - 1
         b = j if k >= 2 else j - 1
@@ -97,9 +115,8 @@ def book(
     square = dx * dx + dy * dy
     u = hardness / math.sqrt(square) if square > 0 else np.inf
     harmonic = 1 - 8 * (dx * dy / square) ** 2 if square > 0 else 0.0
-    offset = np.interp(u, U_NODES, table)
+    offset = interpolated(u, table)
     middle = (along.sum() + across.sum()) / 8
-    cut, v = np.zeros(4), np.empty(4)
     for front in range(2):
         n = 0
         for k in range(4):
@@ -117,8 +134,8 @@ def book(
             c = stiffness[0] if x_side else stiffness[1]
             row, column = i if k == 1 else i - 1, j if k == 2 else j - 1
             for m in range(4):
-                a = (row + m - 1) % nx if x_side else row
-                b = column if x_side else (column + m - 1) % ny
+                a, b = (row + m - 1, column) if x_side else (row, column + m - 1)
+                a, b = a if 0 <= a < nx else a % nx, b if 0 <= b < ny else b % ny
                 v[m] = field(pressure[a, b], gap[a, b], hardness, c)
             where = crossing(v, hardness, front)
             cut[k] = where if k < 2 else 1 - where
@@ -186,7 +203,7 @@ def sweep(
 
     stiffness: c for the links along x and along y; table: offsets at U_NODES.
     """
-    nx, ny = pressure.shape
+    (nx, ny), work = pressure.shape, workspace()
     for i in range(nx):
         above, here = kind(pressure[i - 1, -1], hardness), kind(pressure[i, -1], hardness)
         for j in range(ny):
@@ -195,7 +212,7 @@ def sweep(
                 sums[AREA] += here > 0
                 sums[AREA + 1] += here > 1
             else:
-                book(pressure, gap, hardness, stiffness, (i, j), table, sums)
+                book(pressure, gap, hardness, stiffness, (i, j), table, sums, work)
                 if here_2 != ELASTIC and is_tip(pressure, hardness, i, j, here_2):
                     sums[TIPS + (here_2 > ELASTIC)] += 1
             if here_2 == ELASTIC:
