@@ -277,6 +277,12 @@ def test_rigid_plastic_bodies_need_no_correction():
         assert corrected.plastic == pytest.approx(ratio, abs=0.1 * strip)
 
 
+def test_nothing_plastic_without_a_hardness():
+    _, corrected, error = estimate(*solve(rough(64, 5), 0.1))
+    assert corrected.plastic == error.plastic == 0
+    assert error.elastic == error.total > 0
+
+
 @pytest.fixture(scope="module")
 def capped():
     """A solution with all three states, and its hardness."""

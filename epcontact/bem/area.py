@@ -119,6 +119,8 @@ def estimate_areas(
     corrected = _placed([_corrected(sums, front, oblong) / n for front in range(2)], sums, share)
     less = (min(contact, n - contact), min(plastic, n - plastic))
     errors = tuple(_uncertainty(sums, front, less[front], oblong) / n for front in range(2))
+    if math.isinf(hardness):
+        errors = (errors[0], 0.0)
     return (
         _areas(contact / n, plastic / n),
         *_possible(corrected, (errors[0], errors[1]), share),
