@@ -58,7 +58,7 @@ HARMONIC = 0.0127
 #: Cells that a spot lacks by the curvature of its front.
 CORNER = 0.6
 #: Cells missed for each tip: of straight gaps, and as fitted to rough surfaces.
-STRAIGHT_TIP, TIP = 0.277, 0.2
+STRAIGHT_TIP, TIP = 0.277, 0.24
 #: Mean offset on oblong cells, 1 + OBLONG ln^2(dx/dy) times that on square ones.
 OBLONG = 0.057
 #: Share of narrow strips among the fronts from which on the load places them.
@@ -116,14 +116,14 @@ def estimate_areas(
     sweep.sweep(pressure, gap, hardness, (stiffness[0], stiffness[1]), OFFSETS, sums)
     contact, plastic, _, _ = count(pressure, hardness)
     oblong = OBLONG * math.log(spacing[0] / spacing[1]) ** 2
-    corrected = _placed([_corrected(sums, front, oblong) / n for front in range(2)], sums, share)
+    placed = _placed([corrected(sums, front, oblong) / n for front in range(2)], sums, share)
     less = (min(contact, n - contact), min(plastic, n - plastic))
     errors = tuple(_uncertainty(sums, front, less[front], oblong) / n for front in range(2))
     if math.isinf(hardness):
         errors = (errors[0], 0.0)
     return (
         _areas(contact / n, plastic / n),
-        *_possible(corrected, (errors[0], errors[1]), share),
+        *_possible(placed, (errors[0], errors[1]), share),
     )
 
 
@@ -171,7 +171,7 @@ def _error(total: float, plastic: float) -> Areas:
     return Areas(total=float(total), elastic=math.hypot(total, plastic), plastic=float(plastic))
 
 
-def _corrected(sums: FloatArray, front: int, oblong: float) -> float:
+def corrected(sums: FloatArray, front: int, oblong: float) -> float:
     """Cells of the contact (front 0) or of the plastic part (front 1)."""
     offset = (1 + oblong) * sums[sweep.OFFSET + front] + HARMONIC * sums[sweep.HARMONIC + front]
     outward = offset + TIP * sums[sweep.TIPS + front]

@@ -20,18 +20,22 @@ each tip that they show, were every width equally likely, is STRAIGHT_TIP.
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem import area_sweep as sweep
-from epcontact.bem.area import CORNER, HARMONIC, OFFSETS
+from epcontact.bem.area import CORNER, HARMONIC, OFFSETS, TIP, corrected
 from epcontact.bem.area_front import AXIS_OFFSET, STIFFNESS
 from epcontact.bem.area_rows import book_rows, front_offset, row_period, solve_rows, solve_wave
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.bem.solver import Options, solve_pressure
 from epcontact.reference import hertz, sinusoid
+from epcontact.scene import SelfAffineSpectrum
+from epcontact.surfaces import SelfAffine
 
 FloatArray = NDArray[np.float64]
 
@@ -43,6 +47,8 @@ HARDNESSES = (
     *(0.003, 0.006, 0.01, 0.014, 0.018, 0.022, 0.026, 0.03, 0.034, 0.037, 0.04, 0.043, 0.046),
     *(0.05, 0.053, 0.056, 0.06, 0.063, 0.066, 0.07, 0.074, 0.078, 0.083, 0.09, 0.095),
 )
+#: Loads and hardnesses, in units of E* times the rms slope, of the rough surfaces.
+ROUGH = ((0.05, 0.6), (0.05, math.inf), (0.2, 0.6), (0.1, 1.2), (0.4, 0.6))
 #: Weight of the second differences of the table.
 SMOOTHING = 0.003
 
@@ -185,6 +191,38 @@ def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, floa
     return float(np.mean(out)), float(np.std(out) / math.sqrt(shifts))
 
 
+def calibrate_rough_tip(seeds: Sequence[int] = range(2000, 2004), high: int = 32) -> float:
+    """Cells that a tip stands for on rough surfaces at four points to their shortest wave.
+
+    Least squares over the areas against grids of 24 points, each relative to its area; hurst
+    0.8, roll-off at twice the period, `high` shortest waves a period.
+    """
+    products = squares = 0.0
+    spectrum = SelfAffineSpectrum(0.8, 2 * np.pi, 4 * np.pi, 2 * np.pi * high, 1.0)
+    for seed, (load, hardness) in itertools.product(seeds, ROUGH):
+        found = []
+        for points in (24, 4):
+            n = points * high
+            heights = SelfAffine(spectrum, (1.0, 1.0), (n, n), seed).build().heights
+            q = rfft_wavenumbers((n, n), (1.0, 1.0))
+            q[0, 0] = np.inf
+            options = Options(tolerance=1e-7)
+            solution = solve_pressure(heights, 2 / q, load, hardness, options=options)
+            gap, c = solution.displacement + solution.offset - heights, STIFFNESS * n
+            sums, cap = np.zeros(sweep.SUMS), hardness * (1 - 1e-12)
+            sweep.sweep(solution.pressure, gap, cap, (c, c), OFFSETS, sums)
+            found.append(sums / n**2)
+        fronts = 1 if math.isinf(hardness) else 2
+        areas = np.array([[corrected(sums, k, 0.0) for k in range(fronts)] for sums in found])
+        tips = found[1][sweep.TIPS : sweep.TIPS + fronts] * np.array([1, -1])[:fronts]
+        if fronts == 2:  # and the elastic area
+            areas, tips = np.c_[areas, areas[:, 0] - areas[:, 1]], np.r_[tips, tips[0] - tips[1]]
+        # `corrected` has taken TIP for each already.
+        products += float(np.sum((areas[1] - areas[0] + TIP * tips) * tips / areas[0]))
+        squares += float(np.sum(tips**2 / areas[0]))
+    return products / squares
+
+
 def main() -> None:
     """Print the constants and tables of `area` and `area_line`."""
     print("offset of a counted front along an axis", round(front_offset(0.0), 5))
@@ -197,6 +235,7 @@ def main() -> None:
     print("corner", "{:.3f} +- {:.3f}".format(*calibrate_corner()), "in use", CORNER)
     tip = calibrate_straight_tip(all_directions(), float(OFFSETS[-1]), HARMONIC)
     print("straight tip", round(tip, 3))
+    print("tip of rough surfaces", round(calibrate_rough_tip(), 3), "in use", TIP)
     print("lone point", round(calibrate_straight_tip(along_axis(), AXIS_OFFSET, 0.0), 3))
 
 
