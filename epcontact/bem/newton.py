@@ -41,6 +41,8 @@ _GRADIENT_STEPS = 16
 # Points that change sets in a step, by the error of the areas after it, below which what is about
 # to come into contact tells that error: each step leaves a fifth of the changes or less.
 _CHANGES_PER_ERROR = 5
+# And the share of the first residual.
+_CALM = 0.2
 # A full step is taken if the least energy along it lies beyond this share; beyond 1/2 it lowers
 # the energy.
 _FULL_STEP = 0.5
@@ -149,7 +151,7 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
         sets = _classify(level, it, state)
         it.residual = max(sets.worst / level.gap_scale, abs(now.force - 1))
         counts.history.append(it.residual)
-        it.settled = _settled(it, sets, goal, full and step is not None)
+        it.settled = _settled(it, sets, goal, counts.history[0], full and step is not None)
         if it.settled or counts.newton >= goal.max_steps:
             counts.pairs = level.convolution.pairs + inner.pairs
             return it, counts
@@ -159,16 +161,18 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
         step = _newton_step(level, inner, it, state, sets, now.energy, counts, goal)
 
 
-def _settled(it: Iterate, sets: _Sets, goal: Goal, full_step: bool) -> bool:
+def _settled(it: Iterate, sets: _Sets, goal: Goal, first: float, full_step: bool) -> bool:
     """By the residual, or by the sets.
 
-    After a step that was cut, or while many points still change, sets at rest mean nothing.
+    After a step that was cut, while many points still change, or as long as the residual is near
+    the first one, sets at rest mean nothing: with many points a wavelength fronts move less than
+    a point while forces are still out of balance.
     """
     if it.residual <= goal.tolerance:
         return True
     aim, contact = goal.area_tolerance, sets.plastic + sum(sets.per_block)
     calm = full_step and sets.changed <= _CHANGES_PER_ERROR * aim * max(contact, 1)
-    return aim > 0 and calm and sets.unsettled() <= aim
+    return aim > 0 and calm and it.residual <= _CALM * first and sets.unsettled() <= aim
 
 
 def _classify(level: Level, it: Iterate, state: StateArray) -> _Sets:

@@ -24,9 +24,9 @@ from epcontact.errors import InvalidScene, NotConverged
 
 FloatArray = NDArray[np.float64]
 
-# The areas' tolerance on coarser grids: their own error is some hundredths at best, and finer
-# grids took as many steps from 1e-4 as from 3e-2.
-_COARSE_AREAS = 1e-2
+# The areas' tolerance on coarser grids: finer ones took as many steps from 1e-4, and more from 1e-2
+# where there are many points a wavelength.
+_COARSE_AREAS = 1e-3
 
 
 @dataclass(frozen=True)
