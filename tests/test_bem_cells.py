@@ -7,6 +7,7 @@ from epcontact.bem.cells import CELL, CellPreconditioner, Cells, cell_body
 from epcontact.bem.inner import conjugate_gradients
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.passes import Workers
+from epcontact.bem.solver import solve_pressure
 from epcontact.bem.split import MaskedGrid
 from epcontact.bem.transforms import Convolution, Points, Symbol
 from epcontact.scene import Body, Material
@@ -126,3 +127,17 @@ def test_full_cells_have_the_displacement_of_the_whole():
     # Denser contact is stiffer, and a full cell has next to nothing beyond the kernel of cells.
     assert np.all(np.diff(body.delta[1:]) <= 0)
     assert body.delta[CELL**2] < 0.1 * body.delta[CELL]
+
+
+def test_full_contact_is_inverted_mode_by_mode():
+    rng = np.random.default_rng(8)
+    heights = rng.standard_normal((128, 128))
+    modes = np.fft.rfft2(heights)
+    symbol = symbol_of((128, 128))
+    compliance = symbol.values[symbol.rows]
+    exact = np.divide(modes, compliance, out=np.zeros_like(modes), where=compliance > 0)
+    pressure = np.fft.irfft2(exact)
+    load = -2 * pressure.min()
+    found = solve_pressure(heights, compliance, load)
+    assert found.counts["cg"] == 1
+    assert np.abs(found.pressure - load - pressure).max() < 1e-12 * load

@@ -59,8 +59,9 @@ class Inner:
         return self._split
 
     def preconditioner(self, cells: Cells) -> Preconditioner:
-        """By cells, or by the exact inverse of the whole compliance; for the cells' points."""
-        if self._body is not None:
+        """By cells, or by the inverse of the whole compliance, exact in full contact."""
+        full = cells.points.index.size == self._level.heights.size
+        if self._body is not None and not full:
             return CellPreconditioner(self._body, cells, self._masked).apply
         convolution, points = self._level.convolution, cells.points
 
