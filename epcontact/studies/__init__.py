@@ -70,7 +70,7 @@ _DESCRIPTIONS = {
     "speed": "FFT pairs, time in bare FFT pairs, area errors and memory on the paper's scene",
     "pressures": "P(sigma) at 0 and at the hardness, raw and extrapolated, beside the theory",
     "gap": "mean gap against pressure, its elastic and plastic part, by all methods",
-    "fem": "what elements, meshes, depth, load steps and linear solvers of finite elements do",
+    "fem": "what elements, meshes, depth, linear solvers and load paths of finite elements cost",
     "hardness": "the cap, in yield stresses, that gives a J2 body's contact area, with error bars",
     "master": "error of the contact area against time for all three methods on one scene",
     "peers": "time to the same areas beside public codes, where they are installed",
