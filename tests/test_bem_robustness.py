@@ -117,3 +117,14 @@ def test_energy_steps_are_reported_where_newton_fails():
     hardness = 0.3 * rms_slope(heights) * E
     result = require_solved(heights, 0.5 * hardness, hardness)
     assert any("would have raised the energy" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("body", [Body(), Body("bonded_layer", PERIOD / 25600)])
+@pytest.mark.parametrize("hardness", [1e-3, 1e-6])
+def test_almost_rigid_bodies_take_no_more_steps_than_others(body, hardness):
+    """Almost all points lie on a bound: they once traded places through two elastic ones, a
+    hundred steps long, the more the finer the grid."""
+    heights = rough((256, 256), 2.2)
+    for share in (0.01, 0.3, 0.7):
+        result = require_solved(heights, share * hardness * E, hardness * E, body, 0.3)
+        assert result.final.iterations["newton"] <= 20  # 10 measured

@@ -46,6 +46,8 @@ _CALM = 0.2
 # A full step is taken if the least energy along it lies beyond this share; beyond 1/2 it lowers
 # the energy.
 _FULL_STEP = 0.5
+# Steps within which the residual is to halve; it falls that much in one as a rule.
+_SLOW = 4
 # The largest share of the distance to its bounds that a point is moved by to restore the force.
 _MOST = 0.9
 # The 2-norm of the residual falls by this in a step; by the second once the sets have settled.
@@ -147,6 +149,9 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
             now = measured(level, it.p, it.u)
         else:
             trouble = max(0, trouble - 1)
+            if not trouble and _slow(counts.history):
+                counts.gradient += _gradient_steps(level, it, 1)
+                now = measured(level, it.p, it.u)
         it.z = now.offset
         sets = _classify(level, it, state)
         it.residual = max(sets.worst / level.gap_scale, abs(now.force - 1))
@@ -159,6 +164,15 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
         if goal.progress is not None:
             goal.progress(f"grid {level.heights.shape}: residual {it.residual:.1e}")
         step = _newton_step(level, inner, it, state, sets, now.energy, counts, goal)
+
+
+def _slow(history: list[float]) -> bool:
+    """Whether steps lower the energy, but hardly bring the end nearer.
+
+    Where elastic displacements are small beside the heights, almost all points lie on a bound and
+    trade places by way of a few elastic ones; a gradient step trades all of them at once.
+    """
+    return len(history) > _SLOW and history[-1] > 0.5 * history[-1 - _SLOW]
 
 
 def _settled(it: Iterate, sets: _Sets, goal: Goal, first: float, full_step: bool) -> bool:
