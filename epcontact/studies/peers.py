@@ -174,7 +174,7 @@ def installed() -> dict[str, Pressure]:
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     """Time against the grid, capped and elastic."""
     peers = installed()
-    widths = (8, 16) if size == "fast" else (32, 64, 128)
+    widths = (8, 16) if size == "fast" else (32, 64, 128, 256)
     races: dict[float, list[Race]] = {HARDNESS: [], math.inf: []}
     for hardness in races:
         race(8, 4, hardness, peers)  # what is imported and planned once is not timed
