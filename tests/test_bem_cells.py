@@ -9,7 +9,7 @@ from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.passes import Workers
 from epcontact.bem.solver import solve_pressure
 from epcontact.bem.split import MaskedGrid
-from epcontact.bem.transforms import Convolution, Points, Symbol
+from epcontact.bem.transforms import Convolution, Points, Symbol, filtered
 from epcontact.scene import Body, Material
 
 STEEL = Material(200e9, 0.3)
@@ -141,3 +141,16 @@ def test_full_contact_is_inverted_mode_by_mode():
     found = solve_pressure(heights, compliance, load)
     assert found.counts["cg"] == 1
     assert np.abs(found.pressure - load - pressure).max() < 1e-12 * load
+
+
+@pytest.mark.parametrize("shape", [(1, 300), (9, 7), (256, 320)])
+def test_modes_are_filtered_to_the_same_bits_by_any_number_of_threads(shape):
+    rng = np.random.default_rng(4)
+    field = rng.standard_normal(shape)
+    modes = rng.random((shape[0], shape[1] // 2 + 1))
+    modes = modes + modes[-np.arange(shape[0])]
+    with Workers(1) as one, Workers(2) as two:
+        found = filtered(field, modes, one)
+        np.testing.assert_array_equal(found, filtered(field, modes, two))
+    wanted = np.fft.irfft2(np.fft.rfft2(field) * modes, s=shape)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-13)

@@ -199,8 +199,10 @@ def test_unreachable_hardness_is_no_hardness():
     assert capped.final.areas["raw"].plastic == 0
 
 
-def test_same_call_same_bits_whatever_the_threads():
-    heights = rough((128, 128))
+@pytest.mark.parametrize("shape", [(128, 128), (600, 1000)])
+def test_same_call_same_bits_whatever_the_threads(shape):
+    """The second is large enough for the transforms' library to use threads of its own."""
+    heights = rough(shape)
     first, again, parallel = solve(heights), solve(heights), solve(heights, threads=2)
     for other in (again, parallel):
         np.testing.assert_array_equal(first.fields["pressure"], other.fields["pressure"])

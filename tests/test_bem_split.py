@@ -99,7 +99,7 @@ def test_coarse_heights_keep_the_long_waves(shape):
 
     coarse = tuple((n + 1) // 2 if n > 32 else n for n in shape)
     short = np.cos(2 * np.pi * (shape[1] // 2 - 1) * y)
-    found = coarsened_heights(wave(x, y) + short, (coarse[0], coarse[1]), 1)
+    found = coarsened_heights(wave(x, y) + short, (coarse[0], coarse[1]), Workers(1))
     cx, cy = np.arange(coarse[0])[:, None] / coarse[0], np.arange(coarse[1]) / coarse[1]
     if shape[0] == 1:
         cx = cx * 0

@@ -20,6 +20,8 @@ FloatArray = NDArray[np.float64]
 #: A direction of at most this many points is not coarsened further.
 COARSEST = 32
 
+_BLOCK = 262144  # points that a thread transforms at once
+
 
 def coarser(shape: tuple[int, int]) -> tuple[int, int] | None:
     """Half as many points in each direction that has enough, rounded up; None: coarse enough."""
@@ -27,29 +29,44 @@ def coarser(shape: tuple[int, int]) -> tuple[int, int] | None:
     return None if half == shape else (half[0], half[1])
 
 
-def coarsened_heights(heights: FloatArray, shape: tuple[int, int], threads: int) -> FloatArray:
+def coarsened_heights(heights: FloatArray, shape: tuple[int, int], workers: Workers) -> FloatArray:
     """`heights` on a coarser grid of the same periods, by leaving out the modes beyond it.
 
-    The unpaired mode of an even number of points is left out too.
+    The unpaired mode of an even number of points is left out too.  The transforms are shared out
+    by fixed blocks: the library's own threads group lines, and so round, by their number.
     """
     (nx, ny), (mx, my) = heights.shape, shape
     columns = (my + 1) // 2 if my < ny else my // 2 + 1
     modes = np.zeros((mx, my // 2 + 1), dtype=np.complex128)
     narrow = np.empty((nx, columns), dtype=np.complex128)
-    rows = max(1, 262144 // ny)
-    for start in range(0, nx, rows):
-        wide = ducc0.fft.r2c(heights[start : start + rows], axes=(1,), nthreads=threads)
-        narrow[start : start + rows] = wide[:, :columns]
-    if nx > 1:
-        ducc0.fft.c2c(narrow, axes=(0,), forward=True, out=narrow, nthreads=threads)
     keep = (mx + 1) // 2 if mx < nx else mx
-    modes[:keep, :columns] = narrow[:keep]
-    if mx < nx and keep > 1:
-        modes[1 - keep :, :columns] = narrow[1 - keep :]
-    modes /= nx * ny
-    return np.asarray(
-        ducc0.fft.c2r(modes, axes=(0, 1), lastsize=my, forward=False, nthreads=threads)
-    )
+    rows, width = max(1, _BLOCK // ny), max(8, _BLOCK // (2 * nx))
+    out = np.empty(shape)
+
+    def along_rows(start: int) -> None:
+        wide = ducc0.fft.r2c(heights[start : start + rows], axes=(1,), nthreads=1)
+        narrow[start : start + rows] = wide[:, :columns]
+
+    def along_columns(start: int) -> None:
+        part = slice(start, min(start + width, columns))
+        column = narrow[:, part]
+        if nx > 1:
+            column = ducc0.fft.c2c(column, axes=(0,), forward=True, nthreads=1)
+        modes[:keep, part] = column[:keep]
+        if mx < nx and keep > 1:
+            modes[1 - keep :, part] = column[1 - keep :]
+        modes[:, part] /= nx * ny
+        if mx > 1:
+            modes[:, part] = ducc0.fft.c2c(modes[:, part], axes=(0,), forward=False, nthreads=1)
+
+    def back_along_rows(start: int) -> None:
+        some = slice(start, start + rows)
+        out[some] = ducc0.fft.c2r(modes[some], axes=(1,), lastsize=my, forward=False, nthreads=1)
+
+    workers.run(along_rows, range(0, nx, rows))
+    workers.run(along_columns, range(0, columns, width))
+    workers.run(back_along_rows, range(0, mx, rows))
+    return out
 
 
 def _stencil(coarse: int, fine: int) -> tuple[NDArray[np.int32], FloatArray]:

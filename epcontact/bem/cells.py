@@ -27,13 +27,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import ducc0
 import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem import cell_passes, passes
 from epcontact.bem.split import MaskedGrid
-from epcontact.bem.transforms import Convolution, Points, Symbol
+from epcontact.bem.transforms import Convolution, Points, Symbol, filtered
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -182,11 +181,8 @@ class CellPreconditioner:
         return sum(s for s, _ in parts), sum(s for _, s in parts)
 
     def _filter(self, values: FloatArray, modes: FloatArray) -> FloatArray:
-        threads, last = self._cells.workers.threads, self._cells.shape[1]
-        field = ducc0.fft.r2c(values.reshape(self._cells.shape), nthreads=threads)
-        field *= modes
-        out = ducc0.fft.c2r(field, lastsize=last, forward=False, inorm=2, nthreads=threads)
-        return np.asarray(out).reshape(-1)
+        field = filtered(values.reshape(self._cells.shape), modes, self._cells.workers)
+        return np.asarray(field.reshape(-1))
 
     def _solve(self, mean: FloatArray) -> FloatArray:
         """The cells' forces that give them the mean displacements `mean`, (B + delta) y = mean."""

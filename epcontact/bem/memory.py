@@ -26,7 +26,8 @@ def estimated_memory(scene: Scene) -> int:
     Per point: pressure, displacement and modes (8 each), the compliance (2), the sets (1), the
     cheap operator and the preconditioner (6), and two arrays of a gradient step (16), in whose
     place the gap and its areas come afterwards; and 68 for each elastic point, of which rough
-    contact has about 2 p0/(E* xi), 3 to be safe.
+    contact has about 2 p0/(E* xi), 3 to be safe: near full plasticity, where gaps and plastic
+    points change places, with hardness - p0 for p0.
     """
     heights = scene.surface.heights
     slope = 0.0
@@ -35,7 +36,7 @@ def estimated_memory(scene: Scene) -> int:
         step = np.diff(sample[..., :64] if axis == 0 and heights.ndim > 1 else sample, axis=axis)
         slope += float(np.mean(step**2)) / spacing**2
     stiffness = effective_modulus(scene.material) * math.sqrt(slope)
-    load = scene.load.final
+    load = min(scene.load.final, scene.material.hardness - scene.load.final)
     elastic = min(1.0, 3 * load / stiffness) if stiffness > 0 else 1.0
     return int(heights.size * (49 + 68 * elastic))
 

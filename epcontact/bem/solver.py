@@ -153,7 +153,7 @@ def _coarse_guess(run: _Run, heights: FloatArray, options: Options) -> FloatArra
     below = coarser(shape)
     if below is None:
         return None
-    coarse = coarsened_heights(heights, below, run.workers.threads)
+    coarse = coarsened_heights(heights, below, run.workers)
     guess = _coarse_guess(run, coarse, options)
     level = run.level(coarse)
     p = np.ones(below) if guess is None else guess

@@ -26,6 +26,7 @@ IntArray = NDArray[np.int32]
 RealArray = NDArray[np.floating]  # float64, or float32 in single precision
 
 _BLOCK_POINTS = 262144  # of a block of rows or columns: 2 MiB of reals, within a core's cache
+_FILTER_POINTS = 65536  # of small fields, that a thread takes at once
 
 
 @dataclass(frozen=True)
@@ -183,3 +184,35 @@ class Points:
     def part(self, start: int) -> slice:
         """The share of the block whose first row is `start`."""
         return self.begins[start]
+
+
+def filtered(field: FloatArray, modes: FloatArray, workers: Workers) -> FloatArray:
+    """`field` (mx, my) with each mode of its real transform times `modes` (mx, my // 2 + 1).
+
+    By fixed blocks: the library's own threads group lines, and so round, by their number.
+    """
+    mx, my = field.shape[0], field.shape[1]
+    rows, columns = max(1, _FILTER_POINTS // my), max(8, _FILTER_POINTS // mx)
+    spectrum = np.empty((mx, my // 2 + 1), dtype=np.complex128)
+    out = np.empty((mx, my))
+
+    def forward(start: int) -> None:
+        part = slice(start, start + rows)
+        spectrum[part] = ducc0.fft.r2c(field[part], axes=(1,), nthreads=1)
+
+    def along(start: int) -> None:
+        part = spectrum[:, start : start + columns]
+        ducc0.fft.c2c(part, axes=(0,), forward=True, out=part, nthreads=1)
+        part *= modes[:, start : start + columns]
+        ducc0.fft.c2c(part, axes=(0,), forward=False, inorm=2, out=part, nthreads=1)
+
+    def backward(start: int) -> None:
+        part = slice(start, start + rows)
+        out[part] = ducc0.fft.c2r(
+            spectrum[part], axes=(1,), lastsize=my, forward=False, inorm=2, nthreads=1
+        )
+
+    workers.run(forward, range(0, mx, rows))
+    workers.run(along, range(0, spectrum.shape[1], columns))
+    workers.run(backward, range(0, mx, rows))
+    return out
