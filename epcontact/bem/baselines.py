@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem.constraints import Level, kkt_residuals, measured, project
-from epcontact.bem.newton import Counts, Goal, Iterate, gradient_step
+from epcontact.bem.descent import Iterate, gradient_step
+from epcontact.bem.newton import Counts, Goal
 
 FloatArray = NDArray[np.float64]
 Baseline = Callable[[Level, FloatArray, Goal], tuple[Iterate, Counts]]

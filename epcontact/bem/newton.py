@@ -4,22 +4,20 @@ One outer step, from a pressure p that keeps its bounds and its mean:
 
 1. solve on the elastic set F all points between their bounds, and those on a bound where the gap
    has the wrong sign: (S p)_F + z = h_F, the mean of p kept, by conjugate gradients in the space
-   of zero mean, preconditioned by the inverse of S restricted to F; only as far as the sets are
-   worth;
+   of zero mean, preconditioned cell by cell; only as far as the sets are worth;
 2. move the outcome into the bounds, restore the force of each neighbourhood and the mean, and
    find the displacement of all points.
 
-So a step costs one pair of transforms and two for each inner iteration, and the Karush-Kuhn-Tucker
-residuals of every iterate are known.  So is its energy 1/2 <p, S p> - <p, h>, which decides: the
-full step is taken if it lowers the energy; else the step is cut at the minimum of the energy along
-it, and projected gradient steps (spectral length, exact line search) follow.  The energy of the
+So a step costs one pair of transforms and a cheap one for each inner iteration, and the
+Karush-Kuhn-Tucker residuals of every iterate are known.  So is its energy 1/2 <p, S p> - <p, h>,
+which decides (`descent`): the full step is taken if it lowers the energy; else the step is cut at
+the minimum of the energy along it, and projected gradient steps follow.  The energy of the
 iterates never rises, which rules out the cycles that the plain method falls into once the pressure
 is capped.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -29,6 +27,7 @@ from numpy.typing import NDArray
 from epcontact.bem import passes
 from epcontact.bem.cells import Cells
 from epcontact.bem.constraints import Level, measured, project, states
+from epcontact.bem.descent import Iterate, Step, best_share, cut_back, gradient_steps
 from epcontact.bem.inner import Inner, conjugate_gradients
 from epcontact.bem.transforms import Points
 
@@ -43,6 +42,8 @@ _GRADIENT_STEPS = 16
 _CHANGES_PER_ERROR = 5
 # And the share of the first residual.
 _CALM = 0.2
+# The residual below which no point changes any more, where less than one would be too many.
+_UNSEEN = 1e-5
 # A full step is taken if the least energy along it lies beyond this share; beyond 1/2 it lowers
 # the energy.
 _FULL_STEP = 0.5
@@ -53,19 +54,6 @@ _MOST = 0.9
 # The 2-norm of the residual falls by this in a step; by the second once the sets have settled.
 _REDUCTION = 0.1
 _LAST_REDUCTION = 1e-3
-# Differences of the energy below this share of (points x mean pressure x gap scale) are rounding.
-_ENERGY_NOISE = 1e-12
-
-
-@dataclass
-class Iterate:
-    """A feasible pressure (units of the mean), its displacement (m), the offset z (m)."""
-
-    p: FloatArray
-    u: FloatArray
-    z: float = 0.0
-    residual: float = math.inf
-    settled: bool = False
 
 
 @dataclass
@@ -91,16 +79,6 @@ class Goal:
 
 
 @dataclass(frozen=True)
-class _Step:
-    """A step that was taken: where from, with which gap."""
-
-    points: Points
-    before: FloatArray
-    gap: FloatArray
-    energy: float
-
-
-@dataclass(frozen=True)
 class _Sets:
     """What the sets to solve on look like: numbers of points, elastic ones by block."""
 
@@ -110,6 +88,11 @@ class _Sets:
     unloading: int
     worst: float
     per_block: list[int]
+
+    def least(self) -> int:
+        """The points of the smallest area that has any."""
+        elastic = sum(self.per_block)
+        return min((n for n in (elastic, self.plastic) if n), default=0)
 
     def unsettled(self) -> float:
         """How far the areas are from those of the sets: what comes into contact and what ceases
@@ -133,24 +116,24 @@ def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Count
     it = Iterate(p, np.empty_like(p))
     level.convolution.apply(p, it.u)
     state = states(p, level.cap)
-    step: _Step | None = None
+    step: Step | None = None
     trouble = 0
     while True:
         now = measured(level, it.p, it.u)
-        share = 1.0 if step is None else _best_share(level, it, step, now.energy)
+        share = 1.0 if step is None else best_share(level, it, step, now.energy)
         full = share >= _FULL_STEP
         if step is not None and not full:
             counts.cut += 1
             trouble += 1
-            _cut(level, it, step, share)
+            cut_back(level, it, step, share)
             if trouble > 1:
                 number = min(4 ** (trouble - 2), _GRADIENT_STEPS)
-                counts.gradient += _gradient_steps(level, it, number)
+                counts.gradient += gradient_steps(level, it, number)
             now = measured(level, it.p, it.u)
         else:
             trouble = max(0, trouble - 1)
             if not trouble and _slow(counts.history):
-                counts.gradient += _gradient_steps(level, it, 1)
+                counts.gradient += gradient_steps(level, it, 1)
                 now = measured(level, it.p, it.u)
         it.z = now.offset
         sets = _classify(level, it, state)
@@ -186,7 +169,8 @@ def _settled(it: Iterate, sets: _Sets, goal: Goal, first: float, full_step: bool
         return True
     aim, contact = goal.area_tolerance, sets.plastic + sum(sets.per_block)
     calm = full_step and sets.changed <= _CHANGES_PER_ERROR * aim * max(contact, 1)
-    return aim > 0 and calm and it.residual <= _CALM * first and sets.unsettled() <= aim
+    seen = aim * sets.least() >= 1 or it.residual <= _UNSEEN
+    return aim > 0 and calm and seen and it.residual <= _CALM * first and sets.unsettled() <= aim
 
 
 def _classify(level: Level, it: Iterate, state: StateArray) -> _Sets:
@@ -219,14 +203,14 @@ def _newton_step(  # noqa: PLR0913, PLR0917 - one step needs them all
     energy: float,
     counts: Counts,
     goal: Goal,
-) -> _Step | None:
+) -> Step | None:
     """One outer step, in place; None if there is nothing to solve for."""
     points, pressure, r = _collect(level, it, state, sets)
     if r.size < 2:
         # One point carries what the others leave: only a gradient step can change the sets.
-        counts.gradient += _gradient_steps(level, it, 1)
+        counts.gradient += gradient_steps(level, it, 1)
         return None
-    step = _Step(points, pressure, -r, energy)
+    step = Step(points, pressure, -r, energy)
     r -= r.mean()
     x = np.zeros(r.size)
     operator = inner.choose(sets.changed, r.size, it.residual)
@@ -294,52 +278,3 @@ def _put(
         level.workers.run(spread, level.convolution.blocks)
     else:
         p[points.index] = project(pressure + x, cap, target)
-
-
-def _best_share(level: Level, it: Iterate, step: _Step, energy: float) -> float:
-    """The share of the step at which the energy, a parabola along it, is least; at most 1.
-
-    1 where the step is so small that rounding hides what it did to the energy.
-    """
-    p = it.p.reshape(-1)
-    slope: float = passes.step_product(p, step.points.index, step.before, step.gap)
-    curvature = 2 * (energy - step.energy - slope)
-    noise = _ENERGY_NOISE * level.heights.size * level.gap_scale
-    if abs(slope) <= noise and abs(energy - step.energy) <= noise:
-        return 1.0
-    return min(1.0, max(0.0, -slope / curvature)) if curvature > 0 else float(slope < 0)
-
-
-def _cut(level: Level, it: Iterate, step: _Step, share: float) -> None:
-    """Go back along the step."""
-    p = it.p.reshape(-1)
-    index = step.points.index
-    p[index] = step.before + share * (p[index] - step.before)
-    level.convolution.apply(it.p, it.u)
-
-
-def _gradient_steps(level: Level, it: Iterate, number: int) -> int:
-    """A few projected gradient steps; returns their number."""
-    length = level.step
-    for _ in range(number):
-        length = gradient_step(level, it, length)
-    return number
-
-
-def gradient_step(level: Level, it: Iterate, length: float) -> float:
-    """One projected gradient step with exact line search; returns the next spectral length."""
-    p_old, u_old = it.p, it.u
-    w = u_old - level.heights
-    w *= -length
-    w += p_old
-    it.p = project(w, level.cap, float(w.size), level.workers, out=w)
-    it.u = np.empty_like(u_old)
-    level.convolution.apply(it.p, it.u)
-    arrays = [a.reshape(-1) for a in (it.p, it.u, level.heights, p_old, u_old)]
-    slope, curvature, square = passes.descent_products(*arrays)
-    if curvature <= 0:
-        return level.step
-    t = min(1.0, max(0.0, -slope / curvature))
-    if t < 1:
-        passes.blend(arrays[0], arrays[1], arrays[3], arrays[4], t)
-    return float(square / curvature)

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from epcontact.bem.baselines import BASELINES
 from epcontact.bem.cascade import coarsened_heights, coarser, interpolated
 from epcontact.bem.constraints import Level, kkt_residuals, make_level, project
-from epcontact.bem.newton import Counts, Goal, Iterate, solve_level
+from epcontact.bem.descent import Iterate
+from epcontact.bem.newton import Counts, Goal, solve_level
 from epcontact.bem.passes import Workers
 from epcontact.bem.transforms import Convolution, Symbol
 from epcontact.errors import InvalidScene, NotConverged
