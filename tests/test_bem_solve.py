@@ -336,6 +336,22 @@ def test_work_does_not_grow_with_roughness(hardness):
     assert counts[1] <= counts[0] + 1
 
 
+def test_long_thin_grids_are_no_dearer():
+    """They took 415 where a direction of fewer than 64 points had no cells; 60 to 90 since."""
+    heights = rough((1024, 1024))[:32]
+    surface = Surface(heights, (PERIOD / 32, PERIOD))
+    result = bem.solve(Scene(surface, Material(E, 0.0, HARDNESS), Load(LOAD)), threads=1)
+    require_kkt(result, HARDNESS)
+    assert result.cost["equivalent_fft_pairs"] <= 130
+
+
+def test_lengths_of_atoms_and_less():
+    heights = 1e-20 * rough((64, 64)) / PERIOD
+    surface = Surface(heights, (1e-20, 1e-20))
+    result = bem.solve(Scene(surface, Material(E, 0.0, HARDNESS), Load(LOAD)), threads=1)
+    require_kkt(result, HARDNESS)
+
+
 def test_light_bodies_are_no_dearer():
     """Two thirds of the points in contact: none of the cheap operator, and still few steps."""
     material = Material(30e9, 0.0, math.inf)

@@ -39,7 +39,7 @@ IntArray = NDArray[np.int32]
 
 #: Points a side of a cell.
 CELL = 16
-_FEWEST = 64  # points a direction, unless there is only one, that make enough cells
+_FEWEST = 32  # points a direction, unless there is only one, that make enough cells
 _DENSITY = 0.6
 _SAMPLE = 128  # modes a direction that the stencil and the squares are found from
 _WORST_FIT = 5.0  # of the stencil, as a ratio to 1/S
@@ -110,7 +110,7 @@ class CellBody:
     of a cell, from 0.
     """
 
-    taps: NDArray[np.float32]
+    taps: FloatArray
     kernel: FloatArray
     delta: FloatArray
 
@@ -127,7 +127,7 @@ def cell_body(symbol: Symbol, scale: float) -> CellBody | None:
     if taps is None:
         return None
     return CellBody(
-        (taps / scale).astype(np.float32),
+        taps / scale,
         _kernel(symbol, cells) * scale,
         _delta(sample, weights, sides) * scale,
     )
