@@ -219,21 +219,32 @@ def schema(kind: str) -> None:
 @click.argument("case")
 @click.option("--size", type=click.Choice(casefile.SIZES), default="fast", show_default=True)
 @click.option(
-    "--seeds", default="", metavar="FIRST-LAST", help="other random surfaces by the case's recipe"
+    "--seeds", default=None, metavar="FIRST-LAST", help="other random surfaces by the case's recipe"
 )
-def crosscheck(case: str, size: str, seeds: str) -> None:
+def crosscheck(case: str, size: str, seeds: str | None) -> None:
     """Split the difference of finite and boundary elements on CASE: grid, depth, model."""
     from epcontact.crosscheck import crosscheck as check
 
+    others = () if seeds is None else _seeds(seeds)
     found = casefile.load_case(casefile.find_case(case), size)
-    click.echo(check(found, _seeds(seeds) if seeds else ()))
+    click.echo(check(found, others))
+
+
+#: Far more surfaces than any ensemble here needs, and a list of them is still nothing.
+_MOST_SEEDS = 10_000
 
 
 def _seeds(text: str) -> range:
     """The seeds FIRST to LAST, both included."""
     first, _, last = text.partition("-")
-    if not (first.isdecimal() and last.isdecimal() and int(first) <= int(last)):
-        raise click.BadParameter(f"{text} is no range of seeds; give such as 101-112")
+    # Digits beyond those of the largest seed, 2**63 - 1, are no number to Python at some length.
+    digits = all(t.isdecimal() and len(t) <= 19 for t in (first, last))
+    if not (digits and int(first) <= int(last) < 2**63):
+        raise click.BadParameter(f"{text!r:.60} is no range of seeds; give such as 101-112")
+    if int(last) - int(first) >= _MOST_SEEDS:
+        raise click.BadParameter(
+            f"{text} asks for {int(last) - int(first) + 1} surfaces; give at most {_MOST_SEEDS}"
+        )
     return range(int(first), int(last) + 1)
 
 

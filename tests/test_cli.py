@@ -200,6 +200,23 @@ def test_crosscheck_needs_both_kinds_of_elements(epcontact, write_case) -> None:
     refused(epcontact("crosscheck", write_case()), "fem", "cross-check needs both")
 
 
+@pytest.mark.parametrize(
+    ("seeds", "sentence"),
+    [
+        ("", "no range of seeds"),
+        ("9-3", "no range of seeds"),
+        ("1-2-3", "no range of seeds"),
+        ("1-" + "9" * 5000, "no range of seeds"),
+        ("1-999999999999", "at most 10000"),
+    ],
+)
+def test_crosscheck_refuses_what_is_no_range_of_seeds(
+    epcontact, write_case, seeds: str, sentence: str
+) -> None:
+    """Before it makes or counts any: a long range would fill the memory."""
+    refused(epcontact("crosscheck", write_case(), "--seeds", seeds), sentence)
+
+
 def test_plan_tells_the_model_and_why(epcontact, write_case) -> None:
     done = epcontact("plan", write_case(), "--tolerance", "20%", "--check")
     assert done.returncode == 0, done

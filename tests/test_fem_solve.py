@@ -163,6 +163,21 @@ def test_prescribing_the_approach_finds_the_load_that_gives_it(law: str) -> None
     assert by_approach.final.mean_pressure == pytest.approx(0.05, rel=5e-3 if law == "j2" else 1e-7)
 
 
+@pytest.mark.parametrize("law", ["elastic", "j2"])
+def test_a_path_may_end_where_nothing_touches(law: str) -> None:
+    """The certificate has no contact force to divide by there."""
+    result = fem_check.solve(
+        rough_scene(12, 2),
+        law=law,  # type: ignore[arg-type]
+        approach=(0.01, 1e-5),
+    )
+    assert result.steps[0].mean_pressure > 0
+    if law == "j2":
+        # Flattened for good, it leaves the flat before that is back at its first touch.
+        assert result.final.mean_pressure == 0
+    assert result.final.residuals["certified_balance"] < 1e-7
+
+
 def test_more_load_steps_change_little() -> None:
     four, sixteen = (fem_check.solve(rough_scene(16, 2), steps=n) for n in (4, 16))
     a, b = four.fields["pressure"], sixteen.fields["pressure"]
