@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import get_args
 
@@ -68,6 +69,10 @@ def _require_model(where: str, gate: GateTable, table: CaseFile) -> None:
         wrong = f"needs fem.law = 'j2', but it is {table.fem.law!r}"
     elif table.fem.geometry != "gap":
         wrong = f"needs fem.geometry = 'gap', but it is {table.fem.geometry!r}"
+    elif not math.isfinite(table.material.yield_stress):
+        wrong = "needs a finite material.yield_stress, at which J2 flows"
+    elif not math.isfinite(table.material.hardness) and ".model_" in gate.quantity:
+        wrong = "needs a finite material.hardness, the cap that J2 is held against"
     elif isinstance(table.load.mean_pressure, list) and len(table.load.mean_pressure) > 1:
         wrong = "needs a single load.mean_pressure, but it is a path"
     if wrong:

@@ -123,6 +123,18 @@ def test_what_has_no_effective_hardness_or_no_block_is_refused(j2: ContactResult
         model_measures(("model_area",), scene, dataclasses.replace(j2, provenance=blank))
 
 
+@pytest.mark.parametrize("strength", ["hardness", "yield_stress"])
+def test_a_model_gate_needs_both_strengths(tmp_path: Path, strength: str) -> None:
+    """Without a cap J2 would be held against an elastic body and called different from a cap."""
+    text = (CASES / "fem-model-5.toml").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith(f"{strength} =")]
+    assert len(lines) == len(text.splitlines()) - 1
+    case = tmp_path / "fem-model-5.toml"
+    case.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(InvalidCase, match=f"needs a finite material.{strength}"):
+        load_case(case)
+
+
 @pytest.mark.parametrize("module", [crosscheck, model_difference])
 def test_nothing_but_the_compliance_passes_from_one_solver_to_the_other(module: ModuleType) -> None:
     allowed = {"bem": {"compliance", "threads"}, "fem_check": {"law", "certified", "block"}}
