@@ -89,19 +89,27 @@ class _Sets:
     worst: float
     per_block: list[int]
 
+    @property
+    def elastic(self) -> int:
+        """Elastic points."""
+        return sum(self.per_block)
+
+    @property
+    def contact(self) -> int:
+        """Points in contact."""
+        return self.elastic + self.plastic
+
     def least(self) -> int:
         """The points of the smallest area that has any."""
-        elastic = sum(self.per_block)
-        return min((n for n in (elastic, self.plastic) if n), default=0)
+        return min((n for n in (self.elastic, self.plastic) if n), default=0)
 
     def unsettled(self) -> float:
         """How far the areas are from those of the sets: what comes into contact and what ceases
         to be plastic, as a share of the smallest area that it changes."""
-        elastic = sum(self.per_block)
         shares = (
-            (self.entering, elastic + self.plastic),
+            (self.entering, self.contact),
             (self.unloading, self.plastic),
-            (self.entering + self.unloading, elastic),
+            (self.entering + self.unloading, self.elastic),
         )
         return max(number / max(area, 1) for number, area in shares)
 
@@ -167,8 +175,8 @@ def _settled(it: Iterate, sets: _Sets, goal: Goal, first: float, full_step: bool
     """
     if it.residual <= goal.tolerance:
         return True
-    aim, contact = goal.area_tolerance, sets.plastic + sum(sets.per_block)
-    calm = full_step and sets.changed <= _CHANGES_PER_ERROR * aim * max(contact, 1)
+    aim = goal.area_tolerance
+    calm = full_step and sets.changed <= _CHANGES_PER_ERROR * aim * max(sets.contact, 1)
     seen = aim * sets.least() >= 1 or it.residual <= _UNSEEN
     return aim > 0 and calm and seen and it.residual <= _CALM * first and sets.unsettled() <= aim
 
