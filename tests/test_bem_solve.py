@@ -7,6 +7,7 @@ import pytest
 
 from epcontact import bem
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
+from epcontact.bem.solver import Options, solve_pressure
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
 from epcontact.reference import hertz, sinusoid
 from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
@@ -410,3 +411,21 @@ def test_plain_arrays_are_checked():
         bem.solve_pressure(np.full((8, 8), np.inf), ones, 1.0)
     with pytest.raises(InvalidScene, match="between 0 and the hardness"):
         bem.solve_pressure(np.zeros((8, 8)), ones, 2.0, 1.0)
+
+
+def test_without_elastic_points_the_offset_lies_midway_whatever_the_rounding():
+    # Twenty of forty points carry all of the load at the cap; the order of the sums must not
+    # leave one of them, or of the others, a rounding error between its bounds.
+    q = 2 * np.pi * np.arange(21) / 40
+    q[0] = np.inf
+    found = 0
+    for phase in (np.arange(60) + 0.5) / 60:
+        heights = np.cos(2 * np.pi * (np.arange(40) + phase) / 40)
+        p = solve_pressure(heights, 2 / q, 0.007, 0.014, options=Options(tolerance=1e-7))
+        gap = p.displacement + p.offset - heights
+        between = np.minimum(p.pressure, 0.014 - p.pressure)
+        if between.max() < 1e-9:
+            found += 1
+            assert between.max() == 0
+            assert gap[p.pressure <= 0].min() == pytest.approx(-gap[p.pressure > 0].max())
+    assert found > 40

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from epcontact.bem.baselines import BASELINES
 from epcontact.bem.cascade import coarsened_heights, coarser, interpolated
-from epcontact.bem.constraints import Level, kkt_residuals, make_level, project
+from epcontact.bem.constraints import Level, kkt_residuals, make_level, measured, project
 from epcontact.bem.descent import Iterate
 from epcontact.bem.newton import Counts, Goal, solve_level
 from epcontact.bem.passes import Workers
@@ -171,6 +171,8 @@ def _coarse_guess(run: _Run, heights: FloatArray, options: Options) -> FloatArra
 def _solution(
     run: _Run, level: Level, it: Iterate, counts: Counts, options: Options
 ) -> PressureSolution:
+    if _put_on_bounds(it.p, level.cap):
+        it.z = measured(level, it.p, it.u).offset
     residuals = kkt_residuals(level, it.p, it.u, it.z)
     history = tuple(counts.history)
     if not it.settled:
@@ -200,6 +202,19 @@ def _solution(
     it.p *= run.mean_pressure
     it.p[at_cap] = run.hardness  # exactly, whatever the rounding of cap = hardness / p0
     return PressureSolution(it.p, it.u, it.z, residuals, numbers, history, notes)
+
+
+def _put_on_bounds(p: FloatArray, cap: float) -> bool:
+    """Put pressures that differ from a bound by the rounding of the force exactly on it.
+
+    Where points at the cap alone carry the load, one of them may otherwise keep 1e-15 of it, be
+    counted as elastic and set the offset: the state then depends on the order of a sum. Returns
+    whether there were such points.
+    """
+    rounding = 8 * p.size * np.finfo(np.float64).eps
+    low, high = (p > 0) & (p < rounding), (p < cap) & (p > cap - rounding)
+    p[low], p[high] = 0.0, cap
+    return bool(low.any() or high.any())
 
 
 def checked_symbol(compliance: NDArray[np.floating], shape: tuple[int, ...]) -> Symbol:
