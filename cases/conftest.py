@@ -1,1 +1,1 @@
-from epcontact.pytest_cases import pytest_addoption, pytest_collect_file  # noqa: F401
+from epcontact.harness.pytest_cases import pytest_addoption, pytest_collect_file  # noqa: F401

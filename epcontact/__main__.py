@@ -1,6 +1,6 @@
 """`python -m epcontact`: the command line."""
 
-from epcontact.cli import main
+from epcontact.cli.main import main
 
 if __name__ == "__main__":
     main()

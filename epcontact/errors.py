@@ -44,3 +44,7 @@ class NotConverged(EpcontactError, RuntimeError):
         super().__init__(message)
         self.residuals = dict(residuals or {})
         self.history = tuple(history)
+
+
+class StudyUnavailable(EpcontactError):
+    """A study that needs what is not installed here."""

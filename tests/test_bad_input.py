@@ -26,9 +26,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from epcontact import casefile
-from epcontact.cli import main
+from epcontact.cli.main import main
 from epcontact.errors import InvalidCase
+from epcontact.harness import case as casefile
 
 CASE = """
 [case]

@@ -8,13 +8,17 @@ from scipy.integrate import quad
 from scipy.special import sici
 
 from epcontact import bem
-from epcontact.bem import area, area_front, area_line, area_sweep, rim_calibration
-from epcontact.bem.area import estimate_areas, perimeter_areas
-from epcontact.bem.area_rows import book_rows, solve_rows
+from epcontact.bem.areas import estimate as area
+from epcontact.bem.areas import front as area_front
+from epcontact.bem.areas import line as area_line
+from epcontact.bem.areas import surface as area_sweep
+from epcontact.bem.areas.estimate import estimate_areas, perimeter_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import InvalidScene
 from epcontact.reference import hertz, sinusoid
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
+from epcontact.studies import rim as rim_calibration
+from epcontact.studies.rim_rows import book_rows, solve_rows
 from epcontact.surfaces import SelfAffine
 
 OPTIONS = bem.Options(tolerance=1e-7)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from epcontact.bem.cells import CELL, CellPreconditioner, Cells, cell_body
-from epcontact.bem.inner import conjugate_gradients
+from epcontact.bem.inner.cells import CELL, CellPreconditioner, Cells, cell_body
+from epcontact.bem.inner.cg import conjugate_gradients
+from epcontact.bem.inner.split import MaskedGrid
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.passes import Workers
 from epcontact.bem.solver import solve_pressure
-from epcontact.bem.split import MaskedGrid
 from epcontact.bem.transforms import Convolution, Points, Symbol, filtered
 from epcontact.scene import Body, Material
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from epcontact import bem
-from epcontact.bem.area import estimate_areas
-from epcontact.bem.distribution import (
+from epcontact.bem.areas.distribution import (
     end_fits,
     extrapolated,
     graded_pressures,
     pressure_distribution,
 )
+from epcontact.bem.areas.estimate import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import InvalidScene
 from epcontact.reference import sinusoid

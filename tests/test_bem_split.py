@@ -5,9 +5,9 @@ import pytest
 
 from epcontact.bem.cascade import coarsened_heights, interpolated
 from epcontact.bem.constraints import project
+from epcontact.bem.inner.split import MaskedGrid, SplitOperator, splittable
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.passes import Workers
-from epcontact.bem.split import MaskedGrid, SplitOperator, splittable
 from epcontact.bem.transforms import Convolution, Points, Symbol
 from epcontact.scene import Body, Material
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from epcontact.casefile import at_size, case_sizes, find_cases, load_case
 from epcontact.errors import InvalidCase
+from epcontact.harness.case import at_size, case_sizes, find_cases, load_case
 
 
 def test_sizes_replace_every_table_of_sizes() -> None:

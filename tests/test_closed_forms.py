@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from epcontact.closed_forms import CLOSED_FORMS
-from epcontact.closed_forms.linear import compliance
-from epcontact.compare import distance
 from epcontact.errors import InvalidCase
-from epcontact.measures import MEASURES, SURFACE_MEASURES, measure
+from epcontact.harness.gates import distance
+from epcontact.harness.quantities import MEASURES, SURFACE_MEASURES, measure
+from epcontact.reference.closed_forms import CLOSED_FORMS
+from epcontact.reference.linear import compliance
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import FlatPunch, Paraboloid, SelfAffine, Sinusoid

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_1samp
 
-from epcontact.compare import Gate, distance, estimate, judge, judge_distance, read_quantity
 from epcontact.errors import InvalidCase
+from epcontact.harness.gates import Gate, distance, estimate, judge, judge_distance, read_quantity
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
 

@@ -10,8 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from epcontact import bem
-from epcontact.compare import Gate, judge_estimates
-from epcontact.convergence import (
+from epcontact.errors import InvalidCase, InvalidScene
+from epcontact.harness.gates import Gate, judge_estimates
+from epcontact.reference import hertz, sinusoid
+from epcontact.results import ContactResult
+from epcontact.scene import Load, Material, Scene, Surface
+from epcontact.studies.convergence import (
     fitted_order,
     observed_order,
     refine,
@@ -20,10 +24,6 @@ from epcontact.convergence import (
     study,
     table,
 )
-from epcontact.errors import InvalidCase, InvalidScene
-from epcontact.reference import hertz, sinusoid
-from epcontact.results import ContactResult
-from epcontact.scene import Load, Material, Scene, Surface
 from epcontact.surfaces import FlatPunch, HeightsFromArray, Paraboloid, Sinusoid
 
 # --- sequences -----------------------------------------------------------------------------------

@@ -14,8 +14,9 @@ from fem_scenes import rough_scene
 
 import fem_check
 from epcontact import bem
-from epcontact.casefile import load_case
-from epcontact.crosscheck import (
+from epcontact.errors import InvalidCase, InvalidScene
+from epcontact.harness.case import load_case
+from epcontact.harness.crosscheck import (
     Difference,
     EffectiveHardness,
     crosscheck,
@@ -23,7 +24,6 @@ from epcontact.crosscheck import (
     effective_hardness,
     error_budget,
 )
-from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.reference.plasticity import sphere_onset
 from epcontact.scene import Body
 from epcontact.surfaces import Sinusoid

@@ -22,10 +22,10 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from epcontact.casefile import load_case
+from epcontact.harness.case import load_case
+from epcontact.harness.run import Plan, run_cases
+from epcontact.harness.verdict import FALLS_SHORT, HOLDS, CaseOutcome, judge_case
 from epcontact.results import Areas
-from epcontact.run import Plan, run_cases
-from epcontact.verify import FALLS_SHORT, HOLDS, CaseOutcome, judge_case
 
 CASES = Path(__file__).parent.parent / "cases"
 Patch = Callable[[pytest.MonkeyPatch], None]
@@ -239,12 +239,12 @@ FAULTS: dict[str, Caught] = {
     "gamma forgotten": Caught(
         "theory-surface", "quantity.diffusion", "heights",
         changed(
-            "epcontact.persson.solve.reduced_diffusion", lambda f: lambda rule, tau, *rest: tau
+            "epcontact.persson.driver.reduced_diffusion", lambda f: lambda rule, tau, *rest: tau
         ),
     ),
     "E for E* in the theory": Caught(
         "theory-surface", "quantity.diffusion", "heights",
-        at("epcontact.persson.solve.effective_modulus", _modulus_without_nu),
+        at("epcontact.persson.driver.effective_modulus", _modulus_without_nu),
     ),
     "modes beyond the first forgotten": Caught(
         "theory-elastoplastic", "area.elastic.raw", 0.052501984135568624,
@@ -262,11 +262,11 @@ FAULTS: dict[str, Caught] = {
     ),
     "hardness ignored by the theory": Caught(
         "theory-elastoplastic", "area.plastic.raw", 0.057184882122805008,
-        changed("epcontact.persson.solve.areas", _without_hardness),
+        changed("epcontact.persson.driver.areas", _without_hardness),
     ),
     "force not conserved by the theory": Caught(
         "theory-elastoplastic", "residual.force", 0.0,
-        scaled("epcontact.persson.solve.elastic_force", 1.001),
+        scaled("epcontact.persson.driver.elastic_force", 1.001),
     ),
     "erfc for erf": Caught(
         "theory-elastic", "area.total.raw", 0.10864479557735564,
@@ -303,22 +303,25 @@ FAULTS: dict[str, Caught] = {
     "of_the_contact": Caught("rough-capped", "quantity.measured_carried", 0.0),
     # comparison
     "no distance between distributions": Caught(
-        "yardstick", "distribution", "flat", at("epcontact.verify.distance", lambda *_: 0.0),
+        "yardstick",
+        "distribution",
+        "flat",
+        at("epcontact.harness.verdict.distance", lambda *_: 0.0),
     ),
     "distance not divided by its scale": Caught(
-        "yardstick", "distribution", "flat", scaled("epcontact.verify.distance", 1e9)
+        "yardstick", "distribution", "flat", scaled("epcontact.harness.verdict.distance", 1e9)
     ),
     "absolute for relative": Caught(
         "yardstick", "area.total.raw", 0.5,
-        at("epcontact.compare._difference", lambda norm, value, reference: value - reference),
+        at("epcontact.harness.gates._difference", lambda norm, value, reference: value - reference),
     ),
     "sign of a difference lost": Caught(
         "yardstick", "area.total.raw", 1.5,
-        changed("epcontact.compare._difference", lambda f: lambda *a: abs(f(*a))),
+        changed("epcontact.harness.gates._difference", lambda f: lambda *a: abs(f(*a))),
     ),
     "distance of a field not measured": Caught(
         "yardstick", "field.pressure", "flat",
-        at("epcontact.tasks.l2_distance", lambda *_: 0.0),
+        at("epcontact.harness.tasks.l2_distance", lambda *_: 0.0),
     ),
     # finite elements: elements, return mapping, contact
     "yield in the wrong norm": Caught(
@@ -440,7 +443,7 @@ def test_there_are_faults_of_every_kind() -> None:
 
 def prandtl_ratio(mean_dilatation: bool) -> np.ndarray:
     """Computed over exact limit pressure of a strip punch at four elements a half-width."""
-    from fem_check.benchmarks import strip_punch
+    from fem_check.benchmarks.closed_problems import strip_punch
 
     curve = strip_punch(4, mean_dilatation=mean_dilatation)
     return curve.computed / curve.exact

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from epcontact.reference import plasticity as reference
-from fem_check import benchmarks
+from fem_check.benchmarks import closed_problems as benchmarks
 
 
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.3, 0.499])

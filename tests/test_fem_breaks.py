@@ -8,12 +8,13 @@ from fem_scenes import rough_scene
 
 from epcontact.errors import NotConverged
 from epcontact.results import APART
-from fem_check import benchmarks, plasticity, solve
+from fem_check import plasticity, solve
+from fem_check.benchmarks import closed_problems as benchmarks
+from fem_check.benchmarks.spheres import sphere, sphere_scene
 from fem_check.driver import problem_of
 from fem_check.newton import Options, solve_step
 from fem_check.problem import Control, State
 from fem_check.report import nodes_across
-from fem_check.spheres import sphere, sphere_scene
 
 #: The load at which a sphere of R = 1, E* = 1/(1 - 0.3^2) has Hertz's radius 0.05.
 HERTZ = 4 / 3 / (1 - 0.3**2) * 0.05**3

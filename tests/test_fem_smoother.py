@@ -8,8 +8,9 @@ import pytest
 from fem_scenes import rough_scene
 
 from epcontact.results import ELASTIC
-from fem_check import linearised, plasticity, speed
-from fem_check.bodies import assembled, elastic_tangents, tangents
+from fem_check import linearised, plasticity
+from fem_check.benchmarks import speed
+from fem_check.benchmarks.bodies import assembled, elastic_tangents, tangents
 from fem_check.driver import solve_path
 from fem_check.element import strain_operator
 from fem_check.linear_solver import continued

@@ -14,7 +14,7 @@ import fem_check
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
 from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
 from epcontact.scene import Body, Load, Material, Scene, Surface
-from epcontact.stability import rough_surface
+from epcontact.studies.stability import rough_surface
 from fem_check import driver, plasticity
 from fem_check import path as path_module
 from fem_check.newton import Options, solve_step

@@ -10,7 +10,8 @@ import fem_check
 from epcontact.results import ELASTIC
 from epcontact.studies import fem
 from epcontact.studies.fem_charts import draw_paths
-from fem_check import linearised, speed
+from fem_check import linearised
+from fem_check.benchmarks import speed
 from fem_check.problem import Control, Counts
 
 SLOW = pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from epcontact.reference import plasticity as reference
-from fem_check.spheres import SphereAnswer, sphere, sphere_onset
+from fem_check.benchmarks.spheres import SphereAnswer, sphere, sphere_onset
 
 
 def onset_errors(poisson_ratio: float, **grid: int) -> tuple[float, float]:

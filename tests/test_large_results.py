@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from epcontact.casefile import find_case, load_case
+from epcontact.harness.case import find_case, load_case
+from epcontact.harness.run import Answer
+from epcontact.harness.verdict import judge_case
 from epcontact.results import ContactResult
-from epcontact.run import Answer
-from epcontact.verify import judge_case
 
 FOLDER = Path(__file__).parent.parent / "cases" / "regression"
 KEPT = [json.loads(path.read_text()) for path in sorted(FOLDER.glob("*.json"))]

@@ -14,12 +14,13 @@ import pytest
 from fem_scenes import rough_scene
 
 import fem_check
-from epcontact import bem, crosscheck, model_difference
-from epcontact.casefile import load_case
-from epcontact.compare import distance
+from epcontact import bem
 from epcontact.errors import InvalidCase
-from epcontact.measures import MODEL_MEASURES, measure, measure_all
-from epcontact.model_difference import elements_compliance, model_measures
+from epcontact.harness import crosscheck, model_difference
+from epcontact.harness.case import load_case
+from epcontact.harness.gates import distance
+from epcontact.harness.model_difference import elements_compliance, model_measures
+from epcontact.harness.quantities import MODEL_MEASURES, measure, measure_all
 from epcontact.results import ContactResult
 from epcontact.scene import Body, Scene
 from epcontact.studies import STUDIES, save_charts

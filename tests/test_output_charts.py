@@ -21,9 +21,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from epcontact.errors import OutputError
-from epcontact.output import charts, maps
-from epcontact.output.figures import Chart, Series
-from epcontact.output.style import SETTINGS, STATE_COLOURS, series_looks, unit_for
+from epcontact.output.charts import curves as charts
+from epcontact.output.charts import maps
+from epcontact.output.charts.figures import Chart, Series
+from epcontact.output.charts.style import SETTINGS, STATE_COLOURS, series_looks, unit_for
 from epcontact.results import APART, ELASTIC, PLASTIC, PressureDistribution
 
 RNG_SEED = 20260721
@@ -255,7 +256,8 @@ def test_all_files_or_none(tmp_path: Path) -> None:
 def test_matplotlib_is_left_as_it_was() -> None:
     code = (
         "import sys, matplotlib as mpl; mpl.rcParams['font.size'] = 33.0;"
-        "from epcontact.output.charts import *; from epcontact.output.figures import Series;"
+        "from epcontact.output.charts.curves import *;"
+        "from epcontact.output.charts.figures import Series;"
         "chart = power_spectrum([Series('a', [1, 2], [1, 2])]); chart.png();"
         "assert mpl.rcParams['font.size'] == 33.0; assert 'matplotlib.pyplot' not in sys.modules;"
         f"assert chart.figure.axes[0].xaxis.label.get_size() == {SETTINGS['axes.labelsize']};"

@@ -17,8 +17,8 @@ import pytest
 
 from epcontact.errors import OutputError
 from epcontact.output.files import write_json
-from epcontact.output.page import Picture, number, with_interval
-from epcontact.output.report import report_folder, write_report
+from epcontact.output.report.page import Picture, number, with_interval
+from epcontact.output.report.report import report_folder, write_report
 from epcontact.output.vtk import write_image
 from epcontact.results import (
     Areas,

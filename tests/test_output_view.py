@@ -15,9 +15,9 @@ import pytest
 from PIL import Image
 
 from epcontact.errors import OutputError
-from epcontact.output import render, view
 from epcontact.output.pvd import Step, read_pvd, write_pvd
-from epcontact.output.staging import round_factor
+from epcontact.output.view import render, view
+from epcontact.output.view.staging import round_factor
 from epcontact.output.vtk import write_image
 
 YELLOW, BLACK = (240, 196, 25), (0, 0, 0)

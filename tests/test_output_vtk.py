@@ -14,15 +14,7 @@ import pyvista
 
 from epcontact.errors import OutputError
 from epcontact.output.vtk import read_fields, scene_attributes, write_fields, write_image
-from epcontact.results import (
-    APART,
-    ELASTIC,
-    PLASTIC,
-    Areas,
-    ContactResult,
-    LoadStep,
-    Provenance,
-)
+from epcontact.results import APART, ELASTIC, PLASTIC, Areas, ContactResult, LoadStep, Provenance
 from epcontact.scene import Body, Load, Material, Scene, Surface
 
 HARDNESS = 5e8

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from epcontact import bem, peers
-from epcontact.errors import InvalidScene
+from epcontact import bem
+from epcontact.errors import InvalidScene, StudyUnavailable
+from epcontact.harness import peers
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
-from epcontact.studies import StudyUnavailable
 from epcontact.surfaces import SelfAffine
 
 Q = 2 * np.pi / 1e-3

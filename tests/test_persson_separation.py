@@ -24,8 +24,8 @@ from epcontact.persson import (
     surface_roughness,
 )
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
-from epcontact.spectrum import density, rms_height
 from epcontact.surfaces import SelfAffine
+from epcontact.surfaces.spectrum import density, rms_height
 
 SPECTRUM = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 16e5, 1.0)
 MODULUS = 250e9

@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from epcontact import bem, candidates, pilots
-from epcontact.auto_size import auto_case
-from epcontact.casefile import case_sizes, find_case, find_cases, load_case
-from epcontact.closed_forms import CLOSED_FORMS
+from epcontact import bem
 from epcontact.errors import InvalidCase
-from epcontact.pilots import Pilot, Section
-from epcontact.plan import plan, planned_case, promise_held
+from epcontact.harness.case import case_sizes, find_case, find_cases, load_case
+from epcontact.harness.run import Answer
+from epcontact.planning import candidates, pilots
+from epcontact.planning.auto_size import auto_case
+from epcontact.planning.pilots import Pilot, Section
+from epcontact.planning.plan import plan, planned_case, promise_held
+from epcontact.reference.closed_forms import CLOSED_FORMS
 from epcontact.results import Areas
-from epcontact.run import Answer
 from epcontact.surfaces import HeightsFromArray, SelfAffine, Sinusoid
 
 HERE = Path(__file__).parent

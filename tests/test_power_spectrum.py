@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from epcontact.power_spectrum import (
+from epcontact.scene import SelfAffineSpectrum, Surface
+from epcontact.surfaces import SelfAffine, Sinusoid, filtered
+from epcontact.surfaces.power_spectrum import (
     cumulative_slope_variance,
     power_spectral_density,
     radial_spectrum,
     surface_moments,
 )
-from epcontact.scene import SelfAffineSpectrum, Surface
-from epcontact.spectrum import Moments, density
-from epcontact.surfaces import SelfAffine, Sinusoid, filtered
+from epcontact.surfaces.spectrum import Moments, density
 
 # Square, oblong, even, odd, mixed, lines; periods that fit none of them by accident.
 GRIDS = [

@@ -46,7 +46,7 @@ def test_every_block_is_of_a_kind_that_is_tested() -> None:
 
 
 def test_readme_names_every_command() -> None:
-    from epcontact.cli import cli
+    from epcontact.cli.main import cli
 
     text = (ROOT / "README.md").read_text()
     assert [c for c in cli.commands if f"`epcontact {c}" not in text] == []

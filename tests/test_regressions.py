@@ -16,14 +16,14 @@ import pytest
 from rich.console import Console
 
 from epcontact import bem
-from epcontact.casefile import find_case, load_case
+from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
 from epcontact.errors import InvalidCase
+from epcontact.harness.case import find_case, load_case
+from epcontact.harness.run import Answer, Plan, run_cases
+from epcontact.harness.verdict import judge_case
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
-from epcontact.run import Answer, Plan, run_cases
 from epcontact.scene import Scene
-from epcontact.tables import answers_table, gamma_sentence, verdict_table
-from epcontact.verify import judge_case
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
 LOAD = "mean_pressure = 5.0e8"
@@ -184,8 +184,9 @@ def test_closed_pipe_does_not_say_that_a_gate_fell_short() -> None:
 
 def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short() -> None:
     program = (
-        "from epcontact import casefile, cli\n"
-        "casefile.find_cases = lambda: 1 / 0\n"
+        "from epcontact.cli import main as cli\n"
+        "from epcontact.harness import case\n"
+        "case.find_cases = lambda: 1 / 0\n"
         "import sys; sys.argv = ['epcontact', 'list']; cli.main()"
     )
     done = subprocess.run(
@@ -264,9 +265,9 @@ def test_kernels_compile_where_nothing_can_be_written(tmp_path) -> None:
     program = """
 import os, sys
 from pathlib import Path
-from epcontact import kernel_cache
-kernel_cache.__file__ = "/proc/nowhere/epcontact/kernel_cache.py"
-kernel_cache.provide()
+from epcontact import machine
+machine.__file__ = "/proc/nowhere/epcontact/machine.py"
+machine.provide_kernel_cache()
 print(os.environ["NUMBA_CACHE_DIR"])
 from epcontact import bem
 assert Path(os.environ["NUMBA_CACHE_DIR"]).is_dir()
@@ -287,7 +288,7 @@ assert Path(os.environ["NUMBA_CACHE_DIR"]).is_dir()
 def test_broken_case_is_collected_as_its_sentence(write_case) -> None:
     path = write_case(("hurst", "hurts"))
     (path.parent / "conftest.py").write_text(
-        "from epcontact.pytest_cases import pytest_addoption, pytest_collect_file  # noqa: F401\n"
+        "from epcontact.harness.pytest_cases import pytest_addoption, pytest_collect_file\n"
     )
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(path.parent)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)

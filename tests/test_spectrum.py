@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from epcontact.errors import InvalidScene
 from epcontact.scene import SelfAffineSpectrum
-from epcontact.spectrum import (
+from epcontact.surfaces.spectrum import (
     density,
     rms_height,
     rms_slope,

@@ -9,9 +9,10 @@ from dataclasses import replace
 
 import pytest
 
-from epcontact import bem, stability
+from epcontact import bem
 from epcontact.errors import InvalidCase, NotConverged
-from epcontact.stability import EXAMINED, GRIDS, stability_map, write
+from epcontact.studies import stability
+from epcontact.studies.stability import EXAMINED, GRIDS, stability_map, write
 
 
 @pytest.fixture(scope="module")

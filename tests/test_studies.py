@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from epcontact.bem import solve
-from epcontact.output.figures import Series
+from epcontact.errors import StudyUnavailable
+from epcontact.output.charts.figures import Series
+from epcontact.output.charts.study import curves, with_orders
 from epcontact.persson import areas
 from epcontact.studies import (
     STUDIES,
-    StudyUnavailable,
     bem,
     fem,
     gamma,
@@ -26,10 +27,9 @@ from epcontact.studies import (
     peers,
     resolution,
     save_charts,
-    scenes,
     theory,
 )
-from epcontact.studies.drawing import curves, with_orders
+from epcontact.studies import paper_scene as scenes
 
 
 def quiet(_: str) -> None:

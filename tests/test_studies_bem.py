@@ -13,7 +13,8 @@ import pytest
 from epcontact import persson
 from epcontact.bem import solve
 from epcontact.scene import Load
-from epcontact.studies import bem, gap, gap_charts, pressures, pressures_charts, scenes, speed
+from epcontact.studies import bem, gap, gap_charts, pressures, pressures_charts, speed
+from epcontact.studies import paper_scene as scenes
 
 
 def quiet(_: str) -> None:

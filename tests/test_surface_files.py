@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from epcontact.errors import InvalidScene
-from epcontact.power_spectrum import surface_moments
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, scene_digest
 from epcontact.surfaces import HeightsFromArray, HeightsFromFile, SelfAffine
-from epcontact.surfaces.maps import detrended_and_windowed, edge_jumps
+from epcontact.surfaces.measured import detrended_and_windowed, edge_jumps
+from epcontact.surfaces.power_spectrum import surface_moments
 
 L = 2 * math.pi
 SPECTRUM = SelfAffineSpectrum(0.8, 1.0, 4.0, 20.0, 0.5)

@@ -12,17 +12,7 @@ import numpy as np
 import pytest
 
 from epcontact.errors import EpcontactError, InvalidScene
-from epcontact.power_spectrum import surface_moments
-from epcontact.scene import (
-    Body,
-    Load,
-    Material,
-    Scene,
-    SelfAffineSpectrum,
-    Surface,
-    scene_digest,
-)
-from epcontact.spectrum import density, slope_variance_up_to
+from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface, scene_digest
 from epcontact.surfaces import (
     FlatPunch,
     Paraboloid,
@@ -34,7 +24,9 @@ from epcontact.surfaces import (
     grid_shape,
     refined,
 )
+from epcontact.surfaces.power_spectrum import surface_moments
 from epcontact.surfaces.self_affine import _phases
+from epcontact.surfaces.spectrum import density, slope_variance_up_to
 
 L = 2 * math.pi
 NARROW = SelfAffineSpectrum(0.8, 1.0, 4.0, 20.0, 0.5)

@@ -8,11 +8,11 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from epcontact.casefile import load_case
+from epcontact.harness.case import load_case
+from epcontact.harness.run import Answer
+from epcontact.harness.verdict import exit_code, judge_case, write_verdict
+from epcontact.harness.verdict_schema import VerdictFile, verdict_schema
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
-from epcontact.run import Answer
-from epcontact.verdict_schema import VerdictFile, verdict_schema
-from epcontact.verify import exit_code, judge_case, write_verdict
 
 
 def result(method: str, total: float) -> ContactResult:

@@ -3,9 +3,9 @@
 `solve` answers a scene; `solve_pressure` is the same on plain arrays.
 """
 
-from epcontact import kernel_cache
+from epcontact.machine import provide_kernel_cache
 
-kernel_cache.provide()  # before the first kernel is defined
+provide_kernel_cache()  # before the first kernel is defined
 
 from epcontact.bem.driver import solve  # noqa: E402
 from epcontact.bem.solver import Options, PressureSolution, solve_pressure  # noqa: E402

@@ -10,12 +10,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.area import estimate_areas
+from epcontact.bem.areas.distribution import pressure_distribution
+from epcontact.bem.areas.estimate import estimate_areas
 from epcontact.bem.baselines import BASELINES
 from epcontact.bem.constraints import GRADIENT_STEP, states
-from epcontact.bem.distribution import pressure_distribution
 from epcontact.bem.kernel import quarter_compliance
-from epcontact.bem.memory import peak_memory, require_memory
+from epcontact.bem.memory import require_memory
 from epcontact.bem.solver import (
     Options,
     PressureSolution,
@@ -24,8 +24,8 @@ from epcontact.bem.solver import (
     solve_symbol,
 )
 from epcontact.bem.transforms import Symbol
-from epcontact.cores import available_cores
 from epcontact.errors import InvalidScene
+from epcontact.machine import available_cores, peak_memory
 from epcontact.moduli import effective_modulus, oedometric_modulus
 from epcontact.results import ContactResult, LoadStep, Provenance
 from epcontact.scene import Scene

@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
-import resource
-import sys
 
 import numpy as np
 
 from epcontact.errors import NotEnoughMemory
+from epcontact.machine import available_memory
 from epcontact.moduli import effective_modulus
 from epcontact.scene import Scene
-
-
-def peak_memory() -> int:
-    """The largest resident memory of this process so far, in bytes."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else 1024 * peak
 
 
 def estimated_memory(scene: Scene) -> int:
@@ -44,22 +36,9 @@ def estimated_memory(scene: Scene) -> int:
 def require_memory(scene: Scene) -> None:
     """Raises NotEnoughMemory if a solve of the scene is estimated not to fit."""
     needed, available = estimated_memory(scene), available_memory()
-    if available is not None and needed > available:
+    if needed > available:
         raise NotEnoughMemory(
             f"a grid of {' x '.join(map(str, scene.surface.shape))} needs about "
             f"{needed / 2**30:.1f} GiB beside its heights, but {available / 2**30:.1f} GiB are "
             "free; take a coarser grid or a larger machine"
         )
-
-
-def available_memory() -> int | None:
-    """Memory this process may still take, in bytes; None where the system does not say."""
-    try:
-        with open("/proc/meminfo", encoding="ascii") as info:
-            fields = dict(line.split(":") for line in info)
-        return int(fields["MemAvailable"].split()[0]) * 1024
-    except (OSError, KeyError, ValueError):
-        try:
-            return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        except (ValueError, OSError):
-            return None

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem import passes
-from epcontact.bem.cells import Cells
 from epcontact.bem.constraints import Level, measured, project, states
 from epcontact.bem.descent import Iterate, Step, best_share, cut_back, gradient_steps
-from epcontact.bem.inner import Inner, conjugate_gradients
+from epcontact.bem.inner.cells import Cells
+from epcontact.bem.inner.cg import Inner, conjugate_gradients
 from epcontact.bem.transforms import Points
 
 FloatArray = NDArray[np.float64]

@@ -13,6 +13,12 @@ from epcontact.persson.curves import (
     magnification_curve,
     pressure_curve,
 )
+from epcontact.persson.driver import (
+    scene_magnification_curve,
+    scene_pressure_curve,
+    separation_model,
+    solve,
+)
 from epcontact.persson.elastoplastic import (
     ContactAreas,
     areas,
@@ -21,6 +27,7 @@ from epcontact.persson.elastoplastic import (
     pressure_cumulative,
     pressure_density,
 )
+from epcontact.persson.gamma import ReductionRow, gamma_columns, reduction_table
 from epcontact.persson.hardness import HardnessCurve, hardness_curve
 from epcontact.persson.reduction import (
     PUBLISHED,
@@ -41,13 +48,6 @@ from epcontact.persson.separation import (
     mean_separation,
     pressure_at_separation,
 )
-from epcontact.persson.solve import (
-    scene_magnification_curve,
-    scene_pressure_curve,
-    separation_model,
-    solve,
-)
-from epcontact.persson.tables import ReductionRow, gamma_columns, reduction_table
 
 __all__ = [
     "PUBLISHED",

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from epcontact.errors import InvalidScene
-from epcontact.power_spectrum import cumulative_slope_variance, radial_spectrum
 from epcontact.scene import SelfAffineSpectrum, Surface
-from epcontact.spectrum import slope_variance_up_to, spectral_moment
+from epcontact.surfaces.power_spectrum import cumulative_slope_variance, radial_spectrum
+from epcontact.surfaces.spectrum import slope_variance_up_to, spectral_moment
 
 FloatArray = NDArray[np.float64]
 SpectrumKind = Literal["analytic", "surface"]

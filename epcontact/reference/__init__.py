@@ -1,1 +1,1 @@
-"""reference"""
+"""Exact solutions, and as gates name them."""

@@ -14,17 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from epcontact.errors import EpcontactError
-
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
 
 Size = Literal["fast", "full"]
 Progress = Callable[[str], None]
-
-
-class StudyUnavailable(EpcontactError):
-    """A study that needs what is not installed here."""
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from epcontact.errors import NotConverged
 from epcontact.results import Areas
 from epcontact.scene import Material, Scene, Surface
-from epcontact.studies import Progress, Size, scenes
+from epcontact.studies import Progress, Size
+from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
 
 FloatArray = NDArray[np.float64]
 YIELD_STRESS = scenes.HARDNESS / 3  # Tabor's ratio, as the paper takes it
@@ -50,7 +51,7 @@ def flat_scene(points: int) -> Scene:
 def punch_errors(counts: Sequence[int], mean_dilatation: bool) -> FloatArray:
     """(n,): error of the limit load by elements to the punch's half-width, relative; NaN where
     the solver does not converge, as on elements that lock."""
-    from fem_check.benchmarks import strip_punch
+    from fem_check.benchmarks.closed_problems import strip_punch
 
     errors = []
     for count in counts:
@@ -198,8 +199,8 @@ class PathGrowth:
 def path_growth(
     meshes: Sequence[tuple[int, int]], seeds: Sequence[int], progress: Progress
 ) -> PathGrowth:
-    """Solve the load paths of `fem_check.speed` on meshes of (nodes a side, layers)."""
-    from fem_check.speed import fft_pair_seconds, path_cost
+    """Solve the load paths of `fem_check.benchmarks.speed` on meshes of (nodes a side, layers)."""
+    from fem_check.benchmarks.speed import fft_pair_seconds, path_cost
 
     pair, rows = fft_pair_seconds(), []
     for nodes, layers in meshes:

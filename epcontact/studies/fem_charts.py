@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.output.figures import Series
-from epcontact.studies.drawing import curves, with_orders
+from epcontact.output.charts.figures import Series
+from epcontact.output.charts.study import curves, with_orders
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
     from epcontact.studies.fem import LinearSolve, PathGrowth
 
 FloatArray = NDArray[np.float64]

@@ -28,10 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.scene import Load
-from epcontact.studies import Progress, Size, scenes
+from epcontact.studies import Progress, Size
+from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
     from epcontact.results import ContactResult
     from epcontact.scene import Scene
 

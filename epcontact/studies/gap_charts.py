@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.output.figures import Series
-from epcontact.output.style import CYCLE
-from epcontact.studies import scenes
-from epcontact.studies.drawing import curves
+from epcontact.output.charts.figures import Series
+from epcontact.output.charts.study import curves
+from epcontact.output.charts.style import CYCLE
+from epcontact.studies import paper_scene as scenes
 from epcontact.studies.gap import CONSTRAINT, LAWS, LOADS, NAMES, OPEN, Blocks, Gaps
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
 
 FloatArray = NDArray[np.float64]
 

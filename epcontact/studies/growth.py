@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.output.charts import observed_order
-from epcontact.output.figures import Series
-from epcontact.studies import Progress, Size, scenes
+from epcontact.output.charts.curves import observed_order
+from epcontact.output.charts.figures import Series
+from epcontact.output.charts.study import curves
+from epcontact.studies import Progress, Size
+from epcontact.studies import paper_scene as scenes
 from epcontact.studies.bem import bare_pair_seconds
-from epcontact.studies.drawing import curves
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
 
 FloatArray = NDArray[np.float64]
 

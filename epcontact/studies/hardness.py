@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.output.figures import Series
+from epcontact.output.charts.figures import Series
+from epcontact.output.charts.study import curves
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
-from epcontact.studies import Progress, Size, scenes
-from epcontact.studies.drawing import curves
+from epcontact.studies import Progress, Size
+from epcontact.studies import paper_scene as scenes
 from epcontact.surfaces import SelfAffine
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
 
 FloatArray = NDArray[np.float64]
 
@@ -60,7 +61,7 @@ def measured(
 ) -> FloatArray:
     """(surfaces, names): the measures `NAMES` of the J2 body on each surface."""
     import fem_check
-    from epcontact.model_difference import model_measures
+    from epcontact.harness.model_difference import model_measures
 
     rows = []
     for seed in seeds:

@@ -16,15 +16,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.output.charts import pressure_density
-from epcontact.output.figures import Series
-from epcontact.output.style import CYCLE, STATE_COLOURS, unit_for
+from epcontact.output.charts.curves import pressure_density
+from epcontact.output.charts.figures import Series
+from epcontact.output.charts.study import curves
+from epcontact.output.charts.style import CYCLE, STATE_COLOURS, unit_for
 from epcontact.results import ELASTIC, PLASTIC, ContactResult, PressureDistribution
-from epcontact.studies import Progress, Size, scenes
-from epcontact.studies.drawing import curves
+from epcontact.studies import Progress, Size
+from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
     from epcontact.persson import MagnificationCurve
     from epcontact.scene import Scene
 

@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.output.figures import Series
-from epcontact.studies import Progress, Size, scenes
-from epcontact.studies.drawing import curves
+from epcontact.output.charts.figures import Series
+from epcontact.output.charts.study import curves
+from epcontact.studies import Progress, Size
+from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
     from epcontact.results import ContactResult
     from epcontact.scene import Scene
 

@@ -23,12 +23,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.output.figures import Series
-from epcontact.studies import Progress, Size, StudyUnavailable, scenes
-from epcontact.studies.drawing import curves
+from epcontact.errors import StudyUnavailable
+from epcontact.output.charts.figures import Series
+from epcontact.output.charts.study import curves
+from epcontact.studies import Progress, Size
+from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
 
 FloatArray = NDArray[np.float64]
 Pressure = Callable[..., FloatArray]

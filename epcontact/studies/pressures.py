@@ -27,12 +27,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.output.charts import pressure_density
+from epcontact.output.charts.curves import pressure_density
 from epcontact.results import PressureDistribution
-from epcontact.studies import Progress, Size, scenes
+from epcontact.studies import Progress, Size
+from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
     from epcontact.results import ContactResult
     from epcontact.scene import Scene
 
@@ -79,7 +80,7 @@ class Ends:
 
     def limit(self, end: int, figure: int) -> Limit:
         """Of one figure at one end; slopes without the coarsest grid, whose rims fill WINDOW."""
-        from epcontact.bem.distribution import extrapolated
+        from epcontact.bem.areas.distribution import extrapolated
 
         table = self.values[:, :, end, figure]
         order, first = (0.5, 0) if figure == DENSITY else (0.5 if figure == RAW_SLOPE else 1.0, 1)
@@ -124,7 +125,7 @@ def measure(
 
 def figures_of(result: ContactResult, points: float) -> FloatArray:
     """(2 ends, 2 + windows) of a solution; see `Ends.values`."""
-    from epcontact.bem.distribution import end_fits
+    from epcontact.bem.areas.distribution import end_fits
 
     relative = result.fields["pressure"] / scenes.HARDNESS
     areas = result.final.areas["raw"], result.final.areas["corrected"]
@@ -142,7 +143,7 @@ def theory_of(scene: Scene) -> tuple[FloatArray, FloatArray, PressureDistributio
     """The theory's figures (2, 2 + windows) and slopes at the very ends (2,), in units of the
     hardness, and its distribution, for the spectrum of the scene's own surface."""
     from epcontact import persson
-    from epcontact.bem.distribution import end_fit
+    from epcontact.bem.areas.distribution import end_fit
 
     solved = persson.solve(scene, energy_reduction=scenes.GAMMA, spectrum="surface")
     told, hardness = solved.final.quantities, scenes.HARDNESS

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from epcontact.output.charts import observed_order
-from epcontact.output.figures import Series
-from epcontact.output.style import CYCLE
-from epcontact.studies import scenes
-from epcontact.studies.drawing import curves
+from epcontact.output.charts.curves import observed_order
+from epcontact.output.charts.figures import Series
+from epcontact.output.charts.study import curves
+from epcontact.output.charts.style import CYCLE
+from epcontact.studies import paper_scene as scenes
 from epcontact.studies.pressures import (
     BINS,
     DENSITY,
@@ -23,7 +23,7 @@ from epcontact.studies.pressures import (
 )
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
 
 
 def draw_ends(found: Ends) -> tuple[Chart, ...]:

@@ -18,14 +18,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.output.charts import observed_order
-from epcontact.output.figures import Series
+from epcontact.output.charts.curves import observed_order
+from epcontact.output.charts.figures import Series
+from epcontact.output.charts.study import curves, with_orders
 from epcontact.results import Areas
-from epcontact.studies import Progress, Size, scenes
-from epcontact.studies.drawing import curves, with_orders
+from epcontact.studies import Progress, Size
+from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
 
 FloatArray = NDArray[np.float64]
 KINDS = ("raw", "raw, extrapolated", "perimeter correction", "corrected")
@@ -72,7 +73,7 @@ def measure(
 
 def _solve(points: int, seed: int, bandwidth: int) -> _Solved:
     from epcontact import bem
-    from epcontact.bem.area import perimeter_areas
+    from epcontact.bem.areas.estimate import perimeter_areas
 
     scene = scenes.rough_scene(points, seed, bandwidth)
     result = bem.solve(scene, area_tolerance=1e-6)

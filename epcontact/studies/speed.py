@@ -22,13 +22,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from epcontact.output.figures import Series
-from epcontact.studies import Progress, Size, scenes
+from epcontact.output.charts.figures import Series
+from epcontact.output.charts.study import curves
+from epcontact.studies import Progress, Size
+from epcontact.studies import paper_scene as scenes
 from epcontact.studies.bem import bare_pair_times
-from epcontact.studies.drawing import curves
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
     from epcontact.results import ContactResult
     from epcontact.scene import Scene
 
@@ -82,7 +83,7 @@ def measure(
     threads: of the solves and of the bare pairs; None: all cores.  most_solves: to time one.
     """
     from epcontact import bem
-    from epcontact.cores import available_cores
+    from epcontact.machine import available_cores
 
     threads = threads or available_cores()
     bem.solve(scenes.rough_scene(4, 7, 8), threads=threads)  # compiled before it is timed
@@ -150,7 +151,7 @@ def _watched(scene: Scene, options: Mapping[str, Any], threads: int) -> _Run:
 def _peak_since(work: Callable[[], None]) -> int:
     """Largest resident memory of this process during `work`, in bytes; where the system cannot
     begin to count anew, since the process began."""
-    from epcontact.bem.memory import peak_memory
+    from epcontact.machine import peak_memory
 
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
@@ -176,7 +177,7 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
 
 def draw_speed(found: Sequence[Solve]) -> tuple[Chart, ...]:
     """Charts of FFT pairs (finest grid, all grids), times, the areas' errors and memory."""
-    from epcontact.cores import available_cores
+    from epcontact.machine import available_cores
 
     grids = ", ".join(f"{n}² ({p:g})" for n, p in sorted({(s.side, s.points) for s in found}))
     scene = (

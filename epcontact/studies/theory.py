@@ -20,13 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf, erfc
 
-from epcontact.output.charts import observed_order
-from epcontact.output.figures import Series
-from epcontact.studies import Progress, Size, scenes
-from epcontact.studies.drawing import curves, with_orders
+from epcontact.output.charts.curves import observed_order
+from epcontact.output.charts.figures import Series
+from epcontact.output.charts.study import curves, with_orders
+from epcontact.studies import Progress, Size
+from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
-    from epcontact.output.figures import Chart
+    from epcontact.output.charts.figures import Chart
 
 FloatArray = NDArray[np.float64]
 
@@ -138,7 +139,7 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
 
 
 def _draw_terms() -> Chart:
-    from epcontact.output.style import CYCLE
+    from epcontact.output.charts.style import CYCLE
 
     colours, series = {}, []
     told = " or ".join(f"{n} {name}" for name, n in terms_needed(PAPER_DIFFUSION).items())

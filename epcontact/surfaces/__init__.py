@@ -11,7 +11,7 @@ surface in a scene's digest before any heights exist, and `build()` makes the `S
 """
 
 from epcontact.surfaces.filters import filtered, refined
-from epcontact.surfaces.maps import HeightsFromArray, HeightsFromFile, Treatment
+from epcontact.surfaces.measured import HeightsFromArray, HeightsFromFile, Treatment
 from epcontact.surfaces.recipe import Recipe
 from epcontact.surfaces.self_affine import SelfAffine, grid_shape
 from epcontact.surfaces.shapes import FlatPunch, Paraboloid, Sinusoid, Sphere

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
 from epcontact.scene import Surface
-from epcontact.spectrum import BAND_TOLERANCE, truncated
+from epcontact.surfaces.spectrum import BAND_TOLERANCE, truncated
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -7,6 +7,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any, Protocol
 
 from epcontact.errors import InvalidScene, NotEnoughMemory
+from epcontact.machine import available_memory
 from epcontact.scene import Surface
 
 #: Points beyond which no array can be addressed.
@@ -71,10 +72,7 @@ def require_room(shape: tuple[int, ...]) -> None:
     needed = 16 * math.prod(shape)
     if needed < SMALL:
         return
-    from epcontact.bem.memory import available_memory
-
-    available = available_memory()
-    if available is not None and needed > available:
+    if needed > available_memory():
         raise out_of_memory(shape, arrays=2)
 
 

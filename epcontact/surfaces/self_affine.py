@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
 from epcontact.scene import SelfAffineSpectrum, Surface
-from epcontact.spectrum import BAND_TOLERANCE, amplitude_shape
 from epcontact.surfaces.recipe import described, normalise_grid, out_of_memory
+from epcontact.surfaces.spectrum import BAND_TOLERANCE, amplitude_shape
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -1,0 +1,1 @@
+"""Contact areas in the limit of a vanishing grid spacing, from the fields on one grid."""

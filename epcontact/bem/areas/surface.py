@@ -1,0 +1,222 @@
+"""The pass over the grid behind `area.estimate_areas`: fronts located in every cell that has one.
+
+A front crosses the links between neighbouring points, where `area_front` locates it.
+Straight segments between the crossings of a cell bound the area.
+
+What a cell books besides, for the corrections of `area`: its segments' length times an offset by
+u = hardness/|grad v| (grad per spacing), which is the width of the elastic strip in spacings
+where both fronts pass the cell, and large where there is one front only; the turn of the front,
+a quarter for each corner cut off: in the sum over a front its Euler number; tips, the points
+apart (or plastic) with at most two of their eight neighbours like them; and dips, what may hide
+between points that all touch.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.bem.areas.front import crossing, field, kind
+from epcontact.results import ELASTIC
+
+FloatArray = NDArray[np.float64]
+
+#: Nodes of the table of offsets.
+U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
+#: Curvature of a wave over its second difference, at four points to its length.
+SEEN = 1.25
+#: A tip has no more neighbours like it.
+TIP_NEIGHBOURS = 2
+
+_jit = numba.njit(cache=True, nogil=True)
+# Places in the vector of sums: of the contact first, of the plastic part next.
+AREA, OFFSET, LENGTH, STRIP, HARMONIC, TURN, TIPS, DIPS = range(0, 16, 2)
+SUMS = 16
+#: Fronts are those of a narrow strip below this u.
+STRIP_BELOW = 0.9
+
+
+@_jit
+def interpolated(u: float, table: FloatArray) -> float:
+    """A table at U_NODES, at u; constant beyond."""
+    k = 1
+    while k < U_NODES.size - 1 and U_NODES[k] < u:
+        k += 1
+    t = min((u - U_NODES[k - 1]) / (U_NODES[k] - U_NODES[k - 1]), 1.0)
+    return float(table[k - 1] + t * (table[k] - table[k - 1]))
+
+
+@_jit
+def _corner(x: float, y: float) -> tuple[float, float]:
+    return x * y / 2, math.sqrt(x * x + y * y)
+
+
+@_jit
+def _polygon(inside: NDArray[np.int64], cut: FloatArray, joined: bool) -> tuple[float, float]:
+    """(area, length of its front) of what is inside of a cell, in its own units.
+
+    inside: (4,), 0 or 1, of the corners (0, 0), (1, 0), (1, 1), (0, 1); cut: crossings of its
+    sides, each from its first to its next corner; joined: whether two opposite corners join.
+    """
+    n = inside.sum()
+    if n == 2 and inside[0] != inside[2]:
+        first = 0 if inside[0] == inside[1] else 1  # the side with no crossing, or its opposite
+        s, t = cut[first + 1], 1 - cut[(first + 3) % 4]
+        area = (s + t) / 2
+        return (area if inside[first] == 1 else 1 - area), math.sqrt(1 + (s - t) ** 2)
+    # Corners cut off: those of the kind there is one of, or, of two opposite ones, the outside's
+    # where the inside joins.
+    kind = 1 if n == 1 or (n == 2 and not joined) else 0
+    area = length = 0.0
+    for k in range(4):
+        if inside[k] == kind:
+            a, s = _corner(cut[k], 1 - cut[k - 1])
+            area += a
+            length += s
+    return (area if kind == 1 else 1 - area), length
+
+
+@_jit
+def workspace() -> tuple[NDArray[np.int64], FloatArray]:
+    """Room for `book`, so that not every cell asks for its own."""
+    return np.empty((2, 4), np.int64), np.empty((4, 4))
+
+
+@_jit
+def book(  # noqa: PLR0913, PLR0917 - the problem, where, and what to add to
+    pressure: FloatArray,
+    gap: FloatArray,
+    hardness: float,
+    stiffness: tuple[float, float],
+    place: tuple[int, int],
+    table: FloatArray,
+    sums: FloatArray,
+    work: tuple[NDArray[np.int64], FloatArray],
+) -> None:
+    """Add what a cell with a front, between (i - 1, j - 1) and (i, j), has to the sums."""
+    (i, j), (nx, ny) = place, pressure.shape
+    kinds, inside = work[0][0], work[0][1]
+    # v by the links along x and along y; crossings of the sides; v along one of them.
+    along, across, cut, v = work[1][0], work[1][1], work[1][2], work[1][3]
+    for k in range(4):
+        a = i if k in (1, 2) else i - 1
+        b = j if k >= 2 else j - 1
+        p, g = pressure[a, b], gap[a, b]
+        kinds[k] = kind(p, hardness)
+        along[k] = field(p, g, hardness, stiffness[0])
+        across[k] = along[k]
+        if stiffness[1] != stiffness[0]:
+            across[k] = field(p, g, hardness, stiffness[1])
+    dx = (along[1] + along[2] - along[0] - along[3]) / 2
+    dy = (across[2] + across[3] - across[0] - across[1]) / 2
+    square = dx * dx + dy * dy
+    u = hardness / math.sqrt(square) if square > 0 else np.inf
+    harmonic = 1 - 8 * (dx * dy / square) ** 2 if square > 0 else 0.0
+    offset = interpolated(u, table)
+    middle = (along.sum() + across.sum()) / 8
+    for front in range(2):
+        n = 0
+        for k in range(4):
+            inside[k] = int(kinds[k] > front)
+            n += inside[k]
+        if n == 4:
+            sums[AREA + front] += 1
+        if n in (0, 4):
+            continue
+        for k in range(4):
+            if inside[k] == inside[(k + 1) % 4]:
+                continue
+            # Sides 0 and 2 run along x, 1 and 3 along y.
+            x_side = k in (0, 2)
+            c = stiffness[0] if x_side else stiffness[1]
+            row, column = i if k == 1 else i - 1, j if k == 2 else j - 1
+            for m in range(4):
+                a, b = (row + m - 1, column) if x_side else (row, column + m - 1)
+                a, b = a if 0 <= a < nx else a % nx, b if 0 <= b < ny else b % ny
+                v[m] = field(pressure[a, b], gap[a, b], hardness, c)
+            where = crossing(v, hardness, front)
+            cut[k] = where if k < 2 else 1 - where
+        joined = middle > (hardness if front else 0.0)
+        area, length = _polygon(inside, cut, joined)
+        sums[AREA + front] += area
+        sums[LENGTH + front] += length
+        sums[OFFSET + front] += offset * length
+        sums[HARMONIC + front] += harmonic * length
+        if u < STRIP_BELOW:
+            sums[STRIP + front] += length
+        if n != 2:
+            sums[TURN + front] += 0.25 if n == 1 else -0.25
+        elif inside[0] == inside[2]:
+            sums[TURN + front] += -0.5 if joined else 0.5
+
+
+@_jit
+def is_tip(pressure: FloatArray, hardness: float, i: int, j: int, state: int) -> bool:
+    """Whether at most two of a point's eight neighbours are in its state."""
+    nx, ny = pressure.shape
+    like = -1
+    for a in range(i - 1, i + 2):
+        for b in range(j - 1, j + 2):
+            like += kind(pressure[a % nx, b % ny], hardness) == state
+    return like <= TIP_NEIGHBOURS
+
+
+@_jit
+def _dip(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> float:
+    """Square of the area that may hide at a point that is the least of its four neighbours.
+
+    Between points p may fall to 0, or for front 1 hardness - p.  Where contact is full, p is a
+    smooth wave; a parabola -p1 + p2 s^2 opens a gap of radius sqrt(3 p1/(2 p2)), as a penny-shaped
+    crack that closes smoothly, and with p at the point its p1 is p2/2 - p at most, as half of a
+    cell's diagonal is the farthest that its bottom can be.  Of a wave's p2 the second difference
+    shows 1/SEEN at four points to its length.
+    """
+    nx, ny = pressure.shape
+    here, above, below = pressure[i, j], pressure[i - 1, j], pressure[(i + 1) % nx, j]
+    left, right = pressure[i, j - 1], pressure[i, (j + 1) % ny]
+    if front:
+        here, above, below = hardness - here, hardness - above, hardness - below
+        left, right = hardness - left, hardness - right
+    if here <= 0 or here > min(above, below, left, right):
+        return 0.0
+    if max(above, below, left, right) >= hardness:
+        return 0.0
+    bend = SEEN * (above + below + left + right - 4 * here) / 4
+    if here >= bend / 2:
+        return 0.0
+    return float((math.pi * 1.5 * (0.5 - here / bend)) ** 2)
+
+
+@_jit
+def sweep(
+    pressure: FloatArray,
+    gap: FloatArray,
+    hardness: float,
+    stiffness: tuple[float, float],
+    table: FloatArray,
+    sums: FloatArray,
+) -> None:
+    """Book every cell of the periodic grid.
+
+    stiffness: c for the links along x and along y; table: offsets at U_NODES.
+    """
+    (nx, ny), work = pressure.shape, workspace()
+    for i in range(nx):
+        above, here = kind(pressure[i - 1, -1], hardness), kind(pressure[i, -1], hardness)
+        for j in range(ny):
+            above_2, here_2 = kind(pressure[i - 1, j], hardness), kind(pressure[i, j], hardness)
+            if above == here == above_2 == here_2:
+                sums[AREA] += here > 0
+                sums[AREA + 1] += here > 1
+            else:
+                book(pressure, gap, hardness, stiffness, (i, j), table, sums, work)
+                if here_2 != ELASTIC and is_tip(pressure, hardness, i, j, here_2):
+                    sums[TIPS + (here_2 > ELASTIC)] += 1
+            if here_2 == ELASTIC:
+                sums[DIPS] += _dip(pressure, i, j, hardness, 0)
+                if hardness < np.inf:
+                    sums[DIPS + 1] += _dip(pressure, i, j, hardness, 1)
+            above, here = above_2, here_2

@@ -1,0 +1,1 @@
+"""From case files to a verdict."""

@@ -1,0 +1,243 @@
+"""Why the finite and the boundary elements differ on a scene, part by part, each part measured.
+
+Every comparison of the two is a chain of solves in which one thing changes at a time:
+
+    finite elements, law ---- boundary elements on the elements' own surface compliance
+        solver          same law, same discrete body: what is left is rounding
+    ---- boundary elements on the exact layer of the elements' depth
+        discretisation  same law, same depth: the elements against the continuum's kernel
+    ---- boundary elements on the scene's own body
+        depth           from the kernel alone
+
+and, where the finite elements flow by J2, before all of these,
+
+    finite elements, j2 ---- boundary elements capped at the hardness, on the elements' compliance
+        model           plastic flow against a pressure cap: physics, not error.
+
+`effective_hardness` (module `model_difference`) turns the last one into a number: the cap, in
+units of the yield stress, at which the capped body has the contact area of the J2 body under the
+same load.  `crosscheck` says all of it of a case, surface by surface and of their ensemble.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import fem_check
+from epcontact import bem
+from epcontact.errors import InvalidCase, InvalidScene
+from epcontact.harness.case import Case
+from epcontact.harness.gates import Difference, difference, estimate
+from epcontact.harness.model_difference import EffectiveHardness, effective_hardness
+from epcontact.results import ContactResult
+from epcontact.scene import Body, Scene
+from epcontact.surfaces import SelfAffine
+
+__all__ = [
+    "Difference",
+    "EffectiveHardness",
+    "ErrorBudget",
+    "crosscheck",
+    "difference",
+    "effective_hardness",
+    "error_budget",
+]
+
+
+@dataclass(frozen=True)
+class ErrorBudget:
+    """The parts of a difference, in the order of the chain; `model` is None but for j2."""
+
+    law: str
+    model: Difference | None
+    solver: Difference
+    discretisation: Difference
+    depth: Difference
+
+    def __str__(self) -> str:
+        parts = [] if self.model is None else [f"model: {self.model}"]
+        parts.append(f"solver: {self.solver} ({self.solver.nodes} nodes)")
+        parts.append(f"discretisation: {self.discretisation}")
+        parts.append(f"depth: {self.depth}")
+        return f"fem {self.law} against bem: " + "; ".join(parts)
+
+
+def error_budget(
+    scene: Scene,
+    *,
+    law: Literal["elastic", "capped", "j2"] = "capped",
+    depth: float | None = None,
+    layers: int | None = None,
+    report: Callable[[str], None] | None = print,
+) -> ErrorBudget:
+    """Splits the difference of finite and boundary elements on `scene` into its parts.
+
+    law: of the finite elements.  With j2 the chain continues by the capped law if the scene has
+        a hardness, by the elastic one if not.
+    depth (m), layers: of the elements, chosen from the scene where not given.
+    report: is told the budget in one line; None: nobody.
+
+    Raises what the two solvers raise; InvalidScene for a path of loads.
+    """
+    budget, _ = _budget(scene, law, {"depth": depth, "layers": layers})
+    if report is not None:
+        report(str(budget))
+    return budget
+
+
+def _budget(
+    scene: Scene, law: str, block: dict[str, Any]
+) -> tuple[ErrorBudget, ContactResult | None]:
+    """The parts, and the J2 body's answer where that is the law."""
+    if len(scene.load.path) != 1:
+        raise InvalidScene(
+            f"the scene has a path of {len(scene.load.path)} mean pressures; give a single one"
+        )
+    hardness = scene.material.hardness
+    if law == "elastic":
+        hardness = math.inf
+    capped = replace(scene, material=replace(scene.material, hardness=hardness))
+    linear_law: Literal["capped", "elastic"] = "capped" if math.isfinite(hardness) else "elastic"
+    fem = fem_check.solve(capped, law=linear_law, **block)
+    own = bem.solve(capped, compliance=fem_check.surface_compliance(scene, **block))
+    body = scene.body
+    if body.kind == "half_space":
+        body = Body("bonded_layer", float(fem.provenance.options["depth"]))
+    layer = bem.solve(replace(capped, body=body))
+    whole = layer if body == scene.body else bem.solve(capped)
+    j2 = fem_check.solve(scene, law="j2", **block) if law == "j2" else None
+    budget = ErrorBudget(
+        law,
+        None if j2 is None else difference(j2, own, hardness),
+        difference(fem, own, hardness),
+        difference(own, layer, hardness),
+        difference(layer, whole, hardness),
+    )
+    return budget, j2
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What is measured on one surface; `effective` and `largest`, the largest pressure over
+    sigma_Y, only where the law is j2."""
+
+    budget: ErrorBudget
+    halved: bool
+    effective: EffectiveHardness | None = None
+    largest: float = math.nan
+
+
+def crosscheck(case: Case, seeds: Sequence[int] = ()) -> str:
+    """What makes the finite and the boundary elements of a case differ, surface by surface.
+
+    The error budget of the case's finite-element law; for j2 also both contact areas, their
+    overlap, the distance of the pressure distributions, and the effective hardness; of several
+    surfaces their means with standard errors.
+
+    seeds: of other random surfaces by the case's recipe, in the place of its own.
+
+    Raises InvalidCase where a case has nothing to cross-check, and what the solvers raise.
+    """
+    _require_checkable(case)
+    recipes = case.recipes if not seeds else _other_surfaces(case, seeds)
+    options = case.options["fem"]
+    lines, found = [], []
+    for recipe in recipes:
+        seed = getattr(recipe, "seed", None)
+        lines.append(f"{case.id}, {case.size}" + ("" if seed is None else f", seed {seed}"))
+        found.append(_checked(case.scene(recipe), options))
+        lines += [f"  {line}" for line in _told(found[-1], case.material.hardness)]
+    if len(found) > 1:
+        lines.append(
+            f"{case.id}, {case.size}, {len(found)} surfaces: mean +- standard error "
+            "(standard deviation of a surface)"
+        )
+        lines += [f"  {line}" for line in _ensemble(found)]
+    return "\n".join(lines)
+
+
+def _other_surfaces(case: Case, seeds: Sequence[int]) -> list[SelfAffine]:
+    first = case.recipes[0]
+    if not isinstance(first, SelfAffine):
+        raise InvalidCase(f"{case.path}: its surface is not random, so seeds make no other of it")
+    if len(set(seeds)) != len(seeds) or min(seeds) < 0:
+        raise InvalidCase(f"seeds are {list(seeds)}, but must be different numbers from 0 on")
+    return [replace(first, seed=seed) for seed in seeds]
+
+
+def _require_checkable(case: Case) -> None:
+    if case.skip:
+        raise InvalidCase(f"{case.path}: {case.skip}")
+    missing = [m for m in ("fem", "bem") if m not in case.methods]
+    if missing:
+        raise InvalidCase(
+            f"{case.path}: case.methods lacks {' and '.join(missing)}; a cross-check needs both "
+            "fem and bem"
+        )
+    if len(case.load.path) != 1:
+        raise InvalidCase(
+            f"{case.path}: load.mean_pressure is a path of {len(case.load.path)}, but a "
+            "cross-check answers a single mean pressure"
+        )
+    options = case.options["fem"]
+    if options["geometry"] != "gap":
+        raise InvalidCase(
+            f"{case.path}: fem.geometry is {options['geometry']!r}, but must be 'gap': the "
+            "boundary elements know no other, so a cross-check could not tell slope from error"
+        )
+
+
+def _checked(scene: Scene, options: Mapping[str, Any]) -> Checked:
+    block = {name: options.get(name) for name in ("depth", "layers")}
+    budget, j2 = _budget(scene, options["law"], block)
+    halved = all(n % 2 == 0 and n >= 8 for n in scene.surface.shape)
+    if j2 is None:
+        return Checked(budget, halved)
+    effective = effective_hardness(scene, coarse=halved, j2=j2, **block)
+    largest = j2.final.quantities["largest_pressure"] / scene.material.yield_stress
+    return Checked(budget, halved, effective, largest)
+
+
+def _told(checked: Checked, hardness: float) -> list[str]:
+    """The lines on one surface."""
+    lines = [str(checked.budget)]
+    model = checked.budget.model
+    if model is not None:
+        unit = "hardness" if math.isfinite(hardness) else "mean contact pressure"
+        cap = "capped" if math.isfinite(hardness) else "elastic"
+        lines.append(
+            f"j2 touches on {model.areas[0]:.4f}, the {cap} body on {model.areas[1]:.4f} of the "
+            f"nodes; overlap {model.overlap:.2f}; distance of the pressure distributions "
+            f"{model.wasserstein:.3f} of the {unit}"
+        )
+        no_half = "" if checked.halved else "; no coarser grid in the error"
+        lines.append(f"{checked.effective}{no_half}")
+    return lines
+
+
+def _ensemble(found: Sequence[Checked]) -> list[str]:
+    """The lines on all surfaces."""
+    budgets = [one.budget for one in found]
+    rows = [("discretisation, area", [b.discretisation.area for b in budgets])]
+    models = [b.model for b in budgets if b.model is not None]
+    if models:
+        rows.append(("model, area", [m.area for m in models]))
+        rows.append(("model, overlap", [m.overlap for m in models]))
+        rows.append(("model, distance of the pressures", [m.wasserstein for m in models]))
+        rows.append(("largest pressure of j2 over sigma_Y", [one.largest for one in found]))
+    effective = [one.effective for one in found if one.effective is not None]
+    caps = [e.at_cap for e in effective if e.at_cap is not None]
+    if caps and len(caps) == len(found):
+        rows.append(("effective hardness c_eff", [e.ratio for e in effective]))
+        rows.append(("its error from the grid", [e.error for e in effective]))
+        rows.append(("overlap at c_eff", [cap.overlap for cap in caps]))
+    return [f"{name}: {_spread(values)}" for name, values in rows]
+
+
+def _spread(values: Sequence[float]) -> str:
+    found = estimate(values)
+    error = found.deviation / math.sqrt(len(values))
+    return f"{found.mean:+.4f} +- {error:.4f} ({found.deviation:.4f})"

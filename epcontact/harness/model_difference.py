@@ -1,0 +1,202 @@
+"""What the material's law alone does: J2 flow against a pressure cap, on one discrete body.
+
+The boundary elements are solved on the surface compliance that the finite elements have
+themselves, a measured property of the block (`fem_check.surface_compliance`), so that both bodies
+share the heights, the load and the linear answer to every pressure wave; grid and depth drop out
+of the difference, which is physics, not error.  Gates read it of a J2 result as
+
+    model_area         A_J2/A_cap - 1, raw areas, the cap being the scene's hardness
+    model_overlap      shared contact nodes over the nodes in either contact, likewise
+    model_distance     of the pressure distributions, Wasserstein-1 over the hardness, likewise
+    effective_hardness c_eff, the cap in units of sigma_Y under which the capped body has the
+                       contact area of the J2 body
+    effective_overlap  the overlap under that cap
+    elements_area      A_cap/A - 1 with A of the capped body on its exact compliance: the share of
+                       the grid, which is error and falls with the spacing
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import fem_check
+from epcontact import bem
+from epcontact.errors import InvalidCase, InvalidScene
+from epcontact.harness.gates import Difference, difference
+from epcontact.moduli import effective_modulus
+from epcontact.reference.roughness import rms_slope
+from epcontact.results import ContactResult
+from epcontact.scene import Load, Scene, Surface
+
+FloatArray = NDArray[np.float64]
+
+#: Relative width to which a ratio is searched: the area moves by less than a node.
+_SEARCHED_TO = 1e-4
+
+
+@dataclass(frozen=True)
+class EffectiveHardness:
+    """The cap at which the capped body has the contact area of the J2 body.
+
+    ratio: c_eff = hardness/sigma_Y; infinite where even the elastic body has at least that area.
+    error: of the ratio: its change from the twice as coarse grid, which first-order convergence
+        makes the error left on the fine one, and what half a node in the area does to it.
+    severity: E* xi/sigma_Y.  area: raw, of the J2 body.  at_cap: how the two differ there.
+    """
+
+    ratio: float
+    error: float
+    severity: float
+    area: float
+    at_cap: Difference | None
+
+    def __str__(self) -> str:
+        return (
+            f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E* xi/sigma_Y = {self.severity:.3g}"
+            + (
+                ""
+                if self.at_cap is None
+                else f" ({self.at_cap}, overlap {self.at_cap.overlap:.2f})"
+            )
+        )
+
+
+def effective_hardness(
+    scene: Scene,
+    *,
+    coarse: bool = True,
+    depth: float | None = None,
+    layers: int | None = None,
+    j2: ContactResult | None = None,
+) -> EffectiveHardness:
+    """The effective hardness of a scene's J2 body under its one load; its hardness is not read.
+
+    coarse: solve on every other grid point too, for the error; else that part of it is missing.
+    depth (m), layers: of the elements, chosen from the scene where not given.
+    j2: the answer of `fem_check.solve` to this scene and block, where it is known already.
+
+    Raises InvalidScene for a path, or a grid of an odd number of points with `coarse`.
+    """
+    if len(scene.load.path) != 1:
+        raise InvalidScene(
+            f"the scene has a path of {len(scene.load.path)} mean pressures; give a single one"
+        )
+    block: dict[str, Any] = {"depth": depth, "layers": layers}
+    j2 = j2 or fem_check.solve(scene, law="j2", certified=False, **block)
+    found = _equal_area(scene, j2)
+    error = found.error
+    if coarse and math.isfinite(found.ratio):
+        if any(n % 2 or n < 8 for n in scene.surface.shape):
+            raise InvalidScene(
+                f"the grid of {scene.surface.shape} points has no half; give even numbers of at "
+                "least 8, or coarse=False"
+            )
+        half = _half(scene)
+        rough = fem_check.solve(half, law="j2", certified=False, **block)
+        error += abs(_equal_area(half, rough).ratio - found.ratio)
+    return replace(found, error=error)
+
+
+def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray:
+    """The surface compliance of the very block that gave a finite-element `result`, m/Pa, one
+    value a mode of numpy.fft.rfftn.  Raises InvalidCase if the result knows no block."""
+    options = result.provenance.options
+    # A layer's depth is the scene's own.
+    names = ("layers", "first_layer") + (("depth",) if scene.body.kind == "half_space" else ())
+    try:
+        block = {name: options[name] for name in names}
+    except KeyError as missing:
+        raise InvalidCase(
+            f"the result of {result.method} does not say its block's {missing.args[0]}, so what "
+            "the law alone does cannot be told"
+        ) from None
+    return np.asarray(fem_check.surface_compliance(scene, **block))
+
+
+def capped_body(scene: Scene, hardness: float, compliance: FloatArray | None) -> ContactResult:
+    """The boundary elements' answer under that cap (Pa), on that compliance (None: exact)."""
+    material = replace(scene.material, hardness=hardness)
+    return bem.solve(replace(scene, material=material), compliance=compliance, threads=1)
+
+
+def model_measures(names: Collection[str], scene: Scene, j2: ContactResult) -> dict[str, float]:
+    """Those of the module's measures that `names` holds, of a J2 result with its fields.
+
+    Raises InvalidCase if no cap gives the J2 area, or the result is no J2 block's; InvalidScene
+    where the grids differ.
+    """
+    law = j2.provenance.options.get("law")
+    if law != "j2":
+        raise InvalidCase(f"{', '.join(sorted(names))}: the law of the elements is {law}, not j2")
+    compliance, hardness = elements_compliance(scene, j2), scene.material.hardness
+    capped = capped_body(scene, hardness, compliance)
+    found: dict[str, float] = {}
+    if {"model_area", "model_overlap", "model_distance"} & set(names):
+        model = difference(j2, capped, hardness)
+        found["model_area"] = model.area
+        found["model_overlap"] = model.overlap
+        found["model_distance"] = model.wasserstein
+    if {"effective_hardness", "effective_overlap"} & set(names):
+        effective = _equal_area(scene, j2)
+        if effective.at_cap is None:
+            raise InvalidCase(
+                "the J2 body touches on no more than the elastic one, so no cap gives its area; "
+                "a gate on the effective hardness needs a larger E* xi/sigma_Y"
+            )
+        found["effective_hardness"] = effective.ratio
+        found["effective_overlap"] = effective.at_cap.overlap
+    if "elements_area" in names:
+        exact = capped_body(scene, hardness, None)
+        found["elements_area"] = difference(capped, exact, hardness).area
+    return {name: found[name] for name in names}
+
+
+def _equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
+    """The cap of equal area by bisection; its error is what half a node in the area does."""
+    wanted = j2.final.areas["raw"].total
+    compliance = elements_compliance(scene, j2)
+    material = scene.material
+    severity = effective_modulus(material) * rms_slope(scene) / material.yield_stress
+
+    def area_at(ratio: float) -> float:
+        answer = capped_body(scene, ratio * material.yield_stress, compliance)
+        return answer.final.areas["raw"].total
+
+    if area_at(math.inf) >= wanted:
+        return EffectiveHardness(math.inf, 0.0, severity, wanted, None)
+    # Under the least cap that bears the load every node touches.
+    areas = {scene.load.final / material.yield_stress * 1.001: 1.0}
+    high = 8.0
+    while (found := area_at(high)) >= wanted:
+        areas[high] = found
+        high *= 2
+    areas[high] = found
+    count = scene.surface.heights.size
+    edges = []
+    # The area jumps by nodes: the ratios between which it passes the wanted count, each way. The
+    # area falls with the ratio, so the second search starts from all that the first one knows.
+    for target in (wanted + 0.5 / count, wanted - 0.5 / count):
+        a = max((r for r, area in areas.items() if area > target), default=min(areas))
+        b = min((r for r, area in areas.items() if area <= target and r > a), default=high)
+        while b - a > _SEARCHED_TO * b:
+            middle = math.sqrt(a * b)
+            areas[middle] = area_at(middle)
+            a, b = (middle, b) if areas[middle] > target else (a, middle)
+        edges.append(math.sqrt(a * b))
+    ratio = (edges[0] + edges[1]) / 2
+    cap = ratio * material.yield_stress
+    at_cap = difference(j2, capped_body(scene, cap, compliance), cap)
+    return EffectiveHardness(ratio, abs(edges[1] - edges[0]) / 2, severity, wanted, at_cap)
+
+
+def _half(scene: Scene) -> Scene:
+    """The scene on every other grid point."""
+    heights = scene.surface.heights[(slice(None, None, 2),) * scene.surface.heights.ndim]
+    surface = Surface(heights, scene.surface.periods)
+    return replace(scene, surface=surface, load=Load(scene.load.final))

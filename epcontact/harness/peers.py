@@ -1,0 +1,123 @@
+"""Other people's solvers held to this project's gates: `--solver epcontact.harness.peers:tamaas`.
+
+A peer gives a pressure field; everything else of the result (gap, residuals, areas, energy) is
+taken from that field here, the same way for all of them, so that a gate judges the pressure and
+not its author's bookkeeping.  The packages come with the extra `peers`.
+
+Both are given the problem in units of E* and the period, as absolute tolerances inside them
+assume numbers near 1; lines and layers are not asked of them.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.bem.areas.distribution import pressure_distribution
+from epcontact.bem.areas.estimate import estimate_areas
+from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
+from epcontact.errors import InvalidScene, NotConverged, StudyUnavailable
+from epcontact.moduli import effective_modulus
+from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult, LoadStep, Provenance
+from epcontact.scene import Scene
+from epcontact.studies.peers import PEERS
+
+FloatArray = NDArray[np.float64]
+
+#: The tightest settings that the catalogue's scenes allow: ContactMechanics' tolerance on the
+#: penetration over the rms height, tamaas' tolerance, and the iterations of its saturated solver,
+#: which reports no error to stop by.
+TOLERANCE, ITERATIONS = 1e-6, 3200
+
+
+def contact_mechanics(scene: Scene) -> ContactResult:
+    """The scene by ContactMechanics.  Raises InvalidScene, StudyUnavailable, NotConverged."""
+    effort = TOLERANCE * float(np.std(scene.surface.heights)) / scene.surface.periods[0]
+    return _answer(scene, "ContactMechanics", effort)
+
+
+def tamaas(scene: Scene) -> ContactResult:
+    """The scene by tamaas.  Raises InvalidScene, StudyUnavailable, NotConverged."""
+    elastic = math.isinf(scene.material.hardness)
+    return _answer(scene, "tamaas", TOLERANCE if elastic else ITERATIONS)
+
+
+def _answer(scene: Scene, name: str, effort: float) -> ContactResult:
+    surface = scene.surface
+    if surface.heights.ndim != 2 or scene.body.kind != "half_space":
+        raise InvalidScene(f"{name} is asked for half-spaces under surfaces only, no line or layer")
+    try:
+        importlib.import_module(name)
+    except ImportError:
+        raise StudyUnavailable(
+            f"{name} is not installed; pip install 'epcontact[peers]' brings it"
+        ) from None
+    E, period = effective_modulus(scene.material), surface.periods[0]
+    started = time.perf_counter()
+    try:
+        heights = np.array(surface.heights) / period
+        loads = (scene.load.final / E, scene.material.hardness / E)
+        lengths = (1.0, surface.periods[1] / period)
+        pressure = PEERS[name](heights, *loads, effort, lengths)
+    except (RuntimeError, ArithmeticError, ValueError) as error:
+        raise NotConverged(f"{name} gave up: {' '.join(str(error).split())}") from error
+    return result_of(scene, pressure * E, name, time.perf_counter() - started)
+
+
+def result_of(scene: Scene, pressure: FloatArray, name: str, seconds: float = 0.0) -> ContactResult:
+    """All that follows from a pressure field (Pa, of the heights' shape) on a half-space.
+
+    The flat stands where the mean gap of the elastic points vanishes.  Residuals: the largest gap
+    of an elastic point over the rms height, and the force missing over the nominal one.
+    """
+    surface, hardness = scene.surface, scene.material.hardness
+    q = rfft_wavenumbers(surface.shape, surface.periods)
+    compliance = surface_compliance(q, scene.body, scene.material)
+    displacement = np.fft.irfft2(compliance * np.fft.rfft2(pressure), s=surface.shape)
+    state = np.full(surface.shape, ELASTIC, dtype=np.uint8)
+    state[pressure <= 0] = APART
+    state[pressure >= hardness * (1 - 1e-9)] = PLASTIC
+    gap = displacement - surface.heights
+    touching = state == ELASTIC
+    gap -= gap[touching].mean() if touching.any() else gap.min()
+    capped = np.where(state == PLASTIC, hardness, np.maximum(pressure, 0))
+    kinds = ("raw", "corrected", "error")
+    areas = estimate_areas(
+        capped, gap, hardness, surface.spacing, effective_modulus(scene.material)
+    )
+    rms = float(np.std(surface.heights)) or 1.0
+    residuals = {
+        "gap_elastic": float(np.abs(gap[touching]).max(initial=0.0)) / rms,
+        "force": abs(float(pressure.mean()) / scene.load.final - 1),
+    }
+    quantities = {
+        "mean_gap": float(np.maximum(gap, 0).mean()),
+        "mean_separation": float(gap.mean()),
+        "elastic_energy": float(np.vdot(pressure, displacement)) / pressure.size / 2,
+        "largest_pressure": float(pressure.max()),
+    }
+    step = LoadStep(
+        scene.load.final,
+        dict(zip(kinds, areas, strict=True)),
+        residuals,
+        quantities=quantities,
+    )
+    return ContactResult(
+        method="bem",
+        steps=(step,),
+        provenance=Provenance(scene.digest, surface.seed, {"solver": name}),
+        distribution=pressure_distribution(capped, hardness),
+        fields={
+            "heights": surface.heights,
+            "pressure": pressure,
+            "gap": gap,
+            "displacement": displacement,
+            "state": state,
+        },
+        cost={"seconds": seconds, "unknowns": pressure.size},
+        notes=(*surface.notes, f"the pressure is {name}'s, everything else follows from it here"),
+    )

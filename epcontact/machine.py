@@ -1,0 +1,89 @@
+"""What this machine gives a process: cores, memory, and a folder for compiled kernels.
+
+Numba keeps compiled code beside its source or else in the user's cache, and where it can write to
+neither it refuses to define the function at all.  A package installed by the administrator and
+run by a service without a home is such a case; a private folder, removed with the process that
+made it, then takes their place.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+import psutil
+
+_CACHE_VARIABLE = "NUMBA_CACHE_DIR"
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def available_memory() -> int:
+    """Bytes that this process may still take."""
+    return int(psutil.virtual_memory().available)
+
+
+def peak_memory() -> int:
+    """The largest resident memory of this process so far, in bytes."""
+    if sys.platform == "win32":
+        return int(psutil.Process().memory_info().peak_wset)
+    import resource  # which Windows lacks
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def provide_kernel_cache() -> None:
+    """Name a folder that numba can write its compiled kernels to, if it would find none itself.
+
+    Processes started from this one inherit it.  To be called before kernels are defined.
+    """
+    here = Path(__file__).parent
+    named = os.environ.get(_CACHE_VARIABLE)
+    if named and _writable(Path(named)):
+        return
+    if all(_writable(p / "__pycache__") for p in (here / "bem", here.parent / "fem_check")):
+        return
+    # Where numba looks next: see numba.core.caching.
+    if _writable(_user_cache()):
+        return
+    try:
+        folder = tempfile.mkdtemp(prefix="epcontact-kernels-")
+    except OSError:
+        return
+    os.environ[_CACHE_VARIABLE] = folder
+    if "numba" in sys.modules:
+        sys.modules["numba"].config.reload_config()
+    atexit.register(_remove, folder, os.getpid())
+
+
+def _writable(folder: Path) -> bool:
+    """Whether a file can be made in `folder`, which is made first where it is missing."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _user_cache() -> Path:
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "numba"
+    if os.name != "posix":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home()) / "numba"
+    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "numba"
+
+
+def _remove(folder: str, owner: int) -> None:
+    if os.getpid() == owner:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,1 @@
+"""The cheapest model of a scene that meets a tolerance."""

@@ -1,0 +1,49 @@
+"""Cases of size "auto": made cheaper by a plan as far as their gates allow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from epcontact.errors import EpcontactError
+from epcontact.harness.case import Case
+from epcontact.harness.gates import Gate
+from epcontact.planning.plan import plan, planned_case
+
+
+def auto_case(
+    case: Case, tolerance: float | None = None, *, threads: int | None = None
+) -> tuple[Case, str]:
+    """A case at its largest size made cheaper where its gates allow, and a sentence that says so.
+
+    tolerance: on the area; None: a third of the narrowest band of its gates on corrected areas.
+    Grids are chosen from the pilots' errors of corrected areas, so a gate that reads anything
+    else a grid decides (fields, distributions, raw areas, gaps) keeps the case as it is, and so
+    do finite elements beside boundary elements.  Never dearer than the case given.
+    """
+    blocking = [g.name for g in case.gates if not _plannable(g)]
+    bands = [g.high - g.low for g in case.gates if g.quantity.endswith(".corrected")]
+    if blocking or not bands or {"bem", "fem"} <= set(case.methods):
+        reason = f"its gate on {blocking[0]} asks for its grid" if blocking else "as it stands"
+        return replace(case, size="auto"), f"{case.id}: {reason}"
+    wanted = min(bands) / 2 / 3 if tolerance is None else tolerance
+    parts = sorted({g.quantity.split(".")[1] for g in case.gates if g.quantity in _CORRECTED})
+    try:
+        chosen = plan(case, min(wanted, 0.5), parts=parts, threads=threads, capped=True)
+    except EpcontactError as error:
+        return replace(case, size="auto"), f"{case.id}: as it stands, as {error}"
+    if chosen.method == "persson" or not chosen.meets or chosen.work > chosen.given_work:
+        return replace(case, size="auto"), f"{case.id}: as it stands; {chosen.reasons[-1]}"
+    return planned_case(case, chosen), f"{case.id}: {'; '.join(chosen.reasons)}"
+
+
+_CORRECTED = tuple(f"area.{part}.corrected" for part in ("total", "elastic", "plastic"))
+
+
+def _plannable(gate: Gate) -> bool:
+    """Whether a gate's outcome is decided by the error of corrected areas, or by no grid."""
+    free = ("residual.", "iterations.", "quantity.measured_")
+    return (
+        gate.of == "persson"
+        or gate.quantity in _CORRECTED
+        or (gate.quantity.startswith(free) and not gate.quantity.endswith("carried"))
+    )

@@ -1,0 +1,231 @@
+"""Small bodies that are no block, solved directly: the same brick, the same return mapping.
+
+Symmetry makes them small.  Every nodal displacement is a linear function of a few unknowns,
+u = T q, so a sphere is one radial column of bricks whose nodes move along their radius, and an
+axisymmetric or plane-strain body one slice of bricks whose faces stay in their planes.  Slices
+subtend a small angle; the flat facets err by its square.
+
+`push` prescribes some of the unknowns step by step and returns the forces this takes, by Newton's
+method with the consistent tangent, blended with the elastic stiffness by a tenth of the relative
+residual, and a sparse direct solver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from epcontact.errors import NotConverged
+from fem_check import plasticity
+from fem_check.element import CORNERS, Elements, FloatArray, elements, strain_operator
+from fem_check.plasticity import History, Law, Softening
+
+#: Half of the angle that a slice or a radial column subtends, rad.
+SLICE = 0.01
+
+
+@dataclass(frozen=True)
+class SmallBody:
+    """bricks; the map T (3 nodes, unknowns) as a sparse matrix; the indices of held unknowns
+    (zero throughout); whether the elements keep their mean dilatation (B-bar) or lock."""
+
+    bricks: Elements
+    motion: sp.csr_matrix
+    held: NDArray[np.int64]
+    mean_dilatation: bool = True
+
+
+def radial_column(inner: float, outer: float, count: int, *, sphere: bool = True) -> SmallBody:
+    """A thick sphere or, in plane strain, cylinder: unknown i moves the radius r_i outward.
+
+    The radii are spaced in a geometric series.
+    """
+    radii = np.geomspace(inner, outer, count + 1)
+    directions = []
+    for cx, cy in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        across = np.array([(2 * cx - 1) * np.tan(SLICE), (2 * cy - 1) * np.tan(SLICE), 1.0])
+        if not sphere:
+            across[1] = 0.0
+        directions.append(across / np.linalg.norm(across))
+    corner = 2 * CORNERS[:, 0] + CORNERS[:, 1]
+    nodes = 4 * (np.arange(count)[:, None] + CORNERS[:, 2]) + corner
+    points = (radii[:, None, None] * np.array(directions)).reshape(-1, 3)
+    if not sphere:
+        points[:, 1] += np.tile([0.0, 1.0, 0.0, 1.0], count + 1) * 2 * inner * np.tan(SLICE)
+    rows = np.arange(12 * (count + 1))
+    motion = sp.csr_matrix(
+        (np.tile(np.ravel(directions), count + 1), (rows, rows // 12)),
+        shape=(rows.size, count + 1),
+    )
+    bricks = elements(nodes, np.arange(count), points[nodes])
+    return SmallBody(bricks, motion, np.empty(0, dtype=np.int64))
+
+
+def slice_body(
+    across: FloatArray, down: FloatArray, *, axisymmetric: bool, mean_dilatation: bool = True
+) -> SmallBody:
+    """A slice of bricks between the coordinates `across` (x or r, ascending from 0) and `down`
+    (z, descending from 0): plane strain of unit width, or axisymmetric about z.
+
+    Unknown 2 n is the displacement across of node n = i * len(down) + k, 2 n + 1 the one along z.
+    Held: x = 0 and the far side across, the lowest level along z.
+    """
+    nx, nz = len(across), len(down)
+    x, z = (g.ravel() for g in np.meshgrid(across, down, indexing="ij"))
+    sides = []
+    for side in (0, 1):
+        turn = (2 * side - 1) * SLICE if axisymmetric else 0.0
+        y = x * np.sin(turn) if axisymmetric else np.full(x.size, float(side))
+        sides.append((np.stack([x * np.cos(turn), y, z], axis=1), turn))
+    points = np.concatenate([sides[0][0], sides[1][0]])
+    i, k = (g.ravel() for g in np.meshgrid(np.arange(nx - 1), np.arange(nz - 1), indexing="ij"))
+    cx, cy, cz = CORNERS.T
+    nodes = cy * nx * nz + (i[:, None] + cx) * nz + k[:, None] + 1 - cz
+    rows, columns, values = [], [], []
+    n = np.arange(nx * nz)
+    for side, (_, turn) in enumerate(sides):
+        base = 3 * (side * nx * nz + n)
+        rows += [base, base + 1, base + 2]
+        columns += [2 * n, 2 * n, 2 * n + 1]
+        values += [np.full(n.size, np.cos(turn)), np.full(n.size, np.sin(turn)), np.ones(n.size)]
+    motion = sp.csr_matrix(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
+        shape=(6 * n.size, 2 * n.size),
+    )
+    grid = n.reshape(nx, nz)
+    held = np.unique(np.concatenate([2 * grid[0], 2 * grid[-1], 2 * grid[:, -1] + 1]))
+    bricks = elements(nodes, np.arange(len(nodes)), points[nodes])
+    return SmallBody(bricks, motion, held, mean_dilatation)
+
+
+@dataclass(frozen=True)
+class Pushed:
+    """One step of `push`: the unknowns, the force on each (work-conjugate), Newton's residuals
+    over the largest force."""
+
+    unknowns: FloatArray
+    forces: FloatArray
+    residuals: tuple[float, ...]
+
+
+def push(
+    body: SmallBody,
+    law: Law,
+    pushed: NDArray[np.integer],
+    path: Iterable[float],
+    *,
+    tolerance: float = 1e-9,
+    max_newton: int = 40,
+) -> list[Pushed]:
+    """Gives the `pushed` unknowns the values of `path`, one step each, from the virgin state.
+
+    Raises NotConverged with the residuals of the step.
+    """
+    history = plasticity.virgin(body.bricks.number)
+    strain = np.stack(
+        [
+            strain_operator(body.bricks, s, mean_dilatation=body.mean_dilatation)
+            for s in range(len(body.bricks.gradients))
+        ]
+    )
+    elastic = elastic_tangents(body.bricks, law, strain)
+    q = np.zeros(body.motion.shape[1])
+    free = np.ones(q.size, dtype=bool)
+    free[body.held] = free[pushed] = False
+    out = []
+    for value in path:
+        q, step = _push_step(body, law, history, (strain, elastic), (pushed, value, free), q,
+                             (tolerance, max_newton))  # fmt: skip
+        u = (body.motion @ q).reshape(-1, 3)
+        plasticity.commit(u, body.bricks, law, history)
+        out.append(step)
+    return out
+
+
+def _push_step(
+    body: SmallBody,
+    law: Law,
+    history: History,
+    operators: tuple[FloatArray, FloatArray],
+    goal: tuple[NDArray[np.integer], float, NDArray[np.bool_]],
+    before: FloatArray,
+    limits: tuple[float, int],
+) -> tuple[FloatArray, Pushed]:
+    (pushed, value, free), (strain, elastic) = goal, operators
+    q, residuals = before.copy(), []
+    change = np.zeros_like(q)
+    change[pushed] = value - q[pushed]
+    for iteration in range(limits[1] + 1):
+        u = (body.motion @ q).reshape(-1, 3)
+        force, soft = _force(body, law, history, strain, u)
+        forces = body.motion.T @ force.ravel()
+        if iteration > 0:
+            residuals.append(float(np.linalg.norm(forces[free]) / np.abs(forces).max()))
+            if residuals[-1] <= limits[0]:
+                return q, Pushed(q, forces, tuple(residuals))
+        blend = min(1.0, 0.1 * residuals[-1]) if residuals else 1.0
+        per_element = tangents(body.bricks, elastic, strain, soft, blend)
+        K = (body.motion.T @ assembled(body.bricks, per_element, len(u)) @ body.motion).tocsc()
+        right = -forces - (K @ change if iteration == 0 else 0.0)
+        q = q + (change if iteration == 0 else 0.0)
+        q[free] += splu(K[free][:, free]).solve(right[free])
+    raise NotConverged(
+        f"the body did not come to rest in {limits[1]} Newton iterations: relative residual "
+        f"{residuals[-1]:.1e} instead of {limits[0]:.0e}",
+        history=residuals,
+    )
+
+
+def _force(
+    body: SmallBody, law: Law, history: History, strain: FloatArray, u: FloatArray
+) -> tuple[FloatArray, Softening]:
+    """(nodes, 3) internal force at `u`, and what the tangent there lacks."""
+    bricks = body.bricks
+    force = np.empty_like(u)
+    yielded = plasticity.force(u, bricks, law, history, force)
+    if not body.mean_dilatation:  # the local dilatation in the place of the mean one
+        B, weights = strain[bricks.shape_of], bricks.weights[bricks.shape_of]
+        stress = plasticity.stresses(u, bricks, law, history)
+        local = np.einsum("egia,ea->egi", B, u[bricks.connectivity].reshape(-1, 24))[..., :3]
+        stress[:, :3] += (law.bulk * local.sum(axis=2) - stress[:, :3].mean(axis=1))[:, None]
+        nodal = np.einsum("egia,eig,eg->ea", B, stress, weights, optimize=True)
+        force = np.zeros_like(u)
+        np.add.at(force, bricks.connectivity, nodal.reshape(-1, 8, 3))
+    return force, plasticity.linearise(u, bricks, law, history, yielded)
+
+
+def elastic_tangents(bricks: Elements, law: Law, strain: FloatArray) -> FloatArray:
+    """(shapes, 24, 24) elastic stiffnesses."""
+    D = np.diag([2 * law.shear] * 3 + [law.shear] * 3)
+    D[:3, :3] += law.bulk - 2 * law.shear / 3
+    weighted = bricks.weights[..., None, None] * (D @ strain)
+    result: FloatArray = np.matmul(np.swapaxes(strain, 2, 3), weighted).sum(axis=1)
+    return result
+
+
+def tangents(
+    bricks: Elements, elastic: FloatArray, strain: FloatArray, soft: Softening, blend: float
+) -> FloatArray:
+    """(elements, 24, 24) consistent tangents, blended with the elastic stiffness."""
+    out: FloatArray = elastic[bricks.shape_of]
+    B = strain[bricks.shape_of[soft.which]]
+    deviator = np.diag([1.0] * 3 + [0.5] * 3)
+    deviator[:3, :3] -= 1 / 3
+    n = np.moveaxis(soft.terms[:, :6], 1, 2)
+    moduli = soft.terms[:, 6][..., None, None] * deviator
+    moduli = moduli + soft.terms[:, 7][..., None, None] * n[..., None] * n[..., None, :]
+    out[soft.which] -= (1 - blend) * np.matmul(np.swapaxes(B, 2, 3), moduli @ B).sum(axis=1)
+    return out
+
+
+def assembled(bricks: Elements, per_element: FloatArray, nodes: int) -> sp.csr_matrix:
+    """The sparse sum of (elements, 24, 24) matrices, degrees of freedom 3 node + component."""
+    dofs = (3 * bricks.connectivity[:, :, None] + np.arange(3)).reshape(-1, 24)
+    rows = np.repeat(dofs, 24, axis=1).ravel()
+    columns = np.tile(dofs, (1, 24)).ravel()
+    return sp.coo_matrix((per_element.ravel(), (rows, columns)), shape=(3 * nodes,) * 2).tocsr()
