@@ -19,11 +19,10 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
+from epcontact.results import FloatArray
 
-FloatArray = NDArray[np.float64]
 BodyKind = Literal["half_space", "bonded_layer", "sliding_layer"]
 
 

@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from epcontact.results import FloatArray
 from fem_check import plasticity
-from fem_check.element import CORNERS, FloatArray
+from fem_check.element import CORNERS
 from fem_check.mesh import Block
 from fem_check.plasticity import History
 from fem_check.problem import Problem, State

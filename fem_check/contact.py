@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import NotConverged
-from epcontact.results import APART, ELASTIC, PLASTIC
-from fem_check.element import FloatArray
+from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 from fem_check.linear_solver import inverse, transform
 from fem_check.vectors import dot, norm
 

@@ -21,11 +21,10 @@ from typing import Any, Literal, ParamSpec
 import numpy as np
 
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
-from epcontact.results import ContactResult
+from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Scene
 from fem_check import plasticity
 from fem_check.certify import certify
-from fem_check.element import FloatArray
 from fem_check.linear_solver import factorise
 from fem_check.mesh import Block, block_for, flat_elements, moved_elements
 from fem_check.path import Reached, added, increments_of, march, point_of_path, targets_of

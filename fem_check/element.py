@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
+
 IntArray = NDArray[np.int32]
 
 #: Corners of the unit brick in scikit-fem's local order; a column is x, y or z.

@@ -21,10 +21,9 @@ from functools import cached_property
 
 import numpy as np
 
-from epcontact.results import APART, ELASTIC, PLASTIC
+from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 from fem_check import plasticity
 from fem_check.contact import States, predicted_states, press
-from fem_check.element import FloatArray
 from fem_check.linear_solver import continued, eliminate, substitute, top_descent
 from fem_check.plasticity import Softening
 from fem_check.problem import Control, Counts, Problem, State, release_base, split_residual

@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
+from epcontact.results import FloatArray
 from epcontact.scene import Scene
-from fem_check.element import CORNERS, Elements, FloatArray, elements
+from fem_check.element import CORNERS, Elements, elements
 
 #: Ratio of neighbouring layers.  Against equal layers as thin as the first, no wave's compliance
 #: changes by more than 0.7 % (tests/test_fem_mesh.py); on a rough J2 scene of 64 x 64 nodes,

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import NotConverged
-from epcontact.results import ELASTIC, PLASTIC
+from epcontact.results import ELASTIC, PLASTIC, FloatArray
 from fem_check import plasticity
-from fem_check.element import FloatArray
 from fem_check.linearised import Linear, Tangent, linear_contact
 from fem_check.plasticity import History
 from fem_check.problem import (

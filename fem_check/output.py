@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import OutputError
-from epcontact.results import APART, ELASTIC
+from epcontact.results import APART, ELASTIC, FloatArray
 from fem_check import plasticity
-from fem_check.element import FloatArray
 from fem_check.plasticity import History
 from fem_check.problem import Problem, State
 

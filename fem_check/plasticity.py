@@ -28,7 +28,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fem_check.element import Elements, FloatArray
+from epcontact.results import FloatArray
+from fem_check.element import Elements
 
 _ROOT = sqrt(2.0 / 3.0)
 # Sums may be reordered and products fused; infinities and NaNs keep their meaning.

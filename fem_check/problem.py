@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.results import ELASTIC, PLASTIC
+from epcontact.results import ELASTIC, PLASTIC, FloatArray
 from fem_check import plasticity
 from fem_check.contact import States
-from fem_check.element import Elements, FloatArray
+from fem_check.element import Elements
 from fem_check.linear_solver import Factor
 from fem_check.mesh import Block
 from fem_check.plasticity import History, Law

@@ -32,12 +32,12 @@ from epcontact.results import (
     PLASTIC,
     Areas,
     ContactResult,
+    FloatArray,
     LoadStep,
     PressureDistribution,
     Provenance,
 )
 from epcontact.scene import Scene
-from fem_check.element import FloatArray
 from fem_check.problem import Problem
 
 if TYPE_CHECKING:

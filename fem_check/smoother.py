@@ -23,7 +23,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fem_check.element import CORNERS, Elements, FloatArray, elastic_stiffness
+from epcontact.results import FloatArray
+from fem_check.element import CORNERS, Elements, elastic_stiffness
 from fem_check.plasticity import Law, Softening
 
 #: Sweeps on either side of the elastic block.

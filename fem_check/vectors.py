@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from fem_check.element import FloatArray
+from epcontact.results import FloatArray
 
 _FAST = {"contract", "reassoc", "nsz"}
 

@@ -19,13 +19,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.bem.constraints import Level, kkt_residuals, measured, project
 from epcontact.bem.descent import Iterate, gradient_step
 from epcontact.bem.newton import Counts, Goal
+from epcontact.results import FloatArray
 
-FloatArray = NDArray[np.float64]
 Baseline = Callable[[Level, FloatArray, Goal], tuple[Iterate, Counts]]
 
 

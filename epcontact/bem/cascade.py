@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from epcontact.bem import passes
 from epcontact.bem.passes import Workers
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 #: A direction of at most this many points is not coarsened further.
 COARSEST = 32

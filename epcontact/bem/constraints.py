@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from epcontact.bem import passes
 from epcontact.bem.passes import Workers
 from epcontact.bem.transforms import Convolution
-from epcontact.results import APART, ELASTIC, PLASTIC
+from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
-FloatArray = NDArray[np.float64]
 StateArray = NDArray[np.uint8]
 
 #: First length of a projected gradient step, in stiffnesses of the shortest wave along an axis.

@@ -12,13 +12,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.bem import passes
 from epcontact.bem.constraints import Level, project
 from epcontact.bem.transforms import Points
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 # Differences of the energy below this share of (points x mean pressure x gap scale) are rounding.
 _ENERGY_NOISE = 1e-12

@@ -27,10 +27,9 @@ from epcontact.bem.transforms import Symbol
 from epcontact.errors import InvalidScene
 from epcontact.machine import available_cores, peak_memory
 from epcontact.moduli import effective_modulus, oedometric_modulus
-from epcontact.results import ContactResult, LoadStep, Provenance
+from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Scene
 
-FloatArray = NDArray[np.float64]
 Method = Literal["newton", "relaxation", "polonsky_keer", "projected_gradient"]
 
 _DISTRIBUTION_BINS = 1024

@@ -17,12 +17,10 @@ the leading digits cancel and the first terms of the series stand in.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.moduli import effective_modulus, oedometric_modulus
+from epcontact.results import FloatArray
 from epcontact.scene import Body, Material
-
-FloatArray = NDArray[np.float64]
 
 # Below this q d the numerators k sinh 2x - 2x and cosh 2x - 1 are summed as series: the closed
 # forms would lose more than ten digits for nu -> 1/2, the series is exact to rounding.

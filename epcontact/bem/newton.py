@@ -30,8 +30,8 @@ from epcontact.bem.descent import Iterate, Step, best_share, cut_back, gradient_
 from epcontact.bem.inner.cells import Cells
 from epcontact.bem.inner.cg import Inner, conjugate_gradients
 from epcontact.bem.transforms import Points
+from epcontact.results import FloatArray
 
-FloatArray = NDArray[np.float64]
 StateArray = NDArray[np.uint8]
 
 # Most gradient steps after a step that was cut: none at first, one the second time, and four

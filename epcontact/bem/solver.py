@@ -22,8 +22,7 @@ from epcontact.bem.newton import Counts, Goal, solve_level
 from epcontact.bem.passes import Workers
 from epcontact.bem.transforms import Convolution, Symbol
 from epcontact.errors import InvalidScene, NotConverged
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 # The areas' tolerance on coarser grids: finer ones took as many steps from 1e-4, and more from 1e-2
 # where there are many points a wavelength.

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from epcontact.bem import passes
 from epcontact.bem.passes import Workers
+from epcontact.results import FloatArray
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 RealArray = NDArray[np.floating]  # float64, or float32 in single precision
 

@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import fem_check
 from epcontact import bem
@@ -31,10 +30,8 @@ from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.gates import Difference, difference
 from epcontact.moduli import effective_modulus
 from epcontact.reference.roughness import rms_slope
-from epcontact.results import ContactResult
+from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Load, Scene, Surface
-
-FloatArray = NDArray[np.float64]
 
 #: Relative width to which a ratio is searched: the area moves by less than a node.
 _SEARCHED_TO = 1e-4

@@ -15,18 +15,23 @@ import math
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.bem.areas.distribution import pressure_distribution
 from epcontact.bem.areas.estimate import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.errors import InvalidScene, NotConverged, StudyUnavailable
 from epcontact.moduli import effective_modulus
-from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult, LoadStep, Provenance
+from epcontact.results import (
+    APART,
+    ELASTIC,
+    PLASTIC,
+    ContactResult,
+    FloatArray,
+    LoadStep,
+    Provenance,
+)
 from epcontact.scene import Scene
 from epcontact.studies.peers import PEERS
-
-FloatArray = NDArray[np.float64]
 
 #: The tightest settings that the catalogue's scenes allow: ContactMechanics' tolerance on the
 #: penetration over the rms height, tamaas' tolerance, and the iterations of its saturated solver,

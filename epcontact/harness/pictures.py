@@ -15,14 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.harness.case import Case
 from epcontact.harness.run import Answer
 from epcontact.output.files import write_bytes, write_json
+from epcontact.results import FloatArray
 from epcontact.scene import Scene, Surface
-
-FloatArray = NDArray[np.float64]
 
 
 def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> list[Path]:

@@ -31,15 +31,12 @@ import math
 from collections.abc import Callable, Collection
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.errors import InvalidCase
 from epcontact.reference.linear import compliance
 from epcontact.reference.roughness import rms_slope
-from epcontact.results import ContactResult
+from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Scene
-
-FloatArray = NDArray[np.float64]
 
 # A pressure this close to the hardness counts as at it: scaling by p0 and back rounds.
 _AT_THE_CAP = 1e-12

@@ -10,14 +10,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from epcontact.errors import InvalidScene
 from epcontact.persson.elastoplastic import areas, pressure_cumulative, pressure_density
 from epcontact.persson.reduction import EnergyReduction, reduced_diffusion
 from epcontact.persson.roughness import Roughness
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 #: Of an elastic distribution, sqrt(G) beyond the mean pressure: exp(-12^2 / 4) = 2e-16 is left.
 _TAIL = 12.0

@@ -24,13 +24,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import erf, erfc
 
 from epcontact.errors import InvalidScene
 from epcontact.persson import series
+from epcontact.results import FloatArray
 
-FloatArray = NDArray[np.float64]
 _Formula = Callable[..., FloatArray]
 
 # The spread c is clipped to a range in which its powers neither overflow nor vanish; beyond it

@@ -11,12 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from epcontact.persson.elastoplastic import areas
 from epcontact.persson.reduction import PUBLISHED, EnergyReduction, reduced_diffusion
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from epcontact.errors import InvalidScene
 from epcontact.persson.curves import MagnificationCurve, PressureCurve
@@ -19,8 +19,8 @@ from epcontact.persson.elastoplastic import areas
 from epcontact.persson.moving_wall import StressState, evolve, start, unfelt_diffusion
 from epcontact.persson.reduction import EnergyReduction
 from epcontact.persson.roughness import Roughness
+from epcontact.results import FloatArray
 
-FloatArray = NDArray[np.float64]
 HardnessLaw = Callable[[FloatArray], ArrayLike]
 
 #: Points at which G(zeta) and sigma_P(zeta) are looked at to place the steps.

@@ -29,13 +29,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
 from epcontact.errors import InvalidScene
 from epcontact.persson.elastoplastic import pressure_cumulative
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 #: (Y - p_0) / (2 sqrt G) up to which the wall is not felt: erfc(6) = 2e-17.
 UNFELT = 6.0

@@ -25,12 +25,12 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.persson.elastoplastic import areas, boundary_slopes
+from epcontact.results import FloatArray
 
-FloatArray = NDArray[np.float64]
 Rule = Literal["constant", "persson", "wang_muser", "xu"]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)

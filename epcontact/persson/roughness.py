@@ -14,14 +14,14 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from epcontact.errors import InvalidScene
+from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum, Surface
 from epcontact.surfaces.power_spectrum import cumulative_slope_variance, radial_spectrum
 from epcontact.surfaces.spectrum import slope_variance_up_to, spectral_moment
 
-FloatArray = NDArray[np.float64]
 SpectrumKind = Literal["analytic", "surface"]
 
 

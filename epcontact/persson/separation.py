@@ -39,7 +39,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import erf
 
@@ -47,8 +46,7 @@ from epcontact.errors import InvalidScene
 from epcontact.persson.elastoplastic import areas
 from epcontact.persson.reduction import EnergyReduction, reduced_diffusion, reduction_factor
 from epcontact.persson.roughness import Roughness
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 #: Steps to a factor e of the pressure in the integral over the load; halved once more.
 STEPS_PER_E_FOLD = 8

@@ -19,10 +19,9 @@ Arrays are float64, one-dimensional and of one shape; distances are in units of 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erf, erfc
 
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 #: c at which the eigenfunctions take over from the images; both have converged around it.
 SWITCH = 0.8

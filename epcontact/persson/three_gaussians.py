@@ -19,13 +19,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import erf
 
 from epcontact.errors import InvalidScene
 from epcontact.persson.elastoplastic import areas, pressure_density
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 #: G / sigma_P^2 up to which the density is right to 1e-3 of its maximum for p_0 / sigma_P from
 #: 0.05 to 0.95; nearer to the walls it fails earlier.

@@ -12,10 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 
 def contact_fraction(mean_pressure: float, hardness: float) -> float:

@@ -7,13 +7,8 @@ import math
 import numpy as np
 
 from epcontact.reference import hertz, punch
-from epcontact.reference.form import (
-    ClosedForm,
-    FloatArray,
-    areas,
-    elastic_half_space,
-    refuse_unless,
-)
+from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
+from epcontact.results import FloatArray
 from epcontact.scene import Scene
 
 # --- Hertz ---------------------------------------------------------------------------------------

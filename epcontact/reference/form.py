@@ -8,14 +8,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.errors import InvalidCase
 from epcontact.moduli import effective_modulus
-from epcontact.results import PressureDistribution
+from epcontact.results import FloatArray, PressureDistribution
 from epcontact.scene import Scene
 
-FloatArray = NDArray[np.float64]
 Scalar = Callable[[Scene], float]
 
 

@@ -25,10 +25,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 #: sum' |R|^-3 = 4 zeta(3/2) beta(3/2) over the square lattice of unit spacing, without the origin.
 LATTICE_SUM_3 = 9.033621683100950

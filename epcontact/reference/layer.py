@@ -19,9 +19,8 @@ Symbols: q = wavenumber (rad/m), d = depth (m), E = young_modulus (Pa), nu = poi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 
 def surface_compliance(

@@ -9,8 +9,8 @@ import numpy as np
 
 from epcontact.moduli import effective_modulus, oedometric_modulus
 from epcontact.reference import layer
-from epcontact.reference.form import ClosedForm, FloatArray, areas, refuse_unless
-from epcontact.results import PressureDistribution
+from epcontact.reference.form import ClosedForm, areas, refuse_unless
+from epcontact.results import FloatArray, PressureDistribution
 from epcontact.scene import Scene
 
 # Beyond this q d a layer cannot be told from the half-space: 4 (q d)^2 e^(-2 q d) < 1e-13.

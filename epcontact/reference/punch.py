@@ -11,9 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 
 def circular_approach(force: float, punch_radius: float, effective_modulus: float) -> float:

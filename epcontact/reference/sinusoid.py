@@ -16,10 +16,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import xlogy
 
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 
 def line_complete_pressure(amplitude: float, wavelength: float, effective_modulus: float) -> float:

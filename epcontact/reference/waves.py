@@ -7,14 +7,8 @@ import math
 import numpy as np
 
 from epcontact.reference import sinusoid
-from epcontact.reference.form import (
-    ClosedForm,
-    FloatArray,
-    areas,
-    elastic_half_space,
-    refuse_unless,
-)
-from epcontact.results import PressureDistribution
+from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
+from epcontact.results import FloatArray, PressureDistribution
 from epcontact.scene import Scene
 
 _TABULATED = 4097

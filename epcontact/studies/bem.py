@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.errors import NotConverged
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves
+from epcontact.results import FloatArray
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from epcontact.output.charts.figures import Chart
     from epcontact.scene import Scene
 
-FloatArray = NDArray[np.float64]
 TOLERANCES = tuple(10.0**-k for k in range(1, 11))
 
 

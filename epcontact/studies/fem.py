@@ -18,10 +18,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.errors import NotConverged
-from epcontact.results import Areas
+from epcontact.results import Areas, FloatArray
 from epcontact.scene import Material, Scene, Surface
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
@@ -29,7 +28,6 @@ from epcontact.studies import paper_scene as scenes
 if TYPE_CHECKING:
     from epcontact.output.charts.figures import Chart
 
-FloatArray = NDArray[np.float64]
 YIELD_STRESS = scenes.HARDNESS / 3  # Tabor's ratio, as the paper takes it
 
 

@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves, with_orders
+from epcontact.results import FloatArray
 
 if TYPE_CHECKING:
     from epcontact.output.charts.figures import Chart
     from epcontact.studies.fem import LinearSolve, PathGrowth
-
-FloatArray = NDArray[np.float64]
 
 
 def draw_punch(counts: Sequence[int], errors: Mapping[str, FloatArray]) -> Chart:

@@ -13,19 +13,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves
 from epcontact.output.charts.style import CYCLE, STATE_COLOURS
-from epcontact.results import ELASTIC, PLASTIC, ContactResult
+from epcontact.results import ELASTIC, PLASTIC, ContactResult, FloatArray
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
     from epcontact.output.charts.figures import Chart
 
-FloatArray = NDArray[np.float64]
 
 NAMES = {
     "total_area": "total",

@@ -25,8 +25,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from epcontact.results import FloatArray
 from epcontact.scene import Load
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from epcontact.results import ContactResult
     from epcontact.scene import Scene
 
-FloatArray = NDArray[np.float64]
 
 LAWS = {"capped": scenes.HARDNESS, "elastic": math.inf}
 #: Mean pressures over E*, in units of which the hardness is 0.6; the paper has 0.05.

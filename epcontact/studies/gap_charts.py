@@ -6,18 +6,17 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves
 from epcontact.output.charts.style import CYCLE
+from epcontact.results import FloatArray
 from epcontact.studies import paper_scene as scenes
 from epcontact.studies.gap import CONSTRAINT, LAWS, LOADS, NAMES, OPEN, Blocks, Gaps
 
 if TYPE_CHECKING:
     from epcontact.output.charts.figures import Chart
 
-FloatArray = NDArray[np.float64]
 
 _COLOURS = {"capped": CYCLE[0], "elastic": CYCLE[1], "j2": CYCLE[2]}
 _PRESSURE = r"mean pressure over $E^*$ (–)"

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.output.charts.curves import observed_order
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves
+from epcontact.results import FloatArray
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
 from epcontact.studies.bem import bare_pair_seconds
@@ -25,7 +25,6 @@ from epcontact.studies.bem import bare_pair_seconds
 if TYPE_CHECKING:
     from epcontact.output.charts.figures import Chart
 
-FloatArray = NDArray[np.float64]
 
 #: Times are the least of so many solves.
 REPEATS = 2

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves
+from epcontact.results import FloatArray
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
@@ -25,7 +25,6 @@ from epcontact.surfaces import SelfAffine
 if TYPE_CHECKING:
     from epcontact.output.charts.figures import Chart
 
-FloatArray = NDArray[np.float64]
 
 PERIOD = 1e-3  # m
 WAVES = 4  # the shortest ones in a period

@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.output.charts.curves import pressure_density
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves
 from epcontact.output.charts.style import CYCLE, STATE_COLOURS, unit_for
-from epcontact.results import ELASTIC, PLASTIC, ContactResult, PressureDistribution
+from epcontact.results import ELASTIC, PLASTIC, ContactResult, FloatArray, PressureDistribution
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
 
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
     from epcontact.persson import MagnificationCurve
     from epcontact.scene import Scene
 
-FloatArray = NDArray[np.float64]
 
 _COLOURS = {"total": CYCLE[0], "elastic": STATE_COLOURS[ELASTIC], "plastic": STATE_COLOURS[PLASTIC]}
 BINS = 40

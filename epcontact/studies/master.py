@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves
+from epcontact.results import FloatArray
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from epcontact.results import ContactResult
     from epcontact.scene import Scene
 
-FloatArray = NDArray[np.float64]
 Solver = Callable[["Scene"], "ContactResult"]
 REPEATS = 2
 UNCERTAINTY = "uncertainty of the reference"

@@ -21,18 +21,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.errors import StudyUnavailable
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves
+from epcontact.results import FloatArray
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
     from epcontact.output.charts.figures import Chart
 
-FloatArray = NDArray[np.float64]
 Pressure = Callable[..., FloatArray]
 
 #: Largest relative difference of total and plastic raw areas that counts as the same answer.

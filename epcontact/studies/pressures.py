@@ -25,10 +25,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.output.charts.curves import pressure_density
-from epcontact.results import PressureDistribution
+from epcontact.results import FloatArray, PressureDistribution
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
 
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
     from epcontact.results import ContactResult
     from epcontact.scene import Scene
 
-FloatArray = NDArray[np.float64]
 
 ENDS = ("0+", "hardness-")
 #: Of the hardness.

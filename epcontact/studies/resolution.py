@@ -16,19 +16,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.output.charts.curves import observed_order
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves, with_orders
-from epcontact.results import Areas
+from epcontact.results import Areas, FloatArray
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
     from epcontact.output.charts.figures import Chart
 
-FloatArray = NDArray[np.float64]
 KINDS = ("raw", "raw, extrapolated", "perimeter correction", "corrected")
 CLAIMED = "claimed by the corrected"
 

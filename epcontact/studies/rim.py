@@ -25,7 +25,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.bem.areas import surface as sweep
 from epcontact.bem.areas.estimate import CORNER, HARMONIC, OFFSETS, TIP, corrected
@@ -33,11 +32,10 @@ from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.bem.solver import Options, solve_pressure
 from epcontact.reference import hertz, sinusoid
+from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum
 from epcontact.studies.rim_rows import book_rows, front_offset, row_period, solve_rows, solve_wave
 from epcontact.surfaces import SelfAffine
-
-FloatArray = NDArray[np.float64]
 
 #: Lattice directions of the fronts, spread over the eighth of the circle that symmetry leaves.
 DIRECTIONS = ((1, 0), (23, 1), (17, 3), (15, 4), (13, 5), (11, 7), (13, 9), (11, 9), (1, 1))

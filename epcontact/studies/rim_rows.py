@@ -12,13 +12,11 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.bem.areas import surface as sweep
 from epcontact.bem.areas.front import STIFFNESS, kind
 from epcontact.bem.solver import Options, solve_pressure
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 
 def fold(x: FloatArray) -> FloatArray:

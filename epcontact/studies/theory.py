@@ -17,19 +17,18 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erf, erfc
 
 from epcontact.output.charts.curves import observed_order
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves, with_orders
+from epcontact.results import FloatArray
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
     from epcontact.output.charts.figures import Chart
 
-FloatArray = NDArray[np.float64]
 
 #: p0/sigma_P of the paper.
 LOAD_SHARE = scenes.MEAN_PRESSURE / scenes.HARDNESS

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
+from epcontact.results import FloatArray
 from epcontact.scene import Surface
 from epcontact.surfaces.spectrum import BAND_TOLERANCE, truncated
 
-FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 

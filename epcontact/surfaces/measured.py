@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from epcontact.errors import InvalidScene
+from epcontact.results import FloatArray
 from epcontact.scene import Surface
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
 from epcontact.surfaces.recipe import checked_grid, out_of_memory
 
-FloatArray = NDArray[np.float64]
 Treatment = Literal["refuse", "periodic", "detrend_and_window"]
 
 #: Edge jump over the largest jump between neighbours, above which a map counts as not periodic.

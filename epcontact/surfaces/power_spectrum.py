@@ -16,12 +16,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from epcontact.results import FloatArray
 from epcontact.scene import Surface
 from epcontact.surfaces.spectrum import BAND_TOLERANCE, Moments
-
-FloatArray = NDArray[np.float64]
 
 #: Modes handled at once: bounds the temporaries to a few MiB.
 _BLOCK = 1 << 16

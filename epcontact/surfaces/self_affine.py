@@ -23,11 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
+from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum, Surface
 from epcontact.surfaces.recipe import described, normalise_grid, out_of_memory
 from epcontact.surfaces.spectrum import BAND_TOLERANCE, amplitude_shape
 
-FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 #: Modes handled at once: bounds the temporaries to a few MiB.

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
+from epcontact.results import FloatArray
 from epcontact.scene import Surface
 from epcontact.surfaces.recipe import described, normalise_grid, out_of_memory
-
-FloatArray = NDArray[np.float64]
 
 #: Rounding of r^2, relative; without it a rim that meets grid points loses some of them.
 _ON_THE_RIM = 1e-9

@@ -17,12 +17,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from epcontact.errors import InvalidScene
+from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum
-
-FloatArray = NDArray[np.float64]
 
 #: A wave number this close (relatively) to a band's limit counts as inside.  A period typed with
 #: seven digits otherwise loses the modes that lie on the limits themselves.

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from epcontact.errors import NotConverged
+from epcontact.results import FloatArray
 from fem_check import plasticity
-from fem_check.element import CORNERS, Elements, FloatArray, elements, strain_operator
+from fem_check.element import CORNERS, Elements, elements, strain_operator
 from fem_check.plasticity import History, Law, Softening
 
 #: Half of the angle that a slice or a radial column subtends, rad.

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from epcontact.results import FloatArray
 from fem_check.benchmarks.bodies import SLICE, SmallBody, push, radial_column, slice_body
-from fem_check.element import FloatArray
 from fem_check.plasticity import law
 
 

@@ -20,12 +20,12 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import cg, splu
 
 from epcontact.errors import NotConverged
-from epcontact.results import ELASTIC
+from epcontact.results import ELASTIC, FloatArray
 from epcontact.scene import Load, Material, Scene, Surface
 from fem_check import linearised, plasticity
 from fem_check.benchmarks.bodies import assembled, elastic_tangents, tangents
 from fem_check.driver import solve, solve_path
-from fem_check.element import FloatArray, strain_operator
+from fem_check.element import strain_operator
 from fem_check.linear_solver import factorise
 from fem_check.problem import Control, Counts, Problem, State, internal_force
 

@@ -16,12 +16,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
-from epcontact.results import Areas, PressureDistribution
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import Areas, FloatArray, PressureDistribution
 
 # Of the hardness; what is closer to it than rounding is plastic.
 _ROUNDING = 1 - 1e-12

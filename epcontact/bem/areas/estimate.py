@@ -35,15 +35,12 @@ from collections.abc import Sequence
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.bem.areas import surface as sweep
 from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS
 from epcontact.bem.areas.line import line_lengths
 from epcontact.errors import InvalidScene
-from epcontact.results import Areas
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import Areas, FloatArray
 
 #: Yastrebov, Anciaux and Molinari (2017): of a grid cell's area, for each switch.
 PERIMETER_FACTOR = (math.pi - 1 + math.log(2)) / 24

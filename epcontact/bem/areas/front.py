@@ -20,10 +20,8 @@ from __future__ import annotations
 import math
 
 import numba
-import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 #: Offset of a front along an axis, in dx: 1/4 - (1/2 pi) int_0^{pi/2} (cot t/t - cot^2 t) dt.
 AXIS_OFFSET = 0.190009285925947

@@ -17,12 +17,11 @@ import math
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.bem.areas.front import STIFFNESS, crossing, field
 from epcontact.bem.areas.surface import SEEN, interpolated
+from epcontact.results import FloatArray
 
-FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
 
 #: Offset of a located front at area_sweep.U_NODES, in spacings.

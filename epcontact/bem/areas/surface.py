@@ -20,9 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem.areas.front import crossing, field, kind
-from epcontact.results import ELASTIC
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import ELASTIC, FloatArray
 
 #: Nodes of the table of offsets.
 U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])

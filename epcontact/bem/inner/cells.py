@@ -34,8 +34,8 @@ from epcontact.bem import passes
 from epcontact.bem.inner import cell_passes
 from epcontact.bem.inner.split import MaskedGrid
 from epcontact.bem.transforms import Convolution, Points, Symbol, filtered
+from epcontact.results import FloatArray
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 
 #: Points a side of a cell.

@@ -11,15 +11,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.bem import passes
 from epcontact.bem.constraints import Level
 from epcontact.bem.inner.cells import CellPreconditioner, Cells, cell_body
 from epcontact.bem.inner.split import MaskedGrid, SplitOperator, splittable
 from epcontact.bem.transforms import Convolution, Points
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 # Share of elastic points up to which the stencil of the cheap operator beats transforms.
 _FEW = 0.4

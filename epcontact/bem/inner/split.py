@@ -16,13 +16,11 @@ each outer step corrects what the last one left.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.bem.inner import split_passes
 from epcontact.bem.passes import Workers
 from epcontact.bem.transforms import Convolution, Points, Symbol
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import FloatArray
 
 _WIDTH = 2.0  # a: the alias of the interpolation falls with it, the stencil grows
 _SIDE = 3  # grid points that a stencil reaches to each side

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from epcontact.output.charts.figures import (
     Chart,
@@ -25,9 +25,7 @@ from epcontact.output.charts.figures import (
     zeros_at_the_bottom,
 )
 from epcontact.output.charts.style import CYCLE, STATE_COLOURS, unit_for
-from epcontact.results import ELASTIC, PLASTIC, PressureDistribution
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import ELASTIC, PLASTIC, FloatArray, PressureDistribution
 
 
 def pressure_density(

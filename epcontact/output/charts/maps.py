@@ -24,9 +24,7 @@ from epcontact.output.charts.style import (
     STRESS_MAP,
     unit_for,
 )
-from epcontact.results import APART, ELASTIC, PLASTIC
-
-FloatArray = NDArray[np.float64]
+from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
 #: Pixels along the longer side of a field's picture; more points are averaged in colour.
 PIXELS = 800
