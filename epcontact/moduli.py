@@ -1,4 +1,7 @@
-"""Elastic moduli of contact, for every method but the finite elements, which have their own."""
+"""Elastic moduli of contact.
+
+The finite elements do not use this module: they are an independent check and have their own.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,17 @@ from epcontact.scene import Material
 
 
 def effective_modulus(material: Material) -> float:
-    """E* = E / (1 - nu^2) in Pa, against a rigid counterface."""
+    """The effective modulus E* = E / (1 - nu^2) in Pa, against a rigid counterface.
+
+    Example:
+        >>> from epcontact import Material
+        >>> effective_modulus(Material(young_modulus=91e9, poisson_ratio=0.3)) / 1e9
+        100.0
+    """
     return material.young_modulus / (1 - material.poisson_ratio**2)
 
 
 def oedometric_modulus(material: Material) -> float:
-    """M = E (1 - nu) / ((1 + nu)(1 - 2 nu)) in Pa: uniaxial strain."""
+    """The modulus of uniaxial strain M = E (1 - nu) / ((1 + nu)(1 - 2 nu)) in Pa."""
     nu = material.poisson_ratio
     return material.young_modulus * (1 - nu) / ((1 + nu) * (1 - 2 * nu))

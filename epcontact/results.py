@@ -1,6 +1,6 @@
-"""What a method returns: areas, residuals, pressure distribution, fields, cost and provenance.
+"""The result of a method: areas, residuals, pressure distribution, fields, cost and provenance.
 
-The same shape serves the theory, the boundary elements and the finite elements, so that a gate
+The theory, the boundary elements and the finite elements share this one shape, so that a gate
 need not know which of them it reads.  Results are frozen; their JSON form is `to_json`, read
 back by `from_json` without the fields, which live in VTK files.
 """
@@ -8,8 +8,9 @@ back by `from_json` without the fields, which live in VTK files.
 from __future__ import annotations
 
 import math
+import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -45,12 +46,13 @@ class Areas:
 
 @dataclass(frozen=True)
 class PressureDistribution:
-    """How the nominal area is shared out over the contact pressures.
+    """The distribution of the nominal area over the contact pressures.
 
-    pressure: (m,) ascending from 0 to the hardness, or to the largest pressure, in Pa.
-    cumulative: (m,) fraction of the nominal area in *elastic* contact at a pressure in
-        (0, pressure[i]]; the last one is the elastic area.
-    plastic: fraction of the nominal area at the hardness.
+    Attributes:
+        pressure: (m,) ascending from 0 to the hardness, or to the largest pressure, in Pa.
+        cumulative: (m,) fraction of the nominal area in *elastic* contact at a pressure in
+            (0, pressure[i]]; the last one is the elastic area.
+        plastic: Fraction of the nominal area at the hardness.
     """
 
     pressure: FloatArray
@@ -68,11 +70,13 @@ class PressureDistribution:
 class LoadStep:
     """The answer at one mean pressure of the load path.
 
-    areas: "raw" (share of grid points; the exact areas where there is no grid), "corrected"
-        (continuum limit), and "error" (estimated absolute error of the corrected ones).
-    residuals: dimensionless, by name; what "converged" was judged by.
-    iterations: counts by name (newton, cg, fft_pairs, ...).
-    quantities: further figures by name in SI units, such as mean_gap.
+    Attributes:
+        mean_pressure: In Pa.
+        areas: "raw" (share of the grid points; the exact areas of a method without a grid),
+            "corrected" (continuum limit) and "error" (estimated error of the corrected areas).
+        residuals: Dimensionless residuals by name, by which convergence was judged.
+        iterations: Counts by name (newton, cg, fft_pairs, ...).
+        quantities: Further figures by name in SI units, for example mean_gap.
     """
 
     mean_pressure: float
@@ -84,7 +88,7 @@ class LoadStep:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a result comes from: enough to make it again."""
+    """The scene's digest, the seed, the options and the versions: enough to make a result again."""
 
     scene: str
     seed: int | None = None
@@ -96,15 +100,18 @@ class Provenance:
 class ContactResult:
     """One scene answered by one method.
 
-    method: "persson", "bem" or "fem", with what distinguishes it, if anything, in
-        provenance.options.
-    steps: one LoadStep a mean pressure; the last is the answer that gates read by default.
-    distribution: of the pressures, at the last step.
-    fields: arrays on the surface's grid at the last step: heights, pressure, gap, displacement
-        (SI units) and state (APART, ELASTIC, PLASTIC); empty where the method has none.
-    cost: seconds, unknowns, peak_memory_bytes and the method's own counts over the whole path.
-    history: of the deciding residual, one value an iteration of the last step.
-    notes: sentences the reader should see, such as a fallback that was taken.
+    Attributes:
+        method: The name of the method; its options are in provenance.options.
+        steps: One LoadStep for each mean pressure; gates read the last one.
+        provenance: Where the result comes from.
+        distribution: The distribution of the pressures at the last step.
+        fields: Arrays on the surface's grid at the last step: heights, pressure, gap,
+            displacement (SI units) and state (APART, ELASTIC, PLASTIC); empty for a method
+            without fields.
+        cost: seconds, unknowns, peak_memory_bytes and the method's own counts over the path.
+        history: The deciding residual, one value for each iteration of the last step.
+        notes: Sentences that the reader should see, for example about a fallback.
+        converged: Whether the residuals met the tolerance.
     """
 
     method: str
@@ -126,79 +133,91 @@ class ContactResult:
         return self.steps[-1]
 
     def to_json(self) -> dict[str, Any]:
-        """Everything but the fields, as what JSON can hold; infinities become words."""
+        """Everything but the fields, in the types that JSON has; infinities become words."""
         final = self.final
-        return {
-            "method": self.method,
-            "converged": self.converged,
-            "mean_pressure": final.mean_pressure,
-            "areas": {name: asdict(areas) for name, areas in final.areas.items()},
-            "residuals": _plain(final.residuals),
-            "iterations": _plain(final.iterations),
-            "quantities": _plain(final.quantities),
-            "steps": [_plain(asdict(step)) for step in self.steps],
-            "distribution": _plain(None if self.distribution is None else vars(self.distribution)),
-            "cost": _plain(self.cost),
-            "history": _plain(self.history),
-            "notes": list(self.notes),
-            "provenance": _plain(asdict(self.provenance)),
-        }
+        data: dict[str, Any] = plain(
+            {
+                "method": self.method,
+                "converged": self.converged,
+                "mean_pressure": final.mean_pressure,
+                "areas": {name: asdict(areas) for name, areas in final.areas.items()},
+                "residuals": final.residuals,
+                "iterations": final.iterations,
+                "quantities": final.quantities,
+                "steps": [asdict(step) for step in self.steps],
+                "distribution": None if self.distribution is None else vars(self.distribution),
+                "cost": self.cost,
+                "history": self.history,
+                "notes": self.notes,
+                "provenance": asdict(self.provenance),
+            }
+        )
+        return data
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> ContactResult:
-        """The inverse of `to_json`, without fields.
+        """The inverse of `to_json`, without the fields.
 
-        Raises KeyError, TypeError or ValueError if `data` is no such result.
+        Raises:
+            KeyError, TypeError, ValueError: `data` is no such result.
         """
-        distribution = data["distribution"]
+        steps = tuple(
+            LoadStep(
+                mean_pressure=float(step["mean_pressure"]),
+                areas={name: Areas(**_floats(areas)) for name, areas in step["areas"].items()},
+                residuals=_floats(step["residuals"]),
+                iterations=step["iterations"],
+                quantities=_floats(step["quantities"]),
+            )
+            for step in data["steps"]
+        )
+        found = data["distribution"]
+        distribution = None
+        if found is not None:
+            distribution = PressureDistribution(
+                np.array(found["pressure"], dtype=float),
+                np.array(found["cumulative"], dtype=float),
+                float(found["plastic"]),
+            )
         return cls(
             method=data["method"],
-            steps=tuple(_step_from_json(step) for step in data["steps"]),
+            steps=steps,
             provenance=Provenance(**data["provenance"]),
-            distribution=None
-            if distribution is None
-            else PressureDistribution(
-                np.array([number_from_json(p) for p in distribution["pressure"]]),
-                np.array([number_from_json(c) for c in distribution["cumulative"]]),
-                number_from_json(distribution["plastic"]),
-            ),
-            cost=_numbers(data["cost"]),
-            history=tuple(number_from_json(value) for value in data["history"]),
+            distribution=distribution,
+            cost=_floats(data["cost"]),
+            history=tuple(float(value) for value in data["history"]),
             notes=tuple(data["notes"]),
             converged=data["converged"],
         )
 
 
-def _plain(value: Any) -> Any:
-    """`value` with arrays, tuples and infinities turned into what JSON can hold."""
+def plain(value: Any) -> Any:
+    """`value` in the types that JSON has: no arrays, no tuples, no paths, no infinities.
+
+    A number that JSON has no word for becomes one of the strings "inf", "-inf" and "nan", which
+    `float` reads back.
+
+    Example:
+        >>> plain({"hardness": math.inf, "pressure": np.array([1.0, 2.0])})
+        {'hardness': 'inf', 'pressure': [1.0, 2.0]}
+    """
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | tuple | list):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    return number_to_json(value) if isinstance(value, float) else value
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        return [plain(item) for item in value]
+    return value
 
 
-def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
+def _floats(data: Mapping[str, Any]) -> dict[str, Any]:
     return {key: float(v) if isinstance(v, str) else v for key, v in data.items()}
 
 
-def _step_from_json(data: Mapping[str, Any]) -> LoadStep:
-    return LoadStep(
-        mean_pressure=data["mean_pressure"],
-        areas={name: Areas(**_numbers(areas)) for name, areas in data["areas"].items()},
-        residuals=_numbers(data["residuals"]),
-        iterations=data["iterations"],
-        quantities=_numbers(data["quantities"]),
-    )
-
-
-def number_to_json(value: float) -> float | str:
-    """A number as JSON can hold it: infinities and NaN become the words inf, -inf and nan."""
-    return value if math.isfinite(value) else str(float(value))
-
-
 def number_from_json(value: float | str) -> float:
-    """The inverse of `number_to_json`."""
+    """A number that `plain` made, as a float again."""
     return float(value)

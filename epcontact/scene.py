@@ -1,8 +1,8 @@
 """The scene: one periodic rough surface, a material, a body and a load, frozen and checked once.
 
-Everything a method may know of the problem is here, and nothing of any method: no kernel, no
-spectrum estimate, not even a formula for the effective modulus, so that `fem_check` can import
-this module and stay independent of the boundary-element solver.  Units are SI throughout.
+This module holds everything that a method may know of the problem, and nothing of any method: no
+kernel, no spectrum estimate, not even a formula for the effective modulus.  `fem_check` can
+therefore import it and stay independent of the boundary-element solver.  Units are SI throughout.
 
 A scene's `digest` identifies it in results.  Heights that a generator made are identified by
 the generator's recipe rather than by their bytes, so that a case file's digest is known before
@@ -38,13 +38,23 @@ def _require_positive(name: str, value: float, unit: str, *, finite: bool = True
 
 @dataclass(frozen=True)
 class SelfAffineSpectrum:
-    """Isotropic self-affine roughness: flat from `wavenumber_low` to `wavenumber_roll_off`, a
-    power law from there to `wavenumber_high`, nothing beyond (the cut-off range).
+    """The power spectrum of isotropic self-affine roughness.
 
-    Symbols: H = hurst; q_0, q_r, q_1 = wavenumber_low, wavenumber_roll_off, wavenumber_high in
-    rad/m; xi = rms_slope.  On a surface the power is q^(-2(1+H)), on a line q^(-(1+2H)).
+    It is flat from `wavenumber_low` to `wavenumber_roll_off`, falls as a power law from there to
+    `wavenumber_high`, and is zero outside.  The power law is q^(-2(1+H)) on a surface and
+    q^(-(1+2H)) on a line.
 
-    Raises InvalidScene if the wavenumbers are not in order or hurst lies outside [0, 1].
+    Attributes:
+        hurst: Hurst exponent H, from 0 to 1.
+        wavenumber_low, wavenumber_roll_off, wavenumber_high: q_0 <= q_r <= q_1 in rad/m.
+        rms_slope: xi in m/m.
+
+    Raises:
+        InvalidScene: The wave numbers are not in order, or a value is out of its range.
+
+    Example:
+        >>> SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, rms_slope=1.0).hurst
+        0.8
     """
 
     hurst: float
@@ -70,16 +80,25 @@ class SelfAffineSpectrum:
 class Surface:
     """One period of a rough surface on a regular grid.
 
-    heights: (nx, ny), or (nx,) for a line, in m, measured upward, read-only float64; a writable
-        array is copied.
-    periods: the lengths (Lx, Ly) or (Lx,) in m after which the heights repeat.
-    spectrum: the analytic spectrum the heights were drawn from, where there is one.
-    seed: of the random phases, where there are some.
-    shortest_wavelength: of the roughness, in m, where it is known (self-affine: 2 pi / q_1).
-    recipe: identifies generated heights in the scene's digest; empty: their bytes do.
-    notes: sentences for the reader of a result, such as the jump removed at the edges of a map.
+    Attributes:
+        heights: (nx, ny), or (nx,) for a line, in m, measured upward, read-only float64; a
+            writable array is copied.
+        periods: The lengths (Lx, Ly) or (Lx,) in m after which the heights repeat.
+        spectrum: The analytic spectrum that the heights were drawn from, if there is one.
+        seed: The seed of the random phases, if there are any.
+        shortest_wavelength: The shortest wavelength of the roughness in m, if it is known
+            (2 pi / q_1 of self-affine roughness).
+        recipe: A text that identifies generated heights in the scene's digest.  If it is empty,
+            the bytes of the heights identify them.
+        notes: Sentences for the reader of a result, for example about the jump that was removed
+            at the edges of a measured map.
 
-    Raises InvalidScene if the heights are not finite or the shape and periods do not fit.
+    Raises:
+        InvalidScene: The heights are not finite, or the shape and the periods do not fit.
+
+    Example:
+        >>> Surface(np.zeros((4, 8)), periods=(1e-3, 2e-3)).spacing
+        (0.00025, 0.00025)
     """
 
     heights: FloatArray
@@ -143,9 +162,18 @@ class Surface:
 class Material:
     """The elastoplastic solid; the counterface is rigid.
 
-    Symbols: E = young_modulus (Pa), nu = poisson_ratio, sigma_P = hardness (Pa; the pressure at
-    which the contact flows, infinite for an elastic solid), sigma_Y = yield_stress (Pa; of the
-    J2 solid).  The two strengths are separate on purpose: their ratio is a question, not a rule.
+    The two strengths are separate on purpose: their ratio is a question that the methods answer,
+    and not a rule.
+
+    Attributes:
+        young_modulus: E in Pa.
+        poisson_ratio: nu, between -1 and 0.5.
+        hardness: sigma_P in Pa, the pressure at which the contact flows; infinite for an elastic
+            solid.
+        yield_stress: sigma_Y in Pa of the J2 solid.
+
+    Raises:
+        InvalidScene: A value is out of its range.
     """
 
     young_modulus: float
@@ -166,8 +194,15 @@ class Material:
 
 @dataclass(frozen=True)
 class Body:
-    """What lies under the surface: a half-space, or a layer of `depth` (m) on a rigid base,
-    bonded to it or sliding on it without friction."""
+    """The body under the surface: a half-space, or a layer on a rigid base.
+
+    Attributes:
+        kind: "half_space", "bonded_layer" (fixed to the base) or "sliding_layer" (no friction).
+        depth: The depth of the layer in m.
+
+    Raises:
+        InvalidScene: The kind is unknown, or the depth does not fit it.
+    """
 
     kind: BodyKind = "half_space"
     depth: float = math.inf
@@ -186,7 +221,11 @@ class Body:
 
 @dataclass(frozen=True)
 class Load:
-    """The mean pressure, or the path of them, in Pa (force over the nominal area)."""
+    """The mean pressure in Pa (force over nominal area), or a path of mean pressures in order.
+
+    Raises:
+        InvalidScene: A pressure is not a positive number, or the path is empty.
+    """
 
     mean_pressure: float | tuple[float, ...]
 
@@ -218,8 +257,15 @@ class Load:
 class Scene:
     """One contact problem.  A method maps it to a `ContactResult`.
 
-    Raises InvalidScene if a mean pressure reaches the hardness: no pressure field that stays
-    below the hardness carries such a load.
+    Raises:
+        InvalidScene: A mean pressure reaches the hardness; no pressure field that stays below the
+            hardness carries such a load.
+
+    Example:
+        >>> surface = Surface(np.cos(np.linspace(0, 2 * np.pi, 64, endpoint=False)), (1.0,))
+        >>> material = Material(young_modulus=100.0, poisson_ratio=0.3)
+        >>> Scene(surface, material, Load(mean_pressure=1.0)).load.final
+        1.0
     """
 
     surface: Surface

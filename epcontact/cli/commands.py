@@ -209,7 +209,7 @@ def schema(kind: str) -> None:
 
     from epcontact.harness.schema import CaseFile
     from epcontact.harness.verdict_schema import verdict_schema
-    from epcontact.output.files import plain
+    from epcontact.results import plain
 
     found = CaseFile.model_json_schema() if kind == "case" else verdict_schema()
     click.echo(json.dumps(plain(found), indent=2, allow_nan=False))

@@ -17,14 +17,12 @@ import json
 import os
 import secrets
 import stat
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from epcontact.errors import OutputError
-from epcontact.results import number_to_json
+from epcontact.results import plain
 
 _REASONS = {
     errno.EACCES: "permission is denied",
@@ -112,21 +110,6 @@ def write_json(path: Path | str, data: Any) -> None:
     Raises OutputError if the system refuses, TypeError if `data` holds anything else.
     """
     write_text(path, json.dumps(plain(data), indent=2, allow_nan=False, ensure_ascii=False) + "\n")
-
-
-def plain(value: Any) -> Any:
-    """`value` with everything turned into what JSON has a word for; see `write_json`."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, float):
-        return number_to_json(value)
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        return [plain(item) for item in value]
-    return value
 
 
 def _destination(path: Path | str) -> Path:
