@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fem_scenes import rough_scene
+from reference_plasticity import sphere_onset
 
 import fem_check
 from epcontact import bem
@@ -24,7 +25,6 @@ from epcontact.harness.crosscheck import (
     effective_hardness,
     error_budget,
 )
-from epcontact.reference.plasticity import sphere_onset
 from epcontact.scene import Body
 from epcontact.surfaces import Sinusoid
 

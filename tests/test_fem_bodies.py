@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 import pytest
+import reference_plasticity as reference
 
-from epcontact.reference import plasticity as reference
 from fem_check.benchmarks import closed_problems as benchmarks
 
 

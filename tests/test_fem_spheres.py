@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+import reference_plasticity as reference
 from scipy.optimize import brentq
 
-from epcontact.reference import plasticity as reference
 from fem_check.benchmarks.spheres import SphereAnswer, sphere, sphere_onset
 
 

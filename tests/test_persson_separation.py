@@ -20,7 +20,6 @@ from epcontact.persson import (
     elastic_energy,
     flattened_roughness,
     mean_separation,
-    pressure_at_separation,
     surface_roughness,
 )
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
@@ -97,20 +96,6 @@ def test_small_loads_part_the_surfaces_logarithmically():
     drop = -np.diff(u)
     assert_allclose(drop[0], drop[1], rtol=1e-4)
     assert 0.2 < drop[0] / math.log(10) / rms_height(SPECTRUM) < 1.0  # u_0 of about h_rms / 2
-
-
-def test_pressure_and_separation_are_inverse():
-    for hardness in (math.inf, 150e9):
-        made = model(128, hardness)
-        for p in (1e9, 12.5e9, 60e9):
-            assert_allclose(pressure_at_separation(made, mean_separation(made, p)), p, rtol=1e-7)
-
-
-def test_a_separation_out_of_reach_is_refused():
-    with pytest.raises(InvalidScene, match="separation"):
-        pressure_at_separation(model(64), 1.0)
-    with pytest.raises(InvalidScene, match="separation"):
-        pressure_at_separation(model(64), -1e-9)
 
 
 def test_great_hardness_is_the_elastic_body():

@@ -3,9 +3,8 @@
 import math
 
 import pytest
+import reference_plasticity as ref
 from scipy.integrate import quad
-
-from epcontact.reference import plasticity as ref
 
 
 @pytest.mark.parametrize(

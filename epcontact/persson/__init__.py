@@ -27,7 +27,7 @@ from epcontact.persson.elastoplastic import (
     pressure_cumulative,
     pressure_density,
 )
-from epcontact.persson.gamma import ReductionRow, gamma_columns, reduction_table
+from epcontact.persson.gamma import gamma_columns
 from epcontact.persson.hardness import HardnessCurve, hardness_curve
 from epcontact.persson.reduction import (
     PUBLISHED,
@@ -46,7 +46,6 @@ from epcontact.persson.separation import (
     elastic_energy,
     flattened_roughness,
     mean_separation,
-    pressure_at_separation,
 )
 
 __all__ = [
@@ -56,7 +55,6 @@ __all__ = [
     "HardnessCurve",
     "MagnificationCurve",
     "PressureCurve",
-    "ReductionRow",
     "Roughness",
     "SeparationModel",
     "analytic_roughness",
@@ -69,13 +67,11 @@ __all__ = [
     "hardness_curve",
     "magnification_curve",
     "mean_separation",
-    "pressure_at_separation",
     "pressure_cumulative",
     "pressure_curve",
     "pressure_density",
     "reduced_diffusion",
     "reduction_factor",
-    "reduction_table",
     "roughness_of",
     "scene_magnification_curve",
     "scene_pressure_curve",

@@ -1,4 +1,4 @@
-"""What the energy reduction does to the areas: each rule's, and those of any gamma.
+"""The areas of the theory against a constant energy reduction gamma.
 
 One load of one body, elastoplastic and elastic side by side.  Boundary elements decide which
 reduction is right; no gamma makes both columns agree with them at the paper's load.
@@ -7,55 +7,13 @@ reduction is right; no gamma makes both columns agree with them at the paper's l
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from epcontact.persson.elastoplastic import areas
-from epcontact.persson.reduction import PUBLISHED, EnergyReduction, reduced_diffusion
+from epcontact.persson.reduction import EnergyReduction
 from epcontact.results import FloatArray
-
-
-@dataclass(frozen=True)
-class ReductionRow:
-    """Areas under one reduction: of the elastoplastic body, and the elastic body's one."""
-
-    rule: str
-    gamma: float
-    elastic: float
-    plastic: float
-    total: float
-    elastic_body: float
-
-
-def reduction_table(
-    full_contact_diffusion: float,
-    mean_pressure: float,
-    hardness: float,
-    reductions: Sequence[EnergyReduction] = PUBLISHED,
-) -> tuple[ReductionRow, ...]:
-    """One row a reduction.
-
-    full_contact_diffusion: tau = E*^2 xi^2 / 8 in Pa^2; pressures in Pa.  Raises InvalidScene.
-    """
-    rows = []
-    for reduction in reductions:
-        G = reduced_diffusion(reduction, full_contact_diffusion, mean_pressure, hardness)
-        G_elastic = reduced_diffusion(reduction, full_contact_diffusion, mean_pressure)
-        found, body = areas(G, mean_pressure, hardness), areas(G_elastic, mean_pressure)
-        rows.append(
-            ReductionRow(
-                reduction.rule,
-                reduction.gamma,
-                float(found.elastic),
-                float(found.plastic),
-                float(found.total),
-                float(body.total),
-            )
-        )
-    return tuple(rows)
 
 
 def gamma_columns(

@@ -39,7 +39,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import erf
 
 from epcontact.errors import InvalidScene
@@ -139,27 +138,6 @@ def mean_separation(
     # The trapezoidal rule in 1/p is of second order.
     coarse, fine = (float(np.diff(U[::k]) @ (0.5 / p[k::k] + 0.5 / p[:-k:k])) for k in (2, 1))
     return fine + (fine - coarse) / 3
-
-
-def pressure_at_separation(model: SeparationModel, separation: float) -> float:
-    """The mean pressure in Pa at which the mean separation is `separation` (m).
-
-    Raises InvalidScene unless that pressure lies between 1e-12 and 1 - 1e-9 of the hardness or
-    of the pressure of full elastic contact, whichever is less.
-    """
-    top = min(model.hardness, _full_contact_pressure(model)) * (1 - 1e-9)
-    low, high = math.log(1e-12 * top), math.log(top)
-
-    def miss(log_pressure: float) -> float:
-        return mean_separation(model, math.exp(log_pressure)) - separation
-
-    least, most = miss(high), miss(low)
-    if not least <= 0 <= most:
-        raise InvalidScene(
-            f"separation is {separation:g} m, but between the pressures {1e-12 * top:g} and "
-            f"{top:g} Pa it goes from {separation + most:g} to {separation + least:g} m"
-        )
-    return math.exp(brentq(miss, low, high, xtol=1e-12))
 
 
 def _factor(model: SeparationModel, area: FloatArray) -> FloatArray:
