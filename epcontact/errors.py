@@ -6,7 +6,8 @@ would be right.  The command line prints it as it stands and exits with 2.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
 
 
 class EpcontactError(Exception):
@@ -48,3 +49,15 @@ class NotConverged(EpcontactError, RuntimeError):
 
 class StudyUnavailable(EpcontactError):
     """A study that needs what is not installed here."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The end of a sentence about an unknown name: the closest known name, or all of them.
+
+    Example:
+        >>> "no method is called 'bme'" + nearest("bme", ["bem", "fem"])
+        "no method is called 'bme'; did you mean 'bem'?"
+    """
+    names = sorted(known)
+    close = difflib.get_close_matches(name, names, n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(names)}"

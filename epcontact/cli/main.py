@@ -24,6 +24,7 @@ from epcontact.cli.commands import COMMANDS
 from epcontact.errors import EpcontactError
 from epcontact.harness import case as casefile
 from epcontact.harness.case import Case
+from epcontact.harness.methods import METHODS
 
 #: Raised by click where a command is missing, with the help as its message; since click 8.2.
 _NO_ARGUMENTS: type[click.UsageError] | tuple[()]
@@ -107,7 +108,7 @@ def keys() -> None:
     "--method",
     "methods",
     multiple=True,
-    type=click.Choice(["persson", "bem", "fem"]),
+    type=click.Choice(list(METHODS)),
     help="Only this method; may be repeated. Default: all that the case names.",
 )
 @_size

@@ -8,7 +8,7 @@ each scene.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -17,10 +17,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from epcontact import surfaces
-from epcontact.errors import EpcontactError, InvalidCase
+from epcontact.errors import EpcontactError, InvalidCase, nearest
 from epcontact.harness.case_gates import gates_of
 from epcontact.harness.gates import Gate
-from epcontact.harness.mistakes import nearest, sentence
+from epcontact.harness.methods import METHODS
+from epcontact.harness.mistakes import sentence
 from epcontact.harness.schema import (
     CaseFile,
     FileTable,
@@ -185,10 +186,10 @@ def _build(path: Path, size: str, data: Mapping[str, Any]) -> Case:
         section = "load"
         load = Load(_lengths(table.load.mean_pressure))
         check_load(material, load)
-        if "bem" in table.case.methods or "persson" in table.case.methods:
+        if not all(METHODS[name].follows_unloading for name in table.case.methods):
             check_loading(material, load)
         section = "surface"
-        skip = _absent(path, table.surface)
+        skip = _absent(path, table.surface) or _not_installed(table.case.methods)
         recipes = () if skip else _recipes(path, table.surface)
     except EpcontactError as error:
         raise InvalidCase(f"{path}: [{section}] {error}") from None
@@ -217,6 +218,11 @@ def _absent(path: Path, table: Any) -> str:
         if not file.exists():
             return f"skipped: its surface {file} is not here; put the file there to run it"
     return ""
+
+
+def _not_installed(methods: Sequence[str]) -> str:
+    missing = [METHODS[name].missing for name in methods if METHODS[name].missing]
+    return f"skipped: {missing[0]}" if missing else ""
 
 
 def _recipes(path: Path, table: Any) -> tuple[surfaces.Recipe, ...]:
@@ -256,18 +262,18 @@ def _spectrum(table: SelfAffineTable) -> SelfAffineSpectrum:
 
 
 def _options(path: Path, table: CaseFile) -> dict[str, dict[str, Any]]:
-    options: dict[str, dict[str, Any]] = {
-        "bem": table.bem.model_dump(),
-        "fem": table.fem.model_dump(exclude_none=True),
-    }
-    if table.theory is not None:
-        options["persson"] = table.theory.model_dump()
-    elif "persson" in table.case.methods:
-        raise InvalidCase(
-            f"{path}: case.methods asks for persson, which needs a table [theory] with "
-            "energy_reduction"
-        )
-    return {method: options[method] for method in table.case.methods}
+    options: dict[str, dict[str, Any]] = {}
+    for name in table.case.methods:
+        method = METHODS[name]
+        given = getattr(table, method.table) if method.table else method.options()
+        if given is None:
+            needed = [key for key, f in method.options.model_fields.items() if f.is_required()]
+            raise InvalidCase(
+                f"{path}: case.methods asks for {name}, which needs a table [{method.table}] with "
+                + " and ".join(needed)
+            )
+        options[name] = given.model_dump(exclude_none=True)
+    return options
 
 
 def _lengths(value: float | list[float]) -> tuple[float, ...]:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import get_args
 
-from epcontact.errors import InvalidCase
+from epcontact.errors import InvalidCase, nearest
 from epcontact.harness.gates import Gate
-from epcontact.harness.mistakes import nearest
-from epcontact.harness.schema import CaseFile, GateTable, Method
-
-METHODS: tuple[str, ...] = get_args(Method)
+from epcontact.harness.methods import METHODS
+from epcontact.harness.schema import CaseFile, GateTable
 
 
 def gates_of(path: Path, table: CaseFile, size: str) -> tuple[Gate, ...]:
@@ -63,10 +60,11 @@ def _require_closed_form(where: str, gate: GateTable) -> None:
 
 
 def _require_model(where: str, gate: GateTable, table: CaseFile) -> None:
-    """What J2 does differently from a cap is read of finite elements, against a number."""
+    """Model measures say how J2 flow differs from a cap; a gate holds them against a number."""
     wrong = ""
-    if gate.of != "fem" or isinstance(gate.against, str):
-        wrong = f"is read of fem against a number, not of {gate.of} against {gate.against!r}"
+    if not METHODS[gate.of].has_model_measures or isinstance(gate.against, str):
+        able = " or ".join(m.name for m in METHODS.values() if m.has_model_measures)
+        wrong = f"is read of {able} against a number, not of {gate.of} against {gate.against!r}"
     elif table.fem.law != "j2":
         wrong = f"needs fem.law = 'j2', but it is {table.fem.law!r}"
     elif table.fem.geometry != "gap":

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from typing import Any
 
 from pydantic import ValidationError
 
+from epcontact.errors import nearest
+from epcontact.harness.methods import Table
 from epcontact.harness.schema import (
     TABLES,
     CaseFile,
@@ -15,16 +16,7 @@ from epcontact.harness.schema import (
     ParaboloidTable,
     SelfAffineTable,
     SinusoidTable,
-    Table,
 )
-
-
-def nearest(name: str, known: Any) -> str:
-    """The closest of the known names as a question, or all of them."""
-    close = difflib.get_close_matches(name, list(known), n=1)
-    if close:
-        return f"; did you mean {close[0]!r}?"
-    return f"; there are {', '.join(sorted(known))}"
 
 
 def sentence(error: ValidationError) -> str:

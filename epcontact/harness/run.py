@@ -21,6 +21,7 @@ from typing import Any
 
 from epcontact.errors import InvalidCase
 from epcontact.harness.case import Case
+from epcontact.harness.methods import METHODS
 from epcontact.harness.store import Answer, keep, kept, summary
 from epcontact.harness.tasks import Task, solve_task
 from epcontact.machine import available_cores
@@ -52,14 +53,14 @@ def tasks_of(case: Case, methods: Sequence[str], plan: Plan) -> list[Task]:
     """The tasks of a case.  The theory of an analytic spectrum is one task for all surfaces."""
     tasks = []
     for method in methods:
-        one = method == "persson" and case.options[method]["spectrum"] == "analytic"
+        one = METHODS[method].one_answer(case.options[method])
         for member, recipe in enumerate(case.recipes[:1] if one else case.recipes):
             seed = None if one else getattr(recipe, "seed", None)
             label = "single" if seed is None else f"seed{seed}"
             wanted = plan.fields == "all" or (plan.fields == "first" and member == 0)
             solver = plan.solver if method == "bem" else ""
             task = Task(case, method, member, label, solver)
-            if wanted and method != "persson":
+            if wanted and METHODS[method].has_fields:
                 task = replace(task, fields=task.fields_path(plan.output))
             tasks.append(task)
     return tasks

@@ -8,18 +8,24 @@ see the values.  `epcontact keys` prints what stands here.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, create_model, model_validator
 
-Method = Literal["persson", "bem", "fem"]
+from epcontact.errors import nearest
+from epcontact.harness.methods import METHODS, Table
+
+
+def _registered(name: str) -> str:
+    if name not in METHODS:
+        raise ValueError(f"no method is called {name!r}{nearest(name, METHODS)}")
+    return name
+
+
+MethodName = Annotated[
+    str, AfterValidator(_registered), Field(json_schema_extra={"enum": list(METHODS)})
+]
 Lengths = float | list[float]
-
-
-class Table(BaseModel):
-    """A table of a case file: unknown keys and wrong types are errors."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=True)
 
 
 class CaseTable(Table):
@@ -30,7 +36,7 @@ class CaseTable(Table):
     )
     requirement: str = Field(min_length=1, description="the requirement, one English sentence")
     source: str = Field(min_length=1, description="where the requirement or its figures stand")
-    methods: list[Method] = Field(min_length=1, description="the methods that answer the scene")
+    methods: list[MethodName] = Field(min_length=1, description="the methods that answer the scene")
     time_limit: float = Field(
         default=900.0, gt=0, description="seconds after which one solve is given up"
     )
@@ -158,35 +164,6 @@ class LoadTable(Table):
     mean_pressure: float | list[float] = Field(description="Pa; one, or a path of them")
 
 
-class TheoryTable(Table):
-    """[theory]: what Persson's theory needs beside the scene."""
-
-    energy_reduction: float = Field(gt=0, le=1, description="gamma, elastic energy reduction")
-    reduction: Literal["constant", "persson", "wang_muser", "xu"] = Field(
-        default="constant", description="how gamma turns into S(q) as the contact fills"
-    )
-    spectrum: Literal["analytic", "surface"] = Field(
-        default="analytic", description="the spectrum drawn from, or each surface's own"
-    )
-
-
-class BemTable(Table):
-    """[bem]: how the boundary elements are solved."""
-
-    tolerance: float = Field(default=1e-8, gt=0, description="on the KKT residuals, dimensionless")
-
-
-class FemTable(Table):
-    """[fem]: how the finite elements are solved."""
-
-    law: Literal["elastic", "capped", "j2"] = Field(default="j2", description="material law")
-    geometry: Literal["gap", "moved"] = Field(
-        default="gap", description="roughness as gap over a flat block, or as moved top nodes"
-    )
-    depth: float | None = Field(default=None, gt=0, description="m; else chosen from the scene")
-    layers: int | None = Field(default=None, ge=2, description="elements over the depth")
-
-
 class GateTable(Table):
     """[[gate]]: one comparison that must hold."""
 
@@ -206,7 +183,7 @@ class GateTable(Table):
         "is hardness/yield_stress at equal contact area and the overlap there, and "
         "quantity.elements_area what the elements' compliance does to the capped area"
     )
-    of: Method = Field(description="the method that is judged")
+    of: MethodName = Field(description="the method that is judged")
     against: str | float = Field(description="a method, a closed form's name, or a number")
     norm: Literal["relative", "absolute", "wasserstein", "supremum", "l2"] = Field(
         default="relative", description="how the difference is measured"
@@ -250,18 +227,31 @@ class GateTable(Table):
         return self
 
 
-class CaseFile(Table):
-    """A whole case file."""
+class _Sections(Table):
+    """The sections of a case file that do not depend on its methods."""
 
     case: CaseTable
     surface: SurfaceTable
     material: MaterialTable
     load: LoadTable
     body: BodyTable = BodyTable()
-    theory: TheoryTable | None = None
-    bem: BemTable = BemTable()
-    fem: FemTable = FemTable()
     gate: list[GateTable] = Field(min_length=1)
+
+
+def _method_sections() -> dict[str, Any]:
+    """The table of each method's options; None unless every key has a default."""
+    sections: dict[str, Any] = {}
+    for method in METHODS.values():
+        needed = any(field.is_required() for field in method.options.model_fields.values())
+        if needed:
+            sections[method.table] = (method.options | None, None)
+        elif method.table:
+            sections[method.table] = (method.options, method.options())
+    return sections
+
+
+class CaseFile(create_model("CaseFile", __base__=_Sections, **_method_sections())):  # type: ignore
+    """A whole case file."""
 
 
 #: The table of each section that has but one form.
@@ -270,9 +260,7 @@ TABLES: dict[str, type[Table]] = {
     "material": MaterialTable,
     "body": BodyTable,
     "load": LoadTable,
-    "theory": TheoryTable,
-    "bem": BemTable,
-    "fem": FemTable,
+    **{method.table: method.options for method in METHODS.values() if method.table},
     "gate": GateTable,
 }
 

@@ -7,27 +7,24 @@ fields are written or measured there, so that nothing large travels between proc
 from __future__ import annotations
 
 import contextlib
-import importlib
 import math
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from epcontact.errors import EpcontactError, InvalidCase, NotConverged
 from epcontact.harness.case import Case
 from epcontact.harness.gates import l2_distance
+from epcontact.harness.methods import METHODS, solver_named
 from epcontact.harness.quantities import MEASURES, measure_all
 from epcontact.reference.closed_forms import CLOSED_FORMS
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 from epcontact.surfaces import Recipe
-
-Solver = Callable[..., ContactResult]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +59,8 @@ def solve_task(task: Task, threads: int) -> ContactResult | str:
         case, recipe = task.case, task.recipe
         with _limited(case.time_limit):
             scene = case.scene(recipe)
-            result = _solver_of(task)(scene, case.options[task.method], threads)
+            method = solver_named(task.solver) if task.solver else METHODS[task.method]
+            result = method.solve(scene, case.options[task.method], threads)
         result = _with_field_measures(task, scene, result)
         if task.fields is not None and result.fields:
             from epcontact.output.vtk import write_fields
@@ -73,72 +71,6 @@ def solve_task(task: Task, threads: int) -> ContactResult | str:
         return replace(result, fields={})
     except EpcontactError as error:
         return str(error)
-
-
-def _solver_of(task: Task) -> Solver:
-    if task.solver:
-        return _foreign(task.solver)
-    return {"persson": _persson, "bem": _bem, "fem": _fem}[task.method]
-
-
-def _persson(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
-    from epcontact import persson
-
-    del threads  # closed forms
-    return persson.solve(scene, **options)
-
-
-def _bem(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
-    from epcontact import bem
-
-    return bem.solve(scene, threads=threads, **options)
-
-
-def _fem(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
-    from epcontact.machine import provide_kernel_cache
-
-    provide_kernel_cache()  # which fem_check, independent as it is, cannot ask for itself
-    from fem_check.driver import solve
-
-    del threads
-    return solve(scene, **options)
-
-
-def _foreign(name: str) -> Solver:
-    """A solver of the user's, `package.module:function`.  Raises InvalidCase."""
-    module_name, _, attribute = name.partition(":")
-    try:
-        function = getattr(importlib.import_module(module_name), attribute)
-    except (Exception, SystemExit) as error:
-        raise InvalidCase(
-            f"--solver {name}: cannot be imported ({_one_line(error)}); "
-            "give package.module:function"
-        ) from None
-
-    def solve(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
-        del options, threads
-        try:
-            result = function(scene)
-        except EpcontactError:
-            raise
-        # A solver that calls sys.exit(0) would end the verification, and end it well.
-        except (Exception, SystemExit) as error:
-            raise InvalidCase(f"--solver {name} raised {_one_line(error)}") from error
-        if not isinstance(result, ContactResult):
-            raise InvalidCase(f"{name} returned no epcontact.ContactResult")
-        for field, values in result.fields.items():
-            if np.shape(values) != scene.surface.shape:
-                raise InvalidCase(
-                    f"--solver {name} returned the field {field} of shape {np.shape(values)}, "
-                    f"but the scene's grid is {scene.surface.shape}"
-                )
-        return result
-
-    return solve
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def _with_field_measures(task: Task, scene: Scene, result: ContactResult) -> ContactResult:

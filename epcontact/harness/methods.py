@@ -1,0 +1,264 @@
+"""The registry of methods: every way to answer a scene, by the name that cases and gates use.
+
+`METHODS` is the only place that knows which methods there are.  A method is one entry: a function
+that answers a scene, and what the rest of the package has to know about it.  There are three
+sources of entries:
+
+    the package's own   persson, bem and fem, below
+    other codes         contact_mechanics and tamaas, of the extra `peers`
+    the user's          entry points of the group `epcontact.methods`, and `--solver`
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.metadata import entry_points
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from epcontact.errors import EpcontactError, InvalidCase, nearest
+from epcontact.machine import provide_kernel_cache
+from epcontact.results import ContactResult
+from epcontact.scene import Scene
+
+Solve = Callable[[Scene, Mapping[str, Any], int], ContactResult]
+
+
+class Table(BaseModel):
+    """A table of a case file: unknown keys and wrong types are errors."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=True)
+
+
+class TheoryTable(Table):
+    """[theory]: what Persson's theory needs beside the scene."""
+
+    energy_reduction: float = Field(gt=0, le=1, description="gamma, elastic energy reduction")
+    reduction: Literal["constant", "persson", "wang_muser", "xu"] = Field(
+        default="constant", description="how gamma turns into S(q) as the contact fills"
+    )
+    spectrum: Literal["analytic", "surface"] = Field(
+        default="analytic", description="the spectrum drawn from, or each surface's own"
+    )
+
+
+class BemTable(Table):
+    """[bem]: how the boundary elements are solved."""
+
+    tolerance: float = Field(default=1e-8, gt=0, description="on the KKT residuals, dimensionless")
+
+
+class FemTable(Table):
+    """[fem]: how the finite elements are solved."""
+
+    law: Literal["elastic", "capped", "j2"] = Field(default="j2", description="material law")
+    geometry: Literal["gap", "moved"] = Field(
+        default="gap", description="roughness as gap over a flat block, or as moved top nodes"
+    )
+    depth: float | None = Field(default=None, gt=0, description="m; else chosen from the scene")
+    layers: int | None = Field(default=None, ge=2, description="elements over the depth")
+
+
+def _never(options: Mapping[str, Any]) -> bool:
+    del options
+    return False
+
+
+def _analytic(options: Mapping[str, Any]) -> bool:
+    return bool(options["spectrum"] == "analytic")
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to answer a scene.
+
+    Attributes:
+        name: as cases, gates, files of results and the command line call it.
+        meaning: one line for lists.
+        solve: maps (scene, options, threads) to a ContactResult.
+        table: name of the table of a case file that holds the options; empty if there are none.
+        options: schema of that table.  If one of its keys has no default, a case that names the
+            method has to give the table.
+        has_fields: the result carries fields on the grid of the surface.
+        follows_unloading: the method can follow a path on which a capped law unloads.
+        has_model_measures: gates can ask how the J2 flow of the method differs from a cap.
+        one_answer: tells from the options whether one answer serves all surfaces of a case.
+        source: `module:function` of a solver that is not the package's own.  The harness does
+            not know its sources, so it never reuses a kept result of such a method.
+        requires: a module of the extra `peers` that the method cannot do without.
+    """
+
+    name: str
+    meaning: str
+    solve: Solve
+    table: str = ""
+    options: type[Table] = Table
+    has_fields: bool = True
+    follows_unloading: bool = False
+    has_model_measures: bool = False
+    one_answer: Callable[[Mapping[str, Any]], bool] = _never
+    source: str = ""
+    requires: str = ""
+
+    @property
+    def missing(self) -> str:
+        """One sentence that says why the method cannot run here; empty if it can."""
+        if not self.requires or importlib.util.find_spec(self.requires):
+            return ""
+        return f"{self.requires} is not installed; pip install 'epcontact[peers]' brings it"
+
+
+# The solvers are imported by the functions that call them: their compiled kernels take a second
+# to load, and most commands solve nothing.
+
+
+def _persson(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
+    from epcontact import persson
+
+    del threads  # closed forms
+    return persson.solve(scene, **options)
+
+
+def _bem(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
+    from epcontact import bem
+
+    return bem.solve(scene, threads=threads, **options)
+
+
+def _fem(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
+    provide_kernel_cache()  # fem_check imports no part of the package that could do it
+    import fem_check
+
+    del threads
+    result: ContactResult = fem_check.solve(scene, **options)
+    return result
+
+
+def method_of(name: str, source: str, requires: str = "") -> Method:
+    """A method that calls a function of the user's.
+
+    Args:
+        name: of the method, for cases and files of results.
+        source: `package.module:function`; the function maps a Scene to a ContactResult.  It is
+            imported by the first solve, so that a broken solver spoils no other method.
+        requires: as in Method.
+
+    Returns:
+        The method.  Its `solve` raises InvalidCase if the function cannot be imported, raises an
+        error that is not epcontact's, or returns no ContactResult on the grid of the scene.
+    """
+    meaning = f"the solver {source}"
+    return Method(name, meaning, partial(_call, name, source), source=source, requires=requires)
+
+
+def _call(
+    name: str, source: str, scene: Scene, options: Mapping[str, Any], threads: int
+) -> ContactResult:
+    del options, threads
+    function = _imported(source)
+    try:
+        result = function(scene)
+    except EpcontactError:
+        raise
+    # A solver that calls sys.exit(0) would end the verification, and end it well.
+    except (Exception, SystemExit) as error:
+        raise InvalidCase(f"solver {source} raised {_one_line(error)}") from error
+    if not isinstance(result, ContactResult):
+        raise InvalidCase(f"solver {source} returned no epcontact.ContactResult")
+    for field, values in result.fields.items():
+        if np.shape(values) != scene.surface.shape:
+            raise InvalidCase(
+                f"solver {source} returned the field {field} of shape {np.shape(values)}, "
+                f"but the scene's grid is {scene.surface.shape}"
+            )
+    made_by = dict(result.provenance.options) | {"solver": source}
+    return replace(result, method=name, provenance=replace(result.provenance, options=made_by))
+
+
+def _imported(source: str) -> Callable[[Scene], Any]:
+    module_name, _, attribute = source.partition(":")
+    try:
+        function: Callable[[Scene], Any] = getattr(importlib.import_module(module_name), attribute)
+    except (Exception, SystemExit) as error:
+        raise InvalidCase(
+            f"solver {source} cannot be imported ({_one_line(error)}); give package.module:function"
+        ) from None
+    return function
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def solver_named(text: str) -> Method:
+    """The method that `--solver` names.
+
+    Args:
+        text: the name of a registered method, or `[NAME=]MODULE:FUNCTION`.  Without a NAME the
+            method is called like the function.
+
+    Raises:
+        InvalidCase: if the text is neither, or its name belongs to another method.
+
+    Example:
+        >>> solver_named("mine=my_package.my_solver:solve").name
+        'mine'
+    """
+    if text in METHODS:
+        return METHODS[text]
+    name, equals, source = text.rpartition("=")
+    name = name if equals else source.rpartition(":")[2]
+    if ":" not in source:
+        raise InvalidCase(
+            f"--solver is {text!r}, but must be [NAME=]MODULE:FUNCTION or the name of a "
+            f"method{nearest(text, METHODS)}"
+        )
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
+        raise InvalidCase(f"--solver {text}: {name!r} is no name for a method; use letters")
+    if name in METHODS:
+        raise InvalidCase(
+            f"--solver {text}: there is a method {name!r} already; give another name, as in "
+            f"mine={source}"
+        )
+    return method_of(name, source)
+
+
+def _registry() -> dict[str, Method]:
+    own = [
+        Method(
+            "persson",
+            "Persson's multiscale theory with a pressure cap",
+            _persson,
+            "theory",
+            TheoryTable,
+            has_fields=False,
+            one_answer=_analytic,
+        ),
+        Method("bem", "FFT boundary elements with a pressure cap", _bem, "bem", BemTable),
+        Method(
+            "fem",
+            "finite elements, elastic, with a pressure cap or with J2 flow",
+            _fem,
+            "fem",
+            FemTable,
+            follows_unloading=True,
+            has_model_measures=True,
+        ),
+        method_of(
+            "contact_mechanics", "epcontact.harness.peers:contact_mechanics", "ContactMechanics"
+        ),
+        method_of("tamaas", "epcontact.harness.peers:tamaas", "tamaas"),
+    ]
+    plugins = [method_of(e.name, e.value) for e in entry_points(group="epcontact.methods")]
+    return {method.name: method for method in (*plugins, *own)}
+
+
+#: Every method by its name.
+METHODS: dict[str, Method] = _registry()
