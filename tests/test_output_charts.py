@@ -25,7 +25,15 @@ from epcontact.output.charts import curves as charts
 from epcontact.output.charts import maps
 from epcontact.output.charts.figures import Chart, Series
 from epcontact.output.charts.style import SETTINGS, STATE_COLOURS, series_looks, unit_for
-from epcontact.results import APART, ELASTIC, PLASTIC, PressureDistribution
+from epcontact.results import (
+    APART,
+    ELASTIC,
+    PLASTIC,
+    ContactResult,
+    LoadStep,
+    PressureDistribution,
+    Provenance,
+)
 
 RNG_SEED = 20260721
 SPACING = (2e-6, 1e-6)
@@ -73,19 +81,25 @@ def make_stability() -> Chart:
     )
 
 
+def answer(method: str, scale: float, plastic: float) -> ContactResult:
+    sigma = np.linspace(0, 1.5e11, 80)
+    table = PressureDistribution(sigma, scale * np.sin(sigma / 3e11 * np.pi) ** 2, plastic)
+    return ContactResult(method, (LoadStep(1.25e10, {}),), Provenance("x"), table)
+
+
 def make_distribution() -> Chart:
     sigma = np.linspace(0, 1.5e11, 80)
     density = 4e-13 * np.sin(np.pi * sigma / 1.5e11)
     return charts.pressure_distribution(
-        [
-            Series("persson, equation (3)", sigma, density, line=True),
-            Series("elastic, equation (1)", 1.3 * sigma, 2 * density, line=True),
-            Series("bem", sigma[::4], 1.02 * density[::4]),
-            Series("fem", sigma[::4], density[::4], 0.9 * density[::4], 1.1 * density[::4]),
-        ],
-        mean_pressure=1.25e10,
+        {
+            "persson": [answer("persson", 0.06, 0.06)],
+            "bem": [answer("bem", 0.05, 0.05), answer("bem", 0.07, 0.07)],
+        },
         hardness=1.5e11,
-        plastic={"bem": 0.0572},
+        theory=[
+            Series("persson", sigma, density, line=True),
+            Series("without hardness", 1.3 * sigma, 2 * density, line=True),
+        ],
     )
 
 
@@ -104,37 +118,20 @@ def make_areas() -> Chart:
 
 
 def make_spectrum() -> Chart:
-    return charts.power_spectrum(spectrum(), marks={r"$q_r$": 1e5})
+    return charts.power_spectrum(spectrum())
 
 
-def make_work() -> Chart:
-    cost = np.geomspace(0.1, 10, 5)
-    many = [Series(f"method {k}", cost * (1 + k), 0.01 / cost ** (1 + k / 9)) for k in range(9)]
-    return charts.work_precision([*many, Series("exact", [3.0], [0.0])], pareto=True)
-
-
-def make_convergence() -> Chart:
-    h = 2.0 ** -np.arange(2, 8)
-    return charts.convergence(
-        [Series("raw", h, 0.3 * h), Series("corrected", h, 0.1 * h**2, 0.08 * h**2, 0.12 * h**2)],
-        resolution="grid spacing / shortest wavelength (–)",
+def make_short_spectrum() -> Chart:
+    """Axes of little more than a decade, where matplotlib labels minor ticks, and bounds."""
+    q = np.geomspace(3, 60, 6)
+    low, high = 0.9 / q, 1.1 / q
+    return charts.power_spectrum(
+        [Series("bem", q, 1 / q, low, high), Series("analytic", q, 1 / q, low, high, line=True)]
     )
 
 
-def make_short_convergence() -> Chart:
-    """Axes of little more than a decade, where matplotlib labels minor ticks."""
-    n = np.geomspace(3, 60, 6)
-    return charts.convergence([Series("raw", n, 1e-5 / n)], resolution="points a wave (–)")
-
-
-def make_short_work() -> Chart:
-    cost = np.geomspace(300, 6000, 6)
-    return charts.work_precision([Series("newton", cost, 1e-3 / cost)], cost="FFT pairs (–)")
-
-
 def make_history() -> Chart:
-    steps = np.arange(30)
-    return charts.history([Series("newton", steps, 10.0**-steps)], tolerance=1e-9)
+    return charts.residual_history({"newton": 10.0 ** -np.arange(30)})
 
 
 MAKERS: list[Callable[[], Chart]] = [
@@ -145,10 +142,7 @@ MAKERS: list[Callable[[], Chart]] = [
     make_distribution,
     make_areas,
     make_spectrum,
-    make_work,
-    make_convergence,
-    make_short_work,
-    make_short_convergence,
+    make_short_spectrum,
     make_history,
 ]
 
@@ -368,6 +362,19 @@ def test_the_density_of_a_smooth_distribution_converges() -> None:
     assert errors[1] / errors[2] == pytest.approx(4, rel=0.1)
 
 
+def test_the_distribution_of_several_surfaces_is_their_mean() -> None:
+    rows = [row for row in make_distribution().rows if row[0] == "bem"]
+    _, density = charts.pressure_density(answer("bem", 0.06, 0.06).distribution)  # type: ignore[arg-type]
+    assert [row[2] for row in rows] == pytest.approx(density, rel=1e-12)
+
+
+def test_a_theory_takes_the_place_of_the_method_of_its_name() -> None:
+    rows = make_distribution().rows
+    names = dict.fromkeys(row[0] for row in rows)
+    assert list(names) == ["persson", "bem", "without hardness"]
+    assert sum(row[0] == "persson" for row in rows) == 80
+
+
 @pytest.mark.parametrize(
     ("value", "unit", "scale", "name"),
     [
@@ -396,11 +403,10 @@ def test_methods_keep_their_colours_and_others_do_not_borrow_them() -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
-        lambda: charts.history([]),
+        lambda: charts.residual_history({}),
         lambda: charts.areas_against_magnification([]),
         lambda: charts.power_spectrum([Series("a", [1.0], [math.nan])]),
-        lambda: charts.convergence([Series("a", [1.0], [0.0])], resolution="h (m)"),
-        lambda: charts.pressure_distribution([], mean_pressure=1.0),
+        lambda: charts.pressure_distribution({}),
     ],
 )
 def test_an_empty_chart_is_refused(wrong: Callable[[], Chart]) -> None:

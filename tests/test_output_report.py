@@ -17,8 +17,7 @@ import pytest
 
 from epcontact.errors import OutputError
 from epcontact.output.files import write_json
-from epcontact.output.report.page import Picture, number, with_interval
-from epcontact.output.report.report import report_folder, write_report
+from epcontact.output.report import Picture, number, report_folder, write_report
 from epcontact.output.vtk import write_image
 from epcontact.results import (
     Areas,
@@ -218,12 +217,23 @@ def test_nothing_a_case_says_becomes_html(tmp_path: Path) -> None:
 
 
 def test_numbers_are_told_as_they_are() -> None:
-    assert number("inf").text == "inf"
-    assert number("nan").text == "–"
-    assert number(None).text == ""
-    assert number(0.123456).text == "0.1235"
-    assert with_interval(0.5, 0.0).text == "0.5"
-    assert with_interval("inf", "nan").text == "inf"
+    assert number("inf") == "inf"
+    assert number("nan") == "–"
+    assert number(None) == ""
+    assert number(0.123456) == "0.1235"
+
+
+@pytest.mark.parametrize(
+    ("mean", "half_width", "shown"),
+    [(0.5, 0.0, "0.5"), (0.5, 0.1, "0.5 ± 0.1"), ("inf", "nan", "inf")],
+)
+def test_an_interval_is_shown_where_there_is_one(
+    tmp_path: Path, mean: Any, half_width: Any, shown: str
+) -> None:
+    told = verdict()
+    told["cases"][0]["gates"][0]["value"] = {"mean": mean, "half_width_95": half_width}
+    write_report(tmp_path / "x.html", told, {})
+    assert f'<td class="n">{shown}</td>' in (tmp_path / "x.html").read_text()
 
 
 def test_what_cannot_be_reported(tmp_path: Path) -> None:

@@ -13,9 +13,9 @@ import pytest
 import pyvista
 
 from epcontact.errors import OutputError
-from epcontact.output.vtk import read_fields, scene_attributes, write_fields, write_image
+from epcontact.output.vtk import read_fields, write_fields, write_image
 from epcontact.results import APART, ELASTIC, PLASTIC, Areas, ContactResult, LoadStep, Provenance
-from epcontact.scene import Body, Load, Material, Scene, Surface
+from epcontact.scene import Surface
 
 HARDNESS = 5e8
 
@@ -150,15 +150,6 @@ def test_heights_are_added_where_the_result_has_none(tmp_path: Path) -> None:
     write_fields(tmp_path / "x.vti", bare, surface_of(full, 1.0, 1.0), precision="double")
     read = read_fields(tmp_path / "x.vti")
     assert np.array_equal(read.fields["heights"], full.fields["heights"])
-
-
-def test_scene_attributes_name_the_material() -> None:
-    scene = Scene(Surface(np.eye(4), (1.0, 1.0)), Material(1e9, 0.3, 3e8, 1e8), Load(1e6), Body())
-    told = scene_attributes(scene)
-    assert told["hardness"] == 3e8
-    assert told["yield_stress"] == 1e8
-    assert told["scene"] == scene.digest
-    assert told["depth"] == math.inf
 
 
 def test_what_cannot_be_written(tmp_path: Path) -> None:

@@ -148,9 +148,10 @@ def _stability_table(data: StabilityMap) -> Table:
 @click.option("--output", type=_file, help="Page to write; else report.html in the folder.")
 def report(folder: Path, output: Path | None) -> None:
     """Make one self-contained page of a verification run from its output FOLDER."""
-    from epcontact.output.report.report import report_folder
+    from epcontact.harness.pictures import theory_densities
+    from epcontact.output.report import report_folder
 
-    click.echo(f"report in {report_folder(folder, output)}")
+    click.echo(f"report in {report_folder(folder, output, theory=theory_densities)}")
 
 
 @click.command()

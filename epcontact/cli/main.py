@@ -242,13 +242,13 @@ def _cases_to_verify(names: Sequence[str], size: str) -> list[Case]:
 
 
 def _write_report(cases: Sequence[Case], answers: Any, output: Path) -> None:
-    from epcontact.harness.pictures import write_pictures
-    from epcontact.output.report.report import report_folder
+    from epcontact.harness.pictures import theory_densities, write_pictures
+    from epcontact.output.report import report_folder
 
     for case in cases:
         if not case.skip:
             write_pictures(case, answers[case.id], output / case.id)
-    report_folder(output)
+    report_folder(output, theory=theory_densities)
 
 
 def _jobs_or_cores(jobs: int | None, size: str) -> int:

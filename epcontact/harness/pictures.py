@@ -1,7 +1,7 @@
-"""What `epcontact run` draws of a case: the theory's curves and the methods' distributions.
+"""The charts of a case: the theory's curves and the distributions of all its methods.
 
     power-spectrum          of the first surface, and the analytic one
-    persson-magnification   areas against magnification, with the areas another method found
+    persson-magnification   areas against magnification, with the areas of the boundary elements
     persson-pressure        P(sigma) of the theory as a table
     pressure-distribution   P(sigma) of every method on one axis
 
@@ -10,53 +10,113 @@ Each is a picture (.png, .svg), its data (.csv, .json) and a caption (.txt).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from epcontact import persson
 from epcontact.harness.case import Case
 from epcontact.harness.run import Answer
+from epcontact.output.charts.curves import (
+    areas_against_magnification,
+    power_spectrum,
+    pressure_distribution,
+)
+from epcontact.output.charts.figures import Chart, Series
+from epcontact.output.charts.maps import map_of_file
 from epcontact.output.files import write_bytes, write_json
-from epcontact.results import FloatArray
-from epcontact.scene import Scene, Surface
+from epcontact.results import ContactResult
+from epcontact.scene import Surface
+from epcontact.surfaces.power_spectrum import radial_spectrum
+from epcontact.surfaces.spectrum import density
+
+Results = Mapping[str, Sequence[ContactResult]]
 
 
 def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> list[Path]:
-    """Draw what the answers allow into `folder`; returns the files written.
+    """Draw the charts that the answers allow.
 
-    Raises OutputError.
+    Args:
+        case: Of the answers.
+        answers: By method.
+        folder: For the files.
+
+    Returns:
+        The files written.
+
+    Raises:
+        OutputError: If one cannot be written.
     """
     scene = case.scene(case.recipes[0])
-    theory = answers.get("persson", Answer()).results
-    curves = _theory_curves(scene, case.options["persson"]) if theory else {}
-    written: list[Path] = []
-    for name, chart in _charts(case, scene, answers, curves).items():
-        written += chart.save(folder / name)
-    for name, curve in curves.items():
-        path = folder / f"persson-{name}.json"
-        write_json(path, {key: list(column) for key, column in curve.columns().items()})
+    results = {method: answer.results for method, answer in answers.items() if answer.results}
+    hardness = case.material.hardness
+    charts = {"power-spectrum": _spectrum_chart(scene.surface)}
+    tables = {}
+    if "persson" in results:
+        options = case.options["persson"]
+        areas = persson.scene_magnification_curve(scene, **options)
+        charts["persson-magnification"] = _magnification_chart(case, areas, results)
+        tables["persson-magnification"] = areas.columns()
+        tables["persson-pressure"] = persson.scene_pressure_curve(scene, **options).columns()
+    if any(result.distribution for found in results.values() for result in found):
+        theory = theory_densities(results, hardness)
+        charts["pressure-distribution"] = pressure_distribution(
+            results, hardness=hardness, theory=theory
+        )
+    written = [path for name, chart in charts.items() for path in chart.save(folder / name)]
+    for name, columns in tables.items():
+        path = folder / f"{name}.json"
+        write_json(path, {key: list(column) for key, column in columns.items()})
         written.append(path)
     return written
 
 
-def _theory_curves(scene: Scene, options: Mapping[str, Any]) -> dict[str, Any]:
-    from epcontact import persson
+def theory_densities(results: Results, hardness: float) -> list[Series]:
+    """The densities of the theory by formula, for the chart of all methods' pressures.
 
-    return {
-        "magnification": persson.scene_magnification_curve(scene, **options),
-        "pressure": persson.scene_pressure_curve(scene, **options),
-    }
+    Args:
+        results: By method.
+        hardness: In Pa; where it is finite, the density without hardness is added, at the same
+            diffusion.
+
+    Returns:
+        One or two series, or none where the theory has no result or meets no roughness.
+    """
+    found = results.get("persson", ())
+    diffusion = found[0].final.quantities.get("diffusion", 0.0) if found else 0.0
+    if not diffusion > 0:
+        return []
+    p0 = found[0].final.mean_pressure
+    curve = persson.pressure_curve(diffusion, p0, hardness)
+    series = [Series("persson", curve.pressure, curve.density, line=True)]
+    if math.isfinite(hardness):
+        sigma = np.linspace(0.0, 1.04 * hardness, 300)
+        elastic = persson.pressure_density(sigma, diffusion, p0)
+        series.append(Series("without hardness", sigma, elastic, line=True))
+    return series
 
 
-def _spectrum_chart(surface: Surface) -> Any:
-    """The paper's Fig. 2: the spectrum of the first surface, over the one it was drawn from."""
-    from epcontact.output.charts.curves import power_spectrum
-    from epcontact.output.charts.figures import Series
-    from epcontact.surfaces.power_spectrum import radial_spectrum
-    from epcontact.surfaces.spectrum import density
+def save_map(source: Path, target: Path) -> None:
+    """Draw contact state and pressure of a .vti file.
 
+    Args:
+        source: The .vti file.
+        target: A .png, or a name without ending for a picture, its data and a caption.
+
+    Raises:
+        OutputError: If a file cannot be read or written.
+    """
+    chart = map_of_file(source)
+    if target.suffix == ".png":
+        write_bytes(target, chart.png())
+    else:
+        chart.save(target)
+
+
+def _spectrum_chart(surface: Surface) -> Chart:
+    """The spectrum of the surface, over the one that it was drawn from."""
     found = radial_spectrum(surface)
     shown = found.density > 1e-12 * found.density.max()
     series = [Series("surface", found.wavenumber[shown], found.density[shown])]
@@ -67,77 +127,17 @@ def _spectrum_chart(surface: Surface) -> Any:
     return power_spectrum(series, line=dimension == 1)
 
 
-def _charts(
-    case: Case, scene: Scene, answers: Mapping[str, Answer], curves: Mapping[str, Any]
-) -> dict[str, Any]:
-    from epcontact.output.charts.curves import areas_against_magnification, pressure_distribution
-    from epcontact.output.charts.figures import Series
-
-    charts: dict[str, Any] = {"power-spectrum": _spectrum_chart(scene.surface)}
-    series, plastic = [], {}
-    found = {m: a for m, a in answers.items() if a.results and a.results[0].distribution}
-    if curves:
-        areas, pressure = curves["magnification"], curves["pressure"]
-        zeta = areas.magnification
-        parts = {"total": areas.total, "elastic": areas.elastic, "plastic": areas.plastic}
-        gamma = case.options["persson"]["energy_reduction"]
-        charts["persson-magnification"] = areas_against_magnification(
-            [Series(name, zeta, area) for name, area in parts.items() if np.any(area > 0)],
-            points=_mean_areas(found),
-            caption=f"{case.id}: areas against magnification by Persson's theory, "
-            f"gamma = {gamma:g}; points: the boundary elements, in the continuum limit.",
-        )
-        series.append(Series("persson", pressure.pressure, pressure.density, line=True))
-        plastic["persson"] = pressure.plastic
-    for method in [m for m in found if m != "persson"]:
-        sigma, density = _mean_density(found[method])
-        series.append(Series(method, sigma, density))
-        plastic[method] = float(np.mean([_plastic(r) for r in found[method].results]))
-    if series:
-        charts["pressure-distribution"] = pressure_distribution(
-            series,
-            mean_pressure=case.load.final,
-            hardness=case.material.hardness,
-            plastic=plastic,
-        )
-    return charts
-
-
-def _plastic(result: Any) -> float:
-    return float(result.distribution.plastic)
-
-
-def _mean_areas(found: Mapping[str, Answer]) -> dict[str, float]:
-    if "bem" not in found:
-        return {}
-    # A solver of the user's in the place of bem need not have corrected areas.
-    results = [r for r in found["bem"].results if "corrected" in r.final.areas]
-    if not results:
-        return {}
-    parts = ("total", "elastic", "plastic")
-    means = {p: [getattr(r.final.areas["corrected"], p) for r in results] for p in parts}
-    return {f"{p}, bem": float(np.mean(v)) for p, v in means.items() if np.any(np.array(v) > 0)}
-
-
-def _mean_density(answer: Answer) -> tuple[FloatArray, FloatArray]:
-    """P(sigma) averaged over the surfaces, in common bins."""
-    from epcontact.output.charts.curves import pressure_density
-
-    tables = [r.distribution for r in answer.results if r.distribution is not None]
-    largest = max(float(t.pressure[-1]) for t in tables)
-    densities = [pressure_density(t, largest=largest) for t in tables]
-    return densities[0][0], np.mean([density for _, density in densities], axis=0)
-
-
-def save_map(source: Path, target: Path) -> None:
-    """Draw contact state and pressure of a .vti file to `target`: PNG alone, if it ends so.
-
-    Raises OutputError.
-    """
-    from epcontact.output.charts.maps import map_of_file
-
-    chart = map_of_file(source)
-    if target.suffix == ".png":
-        write_bytes(target, chart.png())
-    else:
-        chart.save(target)
+def _magnification_chart(case: Case, areas: persson.MagnificationCurve, results: Results) -> Chart:
+    """The theory's areas, with the mean areas of the boundary elements as points."""
+    parts = {"total": areas.total, "elastic": areas.elastic, "plastic": areas.plastic}
+    steps = [result.final for result in results.get("bem", ())]
+    # A user's solver in the place of bem need not have corrected areas.
+    corrected = [step.areas["corrected"] for step in steps if "corrected" in step.areas]
+    means = {p: float(np.mean([getattr(a, p) for a in corrected] or [0.0])) for p in parts}
+    gamma = case.options["persson"]["energy_reduction"]
+    return areas_against_magnification(
+        [Series(p, areas.magnification, area) for p, area in parts.items() if np.any(area > 0)],
+        points={f"{p}, bem": mean for p, mean in means.items() if mean > 0},
+        caption=f"{case.id}: areas against magnification by Persson's theory, gamma = {gamma:g}; "
+        "points: the boundary elements, in the continuum limit.",
+    )

@@ -1,7 +1,8 @@
-"""Charts of curves: distributions, areas, spectra, accuracy against cost, convergence.
+"""Charts of results as curves: spectra, areas, pressure distributions, residuals.
 
-Every function takes plain numbers in SI units and returns a `Chart`, which is saved as PNG, SVG,
-CSV and caption by its `save`.  A chart without a single point to draw is a ValueError.
+Every function takes results or plain numbers in SI units and returns a `Chart`, which is saved
+as PNG, SVG, CSV and caption by its `save`.  A chart without a single point to draw is refused
+with a ValueError.
 """
 
 from __future__ import annotations
@@ -19,23 +20,182 @@ from epcontact.output.charts.figures import (
     draw,
     logarithmic,
     long_table,
+    mark_upright,
     new_figure,
     outside_legend,
     styled,
-    zeros_at_the_bottom,
 )
 from epcontact.output.charts.style import CYCLE, STATE_COLOURS, unit_for
-from epcontact.results import ELASTIC, PLASTIC, FloatArray, PressureDistribution
+from epcontact.results import ELASTIC, PLASTIC, ContactResult, FloatArray, PressureDistribution
+
+
+def power_spectrum(series: Sequence[Series], *, line: bool = False) -> Chart:
+    """Figure 2 of the paper: the power spectral density against the wave number, log-log.
+
+    Args:
+        series: Wave numbers in rad/m and densities, of a surface or of a formula.
+        line: The density is the one-dimensional C1 of a line in m^3, not C of a surface in m^4.
+
+    Example:
+        >>> chart = power_spectrum([Series("surface", [1e5, 1e6], [1e-20, 1e-24])])
+        >>> chart.header[1:3]
+        ('wavenumber_rad_per_m', 'density_m4')
+    """
+    power, name = (3, "C_1") if line else (4, "C")
+    with styled():
+        figure, (axes,) = new_figure()
+        draw(axes, series, positive=True)
+        for axis in "xy":
+            logarithmic(axes, axis)
+        axes.set_xlabel(r"wave number $q$ (rad/m)")
+        axes.set_ylabel(rf"spectral density ${name}(q)$ (m$^{power}$)")
+        if len(series) > 1:
+            axes.legend()
+    header = ("series", "wavenumber_rad_per_m", f"density_m{power}", "low", "high")
+    return Chart(figure, header, long_table(series), "Power spectrum of the surface roughness.")
+
+
+def areas_against_magnification(
+    series: Sequence[Series], *, points: Mapping[str, float] | None = None, caption: str = ""
+) -> Chart:
+    """Figure 4 of the paper: contact areas against the magnification, log-log.
+
+    Args:
+        series: Magnifications and areas as fractions of the nominal area, usually the total,
+            the elastic and the plastic area.  Areas of zero are left out.
+        points: Areas by another method, by name, drawn at the highest magnification.
+        caption: Replaces the general caption.
+
+    Example:
+        >>> chart = areas_against_magnification([Series("total", [1, 10], [1.0, 0.2])])
+        >>> chart.rows[1][:3]
+        ('total', 10.0, 0.2)
+    """
+    if not series:
+        raise ValueError("there is nothing to draw: no areas are given")
+    last = max(float(np.max(curve.x)) for curve in series)
+    marks = [Series(name, [last], [area]) for name, area in (points or {}).items()]
+    curves = [Series(s.name, s.x, s.y, s.low, s.high, line=True) for s in series]
+    drawn = [*curves, *marks]
+    with styled():
+        figure, (axes,) = new_figure()
+        draw(axes, drawn, colours=_state_colours([s.name for s in drawn]), positive=True)
+        axes.set(
+            xlabel=r"magnification $\zeta = q / q_0$ (–)", ylabel=r"contact area $A / A_0$ (–)"
+        )
+        # Areas vanish exponentially at low magnification and would squeeze everything else, so
+        # the axis ends three decades below the largest area.
+        top = max(float(np.max(s.y)) for s in drawn)
+        low = min(float(np.min(s.y[s.y > 0])) for s in drawn)
+        axes.set_ylim(max(0.7 * low, 1e-3 * top), 1.5 * top)
+        for name in "xy":
+            logarithmic(axes, name)
+        axes.legend()
+    header = ("series", "magnification", "area_fraction", "low", "high")
+    general = "Contact areas against the magnification at which the surfaces are seen."
+    return Chart(figure, header, long_table(drawn), caption or general)
+
+
+def pressure_distribution(
+    results: Mapping[str, Sequence[ContactResult]],
+    *,
+    hardness: float = np.inf,
+    theory: Sequence[Series] = (),
+) -> Chart:
+    """Figure 5 of the paper: the probability density of the contact pressure, by each method.
+
+    The delta functions at zero pressure and at the hardness cannot be drawn; the legend names
+    the area at the hardness.
+
+    Args:
+        results: The results of each method, one a surface.  Drawn is the mean of the surfaces.
+        hardness: In Pa.
+        theory: Densities by formula, in Pa and 1/Pa.  One that has the name of a method is drawn
+            in the place of that method's binned pressures.
+
+    Raises:
+        ValueError: If no result has a distribution.
+    """
+    tables = {
+        method: [r.distribution for r in found if r.distribution is not None]
+        for method, found in results.items()
+    }
+    tables = {method: found for method, found in tables.items() if found}
+    plastic = {m: float(np.mean([t.plastic for t in found])) for m, found in tables.items()}
+    curves = {curve.name: curve for curve in theory}
+    series = [
+        curves.pop(m) if m in curves else _mean_density(m, found) for m, found in tables.items()
+    ]
+    series += curves.values()
+    top = hardness if np.isfinite(hardness) else max((s.x.max() for s in series), default=0.0)
+    scale, unit = unit_for(float(top), "Pa")
+    with styled():
+        figure, (axes,) = new_figure()
+        draw(
+            axes,
+            [Series(s.name, s.x / scale, s.y * scale, line=s.line) for s in series],
+            labels={m: f"{m} (plastic area {a:.4g})" for m, a in plastic.items() if a > 0},
+        )
+        mean_pressure = next(r.final.mean_pressure for found in results.values() for r in found)
+        mark_upright(axes, mean_pressure / scale, r"$\sigma_0$")
+        if np.isfinite(hardness):
+            mark_upright(axes, hardness / scale, r"$\sigma_\mathrm{P}$", left=True)
+        axes.set(
+            xlim=(0, 1.04 * top / scale),
+            ylim=(0, None),
+            xlabel=rf"contact pressure $\sigma$ ({unit})",
+            ylabel=rf"density $P(\sigma)$ (1/{unit})",
+        )
+        axes.legend()
+    header = ("series", "pressure_Pa", "density_per_Pa", "low_per_Pa", "high_per_Pa")
+    caption = (
+        "Probability density of the contact pressure per nominal area, mean of all surfaces. "
+        "The shares of the area without contact and at the hardness are delta functions, which "
+        "are not drawn."
+    )
+    return Chart(figure, header, long_table(series), caption)
+
+
+def residual_history(histories: Mapping[str, ArrayLike]) -> Chart:
+    """The dimensionless residual of each method against its iterations, logarithmic.
+
+    Example:
+        >>> len(residual_history({"bem": [1.0, 1e-4, 1e-9]}).rows)
+        3
+    """
+    series = [Series(m, np.arange(np.size(values)), values) for m, values in histories.items()]
+    with styled():
+        figure, (axes,) = new_figure(5.6, 3.6)
+        draw(axes, series, positive=True)
+        axes.set(xlabel="iterations (–)", ylabel="residual (–)")
+        logarithmic(axes, "y")
+        outside_legend(axes)
+    header = ("series", "iterations", "residual", "low", "high")
+    caption = "Residual of the iteration on the finest grid, of the surface that took longest."
+    return Chart(figure, header, long_table(series), caption)
 
 
 def pressure_density(
     distribution: PressureDistribution, bins: int = 60, largest: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """The density P(sigma) of the elastic contact, (bins,) pressures in Pa and values in 1/Pa.
+    """The mean density P(sigma) of the elastic contact in intervals of one width.
 
-    The mean density in `bins` intervals of one width, from 0 to the largest pressure (or to
-    `largest`, to give several distributions the same intervals): differences of the cumulative
-    areas, so that their sum is the elastic area exactly.
+    The densities are differences of the cumulative areas, so that they sum up to the elastic
+    area exactly.
+
+    Args:
+        distribution: Of the pressures of one result.
+        bins: Number of intervals.
+        largest: Pressure in Pa at which the last interval ends, to give several distributions
+            the same intervals.  By default the largest pressure of this one.
+
+    Returns:
+        The middles of the intervals in Pa and the densities in 1/Pa, both of shape (bins,).
+
+    Example:
+        >>> half = PressureDistribution(np.array([0.0, 2.0]), np.array([0.0, 0.5]))
+        >>> pressure_density(half, bins=2)
+        (array([0.5, 1.5]), array([0.25, 0.25]))
     """
     edges = np.linspace(0.0, largest or distribution.pressure[-1], bins + 1)
     pressure = np.concatenate([[0.0], distribution.pressure])
@@ -46,196 +206,13 @@ def pressure_density(
     return 0.5 * (edges[1:] + edges[:-1]), np.diff(area) / np.diff(edges)
 
 
-def pressure_distribution(
-    series: Sequence[Series],
-    *,
-    mean_pressure: float,
-    hardness: float = np.inf,
-    plastic: Mapping[str, float] | None = None,
-    caption: str = "",
-) -> Chart:
-    """P(sigma) of several methods on one axis; `series` hold sigma in Pa and P in 1/Pa.
-
-    Theory goes in as `Series(..., line=True)`: equation (1) of the elastic and (3) of the capped
-    contact.  `plastic`: areas at the hardness by name, told in the legend, as the delta function
-    there cannot be drawn.
-    """
-    largest = max(float(np.max(one.x, initial=0.0)) for one in series) if series else 0.0
-    scale, unit = unit_for(hardness if np.isfinite(hardness) else largest, "Pa")
-    with styled():
-        figure, (axes,) = new_figure()
-        told = plastic or {}
-        draw(
-            axes,
-            [_scaled(one, 1 / scale, scale) for one in series],
-            labels={n: f"{n} (plastic area {a:.4g})" for n, a in told.items()},
-        )
-        axes.axvline(mean_pressure / scale, color="#7f7f7f", linewidth=0.9, linestyle=":")
-        axes.annotate(
-            r" $\sigma_0$",
-            (mean_pressure / scale, 0.985),
-            xycoords=("data", "axes fraction"),
-            va="top",
-            color="#555555",
-        )
-        right = 1.04 * (hardness if np.isfinite(hardness) else largest) / scale
-        axes.set(
-            xlim=(0, right),
-            ylim=(0, None),
-            xlabel=rf"contact pressure $\sigma$ ({unit})",
-            ylabel=rf"density $P(\sigma)$ (1/{unit})",
-        )
-        if np.isfinite(hardness):
-            axes.axvline(hardness / scale, color=STATE_COLOURS[PLASTIC], linewidth=0.9)
-            axes.annotate(
-                r"$\sigma_\mathrm{P}$ ",
-                (hardness / scale, 0.985),
-                xycoords=("data", "axes fraction"),
-                va="top",
-                ha="right",
-            )
-        axes.legend()
-    told_caption = caption or (
-        "Probability density of the contact pressure, per nominal area. The shares of the area "
-        "without contact and at the hardness (delta functions) are not drawn."
-    )
-    header = ("series", "pressure_Pa", "density_per_Pa", "low_per_Pa", "high_per_Pa")
-    return Chart(figure, header, long_table(series), told_caption)
-
-
-def areas_against_magnification(
-    series: Sequence[Series], *, points: Mapping[str, float] | None = None, caption: str = ""
-) -> Chart:
-    """Contact areas as fractions of the nominal area against the magnification, log-log.
-
-    `series`: usually total, elastic and plastic; areas of zero are left out.  `points`: areas
-    found by another method, drawn at the highest magnification.
-    """
-    if not series:
-        raise ValueError("there is nothing to draw: no areas are given")
-    last = max(float(np.max(one.x)) for one in series)
-    marks = [Series(name, [last], [area]) for name, area in (points or {}).items()]
-    curves = [Series(s.name, s.x, s.y, s.low, s.high, line=True) for s in series]
-    with styled():
-        figure, (axes,) = new_figure()
-        names = [one.name for one in [*curves, *marks]]
-        draw(axes, [*curves, *marks], colours=_state_colours(names), positive=True)
-        axes.set(
-            xlabel=r"magnification $\zeta = q / q_0$ (–)", ylabel=r"contact area $A / A_0$ (–)"
-        )
-        _room_below(axes, [*curves, *marks])
-        for name in "xy":
-            logarithmic(axes, name)
-        axes.legend()
-    told = caption or "Contact areas against the magnification at which the surfaces are seen."
-    header = ("series", "magnification", "area_fraction", "low", "high")
-    return Chart(figure, header, long_table([*curves, *marks]), told)
-
-
-def power_spectrum(
-    series: Sequence[Series],
-    *,
-    line: bool = False,
-    marks: Mapping[str, float] | None = None,
-    caption: str = "",
-) -> Chart:
-    """Power spectral density against the wave number (rad/m), log-log.
-
-    `line`: the density is the one-dimensional C1 (m^3) rather than C (m^4).  `marks`: wave
-    numbers drawn as upright lines, such as the roll-off, by their symbols.
-    """
-    power = 3 if line else 4
-    name = "C_1" if line else "C"
-    with styled():
-        figure, (axes,) = new_figure()
-        draw(axes, series, positive=True)
-        for axis in "xy":
-            logarithmic(axes, axis)
-        axes.set_xlabel(r"wave number $q$ (rad/m)")
-        axes.set_ylabel(rf"spectral density ${name}(q)$ (m$^{power}$)")
-        for symbol, q in (marks or {}).items():
-            axes.axvline(q, color="#7f7f7f", linewidth=0.9, linestyle=":")
-            axes.annotate(
-                f" {symbol}", (q, 0.02), xycoords=("data", "axes fraction"), color="#555555"
-            )
-        if len(series) > 1:
-            axes.legend()
-    told = caption or "Power spectrum of the surface roughness."
-    header = ("series", "wavenumber_rad_per_m", f"density_m{power}", "low", "high")
-    return Chart(figure, header, long_table(series), told)
-
-
-def work_precision(
-    series: Sequence[Series],
-    *,
-    cost: str = "time (s)",
-    error: str = "relative error (–)",
-    pareto: bool = False,
-    caption: str = "",
-) -> Chart:
-    """Error against cost, log-log: down and to the left is better.
-
-    `series`: cost and error of one method at rising effort; errors of zero are drawn at the
-    bottom edge as open marks.  `pareto`: draw what no other point beats in both.
-    """
-    with styled():
-        figure, (axes,) = new_figure(5.6, 3.8)
-        draw(axes, series, positive=True)
-        axes.set(xlabel=cost, ylabel=error)
-        for name in "xy":
-            logarithmic(axes, name)
-        zeros_at_the_bottom(axes, series)
-        if pareto:
-            draw_front(axes, series)
-        outside_legend(axes)
-    told = caption or "Error against cost; down and to the left is better."
-    return Chart(figure, ("series", cost, error, "low", "high"), long_table(series), told)
-
-
-def convergence(
-    series: Sequence[Series],
-    *,
-    resolution: str,
-    error: str = "relative error (–)",
-    caption: str = "",
-) -> Chart:
-    """Error against grid spacing (or another measure of resolution), log-log, with the slope of
-    each series (its observed order, a least-squares fit) in the legend."""
-    orders = {one.name: observed_order(one.x, one.y) for one in series}
-    labels = {n: f"{n}: order {o:.2f}" for n, o in orders.items() if np.isfinite(o)}
-    with styled():
-        figure, (axes,) = new_figure(5.6, 3.8)
-        draw(axes, series, labels=labels, positive=True)
-        axes.set(xlabel=resolution, ylabel=error)
-        for name in "xy":
-            logarithmic(axes, name)
-        outside_legend(axes)
-    told = caption or "Error against resolution; the order is the slope of a fitted line."
-    return Chart(figure, ("series", resolution, error, "low", "high"), long_table(series), told)
-
-
-def history(
-    series: Sequence[Series],
-    *,
-    count: str = "iterations",
-    tolerance: float | None = None,
-    caption: str = "",
-) -> Chart:
-    """Dimensionless residual against a count of iterations or transforms, logarithmic."""
-    with styled():
-        figure, (axes,) = new_figure(5.6, 3.6)
-        draw(axes, series, positive=True)
-        axes.set(xlabel=f"{count} (–)", ylabel="residual (–)")
-        logarithmic(axes, "y")
-        if tolerance is not None:
-            axes.axhline(tolerance, color="#7f7f7f", linestyle=":", label="tolerance")
-        outside_legend(axes)
-    told = caption or "Residual of the solvers against their effort."
-    return Chart(figure, ("series", count, "residual", "low", "high"), long_table(series), told)
-
-
 def observed_order(x: ArrayLike, y: ArrayLike) -> float:
-    """Slope of log y against log x by least squares; NaN with fewer than two positive points."""
+    """Slope of log y against log x by least squares; NaN with fewer than two positive points.
+
+    Example:
+        >>> round(observed_order([0.1, 0.2, 0.4], [0.01, 0.04, 0.16]), 12)
+        2.0
+    """
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     good = (x > 0) & (y > 0) & np.isfinite(x) & np.isfinite(y)
     if np.unique(x[good]).size < 2:
@@ -244,7 +221,12 @@ def observed_order(x: ArrayLike, y: ArrayLike) -> float:
 
 
 def pareto_front(cost: ArrayLike, error: ArrayLike) -> FloatArray:
-    """The points (m, 2) that no other beats in both, by rising cost; ties are kept once."""
+    """The points (m, 2) that no other point beats in both, by rising cost; ties are kept once.
+
+    Example:
+        >>> pareto_front([1, 2, 3], [0.3, 0.5, 0.1]).tolist()
+        [[1.0, 0.3], [3.0, 0.1]]
+    """
     pairs = np.column_stack([np.ravel(cost), np.ravel(error)]).astype(np.float64)
     pairs = pairs[np.isfinite(pairs).all(axis=1)]
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
@@ -253,11 +235,11 @@ def pareto_front(cost: ArrayLike, error: ArrayLike) -> FloatArray:
 
 
 def draw_front(axes: Any, series: Sequence[Series]) -> None:
-    """What no point (cost, error) of the series beats in both, as steps behind them.
+    """Draw the Pareto front of the points (cost, error) of the series as steps behind them.
 
-    No error at all beats every dearer point; it has no place on the axis, but ends the front.
+    An error of zero beats every dearer point; it has no place on the axis, but ends the front.
     """
-    cost, error = (np.concatenate([getattr(one, key) for one in series]) for key in "xy")
+    cost, error = (np.concatenate([getattr(s, key) for s in series]) for key in "xy")
     cheapest_exact = cost[error == 0].min(initial=np.inf)
     shown = (error > 0) & (cost < cheapest_exact)
     front = pareto_front(cost[shown], error[shown])
@@ -265,17 +247,11 @@ def draw_front(axes: Any, series: Sequence[Series]) -> None:
     axes.step(*front.T, where="post", label="Pareto front", **look)
 
 
-def _scaled(one: Series, x: float, y: float) -> Series:
-    low, high = (None if b is None else b * y for b in (one.low, one.high))
-    return Series(one.name, one.x * x, one.y * y, low, high, one.line)
-
-
-def _room_below(axes: Any, series: Sequence[Series]) -> None:
-    """Cut a logarithmic axis three decades below the largest value: areas vanish
-    exponentially at low magnification and would squeeze everything else."""
-    top = max(float(np.max(one.y)) for one in series)
-    low = min(float(np.min(one.y[one.y > 0])) for one in series)
-    axes.set_ylim(max(0.7 * low, 1e-3 * top), 1.5 * top)
+def _mean_density(method: str, tables: Sequence[PressureDistribution]) -> Series:
+    """The density averaged over the surfaces, in common intervals."""
+    largest = max(float(table.pressure[-1]) for table in tables)
+    densities = [pressure_density(table, largest=largest) for table in tables]
+    return Series(method, densities[0][0], np.mean([density for _, density in densities], axis=0))
 
 
 def _state_colours(names: Sequence[str]) -> dict[str, str]:

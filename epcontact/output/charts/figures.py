@@ -1,7 +1,8 @@
-"""A chart: picture, data and caption, saved together, whole or not at all.
+"""A chart is a picture, its data and a caption, which are saved together or not at all.
 
 Figures are made without pyplot: nothing is registered anywhere, no window can open, and threads
-or a user's own matplotlib session are left alone.
+or a user's own matplotlib session are left alone.  Matplotlib is imported where it is used,
+because its import takes longer than most commands.
 """
 
 from __future__ import annotations
@@ -29,10 +30,19 @@ if TYPE_CHECKING:
 class Series:
     """One named line of a chart.
 
-    x, y: array-likes of equal length, kept as float64 arrays; values that are not finite are
-        left out of the picture.
-    low, high: bounds of y, drawn as error bars (points) or as a band (lines).
-    line: a curve without marks (theory) rather than points.
+    Args:
+        name: Its entry in the legend and in the data.
+        x, y: Array-likes of equal length, kept as float64 arrays.  Values that are not finite
+            are left out of the picture.
+        low, high: Bounds of y, drawn as error bars of points or as the band of a curve.
+        line: Draw a curve without marks, as for a theory, rather than points.
+
+    Raises:
+        ValueError: If the lengths differ, or one bound is given without the other.
+
+    Example:
+        >>> Series("bem", [1, 2], [0.1, 0.2]).y
+        array([0.1, 0.2])
     """
 
     name: str
@@ -54,11 +64,13 @@ class Series:
 
 @dataclass(frozen=True)
 class Chart:
-    """A picture that can stand alone.
+    """A picture with its data and its caption.
 
-    figure: a matplotlib Figure that belongs to no pyplot session.
-    header, rows: the data behind it, units in the header.
-    caption: sentences that say what is seen, with the parameters.
+    Args:
+        figure: A matplotlib Figure that belongs to no pyplot session.
+        header: Names of the columns of the data, with their units.
+        rows: The data that are drawn.
+        caption: Sentences that say what is seen.
     """
 
     figure: Figure
@@ -92,7 +104,11 @@ class Chart:
     def save(self, stem: Path | str) -> tuple[Path, ...]:
         """Write stem.png, stem.svg, stem.csv and stem.txt (the caption), all of them or none.
 
-        Raises OutputError if one cannot be written.
+        Returns:
+            The four paths.
+
+        Raises:
+            OutputError: If one of them cannot be written.
         """
         contents = {
             ".png": self.png(),
@@ -102,7 +118,7 @@ class Chart:
         }
         paths = {end: Path(f"{stem}{end}") for end in contents}
         with contextlib.ExitStack() as stack:
-            # All are on the disk before the first one takes its place.
+            # All four are on the disk before the first one takes its place.
             for end, content in contents.items():
                 stack.enter_context(whole_file(paths[end])).write_bytes(content)
         return tuple(paths.values())
@@ -118,10 +134,10 @@ class Chart:
 
 @contextlib.contextmanager
 def styled() -> Iterator[None]:
-    """The style's settings for the length of a block; those of the caller come back after it."""
+    """Apply the style's settings within a block, and restore the caller's after it."""
     import matplotlib as mpl
 
-    # Not the user's own settings file, and not the backend: asking for it imports pyplot.
+    # The user's own settings file is left out, and the backend: asking for it imports pyplot.
     defaults: Any = {k: v for k, v in mpl.rcParamsDefault.items() if not k.startswith("backend")}
     with mpl.rc_context(defaults | dict(SETTINGS)):
         yield
@@ -130,7 +146,7 @@ def styled() -> Iterator[None]:
 def new_figure(
     width: float = 5.2, height: float = 3.6, columns: int = 1
 ) -> tuple[Figure, NDArray[Any]]:
-    """A figure of `columns` axes side by side (sizes in inches); call it inside `styled()`."""
+    """A figure and its `columns` axes side by side; sizes in inches.  Call it inside `styled()`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -140,14 +156,19 @@ def new_figure(
 
 
 def long_table(series: Sequence[Series]) -> list[tuple[Any, ...]]:
-    """Rows (series, x, y, low, high) of all series; empty cells where there are no bounds."""
+    """Rows (series, x, y, low, high) of all series, with empty cells where there are no bounds.
+
+    Example:
+        >>> long_table([Series("bem", [1], [2])])
+        [('bem', 1.0, 2.0, '', '')]
+    """
     rows: list[tuple[Any, ...]] = []
-    for one in series:
+    for item in series:
         columns = [
-            [""] * one.x.size if column is None else column.tolist()
-            for column in (one.x, one.y, one.low, one.high)
+            [""] * item.x.size if column is None else column.tolist()
+            for column in (item.x, item.y, item.low, item.high)
         ]
-        rows += [(one.name, *row) for row in zip(*columns, strict=True)]
+        rows += [(item.name, *row) for row in zip(*columns, strict=True)]
     return rows
 
 
@@ -159,23 +180,34 @@ def draw(
     colours: Mapping[str, str] | None = None,
     positive: bool = False,
 ) -> None:
-    """Draw the series with their looks; values that cannot be shown are left out."""
+    """Draw the series, each with its own look.
+
+    Args:
+        axes: Of matplotlib.
+        series: To be drawn.
+        labels: Entries of the legend by the names of series, where they differ from the names.
+        colours: By the names of series, where they differ from the usual ones.
+        positive: Leave out values that a logarithmic axis cannot show.
+
+    Raises:
+        ValueError: If no series has a value that can be drawn.
+    """
     shown = 0
-    looks = series_looks([one.name for one in series], [one.line for one in series])
-    for one, look in zip(series, looks, strict=True):
-        x, y = one.x, one.y
+    looks = series_looks([item.name for item in series], [item.line for item in series])
+    for item, look in zip(series, looks, strict=True):
+        x, y = item.x, item.y
         good = np.isfinite(x) & np.isfinite(y)
         if positive:
             good &= y > 0
         shown += int(good.sum())
-        look["color"] = (colours or {}).get(one.name, look["color"])
-        if not one.line and x.size > 25:
+        look["color"] = (colours or {}).get(item.name, look["color"])
+        if not item.line and x.size > 25:
             look["markersize"] = 3.0
-        label = (labels or {}).get(one.name, one.name)
+        label = (labels or {}).get(item.name, item.name)
         axes.plot(x[good], y[good], label=label, **look)
-        if one.low is not None and one.high is not None:
-            low, high = one.low[good], one.high[good]
-            if one.line:
+        if item.low is not None and item.high is not None:
+            low, high = item.low[good], item.high[good]
+            if item.line:
                 axes.fill_between(x[good], low, high, color=look["color"], alpha=0.2, linewidth=0)
             else:
                 axes.vlines(x[good], low, high, color=look["color"], linewidth=0.9)
@@ -186,8 +218,8 @@ def draw(
 def logarithmic(axes: Any, name: str) -> None:
     """Make the axis called `name` ("x" or "y") logarithmic; call it once the data are drawn.
 
-    Ticks stand at 1, 2 and 5 where it spans little, at whole decades elsewhere: labels of every
-    minor tick would overlap.
+    It has ticks at 1, 2 and 5 where it spans little and at whole decades elsewhere, because the
+    labels of all minor ticks would overlap.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -209,11 +241,11 @@ def _tick(value: float, _: object) -> str:
 
 
 def zeros_at_the_bottom(axes: Any, series: Sequence[Series]) -> None:
-    """Open marks on the lower edge of a logarithmic axis for values that are exactly zero."""
+    """Draw open marks on the lower edge of a logarithmic axis for values that are exactly zero."""
     floor = axes.get_ylim()[0]
-    looks = series_looks([one.name for one in series], [one.line for one in series])
-    for one, look in zip(series, looks, strict=True):
-        x, y = one.x, one.y
+    looks = series_looks([item.name for item in series], [item.line for item in series])
+    for item, look in zip(series, looks, strict=True):
+        x, y = item.x, item.y
         if np.any(y == 0):
             look["linestyle"] = "none"
             axes.plot(
@@ -226,8 +258,21 @@ def zeros_at_the_bottom(axes: Any, series: Sequence[Series]) -> None:
             axes.set_ylim(bottom=floor)
 
 
+def mark_upright(axes: Any, x: float, label: str, *, left: bool = False) -> None:
+    """Draw a dotted line at `x`, with its label at the top, to the right or to the left of it."""
+    axes.axvline(x, color="#7f7f7f", linewidth=0.9, linestyle=":")
+    axes.annotate(
+        f"{label} " if left else f" {label}",
+        (x, 0.985),
+        xycoords=("data", "axes fraction"),
+        va="top",
+        ha="right" if left else "left",
+        color="#555555",
+    )
+
+
 def outside_legend(axes: Any) -> None:
-    """Beside the axes, where it can cover no point."""
+    """Put the legend beside the axes, where it can cover no point."""
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 

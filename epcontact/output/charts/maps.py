@@ -85,7 +85,6 @@ def pressure_difference(
     spacing: tuple[float, ...],
     *,
     names: tuple[str, str] = ("BEM", "FE"),
-    caption: str = "",
 ) -> Chart:
     """The pressures (nx, ny) of two methods side by side, in one scale, with their difference."""
     if first.shape != second.shape:
@@ -107,7 +106,7 @@ def pressure_difference(
         _show(axes[2], difference, spacing, paint)
         axes[2].set_title(f"{names[0]} minus {names[1]}")
         figure.colorbar(mappable, ax=axes[2], shrink=0.82, label=f"difference ({small_unit})")
-    told = caption or f"Contact pressure of {names[0]} and {names[1]}, and their difference."
+    caption = f"Contact pressure by {names[0]} and by {names[1]}, and their difference."
     rows = [
         ("largest_pressure_Pa", top),
         ("largest_difference_Pa", most),
@@ -115,7 +114,7 @@ def pressure_difference(
         ("mean_pressure_first_Pa", float(np.mean(first, dtype=np.float64))),
         ("mean_pressure_second_Pa", float(np.mean(second, dtype=np.float64))),
     ]
-    return Chart(figure, ("quantity", "value"), rows, told)
+    return Chart(figure, ("quantity", "value"), rows, caption)
 
 
 def contact_profile(

@@ -1,0 +1,270 @@
+"""The report of a verification run: one self-contained HTML page of verdict, answers, pictures.
+
+The page is the template `report.html.jinja` beside this file, filled with the content of
+`verdict.json` and of the methods' JSON files; jinja2 escapes all of it.  The page asks no other
+host for anything, which its content-security policy makes the browser enforce.  It needs no
+script, follows the reader's choice of light or dark, and fits a phone.
+"""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+import math
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from epcontact.errors import OutputError
+from epcontact.output.charts.curves import pressure_distribution, residual_history
+from epcontact.output.charts.figures import Chart, Series
+from epcontact.output.charts.maps import map_of_file, pressure_difference
+from epcontact.output.files import read_bytes, write_text
+from epcontact.output.view.view import screenshot
+from epcontact.output.vtk import read_fields
+from epcontact.results import ContactResult, number_from_json
+
+Data = Mapping[str, Any]  # the content of a JSON file
+Results = Mapping[str, Sequence[ContactResult]]  # by method, one result a surface
+Theory = Callable[[Results, float], Sequence[Series]]
+
+_MEDIA_TYPES = {"svg": "image/svg+xml", "png": "image/png"}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture that becomes a part of the page.
+
+    Args:
+        content: Its bytes.
+        kind: "svg" or "png".
+        caption: Shown below it and read to those who cannot see it.
+    """
+
+    content: bytes
+    kind: str
+    caption: str
+
+    @property
+    def uri(self) -> str:
+        """The picture as a data URI."""
+        return f"data:{_MEDIA_TYPES[self.kind]};base64,{base64.b64encode(self.content).decode()}"
+
+
+def report_folder(
+    folder: Path | str, path: Path | str | None = None, *, theory: Theory | None = None
+) -> Path:
+    """Make the report of an output folder.
+
+    The page shows the charts in a case's folder (.svg with a caption in .txt beside it), the
+    pressure distributions and residuals of all methods, maps of the first .vti of each method,
+    and finite-element blocks (.pvd) where three-dimensional pictures can be drawn.
+
+    Args:
+        folder: Holds verdict.json and a folder for each case.
+        path: Of the page, by default report.html in the folder.
+        theory: Gives the densities of the theory by formula from results and hardness (Pa).
+            Without it the theory's pressures are binned as those of the other methods.
+
+    Returns:
+        The path of the page.
+
+    Raises:
+        OutputError: If there is no verdict in the folder or the page cannot be written.
+    """
+    home = Path(folder)
+    verdict = _read_json(home / "verdict.json")
+    results: dict[str, dict[str, Data]] = {}
+    pictures: dict[str, list[Picture]] = {}
+    notes: list[str] = []
+    for case in verdict["cases"]:
+        here = home / case["id"]
+        answers = {
+            method: _read_json(here / f"{method}.json")
+            for method in case["methods"]
+            if (here / f"{method}.json").is_file()
+        }
+        results[case["id"]] = answers
+        pictures[case["id"]] = [
+            *_charts_of(answers, theory),
+            *_saved_charts(here),
+            *_maps(here, list(answers)),
+        ]
+        blocks, complaints = _blocks(here, list(answers))
+        pictures[case["id"]] += blocks
+        notes += complaints
+    target = Path(path) if path is not None else home / "report.html"
+    write_report(target, verdict, results, pictures, list(dict.fromkeys(notes)))
+    return target
+
+
+def write_report(
+    path: Path | str,
+    verdict: Data,
+    results: Mapping[str, Mapping[str, Data]],
+    pictures: Mapping[str, Sequence[Picture]] | None = None,
+    notes: Sequence[str] = (),
+) -> None:
+    """Write the page, whole or not at all.
+
+    Args:
+        path: Of the page.
+        verdict: The content of verdict.json.
+        results: The content of the methods' JSON files, by case and method.
+        pictures: By case.
+        notes: Sentences for the top of the page.
+
+    Raises:
+        OutputError: If the page cannot be written.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("epcontact.output", ""),
+        autoescape=True,
+        undefined=jinja2.ChainableUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "number": number,
+        "counts": _counts,
+        "listed": lambda values: ", ".join(f"{name} {value}" for name, value in values.items()),
+        "area_rows": _area_rows,
+    }
+    statuses = [case["status"] for case in verdict["cases"]]
+    counts = {s: statuses.count(s) for s in ("holds", "falls short", "error", "skipped")}
+    page = environment.get_template("report.html.jinja").render(
+        verdict=verdict,
+        results=results,
+        pictures=pictures or {},
+        notes=notes,
+        counts=", ".join(f"{n} {status}" for status, n in counts.items() if n),
+    )
+    write_text(path, page + "\n")
+
+
+def number(value: Any, digits: int = 4) -> str:
+    """A number of a JSON file as text; other text as it is; nothing for a missing value.
+
+    Example:
+        >>> number(0.123456), number("inf"), number("nan"), number(None), number("bem")
+        ('0.1235', 'inf', '–', '', 'bem')
+    """
+    if value is None or isinstance(value, jinja2.Undefined):
+        return ""
+    try:
+        parsed = number_from_json(value)
+    except (TypeError, ValueError):
+        return str(value)
+    return "–" if math.isnan(parsed) else f"{parsed:.{digits}g}"
+
+
+def _counts(values: Data, digits: int, without: Sequence[str] = ()) -> str:
+    """Names and numbers in one line."""
+    shown = {k.replace("_", " "): v for k, v in values.items() if k not in without}
+    return ", ".join(f"{name} {number(value, digits)}" for name, value in shown.items())
+
+
+def _area_rows(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
+    """The error budget: what the grid, its correction and the few surfaces each contribute."""
+    rows = []
+    for method, answer in answers.items():
+        areas, spread = answer["areas"], answer["ensemble"]["areas"]
+        surfaces = len(answer["members"])
+        for part in ("total", "elastic", "plastic"):
+            if not any(number_from_json(kind[part]) for kind in areas.values()):
+                continue
+            raw, corrected = (areas.get(kind, {}).get(part) for kind in ("raw", "corrected"))
+            both = raw is not None and corrected is not None
+            half_width = spread.get("corrected", {}).get(part, {}).get("half_width_95")
+            row = {"method": method, "part": part, "raw": raw, "corrected": corrected}
+            row["correction"] = (
+                number_from_json(corrected) - number_from_json(raw) if both else None
+            )
+            row["error"] = areas.get("error", {}).get(part)
+            row["half_width"] = half_width if surfaces > 1 else None
+            rows.append(row | {"surfaces": surfaces})
+    return rows
+
+
+def _charts_of(answers: Mapping[str, Data], theory: Theory | None) -> list[Picture]:
+    """The pressure distributions of all methods on one axis, and the solvers' residuals."""
+    results = {
+        method: [ContactResult.from_json(member) for member in answer["members"]]
+        for method, answer in answers.items()
+    }
+    everything = [result for found in results.values() for result in found]
+    charts: list[Chart] = []
+    tables = [result.distribution for result in everything if result.distribution is not None]
+    if tables:
+        hardness = max((float(t.pressure[-1]) for t in tables if t.plastic > 0), default=math.inf)
+        curves = theory(results, hardness) if theory else ()
+        charts.append(pressure_distribution(results, hardness=hardness, theory=curves))
+    # The surface that took longest stands for a method; all surfaces would hide each other.
+    longest = {m: max((r.history for r in found), key=len) for m, found in results.items()}
+    histories = {m: np.array(h) for m, h in longest.items() if h}
+    if any(np.any(np.isfinite(h) & (h > 0)) for h in histories.values()):
+        charts.append(residual_history(histories))
+    return [Picture(chart.svg(), "svg", chart.caption) for chart in charts]
+
+
+def _saved_charts(folder: Path) -> list[Picture]:
+    """The charts in a case's folder; the distributions are those of `_charts_of`."""
+    captions = {chart: chart.with_suffix(".txt") for chart in sorted(folder.glob("*.svg"))}
+    return [
+        Picture(chart.read_bytes(), "svg", caption.read_text("utf-8").strip())
+        for chart, caption in captions.items()
+        if chart.stem != "pressure-distribution" and caption.is_file()
+    ]
+
+
+def _maps(folder: Path, methods: Sequence[str]) -> list[Picture]:
+    """The contact of each method's first surface, and the differences on a common grid."""
+    pictures, fields = [], {}
+    for method in methods:
+        candidates = [folder / f"{method}.vti", *sorted(folder.glob(f"{method}-*.vti"))]
+        path = next((path for path in candidates if path.is_file()), None)
+        if path is not None:
+            fields[method] = path
+            caption = f"Contact state and pressure by {method}, {path.name}."
+            pictures.append(Picture(map_of_file(path, caption).png(110), "png", caption))
+    for first, second in itertools.combinations(sorted(fields), 2):
+        one, two = read_fields(fields[first]), read_fields(fields[second])
+        if len(one.shape) == 2 and one.shape == two.shape and one.spacing == two.spacing:
+            pressures = one.fields["pressure"], two.fields["pressure"]
+            chart = pressure_difference(*pressures, one.spacing, names=(first, second))
+            pictures.append(Picture(chart.png(110), "png", chart.caption))
+    return pictures
+
+
+def _blocks(folder: Path, methods: Sequence[str]) -> tuple[list[Picture], list[str]]:
+    """The body of each method that has one, cut open, and why a body could not be drawn."""
+    pictures, complaints = [], []
+    for method in methods:
+        collections = [*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")]
+        for collection in sorted(collections)[:1]:
+            with tempfile.TemporaryDirectory() as temporary:
+                picture = Path(temporary) / "block.png"
+                try:
+                    screenshot(collection, picture, size=(1200, 600))
+                except OutputError as error:
+                    complaints.append(f"Left out of this page: {error}.")
+                    continue
+                caption = (
+                    f"The body of {method}, cut open at the last load: von Mises stress and "
+                    "plastic strain."
+                )
+                pictures.append(Picture(picture.read_bytes(), "png", caption))
+    return pictures, complaints
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        return json.loads(read_bytes(path))
+    except ValueError:
+        raise OutputError(f"cannot read {path}: it is no JSON") from None
