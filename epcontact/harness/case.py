@@ -16,31 +16,21 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from epcontact import surfaces
 from epcontact.errors import EpcontactError, InvalidCase, nearest
 from epcontact.harness.case_gates import gates_of
 from epcontact.harness.gates import Gate
 from epcontact.harness.methods import METHODS
-from epcontact.harness.mistakes import sentence
-from epcontact.harness.schema import (
-    CaseFile,
-    FileTable,
-    FlatPunchTable,
-    ParaboloidTable,
-    SelfAffineTable,
-    SinusoidTable,
-)
+from epcontact.harness.schema import CaseFile, mistake
 from epcontact.scene import (
     Body,
     Load,
     Material,
     Scene,
-    SelfAffineSpectrum,
     check_load,
     check_loading,
     scene_digest,
 )
-from epcontact.surfaces.recipe import require_room
+from epcontact.surfaces import Recipe, SurfaceAbsent, recipes_of, require_room
 
 SIZES = ("fast", "full", "large")
 LARGEST_FILE = 1 << 20  # bytes; a case is a page of text, anything larger is another file
@@ -57,7 +47,7 @@ class Case:
     methods: tuple[str, ...]
     time_limit: float
     verify: bool
-    recipes: tuple[surfaces.Recipe, ...]
+    recipes: tuple[Recipe, ...]
     material: Material
     body: Body
     load: Load
@@ -66,13 +56,13 @@ class Case:
     path: Path
     skip: str = ""
 
-    def digest(self, recipe: surfaces.Recipe) -> str:
+    def digest(self, recipe: Recipe) -> str:
         """Digest of the scene on that surface, without making the surface."""
         return scene_digest(
             recipe.fingerprint, recipe.shape, recipe.periods, self.material, self.body, self.load
         )
 
-    def scene(self, recipe: surfaces.Recipe) -> Scene:
+    def scene(self, recipe: Recipe) -> Scene:
         """Make the surface and the scene on it.  Raises InvalidScene, NotEnoughMemory."""
         require_room(recipe.shape)
         return Scene(recipe.build(), self.material, self.load, self.body)
@@ -173,26 +163,24 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _build(path: Path, size: str, data: Mapping[str, Any]) -> Case:
     try:
-        table = CaseFile.model_validate(data)
+        table = CaseFile.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
-        raise InvalidCase(f"{path}: {sentence(error)}") from None
-    skip = ""
-    recipes: tuple[surfaces.Recipe, ...] = ()
+        raise InvalidCase(f"{path}: {mistake(error)}") from None
     try:
         section = "material"
         material = Material(**table.material.model_dump())
         section = "body"
         body = Body(**table.body.model_dump())
         section = "load"
-        load = Load(_lengths(table.load.mean_pressure))
+        given = table.load.mean_pressure
+        load = Load(tuple(given) if isinstance(given, list) else given)
         check_load(material, load)
         if not all(METHODS[name].follows_unloading for name in table.case.methods):
             check_loading(material, load)
-        section = "surface"
-        skip = _absent(path, table.surface) or _not_installed(table.case.methods)
-        recipes = () if skip else _recipes(path, table.surface)
     except EpcontactError as error:
         raise InvalidCase(f"{path}: [{section}] {error}") from None
+    absent = isinstance(table.surface, SurfaceAbsent)
+    skip = f"skipped: {table.surface}" if absent else _not_installed(table.case.methods)
     return Case(
         id=table.case.id,
         size=size,
@@ -201,7 +189,7 @@ def _build(path: Path, size: str, data: Mapping[str, Any]) -> Case:
         methods=tuple(dict.fromkeys(table.case.methods)),
         time_limit=table.case.time_limit,
         verify=table.case.verify,
-        recipes=recipes,
+        recipes=() if skip else recipes_of(table.surface),
         material=material,
         body=body,
         load=load,
@@ -212,53 +200,9 @@ def _build(path: Path, size: str, data: Mapping[str, Any]) -> Case:
     )
 
 
-def _absent(path: Path, table: Any) -> str:
-    if isinstance(table, FileTable) and table.optional:
-        file = path.parent / table.path
-        if not file.exists():
-            return f"skipped: its surface {file} is not here; put the file there to run it"
-    return ""
-
-
 def _not_installed(methods: Sequence[str]) -> str:
     missing = [METHODS[name].missing for name in methods if METHODS[name].missing]
     return f"skipped: {missing[0]}" if missing else ""
-
-
-def _recipes(path: Path, table: Any) -> tuple[surfaces.Recipe, ...]:
-    if isinstance(table, FileTable):
-        periods = () if table.period is None else _lengths(table.period)
-        file = path.parent / table.path
-        treatment = (table.treatment, table.taper, table.pixel_size)
-        return (surfaces.HeightsFromFile(file, periods, table.unit, *treatment),)
-    periods = _lengths(table.period)
-    if table.shape is None:
-        spectrum, points = _spectrum(table), table.points_per_shortest_wavelength
-        # One period stands for both directions of a surface; a line has to give its shape.
-        periods = periods * 2 if len(periods) == 1 else periods
-        shape = surfaces.grid_shape(spectrum, periods, points)
-    else:
-        shape = tuple(table.shape)
-        periods = periods * len(shape) if len(periods) == 1 else periods
-    if isinstance(table, SinusoidTable):
-        return (surfaces.Sinusoid(periods, shape, table.amplitude, table.waves, table.direction),)
-    if isinstance(table, ParaboloidTable):
-        return (surfaces.Paraboloid(periods, shape, table.radius, tuple(table.centre)),)
-    if isinstance(table, FlatPunchTable):
-        punch = (table.radius, table.depth, tuple(table.centre))
-        return (surfaces.FlatPunch(periods, shape, *punch),)
-    spectrum = _spectrum(table)
-    return tuple(surfaces.SelfAffine(spectrum, periods, shape, seed) for seed in table.seeds)
-
-
-def _spectrum(table: SelfAffineTable) -> SelfAffineSpectrum:
-    return SelfAffineSpectrum(
-        table.hurst,
-        table.wavenumber_low,
-        table.wavenumber_roll_off,
-        table.wavenumber_high,
-        table.rms_slope,
-    )
 
 
 def _options(path: Path, table: CaseFile) -> dict[str, dict[str, Any]]:
@@ -274,7 +218,3 @@ def _options(path: Path, table: CaseFile) -> dict[str, dict[str, Any]]:
             )
         options[name] = given.model_dump(exclude_none=True)
     return options
-
-
-def _lengths(value: float | list[float]) -> tuple[float, ...]:
-    return tuple(value) if isinstance(value, list) else (value,)

@@ -1,8 +1,8 @@
-"""The keys of a case file: their names, types, units and meaning.
+"""The keys of a case file: their names, types, units and meaning, and what is wrong with them.
 
-One class a table.  Any value may be given by size instead, as in
-`shape = { fast = [256, 256], full = [1024, 1024] }`; sizes are resolved before these classes
-see the values.  `epcontact keys` prints what stands here.
+There is one class for each table; those of [surface] are the recipes of `epcontact.surfaces`.  Any
+value may be given by size instead, as in `shape = { fast = [256, 256], full = [1024, 1024] }`;
+sizes are resolved before these classes see the values.  `epcontact keys` prints these keys.
 """
 
 from __future__ import annotations
@@ -10,10 +10,19 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    WrapValidator,
+    create_model,
+    model_validator,
+)
 
 from epcontact.errors import nearest
 from epcontact.harness.methods import METHODS, Table
+from epcontact.surfaces import CaseSurface, SurfaceAbsent
 
 
 def _registered(name: str) -> str:
@@ -25,7 +34,6 @@ def _registered(name: str) -> str:
 MethodName = Annotated[
     str, AfterValidator(_registered), Field(json_schema_extra={"enum": list(METHODS)})
 ]
-Lengths = float | list[float]
 
 
 class CaseTable(Table):
@@ -45,99 +53,19 @@ class CaseTable(Table):
     )
 
 
-class SelfAffineTable(Table):
-    """[surface] of kind self_affine: random phases on an isotropic power-law spectrum."""
-
-    kind: Literal["self_affine"]
-    period: Lengths = Field(description="m; one length, or [x, y]")
-    hurst: float = Field(description="Hurst exponent, 0 to 1")
-    wavenumber_low: float = Field(description="rad/m; no roughness below")
-    wavenumber_roll_off: float = Field(description="rad/m; flat spectrum below, power law above")
-    wavenumber_high: float = Field(description="rad/m; no roughness above")
-    rms_slope: float = Field(description="m/m; exact on the grid")
-    points_per_shortest_wavelength: int | None = Field(
-        default=None, ge=3, description="grid points per 2 pi / wavenumber_high; or give shape"
-    )
-    shape: list[int] | None = Field(default=None, description="grid points [nx, ny], or [nx]")
-    seeds: list[Annotated[int, Field(ge=0)]] = Field(
-        min_length=1, description="one random surface each; gates read their mean"
-    )
-
-    @model_validator(mode="after")
-    def _one_resolution(self) -> SelfAffineTable:
-        if (self.shape is None) == (self.points_per_shortest_wavelength is None):
-            raise ValueError("give either points_per_shortest_wavelength or shape")
-        if len(set(self.seeds)) != len(self.seeds):
-            raise ValueError("seeds repeat a surface; give each seed once")
-        return self
+def _or_absent(table: Any, validate: Any) -> Any:
+    """The recipe of a table [surface], or the error of an optional file that is not here."""
+    try:
+        return validate(table)
+    except ValidationError as error:
+        reasons = [detail.get("ctx", {}).get("error") for detail in error.errors()]
+        absent = [reason for reason in reasons if isinstance(reason, SurfaceAbsent)]
+        if not absent:
+            raise
+        return absent[0]
 
 
-class SinusoidTable(Table):
-    """[surface] of kind sinusoid: one Fourier mode a direction, crest at the origin."""
-
-    kind: Literal["sinusoid"]
-    period: Lengths = Field(description="m; one length, or [x, y]")
-    shape: list[int] = Field(description="grid points [nx, ny], or [nx] for a line")
-    amplitude: float = Field(gt=0, description="m; from the mean plane to a crest")
-    waves: int = Field(default=1, ge=1, description="whole waves in a period")
-    direction: Literal["x", "y", "both"] = Field(
-        default="x", description="waves along one direction, or the product of both"
-    )
-
-
-class ParaboloidTable(Table):
-    """[surface] of kind paraboloid: one bump of given radius of curvature in mid-period."""
-
-    kind: Literal["paraboloid"]
-    period: Lengths = Field(description="m; one length, or [x, y]")
-    shape: list[int] = Field(description="grid points [nx, ny], or [nx] for a cylinder")
-    radius: float = Field(gt=0, description="m; radius of curvature at the summit")
-    centre: list[float] = Field(
-        default=[], description="of the bump, as fractions of the periods; else in the middle"
-    )
-
-
-class FlatPunchTable(Table):
-    """[surface] of kind flat_punch: one flat-topped post."""
-
-    kind: Literal["flat_punch"]
-    period: Lengths = Field(description="m; one length, or [x, y]")
-    shape: list[int] = Field(description="grid points [nx, ny], or [nx] for a strip")
-    radius: float = Field(gt=0, description="m; radius, or half-width of a strip")
-    depth: float = Field(gt=0, description="m; height of the post over what surrounds it")
-    centre: list[float] = Field(
-        default=[], description="of the post, as fractions of the periods; else in the middle"
-    )
-
-
-class FileTable(Table):
-    """[surface] of kind file: measured or computed heights."""
-
-    kind: Literal["file"]
-    path: str = Field(min_length=1, description="file, relative to the case file")
-    period: Lengths | None = Field(
-        default=None, description="m; needed where the file does not know its own size"
-    )
-    unit: float = Field(default=1.0, gt=0, description="m; the unit the heights are written in")
-    pixel_size: float | None = Field(
-        default=None, gt=0, description="m; spacing of the grid, in the place of period"
-    )
-    treatment: Literal["refuse", "periodic", "detrend_and_window"] = Field(
-        default="refuse",
-        description="a map that is not periodic: refused, taken as it is, or made periodic",
-    )
-    taper: float = Field(
-        default=0.1, description="share of a period over which the window rises, and falls"
-    )
-    optional: bool = Field(
-        default=False, description="skip the case with a sentence where the file is absent"
-    )
-
-
-SurfaceTable = Annotated[
-    SelfAffineTable | SinusoidTable | ParaboloidTable | FlatPunchTable | FileTable,
-    Field(discriminator="kind"),
-]
+SurfaceTable = Annotated[CaseSurface, Field(discriminator="kind"), WrapValidator(_or_absent)]
 
 
 class MaterialTable(Table):
@@ -230,6 +158,9 @@ class GateTable(Table):
 class _Sections(Table):
     """The sections of a case file that do not depend on its methods."""
 
+    # Tables are strict each for itself; a strict recipe would refuse to be made from a table.
+    model_config = ConfigDict(strict=False)
+
     case: CaseTable
     surface: SurfaceTable
     material: MaterialTable
@@ -254,26 +185,80 @@ class CaseFile(create_model("CaseFile", __base__=_Sections, **_method_sections()
     """A whole case file."""
 
 
-#: The table of each section that has but one form.
-TABLES: dict[str, type[Table]] = {
-    "case": CaseTable,
-    "material": MaterialTable,
-    "body": BodyTable,
-    "load": LoadTable,
-    **{method.table: method.options for method in METHODS.values() if method.table},
-    "gate": GateTable,
-}
+def _tables() -> dict[str, dict[str, Any]]:
+    """The JSON Schema of each table by its name, such as "case" or "surface, sinusoid"."""
+    schema = CaseFile.model_json_schema()
+    tables = {}
+    for name, entry in schema["properties"].items():
+        references = entry.get("discriminator", {}).get("mapping")
+        if references is None:
+            form = entry.get("items") or entry.get("anyOf", [entry])[0]
+            references = {"": form["$ref"]}
+        for kind, reference in references.items():
+            table = schema["$defs"][reference.rsplit("/", 1)[-1]]
+            tables[f"{name}, {kind}" if kind else name] = table
+    return tables
 
 
 def key_table() -> list[tuple[str, str, str, str]]:
-    """Every key as (table, key, default, meaning with unit)."""
-    surfaces = (SelfAffineTable, SinusoidTable, ParaboloidTable, FlatPunchTable, FileTable)
-    tables = [(name, table) for name, table in TABLES.items() if name != "gate"]
-    tables += [(f"surface, {t.__name__.removesuffix('Table')}", t) for t in surfaces]
-    tables.append(("gate", GateTable))
+    """Every key of a case file as (table, key, default, meaning with unit).
+
+    Example:
+        >>> [row for row in key_table() if row[1] == "young_modulus"]
+        [('material', 'young_modulus', 'required', 'Pa')]
+    """
     rows = []
-    for name, table in tables:
-        for key, field in table.model_fields.items():
-            default = "required" if field.is_required() else str(field.default)
-            rows.append((name, key, default, field.description or "kind of surface"))
+    for name, table in _tables().items():
+        for key, entry in table["properties"].items():
+            needed = key in table.get("required", ()) or "const" in entry
+            default = "required" if needed else str(entry.get("default"))
+            rows.append((name, key, default, entry.get("description", "kind of surface")))
     return rows
+
+
+def mistake(error: ValidationError) -> str:
+    """The first of pydantic's errors as one sentence that names the key and the remedy."""
+    # A misspelt key is both unknown and missing: the former says more.
+    unknown = ("extra_forbidden", "unexpected_keyword_argument")
+    errors = sorted(error.errors(), key=lambda e: e["type"] not in unknown)
+    first, more = errors[0], len(errors) - 1
+    location, kind, given = first["loc"], first["type"], first.get("input")
+    where = _where(location)
+    if kind in unknown:
+        keys = _keys_beside(location)
+        sentence = f"{where} is no key of a case file{nearest(str(location[-1]), keys)}"
+    elif kind == "missing":
+        meaning = _keys_beside(location).get(str(location[-1]), {}).get("description")
+        sentence = f"{where} is missing; add it ({meaning or f'a table [{location[-1]}]'})"
+    elif kind in ("union_tag_not_found", "union_tag_invalid"):
+        sentence = f"{where}.kind must be one of {', '.join(_kinds())}"
+    elif kind == "value_error":
+        table = len(location) == 1 or location[0] == "surface"
+        sentence = f"{f'[{where}]' if table else f'{where}:'} {first['ctx']['error']}"
+    else:
+        needed = first["msg"].lower().replace("valid tuple", "valid list")
+        sentence = f"{where} is {given!r}, but must be right: {needed}"
+    return sentence + (f" (and {more} more)" if more else "")
+
+
+def _kinds() -> list[str]:
+    """The kinds of [surface]."""
+    return [name.partition(", ")[2] for name in _tables() if name.startswith("surface, ")]
+
+
+def _where(location: tuple[Any, ...]) -> str:
+    """The key as it stands in the file: gates counted from 1, no names of types or kinds."""
+    parts = [str(part) for part in location if part not in (*_kinds(), "float", "str")]
+    parts = [part for part in parts if not part.startswith("list[")]
+    if parts[:1] == ["gate"] and len(parts) > 1:
+        parts[:2] = [f"gate {int(parts[1]) + 1}"]
+    return ".".join(parts) or "the case"
+
+
+def _keys_beside(location: tuple[Any, ...]) -> dict[str, Any]:
+    """The JSON Schema of each key of the table that holds the key at `location`."""
+    if len(location) == 1:
+        return {key: {} for key in CaseFile.model_fields}
+    name = str(location[0])
+    table = _tables()[f"{name}, {location[1]}" if name == "surface" else name]
+    return dict(table["properties"])

@@ -1,32 +1,53 @@
-"""Surfaces: recipes that make them, and what can be done to them.
+"""Rough surfaces: recipes that make them, their spectra, and filters.
 
 A recipe is frozen and cheap: it has the `fingerprint`, `shape` and `periods` that identify its
-surface in a scene's digest before any heights exist, and `build()` makes the `Surface`.
+surface in a scene's digest before any heights exist, and `build()` makes the `Surface`.  The same
+classes are the checked forms of the table [surface] of a case file, by their `kind`.
 
-    self_affine   random phases on an analytic spectrum
-    shapes        sinusoids, paraboloid, sphere, flat punch
-    maps          heights from an array or a file, and what is done if they are not periodic
-    readers       the file formats
-    filters       the same surface on a finer grid, or without its short waves
+    self_affine     random phases on an analytic spectrum
+    shapes          sinusoids, paraboloid, sphere, flat punch
+    measured        heights from an array or a file, and the treatment of maps that do not repeat
+    readers         the file formats
+    filters         the same surface without its short waves
+    spectrum        analytic spectra: densities and moments in closed form
+    power_spectrum  the spectrum and the moments of any surface's heights
 """
 
-from epcontact.surfaces.filters import filtered, refined
+from epcontact.surfaces.filters import filtered
 from epcontact.surfaces.measured import HeightsFromArray, HeightsFromFile, Treatment
-from epcontact.surfaces.recipe import Recipe
-from epcontact.surfaces.self_affine import SelfAffine, grid_shape
+from epcontact.surfaces.recipe import Recipe, SurfaceAbsent, require_room
+from epcontact.surfaces.self_affine import SelfAffine, SelfAffineEnsemble, grid_shape
 from epcontact.surfaces.shapes import FlatPunch, Paraboloid, Sinusoid, Sphere
 
+#: The registry: every form that the table [surface] of a case file can have, told by its `kind`.
+CaseSurface = SelfAffineEnsemble | Sinusoid | Paraboloid | Sphere | FlatPunch | HeightsFromFile
+
+
+def recipes_of(surface: CaseSurface) -> tuple[Recipe, ...]:
+    """The recipes that a table [surface] stands for: one a seed, or the table itself.
+
+    Example:
+        >>> len(recipes_of(Paraboloid((1e-3,), (8,), radius=1e-2)))
+        1
+    """
+    return surface.recipes() if isinstance(surface, SelfAffineEnsemble) else (surface,)
+
+
 __all__ = [
+    "CaseSurface",
     "FlatPunch",
     "HeightsFromArray",
     "HeightsFromFile",
     "Paraboloid",
     "Recipe",
     "SelfAffine",
+    "SelfAffineEnsemble",
     "Sinusoid",
     "Sphere",
+    "SurfaceAbsent",
     "Treatment",
     "filtered",
     "grid_shape",
-    "refined",
+    "recipes_of",
+    "require_room",
 ]

@@ -11,21 +11,30 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import BeforeValidator, Field, Strict, ValidationInfo
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 from epcontact.scene import Surface
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
-from epcontact.surfaces.recipe import checked_grid, out_of_memory
+from epcontact.surfaces.recipe import Periods, Real, SurfaceAbsent, checked_grid, out_of_memory
 
 Treatment = Literal["refuse", "periodic", "detrend_and_window"]
+
+
+def _beside_the_case(value: Any, info: ValidationInfo) -> Any:
+    """A path of a case file, which is relative to the folder of that file."""
+    if not isinstance(value, str) or not value:
+        raise ValueError("must be the path of a file")
+    return (info.context or {}).get("folder", Path()) / value
+
 
 #: Edge jump over the largest jump between neighbours, above which a map counts as not periodic.
 LARGEST_JUMP = 2.0
@@ -33,14 +42,22 @@ LARGEST_JUMP = 2.0
 
 @dataclass(frozen=True, eq=False)
 class HeightsFromArray:
-    """Heights that are already in memory, in m: (nx, ny), or (nx,) for a line.
+    """Heights that are already in memory.
 
-    periods: (Lx, Ly) or (L,) in m.
-    treatment: "refuse" refuses a map that is not periodic; "periodic" takes it as it is, for the
-        reader who knows better; "detrend_and_window" makes it periodic.
-    taper: share of each period over which the window rises, and falls again; 0.5 is Hann's.
+    Args:
+        heights: (nx, ny), or (nx,) for a line, in m.
+        periods: (Lx, Ly) or (L,) in m.
+        treatment: "refuse" refuses a map that is not periodic; "periodic" takes it as it is;
+            "detrend_and_window" makes it periodic.
+        taper: share of each period over which the window rises, and falls again; 0.5 is Hann's.
 
-    Raises InvalidScene.
+    Raises:
+        InvalidScene: if the heights are no grid of finite real numbers.
+
+    Example:
+        >>> recipe = HeightsFromArray([0.0, 1e-6, 0.0, -1e-6], periods=(1e-3,))
+        >>> recipe.shape, recipe.build().notes[0][:36]
+        ((4,), 'rms jump at the edges: 1e-06 m acros')
     """
 
     heights: ArrayLike
@@ -74,28 +91,55 @@ class HeightsFromArray:
 
 @dataclass(frozen=True)
 class HeightsFromFile:
-    """Heights from a file: .npy; .txt, .dat, .csv and the like as a plain table of numbers, one
-    row of the grid a line; anything else through SurfaceTopography (`epcontact[instruments]`).
+    """Heights from a file; also the table [surface] of kind file.
 
-    periods: in m; one length is enough for a square map; not needed where the file knows.
-    unit: of the written heights, in m (1e-6 for micrometres); not for files that know theirs.
-    treatment, taper: as in HeightsFromArray.
-    pixel_size: the spacing of the grid in m, in place of periods.
+    .npy files are numpy's; .txt, .dat, .csv and .tsv are plain tables of numbers, one row of the
+    grid a line; anything else is read by SurfaceTopography (`epcontact[instruments]`).  The file
+    is looked at here and read by `build`; its content identifies it, not its place.
 
-    The file is looked at here and read by `build`; its content counts, not its place.
-    Raises InvalidScene.
+    Args:
+        path: the file; in a case file relative to that file.
+        periods: in m; one length is enough for a square map; not needed where the file knows.
+        unit: of the written heights, in m (1e-6 for micrometres); not for files that know theirs.
+        treatment, taper: as in HeightsFromArray.
+        pixel_size: the spacing of the grid in m, in place of periods.
+        optional: raise SurfaceAbsent where there is no such file, so that a case is skipped.
+
+    Raises:
+        InvalidScene: if the file holds no grid of finite real numbers.
     """
 
-    path: Path
-    periods: tuple[float, ...] = ()
-    unit: float = 1.0
-    treatment: Treatment = "refuse"
-    taper: float = 0.1
-    pixel_size: float | None = None
+    path: Annotated[
+        Path,
+        BeforeValidator(_beside_the_case, json_schema_input_type=str),
+        Field(description="file, relative to the case file"),
+    ]
+    periods: Annotated[
+        Periods, Field(description="m; needed where the file does not know its own size")
+    ] = ()
+    unit: Annotated[Real, Field(gt=0, description="m; the unit the heights are written in")] = 1.0
+    treatment: Annotated[
+        Treatment,
+        Field(description="a map that is not periodic: refused, taken as it is, or made periodic"),
+    ] = "refuse"
+    taper: Annotated[
+        Real, Field(description="share of a period over which the window rises, and falls")
+    ] = 0.1
+    pixel_size: Annotated[
+        Real | None, Field(gt=0, description="m; spacing of the grid, in the place of period")
+    ] = None
+    optional: Annotated[
+        bool, Strict(), Field(description="skip the case with a sentence where the file is absent")
+    ] = False
+    kind: Literal["file"] = field(default="file", kw_only=True)
 
     def __post_init__(self) -> None:
         _check_treatment(self.treatment, self.taper)
         object.__setattr__(self, "path", Path(self.path))
+        if self.optional and not self.path.exists():
+            raise SurfaceAbsent(
+                f"its surface {self.path} is not here; put the file there to run it"
+            )
         for name in ("unit", "pixel_size"):
             value = getattr(self, name)
             good = isinstance(value, int | float) and value > 0 and math.isfinite(value)
@@ -107,8 +151,8 @@ class HeightsFromFile:
 
     @cached_property
     def _map(self) -> HeightMap:
-        found = read_heights(self.path)
-        return replace(found, heights=checked_heights(found.heights, str(self.path)))
+        stored = read_heights(self.path)
+        return replace(stored, heights=checked_heights(stored.heights, str(self.path)))
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the heights: another process reads them from the file again."""

@@ -1,10 +1,17 @@
-"""What every recipe of a surface has in common: an interface, and the check of its grid."""
+"""The interface of all surface recipes, and the fields and checks that they share.
+
+A recipe is a frozen dataclass.  It is also the checked form of the table [surface] of a case file:
+pydantic reads the annotations of its fields for their types, units and meaning, and its
+`__post_init__` checks what they mean together, for a case file and for a Python user alike.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import fields, is_dataclass
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
+
+from pydantic import BeforeValidator, Field, Strict
 
 from epcontact.errors import InvalidScene, NotEnoughMemory
 from epcontact.machine import available_memory
@@ -16,12 +23,43 @@ LARGEST_GRID = 2**56
 SMALL = 2**28
 
 
+def as_tuple(value: Any) -> Any:
+    """A number or a list of a TOML file as a tuple; anything else as it is."""
+    if isinstance(value, list):
+        return tuple(value)
+    return (value,) if isinstance(value, int | float) else value
+
+
+_PERIOD = BeforeValidator(as_tuple, json_schema_input_type=float | list[float])
+_SHAPE = BeforeValidator(as_tuple, json_schema_input_type=list[int])
+_CENTRE = BeforeValidator(as_tuple, json_schema_input_type=list[float])
+
+# A case file's numbers are what they look like: neither texts nor true and false are converted.
+Real = Annotated[float, Strict()]
+Whole = Annotated[int, Strict()]
+
+# The fields that several recipes have.  A case file calls the periods `period`, as it has one.
+Periods = Annotated[
+    tuple[Real, ...],
+    _PERIOD,
+    Field(validation_alias="period", description="m; one length, or [x, y]"),
+]
+Shape = Annotated[
+    tuple[Whole, ...], _SHAPE, Field(description="grid points [nx, ny], or [nx] for a line")
+]
+Centre = Annotated[
+    tuple[Real, ...],
+    _CENTRE,
+    Field(description="as fractions of the periods; the middle where it is not given"),
+]
+
+
 class Recipe(Protocol):
-    """What every recipe can do; `build` sets `Surface.recipe` to `fingerprint`."""
+    """What every recipe offers; `build` sets `Surface.recipe` to `fingerprint`."""
 
     @property
     def fingerprint(self) -> str:
-        """Identifies the heights without making them."""
+        """A text that identifies the heights without making them."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -35,9 +73,19 @@ class Recipe(Protocol):
         """Make the surface."""
 
 
+class SurfaceAbsent(InvalidScene):
+    """A surface whose file is not here and which its user called optional."""
+
+
 def normalise_grid(recipe: Any) -> None:
-    """Check a frozen recipe's `shape` and `periods` and set them to what `checked_grid` returns."""
-    shape, periods = checked_grid(recipe.shape, recipe.periods)
+    """Check a frozen recipe's `shape` and `periods` and set them to what `checked_grid` returns.
+
+    One period stands for both directions of a surface.
+    """
+    periods = recipe.periods
+    if isinstance(periods, tuple) and len(periods) == 1 and isinstance(recipe.shape, tuple):
+        periods = periods * max(1, len(recipe.shape))
+    shape, periods = checked_grid(recipe.shape, periods)
     object.__setattr__(recipe, "shape", shape)
     object.__setattr__(recipe, "periods", periods)
 
@@ -67,12 +115,13 @@ def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...],
 
 
 def require_room(shape: tuple[int, ...]) -> None:
-    """Raise NotEnoughMemory if heights and their modes are not going to fit, before they are
-    tried: a system that promises more than it has kills the process that takes it."""
+    """Raise NotEnoughMemory if heights and their modes would not fit into memory.
+
+    The check comes before any array is made, because a system that promises more memory than it
+    has kills the process that takes it.
+    """
     needed = 16 * math.prod(shape)
-    if needed < SMALL:
-        return
-    if needed > available_memory():
+    if needed >= SMALL and needed > available_memory():
         raise out_of_memory(shape, arrays=2)
 
 
@@ -83,7 +132,8 @@ def described(name: str, recipe: Any) -> str:
 
 def _words(value: Any) -> str:
     if is_dataclass(value):
-        return " ".join(f"{f.name}={_words(getattr(value, f.name))}" for f in fields(value))
+        names = [f.name for f in fields(value) if f.name != "kind"]  # `name` says the kind
+        return " ".join(f"{name}={_words(getattr(value, name))}" for name in names)
     if isinstance(value, tuple):
         return "(" + ",".join(map(_words, value)) + ")"
     if isinstance(value, str):

@@ -1,12 +1,10 @@
-"""Self-affine surfaces by random phases.
+"""Self-affine surfaces by random phases: one recipe, and the table of a case file that makes many.
 
-A surface is the band-limited real field
+The height is the band-limited real field
 
-    h(x) = sum_q B(q) exp(i (q.x + phi_q)),   B(q) = (2 pi / sqrt(Lx Ly)) sqrt(C(q))
+    h(x) = sum_q B(q) exp(i (q.x + phi_q)),   phi_-q = -phi_q,
 
-over all modes of the period with q_0 <= |q| <= q_1, phi_-q = -phi_q [Almqvist and Persson,
-equations (7), (8)]; on a line B(q) = sqrt(pi C1(q) / L).  A sum over modes is no integral, so the
-common factor of C is set such that the rms slope of the *grid*, sqrt(sum q^2 B^2), is exact.
+over all modes of the period with q_0 <= |q| <= q_1; on a line B(q) = sqrt(pi C1(q) / L).
 
 phi_q is a function of the seed and of the mode's two integers alone (a counter-based generator:
 a 64-bit mixer over mode and seed), so the surface depends neither on the grid it is sampled on
@@ -18,14 +16,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
+import ducc0
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum, Surface
-from epcontact.surfaces.recipe import described, normalise_grid, out_of_memory
+from epcontact.surfaces.recipe import (
+    Periods,
+    Real,
+    Shape,
+    Whole,
+    as_tuple,
+    described,
+    normalise_grid,
+    out_of_memory,
+)
 from epcontact.surfaces.spectrum import BAND_TOLERANCE, amplitude_shape
 
 ComplexArray = NDArray[np.complex128]
@@ -41,7 +51,21 @@ def grid_shape(
 ) -> tuple[int, ...]:
     """Grid points along each direction for so many points per wavelength 2 pi / q_1.
 
-    Raises InvalidScene if a period is no positive length.
+    Args:
+        spectrum: gives q_1, its `wavenumber_high`.
+        periods: (Lx, Ly), or (L,) for a line, in m.
+        points_per_shortest_wavelength: more than 2; 4 or 8 are usual.
+
+    Returns:
+        The grid's shape, for `SelfAffine`.
+
+    Raises:
+        InvalidScene: if a period is no positive length.
+
+    Example:
+        >>> spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, 64.0, rms_slope=1.0)
+        >>> grid_shape(spectrum, (2 * math.pi, 2 * math.pi), 4)
+        (256, 256)
     """
     if not all(0 < p < math.inf for p in periods):
         raise InvalidScene(f"period is {periods!r}, but must be positive lengths in m")
@@ -53,11 +77,22 @@ def grid_shape(
 class SelfAffine:
     """Self-affine roughness by random phases, of exact rms slope on the grid.
 
-    periods: (Lx, Ly), or (L,) for a line, in m; shape: (nx, ny) or (nx,); seed >= 0.
+    Args:
+        spectrum: the analytic power spectrum.
+        periods: (Lx, Ly), or (L,) for a line, in m.
+        shape: grid points (nx, ny), or (nx,) for a line.
+        seed: a whole number >= 0; each gives another surface.
 
-    Raises InvalidScene if the grid does not resolve `wavenumber_high` (more than two points per
-    wavelength are needed: at two, a mode's phase is lost), or the period does not hold
-    `wavenumber_low`.
+    Raises:
+        InvalidScene: if the grid does not resolve `wavenumber_high` (more than two points per
+            wavelength are needed: at two, a mode's phase is lost), or the period does not hold
+            `wavenumber_low`.
+
+    Example:
+        >>> spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, 8.0, rms_slope=0.5)
+        >>> surface = SelfAffine(spectrum, (2 * math.pi,) * 2, (32, 32), seed=7).build()
+        >>> surface.shape, abs(float(surface.heights.mean())) < 1e-15
+        ((32, 32), True)
     """
 
     spectrum: SelfAffineSpectrum
@@ -109,6 +144,68 @@ class SelfAffine:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class SelfAffineEnsemble:
+    """Several surfaces of one self-affine spectrum: the table [surface] of kind self_affine.
+
+    Either `shape` or `points_per_shortest_wavelength` gives the grid.  One period stands for both
+    directions of a surface; a line has to give its shape.
+
+    Raises:
+        InvalidScene: if the grid is given twice or not at all, or a seed is given twice.
+
+    Example:
+        >>> ensemble = SelfAffineEnsemble(
+        ...     periods=(2 * math.pi,), hurst=0.8, wavenumber_low=1.0, wavenumber_roll_off=4.0,
+        ...     wavenumber_high=8.0, rms_slope=0.5, shape=(32, 32), seeds=(1, 2, 3))
+        >>> [recipe.seed for recipe in ensemble.recipes()]
+        [1, 2, 3]
+    """
+
+    periods: Periods
+    hurst: Annotated[Real, Field(description="Hurst exponent, 0 to 1")]
+    wavenumber_low: Annotated[Real, Field(description="rad/m; no roughness below")]
+    wavenumber_roll_off: Annotated[
+        Real, Field(description="rad/m; flat spectrum below, power law above")
+    ]
+    wavenumber_high: Annotated[Real, Field(description="rad/m; no roughness above")]
+    rms_slope: Annotated[Real, Field(description="m/m; exact on the grid")]
+    points_per_shortest_wavelength: Annotated[
+        Whole | None,
+        Field(ge=3, description="grid points per 2 pi / wavenumber_high; or give shape"),
+    ] = None
+    shape: Shape | None = None
+    seeds: Annotated[
+        tuple[Annotated[Whole, Field(ge=0)], ...],
+        BeforeValidator(as_tuple, json_schema_input_type=list[int]),
+        Field(min_length=1, description="one random surface each; gates read their mean"),
+    ]
+    kind: Literal["self_affine"] = "self_affine"
+
+    def __post_init__(self) -> None:
+        if (self.shape is None) == (self.points_per_shortest_wavelength is None):
+            raise InvalidScene("give either points_per_shortest_wavelength or shape")
+        if len(set(self.seeds)) != len(self.seeds):
+            raise InvalidScene("seeds repeat a surface; give each seed once")
+        self.recipes()  # whatever is wrong with the spectrum or the grid shows here
+
+    def recipes(self) -> tuple[SelfAffine, ...]:
+        """One recipe a seed."""
+        spectrum = SelfAffineSpectrum(
+            self.hurst,
+            self.wavenumber_low,
+            self.wavenumber_roll_off,
+            self.wavenumber_high,
+            self.rms_slope,
+        )
+        periods, shape = self.periods, self.shape
+        if shape is None:
+            periods = periods * 2 if len(periods) == 1 else periods
+            points: Any = self.points_per_shortest_wavelength
+            shape = grid_shape(spectrum, periods, points)
+        return tuple(SelfAffine(spectrum, periods, shape, seed) for seed in self.seeds)
+
+
 def _highest_index(wavenumber: float, period: float) -> int:
     """The largest k with 2 pi k / period <= wavenumber."""
     return math.floor(wavenumber * period / (2 * math.pi) * (1 + BAND_TOLERANCE))
@@ -138,8 +235,6 @@ def _mixed(word: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def _line(recipe: SelfAffine) -> FloatArray:
-    import ducc0
-
     (n,), (period,) = recipe.shape, recipe.periods
     k = np.arange(1, _highest_index(recipe.spectrum.wavenumber_high, period) + 1)
     q = 2 * math.pi / period * k
@@ -153,8 +248,6 @@ def _line(recipe: SelfAffine) -> FloatArray:
 
 
 def _surface(recipe: SelfAffine) -> FloatArray:
-    import ducc0
-
     nx, ny = recipe.shape
     modes = np.zeros((nx, ny // 2 + 1), np.complex128)
     slope_variance = _fill_modes(recipe, modes)
@@ -170,7 +263,15 @@ def _surface(recipe: SelfAffine) -> FloatArray:
 
 
 def _fill_modes(recipe: SelfAffine, modes: ComplexArray) -> float:
-    """Write sqrt(f) exp(i phi) into the half plane ky >= 0; return sum of q^2 f over all modes."""
+    """Fill in the modes of equation (7) of the paper; return the sum of q^2 f over all of them.
+
+    Their amplitudes are equation (8) of the paper, their phases those of `_phases`: the height is
+    h = sum_q B(q) exp(i (q.x + phi_q)) with B(q) = (2 pi / sqrt(Lx Ly)) sqrt(C(q)).
+
+    This function writes sqrt(f) exp(i phi), where C = C_0 f, into the half plane ky >= 0.  A sum
+    over modes is no integral, so the common factor is set afterwards, from the returned sum, such
+    that the rms slope of the *grid*, sqrt(sum q^2 B^2), is exact.
+    """
     qx, qy = (2 * math.pi / p for p in recipe.periods)
     kx_max, ky_max = (_highest_index(recipe.spectrum.wavenumber_high, p) for p in recipe.periods)
     ky = np.arange(ky_max + 1)[None, :]

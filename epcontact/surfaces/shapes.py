@@ -3,28 +3,43 @@
 The grid point i of a direction lies at x = i L / n.  Heights are measured upward and the rigid
 flat comes from above, so each shape touches first at its summit.  Only the sinusoids are
 band-limited: the others have kinks or walls, whose area converges with the grid spacing.
+
+A new shape is a frozen dataclass like these, with a `kind` of its own, and one more name in the
+union `CaseSurface` of `epcontact.surfaces`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 from epcontact.scene import Surface
-from epcontact.surfaces.recipe import described, normalise_grid, out_of_memory
+from epcontact.surfaces.recipe import (
+    Centre,
+    Periods,
+    Real,
+    Shape,
+    Whole,
+    described,
+    normalise_grid,
+    out_of_memory,
+)
 
 #: Rounding of r^2, relative; without it a rim that meets grid points loses some of them.
 _ON_THE_RIM = 1e-9
 
+_Radius = Annotated[Real, Field(gt=0, description="m; radius of curvature at the summit")]
+
 
 @dataclass(frozen=True)
 class Sinusoid:
-    """Waves along x, along y, or the product of both; a crest at the origin, zero mean.
+    """Waves along x, along y, or the product of both, with a crest at the origin and zero mean.
 
     h = amplitude cos X, or amplitude cos X cos Y, with X = 2 pi waves x / Lx and Y likewise: the
     gap under the summits is amplitude (1 - cos) or amplitude (1 - cos cos), the convention of
@@ -32,15 +47,31 @@ class Sinusoid:
     lambda = L / waves the pressures of complete contact are p* = pi E* amplitude / lambda and,
     for the product on a square period, p* = sqrt(2) pi E* amplitude / lambda.
 
-    amplitude in m, from the mean plane to a crest; waves: whole waves in a period.
-    Raises InvalidScene, also if a wave has two grid points or fewer.
+    Args:
+        periods: (Lx, Ly), or (L,) for a line, in m.
+        shape: grid points (nx, ny), or (nx,) for a line.
+        amplitude: in m, from the mean plane to a crest.
+        waves: whole waves in a period.
+        direction: "x", "y" or "both".
+
+    Raises:
+        InvalidScene: also if a wave has two grid points or fewer.
+
+    Example:
+        >>> surface = Sinusoid((1e-3, 1e-3), (8, 8), amplitude=1e-6, direction="both").build()
+        >>> surface.shape, float(surface.heights[0, 0]), surface.shortest_wavelength
+        ((8, 8), 1e-06, 0.001)
     """
 
-    periods: tuple[float, ...]
-    shape: tuple[int, ...]
-    amplitude: float
-    waves: int = 1
-    direction: Literal["x", "y", "both"] = "x"
+    periods: Periods
+    shape: Shape
+    amplitude: Annotated[Real, Field(gt=0, description="m; from the mean plane to a crest")]
+    waves: Annotated[Whole, Field(ge=1, description="whole waves in a period")] = 1
+    direction: Annotated[
+        Literal["x", "y", "both"],
+        Field(description="waves along one direction, or the product of both"),
+    ] = "x"
+    kind: Literal["sinusoid"] = field(default="sinusoid", kw_only=True)
 
     def __post_init__(self) -> None:
         normalise_grid(self)
@@ -81,13 +112,33 @@ class Sinusoid:
 
 
 @dataclass(frozen=True)
-class _RoundBump:
-    """One bump of a given radius of curvature; what it looks like is its `_heights`."""
+class Paraboloid:
+    """One bump h = -r^2 / (2 radius) (on a line a parabolic cylinder), summit at h = 0.
 
-    periods: tuple[float, ...]
-    shape: tuple[int, ...]
-    radius: float
-    centre: tuple[float, ...] = ()
+    r is the distance to the nearest periodic image.  Hertz's theory is exact for this shape, but
+    for the images.
+
+    Args:
+        periods: (Lx, Ly), or (L,) for a line, in m.
+        shape: grid points (nx, ny), or (nx,) for a line.
+        radius: radius of curvature at the summit, in m.
+        centre: place of the summit as fractions of the periods, by default the middle; anything
+            else shifts the bump against the grid.
+
+    Raises:
+        InvalidScene: if a length is not positive or the sizes do not fit.
+
+    Example:
+        >>> bump = Paraboloid((1e-3, 1e-3), (8, 8), radius=1e-2).build()
+        >>> bool(bump.heights[4, 4] == 0.0), f"{bump.heights[4, 0]:.4g} m"
+        (True, '-1.25e-05 m')
+    """
+
+    periods: Periods
+    shape: Shape
+    radius: _Radius
+    centre: Centre = ()
+    kind: Literal["paraboloid"] = field(default="paraboloid", kw_only=True)
 
     def __post_init__(self) -> None:
         normalise_grid(self)
@@ -97,41 +148,51 @@ class _RoundBump:
     @property
     def fingerprint(self) -> str:
         """The parameters, and the version of the formula."""
-        return described(f"{type(self).__name__.lower()}/1", self)
+        return described("paraboloid/1", self)
 
     def build(self) -> Surface:
         """Make the heights."""
-        return _surface(self, self._heights(_squared_distance(self)))
-
-    def _heights(self, squared: FloatArray) -> FloatArray:
-        """Heights of the points at those squared distances, which may be overwritten."""
-        raise NotImplementedError
+        heights = _squared_distance(self)
+        heights *= -0.5 / self.radius
+        return _surface(self, heights)
 
 
-class Paraboloid(_RoundBump):
-    """One bump h = -r^2 / (2 radius) (on a line a parabolic cylinder), summit at h = 0.
-
-    radius: of curvature at the summit, in m; centre: of the bump as fractions of the periods (by
-    default the middle; anything else shifts it against the grid).  r is the distance to the
-    nearest periodic image.  Hertz's theory is exact for this shape, but for the images.
-    """
-
-    def _heights(self, squared: FloatArray) -> FloatArray:
-        squared *= -0.5 / self.radius
-        return squared
-
-
-class Sphere(_RoundBump):
+@dataclass(frozen=True)
+class Sphere:
     """The upper half of a ball (on a line, of a cylinder) on a flat, summit at h = 0.
 
-    h = sqrt(radius^2 - r^2) - radius within r < radius, -radius outside; otherwise as Paraboloid.
+    h = sqrt(radius^2 - r^2) - radius within r < radius, -radius outside.  The arguments and
+    errors are those of Paraboloid.
+
+    Example:
+        >>> ball = Sphere((1e-3,), (8,), radius=2.5e-4).build()
+        >>> [round(1e6 * h) for h in ball.heights]
+        [-250, -250, -250, -33, 0, -33, -250, -250]
     """
 
-    def _heights(self, squared: FloatArray) -> FloatArray:
+    periods: Periods
+    shape: Shape
+    radius: _Radius
+    centre: Centre = ()
+    kind: Literal["sphere"] = field(default="sphere", kw_only=True)
+
+    def __post_init__(self) -> None:
+        normalise_grid(self)
+        _require_length("radius", self.radius)
+        _normalise_centre(self)
+
+    @property
+    def fingerprint(self) -> str:
+        """The parameters, and the version of the formula."""
+        return described("sphere/1", self)
+
+    def build(self) -> Surface:
+        """Make the heights."""
         # -r^2 / (R + sqrt(R^2 - r^2)) is sqrt(R^2 - r^2) - R without cancellation at the summit.
-        np.minimum(squared, self.radius**2, out=squared)
-        squared /= -(self.radius + np.sqrt(self.radius**2 - squared))
-        return squared
+        heights = _squared_distance(self)
+        np.minimum(heights, self.radius**2, out=heights)
+        heights /= -(self.radius + np.sqrt(self.radius**2 - heights))
+        return _surface(self, heights)
 
 
 @dataclass(frozen=True)
@@ -140,14 +201,27 @@ class FlatPunch:
 
     Grid points on the rim belong to the plateau.
 
-    radius (of a strip: its half-width) and depth in m; centre as in Paraboloid.
+    Args:
+        periods: (Lx, Ly), or (L,) for a line, in m.
+        shape: grid points (nx, ny), or (nx,) for a line.
+        radius: of the plateau, or half the width of a strip, in m.
+        depth: height of the plateau over the floor, in m.
+        centre: of the plateau as fractions of the periods, by default the middle.
+
+    Raises:
+        InvalidScene: if a length is not positive or the sizes do not fit.
+
+    Example:
+        >>> FlatPunch((8.0,), (8,), radius=1.0, depth=0.5).build().heights.tolist()
+        [-0.5, -0.5, -0.5, 0.0, 0.0, 0.0, -0.5, -0.5]
     """
 
-    periods: tuple[float, ...]
-    shape: tuple[int, ...]
-    radius: float
-    depth: float
-    centre: tuple[float, ...] = ()
+    periods: Periods
+    shape: Shape
+    radius: Annotated[Real, Field(gt=0, description="m; radius, or half-width of a strip")]
+    depth: Annotated[Real, Field(gt=0, description="m; height of the post over what surrounds it")]
+    centre: Centre = ()
+    kind: Literal["flat_punch"] = field(default="flat_punch", kw_only=True)
 
     def __post_init__(self) -> None:
         normalise_grid(self)
@@ -185,14 +259,14 @@ def _normalise_centre(recipe: Any) -> None:
 
 def _squared_distance(recipe: Any) -> FloatArray:
     """r^2 from each grid point to the nearest image of the centre, in m^2."""
-    heights = _empty(recipe.shape)
-    heights[...] = 0.0
+    squared = _empty(recipe.shape)
+    squared[...] = 0.0
     grid = zip(recipe.shape, recipe.periods, recipe.centre, strict=True)
     for axis, (n, period, centre) in enumerate(grid):
         offset = np.arange(n) / n - centre
         offset -= np.rint(offset)
-        heights += _along((period * offset) ** 2, axis, len(recipe.shape))
-    return heights
+        squared += _along((period * offset) ** 2, axis, len(recipe.shape))
+    return squared
 
 
 def _along(values: FloatArray, axis: int, dimensions: int) -> FloatArray:
