@@ -100,7 +100,7 @@ def _hurst_off(original: Any) -> Any:
 def _one_image(original: Any) -> Any:
     """Elastic area of the free particle and its mirror image at zero alone."""
     del original
-    return lambda s, r, c: np.asarray(erf(s / c))
+    return lambda walk: np.asarray(erf(walk.s / walk.c))
 
 
 def _without_hardness(original: Any) -> Any:
@@ -239,16 +239,16 @@ FAULTS: dict[str, Caught] = {
     "gamma forgotten": Caught(
         "theory-surface", "quantity.diffusion", "heights",
         changed(
-            "epcontact.persson.driver.reduced_diffusion", lambda f: lambda rule, tau, *rest: tau
+            "epcontact.persson.theory.reduced_diffusion", lambda f: lambda rule, tau, *rest: tau
         ),
     ),
     "E for E* in the theory": Caught(
         "theory-surface", "quantity.diffusion", "heights",
-        at("epcontact.persson.driver.effective_modulus", _modulus_without_nu),
+        at("epcontact.persson.theory.effective_modulus", _modulus_without_nu),
     ),
     "modes beyond the first forgotten": Caught(
         "theory-elastoplastic", "area.elastic.raw", 0.052501984135568624,
-        at("epcontact.persson.series._MODES", range(1, 2)),
+        at("epcontact.persson.series.MODES", np.ones((1, 1))),
     ),
     "images beyond the first forgotten": Caught(
         "theory-hard", "area.elastic.raw", 0.40901231822310838,
@@ -257,7 +257,8 @@ FAULTS: dict[str, Caught] = {
     "plastic wall as far as the hardness twice": Caught(
         "theory-hard", "area.plastic.raw", 0.0061680596479676502,
         changed(
-            "epcontact.persson.series.plastic_images", lambda f: lambda s, r, c: f(s, 2 * r, c)
+            "epcontact.persson.series.plastic_images",
+            lambda f: lambda walk: f(replace(walk, r=2 * walk.r)),
         ),
     ),
     "hardness ignored by the theory": Caught(
@@ -270,7 +271,7 @@ FAULTS: dict[str, Caught] = {
     ),
     "erfc for erf": Caught(
         "theory-elastic", "area.total.raw", 0.10864479557735564,
-        changed("epcontact.persson.elastoplastic.erf", lambda f: lambda x: 1 - f(x)),
+        changed("epcontact.persson.series.erf", lambda f: lambda x: 1 - f(x)),
     ),
     # kernel
     "stiff": Caught("westergaard-line", "quantity.mean_gap", "westergaard"),

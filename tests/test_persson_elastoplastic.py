@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from unittest import mock
 
 import mpmath as mp
 import numpy as np
@@ -176,24 +177,26 @@ def test_particle_hole_symmetry(contact):
 @given(st.floats(0.7, 0.95), _tail, st.booleans(), st.floats(0, 1))
 def test_eigenfunctions_and_images_are_one_function(c, share, mirrored, x):
     """To 1e-13 around the switch, where the areas take either."""
-    low, high = np.array([share]), np.array([1 - share])
-    s, r = (high, low) if mirrored else (low, high)
-    c, x = np.array([c]), np.array([x])
-    pairs = (
-        (series.plastic_images, series.plastic_modes),
-        (series.elastic_images, series.elastic_modes),
-        (series.force_images, series.force_modes),
-        (series.slope_images, series.slope_modes),
-    )
-    for images, modes in pairs:
-        # The modes end at exp(-(4 pi 0.7)^2) = 3e-34, the images at exp(-(6.5 / 0.95)^2) = 5e-21.
-        assert_allclose(images(s, r, c), modes(s, r, c), rtol=0, atol=1e-13)
-    for images, modes in (
-        (series.density_images, series.density_modes),
-        (series.cumulative_images, series.cumulative_modes),
-    ):
-        one, other = (f(x, 1 - x, x - s, s, r, c) for f in (images, modes))
-        assert_allclose(one, other, rtol=0, atol=1e-13)
+    G, p0 = c**2 / 4, 1 - share if mirrored else share
+
+    def quantities():
+        found = areas(G, p0, 1.0)
+        return (
+            found.plastic,
+            found.elastic,
+            found.separated,
+            elastic_force(G, p0, 1.0),
+            *boundary_slopes(G, p0, 1.0),
+            pressure_density(x, G, p0, 1.0),
+            pressure_cumulative(x, G, p0, 1.0),
+        )
+
+    with mock.patch.object(series, "SWITCH", 0.0):
+        modes = quantities()
+    with mock.patch.object(series, "SWITCH", math.inf):
+        images = quantities()
+    # The modes end at exp(-(4 pi 0.7)^2) = 3e-34, the images at exp(-(6.5 / 0.95)^2) = 5e-21.
+    assert_allclose(images, modes, rtol=0, atol=1e-13)
 
 
 def test_slopes_are_the_rates_of_the_areas():

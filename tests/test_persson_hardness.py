@@ -12,13 +12,13 @@ from numpy.testing import assert_allclose
 from epcontact.errors import InvalidScene
 from epcontact.persson import (
     EnergyReduction,
+    Theory,
     analytic_roughness,
     areas,
     hardness_curve,
-    magnification_curve,
-    surface_roughness,
 )
 from epcontact.persson.moving_wall import StressState, evolve, start, unfelt_diffusion
+from epcontact.persson.roughness import surface_roughness
 from epcontact.scene import SelfAffineSpectrum
 from epcontact.surfaces import SelfAffine
 
@@ -82,9 +82,8 @@ def test_constant_hardness_is_the_closed_form_with_second_order():
 
 def test_a_constant_law_is_the_magnification_curve():
     found = hardness_curve(ROUGH, 250e9, 0.536, 12.5e9, lambda z: np.full(z.shape, 150e9))
-    exact = magnification_curve(
-        ROUGH, 250e9, EnergyReduction(0.536), 12.5e9, 150e9, found.areas.magnification
-    )
+    theory = Theory(ROUGH, 250e9, EnergyReduction(0.536), 150e9)
+    exact = theory.magnification_curve(12.5e9, found.areas.magnification)
     assert_allclose(found.areas.elastic, exact.elastic, rtol=0, atol=1e-6)
     assert_allclose(found.areas.plastic, exact.plastic, rtol=0, atol=1e-6)
     assert found.force_error < 1e-10

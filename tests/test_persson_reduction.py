@@ -12,14 +12,8 @@ from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
 from epcontact.errors import InvalidScene
-from epcontact.persson import (
-    PUBLISHED,
-    EnergyReduction,
-    areas,
-    gamma_columns,
-    reduced_diffusion,
-    reduction_factor,
-)
+from epcontact.persson import EnergyReduction, areas, gamma_columns
+from epcontact.persson.reduction import PUBLISHED, reduced_diffusion
 
 TAU = 250.0**2 / 8  # of the paper's scene, GPa^2: slope 1, full contact
 LOCAL = [r for r in PUBLISHED if r.rule in ("persson", "wang_muser")]
@@ -28,10 +22,10 @@ _name = lambda r: r.rule  # noqa: E731
 
 def test_rules_at_their_ends():
     for reduction in PUBLISHED:
-        assert_allclose(reduction_factor(reduction, 0.0), reduction.gamma)
+        assert_allclose(reduction.factor(0.0), reduction.gamma)
         if reduction.rule != "constant":
-            assert_allclose(reduction_factor(reduction, 1.0), 1.0)
-    half = [float(reduction_factor(r, 0.5)) for r in PUBLISHED]
+            assert_allclose(reduction.factor(1.0), 1.0)
+    half = [float(r.factor(0.5)) for r in PUBLISHED]
     expected = [0.536, 0.45 + 0.55 / 4, 5 / 9 - 1 / 18 + (2 / 3) / 16, 0.42 + 0.58 / 2]
     assert_allclose(half, expected, rtol=1e-14)
 
@@ -45,7 +39,7 @@ def test_the_differential_rules_solve_their_equation(reduction, hardness):
 
     def rate(log_g):
         G = math.exp(log_g)
-        return G / float(reduction_factor(reduction, areas(G, 12.5, hardness).total))
+        return G / float(reduction.factor(areas(G, 12.5, hardness).total))
 
     for G, target in zip(found, tau, strict=True):
         start = 1e-12
@@ -96,7 +90,7 @@ def test_reduced_diffusion_is_monotone_between_gamma_and_one(
     tau = 10.0**log_scale * np.geomspace(1e-3, 1e3, 25)
     G = reduced_diffusion(reduction, tau, 1.0, hardness)
     assert np.all(np.diff(G) > 0)
-    least = float(reduction_factor(reduction, np.linspace(0, 1, 1001)).min())
+    least = float(reduction.factor(np.linspace(0, 1, 1001)).min())
     assert np.all(tau * (1 + 1e-12) >= G)
     assert np.all(least * tau * (1 - 1e-6) <= G)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,16 +13,9 @@ from scipy.special import erf
 
 from epcontact import bem
 from epcontact.errors import InvalidScene
-from epcontact.persson import (
-    EnergyReduction,
-    SeparationModel,
-    analytic_roughness,
-    areas,
-    elastic_energy,
-    flattened_roughness,
-    mean_separation,
-    surface_roughness,
-)
+from epcontact.persson import EnergyReduction, Theory, analytic_roughness, areas
+from epcontact.persson.roughness import surface_roughness
+from epcontact.persson.separation import elastic_energy, flattened_roughness, mean_separation
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
 from epcontact.surfaces import SelfAffine
 from epcontact.surfaces.spectrum import density, rms_height
@@ -31,8 +25,8 @@ MODULUS = 250e9
 GAMMA = EnergyReduction(0.536)
 
 
-def model(bands=512, hardness=math.inf, **options):
-    return SeparationModel(analytic_roughness(SPECTRUM, bands), MODULUS, GAMMA, hardness, **options)
+def model(bands=512, hardness=math.inf):
+    return Theory(analytic_roughness(SPECTRUM, bands), MODULUS, GAMMA, hardness)
 
 
 def test_full_contact_stores_the_exact_energy():
@@ -49,7 +43,7 @@ def test_separation_of_one_wave_number_is_the_published_integral():
     slope variance, which the bands resolve.
     """
     narrow = SelfAffineSpectrum(0.8, 1e5, 1e5, 1.0001e5, 0.1)
-    made = SeparationModel(analytic_roughness(narrow, 1024), MODULUS, GAMMA)
+    made = Theory(analytic_roughness(narrow, 1024), MODULUS, GAMMA)
     p = 2e9
 
     def rate(pressure, x):
@@ -112,8 +106,9 @@ def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first():
     assert np.all(np.diff(left) <= 0)
     assert left[0] == 1
     assert left[-1] < 0.5
-    G = 0.536 * made.full_contact_diffusion
-    plastic = areas(G, p, 75e9).plastic * 75e9 / p
+    variance = made.roughness.slope_variance
+    middle_of_band = np.cumsum(variance) - variance / 2
+    plastic = areas(0.536 * MODULUS**2 / 8 * middle_of_band, p, 75e9).plastic * 75e9 / p
     assert_allclose(left, 1 - plastic**6, rtol=1e-12)
 
 
@@ -130,9 +125,13 @@ def test_a_load_at_the_hardness_is_refused():
         elastic_energy(model(64, 10e9), 11e9)
 
 
-def test_the_energy_takes_no_rule_of_a_whole_band():
-    with pytest.raises(InvalidScene, match="xu"):
-        model(64, energy_reduction=EnergyReduction(0.42, "xu"))
+def test_the_energy_takes_a_local_rule_where_the_areas_follow_none():
+    """The rules "constant" and "xu" describe no single wave number; the energy's is "persson"."""
+    energies = [
+        elastic_energy(replace(model(64), reduction=EnergyReduction(0.42, rule)), 5e9)
+        for rule in ("constant", "xu", "persson")
+    ]
+    assert energies[0] == energies[1] == energies[2]
 
 
 @pytest.mark.parametrize(
@@ -143,7 +142,7 @@ def test_the_energy_takes_no_rule_of_a_whole_band():
 )
 def test_separation_is_near_that_of_boundary_elements(hardness, low, high):
     surface = SelfAffine(SPECTRUM, (2 * math.pi / 2.5e4,) * 2, (256, 256), 5).build()
-    made = SeparationModel(surface_roughness(surface), MODULUS, GAMMA, hardness)
+    made = Theory(surface_roughness(surface), MODULUS, GAMMA, hardness)
     for p in (5e9, 12.5e9, 30e9):
         found = bem.solve(Scene(surface, Material(MODULUS, 0.0, hardness), Load(p)))
         open_gap = np.maximum(found.fields["gap"], 0).mean()

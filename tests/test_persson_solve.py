@@ -116,8 +116,12 @@ def test_a_result_survives_json(scene):
 # ---- curves --------------------------------------------------------------------------------
 
 
+def theory_of(scene, **options):
+    return persson.Theory.of_scene(scene, energy_reduction=GAMMA, **options)
+
+
 def test_the_magnification_curve_begins_and_ends_right(scene):
-    curve = persson.scene_magnification_curve(scene, energy_reduction=GAMMA)
+    curve = theory_of(scene).magnification_curve(12.5e9)
     final = persson.solve(scene, energy_reduction=GAMMA).final.areas["raw"]
     assert curve.magnification.shape == (1000,)
     assert curve.total[0] == 1
@@ -131,13 +135,12 @@ def test_the_magnification_curve_begins_and_ends_right(scene):
 
 
 def test_beyond_the_roughness_nothing_changes(scene):
-    curve = persson.scene_magnification_curve(scene, [16, 17, 1e6], energy_reduction=GAMMA)
+    curve = theory_of(scene).magnification_curve(12.5e9, [16, 17, 1e6])
     assert_allclose(curve.elastic, curve.elastic[0], rtol=1e-12)
 
 
 def test_the_curve_of_a_surface_is_that_of_its_modes(scene):
-    options = {"energy_reduction": GAMMA, "spectrum": "surface"}
-    curve = persson.scene_magnification_curve(scene, [1, 4, 16], **options)
+    curve = theory_of(scene, spectrum="surface").magnification_curve(12.5e9, [1, 4, 16])
     modes = np.abs(np.fft.fft2(scene.surface.heights) / 64**2) ** 2
     k = np.fft.fftfreq(64, 1 / 64)
     zeta = np.hypot(k[:, None], k)
@@ -148,8 +151,8 @@ def test_the_curve_of_a_surface_is_that_of_its_modes(scene):
 
 
 def test_a_pressure_curve_at_a_magnification(scene):
-    curve = persson.scene_pressure_curve(scene, 4.0, energy_reduction=GAMMA)
-    at_four = persson.scene_magnification_curve(scene, [4.0], energy_reduction=GAMMA)
+    curve = theory_of(scene).pressure_curve(12.5e9, 4.0)
+    at_four = theory_of(scene).magnification_curve(12.5e9, [4.0])
     assert_allclose(curve.cumulative[-1], at_four.elastic[0], rtol=1e-12)
     assert_allclose(curve.plastic, at_four.plastic[0], rtol=1e-12)
     whole = np.trapezoid(curve.density, curve.pressure)
@@ -206,6 +209,6 @@ def test_unknown_words_are_refused(scene):
 
 def test_magnifications_below_one_are_refused(scene):
     with pytest.raises(InvalidScene, match="magnifications"):
-        persson.scene_magnification_curve(scene, [0.5], energy_reduction=GAMMA)
+        theory_of(scene).magnification_curve(12.5e9, [0.5])
     with pytest.raises(InvalidScene, match="magnification"):
-        persson.scene_pressure_curve(scene, math.nan, energy_reduction=GAMMA)
+        theory_of(scene).pressure_curve(12.5e9, math.nan)

@@ -56,10 +56,11 @@ def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> l
     tables = {}
     if "persson" in results:
         options = case.options["persson"]
-        areas = persson.scene_magnification_curve(scene, **options)
+        body = persson.Theory.of_scene(scene, **options)
+        areas = body.magnification_curve(scene.load.final)
         charts["persson-magnification"] = _magnification_chart(case, areas, results)
         tables["persson-magnification"] = areas.columns()
-        tables["persson-pressure"] = persson.scene_pressure_curve(scene, **options).columns()
+        tables["persson-pressure"] = body.pressure_curve(scene.load.final).columns()
     if any(result.distribution for found in results.values() for result in found):
         theory = theory_densities(results, hardness)
         charts["pressure-distribution"] = pressure_distribution(

@@ -1,40 +1,37 @@
 """Persson's theory in closed form: contact areas and pressure distribution at a magnification.
 
-The stress distribution P(sigma, zeta) of a solid that flows at the hardness solves
-dP/dG = d2P/dsigma2 with P = 0 at sigma = 0 and at sigma = hardness, starting from all points
-at the mean pressure.  What the walls absorb is the area that has lost contact and the area
-that flows; an infinite hardness gives the elastic theory.
+The distribution P(sigma, zeta) of the stress of a solid that flows at the hardness solves
+dP/dG = d2P/dsigma2 with P = 0 at sigma = 0 and at sigma = hardness.  It starts with all points
+at the mean pressure.  The wall at zero absorbs the area that has lost contact, the wall at the
+hardness absorbs the area that flows.  An infinite hardness gives the elastic theory.
 
-Symbols: G = diffusion (half the variance the pressure would have in full contact, times the
-reduction of elastic energy, in Pa^2), p_0 = mean_pressure, sigma_P = hardness and sigma =
-pressure, in Pa.  Every function broadcasts its arguments like a numpy function, returns float64
-and raises InvalidScene unless 0 < p_0 < sigma_P and 0 <= G < inf.
+Symbols: G = diffusion (half the variance that the pressure would have in full contact, times the
+reduction of elastic energy, in Pa^2), p_0 = mean_pressure, sigma_P = hardness, sigma = pressure;
+in units of sigma_P: s = p_0, x = sigma, t = G.  Every function broadcasts its arguments like a
+numpy function, returns float64 and raises InvalidScene unless 0 < p_0 < sigma_P and 0 <= G < inf.
 
-Accuracy there, for p_0 / sigma_P above 1e-140: each area is right to 1e-10 of itself (and
-underflows to zero where the true value does), P(sigma) to 1e-12 of the larger of 1/sigma_P and
-1/sqrt(4 pi G), the cumulative distribution to 1e-12 of the elastic area.
+Accuracy, for p_0 / sigma_P above 1e-140: each area is right to 1e-10 of itself (and underflows to
+zero where the true value does), P(sigma) to 1e-12 of the larger of 1/sigma_P and 1/sqrt(4 pi G),
+the cumulative distribution to 1e-12 of the elastic area.
 
 Sources: Persson, J. Chem. Phys. 115, 3840 (2001); Almqvist and Persson, "Multiscale contact
-mechanics for elastoplastic contacts", equations (1), (3), (4) and (5).
+mechanics for elastoplastic contacts", called "the paper" in this package.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import erf, erfc
 
 from epcontact.errors import InvalidScene
 from epcontact.persson import series
+from epcontact.persson.series import Walk, evaluate
 from epcontact.results import FloatArray
 
-_Formula = Callable[..., FloatArray]
-
-# The spread c is clipped to a range in which its powers neither overflow nor vanish; beyond it
-# nothing but the limits G -> 0 and G -> inf is left.
+# The spread c is clipped to a range in which its powers neither overflow nor vanish.  Outside of
+# it only the limits G -> 0 and G -> inf are left.
 _NARROWEST, _WIDEST = 1e-150, 1e3
 
 
@@ -55,32 +52,75 @@ class ContactAreas:
 def areas(
     diffusion: ArrayLike, mean_pressure: ArrayLike, hardness: ArrayLike = np.inf
 ) -> ContactAreas:
-    """Elastic, plastic and separated area: equations (4), (5) and what is left."""
-    walk = _Walk(diffusion, mean_pressure, hardness)
-    return ContactAreas(
-        elastic=walk.evaluate(
-            series.elastic_images, series.elastic_modes, lambda s, _, c: erf(s / c)
-        ),
-        plastic=walk.evaluate(
-            series.plastic_images, series.plastic_modes, lambda s, _r, _c: np.zeros_like(s)
-        ),
-        separated=walk.evaluate(
-            lambda s, r, c: series.plastic_images(r, s, c),
-            lambda s, r, c: series.plastic_modes(r, s, c),
-            lambda s, _, c: erfc(s / c),
-        ),
+    """Elastic, plastic and separated area.
+
+    Args:
+        diffusion: G in Pa^2.
+        mean_pressure: p_0 in Pa.
+        hardness: sigma_P in Pa; infinite for an elastic body.
+
+    Returns:
+        Shares of the nominal area, of the shape that the arguments broadcast to.
+
+    Raises:
+        InvalidScene: An argument is out of range.
+
+    Example:
+        >>> found = areas(diffusion=4187.5, mean_pressure=12.5, hardness=150.0)  # GPa^2, GPa
+        >>> print(f"{found.elastic:.4f} {found.plastic:.4f} {found.total:.4f}")
+        0.0525 0.0572 0.1097
+    """
+    walk, _ = _scaled(diffusion, mean_pressure, hardness)
+    return ContactAreas(_elastic_area(walk), _plastic_area(walk), _plastic_area(walk.mirrored()))
+
+
+def _elastic_area(walk: Walk) -> FloatArray:
+    """Elastic area by equation (4) of the paper:
+
+    A_el = (2/pi) sum_n [1 - (-1)^n]/n sin(n pi s) e^(-n^2 pi^2 t)
+    """
+    return evaluate(
+        walk,
+        modes=lambda w: w.sum_modes(lambda n: 2 / np.pi * (1 - (-1) ** n) / n),
+        images=series.elastic_images,
+    )
+
+
+def _plastic_area(walk: Walk) -> FloatArray:
+    """Plastic area by equation (5) of the paper:
+
+    A_pl = s + (2/pi) sum_n (-1)^n/n sin(n pi s) e^(-n^2 pi^2 t)
+
+    The mirror image of the walk gives the separated area.
+    """
+    return evaluate(
+        walk,
+        modes=lambda w: w.s + w.sum_modes(lambda n: 2 / np.pi * (-1) ** n / n),
+        images=series.plastic_images,
     )
 
 
 def elastic_force(
     diffusion: ArrayLike, mean_pressure: ArrayLike, hardness: ArrayLike = np.inf
 ) -> FloatArray:
-    """int sigma P dsigma in Pa: the share of the mean pressure that elastic contact carries.
+    """The part of the mean pressure that elastic contact carries, int sigma P dsigma.
 
-    The plastic contact carries hardness * A_pl; together they are the mean pressure.
+    The plastic contact carries hardness * A_pl; together they are the mean pressure.  Arguments
+    and errors are those of `areas`.
+
+    Returns:
+        Pressure in Pa, of the shape that the arguments broadcast to.
+
+    Example:
+        >>> print(f"{elastic_force(4187.5, 12.5, 150.0):.3f}")
+        3.922
     """
-    walk = _Walk(diffusion, mean_pressure, hardness)
-    return walk.unit * walk.evaluate(series.force_images, series.force_modes, lambda s, _r, _c: s)
+    walk, unit = _scaled(diffusion, mean_pressure, hardness)
+    return unit * evaluate(
+        walk,
+        modes=lambda w: -w.sum_modes(lambda n: 2 / np.pi * (-1) ** n / n),
+        images=series.force_images,
+    )
 
 
 def pressure_density(
@@ -89,12 +129,30 @@ def pressure_density(
     mean_pressure: ArrayLike,
     hardness: ArrayLike = np.inf,
 ) -> FloatArray:
-    """P(sigma) in 1/Pa of the elastic contact: equations (1) and (3).  Needs diffusion > 0."""
-    walk = _Walk(diffusion, mean_pressure, hardness, pressure)
-    if np.any(walk.diffusion == 0):
+    """Probability density P(sigma) of the elastic contact by equation (3) of the paper:
+
+        P = 2 sum_n sin(n pi s) sin(n pi x) e^(-n^2 pi^2 t) / sigma_P
+
+    Arguments and errors are those of `areas`; the diffusion must be above 0.
+
+    Returns:
+        Density in 1/Pa, of the shape that the arguments broadcast to; 0 outside of (0, sigma_P).
+
+    Example:
+        >>> pressure_density([0.0, 50.0, 150.0], 4187.5, 12.5, 150.0).round(5)
+        array([0.     , 0.00048, 0.     ])
+    """  # fmt: skip
+    sigma, G, p0, H = _broadcast(pressure, diffusion, mean_pressure, hardness)
+    inside = (sigma > 0) & (sigma < H)
+    walk, unit = _scaled(G, p0, H, np.where(inside, sigma, p0))
+    if np.any(G == 0):
         raise InvalidScene("diffusion is 0, where the pressures have no density but one value")
-    values = walk.evaluate(series.density_images, series.density_modes, _elastic_density)
-    return np.where(walk.inside, values, 0.0) / walk.unit
+    values = evaluate(
+        walk,
+        modes=lambda w: np.maximum(w.sum_modes(lambda n: 2 * series.sine(n, w.x, w.y)), 0),
+        images=series.density_images,
+    )
+    return np.where(inside, values, 0.0) / unit
 
 
 def pressure_cumulative(
@@ -105,105 +163,88 @@ def pressure_cumulative(
 ) -> FloatArray:
     """Share of the nominal area in elastic contact at pressures in (0, sigma].
 
-    From the hardness upwards it is the elastic area.
+    Arguments and errors are those of `areas`.
+
+    Returns:
+        Shares of the shape that the arguments broadcast to; the elastic area from the hardness
+        upwards.
+
+    Example:
+        >>> pressure_cumulative([0.0, 75.0, 150.0], 4187.5, 12.5, 150.0).round(4)
+        array([0.    , 0.0265, 0.0525])
     """
-    walk = _Walk(diffusion, mean_pressure, hardness, pressure)
-    values = walk.evaluate(series.cumulative_images, series.cumulative_modes, _elastic_cumulative)
-    elastic = areas(diffusion, mean_pressure, hardness).elastic
-    beyond = walk.pressure >= walk.hardness
-    return np.where(walk.pressure <= 0, 0.0, np.where(beyond, elastic, values))
+    sigma, G, p0, H = _broadcast(pressure, diffusion, mean_pressure, hardness)
+    if np.isnan(sigma).any():
+        raise InvalidScene("pressure is not a number (NaN)")
+    inside = (sigma > 0) & (sigma < H)
+    walk, _ = _scaled(G, p0, H, np.where(inside, sigma, p0))
+    values = evaluate(
+        walk,
+        modes=lambda w: w.sum_modes(lambda n: 4 / np.pi * np.sin(0.5 * n * np.pi * w.x) ** 2 / n),
+        images=series.cumulative_images,
+    )
+    return np.where(sigma <= 0, 0.0, np.where(sigma >= H, _elastic_area(walk), values))
 
 
 def boundary_slopes(
     diffusion: ArrayLike, mean_pressure: ArrayLike, hardness: ArrayLike = np.inf
 ) -> tuple[FloatArray, FloatArray]:
-    """dP/dsigma in 1/Pa^2 at sigma -> 0 from above and at sigma -> hardness from below.
+    """dP/dsigma at sigma -> 0 from above and at sigma -> hardness from below.
 
     They are the rates at which area leaves elastic contact: d(separated)/dG is the first,
-    d(plastic)/dG minus the second.
+    d(plastic)/dG is minus the second.  Arguments and errors are those of `areas`.
+
+    Returns:
+        Two arrays in 1/Pa^2, of the shape that the arguments broadcast to.
+
+    Example:
+        >>> at_zero, at_hardness = boundary_slopes(4187.5, 12.5, 150.0)
+        >>> bool(at_zero > 0 > at_hardness)
+        True
     """
-    walk = _Walk(diffusion, mean_pressure, hardness)
-
-    def elastic(s: FloatArray, _: FloatArray, c: FloatArray) -> FloatArray:
-        return np.asarray(4 * s / (np.sqrt(np.pi) * c) * np.exp(-((s / c) ** 2)) / c / c)
-
-    at_zero = walk.evaluate(series.slope_images, series.slope_modes, elastic)
-    at_hardness = -walk.evaluate(
-        lambda s, r, c: series.slope_images(r, s, c),
-        lambda s, r, c: series.slope_modes(r, s, c),
-        lambda s, _r, _c: np.zeros_like(s),
+    walk, unit = _scaled(diffusion, mean_pressure, hardness)
+    at_zero, mirrored = (
+        evaluate(
+            side,
+            modes=lambda w: w.sum_modes(lambda n: 2 * np.pi * n),
+            images=series.slope_images,
+        )
+        / unit
+        / unit
+        for side in (walk, walk.mirrored())
     )
-    # "+ 0.0" turns the -0.0 of an infinite hardness into 0.
-    return at_zero / walk.unit / walk.unit, at_hardness / walk.unit / walk.unit + 0.0
+    return at_zero, 0.0 - mirrored
 
 
-class _Walk:
-    """The arguments, broadcast, checked and in units of the hardness.
+def _broadcast(*given: ArrayLike) -> tuple[FloatArray, ...]:
+    return np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in given))
 
-    Where the hardness is infinite the unit is the mean pressure.  `evaluate` gives a formula
-    the start s, the distance r to the upper wall and the spread c (see `series`); with a
-    pressure, in front of them x = sigma, 1 - x and x - s, each subtracted before it is scaled.
+
+def _scaled(
+    diffusion: ArrayLike,
+    mean_pressure: ArrayLike,
+    hardness: ArrayLike,
+    pressure: ArrayLike | None = None,
+) -> tuple[Walk, FloatArray]:
+    """The checked arguments in units of the hardness (or mean pressure), and that unit in Pa.
+
+    The pressure is between 0 and the hardness; by default it is the mean pressure.
     """
-
-    def __init__(
-        self,
-        diffusion: ArrayLike,
-        mean_pressure: ArrayLike,
-        hardness: ArrayLike,
-        pressure: ArrayLike | None = None,
-    ) -> None:
-        given = [diffusion, mean_pressure, hardness] + ([] if pressure is None else [pressure])
-        arrays = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in given))
-        self.diffusion, p0, self.hardness = arrays[:3]
-        _check(self.diffusion, p0, self.hardness)
-        self.elastic = np.isinf(self.hardness)
-        self.unit = np.where(self.elastic, p0, self.hardness)
-        widest = np.where(self.elastic, np.inf, _WIDEST)
-        spread = np.clip(2 * np.sqrt(self.diffusion) / self.unit, _NARROWEST, widest)
-        self._columns = [p0 / self.unit, (self.hardness - p0) / self.unit, spread]
-        if pressure is not None:
-            self.pressure = arrays[3]
-            if np.isnan(self.pressure).any():
-                raise InvalidScene("pressure is not a number (NaN)")
-            self.inside = (self.pressure > 0) & (self.pressure < self.hardness)
-            sigma = np.where(self.inside, self.pressure, p0)
-            distances = (sigma, self.hardness - sigma, sigma - p0)
-            self._columns = [d / self.unit for d in distances] + self._columns
-
-    def evaluate(self, images: _Formula, modes: _Formula, elastic: _Formula) -> FloatArray:
-        """The value of a formula, in the regime each element belongs to."""
-        c = self._columns[-1]
-        values = np.empty(c.shape)
-        wide = ~self.elastic & (c >= series.SWITCH)
-        regimes = ((~self.elastic & ~wide, images), (wide, modes), (self.elastic, elastic))
-        for chosen, formula in regimes:
-            if chosen.any():
-                values[chosen] = formula(*(column[chosen] for column in self._columns))
-        return values
-
-
-def _check(diffusion: FloatArray, mean_pressure: FloatArray, hardness: FloatArray) -> None:
-    good = np.isfinite(diffusion) & (diffusion >= 0)
+    G, p0, H = _broadcast(diffusion, mean_pressure, hardness)
+    good = np.isfinite(G) & (G >= 0)
     if not good.all():
         raise InvalidScene(
-            f"diffusion is {diffusion[~good].flat[0]!s}, but must be a finite number >= 0 in Pa^2"
+            f"diffusion is {G[~good].flat[0]!s}, but must be a finite number >= 0 in Pa^2"
         )
-    good = (mean_pressure > 0) & (mean_pressure < hardness)
+    good = (p0 > 0) & (p0 < H)
     if not good.all():
         raise InvalidScene(
-            f"mean_pressure is {mean_pressure[~good].flat[0]!s} at a hardness of "
-            f"{hardness[~good].flat[0]!s}, but must lie between 0 and the hardness, both excluded"
+            f"mean_pressure is {p0[~good].flat[0]!s} at a hardness of "
+            f"{H[~good].flat[0]!s}, but must lie between 0 and the hardness, both excluded"
         )
-
-
-def _elastic_density(
-    x: FloatArray, _: FloatArray, above: FloatArray, s: FloatArray, _r: FloatArray, c: FloatArray
-) -> FloatArray:
-    fade = -np.expm1(-4 * (x / c) * (s / c))
-    return np.asarray(np.exp(-((above / c) ** 2)) * fade / (np.sqrt(np.pi) * c))
-
-
-def _elastic_cumulative(
-    x: FloatArray, _: FloatArray, above: FloatArray, s: FloatArray, _r: FloatArray, c: FloatArray
-) -> FloatArray:
-    return np.asarray(erf(s / c) - series.gaussian_mass(x / c, s / c, above / c))
+    sigma = p0 if pressure is None else np.asarray(pressure)
+    elastic = np.isinf(H)
+    unit = np.where(elastic, p0, H)
+    spread = np.clip(2 * np.sqrt(G) / unit, _NARROWEST, np.where(elastic, np.inf, _WIDEST))
+    distances = ((H - p0) / unit, spread, sigma / unit, (H - sigma) / unit, (sigma - p0) / unit)
+    return Walk(p0 / unit, *distances, bounded=~elastic), unit

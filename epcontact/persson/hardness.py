@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from epcontact.errors import InvalidScene
-from epcontact.persson.curves import MagnificationCurve, PressureCurve
 from epcontact.persson.elastoplastic import areas
 from epcontact.persson.moving_wall import StressState, evolve, start, unfelt_diffusion
-from epcontact.persson.reduction import EnergyReduction
+from epcontact.persson.reduction import EnergyReduction, full_contact_diffusion
 from epcontact.persson.roughness import Roughness
+from epcontact.persson.theory import MagnificationCurve, PressureCurve
 from epcontact.results import FloatArray
 
 HardnessLaw = Callable[[FloatArray], ArrayLike]
@@ -66,11 +66,11 @@ def hardness_curve(
     no positive number, magnifications out of order or range, or too few cells.
     """
     zeta = _magnifications(roughness, magnifications)
-    factor = EnergyReduction(energy_reduction).gamma * effective_modulus**2 / 8
+    gamma = EnergyReduction(energy_reduction).gamma
     variance = _continuous_slope_variance(roughness)
 
     def diffusion(z: FloatArray) -> FloatArray:
-        return np.asarray(factor * variance(z * roughness.lowest))
+        return gamma * full_contact_diffusion(effective_modulus, variance(z * roughness.lowest))
 
     cells, steps = resolution
     nodes = _nodes(diffusion, hardness, zeta, mean_pressure, steps)

@@ -1,9 +1,9 @@
-"""The reduction S of elastic energy, and with it the diffusion G of equation (2).
+"""The reduction S of elastic energy, and with it the diffusion G of the stress.
 
-In full contact the roughness up to a wave number q gives the pressure half the variance
-tau = (pi/4) E*^2 int q^3 C dq.  In partial contact less elastic energy is stored in what is in
-contact; the theory accounts for it by dG = S dtau, where S depends on the relative contact
-area A (elastic and plastic) at the magnification:
+In full contact the roughness up to a wave number q gives the pressure half the variance tau, see
+`full_contact_diffusion`.  In partial contact less elastic energy is stored in the contact; the
+theory accounts for it by dG = S dtau, where S depends on the relative contact area A (elastic and
+plastic) at the magnification:
 
     constant     S = gamma                                    (the limit A << 1 of the next)
     persson      S = gamma + (1 - gamma) A^2                  Yang and Persson (2008)
@@ -11,10 +11,10 @@ area A (elastic and plastic) at the magnification:
     xu           G = [gamma + (1 - gamma) A] tau, with the area at the end of the range:
                  one implicit equation instead of a differential one; Xu et al. (2024)
 
-A depends on the spectrum through G alone, so the implicit equation separates:
+A depends on the spectrum through G alone, so the differential equation separates:
 tau(G) = int_0^G dG' / S(A(G')).  It is integrated in steps of constant ratio of G by Gauss's
-three-point rule, whose error falls with the sixth power of the step, and inverted by Newton's
-method; as S > 0, tau(G) is monotone and there is no root to miss.
+three-point rule, whose error falls with the sixth power of the step, and inverted step by step by
+Newton's method; as S > 0, tau(G) is monotone and has one root.
 """
 
 from __future__ import annotations
@@ -43,8 +43,13 @@ STEPS_PER_DECADE = 24
 class EnergyReduction:
     """A rule for S and its parameter gamma, the value of S in the limit of no contact.
 
-    Raises InvalidScene for an unknown rule or a gamma outside (0, 1] (wang_muser: at least
-    0.011, below which its polynomial is negative at some area).
+    Attributes:
+        gamma: Between 0 (wang_muser: 0.011, below which its polynomial is negative at some area),
+            excluded, and 1.
+        rule: One of the rules of this module.
+
+    Raises:
+        InvalidScene: The rule is unknown or gamma is out of range.
     """
 
     gamma: float
@@ -63,6 +68,20 @@ class EnergyReduction:
                 "and 1"
             )
 
+    def factor(self, contact_area: ArrayLike) -> FloatArray:
+        """S at a relative contact area A in [0, 1] of any shape; for "xu", the factor G / tau."""
+        A = np.asarray(contact_area, dtype=np.float64)
+        g = self.gamma
+        match self.rule:
+            case "constant":
+                return np.full(A.shape, g)
+            case "persson":
+                return g + (1 - g) * A**2
+            case "wang_muser":
+                return g - 2 / 9 * A**2 + (11 / 9 - g) * A**4
+            case "xu":
+                return g + (1 - g) * A
+
 
 #: Each rule with a gamma that was published for it; the constant is that of Almqvist and Persson.
 PUBLISHED = (
@@ -73,19 +92,23 @@ PUBLISHED = (
 )
 
 
-def reduction_factor(reduction: EnergyReduction, contact_area: ArrayLike) -> FloatArray:
-    """S at a relative contact area A in [0, 1]; of `xu`, the factor G / tau."""
-    A = np.asarray(contact_area, dtype=np.float64)
-    g = reduction.gamma
-    match reduction.rule:
-        case "constant":
-            return np.full(A.shape, g)
-        case "persson":
-            return g + (1 - g) * A**2
-        case "wang_muser":
-            return g - 2 / 9 * A**2 + (11 / 9 - g) * A**4
-        case "xu":
-            return g + (1 - g) * A
+def full_contact_diffusion(effective_modulus: float, slope_variance: ArrayLike) -> FloatArray:
+    """Diffusion without reduction (S = 1) by equation (2) of the paper:
+
+        tau = (pi/4) E*^2 int q^3 C dq = E*^2 xi^2 / 8,   xi^2 = 2 pi int q^3 C dq
+
+    Args:
+        effective_modulus: E* in Pa.
+        slope_variance: xi^2 of the roughness up to a wave number, of any shape.
+
+    Returns:
+        Half the variance of the pressure in full contact in Pa^2, of the same shape.
+
+    Example:
+        >>> float(full_contact_diffusion(250.0, 1.0))  # GPa
+        7812.5
+    """  # fmt: skip
+    return np.asarray(effective_modulus**2 / 8 * np.asarray(slope_variance))
 
 
 def reduced_diffusion(
@@ -95,9 +118,25 @@ def reduced_diffusion(
     hardness: float = math.inf,
     steps_per_decade: int = STEPS_PER_DECADE,
 ) -> FloatArray:
-    """G in Pa^2, of the shape of tau = full_contact_diffusion (Pa^2).
+    """G, the diffusion with the reduction S.
 
-    Raises InvalidScene unless tau is finite and not negative and 0 < mean_pressure < hardness.
+    Args:
+        reduction: The rule and its gamma.
+        full_contact_diffusion: tau in Pa^2, of any shape.
+        mean_pressure: In Pa.
+        hardness: In Pa; infinite for an elastic body.
+        steps_per_decade: Steps of the integration to a decade of G.
+
+    Returns:
+        G in Pa^2, of the shape of tau.
+
+    Raises:
+        InvalidScene: tau is not finite or negative, or the mean pressure is not between 0 and the
+            hardness.
+
+    Example:
+        >>> print(f"{reduced_diffusion(EnergyReduction(0.45, 'persson'), 7812.5, 12.5, 150.0):.0f}")
+        3743
     """
     tau = np.asarray(full_contact_diffusion, dtype=np.float64)
     if not (np.isfinite(tau).all() and (tau >= 0).all()):
@@ -106,83 +145,55 @@ def reduced_diffusion(
     if reduction.rule == "constant":
         return reduction.gamma * tau
 
-    def area(G: FloatArray) -> FloatArray:
-        return areas(G, mean_pressure, hardness).total
+    def factor(G: FloatArray) -> FloatArray:
+        return reduction.factor(areas(G, mean_pressure, hardness).total)
 
-    flat = tau.ravel()
+    def xu(G: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """G - [gamma + (1 - gamma) A(G)] tau and its derivative; dA/dG is minus the first slope."""
+        loss, _ = boundary_slopes(G, mean_pressure, hardness)
+        return G - factor(G) * late, 1 + (1 - reduction.gamma) * late * loss
+
+    G = tau.flatten()
     # Up to here A = 1 to 1e-22, and all these rules have S(1) = 1.
     smallest = mean_pressure**2 / 200
-    late = flat > smallest
-    G = flat.copy()
-    if late.any():
-        if reduction.rule == "xu":
-            G[late] = _xu(reduction, flat[late], area, mean_pressure, hardness)
-        else:
-            ratio = max(flat.max() / smallest, 1 + 1e-9)
-            steps = math.ceil(math.log10(ratio) * steps_per_decade) + 1
-            edges = np.geomspace(smallest, smallest * ratio, steps + 1)
-            G[late] = _invert(reduction, flat[late], area, edges)
+    late = G[smallest < G]
+    if late.size and reduction.rule == "xu":
+        G[smallest < G] = _newton(xu, reduction.gamma * late, late)
+    elif late.size:
+        ratio = max(late.max() / smallest, 1 + 1e-9)
+        steps = math.ceil(math.log10(ratio) * steps_per_decade) + 1
+        edges = np.geomspace(smallest, smallest * ratio, steps + 1)
+        G[smallest < G] = _integrate(factor, late, edges)
     return G.reshape(tau.shape)
 
 
-def _integral(
-    reduction: EnergyReduction,
-    area: Callable[[FloatArray], FloatArray],
-    low: FloatArray,
-    high: FloatArray,
+def _integrate(
+    factor: Callable[[FloatArray], FloatArray], tau: FloatArray, edges: FloatArray
 ) -> FloatArray:
-    """int dG / S from low to high, each pair by one Gauss rule."""
-    width = high - low
-    points = low[:, None] + width[:, None] * _NODES
-    return np.asarray(width * ((1 / reduction_factor(reduction, area(points))) @ _WEIGHTS))
+    """G with int dG / S = tau; edges: (n,) of the steps of G, and tau = G up to the first."""
 
+    def integral(low: FloatArray, high: FloatArray) -> FloatArray:
+        points = low[:, None] + (high - low)[:, None] * _NODES
+        return np.asarray((high - low) * ((1 / factor(points)) @ _WEIGHTS))
 
-def _invert(
-    reduction: EnergyReduction,
-    tau: FloatArray,
-    area: Callable[[FloatArray], FloatArray],
-    edges: FloatArray,
-) -> FloatArray:
-    """G with tau(G) = tau, from tau at the edges of the steps; tau(edges[0]) = edges[0]."""
-    reached = edges[0] + np.cumsum(_integral(reduction, area, edges[:-1], edges[1:]))
+    reached = edges[0] + np.cumsum(integral(edges[:-1], edges[1:]))
     step = np.searchsorted(reached[:-1], tau)
-    low, high = edges[step], edges[step + 1]
-    rest = tau - np.concatenate([edges[:1], reached])[step]
-
-    def miss(G: FloatArray) -> tuple[FloatArray, FloatArray]:
-        slope = 1 / reduction_factor(reduction, area(G))
-        return _integral(reduction, area, low, G) - rest, slope
-
-    return _bracketed_newton(miss, low, high, tau)
+    low, rest = edges[step], tau - np.concatenate([edges[:1], reached])[step]
+    return _newton(lambda G: (integral(low, G) - rest, 1 / factor(G)), low, edges[step + 1])
 
 
-def _xu(
-    reduction: EnergyReduction,
-    tau: FloatArray,
-    area: Callable[[FloatArray], FloatArray],
-    mean_pressure: float,
-    hardness: float,
-) -> FloatArray:
-    """G with G = [gamma + (1 - gamma) A(G)] tau; as A falls with G, there is just one."""
-
-    def miss(G: FloatArray) -> tuple[FloatArray, FloatArray]:
-        loss, _ = boundary_slopes(G, mean_pressure, hardness)  # -dA/dG
-        slope = 1 + (1 - reduction.gamma) * tau * loss
-        return G - reduction_factor(reduction, area(G)) * tau, slope
-
-    return _bracketed_newton(miss, reduction.gamma * tau, tau, tau)
-
-
-def _bracketed_newton(
-    miss: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+def _newton(
+    function: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
     low: FloatArray,
     high: FloatArray,
-    scale: FloatArray,
 ) -> FloatArray:
-    """The roots of an increasing function in [low, high], to 1e-14 of `scale`."""
-    x = 0.5 * (low + high)
+    """The roots of an increasing function with its derivative, in brackets, to 1e-14 of them.
+
+    scipy.optimize.elementwise.find_root, which takes no derivative, needs half as much time again.
+    """
+    x, scale = 0.5 * (low + high), high
     for _ in range(100):
-        value, slope = miss(x)
+        value, slope = function(x)
         low, high = np.where(value < 0, x, low), np.where(value > 0, x, high)
         new = x - value / slope
         new = np.where((new >= low) & (new <= high), new, 0.5 * (low + high))
@@ -193,3 +204,42 @@ def _bracketed_newton(
         "the reduction of elastic energy did not settle in 100 Newton steps",
         residuals={"diffusion": float(np.max(change / scale))},
     )
+
+
+def gamma_columns(
+    full_contact_diffusion: float,
+    mean_pressure: float,
+    hardness: float = math.inf,
+    gammas: ArrayLike | None = None,
+) -> dict[str, FloatArray]:
+    """Areas against a constant gamma, of the elastoplastic and of the elastic body.
+
+    Args:
+        full_contact_diffusion: tau in Pa^2.
+        mean_pressure: In Pa.
+        hardness: In Pa.
+        gammas: (n,); by default 141 values from 0.3 to 1.
+
+    Returns:
+        Columns (n,): gamma, elastic_area, plastic_area, total_area, and elastic_body_area, the
+        total area of the body of infinite hardness.
+
+    Raises:
+        InvalidScene: A gamma outside (0, 1], or pressures out of range.
+
+    Example:
+        >>> columns = gamma_columns(7812.5, 12.5, 150.0, [0.536, 0.63])
+        >>> columns["total_area"].round(4), columns["elastic_body_area"].round(4)
+        (array([0.1097, 0.1024]), array([0.1086, 0.1003]))
+    """
+    values = np.linspace(0.3, 1.0, 141) if gammas is None else np.asarray(gammas, dtype=np.float64)
+    for extreme in (values.min(), values.max()):
+        EnergyReduction(float(extreme))  # checks the range
+    capped = areas(values * full_contact_diffusion, mean_pressure, hardness)
+    return {
+        "gamma": values,
+        "elastic_area": capped.elastic,
+        "plastic_area": capped.plastic,
+        "total_area": capped.total,
+        "elastic_body_area": areas(values * full_contact_diffusion, mean_pressure).total,
+    }

@@ -5,8 +5,11 @@ Energy.  Yang and Persson, J. Phys.: Condens. Matter 20, 215214 (2008), per nomi
     U_el = (pi/2) E* int q^2 C S A_el dq = (E*/4) int S A_el dxi^2(q) / q
 
 In full contact (S = A_el = 1) this is exact.  A_el is the area at the diffusion G of *full*
-contact: gamma enters the energy once, by S, and not again by the area.  (With the reduced G of
-equation (2) the energy of small elastic contacts is 1.6 to 2.2 times that of boundary elements.)
+contact: gamma enters the energy once, by S, and not again by the area.  (With the reduced G the
+energy of small elastic contacts is 1.6 to 2.2 times that of boundary elements.)  S follows the
+rule of the areas where that rule is "persson" or "wang_muser".  "constant" is the limit of small
+contacts, wrong for the long waves in full contact, and "xu" describes no single wave number: with
+these the energy takes "persson" with the same gamma.
 The formula carries over to plastic flow, because the diffusion equation with both walls still
 has d<p^2> = 2 A_el dG for <p^2> = int sigma^2 P dsigma + sigma_P^2 A_pl: roughness of wave
 number q adds pressure of wave number q in elastic contact only.
@@ -36,15 +39,15 @@ mean of the open gap.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import erf
 
-from epcontact.errors import InvalidScene
 from epcontact.persson.elastoplastic import areas
-from epcontact.persson.reduction import EnergyReduction, reduced_diffusion, reduction_factor
+from epcontact.persson.reduction import EnergyReduction, full_contact_diffusion, reduced_diffusion
 from epcontact.persson.roughness import Roughness
+from epcontact.persson.theory import Theory
 from epcontact.results import FloatArray
 
 #: Steps to a factor e of the pressure in the integral over the load; halved once more.
@@ -52,59 +55,30 @@ STEPS_PER_E_FOLD = 8
 _FLATTENING_EXPONENT = 6
 
 
-@dataclass(frozen=True)
-class SeparationModel:
-    """A rough body and the reductions that set its energy and its plastic area.
+def elastic_energy(theory: Theory, mean_pressure: float) -> float:
+    """U_el in J per m^2 of nominal area.
 
-    effective_modulus: E* in Pa; hardness in Pa, infinite for an elastic body; area_reduction: of
-    the diffusion that the plastic area has; energy_reduction: S in the energy, by default the
-    area's rule, or "persson" with the area's gamma where that rule is "constant" (which is the
-    limit of small contacts, and wrong for the long waves in full contact) or "xu".
-
-    Raises InvalidScene for the energy rule "xu", which is none of a single wave number.
+    Raises:
+        InvalidScene: The mean pressure is not between 0 and the hardness.
     """
-
-    roughness: Roughness
-    effective_modulus: float
-    area_reduction: EnergyReduction
-    hardness: float = math.inf
-    energy_reduction: EnergyReduction | None = None
-
-    def __post_init__(self) -> None:
-        area = self.area_reduction
-        if self.energy_reduction is None:
-            local = area.rule in ("persson", "wang_muser")
-            chosen = area if local else EnergyReduction(area.gamma, "persson")
-            object.__setattr__(self, "energy_reduction", chosen)
-        elif self.energy_reduction.rule == "xu":
-            raise InvalidScene("the energy's reduction cannot follow the rule 'xu'")
-
-    @property
-    def full_contact_diffusion(self) -> FloatArray:
-        """tau in the middle of each band, in Pa^2."""
-        variance = self.roughness.slope_variance
-        return np.asarray(self.effective_modulus**2 / 8 * (np.cumsum(variance) - 0.5 * variance))
+    tau = _band_diffusion(theory)
+    found = areas(tau, mean_pressure, theory.hardness)
+    stored = _energy_reduction(theory).factor(found.total) * found.elastic
+    return float(_energy(theory, stored))
 
 
-def elastic_energy(model: SeparationModel, mean_pressure: float) -> float:
-    """U_el in J per m^2 of nominal area.  Raises InvalidScene for a pressure out of range."""
-    found = areas(model.full_contact_diffusion, mean_pressure, model.hardness)
-    stored = _factor(model, found.total) * found.elastic
-    return 0.25 * model.effective_modulus * float(model.roughness.first_moment @ stored)
-
-
-def flattened_roughness(model: SeparationModel, mean_pressure: float) -> Roughness:
+def flattened_roughness(theory: Theory, mean_pressure: float) -> Roughness:
     """The roughness of C_eff, after plastic flow at a mean pressure (Pa).
 
     Only the bands are flattened; `slope_variance_up_to` interpolates between them.
-    Raises InvalidScene for a pressure out of range.
+
+    Raises:
+        InvalidScene: The mean pressure is not between 0 and the hardness.
     """
-    before = model.roughness
-    G = reduced_diffusion(
-        model.area_reduction, model.full_contact_diffusion, mean_pressure, model.hardness
-    )
-    most = mean_pressure / model.hardness if math.isfinite(model.hardness) else 1.0
-    carried = areas(G, mean_pressure, model.hardness).plastic / most
+    before, hardness = theory.roughness, theory.hardness
+    G = reduced_diffusion(theory.reduction, _band_diffusion(theory), mean_pressure, hardness)
+    most = mean_pressure / hardness if math.isfinite(hardness) else 1.0
+    carried = areas(G, mean_pressure, hardness).plastic / most
     left = 1 - np.minimum(carried, 1) ** _FLATTENING_EXPONENT
     slope_variance = left * before.slope_variance
     reached = np.concatenate([[0.0], np.cumsum(slope_variance)])
@@ -118,34 +92,50 @@ def flattened_roughness(model: SeparationModel, mean_pressure: float) -> Roughne
 
 
 def mean_separation(
-    model: SeparationModel, mean_pressure: float, steps_per_e_fold: int = STEPS_PER_E_FOLD
+    theory: Theory, mean_pressure: float, steps_per_e_fold: int = STEPS_PER_E_FOLD
 ) -> float:
-    """ubar in m: the mean open gap.  Raises InvalidScene for a pressure out of range."""
-    areas(0.0, mean_pressure, model.hardness)  # checks the pressure
-    if math.isfinite(model.hardness):
-        flat = flattened_roughness(model, mean_pressure)
-        model = replace(model, roughness=flat, hardness=math.inf)
-    top = _full_contact_pressure(model)
+    """ubar in m, the mean open gap.
+
+    Args:
+        theory: The rough body.
+        mean_pressure: In Pa.
+        steps_per_e_fold: Steps to a factor e of the pressure in the integral over the load.
+
+    Raises:
+        InvalidScene: The mean pressure is not between 0 and the hardness.
+    """
+    areas(0.0, mean_pressure, theory.hardness)  # checks the pressure
+    if math.isfinite(theory.hardness):
+        flat = flattened_roughness(theory, mean_pressure)
+        theory = replace(theory, roughness=flat, hardness=math.inf)
+    # Above this pressure every band is in full contact to 1e-17.
+    variance = theory.roughness.slope_variance.sum()
+    top = 6.1 * 2 * math.sqrt(full_contact_diffusion(theory.effective_modulus, variance))
     if mean_pressure >= top:
         return 0.0
     steps = math.ceil(math.log(top / mean_pressure) * steps_per_e_fold)
     p = np.geomspace(mean_pressure, top, 2 * steps + 1)
     # A band flattened to nothing is in full contact.
-    spread = np.maximum(2 * np.sqrt(model.full_contact_diffusion), 1e-30 * top)
+    spread = np.maximum(2 * np.sqrt(_band_diffusion(theory)), 1e-30 * top)
     area = erf(p[:, None] / spread)
-    stored = (_factor(model, area) * area) @ model.roughness.first_moment
-    U = 0.25 * model.effective_modulus * stored
+    U = _energy(theory, _energy_reduction(theory).factor(area) * area)
     # The trapezoidal rule in 1/p is of second order.
     coarse, fine = (float(np.diff(U[::k]) @ (0.5 / p[k::k] + 0.5 / p[:-k:k])) for k in (2, 1))
     return fine + (fine - coarse) / 3
 
 
-def _factor(model: SeparationModel, area: FloatArray) -> FloatArray:
-    assert model.energy_reduction is not None  # set by __post_init__
-    return reduction_factor(model.energy_reduction, area)
+def _band_diffusion(theory: Theory) -> FloatArray:
+    """The diffusion of full contact in the middle of each band, in Pa^2."""
+    variance = theory.roughness.slope_variance
+    middle = np.cumsum(variance) - 0.5 * variance
+    return full_contact_diffusion(theory.effective_modulus, middle)
 
 
-def _full_contact_pressure(model: SeparationModel) -> float:
-    """Above it every band is in full contact to 1e-17."""
-    variance = float(model.roughness.slope_variance.sum())
-    return 6.1 * 2 * math.sqrt(model.effective_modulus**2 * variance / 8)
+def _energy_reduction(theory: Theory) -> EnergyReduction:
+    local = theory.reduction.rule in ("persson", "wang_muser")
+    return theory.reduction if local else EnergyReduction(theory.reduction.gamma, "persson")
+
+
+def _energy(theory: Theory, stored: FloatArray) -> FloatArray:
+    """U_el for the stored shares S A_el of the bands, (..., bands)."""
+    return np.asarray(0.25 * theory.effective_modulus * (stored @ theory.roughness.first_moment))

@@ -1,42 +1,118 @@
-"""Two exact series for diffusion between two absorbing walls, each summed where it is short.
+"""Two exact series for a stress that diffuses between two absorbing walls.
 
-Persson's theory lets the stress of a point diffuse, dP/dG = d2P/dsigma2, from sigma = p_0 at
-G = 0, absorbed at 0 (the point leaves contact) and at the hardness sigma_P (it flows).  In
-units of sigma_P the walk starts at s, a distance r = 1 - s below the upper wall, and has after
-the "time" t = G / sigma_P^2 the spread c = 2 sqrt(t).  With phi(z) = exp(-z^2/c^2)/(sqrt(pi) c)
+In Persson's theory the stress of a point diffuses, dP/dG = d2P/dsigma2.  It starts from the mean
+pressure at G = 0 and is absorbed at zero (the point leaves contact) and at the hardness sigma_P
+(the point flows).  In units of sigma_P it starts at s, a distance r = 1 - s below the upper wall,
+and has spread by c = 2 sqrt(t) after the "time" t = G / sigma_P^2.  The distribution is a sum over
+eigenfunctions or a sum over mirror images of the start in the walls; both are the same function
+(Poisson summation):
 
     eigenfunctions   P(x) = 2 sum_n sin(n pi s) sin(n pi x) exp(-n^2 pi^2 t)
-    images           P(x) = sum_m [phi(x - s - 2m) - phi(x + s - 2m)],   m in Z
+    images           P(x) = sum_m [phi(x - s - 2m) - phi(x + s - 2m)],   m in Z,
+                     phi(z) = exp(-z^2/c^2) / (sqrt(pi) c)
 
-are the same function (Poisson summation).  From c = 0.8 upwards seven eigenfunctions, below it
-a handful of images reach rounding.  What is small is summed in a form where nothing cancels:
-differences of erf become the mass of one Gaussian over an interval, and the symmetry
-(s, x) -> (1 - s, 1 - x) keeps the start in the lower half.
-
-Arrays are float64, one-dimensional and of one shape; distances are in units of sigma_P.
+Seven eigenfunctions reach rounding for c >= 0.8, a handful of images reach it for c <= 0.8.  The
+elastic theory, which has no upper wall, is the first image alone.  Small values are summed in a
+form without cancellation: a difference of erf becomes the mass of one Gaussian over an interval,
+and the symmetry (s, x) -> (1 - s, 1 - x) moves the start into the lower half.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import erf, erfc
 
 from epcontact.results import FloatArray
 
-#: c at which the eigenfunctions take over from the images; both have converged around it.
+#: The spread c from which the eigenfunctions are summed; both series have converged around it.
 SWITCH = 0.8
-_MODES = range(1, 8)  # exp(-(8 pi c / 2)^2) < 1e-43 of the first at c = 0.8
-_IMAGES = range(1, 7)  # exp(-(6.5 / c)^2) < 1e-28 at c = 0.8
-_PAIRS = range(1, 5)  # m of the images at 2m +- s; the next lies 7.5 away: < 1e-38
+#: Numbers n of the eigenfunctions: the eighth is below exp(-(8 pi c/2)^2) < 1e-43 at c = 0.8.
+MODES = np.arange(1.0, 8.0)[:, None]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _NODES, _WEIGHTS = 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
+
+
+@dataclass(frozen=True)
+class Walk:
+    """The start of the diffusion, its spread, and a pressure; scaled arrays of one shape.
+
+    Distances that are differences come from unscaled pressures, so that they keep their digits.
+    The unit is the hardness, or the mean pressure where the hardness is infinite.
+
+    Attributes:
+        s: Start, mean pressure / unit.
+        r: Distance of the start from the upper wall.
+        c: Spread, 2 sqrt(G) / unit.
+        x: Pressure / unit.
+        y: Distance of the pressure from the upper wall.
+        d: Pressure less mean pressure, / unit.
+        bounded: Whether there is an upper wall, at 1.
+    """
+
+    s: FloatArray
+    r: FloatArray
+    c: FloatArray
+    x: FloatArray
+    y: FloatArray
+    d: FloatArray
+    bounded: NDArray[np.bool_]
+
+    def rows(self, chosen: NDArray[np.bool_]) -> Walk:
+        """The elements of a mask, in one dimension."""
+        return Walk(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    def mirrored(self) -> Walk:
+        """The same problem measured from the upper wall."""
+        return Walk(self.r, self.s, self.c, self.y, self.x, -self.d, self.bounded)
+
+    def in_lower_half(self) -> Walk:
+        """The problem or its mirror image, whichever starts in the lower half."""
+        low, other = self.s <= self.r, self.mirrored()
+        return Walk(
+            *(np.where(low, getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        )
+
+    def image_numbers(self, count: int) -> range:
+        """1 to count; none without an upper wall, which then holds for all rows."""
+        return range(1, count + 1) if self.bounded.all() else range(0)
+
+    def sum_modes(self, weight: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """sum_n weight(n) sin(n pi s) exp(-n^2 pi^2 t); the weight is (modes, 1) or (modes, n)."""
+        weights = weight(MODES)
+        used = weights.any(axis=1)
+        n = MODES[used]
+        decay = np.exp(-((0.5 * n * np.pi * self.c) ** 2))
+        return np.asarray(np.sum(weights[used] * sine(n, self.s, self.r) * decay, axis=0))
+
+
+Formula = Callable[[Walk], FloatArray]
+
+
+def evaluate(walk: Walk, *, images: Formula, modes: Formula) -> FloatArray:
+    """A quantity of the walk, by the sum that is short for each element."""
+    values = np.empty(walk.c.shape)
+    wide = walk.bounded & (walk.c >= SWITCH)
+    near = walk.bounded & ~wide
+    for chosen, formula in ((near, images), (wide, modes), (~walk.bounded, images)):
+        if chosen.any():
+            values[chosen] = formula(walk.rows(chosen))
+    return values
+
+
+def sine(n: FloatArray, s: FloatArray, r: FloatArray) -> FloatArray:
+    """sin(n pi s) for s + r = 1, without loss of digits near s = 1."""
+    return np.asarray(np.where(s <= r, 1, -((-1) ** n)) * np.sin(n * np.pi * np.minimum(s, r)))
 
 
 def gaussian_mass(centre: FloatArray, half_width: FloatArray, lower: FloatArray) -> FloatArray:
     """(erf(centre + half_width) - erf(lower)) / 2 with lower = centre - half_width.
 
-    Right to rounding of itself for centre, half_width >= 0, however narrow or far out the
-    interval; `lower` is passed because the caller often knows it without cancellation.
+    The result is right to rounding of itself for centre, half_width >= 0, however narrow or far
+    out the interval is.  `lower` is an argument because callers know it without cancellation.
     """
     upper = centre + half_width
     across = lower < 0
@@ -50,72 +126,41 @@ def gaussian_mass(centre: FloatArray, half_width: FloatArray, lower: FloatArray)
     return np.asarray(mass)
 
 
-def _decay(n: int, c: FloatArray) -> FloatArray:
-    return np.asarray(np.exp(-((0.5 * n * np.pi * c) ** 2)))
-
-
-def _signed_sine(n: int, s: FloatArray, r: FloatArray) -> FloatArray:
-    """sin(n pi s) without loss near s = 1."""
-    sign = 1.0 if n % 2 else -1.0
-    return np.asarray(np.where(s <= r, np.sin(n * np.pi * s), sign * np.sin(n * np.pi * r)))
-
-
-def plastic_images(s: FloatArray, r: FloatArray, c: FloatArray) -> FloatArray:
-    """Mass absorbed at the upper wall: a sum of positive terms."""
-    total = np.zeros_like(c)
+def plastic_images(w: Walk) -> FloatArray:
+    """Mass absorbed at the upper wall, a sum of positive terms; erfc where it is the only wall."""
+    if not w.bounded.all():
+        return np.asarray(erfc(w.r / w.c))
+    total = np.zeros_like(w.c)
     for m in range(4):
-        total += 2 * gaussian_mass((2 * m + 1) / c, s / c, (2 * m + r) / c)
+        total += 2 * gaussian_mass((2 * m + 1) / w.c, w.s / w.c, (2 * m + w.r) / w.c)
     return total
 
 
-def plastic_modes(s: FloatArray, r: FloatArray, c: FloatArray) -> FloatArray:
-    """Mass absorbed at the upper wall, which takes what the walk's mean does not keep."""
-    return s - force_modes(s, r, c)
-
-
-def force_modes(s: FloatArray, r: FloatArray, c: FloatArray) -> FloatArray:
-    """int x P dx = (2/pi) sum (-1)^(n+1) sin(n pi s) e^{-n^2 pi^2 t} / n."""
-    total = np.zeros_like(c)
-    for n in _MODES:
-        total -= (2 / (np.pi * n)) * (-1) ** n * _signed_sine(n, s, r) * _decay(n, c)
+def elastic_images(w: Walk) -> FloatArray:
+    """Mass still between the walls: a sum over k in Z of (-1)^k times a Gaussian about k."""
+    x = np.minimum(w.s, w.r)
+    total = np.asarray(erf(x / w.c))
+    for k in w.image_numbers(6):  # the seventh is below exp(-(6.5 / c)^2) < 1e-28
+        total += 2 * (-1) ** k * gaussian_mass(k / w.c, x / w.c, (k - x) / w.c)
     return total
 
 
-def force_images(s: FloatArray, r: FloatArray, c: FloatArray) -> FloatArray:
-    """int x P dx = s - A_pl, or, started in the upper half, A_el - (r - A_separated)."""
-    start = np.minimum(s, r)
-    inner = start - plastic_images(start, np.maximum(s, r), c)
-    return np.asarray(np.where(s <= r, inner, elastic_images(s, r, c) - inner))
+def force_images(w: Walk) -> FloatArray:
+    """int x P dx = s - A_pl; for a start in the upper half it is A_el - (r - A_separated)."""
+    low = w.in_lower_half()
+    inner = low.s - plastic_images(low)
+    return np.where(w.s <= w.r, inner, elastic_images(w) - inner)
 
 
-def elastic_images(s: FloatArray, r: FloatArray, c: FloatArray) -> FloatArray:
-    """Mass still between the walls: sum over k in Z of (-1)^k times a Gaussian about k."""
-    x = np.minimum(s, r)
-    total = np.asarray(erf(x / c))
-    for k in _IMAGES:
-        total += 2 * (-1) ** k * gaussian_mass(k / c, x / c, (k - x) / c)
-    return total
-
-
-def elastic_modes(s: FloatArray, r: FloatArray, c: FloatArray) -> FloatArray:
-    """Mass still between the walls: (4/pi) sum over odd n of sin(n pi s) e^{-n^2 pi^2 t} / n."""
-    x = np.minimum(s, r)
-    total = np.zeros_like(c)
-    for n in _MODES[::2]:
-        total += (4 / (np.pi * n)) * np.sin(n * np.pi * x) * _decay(n, c)
-    return total
-
-
-def slope_images(s: FloatArray, r: FloatArray, c: FloatArray) -> FloatArray:
+def slope_images(w: Walk) -> FloatArray:
     """dP/dx at x = 0+: (4/c^2) sum over m of (s + 2m) phi(s + 2m).
 
-    Images are paired about even integers for a start in the lower half and about odd ones for
-    one in the upper half, so that either pair vanishes with the distance to its wall.
+    Images are paired about even integers for a start in the lower half and about odd integers
+    for one in the upper half, so that each pair vanishes with the distance to its wall.
     """
-    low = s <= r
-    x = np.where(low, s, r)
-    total = np.where(low, s * np.exp(-((s / c) ** 2)), 0.0)
-    for m in range(1, 5):
+    low, x, c = w.s <= w.r, np.minimum(w.s, w.r), w.c
+    total = np.where(low, x * np.exp(-((x / c) ** 2)), 0.0)
+    for m in w.image_numbers(4):
         k = np.where(low, 2.0 * m, 2.0 * m - 1)
         fade = 4 * (k / c) * (x / c)
         pair = x * (1 + np.exp(-fade)) + k * np.expm1(-fade)
@@ -123,72 +168,41 @@ def slope_images(s: FloatArray, r: FloatArray, c: FloatArray) -> FloatArray:
     return np.asarray(4 / (np.sqrt(np.pi) * c) * total / c / c)
 
 
-def slope_modes(s: FloatArray, r: FloatArray, c: FloatArray) -> FloatArray:
-    """dP/dx at x = 0+: 2 pi sum n sin(n pi s) e^{-n^2 pi^2 t}."""
-    total = np.zeros_like(c)
-    for n in _MODES:
-        total += 2 * np.pi * n * _signed_sine(n, s, r) * _decay(n, c)
-    return total
-
-
-def density_images(
-    x: FloatArray, y: FloatArray, above: FloatArray, s: FloatArray, r: FloatArray, c: FloatArray
+def one_wall_density(
+    x: FloatArray, start: FloatArray, distance: FloatArray, c: FloatArray
 ) -> FloatArray:
-    """P(x); y is 1 - x, `above` is x - s.  Pairs of images odd in x make P(0) = 0 exact."""
-    low = s <= r
-    x = np.where(low, x, y)
-    start, above = np.where(low, s, r), np.where(low, above, -above)
+    """P(x) of the elastic theory by equation (1) of the paper, in units of the hardness:
 
-    def pair(centre: FloatArray, distance: FloatArray) -> FloatArray:
-        fade = -np.expm1(-4 * (centre / c) * (x / c))
-        return np.asarray(np.exp(-((distance / c) ** 2)) * fade)
+        P = (e^(-(x - start)^2/c^2) - e^(-(x + start)^2/c^2)) / (sqrt(pi) c),   c^2 = 4 G
 
-    total = pair(start, above)
-    for m in _PAIRS:
-        total += pair(2 * m + start, 2 * m - above) - pair(2 * m - start, 2 * m - start - x)
-    return np.asarray(np.maximum(total, 0) / (np.sqrt(np.pi) * c))
+    distance is |x - start|; the second exponential is factored out, so that P(0) = 0 exactly.
+    """  # fmt: skip
+    fade = -np.expm1(-4 * (start / c) * (x / c))
+    return np.asarray(np.exp(-((distance / c) ** 2)) * fade / (np.sqrt(np.pi) * c))
 
 
-def density_modes(
-    x: FloatArray, y: FloatArray, above: FloatArray, s: FloatArray, r: FloatArray, c: FloatArray
-) -> FloatArray:
-    """P(x) = 2 sum sin(n pi s) sin(n pi x) e^{-n^2 pi^2 t}; `above` is not needed."""
-    del above
-    total = np.zeros_like(c)
-    for n in _MODES:
-        total += 2 * _signed_sine(n, s, r) * _signed_sine(n, x, y) * _decay(n, c)
+def density_images(w: Walk) -> FloatArray:
+    """P(x): the elastic density of the start and of its images in the upper wall."""
+    low = w.in_lower_half()
+    x, s, d, c = low.x, low.s, low.d, low.c
+    total = one_wall_density(x, s, d, c)
+    for m in w.image_numbers(4):  # the next image is 7.5 away: below 1e-38
+        total += one_wall_density(x, 2 * m + s, 2 * m - d, c)
+        total -= one_wall_density(x, 2 * m - s, 2 * m - s - x, c)
     return np.maximum(total, 0)
 
 
-def cumulative_images(
-    x: FloatArray, y: FloatArray, above: FloatArray, s: FloatArray, r: FloatArray, c: FloatArray
-) -> FloatArray:
-    """Mass between 0 and x; y is 1 - x, `above` is x - s.
-
-    Errors are relative to the elastic mass, however small it is.
-    """
-    low = s <= r
-    y = np.where(low, x, y)
-    start, above = np.where(low, s, r), np.where(low, above, -above)
+def cumulative_images(w: Walk) -> FloatArray:
+    """Mass between 0 and x; errors are relative to the elastic mass, however small that is."""
+    low = w.in_lower_half()
+    x, s, d, c = low.x, low.s, low.d, low.c
 
     def mass(centre: FloatArray, lower: FloatArray) -> FloatArray:
-        return gaussian_mass(centre / c, start / c, lower / c)
+        return gaussian_mass(centre / c, s / c, lower / c)
 
-    below = mass(np.zeros_like(c), -start) - mass(y, above)
-    for m in _PAIRS:
-        at_zero = 2 * mass(np.full_like(c, 2.0 * m), 2 * m - start)
-        below += at_zero - mass(2 * m - y, 2 * m - y - start) - mass(2 * m + y, 2 * m + above)
+    below = mass(np.zeros_like(c), -s) - mass(x, d)
+    for m in w.image_numbers(4):
+        at_zero = 2 * mass(np.full_like(c, 2.0 * m), 2 * m - s)
+        below += at_zero - mass(2 * m - x, 2 * m - x - s) - mass(2 * m + x, 2 * m + d)
     below = np.maximum(below, 0)
-    return np.asarray(np.where(low, below, elastic_images(s, r, c) - below))
-
-
-def cumulative_modes(
-    x: FloatArray, y: FloatArray, above: FloatArray, s: FloatArray, r: FloatArray, c: FloatArray
-) -> FloatArray:
-    """Mass between 0 and x: (4/pi) sum sin(n pi s) sin(n pi x / 2)^2 e^{-n^2 pi^2 t} / n."""
-    del y, above
-    total = np.zeros_like(c)
-    for n in _MODES:
-        weight = 4 / (np.pi * n) * _decay(n, c)
-        total += weight * _signed_sine(n, s, r) * np.sin(0.5 * n * np.pi * x) ** 2
-    return total
+    return np.where(w.s <= w.r, below, elastic_images(w) - below)

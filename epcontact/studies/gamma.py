@@ -106,7 +106,7 @@ def measure(
     points_per_wavelength: float, bandwidth: int, seeds: range, progress: Progress
 ) -> GammaFit:
     """Solve the capped and the elastic body on every surface and fit gamma to each area."""
-    from epcontact import bem
+    from epcontact import bem, persson
 
     results: dict[float, list[ContactResult]] = {scenes.HARDNESS: [], math.inf: []}
     for seed in seeds:
@@ -117,7 +117,7 @@ def measure(
     capped, elastic = results.values()
     areas = {f"{part}_area": scenes.area_band(capped, part) for part in scenes.PARTS}
     areas["elastic_body_area"] = scenes.area_band(elastic, "total")
-    tau = scenes.MODULUS**2 / 8  # the rms slope is 1
+    tau = float(persson.full_contact_diffusion(scenes.MODULUS, 1.0))  # the rms slope is 1
     return fit_gamma(areas, tau, scenes.MEAN_PRESSURE, scenes.HARDNESS, len(seeds))
 
 

@@ -8,7 +8,6 @@ ones); at five cut-offs the distributions of the pressure too.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -66,15 +65,9 @@ def measure(
 
     zeta = np.asarray(magnifications, dtype=np.float64)
     scene = scenes.rough_scene(points_per_wavelength, seeds[0], bandwidth)
-    magnification_curve = functools.partial(
-        persson.scene_magnification_curve,
-        scene,
-        energy_reduction=scenes.GAMMA,
-        spectrum="surface",
-    )
-    every = np.geomspace(1, bandwidth, 1000)
-    curve = magnification_curve(every)
-    at = magnification_curve(zeta)
+    body = persson.Theory.of_scene(scene, energy_reduction=scenes.GAMMA, spectrum="surface")
+    curve = body.magnification_curve(scene.load.final, np.geomspace(1, bandwidth, 1000))
+    at = body.magnification_curve(scene.load.final, zeta)
     solved = [_solve(points_per_wavelength, seed, bandwidth, zeta, progress) for seed in seeds]
     bem, half_width = {}, {}
     for part in scenes.PARTS:
@@ -118,9 +111,8 @@ def _densities(
 
     tables = [r.distribution for r in results if r.distribution is not None]
     found = [pressure_density(table, BINS, scenes.HARDNESS) for table in tables]
-    curve = persson.scene_pressure_curve(
-        scene, zeta, energy_reduction=scenes.GAMMA, spectrum="surface"
-    )
+    body = persson.Theory.of_scene(scene, energy_reduction=scenes.GAMMA, spectrum="surface")
+    curve = body.pressure_curve(scene.load.final, zeta)
     table = PressureDistribution(curve.pressure, curve.cumulative, curve.plastic)
     pressure, theory = pressure_density(table, BINS, scenes.HARDNESS)
     return pressure, np.mean([density for _, density in found], axis=0), theory

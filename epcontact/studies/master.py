@@ -113,7 +113,9 @@ def _theory(scene: Scene) -> tuple[float, float]:
     for _ in range(10 * REPEATS):
         started = time.perf_counter()
         slope = persson.roughness_of(scene.surface).rms_slope
-        diffusion = scenes.GAMMA * effective_modulus(scene.material) ** 2 * slope**2 / 8
+        diffusion = scenes.GAMMA * persson.full_contact_diffusion(
+            effective_modulus(scene.material), slope**2
+        )
         found = persson.areas(diffusion, scene.load.final, scene.material.hardness)
         times.append(time.perf_counter() - started)
     return float(found.total), min(times)

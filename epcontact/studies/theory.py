@@ -22,6 +22,7 @@ from scipy.special import erf, erfc
 from epcontact.output.charts.curves import observed_order
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves, with_orders
+from epcontact.persson import full_contact_diffusion
 from epcontact.results import FloatArray
 from epcontact.studies import Progress, Size
 from epcontact.studies import paper_scene as scenes
@@ -33,7 +34,9 @@ if TYPE_CHECKING:
 #: p0/sigma_P of the paper.
 LOAD_SHARE = scenes.MEAN_PRESSURE / scenes.HARDNESS
 #: G/sigma_P^2 of the paper's scene, S = gamma.
-PAPER_DIFFUSION = scenes.GAMMA / 8 * (scenes.MODULUS / scenes.HARDNESS) ** 2
+PAPER_DIFFUSION = scenes.GAMMA * float(
+    full_contact_diffusion(scenes.MODULUS / scenes.HARDNESS, 1.0)
+)
 MOST_TERMS = 40
 TARGET = 1e-12
 

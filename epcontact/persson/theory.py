@@ -1,0 +1,238 @@
+"""The theory of one rough body: diffusion, areas and pressures at any load and magnification."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from epcontact.errors import InvalidScene
+from epcontact.moduli import effective_modulus
+from epcontact.persson.elastoplastic import areas, pressure_cumulative, pressure_density
+from epcontact.persson.reduction import (
+    EnergyReduction,
+    Rule,
+    full_contact_diffusion,
+    reduced_diffusion,
+)
+from epcontact.persson.roughness import Roughness, SpectrumKind, roughness_of
+from epcontact.results import FloatArray
+from epcontact.scene import Scene
+
+#: An elastic distribution is tabulated to the mean pressure + 12 sqrt(G): exp(-12^2 / 4) = 2e-16.
+_TAIL = 12.0
+
+
+@dataclass(frozen=True)
+class MagnificationCurve:
+    """Areas (shares of the nominal area) against magnification; arrays of one shape (n,).
+
+    Attributes:
+        magnification: zeta = q / q_0.
+        wavenumber: q in rad/m.
+        diffusion: G in Pa^2.
+        elastic: Elastic contact area.
+        plastic: Plastic contact area.
+        total: Elastic and plastic contact area.
+    """
+
+    magnification: FloatArray
+    wavenumber: FloatArray
+    diffusion: FloatArray
+    elastic: FloatArray
+    plastic: FloatArray
+    total: FloatArray
+
+    def columns(self) -> dict[str, FloatArray]:
+        """The columns by name and unit, for a table in CSV or JSON."""
+        return {
+            "magnification": self.magnification,
+            "wavenumber_rad_per_m": self.wavenumber,
+            "diffusion_Pa2": self.diffusion,
+            "elastic_area": self.elastic,
+            "plastic_area": self.plastic,
+            "total_area": self.total,
+        }
+
+
+@dataclass(frozen=True)
+class PressureCurve:
+    """The distribution of the contact pressure; arrays of one shape (n,).
+
+    Attributes:
+        pressure: sigma in Pa.
+        density: P(sigma) in 1/Pa.
+        cumulative: Share of the nominal area in elastic contact at pressures in (0, sigma].
+        plastic: Share of the nominal area at the hardness.
+    """
+
+    pressure: FloatArray
+    density: FloatArray
+    cumulative: FloatArray
+    plastic: float
+
+    def columns(self) -> dict[str, FloatArray]:
+        """The columns by name and unit, for a table in CSV or JSON."""
+        return {
+            "pressure_Pa": self.pressure,
+            "density_per_Pa": self.density,
+            "cumulative_area": self.cumulative,
+        }
+
+
+def pressure_curve(
+    diffusion: float, mean_pressure: float, hardness: float = math.inf, points: int = 1025
+) -> PressureCurve:
+    """The distribution at equally spaced pressures, from 0 to the hardness.
+
+    An elastic distribution is tabulated to where it has ended.  Without roughness (no diffusion)
+    all of the area is at the mean pressure, and the density is infinite there.
+
+    Args:
+        diffusion: G in Pa^2.
+        mean_pressure: In Pa.
+        hardness: In Pa; infinite for an elastic body.
+        points: How many pressures are tabulated.
+
+    Raises:
+        InvalidScene: A pressure or the diffusion is out of range.
+
+    Example:
+        >>> curve = pressure_curve(4187.5, 12.5, 150.0)  # GPa
+        >>> print(f"{curve.cumulative[-1]:.4f} {curve.plastic:.4f}")
+        0.0525 0.0572
+    """
+    plastic = float(areas(diffusion, mean_pressure, hardness).plastic)
+    if diffusion == 0:
+        pressure = np.array([0.0, mean_pressure, mean_pressure])
+        density, cumulative = np.array([0.0, 0.0, np.inf]), np.array([0.0, 0.0, 1.0])
+        return PressureCurve(pressure, density, cumulative, plastic)
+    last = hardness
+    if math.isinf(hardness):
+        last = mean_pressure + _TAIL * math.sqrt(diffusion)
+    pressure = np.linspace(0.0, last, points)
+    return PressureCurve(
+        pressure,
+        pressure_density(pressure, diffusion, mean_pressure, hardness),
+        pressure_cumulative(pressure, diffusion, mean_pressure, hardness),
+        plastic,
+    )
+
+
+@dataclass(frozen=True)
+class Theory:
+    """Persson's theory of one rough body on a half-space.
+
+    Attributes:
+        roughness: Slope variance by wave number.
+        effective_modulus: E* in Pa.
+        reduction: The reduction S of elastic energy in the diffusion.
+        hardness: sigma_P in Pa; infinite for an elastic body.
+
+    Example:
+        >>> from epcontact import Load, Material, Scene, SelfAffineSpectrum
+        >>> from epcontact.surfaces import SelfAffine
+        >>> spectrum = SelfAffineSpectrum(0.8, 1e5, 2e5, 16e5, 1.0)
+        >>> surface = SelfAffine(spectrum, (6.2832e-5, 6.2832e-5), (64, 64), seed=7).build()
+        >>> scene = Scene(surface, Material(250e9, 0.0, hardness=150e9), Load(12.5e9))
+        >>> theory = Theory.of_scene(scene, energy_reduction=0.536)
+        >>> theory.magnification_curve(12.5e9, [1, 4, 16]).total.round(4)
+        array([1.    , 0.1979, 0.1097])
+    """
+
+    roughness: Roughness
+    effective_modulus: float
+    reduction: EnergyReduction
+    hardness: float = math.inf
+
+    @classmethod
+    def of_scene(
+        cls,
+        scene: Scene,
+        *,
+        energy_reduction: float,
+        spectrum: SpectrumKind = "analytic",
+        reduction: Rule = "constant",
+    ) -> Theory:
+        """The theory of a scene's body; the load is an argument of the methods.
+
+        Args:
+            scene: An isotropic surface on a half-space under non-decreasing loads.
+            energy_reduction: gamma, between 0 (excluded) and 1.
+            spectrum: "analytic" for the one that the surface was drawn from, "surface" for the
+                surface's own.
+            reduction: The rule by which gamma enters, see `persson.reduction`.
+
+        Raises:
+            InvalidScene: The scene is a line, a layer or an unloading path, or has no analytic
+                spectrum; or gamma is out of range.
+        """
+        if scene.body.kind != "half_space":
+            raise InvalidScene(
+                f"the body is a {scene.body.kind}, but the theory here is that of the half-space"
+            )
+        scene.require_loading()
+        return cls(
+            roughness_of(scene.surface, spectrum),
+            effective_modulus(scene.material),
+            EnergyReduction(energy_reduction, reduction),
+            scene.material.hardness,
+        )
+
+    def diffusion(self, mean_pressure: float, magnification: ArrayLike | None = None) -> FloatArray:
+        """G in Pa^2 at magnifications of any shape; by default of the whole roughness.
+
+        Raises:
+            InvalidScene: A magnification below 1, or a mean pressure out of range.
+        """
+        if magnification is None:
+            variance = np.asarray(self.roughness.rms_slope**2)
+        else:
+            zeta = np.asarray(magnification, dtype=np.float64)
+            bad = ~((zeta >= 1) & np.isfinite(zeta))
+            if bad.any():
+                raise InvalidScene(
+                    f"magnifications must be finite numbers of at least 1, not {zeta[bad].flat[0]}"
+                )
+            variance = self.roughness.slope_variance_up_to(zeta * self.roughness.lowest)
+        tau = full_contact_diffusion(self.effective_modulus, variance)
+        return reduced_diffusion(self.reduction, tau, mean_pressure, self.hardness)
+
+    def magnification_curve(
+        self, mean_pressure: float, magnifications: ArrayLike | None = None
+    ) -> MagnificationCurve:
+        """Areas against magnification.
+
+        Args:
+            mean_pressure: In Pa.
+            magnifications: (n,), at least 1; by default 1000 of equal ratio, from 1 to the highest
+                wave number of the roughness.
+
+        Raises:
+            InvalidScene: A magnification or the mean pressure is out of range.
+        """
+        if magnifications is None:
+            highest = self.roughness.highest / self.roughness.lowest
+            zeta = np.geomspace(1.0, highest, 1000)
+        else:
+            zeta = np.atleast_1d(np.asarray(magnifications, dtype=np.float64))
+        if zeta.ndim != 1:
+            raise InvalidScene("magnifications must be a list of numbers, not a table")
+        G = self.diffusion(mean_pressure, zeta)
+        found = areas(G, mean_pressure, self.hardness)
+        return MagnificationCurve(
+            zeta, zeta * self.roughness.lowest, G, found.elastic, found.plastic, found.total
+        )
+
+    def pressure_curve(
+        self, mean_pressure: float, magnification: float | None = None
+    ) -> PressureCurve:
+        """The distribution of the pressure at a magnification, by default of all roughness.
+
+        Raises:
+            InvalidScene: The magnification or the mean pressure is out of range.
+        """
+        G = float(self.diffusion(mean_pressure, magnification))
+        return pressure_curve(G, mean_pressure, self.hardness)
