@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from epcontact.bem.inner.cells import CELL, CellPreconditioner, Cells, cell_body
+from epcontact.bem import solve_pressure
+from epcontact.bem.inner.cells import CELL, Cells
 from epcontact.bem.inner.cg import conjugate_gradients
+from epcontact.bem.inner.preconditioner import CellPreconditioner, cell_body
 from epcontact.bem.inner.split import MaskedGrid
 from epcontact.bem.kernel import quarter_compliance
-from epcontact.bem.passes import Workers
-from epcontact.bem.solver import solve_pressure
 from epcontact.bem.transforms import Convolution, Points, Symbol, filtered
+from epcontact.bem.workers import Workers
 from epcontact.scene import Body, Material
 
 STEEL = Material(200e9, 0.3)
@@ -27,11 +28,11 @@ def symbol_of(shape, body=None, spacings=(SPACING, SPACING)):
 def points_of(contact, convolution):
     index = np.flatnonzero(contact).astype(np.int32)
     ny = contact.shape[1]
-    begins = {}
-    for start in convolution.blocks:
-        ends = np.searchsorted(index, [start * ny, (start + convolution.row_step) * ny])
-        begins[start] = slice(*map(int, ends))
-    return Points(index, begins)
+    parts = []
+    for rows in convolution.rows:
+        ends = np.searchsorted(index, [rows.start * ny, rows.stop * ny])
+        parts.append(slice(*map(int, ends)))
+    return Points(index, parts)
 
 
 def scattered(shape, share, seed, size=4):

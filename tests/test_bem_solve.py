@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from epcontact import bem
+from epcontact.bem import Options, solve_pressure
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
-from epcontact.bem.solver import Options, solve_pressure
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
 from epcontact.reference import hertz, sinusoid
 from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult

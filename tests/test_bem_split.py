@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from epcontact.bem.bounds import project
 from epcontact.bem.cascade import coarsened_heights, interpolated
-from epcontact.bem.constraints import project
 from epcontact.bem.inner.split import MaskedGrid, SplitOperator, splittable
 from epcontact.bem.kernel import quarter_compliance
-from epcontact.bem.passes import Workers
 from epcontact.bem.transforms import Convolution, Points, Symbol
+from epcontact.bem.workers import Workers
 from epcontact.scene import Body, Material
 
 STEEL = Material(200e9, 0.3)
@@ -16,11 +16,8 @@ STEEL = Material(200e9, 0.3)
 
 def all_points(convolution: Convolution) -> Points:
     nx, ny = convolution.shape
-    begins = {
-        start: slice(start * ny, min(start + convolution.row_step, nx) * ny)
-        for start in convolution.blocks
-    }
-    return Points(np.arange(nx * ny, dtype=np.int32), begins)
+    parts = [slice(rows.start * ny, rows.stop * ny) for rows in convolution.rows]
+    return Points(np.arange(nx * ny, dtype=np.int32), parts)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +55,7 @@ def test_split_operator_forgets_the_last_points():
         everywhere = all_points(exact)
         v = rng.standard_normal(4096)
         used.apply_on(everywhere, v, np.empty(4096), v)
-        few = Points(np.array([0, 63, 64, 4095], dtype=np.int32), {0: slice(0, 4)})
+        few = Points(np.array([0, 63, 64, 4095], dtype=np.int32), [slice(0, 4)])
         w, a, b = np.array([1.0, -2.0, 0.5, 0.5]), np.empty(4), np.empty(4)
         used.apply_on(few, w, a, w)
         fresh.apply_on(few, w, b, w)

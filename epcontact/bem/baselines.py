@@ -20,66 +20,62 @@ from collections.abc import Callable
 
 import numpy as np
 
-from epcontact.bem.constraints import Level, kkt_residuals, measured, project
-from epcontact.bem.descent import Iterate, gradient_step
-from epcontact.bem.newton import Counts, Goal
+from epcontact.bem.bounds import project
+from epcontact.bem.descent import gradient_step
+from epcontact.bem.level import Iterate, Level, first_iterate, kkt_residuals, measured
+from epcontact.bem.problem import Options
 from epcontact.results import FloatArray
 
-Baseline = Callable[[Level, FloatArray, Goal], tuple[Iterate, Counts]]
+Baseline = Callable[[Level, FloatArray, Options], Iterate]
+
+#: Unless the caller says otherwise; each step costs one or two pairs of transforms.
+_MAX_STEPS = 5000
 
 
-def _watch(level: Level, it: Iterate, counts: Counts, goal: Goal) -> bool:
-    """Note the residual of an iterate; whether to stop."""
-    it.z = measured(level, it.p, it.u).offset
-    it.residual = max(kkt_residuals(level, it.p, it.u, it.z).values())
-    counts.history.append(it.residual)
-    counts.pairs = level.convolution.pairs
-    it.settled = it.residual <= goal.tolerance
-    if goal.progress is not None and counts.gradient % 100 == 0:
-        goal.progress(f"step {counts.gradient}: residual {it.residual:.1e}")
-    return it.settled or counts.gradient >= goal.max_steps
+def _finished(level: Level, it: Iterate, options: Options) -> bool:
+    """Note the offset and residual of an iterate; whether to stop there."""
+    it.z, _, _ = measured(level, it.p, it.u)
+    it.history.append(max(kkt_residuals(level, it).values()))
+    it.pairs = level.convolution.pairs
+    it.settled = it.history[-1] <= options.tolerance
+    if options.progress is not None and it.gradient % 100 == 0:
+        options.progress(f"step {it.gradient}: residual {it.history[-1]:.1e}")
+    return it.settled or it.gradient >= options.steps(_MAX_STEPS)
 
 
-def _begin(level: Level, p: FloatArray) -> tuple[Iterate, Counts]:
-    it = Iterate(p, np.empty_like(p))
-    level.convolution.apply(p, it.u)
-    return it, Counts()
-
-
-def projected_gradient(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Counts]:
-    """From a feasible p (units of the mean), which is overwritten."""
-    it, counts = _begin(level, p)
+def projected_gradient(level: Level, p: FloatArray, options: Options) -> Iterate:
+    """Solve from a feasible p (units of the mean), which is overwritten."""
+    it = first_iterate(level, p)
     length = level.step
-    while not _watch(level, it, counts, goal):
+    while not _finished(level, it, options):
         length = gradient_step(level, it, length)
-        counts.gradient += 1
-    return it, counts
+    return it
 
 
-def relaxation(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Counts]:
-    """From a feasible p (units of the mean), which is overwritten.
+def relaxation(level: Level, p: FloatArray, options: Options) -> Iterate:
+    """Solve from a feasible p (units of the mean), which is overwritten.
 
     K is the stiffness of the longest wave, the largest that relaxes every wave stably.
     """
-    it, counts = _begin(level, p)
+    it = first_iterate(level, p)
     symbol = level.convolution.symbol
     length = 1 / (float(symbol.values.max()) * level.convolution.scale)
-    while not _watch(level, it, counts, goal):
+    while not _finished(level, it, options):
         w = it.p - length * (it.u - level.heights)
         it.p[...] = project(w, level.cap, float(w.size))
         level.convolution.apply(it.p, it.u)
-        counts.gradient += 1
-    return it, counts
+        it.gradient += 1
+    return it
 
 
-def polonsky_keer(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Counts]:
-    """From a feasible p (units of the mean), which is overwritten."""
-    it, counts = _begin(level, p)
+def polonsky_keer(level: Level, p: FloatArray, options: Options) -> Iterate:
+    """Solve from a feasible p (units of the mean), which is overwritten."""
+    it = first_iterate(level, p)
     cap, count = level.cap, float(p.size)
     direction, image = np.zeros_like(p), np.empty_like(p)
     old, keep = 1.0, 0.0
-    while not _watch(level, it, counts, goal):
-        counts.gradient += 1
+    while not _finished(level, it, options):
+        it.gradient += 1
         free = (it.p > 0) & (it.p < cap)
         if not free.any():
             break
@@ -100,7 +96,7 @@ def polonsky_keer(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Cou
         it.p[wrong] = np.clip(it.p[wrong] - length * gap[wrong], 0.0, cap)
         _rescale(it.p, cap, count)
         level.convolution.apply(it.p, it.u)
-    return it, counts
+    return it
 
 
 def _rescale(p: FloatArray, cap: float, total: float) -> None:

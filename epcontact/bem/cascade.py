@@ -1,70 +1,80 @@
 """From coarse to fine: the same problem on half as many points a direction starts the finer one.
 
-Coarse heights are the fine ones without the modes that the coarse grid cannot hold.  What is
-handed down is not the pressure but p - c g, interpolated by cubics: positive in contact, negative
-outside and beyond the cap where the pressure is capped, it crosses its bounds where the fronts
-are, so the fine grid starts with fronts placed to a fraction of a coarse cell.
+Coarse heights are the fine ones without the modes that the coarse grid cannot hold.  The coarse
+grid does not hand down its pressure but p - c g, interpolated by cubics: positive in contact,
+negative outside and beyond the cap where the pressure is capped, it crosses its bounds where the
+fronts are, so the fine grid starts with fronts placed to a fraction of a coarse cell.
 """
 
 from __future__ import annotations
 
-import ducc0
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem import passes
-from epcontact.bem.passes import Workers
+from epcontact.bem.transforms import (
+    BLOCK_POINTS,
+    ComplexArray,
+    through_columns,
+    to_modes,
+    to_values,
+)
+from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
 
 #: A direction of at most this many points is not coarsened further.
 COARSEST = 32
 
-_BLOCK = 262144  # points that a thread transforms at once
 
+def coarser(shape: tuple[int, ...]) -> tuple[int, int] | None:
+    """Half as many points in each direction that has enough, rounded up; None: coarse enough.
 
-def coarser(shape: tuple[int, int]) -> tuple[int, int] | None:
-    """Half as many points in each direction that has enough, rounded up; None: coarse enough."""
+    Example:
+        >>> coarser((65, 20)), coarser((32, 32))
+        ((33, 20), None)
+    """
     half = tuple((n + 1) // 2 if n > COARSEST else n for n in shape)
     return None if half == shape else (half[0], half[1])
 
 
 def coarsened_heights(heights: FloatArray, shape: tuple[int, int], workers: Workers) -> FloatArray:
-    """`heights` on a coarser grid of the same periods, by leaving out the modes beyond it.
+    """`heights` on a coarser grid of the same periods, without the modes beyond that grid.
 
-    The unpaired mode of an even number of points is left out too.  The transforms are shared out
-    by fixed blocks: the library's own threads group lines, and so round, by their number.
+    The unpaired mode of an even number of points is left out too.
     """
     (nx, ny), (mx, my) = heights.shape, shape
-    columns = (my + 1) // 2 if my < ny else my // 2 + 1
-    modes = np.zeros((mx, my // 2 + 1), dtype=np.complex128)
-    narrow = np.empty((nx, columns), dtype=np.complex128)
-    keep = (mx + 1) // 2 if mx < nx else mx
-    rows, width = max(1, _BLOCK // ny), max(8, _BLOCK // (2 * nx))
+    kept_rows = (mx + 1) // 2 if mx < nx else mx
+    kept_columns = (my + 1) // 2 if my < ny else my // 2 + 1
+    fine = np.empty((nx, kept_columns), dtype=np.complex128)
+    coarse = np.zeros((mx, my // 2 + 1), dtype=np.complex128)
     out = np.empty(shape)
+    step = max(1, BLOCK_POINTS // ny)
 
-    def along_rows(start: int) -> None:
-        wide = ducc0.fft.r2c(heights[start : start + rows], axes=(1,), nthreads=1)
-        narrow[start : start + rows] = wide[:, :columns]
+    def cut(block: ComplexArray, columns: slice) -> ComplexArray:
+        target = coarse[:, columns]
+        target[:kept_rows] = block[:kept_rows]
+        if mx < nx and kept_rows > 1:
+            target[1 - kept_rows :] = block[1 - kept_rows :]
+        target /= nx * ny
+        return target
 
-    def along_columns(start: int) -> None:
-        part = slice(start, min(start + width, columns))
-        column = narrow[:, part]
-        if nx > 1:
-            column = ducc0.fft.c2c(column, axes=(0,), forward=True, nthreads=1)
-        modes[:keep, part] = column[:keep]
-        if mx < nx and keep > 1:
-            modes[1 - keep :, part] = column[1 - keep :]
-        modes[:, part] /= nx * ny
-        if mx > 1:
-            modes[:, part] = ducc0.fft.c2c(modes[:, part], axes=(0,), forward=False, nthreads=1)
+    rows = ranges(nx, step)
+    workers.each(to_modes, split(heights, rows), split(fine, rows))
+    through_columns(workers, fine, max(8, BLOCK_POINTS // (2 * nx)), cut)
+    rows = ranges(mx, step)
+    workers.each(to_values, split(coarse, rows), split(out, rows))
+    return out
 
-    def back_along_rows(start: int) -> None:
-        some = slice(start, start + rows)
-        out[some] = ducc0.fft.c2r(modes[some], axes=(1,), lastsize=my, forward=False, nthreads=1)
 
-    workers.run(along_rows, range(0, nx, rows))
-    workers.run(along_columns, range(0, columns, width))
-    workers.run(back_along_rows, range(0, mx, rows))
+def interpolated(coarse: FloatArray, shape: tuple[int, ...], workers: Workers) -> FloatArray:
+    """A periodic grid on a finer one of `shape`, by cubics through four neighbours a direction."""
+    index, weights = _stencil(coarse.shape[0], shape[0])
+    columns, column_weights = _stencil(coarse.shape[1], shape[1])
+    out = np.empty(shape)
+    rows = ranges(shape[0], max(1, 65536 // shape[1]))
+    workers.each(interpolate, coarse, split(index, rows), split(weights, rows),
+                 columns, column_weights, split(out, rows))  # fmt: skip
     return out
 
 
@@ -89,18 +99,24 @@ def _stencil(coarse: int, fine: int) -> tuple[NDArray[np.int32], FloatArray]:
     return index.astype(np.int32), weights
 
 
-def interpolated(coarse: FloatArray, shape: tuple[int, int], workers: Workers) -> FloatArray:
-    """A periodic grid on a finer one, by cubics through four neighbours a direction."""
-    rows, row_weights = _stencil(coarse.shape[0], shape[0])
-    columns, column_weights = _stencil(coarse.shape[1], shape[1])
-    out = np.empty(shape)
-    step = max(1, 65536 // shape[1])
-
-    def block(start: int) -> None:
-        part = slice(start, start + step)
-        passes.interpolate(
-            coarse, rows[part], row_weights[part], columns, column_weights, out[part]
+@compiled
+def interpolate(
+    coarse: Any, rows: Any, row_weights: Any, columns: Any, column_weights: Any, out: Any
+) -> None:
+    """out[i, j] = sum of the 4 x 4 coarse neighbours with their weights."""
+    line = np.empty(coarse.shape[1])
+    for i in range(out.shape[0]):
+        a, b, c, d = rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3]
+        wa, wb, wc, wd = (
+            row_weights[i, 0],
+            row_weights[i, 1],
+            row_weights[i, 2],
+            row_weights[i, 3],
         )
-
-    workers.run(block, range(0, shape[0], step))
-    return out
+        for j in range(line.size):
+            line[j] = wa * coarse[a, j] + wb * coarse[b, j] + wc * coarse[c, j] + wd * coarse[d, j]
+        for j in range(out.shape[1]):
+            value = 0.0
+            for k in range(4):
+                value += column_weights[j, k] * line[columns[j, k]]
+            out[i, j] = value

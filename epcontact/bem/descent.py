@@ -8,34 +8,30 @@ exact line search.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from epcontact.bem import passes
-from epcontact.bem.constraints import Level, project
+from epcontact.bem.bounds import project
+from epcontact.bem.level import Iterate, Level
 from epcontact.bem.transforms import Points
+from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
 # Differences of the energy below this share of (points x mean pressure x gap scale) are rounding.
 _ENERGY_NOISE = 1e-12
 
 
-@dataclass
-class Iterate:
-    """A feasible pressure (units of the mean), its displacement (m), the offset z (m)."""
-
-    p: FloatArray
-    u: FloatArray
-    z: float = 0.0
-    residual: float = math.inf
-    settled: bool = False
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Step:
-    """A step that was taken: where from, with which gap."""
+    """A Newton step that was taken.
+
+    Attributes:
+        points: the points that it changed.
+        before, gap: their pressures and gaps before it.
+        energy: the energy before it.
+    """
 
     points: Points
     before: FloatArray
@@ -44,12 +40,12 @@ class Step:
 
 
 def best_share(level: Level, it: Iterate, step: Step, energy: float) -> float:
-    """The share of the step at which the energy, a parabola along it, is least; at most 1.
+    """The share of the step, at most 1, at which the energy is least; `energy`: that after it.
 
     1 where the step is so small that rounding hides what it did to the energy.
     """
     p = it.p.reshape(-1)
-    slope: float = passes.step_product(p, step.points.index, step.before, step.gap)
+    slope: float = step_product(p, step.points.index, step.before, step.gap)
     curvature = 2 * (energy - step.energy - slope)
     noise = _ENERGY_NOISE * level.heights.size * level.gap_scale
     if abs(slope) <= noise and abs(energy - step.energy) <= noise:
@@ -58,23 +54,21 @@ def best_share(level: Level, it: Iterate, step: Step, energy: float) -> float:
 
 
 def cut_back(level: Level, it: Iterate, step: Step, share: float) -> None:
-    """Go back along the step."""
-    p = it.p.reshape(-1)
-    index = step.points.index
+    """Go back along the step to a share of it."""
+    p, index = it.p.reshape(-1), step.points.index
     p[index] = step.before + share * (p[index] - step.before)
     level.convolution.apply(it.p, it.u)
 
 
-def gradient_steps(level: Level, it: Iterate, number: int) -> int:
-    """A few projected gradient steps; returns their number."""
+def gradient_steps(level: Level, it: Iterate, number: int) -> None:
+    """Take a few projected gradient steps."""
     length = level.step
     for _ in range(number):
         length = gradient_step(level, it, length)
-    return number
 
 
 def gradient_step(level: Level, it: Iterate, length: float) -> float:
-    """One projected gradient step with exact line search; returns the next spectral length."""
+    """Take one projected gradient step with exact line search; returns the next length."""
     p_old, u_old = it.p, it.u
     w = u_old - level.heights
     w *= -length
@@ -82,11 +76,43 @@ def gradient_step(level: Level, it: Iterate, length: float) -> float:
     it.p = project(w, level.cap, float(w.size), level.workers, out=w)
     it.u = np.empty_like(u_old)
     level.convolution.apply(it.p, it.u)
+    it.gradient += 1
     arrays = [a.reshape(-1) for a in (it.p, it.u, level.heights, p_old, u_old)]
-    slope, curvature, square = passes.descent_products(*arrays)
+    slope, curvature, square = descent_products(*arrays)
     if curvature <= 0:
         return level.step
     t = min(1.0, max(0.0, -slope / curvature))
     if t < 1:
-        passes.blend(arrays[0], arrays[1], arrays[3], arrays[4], t)
+        blend(arrays[0], arrays[1], arrays[3], arrays[4], t)
     return float(square / curvature)
+
+
+@compiled
+def step_product(p: Any, index: Any, before: Any, gap: Any) -> float:
+    """Sum over the listed points of gap (p - before)."""
+    total = 0.0
+    for k in range(index.size):
+        total += gap[k] * (p[index[k]] - before[k])
+    return total
+
+
+@compiled
+def descent_products(p: Any, u: Any, h: Any, p_old: Any, u_old: Any) -> tuple[float, float, float]:
+    """With d = p - p_old: (u_old - h).d, d.(u - u_old) and d.d."""
+    slope = 0.0
+    curvature = 0.0
+    square = 0.0
+    for i in range(p.size):
+        d = p[i] - p_old[i]
+        slope += (u_old[i] - h[i]) * d
+        curvature += d * (u[i] - u_old[i])
+        square += d * d
+    return slope, curvature, square
+
+
+@compiled
+def blend(p: Any, u: Any, p_old: Any, u_old: Any, t: float) -> None:
+    """Move p and u back to the fraction t of the way from the old to the new."""
+    for i in range(p.size):
+        p[i] = p_old[i] + t * (p[i] - p_old[i])
+        u[i] = u_old[i] + t * (u[i] - u_old[i])

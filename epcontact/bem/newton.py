@@ -18,81 +18,62 @@ is capped.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import itertools
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from epcontact.bem import passes
-from epcontact.bem.constraints import Level, measured, project, states
-from epcontact.bem.descent import Iterate, Step, best_share, cut_back, gradient_steps
+from epcontact.bem.bounds import put
+from epcontact.bem.descent import Step, best_share, cut_back, gradient_steps
 from epcontact.bem.inner.cells import Cells
-from epcontact.bem.inner.cg import Inner, conjugate_gradients
+from epcontact.bem.inner.cg import InnerOperators, conjugate_gradients
+from epcontact.bem.level import Iterate, Level, StateArray, first_iterate, measured, states
+from epcontact.bem.problem import Options
 from epcontact.bem.transforms import Points
+from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
-StateArray = NDArray[np.uint8]
-
+_MAX_STEPS = 500  # unless the caller says otherwise; hard scenes take some 30
 # Most gradient steps after a step that was cut: none at first, one the second time, and four
 # times as many each time that it happens again.
 _GRADIENT_STEPS = 16
-# Points that change sets in a step, by the error of the areas after it, below which what is about
-# to come into contact tells that error: each step leaves a fifth of the changes or less.
+# The areas count as settled only if fewer points changed sets in the last step than this times
+# `area_tolerance` times the contact.  A step leaves a fifth of the changes of the one before or
+# less, so the changes still to come are then within the tolerance.
 _CHANGES_PER_ERROR = 5
-# And the share of the first residual.
+# ... only if the residual has fallen to this share of the first one,
 _CALM = 0.2
-# The residual below which no point changes any more, where less than one would be too many.
+# ... and only if the tolerance is worth at least one point of the smallest area, or the residual
+# is below this one, at which no point changes sets any more.
 _UNSEEN = 1e-5
 # A full step is taken if the least energy along it lies beyond this share; beyond 1/2 it lowers
 # the energy.
 _FULL_STEP = 0.5
-# Steps within which the residual is to halve; it falls that much in one as a rule.
+# A gradient step is added where the residual has not halved within this number of steps; it falls
+# that much in one as a rule.
 _SLOW = 4
-# The largest share of the distance to its bounds that a point is moved by to restore the force.
-_MOST = 0.9
-# The 2-norm of the residual falls by this in a step; by the second once the sets have settled.
+# The inner iterations reduce the 2-norm of the residual by this factor; by the second one, with
+# the exact operator, once no point changes sets.
 _REDUCTION = 0.1
 _LAST_REDUCTION = 1e-3
 
 
-@dataclass
-class Counts:
-    """What a level has cost."""
-
-    newton: int = 0
-    cg: int = 0
-    gradient: int = 0
-    cut: int = 0
-    pairs: float = 0.0
-    history: list[float] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Goal:
-    """When to stop: residual <= tolerance, or sets settled to the share `area_tolerance`."""
-
-    tolerance: float
-    area_tolerance: float = 0.0
-    max_steps: int = 500
-    progress: Callable[[str], None] | None = None
-
-
 @dataclass(frozen=True)
 class _Sets:
-    """What the sets to solve on look like: numbers of points, elastic ones by block."""
+    """Numbers of points by set; elastic ones by block; the worst violation of the gap in m."""
 
     changed: int
     plastic: int
     entering: int
     unloading: int
     worst: float
-    per_block: list[int]
+    elastic_by_block: list[int]
 
     @property
     def elastic(self) -> int:
         """Elastic points."""
-        return sum(self.per_block)
+        return sum(self.elastic_by_block)
 
     @property
     def contact(self) -> int:
@@ -114,47 +95,42 @@ class _Sets:
         return max(number / max(area, 1) for number, area in shares)
 
 
-def solve_level(level: Level, p: FloatArray, goal: Goal) -> tuple[Iterate, Counts]:
+def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
     """Solve on one grid from a feasible start p (nx, ny), which is overwritten.
 
-    Returns the last iterate, whether or not it meets the goal (`settled`), and the counts.
+    Returns the last iterate; `settled` says whether it meets the tolerances.
     """
-    counts = Counts()
-    inner = Inner(level)
-    it = Iterate(p, np.empty_like(p))
-    level.convolution.apply(p, it.u)
+    it = first_iterate(level, p)
+    inner = InnerOperators(level.convolution)
     state = states(p, level.cap)
     step: Step | None = None
     trouble = 0
     while True:
-        now = measured(level, it.p, it.u)
-        share = 1.0 if step is None else best_share(level, it, step, now.energy)
+        it.z, force, energy = measured(level, it.p, it.u)
+        share = 1.0 if step is None else best_share(level, it, step, energy)
         full = share >= _FULL_STEP
+        gradient = 0
         if step is not None and not full:
-            counts.cut += 1
+            it.cut += 1
             trouble += 1
             cut_back(level, it, step, share)
-            if trouble > 1:
-                number = min(4 ** (trouble - 2), _GRADIENT_STEPS)
-                counts.gradient += gradient_steps(level, it, number)
-            now = measured(level, it.p, it.u)
+            gradient = min(4 ** (trouble - 2), _GRADIENT_STEPS) if trouble > 1 else 0
         else:
             trouble = max(0, trouble - 1)
-            if not trouble and _slow(counts.history):
-                counts.gradient += gradient_steps(level, it, 1)
-                now = measured(level, it.p, it.u)
-        it.z = now.offset
-        sets = _classify(level, it, state)
-        it.residual = max(sets.worst / level.gap_scale, abs(now.force - 1))
-        counts.history.append(it.residual)
-        it.settled = _settled(it, sets, goal, counts.history[0], full and step is not None)
-        if it.settled or counts.newton >= goal.max_steps:
-            counts.pairs = level.convolution.pairs + inner.pairs
-            return it, counts
-        counts.newton += 1
-        if goal.progress is not None:
-            goal.progress(f"grid {level.heights.shape}: residual {it.residual:.1e}")
-        step = _newton_step(level, inner, it, state, sets, now.energy, counts, goal)
+            gradient = int(not trouble and _slow(it.history))
+        if gradient or not full:
+            gradient_steps(level, it, gradient)
+            it.z, force, energy = measured(level, it.p, it.u)
+        sets = _update_sets(level, it, state)
+        it.history.append(max(sets.worst / level.gap_scale, abs(force - 1)))
+        it.settled = _settled(it, sets, options, full and step is not None)
+        if it.settled or it.newton >= options.steps(_MAX_STEPS):
+            it.pairs = level.convolution.pairs + inner.pairs
+            return it
+        it.newton += 1
+        if options.progress is not None:
+            options.progress(f"grid {level.heights.shape}: residual {it.history[-1]:.1e}")
+        step = _newton_step(level, inner, it, state, sets, energy, options.tolerance)
 
 
 def _slow(history: list[float]) -> bool:
@@ -166,123 +142,134 @@ def _slow(history: list[float]) -> bool:
     return len(history) > _SLOW and history[-1] > 0.5 * history[-1 - _SLOW]
 
 
-def _settled(it: Iterate, sets: _Sets, goal: Goal, first: float, full_step: bool) -> bool:
-    """By the residual, or by the sets.
+def _settled(it: Iterate, sets: _Sets, options: Options, full_step: bool) -> bool:
+    """Whether the residual, or else the areas, meet their tolerance.
 
     After a step that was cut, while many points still change, or as long as the residual is near
     the first one, sets at rest mean nothing: with many points a wavelength fronts move less than
     a point while forces are still out of balance.
     """
-    if it.residual <= goal.tolerance:
+    first, residual, aim = it.history[0], it.history[-1], options.area_tolerance
+    if residual <= options.tolerance:
         return True
-    aim = goal.area_tolerance
-    calm = full_step and sets.changed <= _CHANGES_PER_ERROR * aim * max(sets.contact, 1)
-    seen = aim * sets.least() >= 1 or it.residual <= _UNSEEN
-    return aim > 0 and calm and seen and it.residual <= _CALM * first and sets.unsettled() <= aim
+    if aim is None or not full_step:
+        return False
+    few_changes = sets.changed <= _CHANGES_PER_ERROR * aim * max(sets.contact, 1)
+    seen = aim * sets.least() >= 1 or residual <= _UNSEEN
+    return few_changes and seen and residual <= _CALM * first and sets.unsettled() <= aim
 
 
-def _classify(level: Level, it: Iterate, state: StateArray) -> _Sets:
-    p, u, h, s = (a.reshape(-1) for a in (it.p, it.u, level.heights, state))
-
-    def block(start: int) -> tuple[int, int, int, int, int, float]:
-        k = level.part(start)
-        out: tuple[int, int, int, int, int, float] = passes.classify(
-            p[k], u[k], h[k], s[k], it.z, level.cap
-        )
-        return out
-
-    parts = level.workers.run(block, level.convolution.blocks)
-    return _Sets(
-        changed=sum(x[0] for x in parts),
-        plastic=sum(x[2] for x in parts),
-        entering=sum(x[3] for x in parts),
-        unloading=sum(x[4] for x in parts),
-        worst=max(x[5] for x in parts),
-        per_block=[x[1] for x in parts],
+def _update_sets(level: Level, it: Iterate, state: StateArray) -> _Sets:
+    """Overwrite `state` by the sets that the iterate calls for, and count them."""
+    parts = level.workers.each(
+        update_states, *level.split(it.p, it.u, level.heights, state), it.z, level.cap
     )
+    changed, elastic, plastic, entering, unloading, worst = zip(*parts, strict=True)
+    return _Sets(sum(changed), sum(plastic), sum(entering), sum(unloading), max(worst),
+                 list(elastic))  # fmt: skip
 
 
-def _newton_step(  # noqa: PLR0913, PLR0917 - one step needs them all
+def _newton_step(
     level: Level,
-    inner: Inner,
+    inner: InnerOperators,
     it: Iterate,
     state: StateArray,
     sets: _Sets,
     energy: float,
-    counts: Counts,
-    goal: Goal,
+    tolerance: float,
 ) -> Step | None:
-    """One outer step, in place; None if there is nothing to solve for."""
-    points, pressure, r = _collect(level, it, state, sets)
+    """Take one outer step, which moves the iterate; None if there is nothing to solve for."""
+    points, pressure, r = _elastic_points(level, it, state, sets)
     if r.size < 2:
         # One point carries what the others leave: only a gradient step can change the sets.
-        counts.gradient += gradient_steps(level, it, 1)
+        gradient_steps(level, it, 1)
         return None
     step = Step(points, pressure, -r, energy)
     r -= r.mean()
     x = np.zeros(r.size)
-    operator = inner.choose(sets.changed, r.size, it.residual)
+    operator = inner.choose(sets.changed, r.size, it.history[-1])
     exact = operator is level.convolution
     reduction = _LAST_REDUCTION if exact and not sets.changed else _REDUCTION
-    floor = 0.3 * goal.tolerance * level.gap_scale
+    floor = 0.3 * tolerance * level.gap_scale
     cells = Cells(level.convolution, points)
     precondition = inner.preconditioner(cells)
-    counts.cg += conjugate_gradients(operator, precondition, points, r, x, reduction, floor)
-    _put(level, it, points, cells, pressure, x)
+    it.cg += conjugate_gradients(operator, precondition, points, r, x, reduction, floor)
+    put(level, it.p, points, cells, pressure, x)
     level.convolution.apply(it.p, it.u)
     return step
 
 
-def _collect(
+def _elastic_points(
     level: Level, it: Iterate, state: StateArray, sets: _Sets
 ) -> tuple[Points, FloatArray, FloatArray]:
     """The elastic points, their pressure and residual h - u - z."""
-    begins, n = {}, 0
-    for start, number in zip(level.convolution.blocks, sets.per_block, strict=True):
-        begins[start] = slice(n, n + number)
-        n += number
-    points = Points(np.empty(n, dtype=np.int32), begins)
-    pressure, r = np.empty(n), np.empty(n)
-    p, u, h, s = (a.reshape(-1) for a in (it.p, it.u, level.heights, state))
-
-    def block(start: int) -> None:
-        k, j = level.part(start), points.part(start)
-        passes.collect(p[k], u[k], h[k], s[k], k.start, it.z, points.index[j], pressure[j], r[j])
-
-    level.workers.run(block, level.convolution.blocks)
+    ends = np.cumsum([0, *sets.elastic_by_block]).tolist()
+    parts = [slice(*pair) for pair in itertools.pairwise(ends)]
+    points = Points(np.empty(ends[-1], dtype=np.int32), parts)
+    pressure, r = np.empty(ends[-1]), np.empty(ends[-1])
+    fields = level.split(it.p, it.u, level.heights, state)
+    first = [part.start for part in level.parts]
+    lists = points.split(points.index, pressure, r)
+    level.workers.each(collect, *fields, first, it.z, *lists)
     return points, pressure, r
 
 
-def _put(
-    level: Level, it: Iterate, points: Points, cells: Cells, pressure: FloatArray, x: FloatArray
-) -> None:
-    """Write pressure + x, moved into the bounds, and restore the force: of each cell where its
-    points can carry it, then the mean.
+@compiled
+def update_states(
+    p: Any, u: Any, h: Any, state: Any, z: float, cap: float
+) -> tuple[int, int, int, int, int, float]:
+    """Overwrite `state` by the sets to solve on, given the offset z.
 
-    What the bounds cut off differs from place to place.  Made good by all points alike, it would
-    leave a long-wave imbalance of forces, whose displacement is large, and steps would overshoot.
+    Elastic are the points between their bounds, and those on a bound where the gap g = u + z - h
+    has the wrong sign.  Returns the number of changes, of elastic and of plastic points, of
+    points that come into contact and that cease to be plastic, and the largest violation of the
+    conditions on g.
     """
-    p, cap, target = it.p.reshape(-1), level.cap, float(pressure.sum())
+    changed = 0
+    elastic = 0
+    plastic = 0
+    entering = 0
+    unloading = 0
+    worst = 0.0
+    for i in range(p.size):
+        g = u[i] + z - h[i]
+        if p[i] <= 0.0:
+            new = 1 if g < 0.0 else 0
+            entering += new
+            violation = -g
+        elif p[i] >= cap:
+            new = 1 if g > 0.0 else 2
+            unloading += g > 0.0
+            violation = g
+        else:
+            new = 1
+            violation = abs(g)
+        worst = max(worst, violation)
+        elastic += new == 1
+        plastic += new == 2
+        if new != state[i]:
+            state[i] = new
+            changed += 1
+    return changed, elastic, plastic, entering, unloading, worst
 
-    def put(start: int, sums: FloatArray) -> None:
-        j = points.part(start)
-        cell, first = cells.part(start)
-        passes.put_clipped(p, points.index[j], pressure[j], x[j], cap, cell, first, sums)
 
-    def spread(start: int) -> tuple[float, float]:
-        cell, _ = cells.part(start)
-        sums: tuple[float, float] = passes.spread(
-            p, points.index[points.part(start)], cell, factor, cap
-        )
-        return sums
-
-    missing, weight = cells.sums(put, 2)
-    able = np.abs(missing) < _MOST * weight
-    factor = np.where(able, missing / np.where(able, weight, 1.0), np.copysign(_MOST, missing))
-    parts = level.workers.run(spread, level.convolution.blocks)
-    left, left_weight = target - sum(s[0] for s in parts), sum(s[1] for s in parts)
-    if abs(left) < _MOST * left_weight:
-        factor = np.full(factor.shape, left / left_weight)
-        level.workers.run(spread, level.convolution.blocks)
-    else:
-        p[points.index] = project(pressure + x, cap, target)
+@compiled
+def collect(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by one
+    p: Any,
+    u: Any,
+    h: Any,
+    state: Any,
+    first: int,
+    z: float,
+    index: Any,
+    pressure: Any,
+    residual: Any,
+) -> None:
+    """List the elastic points of a block whose first is `first`: pressure and h - u - z."""
+    k = 0
+    for i in range(p.size):
+        if state[i] == 1:
+            index[k] = first + i
+            pressure[k] = p[i]
+            residual[k] = h[i] - u[i] - z
+            k += 1

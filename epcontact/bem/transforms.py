@@ -1,10 +1,13 @@
 """Convolutions of a grid with a surface compliance, or with its inverse, by blocks of rows.
 
-One application is: real transform of the rows, then for each block of columns the transform
-along the columns, the multiplication by the symbol and the transform back, while the block is in
-cache, then the rows back.  Where a convolution starts from or ends in the values at listed
-points (the elastic set), rows are made and read in a small buffer of each block, and no array of
-the grid's size but the one of the modes is touched.
+One application transforms the rows; then, for each block of columns while it is in cache, it
+transforms the columns, multiplies by the symbol and transforms them back; then it transforms the
+rows back.  Where a convolution starts from or ends in the values at listed points (the elastic
+set), the rows are made and read in a small buffer of each thread, and the only array of the
+grid's size that is touched is the one of the modes.
+
+All transforms of the solver go by fixed blocks and one thread each: the threads of the library
+itself group lines by their number, and the last digits of a result would depend on it.
 """
 
 from __future__ import annotations
@@ -18,18 +21,78 @@ import ducc0
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem import passes
-from epcontact.bem.passes import Workers
+from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
 
 IntArray = NDArray[np.int32]
 RealArray = NDArray[np.floating]  # float64, or float32 in single precision
+ComplexArray = NDArray[np.complexfloating]
 
-_BLOCK_POINTS = 262144  # of a block of rows or columns: 2 MiB of reals, within a core's cache
-_FILTER_POINTS = 65536  # of small fields, that a thread takes at once
+#: Points of a block of rows or columns: 2 MiB of reals stay within a core's cache.
+BLOCK_POINTS = 262144
+# Fields of cells are small: smaller blocks leave work for every thread.
+_FILTER_POINTS = 65536
 
 
-@dataclass(frozen=True)
+def to_modes(values: RealArray, modes: ComplexArray) -> None:
+    """Transform each row of `values`; `modes` takes as many modes as it has columns."""
+    if modes.shape[1] == values.shape[1] // 2 + 1:
+        ducc0.fft.r2c(values, axes=(1,), out=modes, nthreads=1)
+    else:
+        modes[...] = ducc0.fft.r2c(values, axes=(1,), nthreads=1)[:, : modes.shape[1]]
+
+
+def to_values(modes: ComplexArray, values: RealArray, inorm: int = 0) -> None:
+    """Transform each row of `modes` back into `values`; `modes` may be overwritten.
+
+    inorm: 2 divides by the number of points, 0 does not.
+    """
+    ducc0.fft.c2r(modes, axes=(1,), lastsize=values.shape[1], forward=False, inorm=inorm,
+                  out=values, nthreads=1, allow_overwriting_input=True)  # fmt: skip
+
+
+def through_columns(
+    workers: Workers,
+    modes: ComplexArray,
+    step: int,
+    change: Callable[[ComplexArray, slice], ComplexArray],
+    inorm: int = 0,
+) -> None:
+    """Transform the columns of `modes` in place, `change` them and transform them back.
+
+    step: columns of a block.  change(block, columns): returns the modes to transform back, the
+    block itself or another array.
+    """
+
+    def through(columns: slice) -> None:
+        block = modes[:, columns]
+        if block.shape[0] > 1:
+            ducc0.fft.c2c(block, axes=(0,), forward=True, out=block, nthreads=1)
+        block = change(block, columns)
+        if block.shape[0] > 1:
+            ducc0.fft.c2c(block, axes=(0,), forward=False, inorm=inorm, out=block, nthreads=1)
+
+    workers.each(through, ranges(modes.shape[1], step))
+
+
+def filtered(field: FloatArray, modes: FloatArray, workers: Workers) -> FloatArray:
+    """`field` (mx, my) with each mode of its real transform times `modes` (mx, my // 2 + 1)."""
+    mx, my = field.shape
+    rows = ranges(mx, max(1, _FILTER_POINTS // my))
+    spectrum = np.empty(modes.shape, dtype=np.complex128)
+    out = np.empty((mx, my))
+
+    def change(block: ComplexArray, columns: slice) -> ComplexArray:
+        block *= modes[:, columns]
+        return block
+
+    workers.each(to_modes, split(field, rows), split(spectrum, rows))
+    through_columns(workers, spectrum, max(8, _FILTER_POINTS // mx), change, inorm=2)
+    workers.each(to_values, split(spectrum, rows), split(out, rows), 2)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
 class Symbol:
     """A compliance per mode: mode (i, j) of `numpy.fft.rfft2` has values[rows[i], j], in m/Pa."""
 
@@ -39,7 +102,7 @@ class Symbol:
 
     @classmethod
     def from_quarter(cls, values: FloatArray, shape: tuple[int, int]) -> Symbol:
-        """Of a compliance on the non-negative quarter of the modes (isotropic bodies)."""
+        """The symbol of a compliance given on the non-negative quarter of the modes."""
         i = np.arange(shape[0])
         return cls(values, np.minimum(i, shape[0] - i).astype(np.int32), shape)
 
@@ -55,11 +118,23 @@ class Symbol:
         return float(max(first, self.values[self.rows[0], ny // 2]))
 
 
-class Convolution:
-    """Applies a symbol, times `scale`, or its inverse; counts its pairs of transforms.
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Flat indices of listed points, ascending, and the part of them in each block of rows."""
 
-    The mean of the result is that of mode zero of the symbol, here always taken as 0.  With
-    `dtype` float32 the fields are in single precision, at half the cost.
+    index: IntArray
+    parts: list[slice]
+
+    def split(self, *arrays: NDArray[Any]) -> list[list[NDArray[Any]]]:
+        """For each array with one value a point, its views by block."""
+        return [split(array, self.parts) for array in arrays]
+
+
+class Convolution:
+    """Applies a symbol, times `scale`, or its inverse, and counts its pairs of transforms.
+
+    Mode zero of the symbol is taken as 0, so results have no mean.  With `dtype` float32 the
+    fields are in single precision, at half the cost.
     """
 
     def __init__(
@@ -68,78 +143,19 @@ class Convolution:
         nx, ny = symbol.shape
         self.symbol, self.scale, self.workers = symbol, scale, workers
         self.shape = symbol.shape
-        self._dtype = np.dtype(dtype)
         self.pairs = 0
-        self.row_step = max(1, min(nx, _BLOCK_POINTS // ny))
-        self.column_step = max(8, min(ny // 2 + 1, _BLOCK_POINTS // (2 * nx)))
+        self.row_step = max(1, min(nx, BLOCK_POINTS // ny))
+        self.rows = ranges(nx, self.row_step)
+        self._dtype = np.dtype(dtype)
         self._modes = np.empty((nx, ny // 2 + 1), dtype=np.result_type(dtype, np.complex64))
         self._local = threading.local()
 
-    @property
-    def blocks(self) -> range:
-        """The first row of each block of rows."""
-        return range(0, self.shape[0], self.row_step)
-
-    def _buffer(self, rows: int) -> RealArray:
-        if not hasattr(self._local, "buffer"):
-            self._local.buffer = np.empty((self.row_step, self.shape[1]), dtype=self._dtype)
-        return self._local.buffer[:rows]  # type: ignore[no-any-return]
-
-    def _columns(self, inverse: bool) -> None:
-        kernel = passes.divide_rows if inverse else passes.multiply_rows
-        count = self.shape[0] * self.shape[1]
-        factor = self._dtype.type((1 / self.scale if inverse else self.scale) / count)
-        values, rows = self.symbol.values, self.symbol.rows
-
-        def block(start: int) -> None:
-            part = slice(start, start + self.column_step)
-            modes = self._modes[:, part]
-            if self.shape[0] > 1:
-                ducc0.fft.c2c(modes, axes=(0,), forward=True, out=modes, nthreads=1)
-            parts = self._modes.view(self._dtype)[:, 2 * part.start : 2 * part.stop]
-            kernel(parts, values[:, part], rows, factor)
-            if start == 0:
-                modes[0, 0] = 0.0
-            if self.shape[0] > 1:
-                ducc0.fft.c2c(modes, axes=(0,), forward=False, out=modes, nthreads=1)
-
-        self.workers.run(block, range(0, self._modes.shape[1], self.column_step))
-
-    def _apply(
-        self,
-        source: Callable[[int, int], RealArray],
-        sink: Callable[[int, int, RealArray | None], Any],
-        target: RealArray | None,
-        inverse: bool,
-    ) -> list[Any]:
-        nx, ny = self.shape
-
-        def forward(start: int) -> None:
-            stop = min(start + self.row_step, nx)
-            ducc0.fft.r2c(source(start, stop), axes=(1,), out=self._modes[start:stop], nthreads=1)
-
-        def backward(start: int) -> Any:
-            stop = min(start + self.row_step, nx)
-            out = self._buffer(stop - start) if target is None else target[start:stop]
-            ducc0.fft.c2r(
-                self._modes[start:stop],
-                axes=(1,),
-                lastsize=ny,
-                forward=False,
-                out=out,
-                nthreads=1,
-                allow_overwriting_input=True,
-            )
-            return sink(start, stop, out)
-
-        self.workers.run(forward, self.blocks)
-        self._columns(inverse)
-        self.pairs += 1
-        return self.workers.run(backward, self.blocks)
-
     def apply(self, field: RealArray, out: RealArray) -> None:
         """out = S field on the whole grid; both (nx, ny)."""
-        self._apply(lambda a, b: field[a:b], lambda *_: None, out, inverse=False)
+        modes = split(self._modes, self.rows)
+        self.workers.each(to_modes, split(field, self.rows), modes)
+        self._multiply(inverse=False)
+        self.workers.each(to_values, modes, split(out, self.rows))
 
     def apply_on(
         self,
@@ -149,70 +165,96 @@ class Convolution:
         other: FloatArray,
         inverse: bool = False,
     ) -> tuple[float, float]:
-        """out = (S or its inverse) applied to `values` at the points and 0 elsewhere, at them.
+        """Apply S, or its inverse, to `values` at the points and 0 elsewhere.
 
-        Returns sum(out) and sum(out other).
+        out: the result at the points, overwritten.  Returns sum(out) and sum(out other).
         """
-        ny = self.shape[1]
+        index, values_, out_, other_ = points.split(points.index, values, out, other)
+        first = [rows.start * self.shape[1] for rows in self.rows]
+        modes = split(self._modes, self.rows)
+        self.workers.each(self._forward, modes, first, index, values_)
+        self._multiply(inverse)
+        total, product = self.workers.total(self._backward, modes, first, index, out_, other_)
+        return total, product
 
-        def source(start: int, stop: int) -> RealArray:
-            buffer = self._buffer(stop - start)
-            part = points.part(start)
-            passes.scatter(buffer.reshape(-1), start * ny, points.index[part], values[part])
-            return buffer
+    def _forward(
+        self, modes: ComplexArray, first: int, index: IntArray, values: FloatArray
+    ) -> None:
+        block = self._buffer(len(modes))
+        scatter(block.reshape(-1), first, index, values)
+        to_modes(block, modes)
 
-        def sink(start: int, _stop: int, block: RealArray | None) -> tuple[float, float]:
-            assert block is not None
-            part = points.part(start)
-            flat = block.reshape(-1)
-            sums: tuple[float, float] = passes.gather_dot(
-                flat, start * ny, points.index[part], out[part], other[part]
-            )
-            return sums
+    def _backward(
+        self, modes: ComplexArray, first: int, index: IntArray, out: FloatArray, other: FloatArray
+    ) -> Any:
+        block = self._buffer(len(modes))
+        to_values(modes, block)
+        return gather_dot(block.reshape(-1), first, index, out, other)
 
-        sums = self._apply(source, sink, None, inverse)
-        return sum(s for s, _ in sums), sum(s for _, s in sums)
+    def _buffer(self, rows: int) -> RealArray:
+        """Room for some rows of the grid; each thread has its own."""
+        if not hasattr(self._local, "buffer"):
+            self._local.buffer = np.empty((self.row_step, self.shape[1]), dtype=self._dtype)
+        buffer: RealArray = self._local.buffer[:rows]
+        return buffer
+
+    def _multiply(self, inverse: bool) -> None:
+        nx, ny = self.shape
+        kernel = divide_rows if inverse else multiply_rows
+        factor = self._dtype.type((1 / self.scale if inverse else self.scale) / (nx * ny))
+        symbol, reals = self.symbol, self._modes.view(self._dtype)
+
+        def change(block: ComplexArray, columns: slice) -> ComplexArray:
+            part = reals[:, 2 * columns.start : 2 * columns.stop]
+            kernel(part, symbol.values[:, columns], symbol.rows, factor)
+            if columns.start == 0:
+                block[0, 0] = 0.0
+            return block
+
+        step = max(8, min(ny // 2 + 1, BLOCK_POINTS // (2 * nx)))
+        through_columns(self.workers, self._modes, step, change)
+        self.pairs += 1
 
 
-@dataclass(frozen=True)
-class Points:
-    """Flat indices of listed points, in order, and where each block of rows begins in them."""
+@compiled
+def multiply_rows(modes: Any, symbol: Any, rows: Any, factor: float) -> None:
+    """modes[i] *= factor symbol[rows[i]]; real and imaginary parts follow one another."""
+    for i in range(modes.shape[0]):
+        row = rows[i]
+        for j in range(symbol.shape[1]):
+            weight = factor * symbol[row, j]
+            modes[i, 2 * j] *= weight
+            modes[i, 2 * j + 1] *= weight
 
-    index: IntArray
-    begins: dict[int, slice]
 
-    def part(self, start: int) -> slice:
-        """The share of the block whose first row is `start`."""
-        return self.begins[start]
+@compiled
+def divide_rows(modes: Any, symbol: Any, rows: Any, factor: float) -> None:
+    """modes[i] *= factor / symbol[rows[i]]; a mode without compliance becomes 0."""
+    for i in range(modes.shape[0]):
+        row = rows[i]
+        for j in range(symbol.shape[1]):
+            s = symbol[row, j]
+            weight = factor / s if s > 0 else 0.0
+            modes[i, 2 * j] *= weight
+            modes[i, 2 * j + 1] *= weight
 
 
-def filtered(field: FloatArray, modes: FloatArray, workers: Workers) -> FloatArray:
-    """`field` (mx, my) with each mode of its real transform times `modes` (mx, my // 2 + 1).
+@compiled
+def scatter(block: Any, first: int, index: Any, values: Any) -> None:
+    """block = 0 but for block[index - first] = values."""
+    block[:] = 0.0
+    for k in range(index.size):
+        block[index[k] - first] = values[k]
 
-    By fixed blocks: the library's own threads group lines, and so round, by their number.
-    """
-    mx, my = field.shape[0], field.shape[1]
-    rows, columns = max(1, _FILTER_POINTS // my), max(8, _FILTER_POINTS // mx)
-    spectrum = np.empty((mx, my // 2 + 1), dtype=np.complex128)
-    out = np.empty((mx, my))
 
-    def forward(start: int) -> None:
-        part = slice(start, start + rows)
-        spectrum[part] = ducc0.fft.r2c(field[part], axes=(1,), nthreads=1)
-
-    def along(start: int) -> None:
-        part = spectrum[:, start : start + columns]
-        ducc0.fft.c2c(part, axes=(0,), forward=True, out=part, nthreads=1)
-        part *= modes[:, start : start + columns]
-        ducc0.fft.c2c(part, axes=(0,), forward=False, inorm=2, out=part, nthreads=1)
-
-    def backward(start: int) -> None:
-        part = slice(start, start + rows)
-        out[part] = ducc0.fft.c2r(
-            spectrum[part], axes=(1,), lastsize=my, forward=False, inorm=2, nthreads=1
-        )
-
-    workers.run(forward, range(0, mx, rows))
-    workers.run(along, range(0, spectrum.shape[1], columns))
-    workers.run(backward, range(0, mx, rows))
-    return out
+@compiled
+def gather_dot(block: Any, first: int, index: Any, out: Any, other: Any) -> tuple[float, float]:
+    """out = block[index - first]; returns sum(out) and sum(out other)."""
+    total = 0.0
+    product = 0.0
+    for k in range(index.size):
+        value = block[index[k] - first]
+        out[k] = value
+        total += value
+        product += value * other[k]
+    return total, product

@@ -142,7 +142,7 @@ def _rising_effort(
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     """Residual against FFT pairs, area error against FFT pairs, area error against time."""
-    from epcontact.bem.driver import METHODS
+    from epcontact.bem import METHODS
 
     points, bandwidth, steps = (8, 32, 1000) if size == "fast" else (8, 64, 2000)
     scene = scenes.rough_scene(points, 7, bandwidth)

@@ -26,11 +26,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import surface as sweep
 from epcontact.bem.areas.estimate import CORNER, HARMONIC, OFFSETS, TIP, corrected
 from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS
 from epcontact.bem.kernel import rfft_wavenumbers
-from epcontact.bem.solver import Options, solve_pressure
 from epcontact.reference import hertz, sinusoid
 from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum

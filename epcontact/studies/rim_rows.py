@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import surface as sweep
 from epcontact.bem.areas.front import STIFFNESS, kind
-from epcontact.bem.solver import Options, solve_pressure
 from epcontact.results import FloatArray
 
 

@@ -171,7 +171,7 @@ def rough_surface(shape: tuple[int, ...]) -> Surface:
 
 
 def _boundary_elements(grid: Grid, capped: bool, methods: Sequence[str] | None) -> Iterator[Point]:
-    from epcontact.bem.driver import METHODS
+    from epcontact.bem import METHODS
 
     surface = rough_surface((grid.points, grid.points))
     unit = 1e11 * 0.1  # E* xi in Pa, Poisson's ratio being zero

@@ -1,22 +1,23 @@
 """The linear problem within a Newton step, on the elastic set alone.
 
 (S p)_F + z = h_F with the mean of p kept: conjugate gradients in the space of zero mean, with the
-exact compliance or a cheap one, preconditioned cell by cell (`cells`), or by the inverse of S
-restricted to F where a grid has no cells.
+exact compliance or a cheap one (`split`), preconditioned cell by cell (`preconditioner`), or by
+the inverse of S restricted to F where a grid has no cells.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from epcontact.bem import passes
-from epcontact.bem.constraints import Level
-from epcontact.bem.inner.cells import CellPreconditioner, Cells, cell_body
+from epcontact.bem.inner.cells import Cells
+from epcontact.bem.inner.preconditioner import CellPreconditioner, cell_body, dot
 from epcontact.bem.inner.split import MaskedGrid, SplitOperator, splittable
 from epcontact.bem.transforms import Convolution, Points
+from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
 # Share of elastic points up to which the stencil of the cheap operator beats transforms.
@@ -27,44 +28,45 @@ Operator = Convolution | SplitOperator
 Preconditioner = Callable[[FloatArray, FloatArray, FloatArray], tuple[float, float]]
 
 
-class Inner:
-    """The operators of a level's inner iterations: the cheap ones where they exist and serve."""
+class InnerOperators:
+    """The operators of a grid's inner iterations, made when they are first used."""
 
-    def __init__(self, level: Level) -> None:
-        self._level = level
-        self._serves = splittable(level.heights.shape)
-        self._split: SplitOperator | None = None
-        self._last = math.inf
-        convolution = level.convolution
+    def __init__(self, convolution: Convolution) -> None:
+        self._convolution = convolution
+        self._points = convolution.shape[0] * convolution.shape[1]
         self._masked = MaskedGrid(convolution.shape, convolution.workers)
         self._body = cell_body(convolution.symbol, convolution.scale)
+        self._split: SplitOperator | None = None
+        self._split_serves = splittable(convolution.shape)
+        self._last_residual = math.inf
 
     @property
     def pairs(self) -> float:
-        """Pairs of transforms of the cheap operator, in pairs of the level's grid."""
+        """Pairs of transforms of the cheap operator, in pairs of the grid."""
         return 0.0 if self._split is None else self._split.pairs
 
     def choose(self, changed: int, elastic: int, residual: float) -> Operator:
-        """The cheap operator serves while the sets change or the residual falls, and while the
-        elastic points are few: its stencil costs by the point."""
-        stuck = not changed and residual > 0.5 * self._last
-        self._last = residual
-        self._serves = self._serves and not stuck
-        if not self._serves or elastic > _FEW * self._level.heights.size:
-            return self._level.convolution
+        """The cheap operator or the exact one for the next step.
+
+        The cheap one serves while the sets change or the residual falls, and while the elastic
+        points are few, because its stencil costs by the point.
+        """
+        if not changed and residual > 0.5 * self._last_residual:
+            self._split_serves = False
+        self._last_residual = residual
+        if not self._split_serves or elastic > _FEW * self._points:
+            return self._convolution
         if self._split is None:
-            self._split = SplitOperator(self._level.convolution, self._masked)
+            self._split = SplitOperator(self._convolution, self._masked)
         return self._split
 
     def preconditioner(self, cells: Cells) -> Preconditioner:
-        """By cells, or by the inverse of the whole compliance, exact in full contact."""
-        full = cells.points.index.size == self._level.heights.size
-        if self._body is not None and not full:
+        """By cells, or by the inverse of the whole compliance, which is exact in full contact."""
+        if self._body is not None and cells.points.index.size < self._points:
             return CellPreconditioner(self._body, cells, self._masked).apply
-        convolution, points = self._level.convolution, cells.points
 
         def inverse(r: FloatArray, y: FloatArray, _: FloatArray) -> tuple[float, float]:
-            return convolution.apply_on(points, r, y, r, inverse=True)
+            return self._convolution.apply_on(cells.points, r, y, r, inverse=True)
 
         return inverse
 
@@ -85,7 +87,7 @@ def conjugate_gradients(
     """
     v, y = np.empty_like(r), np.empty_like(r)
     d = np.zeros_like(r)
-    goal = reduction * math.sqrt(passes.dot(r, r))
+    goal = reduction * math.sqrt(dot(r, r))
     rho_old = math.inf
     n = r.size
     if np.abs(r).max() <= floor:
@@ -94,12 +96,33 @@ def conjugate_gradients(
         total, rho = precondition(r, y, v)
         if not rho > 0:
             return k
-        passes.cg_direction(d, y, total / n, rho / rho_old)
+        cg_direction(d, y, total / n, rho / rho_old)
         total, curvature = operator.apply_on(points, d, v, d)
         if not curvature > 0:
             return k
-        square, largest = passes.cg_step(x, r, d, v, rho / curvature, total / n)
+        square, largest = cg_step(x, r, d, v, rho / curvature, total / n)
         rho_old = rho
         if math.sqrt(square) <= goal or largest <= floor:
             return k + 1
     return 200
+
+
+@compiled
+def cg_step(x: Any, r: Any, d: Any, v: Any, alpha: float, mean: float) -> tuple[float, float]:
+    """x += alpha d, r -= alpha (v - mean); returns sum(r^2) and max|r|."""
+    square = 0.0
+    largest = 0.0
+    for k in range(x.size):
+        x[k] += alpha * d[k]
+        value = r[k] - alpha * (v[k] - mean)
+        r[k] = value
+        square += value * value
+        largest = max(largest, abs(value))
+    return square, largest
+
+
+@compiled
+def cg_direction(d: Any, y: Any, mean: float, beta: float) -> None:
+    """d = (y - mean) + beta d."""
+    for k in range(d.size):
+        d[k] = y[k] - mean + beta * d[k]

@@ -1,0 +1,152 @@
+"""How a pressure is moved into its bounds 0 <= p <= cap with its mean kept.
+
+`project` finds the nearest feasible pressure.  `put` writes the outcome of a Newton step and
+makes good, neighbourhood by neighbourhood, the force that the bounds cut off.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from epcontact.bem.inner.cells import Cells
+from epcontact.bem.level import Level
+from epcontact.bem.transforms import Points
+from epcontact.bem.workers import Workers, compiled, ranges, split
+from epcontact.results import FloatArray
+
+_BLOCK_POINTS = 262144  # that a thread takes at once in a projection
+# The largest share of the distance to its bounds that a point is moved by to restore the force;
+# with all of it, points would be put on bounds that they need not touch.
+_LARGEST_SHARE = 0.9
+
+
+def project(
+    w: FloatArray,
+    cap: float,
+    total: float,
+    workers: Workers | None = None,
+    out: FloatArray | None = None,
+) -> FloatArray:
+    """The point nearest to w with 0 <= p <= cap and sum(p) = total: clip(w + z, 0, cap).
+
+    The sum is piecewise linear and increasing in z; Newton's steps on it are kept in a bracket.
+
+    Args:
+        w: array of any shape.
+        cap: upper bound, may be infinite.
+        total: the sum wanted, at most cap times the number of points.
+        workers: threads to use; None: the calling one.
+        out: where to write the result; it may be w itself.
+
+    Example:
+        >>> project(np.array([3.0, 1.0, -2.0]), cap=2.0, total=3.0)
+        array([2., 1., 0.])
+    """
+    workers = workers or Workers()
+    parts = ranges(w.size, _BLOCK_POINTS)
+    blocks = split(w.reshape(-1), parts)
+    extremes = workers.each(lambda block: (float(block.min()), float(block.max())), blocks)
+    low = -max(largest for _, largest in extremes)
+    high = (cap if np.isfinite(cap) else total) - min(smallest for smallest, _ in extremes)
+    z = min(max(0.0, low), high)
+    for _ in range(200):
+        summed, inside = workers.total(clipped_sum, blocks, z, cap)
+        excess = summed - total
+        low, high = (low, z) if excess > 0 else (z, high)
+        if abs(excess) <= 1e-15 * total:
+            break
+        following = z - excess / inside if inside else (low + high) / 2
+        if not low < following < high:
+            following = (low + high) / 2
+        if following == z:
+            break
+        z = following
+    out = np.empty_like(w) if out is None else out
+    workers.each(shift_clip, blocks, z, cap, split(out.reshape(-1), parts))
+    return out
+
+
+def put(
+    level: Level, p: FloatArray, points: Points, cells: Cells, pressure: FloatArray, x: FloatArray
+) -> None:
+    """Write pressure + x at the points of p, moved into the bounds, with its force restored.
+
+    What the bounds cut off differs from place to place.  Were it made good by all points in
+    equal measure, it would leave a long-wave imbalance of forces, whose displacement is large,
+    and steps would overshoot.  So each cell keeps its force where its points can carry it; the
+    rest is shared out over all points.
+    """
+    flat, cap, target = p.reshape(-1), level.cap, float(pressure.sum())
+    index, pressures, steps = points.split(points.index, pressure, x)
+    missing, weight = cells.sums(put_clipped, 2, flat, index, pressures, steps, cap)
+    able = np.abs(missing) < _LARGEST_SHARE * weight
+    factor = np.where(
+        able, missing / np.where(able, weight, 1.0), np.copysign(_LARGEST_SHARE, missing)
+    )
+    carried, weight = level.workers.total(
+        spread, flat, index, cells.numbers, cells.split(factor), cap
+    )
+    left = target - carried
+    if abs(left) < _LARGEST_SHARE * weight:
+        factor = np.full(factor.shape, left / weight)
+        level.workers.each(spread, flat, index, cells.numbers, cells.split(factor), cap)
+    else:
+        flat[points.index] = project(pressure + x, cap, target)
+
+
+@compiled
+def clipped_sum(w: Any, z: float, cap: float) -> tuple[float, int]:
+    """Sum of clip(w + z, 0, cap) and the number of points strictly between."""
+    total = 0.0
+    inside = 0
+    for i in range(w.size):
+        value = w[i] + z
+        if value >= cap:
+            total += cap
+        elif value > 0.0:
+            total += value
+            inside += 1
+    return total, inside
+
+
+@compiled
+def shift_clip(w: Any, z: float, cap: float, out: Any) -> None:
+    """out = clip(w + z, 0, cap)."""
+    for i in range(w.size):
+        out[i] = min(max(w[i] + z, 0.0), cap)
+
+
+@compiled
+def put_clipped(
+    cell: Any, sums: Any, p: Any, index: Any, pressure: Any, x: Any, cap: float
+) -> None:
+    """p = pressure + x at the listed points, moved into [0, cap].
+
+    sums: by cell, of what the bounds cut off, and of p (1 - p/cap).
+    """
+    sums[:] = 0.0
+    for k in range(index.size):
+        wanted = pressure[k] + x[k]
+        value = min(max(wanted, 0.0), cap)
+        p[index[k]] = value
+        sums[0, cell[k]] += wanted - value
+        sums[1, cell[k]] += value * (1.0 - value / cap)
+
+
+@compiled
+def spread(p: Any, index: Any, cell: Any, factor: Any, cap: float) -> tuple[float, float]:
+    """p += factor[cell] p (1 - p/cap) at the listed points.
+
+    Returns the sums of p and of p (1 - p/cap) after it.
+    """
+    total = 0.0
+    weight = 0.0
+    for k in range(index.size):
+        i = index[k]
+        value = p[i] + factor[cell[k]] * p[i] * (1.0 - p[i] / cap)
+        p[i] = value
+        total += value
+        weight += value * (1.0 - value / cap)
+    return total, weight

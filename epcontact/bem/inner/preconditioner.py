@@ -1,0 +1,291 @@
+"""The preconditioner of the inner iterations: a stencil within cells, one small problem of cells.
+
+Restricted to scattered contacts, the inverse of the compliance S is a poor inverse of S
+restricted to them: it answers the collective displacement of many contacts, which is long-range,
+with the stiffness of each contact, and conjugate gradients meet outlying eigenvalues of about
+(share of contact) x (wavelength) / (size of a contact).  So the two are treated apart.  With Z
+the indicators of square cells of some points a side, and Pi = Z (Z^T Z)^-1 Z^T the mean over each,
+
+    P = (1 - Pi) K (1 - Pi) + Z E^-1 Z^T,
+
+an additive two-level preconditioner whose fine part sees no collective displacement.  K need only
+be right within a cell: a stencil of 3 x 3 points, fitted to 1/S over the wavelengths up to two
+cells.  E stands for Z^T S Z, the cells' forces and displacements: with c the points of each cell,
+
+    E ~ c (B + delta(c)) c,   delta(c) = 0.6 [b(square of c points) - b(cell)],
+
+B is the kernel averaged over pairs of cells, b the mean displacement that a unit force on a
+square gives it: contact within a cell is denser than the cell.  Neither part takes a transform of
+the fine grid; the cells' problem is solved by conjugate gradients of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from epcontact.bem.inner.cells import Cells, cells_of, sum_cells
+from epcontact.bem.inner.split import HALO_LEFT, HALO_RIGHT, MaskedGrid
+from epcontact.bem.transforms import Symbol, filtered
+from epcontact.bem.workers import compiled
+from epcontact.results import FloatArray
+
+# The factor 0.6 of delta: contacts are no squares.  0.5 to 1 took the same number of iterations.
+_DENSITY = 0.6
+_SAMPLE = 128  # modes a direction that the stencil and the squares are found from
+# The stencil serves while it is within this factor of 1/S on every wave up to two cells; bodies
+# and oblong grids beyond it are preconditioned by transforms (`cg`).
+_WORST_FIT = 5.0
+_LEAST_DELTA = 0.05  # of b(square): keeps the cells' problem definite where cells are full
+_REDUCTION = 1e-2  # of the residual of the cells' problem
+
+
+@dataclass(frozen=True, eq=False)
+class CellBody:
+    """The parts of the preconditioner that do not depend on the elastic points.
+
+    Attributes:
+        taps: (3, 3) the stencil K.
+        kernel: (mx, my // 2 + 1) modes of B.
+        delta: by the number of points of a cell, from 0.
+    """
+
+    taps: FloatArray
+    kernel: FloatArray
+    delta: FloatArray
+
+
+def cell_body(symbol: Symbol, scale: float) -> CellBody | None:
+    """The cell body of a grid's symbol times `scale`.
+
+    None where there are too few cells, or where no stencil is near enough to the inverse (very
+    oblong spacings, bodies unlike a half-space).
+    """
+    cells = cells_of(symbol.shape)
+    if cells == (1, 1):
+        return None
+    sample, weights = _sample(symbol)
+    sides = (symbol.shape[0] / cells[0], symbol.shape[1] / cells[1])
+    taps = _stencil(sample, 2 * np.pi / (2 * max(sides)))
+    if taps is None:
+        return None
+    return CellBody(
+        taps / scale,
+        _kernel(symbol, cells) * scale,
+        _delta(sample, weights, sides) * scale,
+    )
+
+
+class CellPreconditioner:
+    """P for the points of some cells."""
+
+    def __init__(self, body: CellBody, cells: Cells, masked: MaskedGrid) -> None:
+        self._body, self._cells, self._masked = body, cells, masked
+        used = cells.counts > 0
+        self._per_point = used / np.maximum(cells.counts, 1)
+        self._delta = np.where(used, body.delta[cells.counts.astype(int)], 0.0)
+        mean = 1 / np.mean(1 / self._delta[used])
+        self._smoother = 1 / (body.kernel + mean)
+
+    def apply(self, r: FloatArray, y: FloatArray, scratch: FloatArray) -> tuple[float, float]:
+        """y = P r, using `scratch` of the same size; returns sum(y) and sum(y r)."""
+        cells, points = self._cells, self._cells.points
+        index, r_, y_, rest = points.split(points.index, r, y, scratch)
+        mean = cells.sums(sum_cells, 1, r_)[0] * self._per_point
+        forces = self._solve(mean)
+        cells.workers.each(subtract, cells.numbers, r_, cells.split(mean), rest)
+        self._masked.put(points, scratch)
+        within = cells.sums(gather_stencil, 1, self._masked.array, self._body.taps, index, y_)[0]
+        shift = cells.split((forces - within) * self._per_point)
+        total, product = cells.workers.total(add_cells, cells.numbers, shift, y_, r_)
+        return total, product
+
+    def _solve(self, mean: FloatArray) -> FloatArray:
+        """The cells' forces that give them the mean displacements `mean`, (B + delta) y = mean."""
+        y, r, d = np.zeros_like(mean), mean.copy(), np.zeros_like(mean)
+        goal, rho_old = _REDUCTION**2 * dot(r, r), np.inf
+        for _ in range(50):
+            s = self._filter(r, self._smoother)
+            rho = keep_used(s, self._delta, r)
+            if not rho > 0:
+                break
+            d = s + (rho / rho_old) * d
+            v = self._filter(d, self._body.kernel)
+            alpha = rho / add_own(v, self._delta, d)
+            rho_old = rho
+            if descend(y, r, d, v, alpha) <= goal:
+                break
+        return y
+
+    def _filter(self, values: FloatArray, modes: FloatArray) -> FloatArray:
+        field = filtered(values.reshape(self._cells.shape), modes, self._cells.workers)
+        return field.reshape(-1)
+
+
+def _sample(symbol: Symbol) -> tuple[FloatArray, list[FloatArray]]:
+    """A quarter of the modes on a coarse raster, and each direction's weights in a mean of all."""
+    at, weights = [], []
+    for n in symbol.shape:
+        k = np.arange(min(n, _SAMPLE) // 2 + 1)
+        at.append(np.minimum(np.rint(k * n / min(n, _SAMPLE)), n // 2).astype(int))
+        weight = np.where((k == 0) | (2 * k == min(n, _SAMPLE)), 1.0, 2.0)
+        weights.append(weight / weight.sum())
+    return symbol.values[np.ix_(symbol.rows[at[0]], at[1])], weights
+
+
+def _phases(sample: FloatArray) -> tuple[FloatArray, FloatArray]:
+    theta = [np.linspace(0, np.pi, n) if n > 1 else np.zeros(1) for n in sample.shape]
+    return theta[0][:, None], theta[1][None, :]
+
+
+def _stencil(sample: FloatArray, lowest: float) -> FloatArray | None:
+    """Taps (3, 3) nearest to 1/S, relatively, over the phases a point from `lowest` on."""
+    x, y = _phases(sample)
+    one = np.ones(sample.shape)
+    parts = [one, 2 * np.cos(y) * one]
+    if sample.shape[0] > 1:
+        parts += [2 * np.cos(x) * one, 4 * np.cos(x) * np.cos(y)]
+    wanted = (np.hypot(x, y) >= lowest) & (sample > 0)
+    columns = np.stack([part[wanted] * sample[wanted] for part in parts], axis=1)
+    found = np.linalg.lstsq(columns, np.ones(len(columns)))[0]
+    ratio = columns @ found
+    symbol = sum(c * part for c, part in zip(found, parts, strict=True))
+    if ratio.max() > _WORST_FIT or ratio.min() < 1 / _WORST_FIT or np.min(symbol) <= 0:
+        return None
+    centre, along, across, corner = (*found, 0.0, 0.0)[:4]
+    return np.array([[corner, across, corner], [along, centre, along], [corner, across, corner]])
+
+
+def _box(theta: FloatArray, side: float) -> FloatArray:
+    """The mean of exp(i theta j) over `side` neighbouring points, up to its phase."""
+    half = theta / 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        value = np.sin(side * half) / (side * np.sin(half))
+    return np.where(np.sin(half) == 0, 1.0, value)
+
+
+def _kernel(symbol: Symbol, cells: tuple[int, int]) -> FloatArray:
+    """Modes of B, from each of the cells' modes and its nearest aliases on the grid."""
+    (nx, ny), (mx, my) = symbol.shape, cells
+    i, j = np.arange(mx // 2 + 1), np.arange(my // 2 + 1)
+    out = np.zeros((i.size, j.size))
+    for a in (-1, 0, 1) if mx > 1 else (0,):
+        for b in (-1, 0, 1) if my > 1 else (0,):
+            k, m = i + a * mx, j + b * my
+            box = np.outer(_box(2 * np.pi * k / nx, nx / mx), _box(2 * np.pi * m / ny, ny / my))
+            out += symbol.values[np.ix_(symbol.rows[np.abs(k)], np.abs(m))] * box**2
+    out[0, 0] = 0.0
+    rows = np.arange(mx)
+    return np.asarray(out[np.minimum(rows, mx - rows)] * (mx * my / (nx * ny)))
+
+
+def _delta(sample: FloatArray, weights: list[FloatArray], sides: tuple[float, float]) -> FloatArray:
+    """delta by the number of points, up to those of a full cell."""
+    x, y = _phases(sample)
+    line = sample.shape[0] == 1
+
+    def displacement(a: float, b: float) -> float:
+        box = _box(y, b) ** 2 if line else _box(x, a) ** 2 * _box(y, b) ** 2
+        return float(weights[0] @ (sample * box) @ weights[1])
+
+    most = int(np.ceil(sides[0]) * np.ceil(sides[1]))
+    whole = displacement(*sides)
+    share = (np.arange(1, most + 1) / (sides[0] * sides[1])) ** (1.0 if line else 0.5)
+    alone = np.array([displacement(max(1, s * sides[0]), max(1, s * sides[1])) for s in share])
+    delta = _DENSITY * np.maximum(alone - whole, _LEAST_DELTA * alone)
+    return np.concatenate([delta[:1], delta])
+
+
+@compiled
+def subtract(cell: Any, values: Any, mean: Any, out: Any) -> None:
+    """out = values - mean[cell]."""
+    for k in range(cell.size):
+        out[k] = values[k] - mean[cell[k]]
+
+
+@compiled
+def gather_stencil(cell: Any, sums: Any, masked: Any, taps: Any, index: Any, out: Any) -> None:
+    """out = the 3 x 3 stencil on `masked` at the points; sums: of out by cell."""
+    nx, width = masked.shape
+    ny = width - HALO_LEFT - HALO_RIGHT
+    flat = masked.reshape(-1)
+    size = nx * width
+    centre, along, across, corner = taps[1, 1], taps[1, 2], taps[2, 1], taps[2, 2]
+    sums[:] = 0.0
+    row, end = -1, 0
+    for k in range(index.size):
+        if index[k] >= end:
+            row = index[k] // ny
+            end = (row + 1) * ny
+        at = row * (HALO_LEFT + HALO_RIGHT) + index[k] + HALO_LEFT
+        up = at - width if at >= width else at - width + size
+        down = at + width if at + width < size else at + width - size
+        value = (
+            centre * flat[at]
+            + along * (flat[at - 1] + flat[at + 1])
+            + across * (flat[up] + flat[down])
+            + corner * (flat[up - 1] + flat[up + 1] + flat[down - 1] + flat[down + 1])
+        )
+        out[k] = value
+        sums[0, cell[k]] += value
+
+
+@compiled
+def add_cells(cell: Any, shift: Any, out: Any, other: Any) -> tuple[float, float]:
+    """out += shift[cell]; returns sum(out) and sum(out other)."""
+    total = 0.0
+    product = 0.0
+    for k in range(cell.size):
+        value = out[k] + shift[cell[k]]
+        out[k] = value
+        total += value
+        product += value * other[k]
+    return total, product
+
+
+# The vectors of the cells' problem are short: the threads of a linear algebra library would cost
+# more than they gain.
+
+
+@compiled
+def dot(a: Any, b: Any) -> float:
+    """Sum of a b."""
+    total = 0.0
+    for k in range(a.size):
+        total += a[k] * b[k]
+    return total
+
+
+@compiled
+def keep_used(s: Any, delta: Any, r: Any) -> float:
+    """s = 0 in cells without points, whose delta is 0; returns sum(s r)."""
+    total = 0.0
+    for k in range(s.size):
+        if delta[k] > 0.0:
+            total += s[k] * r[k]
+        else:
+            s[k] = 0.0
+    return total
+
+
+@compiled
+def add_own(v: Any, delta: Any, d: Any) -> float:
+    """v += delta d, but 0 in cells without points; returns sum(v d)."""
+    total = 0.0
+    for k in range(v.size):
+        v[k] = v[k] + delta[k] * d[k] if delta[k] > 0.0 else 0.0
+        total += v[k] * d[k]
+    return total
+
+
+@compiled
+def descend(y: Any, r: Any, d: Any, v: Any, alpha: float) -> float:
+    """y += alpha d, r -= alpha v; returns sum(r^2)."""
+    total = 0.0
+    for k in range(y.size):
+        y[k] += alpha * d[k]
+        r[k] -= alpha * v[k]
+        total += r[k] * r[k]
+    return total

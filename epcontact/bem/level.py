@@ -1,0 +1,159 @@
+"""One grid of the cascade: its sets, its offset and the residuals of its optimality conditions.
+
+Inside the solver a pressure is in units of the mean pressure, a height or gap in metres.  With
+g = u + z - h (u the displacement, z the offset of the flat) the Karush-Kuhn-Tucker conditions
+are g >= 0 where p = 0, g = 0 where 0 < p < cap, g <= 0 where p = cap.  z is the multiplier of the
+mean: the value that makes g vanish on average over the points between their bounds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.bem.problem import GridProblem
+from epcontact.bem.transforms import Convolution
+from epcontact.bem.workers import Workers, compiled, split
+from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
+
+StateArray = NDArray[np.uint8]
+
+#: First length of a projected gradient step, in stiffnesses of the shortest wave along an axis.
+#: A wave of stiffness k relaxes stably below 2, and 0.3 is safe on oblong grids too.
+GRADIENT_STEP = 0.3
+
+
+class Level:
+    """A grid problem with what its iterations need.
+
+    Attributes:
+        heights: (nx, ny) in m.
+        cap: hardness / mean pressure.
+        gap_scale: in m; the gap residuals are divided by it.  It is that of the finest grid.
+        convolution: from pressures in units of the mean pressure to displacements in m.
+        step: first length c of a gradient step p - c g, in mean pressures per m.
+        parts: the flat range of each block of rows.
+    """
+
+    def __init__(self, problem: GridProblem, gap_scale: float, workers: Workers) -> None:
+        self.heights, self.cap, self.gap_scale = problem.heights, problem.cap, gap_scale
+        self.workers = workers
+        self.convolution = Convolution(problem.symbol, problem.mean_pressure, workers)
+        self.step = GRADIENT_STEP / (problem.mean_pressure * problem.symbol.shortest())
+        ny = problem.shape[1]
+        self.parts = [slice(a.start * ny, a.stop * ny) for a in self.convolution.rows]
+
+    def split(self, *fields: NDArray[Any]) -> list[list[NDArray[Any]]]:
+        """For each field of the grid, its flat views by block."""
+        return [split(field.reshape(-1), self.parts) for field in fields]
+
+
+@dataclass
+class Iterate:
+    """Where the iteration on a grid has come to, and what it has cost.
+
+    Attributes:
+        p, u, z: a feasible pressure (units of the mean), its displacement (m), the offset (m).
+        settled: whether the goal is met.
+        history: the largest residual after each step.
+        newton, cg, gradient, cut: numbers of steps; cut: Newton steps that were cut short.
+        pairs: pairs of transforms, in pairs of this grid.
+    """
+
+    p: FloatArray
+    u: FloatArray
+    z: float = 0.0
+    settled: bool = False
+    history: list[float] = field(default_factory=list)
+    newton: int = 0
+    cg: int = 0
+    gradient: int = 0
+    cut: int = 0
+    pairs: float = 0.0
+
+
+def first_iterate(level: Level, p: FloatArray) -> Iterate:
+    """The iterate of a feasible pressure p (nx, ny), which later steps overwrite."""
+    it = Iterate(p, np.empty_like(p))
+    level.convolution.apply(p, it.u)
+    return it
+
+
+def measured(level: Level, p: FloatArray, u: FloatArray) -> tuple[float, float, float]:
+    """(offset z in m, mean of p, energy) of a pressure and its displacement.
+
+    The energy is in mean pressures times m, summed over the points.  Where no point is between
+    its bounds, the offset lies midway between what the two other sets allow.
+    """
+    sums = level.workers.total(measure, *level.split(p, u, level.heights), level.cap)
+    needed, number, force, energy = sums
+    return needed / number if number else _offset_between(level, p, u), force / p.size, energy
+
+
+def _offset_between(level: Level, p: FloatArray, u: FloatArray) -> float:
+    needed = level.heights - u
+    below, above = needed[p <= 0], needed[p > 0]
+    limits = [x for x in (below.max(initial=-np.inf), above.min(initial=np.inf)) if np.isfinite(x)]
+    return float(np.mean(limits))
+
+
+def states(p: FloatArray, cap: float) -> StateArray:
+    """APART where p = 0, PLASTIC where p = cap, ELASTIC between."""
+    out = np.full(p.shape, ELASTIC, dtype=np.uint8)
+    out[p <= 0] = APART
+    out[p >= cap] = PLASTIC
+    return out
+
+
+def kkt_residuals(level: Level, it: Iterate) -> dict[str, float]:
+    """The largest violation of each optimality condition, dimensionless.
+
+    gap_elastic: |g| where 0 < p < cap; gap_sign: wrong sign of g at a bound (both divided by the
+    level's gap scale); bounds: pressure beyond its bounds, by the mean pressure; force: mean(p).
+    """
+    worst = {"gap_elastic": 0.0, "gap_sign": 0.0, "bounds": 0.0}
+    total = 0.0
+    for p, u, h in zip(*level.split(it.p, it.u, level.heights), strict=True):
+        g = u + (it.z - h)
+        inside = (p > 0) & (p < level.cap)
+        wrong = np.where(p <= 0, -g, g)
+        found = {
+            "gap_elastic": np.abs(g).max(where=inside, initial=0.0) / level.gap_scale,
+            "gap_sign": wrong.max(where=~inside, initial=0.0) / level.gap_scale,
+            "bounds": max(-p.min(), p.max() - level.cap, 0.0),
+        }
+        worst = {name: max(value, float(found[name])) for name, value in worst.items()}
+        total += float(p.sum())
+    return worst | {"force": abs(total / it.p.size - 1)}
+
+
+def put_on_bounds(p: FloatArray, cap: float) -> bool:
+    """Put on a bound the pressures that are within rounding of it; whether there were any.
+
+    Where bound points carry all of the load, what is left for the others is the rounding error
+    of the sum, and whether it shows at a point depends on the order of the sum.
+    """
+    rounding = 8 * p.size * np.finfo(np.float64).eps
+    low, high = (p > 0) & (p < rounding), (p < cap) & (p > cap - rounding)
+    p[low], p[high] = 0.0, cap
+    return bool(low.any() or high.any())
+
+
+@compiled
+def measure(p: Any, u: Any, h: Any, cap: float) -> tuple[float, int, float, float]:
+    """Over points with 0 < p < cap the sum of h - u and their number; over all, the sums of p
+    and of p (u/2 - h)."""
+    total = 0.0
+    number = 0
+    force = 0.0
+    energy = 0.0
+    for i in range(p.size):
+        force += p[i]
+        energy += p[i] * (0.5 * u[i] - h[i])
+        if p[i] > 0.0 and p[i] < cap:
+            total += h[i] - u[i]
+            number += 1
+    return total, number, force, energy

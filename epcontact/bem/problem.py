@@ -1,0 +1,179 @@
+"""The capped contact problem on plain arrays, the options of its solution, and the solution.
+
+Minimise 1/2 <p, S p> - <p, h> over 0 <= p <= hardness with mean(p) = p0 on a periodic grid or
+line; S is diagonal in Fourier space.  The minimiser is unique.  hardness = inf is the elastic
+problem (Kalker's variational principle; the cap after Tian and Bhushan, 1996).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.bem.transforms import Symbol
+from epcontact.errors import InvalidScene
+from epcontact.results import FloatArray
+
+Method = Literal["newton", "relaxation", "polonsky_keer", "projected_gradient"]
+#: The solver's own method, and the baselines it is measured against.
+METHODS: tuple[str, ...] = get_args(Method)
+
+
+@dataclass(frozen=True, eq=False)
+class GridProblem:
+    """One contact problem on a periodic grid.
+
+    Attributes:
+        heights: (nx, ny) in m; a line is (1, n).
+        symbol: surface compliance of each mode, in m/Pa.
+        mean_pressure: in Pa, above 0.
+        hardness: in Pa, above the mean pressure; infinite for an elastic body.
+    """
+
+    heights: FloatArray
+    symbol: Symbol
+    mean_pressure: float
+    hardness: float = math.inf
+
+    @property
+    def cap(self) -> float:
+        """The hardness in units of the mean pressure."""
+        return self.hardness / self.mean_pressure
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Grid points along each direction."""
+        return self.symbol.shape
+
+    def gap_scale(self) -> float:
+        """The length in m that gaps are compared with: the rms height.
+
+        For a surface so flat that pressures hide it, it is p0 dx / E*.  With p = p0 + a
+        fluctuation, p keeps the fluctuation to eps p0 only, so gaps below eps p0 dx / E* are
+        rounding; where the rms height is below a millionth of p0 dx / E*, the latter takes over.
+        """
+        floor = self.mean_pressure * self.symbol.shortest() * math.pi / 2
+        rms = float(np.std(self.heights))
+        return rms if rms > 1e-6 * floor else floor
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to solve a problem.
+
+    Attributes:
+        tolerance: on the Karush-Kuhn-Tucker residuals, dimensionless.
+        area_tolerance: stop as soon as the areas are settled to this relative change; None: stop
+            only when the residuals meet `tolerance`.
+        threads: of the transforms and passes.
+        method: "newton", or the name of a baseline.
+        max_steps: of the method; None: the method's own limit.
+        progress: called with a sentence now and then.
+
+    Raises:
+        InvalidScene: an option is out of its range.
+    """
+
+    tolerance: float = 1e-8
+    area_tolerance: float | None = None
+    threads: int = 1
+    method: str = "newton"
+    max_steps: int | None = None
+    progress: Callable[[str], None] | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        area = self.area_tolerance
+        checks = (
+            (
+                0 < self.tolerance < 1,
+                f"tolerance is {self.tolerance!r}, but must lie between 0 and 1",
+            ),
+            (
+                area is None or 0 < area < 1,
+                f"area_tolerance is {area!r}, but must lie between 0 and 1",
+            ),
+            (self.threads >= 1, f"threads is {self.threads!r}, but must be at least 1"),
+            (
+                self.max_steps is None or self.max_steps >= 1,
+                f"max_steps is {self.max_steps!r}, but must be >= 1",
+            ),
+            (
+                self.method in METHODS,
+                f"method is {self.method!r}, but must be one of {', '.join(METHODS)}",
+            ),
+        )
+        for good, message in checks:
+            if not good:
+                raise InvalidScene(message)
+
+    def steps(self, default: int) -> int:
+        """The most steps that a method may take whose own limit is `default`."""
+        return default if self.max_steps is None else self.max_steps
+
+
+@dataclass(frozen=True)
+class PressureSolution:
+    """The answer at one mean pressure, on the grid of the heights.
+
+    Attributes:
+        pressure: in Pa.
+        displacement: downward, in m, without its mean.
+        offset: height z of the flat in m; the gap is displacement + offset - heights.
+        residuals: see `level.kkt_residuals`.
+        counts: newton, cg and gradient steps and fft_pairs on the finest grid;
+            equivalent_fft_pairs of all grids, by their points; levels, the number of grids.
+        history: the largest residual after each step.
+        notes: sentences about fallbacks that were taken.
+    """
+
+    pressure: FloatArray
+    displacement: FloatArray
+    offset: float
+    residuals: Mapping[str, float]
+    counts: Mapping[str, float]
+    history: tuple[float, ...]
+    notes: tuple[str, ...] = ()
+
+
+def checked_symbol(compliance: NDArray[np.floating], shape: tuple[int, ...]) -> Symbol:
+    """A user's compliance per mode of `numpy.fft.rfftn` as a Symbol; a line becomes (1, n).
+
+    Raises InvalidScene unless it has the modes' shape, is finite, positive but for mode zero,
+    and belongs to a real symmetric operator.
+    """
+    values = np.atleast_2d(np.array(compliance, dtype=np.float64))
+    grid = (1, shape[0]) if len(shape) == 1 else (shape[0], shape[1])
+    expected = (grid[0], grid[1] // 2 + 1)
+    if values.shape != expected:
+        raise InvalidScene(
+            f"compliance has shape {np.shape(compliance)}, but one value per mode of the real "
+            f"transform of {shape} heights is needed: {expected}"
+        )
+    good = np.isfinite(values) & (values > 0)
+    good[0, 0] = np.isfinite(values[0, 0]) and values[0, 0] >= 0
+    if not good.all():
+        raise InvalidScene("compliance must be finite and positive in every mode but the mean")
+    edges = [0] if grid[1] % 2 else [0, grid[1] // 2]
+    mirrored = values[:, edges][-np.arange(grid[0])]
+    if not np.allclose(values[:, edges], mirrored, rtol=1e-12, atol=0):
+        raise InvalidScene("compliance differs between a mode and its mirror image")
+    return Symbol(values, np.arange(grid[0], dtype=np.int32), grid)
+
+
+def checked_start(start: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
+    """A start pressure as a finite float64 array of the grid's shape.
+
+    Raises InvalidScene.
+    """
+    first = np.asarray(start, dtype=np.float64)
+    if first.shape != shape or not np.isfinite(first).all():
+        raise InvalidScene(
+            f"start has shape {np.shape(start)}, but a finite pressure field of shape {shape} "
+            "is needed"
+        )
+    return first

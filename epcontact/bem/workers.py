@@ -1,0 +1,80 @@
+"""Compiled passes over a grid, run block by block on a few threads.
+
+A pass is a function compiled by numba that works on one block of its arrays and releases the
+interpreter's lock.  `Workers` calls it for every block of a fixed partition and adds up what the
+calls return in the order of the blocks, so a result has the same bits on any number of threads.
+No threading layer of the compiler is involved, so solves may run side by side in threads and in
+processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import repeat
+from types import TracebackType
+from typing import Any, TypeVar
+
+import numba
+from numpy.typing import NDArray
+
+T = TypeVar("T")
+
+#: Compiles a pass.  Its sums may be reordered so that they vectorise; infinities (an infinite
+#: hardness) keep their meaning.
+compiled = numba.njit(nogil=True, cache=True, fastmath={"reassoc", "contract", "nsz"})
+
+
+def ranges(size: int, step: int) -> list[slice]:
+    """0 to `size` cut into ranges of `step` (the last one may be shorter).
+
+    Example:
+        >>> ranges(5, 2)
+        [slice(0, 2, None), slice(2, 4, None), slice(4, 5, None)]
+    """
+    return [slice(start, min(start + step, size)) for start in range(0, size, step)]
+
+
+def split(array: NDArray[Any], parts: list[slice]) -> list[NDArray[Any]]:
+    """A view of the array for each part."""
+    return [array[part] for part in parts]
+
+
+class Workers:
+    """The threads that share out the blocks of one solve; use it as a context.
+
+    A list among the arguments of `each` and `total` has one item for each block; any other
+    argument is passed to every call.
+
+    Example:
+        >>> with Workers(2) as workers:
+        ...     workers.total(lambda number, factor: (number, factor * number), [1, 2, 3], 10)
+        (6, 60)
+    """
+
+    def __init__(self, threads: int = 1) -> None:
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def each(self, task: Callable[..., T], *arguments: Any) -> list[T]:
+        """The results of `task` for every block, in the order of the blocks."""
+        blocks = next(len(a) for a in arguments if isinstance(a, list))
+        columns = [a if isinstance(a, list) else repeat(a) for a in arguments]
+        if self._pool is None or blocks == 1:
+            return list(map(task, *columns))
+        return list(self._pool.map(task, *columns))
+
+    def total(self, task: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
+        """The sum over the blocks of each number that `task` returns."""
+        return tuple(sum(column) for column in zip(*self.each(task, *arguments), strict=True))
