@@ -15,7 +15,7 @@ from epcontact.bem.areas import surface as area_sweep
 from epcontact.bem.areas.estimate import estimate_areas, perimeter_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import InvalidScene
-from epcontact.reference import hertz, sinusoid
+from epcontact.reference import bumps, waves
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.studies import rim as rim_calibration
 from epcontact.studies.rim_rows import book_rows, solve_rows
@@ -39,8 +39,8 @@ def estimate(pressure, gap, hardness=math.inf):
 def sphere_errors(points_across_radius, shifts, seed):
     """Relative errors (raw, published, corrected) and the estimate of the last: (shifts, 4)."""
     n = 2 * round(points_across_radius / 0.15 / 2)
-    force = hertz.sphere_force(points_across_radius / n, 1.0, 1.0)
-    exact = math.pi * hertz.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
+    force = bumps.sphere_force(points_across_radius / n, 1.0, 1.0)
+    exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
     out = []
     for shift in np.random.default_rng(seed).uniform(size=(shifts, 2)):
         x, y = ((np.arange(n) + s) / n - 0.5 for s in shift)
@@ -53,7 +53,7 @@ def sphere_errors(points_across_radius, shifts, seed):
 
 def line_errors(n, load=0.5, shifts=8):
     """Relative errors (raw, located) on a sinusoidal line over shifts of the grid."""
-    exact = sinusoid.line_contact_fraction(load)
+    exact = waves.line_contact_fraction(load)
     out = []
     for k in range(shifts):
         h = np.cos(2 * np.pi * (np.arange(n) + (k + 0.5) / shifts) / n)
@@ -91,7 +91,7 @@ def test_one_front_of_any_direction():
     for phase in (0.1, 0.6):
         rows = solve_rows((1, 0), 80, phase, 0.5 * math.pi / 80)
         sums = book_rows(rows)[0]
-        exact = sinusoid.line_contact_fraction(0.5) * 80 / 2
+        exact = waves.line_contact_fraction(0.5) * 80 / 2
         assert sums[area_sweep.AREA] - exact == pytest.approx(area_front.AXIS_OFFSET, abs=1e-3)
 
 
@@ -151,7 +151,7 @@ def test_westergaard_lines_are_located_to_second_order_and_better():
 def test_cylinders_on_a_line(points):
     """The periodic cylinder, exact at any load: half-width of `points` spacings."""
     n = 4 * points
-    force = hertz.cylinder_force_periodic(0.25, 1.0, 1.0, 1.0)
+    force = bumps.cylinder_force_periodic(0.25, 1.0, 1.0, 1.0)
     for shift in (0.1, 0.45, 0.8):
         x = (np.arange(n) + shift) / n - 0.5
         p, g = solve(-(x**2) / 2, force)
@@ -205,8 +205,8 @@ def test_hertz_is_of_higher_than_second_order(points, bound):
 def test_oblong_cells(aspect):
     """Spheres again: within the error, and within 0.5 % where dx is not beyond twice dy."""
     nx, ny = (2 * round(42 * aspect**power) for power in (-0.5, 0.5))
-    force = hertz.sphere_force(0.15, 1.0, 1.0)
-    exact = math.pi * hertz.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
+    force = bumps.sphere_force(0.15, 1.0, 1.0)
+    exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
     errors = []
     for shift in np.random.default_rng(7).uniform(size=(6, 2)):
         x, y = ((np.arange(n) + s) / n - 0.5 for n, s in zip((nx, ny), shift, strict=True))
@@ -237,7 +237,7 @@ def test_gaps_in_a_contact_that_is_nearly_full(share):
 def test_what_may_hide_between_points_that_all_touch(share):
     """Near full contact a gap may fit between two points: no error of 0 is claimed, on lines and
     on grids, but where the pressure says that there is none."""
-    exact, n = sinusoid.line_contact_fraction(share), 16
+    exact, n = waves.line_contact_fraction(share), 16
     for phase in (0.1, 0.3, 0.5, 0.8):
         h = np.cos(2 * np.pi * (np.arange(n) + phase) / n)
         _, corrected, error = estimate(*solve(h, share * math.pi))
@@ -256,7 +256,7 @@ def test_what_may_hide_between_points_that_all_touch(share):
 
 def test_straight_rims_along_the_grid_are_those_of_a_line():
     n, load = 96, 0.3
-    exact = sinusoid.line_contact_fraction(load)
+    exact = waves.line_contact_fraction(load)
     for shift in (0.05, 0.2, 0.45, 0.6, 0.9):
         h = np.cos(2 * np.pi * (np.arange(n) + shift) / n)
         p, g = solve(np.repeat(h[:, None], n, axis=1), load * math.pi)
@@ -272,7 +272,7 @@ def test_oblique_rims():
     """A wave along (5, 2): rims that meet the grid at many positions."""
     n, load, a, b = 256, 0.3, 5, 2
     i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
-    exact, errors = sinusoid.line_contact_fraction(load), []
+    exact, errors = waves.line_contact_fraction(load), []
     for phase in np.random.default_rng(8).uniform(size=6):
         h = np.cos(2 * np.pi * ((a * i + b * j) / n + phase))
         raw, corrected, _ = estimate(*solve(h, load * math.pi * math.hypot(a, b)))
@@ -349,7 +349,7 @@ def test_inputs_are_left_alone_and_repeat(capped):
 
 def test_grids_of_a_row_or_two_are_lines():
     p, g = solve(np.cos(2 * np.pi * (np.arange(64) + 0.2) / 64), 0.4 * math.pi)
-    exact = sinusoid.line_contact_fraction(0.4)
+    exact = waves.line_contact_fraction(0.4)
     for rows in (1, 2, 3):
         for turn in (np.asarray, np.transpose):
             q, f = (np.ascontiguousarray(turn(np.tile(a, (rows, 1)))) for a in (p, g))

@@ -15,7 +15,7 @@ from epcontact.bem.areas.distribution import (
 from epcontact.bem.areas.estimate import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import InvalidScene
-from epcontact.reference import sinusoid
+from epcontact.reference import waves
 from epcontact.results import Areas
 from epcontact.scene import SelfAffineSpectrum
 from epcontact.surfaces import SelfAffine
@@ -128,15 +128,13 @@ def test_slope_of_a_sinusoidal_line():
     n, load = 2048, 0.4
     p, g = solve(np.cos(2 * np.pi * (np.arange(n) + 0.3) / n), load * math.pi)
     raw, corrected, _ = estimate_areas(p, g, math.inf, (1 / n,), 1.0)
-    assert raw.total == pytest.approx(sinusoid.line_contact_fraction(load), abs=1 / n)
+    assert raw.total == pytest.approx(waves.line_contact_fraction(load), abs=1 / n)
     window = 0.15 * math.pi
     low, _ = end_fits(p, math.inf, window, (raw, corrected))
     # x(p) of the pressure itself, over the same window.
     x = np.linspace(0, 0.5, 400_001)
-    share = 2 * np.mean(
-        (sinusoid.line_pressure(x, load) * math.pi <= window) & (x <= raw.total / 2)
-    )
-    inside = share * 0.5 - (raw.total - sinusoid.line_contact_fraction(load))
+    share = 2 * np.mean((waves.line_pressure(x, load) * math.pi <= window) & (x <= raw.total / 2))
+    inside = share * 0.5 - (raw.total - waves.line_contact_fraction(load))
     assert low.continuum_slope == pytest.approx(2 * inside / window**2, rel=0.05)
     first = 2 / math.pi / (4 * math.pi**2 * math.sqrt(load) * (1 - load) ** 1.5)
     assert low.continuum_slope == pytest.approx(first, rel=0.05)

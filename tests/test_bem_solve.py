@@ -9,7 +9,7 @@ from epcontact import bem
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
-from epcontact.reference import hertz, sinusoid
+from epcontact.reference import bumps, waves
 from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
@@ -60,14 +60,14 @@ def test_westergaard_line(load):
     for n in (128, 512, 2048):
         x = np.arange(n) / n
         heights = 1e-6 * np.cos(2 * np.pi * x)
-        complete = sinusoid.line_complete_pressure(1e-6, PERIOD, E)
+        complete = waves.line_complete_pressure(1e-6, PERIOD, E)
         result = solve(heights, load * complete, math.inf)
-        exact = sinusoid.line_contact_fraction(load)
+        exact = waves.line_contact_fraction(load)
         assert abs(result.final.areas["raw"].total - exact) <= 2 / n
-        error = result.fields["pressure"] / complete - sinusoid.line_pressure(x, load)
+        error = result.fields["pressure"] / complete - waves.line_pressure(x, load)
         errors.append(np.abs(error).mean() / load)
         gap = result.final.quantities["mean_gap"] / 1e-6
-        assert gap == pytest.approx(sinusoid.line_mean_gap(load), abs=4 / n)
+        assert gap == pytest.approx(waves.line_mean_gap(load), abs=4 / n)
     order = np.log(errors[0] / errors[-1]) / np.log(16)
     # The rim lies a fixed fraction of the spacing off, so the mean error is of order 1; the
     # phase of the grid at the rim scatters it.
@@ -80,9 +80,9 @@ def test_hertz_on_a_periodic_grid():
     x = (np.arange(n) / n - 0.5) * PERIOD
     heights = -(x[:, None] ** 2 + x**2) / (2 * radius)
     contact = 0.1 * PERIOD
-    force = hertz.sphere_force(contact, radius, E)
+    force = bumps.sphere_force(contact, radius, E)
     result = solve(heights, force / PERIOD**2, math.inf)
-    exact = hertz.sphere_contact_radius_periodic(force, radius, E, PERIOD)
+    exact = bumps.sphere_contact_radius_periodic(force, radius, E, PERIOD)
     # 26 points across the radius: counting points errs by about a tenth of one point of radius.
     area = result.final.areas["raw"].total * PERIOD**2
     assert area == pytest.approx(math.pi * exact**2, rel=0.02)

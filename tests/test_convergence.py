@@ -9,7 +9,7 @@ import pytest
 
 from epcontact import bem
 from epcontact.output.charts.curves import observed_order
-from epcontact.reference import hertz, sinusoid
+from epcontact.reference import bumps, waves
 from epcontact.scene import Load, Material, Scene, Surface
 from epcontact.surfaces import FlatPunch, Paraboloid
 
@@ -21,17 +21,17 @@ SHARE = 0.3  # of the pressure of complete contact
 def shifted_wave(points: int, shift: float) -> Scene:
     """One wave on a line, its crest `shift` spacings from a grid point."""
     x = (np.arange(points) - shift) / points
-    complete = sinusoid.line_complete_pressure(1e-6, 1e-3, STIFFNESS)
+    complete = waves.line_complete_pressure(1e-6, 1e-3, STIFFNESS)
     surface = Surface(1e-6 * np.cos(2 * np.pi * x), (1e-3,))
     return Scene(surface, MATERIAL, Load(SHARE * complete))
 
 
 def wave_errors(points: int, shift: float) -> dict[str, float]:
     result = bem.solve(shifted_wave(points, shift), threads=1)
-    complete = sinusoid.line_complete_pressure(1e-6, 1e-3, STIFFNESS)
+    complete = waves.line_complete_pressure(1e-6, 1e-3, STIFFNESS)
     x = (np.arange(points) - shift) / points
-    exact = complete * sinusoid.line_pressure(x, SHARE)
-    area = sinusoid.line_contact_fraction(SHARE)
+    exact = complete * waves.line_pressure(x, SHARE)
+    area = waves.line_contact_fraction(SHARE)
     final = result.final
     return {
         "pressure": float(
@@ -39,7 +39,7 @@ def wave_errors(points: int, shift: float) -> dict[str, float]:
         ),
         "raw": abs(final.areas["raw"].total / area - 1),
         "corrected": abs(final.areas["corrected"].total / area - 1),
-        "gap": abs(final.quantities["mean_gap"] / (1e-6 * sinusoid.line_mean_gap(SHARE)) - 1),
+        "gap": abs(final.quantities["mean_gap"] / (1e-6 * waves.line_mean_gap(SHARE)) - 1),
     }
 
 
@@ -75,8 +75,8 @@ def test_order_on_westergaard(wave_study, quantity, order, cap) -> None:
 def test_order_on_hertz() -> None:
     # Measured over 16 places of the sphere: raw 1.02 and 4.9e-3, corrected 1.67 and 4.4e-4.
     radius = 0.2e-3
-    force = hertz.sphere_force(radius, 1e-2, STIFFNESS)
-    size = hertz.sphere_contact_radius_periodic(force, 1e-2, STIFFNESS, 1e-3)
+    force = bumps.sphere_force(radius, 1e-2, STIFFNESS)
+    size = bumps.sphere_contact_radius_periodic(force, 1e-2, STIFFNESS, 1e-3)
     exact = math.pi * (size / 1e-3) ** 2
     rng = np.random.default_rng(0)
     raw, corrected = [], []

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from epcontact.reference import hertz, sinusoid
+from epcontact.reference import bumps, waves
 from epcontact.results import APART
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from fem_check import solve
@@ -24,7 +24,7 @@ def wave(nodes: int, shift: float, load: float, poisson_ratio: float = 0.3) -> t
     wavelength under `load` times the pressure of complete contact."""
     amplitude = 0.01
     x = (np.arange(nodes) + shift) / nodes
-    complete = sinusoid.line_complete_pressure(amplitude, 1.0, effective(poisson_ratio))
+    complete = waves.line_complete_pressure(amplitude, 1.0, effective(poisson_ratio))
     scene = Scene(
         Surface(amplitude * np.cos(2 * np.pi * x), (1.0,)),
         Material(1.0, poisson_ratio),
@@ -33,8 +33,8 @@ def wave(nodes: int, shift: float, load: float, poisson_ratio: float = 0.3) -> t
     # At a depth of 1.5 wavelengths the base changes the wave's compliance by 1e-6.
     result = solve(scene, law="elastic", depth=1.5, certified=False)
     found = result.fields["pressure"]
-    exact = complete * sinusoid.line_pressure(x - np.round(x), load)
-    area = result.final.areas["raw"].total - sinusoid.line_contact_fraction(load)
+    exact = complete * waves.line_pressure(x - np.round(x), load)
+    area = result.final.areas["raw"].total - waves.line_contact_fraction(load)
     return (
         float(np.linalg.norm(found - exact) / np.linalg.norm(exact)),
         area * nodes,
@@ -74,10 +74,10 @@ def sphere(nodes: int, radius: float, shift: np.ndarray, poisson_ratio: float) -
     """(raw, corrected, exact) areas and switches of a sphere of R = 10 on a unit period."""
     x, y = ((np.arange(nodes) + s) / nodes - 0.5 for s in shift)
     heights = -(x[:, None] ** 2 + y[None, :] ** 2) / 20
-    force = hertz.sphere_force(radius, 10.0, effective(poisson_ratio))
+    force = bumps.sphere_force(radius, 10.0, effective(poisson_ratio))
     scene = Scene(Surface(heights, (1.0, 1.0)), Material(1.0, poisson_ratio), Load(force))
     result = solve(scene, law="elastic", depth=1.5, certified=False)
-    exact = hertz.sphere_contact_radius_periodic(force, 10.0, effective(poisson_ratio), 1.0)
+    exact = bumps.sphere_contact_radius_periodic(force, 10.0, effective(poisson_ratio), 1.0)
     areas = result.final.areas
     return (
         areas["raw"].total,
@@ -103,11 +103,11 @@ def test_hertz_cylinders_pressure_is_met() -> None:
     scene = Scene(
         Surface(-(x**2) / 2, (1.0,)),
         Material(1.0, 0.3),
-        Load(hertz.cylinder_force_periodic(width, 1.0, effective(0.3), 1.0)),
+        Load(bumps.cylinder_force_periodic(width, 1.0, effective(0.3), 1.0)),
     )
     result = solve(scene, law="elastic", depth=1.5, certified=False)
     pressure = result.fields["pressure"]
-    exact = hertz.cylinder_pressure_periodic(x, width, 1.0, effective(0.3), 1.0)
+    exact = bumps.cylinder_pressure_periodic(x, width, 1.0, effective(0.3), 1.0)
     # 31 nodes along the half-width: the edge's error of 1.6 % at n = 64 falls as 1/n per a.
     assert np.linalg.norm(pressure - exact) < 0.02 * np.linalg.norm(exact)
     assert pressure.max() == pytest.approx(exact.max(), rel=3e-3)
@@ -136,13 +136,13 @@ def test_full_contact_is_linear_and_uniform_compression_exact() -> None:
 def test_the_depth_that_is_chosen_is_deep_enough() -> None:
     deep, chosen = wave(128, 0.3, 0.3), None
     x = (np.arange(128) + 0.3) / 128
-    complete = sinusoid.line_complete_pressure(0.01, 1.0, effective(0.3))
+    complete = waves.line_complete_pressure(0.01, 1.0, effective(0.3))
     scene = Scene(Surface(0.01 * np.cos(2 * np.pi * x), (1.0,)), Material(1.0, 0.3),
                   Load(0.3 * complete))  # fmt: skip
     result = solve(scene, law="elastic", certified=False)
     chosen = result.fields["pressure"]
     assert result.provenance.options["depth"] == pytest.approx(half_space_depth(1.0, 0.3))
-    exact = complete * sinusoid.line_pressure(x - np.round(x), 0.3)
+    exact = complete * waves.line_pressure(x - np.round(x), 0.3)
     error = np.linalg.norm(chosen - exact) / np.linalg.norm(exact)
     # The rule allows 0.1 % of the compliance.
     assert abs(error - deep[0]) < 1.5e-3

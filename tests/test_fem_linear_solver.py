@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from epcontact.reference.layer import surface_compliance as exact_compliance
+from epcontact.reference.layers import surface_compliance as exact_compliance
 from fem_check import plasticity
 from fem_check.certify import assembled_stiffness
 from fem_check.linear_solver import eliminate, factorise, substitute, top_descent

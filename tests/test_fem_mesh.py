@@ -9,7 +9,7 @@ import pytest
 from fem_scenes import rough_scene
 
 from epcontact.errors import InvalidScene
-from epcontact.reference.layer import surface_compliance as exact_compliance
+from epcontact.reference.layers import surface_compliance as exact_compliance
 from epcontact.scene import Body
 from fem_check import plasticity, surface_compliance
 from fem_check.linear_solver import factorise

@@ -17,7 +17,7 @@ from epcontact.planning import candidates, pilots
 from epcontact.planning.auto_size import auto_case
 from epcontact.planning.pilots import Pilot, Section
 from epcontact.planning.plan import plan, planned_case, promise_held
-from epcontact.reference.closed_forms import CLOSED_FORMS
+from epcontact.reference import CLOSED_FORMS
 from epcontact.results import Areas
 from epcontact.surfaces import HeightsFromArray, SelfAffine, Sinusoid
 

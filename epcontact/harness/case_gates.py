@@ -44,7 +44,7 @@ def gates_of(path: Path, table: CaseFile, size: str) -> tuple[Gate, ...]:
 
 
 def _require_closed_form(where: str, gate: GateTable) -> None:
-    from epcontact.reference.closed_forms import CLOSED_FORMS
+    from epcontact.reference import CLOSED_FORMS
 
     name = str(gate.against)
     if name not in CLOSED_FORMS:

@@ -1,7 +1,7 @@
 """What a result's own fields say of it, whatever its method claims: the harness's own residuals.
 
 A gate that names `quantity.measured_<name>` has the harness compute it with plain numpy from the
-pressure field, the scene's heights and the compliance of `closed_forms.linear`, so that a solver
+pressure field, the scene's heights and the compliance of `reference.layers`, so that a solver
 cannot vouch for itself:
 
     measured_force       mean(p)/p0 - 1
@@ -33,7 +33,7 @@ from collections.abc import Callable, Collection
 import numpy as np
 
 from epcontact.errors import InvalidCase
-from epcontact.reference.linear import compliance
+from epcontact.reference.layers import compliance
 from epcontact.reference.roughness import rms_slope
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Scene

@@ -21,7 +21,7 @@ from epcontact.harness.case import Case
 from epcontact.harness.gates import l2_distance
 from epcontact.harness.methods import METHODS, solver_named
 from epcontact.harness.quantities import MEASURES, measure_all
-from epcontact.reference.closed_forms import CLOSED_FORMS
+from epcontact.reference import CLOSED_FORMS
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 from epcontact.surfaces import Recipe

@@ -27,7 +27,7 @@ from epcontact.harness.gates import (
 )
 from epcontact.harness.run import Answer
 from epcontact.output.files import whole_file, write_json
-from epcontact.reference.closed_forms import CLOSED_FORMS
+from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution, package_versions
 
 HOLDS, FALLS_SHORT, SKIPPED, ERROR = "holds", "falls short", "skipped", "error"

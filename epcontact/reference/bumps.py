@@ -1,17 +1,162 @@
-"""One bump or post a period: Hertz with its images, flat punches, elastic and capped."""
+"""One round bump a period, by Hertz: formulas, and the closed forms that gates name.
+
+A parabola, of height -r^2/(2 R), is pressed by a rigid flat; in the mirrored problem, a rigid
+parabola on a flat elastic body, every formula is the same.  Symbols: F = force (N), P' = force
+per length (N/m), R = radius (m), E* = effective_modulus (Pa), a = contact radius or half-width
+(m), L = period (m).
+
+Sources: Johnson, Contact Mechanics (1985), sections 3.4, 4.2 and appendix 3.  The periodic
+results are derived here:
+
+sphere    A neighbour at distance d presses the surface down by F/(pi E* d) there.  Summed over
+          the square lattice of images this is, up to a constant and to terms in cos(4 theta),
+              F/(pi E*) [S_3 r^2/4 + (9/64) S_5 (r^4 + 4 r^2 <y^2>)],  <y^2> = 2 a^2/5,
+          with S_n = sum' |R|^-n.  The quadratic part adds to the curvature, the quartic part
+          B r^4 takes the further force (64/15) E* B a^5 (Sneddon 1965).  To leading order
+              1/R_eff = (1/R) (1 + 1.917 (a/L)^3).
+cylinder  The kernel of a periodic row is -(2/(pi E*)) ln|2 sin(pi x/L)|; building the contact
+          up from periodic flat punches gives an Abel equation in sin^2(pi x/L) whose solution
+          is closed: P' = -(E* L^2/(2 pi R)) ln cos(pi a/L).  To leading order
+              1/R_eff = (1/R) (1 + (pi^2/6) (a/L)^2).
+"""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from scipy.optimize import brentq
 
-from epcontact.reference import hertz, punch
 from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
 from epcontact.results import FloatArray
 from epcontact.scene import Scene
 
-# --- Hertz ---------------------------------------------------------------------------------------
+#: sum' |R|^-3 = 4 zeta(3/2) beta(3/2) over the square lattice of unit spacing, without the origin.
+LATTICE_SUM_3 = 9.033621683100950
+#: sum' |R|^-5 = 4 zeta(5/2) beta(5/2).
+LATTICE_SUM_5 = 5.090258233665482
+#: -sum' |R|^-1 continued analytically, -4 zeta(1/2) beta(1/2): the square lattice's constant.
+MADELUNG = 3.900264920001956
+
+# --- formulas -------------------------------------------------------------------------------------
+
+
+def sphere_contact_radius(force: float, radius: float, effective_modulus: float) -> float:
+    """a = (3 F R / (4 E*))^(1/3) in m, of a single sphere.
+
+    Example:
+        >>> print(f"{sphere_contact_radius(1.0, 1e-2, 200e9):.3e}")
+        3.347e-05
+    """
+    return math.cbrt(3 * force * radius / (4 * effective_modulus))
+
+
+def sphere_force(contact_radius: float, radius: float, effective_modulus: float) -> float:
+    """F = 4 E* a^3 / (3 R) in N, of a single sphere; the inverse of `sphere_contact_radius`.
+
+    Example:
+        >>> print(f"{sphere_force(1e-4, 1e-2, 200e9):.4g}")
+        26.67
+    """
+    return 4 * effective_modulus * contact_radius**3 / (3 * radius)
+
+
+def sphere_contact_radius_periodic(
+    force: float, radius: float, effective_modulus: float, period: float
+) -> float:
+    """Contact radius a of one of a square lattice of spheres `period` apart.
+
+    The smallest root of F = (4/3) E* a^3 K + (64/15) E* B a^5 with
+        K = 1/R + F/(pi E*) [S_3/(2 L^3) + (9/20) S_5 a^2/L^5],  B = F/(pi E*) (9/64) S_5/L^5.
+    Validity: the first omitted terms are of order (a/L)^7, and the square symmetry of the rim of
+    order (a/L)^10; good to 1e-4 of the area at a/L = 0.25.
+
+    Args:
+        force: On one sphere, in N.
+        radius: In m.
+        effective_modulus: E* in Pa.
+        period: In m; infinite for a single sphere.
+
+    Returns:
+        a in m.
+
+    Example:
+        >>> force = sphere_force(0.2, 1.0, 1.0)
+        >>> print(f"{sphere_contact_radius_periodic(force, 1.0, 1.0, period=1.0):.6f}")
+        0.198948
+    """
+    free = sphere_contact_radius(force, radius, effective_modulus)
+    strength = force / (math.pi * effective_modulus)
+
+    def excess(a: float) -> float:
+        curvature = 1 / radius + strength * (
+            LATTICE_SUM_3 / (2 * period**3) + 0.45 * LATTICE_SUM_5 * a**2 / period**5
+        )
+        quartic = strength * 9 / 64 * LATTICE_SUM_5 / period**5
+        carried = 4 / 3 * a**3 * curvature + 64 / 15 * quartic * a**5
+        return effective_modulus * carried / force - 1
+
+    return float(brentq(excess, 0.0, free * (1 + 1e-12), xtol=1e-15 * free, rtol=1e-14))
+
+
+def cylinder_half_width_periodic(
+    force_per_length: float, radius: float, effective_modulus: float, period: float
+) -> float:
+    """a = (L/pi) arccos(exp(-2 pi R P' / (E* L^2))) in m, of a row of parabolas `period` apart.
+
+    Exact at any load; contact is complete only as P' grows without bound, because the parabolas
+    meet in a cusp.
+
+    Example:
+        >>> print(f"{cylinder_half_width_periodic(0.05, 1.0, 1.0, period=1.0):.4f}")
+        0.2393
+    """
+    load = 2 * math.pi * radius * force_per_length / (effective_modulus * period**2)
+    # arccos(e^-w) = arcsin(sqrt(1 - e^-2w)), which keeps its digits at small loads.
+    return period / math.pi * math.asin(math.sqrt(-math.expm1(-2 * load)))
+
+
+def cylinder_force_periodic(
+    half_width: float, radius: float, effective_modulus: float, period: float
+) -> float:
+    """P' = -(E* L^2/(2 pi R)) ln cos(pi a/L) in N/m: inverts `cylinder_half_width_periodic`.
+
+    Example:
+        >>> print(f"{cylinder_force_periodic(0.2393, 1.0, 1.0, period=1.0):.3f}")
+        0.050
+    """
+    sine = math.sin(math.pi * half_width / period)
+    return -effective_modulus * period**2 / (4 * math.pi * radius) * math.log1p(-(sine**2))
+
+
+def cylinder_pressure_periodic(
+    distance: FloatArray,
+    half_width: float,
+    radius: float,
+    effective_modulus: float,
+    period: float,
+) -> FloatArray:
+    """p = (E* L/(2 pi R)) artanh(sqrt(sin^2 t_a - sin^2 t) / cos t) in Pa, t = pi x/L.
+
+    Args:
+        distance: x in m from the middle of one parabola, any shape, |x| <= L/2.
+        half_width: a in m.
+        radius: In m.
+        effective_modulus: E* in Pa.
+        period: In m.
+
+    Example:
+        >>> cylinder_pressure_periodic([0.0, 0.2, 0.4], 0.2, 1.0, 1.0, period=1.0).round(4)
+        array([0.1073, 0.    , 0.    ])
+    """
+    angle = np.pi * np.asarray(distance) / period
+    depth = np.sin(math.pi * half_width / period) ** 2 - np.sin(angle) ** 2
+    cosine = np.where(depth > 0, np.cos(angle), 1)
+    ratio = np.sqrt(np.maximum(depth, 0)) / cosine
+    return np.asarray(effective_modulus * period / (2 * math.pi * radius) * np.arctanh(ratio))
+
+
+# --- what gates read ------------------------------------------------------------------------------
 
 
 def _bump(scene: Scene) -> tuple[float, FloatArray, float, float]:
@@ -36,8 +181,10 @@ def _bump(scene: Scene) -> tuple[float, FloatArray, float, float]:
 
 
 def _parabola(scene: Scene, axis: int) -> tuple[float, float]:
-    """Summit (m) and curvature (1/m) of the parabola through the highest point and its
-    neighbours along an axis: exact for a parabola."""
+    """Summit (m) and curvature (1/m) of the parabola through the highest point along an axis.
+
+    It is fitted to that point and its two neighbours, and exact for a parabola.
+    """
     heights, d = scene.surface.heights, scene.surface.spacing[axis]
     summit = np.unravel_index(int(np.argmax(heights)), heights.shape)
     line = np.moveaxis(heights, axis, -1)[tuple(j for a, j in enumerate(summit) if a != axis)]
@@ -53,8 +200,8 @@ def _size(scene: Scene) -> float:
     radius, _, force, E = _bump(scene)
     period = scene.surface.periods[0]
     if scene.surface.heights.ndim == 1:
-        return hertz.cylinder_half_width_periodic(force, radius, E, period)
-    return hertz.sphere_contact_radius_periodic(force, radius, E, period)
+        return cylinder_half_width_periodic(force, radius, E, period)
+    return sphere_contact_radius_periodic(force, radius, E, period)
 
 
 def _bump_fraction(scene: Scene) -> float:
@@ -63,12 +210,15 @@ def _bump_fraction(scene: Scene) -> float:
 
 
 def _bump_pressure(scene: Scene) -> FloatArray:
-    """On the grid.  On a surface the semi-ellipse that carries the load on the area of the
-    periodic problem: the images bend it by less than (a/L)^5."""
+    """Pressure on the grid.
+
+    On a surface it is the semi-ellipse that carries the load on the area of the periodic problem;
+    the images bend it by less than (a/L)^5.
+    """
     radius, distance, force, E = _bump(scene)
     a, period = _size(scene), scene.surface.periods[0]
     if scene.surface.heights.ndim == 1:
-        return hertz.cylinder_pressure_periodic(distance, a, radius, E, period)
+        return cylinder_pressure_periodic(distance, a, radius, E, period)
     peak = 3 * force / (2 * math.pi * a**2)
     return np.asarray(peak * np.sqrt(np.maximum(1 - (distance / a) ** 2, 0)))
 
@@ -77,91 +227,8 @@ def _bump_peak(scene: Scene) -> float:
     radius, _, force, E = _bump(scene)
     a, period = _size(scene), scene.surface.periods[0]
     if scene.surface.heights.ndim == 1:
-        return float(hertz.cylinder_pressure_periodic(np.zeros(1), a, radius, E, period)[0])
+        return float(cylinder_pressure_periodic(np.zeros(1), a, radius, E, period)[0])
     return 3 * force / (2 * math.pi * a**2)
-
-
-# --- flat punches --------------------------------------------------------------------------------
-
-
-def _post(scene: Scene, name: str) -> float:
-    """Half-width or radius of the post in m.
-
-    On a line the post ends half a cell beyond its outermost points; on a surface the points of
-    a disc count its area, up to the noise of counting.
-    """
-    refuse_unless(scene.body.kind == "half_space", name, "a half-space")
-    heights = scene.surface.heights
-    top = heights == heights.max()
-    flat = np.unique(heights).size == 2 and float(top.mean()) < 0.9
-    refuse_unless(flat and len(set(scene.surface.periods)) == 1, name, "a flat post on a floor")
-    share, period = float(top.mean()), scene.surface.periods[0]
-    return share * period / 2 if heights.ndim == 1 else period * math.sqrt(share / math.pi)
-
-
-def _post_fraction(scene: Scene) -> float:
-    _post(scene, "flat_punch")
-    return float((scene.surface.heights == scene.surface.heights.max()).mean())
-
-
-def _post_energy(scene: Scene) -> float:
-    """Elastic energy per nominal area: half of the load times the sinking u of the punch.
-
-    Strip: the potential of a row of strips, u = -(2 p0 L/(pi E*)) ln sin(pi a/L).
-    Disc: F/(2 a E*) + F/(pi E* L) [-3.9003 + (S_3/3)(a/L)^2]: the images act on the disc and
-    are discs themselves, each with <r^2> = 2 a^2/3 under the punch's pressure.
-    """
-    a, E = _post(scene, "flat_punch"), elastic_half_space(scene, "flat_punch")
-    p0, period = scene.load.final, scene.surface.periods[0]
-    if scene.surface.heights.ndim == 1:
-        sinking = -2 * p0 * period / (math.pi * E) * math.log(math.sin(math.pi * a / period))
-        return p0 * sinking / 2
-    images = -hertz.MADELUNG + hertz.LATTICE_SUM_3 / 3 * (a / period) ** 2
-    force = p0 * period**2
-    sinking = force / (2 * a * E) + force / (math.pi * E * period) * images
-    return p0 * sinking / 2
-
-
-def _middle_pressure(scene: Scene) -> float:
-    """The smallest pressure under a strip, in its middle."""
-    a = _post(scene, "flat_punch")
-    period = scene.surface.periods[0]
-    refuse_unless(scene.surface.heights.ndim == 1, "flat_punch", "a strip, to know its middle")
-    force = scene.load.final * period
-    return float(punch.strip_pressure_periodic(np.zeros(1), force, a, period)[0])
-
-
-def _yielded_rim(scene: Scene) -> float:
-    """Plastic share of a capped strip: a row of cracks with Dugdale's zones, turned round.
-
-    The elastic middle |x| < e ends where no singularity is left,
-    cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)).
-    """
-    name = "capped_strip"
-    a, period = _post(scene, name), scene.surface.periods[0]
-    capped = math.isfinite(scene.material.hardness) and scene.surface.heights.ndim == 1
-    refuse_unless(capped, name, "a strip of finite hardness")
-    share = scene.load.final / scene.material.hardness
-    cosine = math.cos(math.pi * a / period) / math.cos(math.pi * share / 2)
-    refuse_unless(cosine < 1, name, "a strip that does not flow altogether")
-    return 2 * (a - period / math.pi * math.acos(cosine)) / period
-
-
-# --- the bearing area ----------------------------------------------------------------------------
-
-
-def _bearing_fraction(scene: Scene) -> float:
-    """A = p0/sigma_P: the limit in which elasticity carries nothing."""
-    refuse_unless(math.isfinite(scene.material.hardness), "bearing_area", "a finite hardness")
-    return scene.load.final / scene.material.hardness
-
-
-def _bearing_gap(scene: Scene) -> float:
-    """Mean of what lies below the flat that cuts off the highest p0/sigma_P of the heights."""
-    ordered = np.sort(scene.surface.heights, axis=None)[::-1]
-    contact = _bearing_fraction(scene) * ordered.size
-    flat = float(ordered[min(int(contact), ordered.size - 1)])
-    return float(np.mean(np.maximum(flat - ordered, 0)))
 
 
 FORMS = (
@@ -170,24 +237,5 @@ FORMS = (
         "Johnson, Contact Mechanics (1985), with the curvature of the periodic images",
         areas(_bump_fraction) | {"quantity.largest_pressure": _bump_peak},
         {"pressure": _bump_pressure},
-    ),
-    ClosedForm(
-        "flat_punch",
-        "Johnson, Contact Mechanics (1985), sections 2.8 and 3.4; Westergaard 1939 for the row",
-        areas(_post_fraction)
-        | {
-            "quantity.elastic_energy": _post_energy,
-            "quantity.smallest_contact_pressure": _middle_pressure,
-        },
-    ),
-    ClosedForm(
-        "capped_strip",
-        "Dugdale, J. Mech. Phys. Solids 8 (1960) 100, for a row of cracks (Smith 1965)",
-        areas(_post_fraction, _yielded_rim),
-    ),
-    ClosedForm(
-        "bearing_area",
-        "the highest p0/sigma_P of the surface, flattened without springing back",
-        areas(_bearing_fraction, _bearing_fraction) | {"quantity.mean_gap": _bearing_gap},
     ),
 )

@@ -1,4 +1,4 @@
-"""What a closed form is to a gate: named scalars, fields and a pressure distribution."""
+"""A closed form as a gate reads it: named scalars, fields and a pressure distribution."""
 
 from __future__ import annotations
 
@@ -19,9 +19,14 @@ Scalar = Callable[[Scene], float]
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """Scalars and fields of an exact solution, by the names that gates use.
+    """An exact solution as gates read it.
 
-    distribution: of the pressures, where the solution gives it.
+    Attributes:
+        name: The name that gates use.
+        source: Where the solution comes from.
+        scalars: Functions of the scene by the names of quantities.
+        fields: Functions of the scene, which give arrays on its grid, by the names of fields.
+        distribution: Function of the scene that gives the distribution of the pressures.
     """
 
     name: str
@@ -31,22 +36,34 @@ class ClosedForm:
     distribution: Callable[[Scene], PressureDistribution] | None = None
 
     def scalar(self, quantity: str, scene: Scene) -> float:
-        """The value of a quantity.  Raises InvalidCase if the form does not know it."""
+        """The value of a quantity.
+
+        Raises:
+            InvalidCase: The form does not know the quantity or does not describe the scene.
+        """
         return float(self._find(self.scalars, quantity)(scene))
 
     def field(self, name: str, scene: Scene) -> FloatArray:
-        """A field on the scene's grid.  Raises InvalidCase if the form does not know it."""
+        """A field on the scene's grid.
+
+        Raises:
+            InvalidCase: The form does not know the field or does not describe the scene.
+        """
         return np.asarray(self._find(self.fields, name)(scene))
 
     def pressures(self, scene: Scene) -> PressureDistribution:
-        """The pressure distribution.  Raises InvalidCase if the form does not know it."""
+        """The distribution of the pressures.
+
+        Raises:
+            InvalidCase: The form has none or does not describe the scene.
+        """
         if self.distribution is None:
             raise InvalidCase(f"the closed form {self.name} has no pressure distribution")
         return self.distribution(scene)
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """What a gate can read of this form."""
+        """The names that a gate can read."""
         fields = [f"field.{name}" for name in self.fields]
         return (*self.scalars, *fields, *(["distribution"] if self.distribution else []))
 
@@ -63,7 +80,7 @@ class ClosedForm:
 
 
 def areas(total: Scalar, plastic: Scalar | None = None) -> dict[str, Scalar]:
-    """The exact areas, to hold either of a method's two estimates against."""
+    """The exact areas under the names of both of a method's estimates, raw and corrected."""
     kinds = ("raw", "corrected")
     out = {f"area.total.{kind}": total for kind in kinds}
     if plastic is not None:

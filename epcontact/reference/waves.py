@@ -1,91 +1,231 @@
-"""Sinusoids: Westergaard's line, and the two asymptotes of the product of two waves."""
+"""Sinusoidal waviness against a rigid flat: formulas, and the closed forms that gates name.
+
+One wave along x, h(x) = h (1 + cos(2 pi x/lambda)) up to a constant: Westergaard (1939), in the
+form of Johnson, International Journal of Solids and Structures 32 (1995) 423.  Exact.
+The product of two waves, h (1 + cos cos): the asymptotes of Johnson, Greenwood and Higginson,
+International Journal of Mechanical Sciences 27 (1985) 383; no closed form is known between.
+
+Symbols: h = amplitude (m; half the distance from valley to crest of the line), lambda =
+wavelength (m), E* = effective_modulus (Pa), p* = pressure of complete contact (Pa),
+s = mean pressure / p*, psi = pi x/lambda with x measured from a crest, a = half-width of a
+contact.  The formulas hold for 0 <= s <= 1.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import xlogy
 
-from epcontact.reference import sinusoid
 from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
 from epcontact.results import FloatArray, PressureDistribution
 from epcontact.scene import Scene
 
+# --- formulas of one wave -------------------------------------------------------------------------
+
+
+def line_complete_pressure(amplitude: float, wavelength: float, effective_modulus: float) -> float:
+    """p* = pi E* h / lambda in Pa: the mean pressure at which no gap is left.
+
+    Example:
+        >>> print(f"{line_complete_pressure(1e-6, 1e-3, 200e9):.4g}")
+        6.283e+08
+    """
+    return math.pi * effective_modulus * amplitude / wavelength
+
+
+def line_contact_fraction(load: float) -> float:
+    """2 a/lambda = (2/pi) arcsin(sqrt(s)), with load s = mean pressure / p*.
+
+    Example:
+        >>> line_contact_fraction(0.5)
+        0.5000000000000001
+    """
+    return 2 / math.pi * math.asin(math.sqrt(load))
+
+
+def line_pressure(position: FloatArray, load: float) -> FloatArray:
+    """p/p* = 2 cos(psi) sqrt(s - sin^2 psi) in contact, 0 elsewhere.
+
+    This is (2 p_mean cos psi / sin^2 psi_a) sqrt(sin^2 psi_a - sin^2 psi) with sin^2 psi_a = s.
+
+    Args:
+        position: x/lambda from a crest, any shape.
+        load: s.
+
+    Example:
+        >>> line_pressure([0.0, 0.25, 0.5], load=0.5).round(3)
+        array([1.414, 0.   , 0.   ])
+    """
+    angle = np.pi * (np.asarray(position) - np.rint(position))
+    depth = np.maximum(load - np.sin(angle) ** 2, 0)
+    return np.asarray(2 * np.cos(angle) * np.sqrt(depth))
+
+
+def line_gap(position: FloatArray, load: float) -> FloatArray:
+    """g/h at positions x/lambda (any shape) from a crest: zero in contact.
+
+    The slope dg/dx = (2 pi h/lambda) 2 cos(psi) sqrt(sin^2 psi - s) continues the pressure
+    analytically; integrated from the rim, with S = |sin psi|,
+    g/h = 2 [S sqrt(S^2 - s) - s arccosh(S/sqrt(s))].
+
+    Example:
+        >>> line_gap([0.0, 0.5], load=0.0)
+        array([0., 2.])
+    """
+    sine = np.abs(np.sin(np.pi * (np.asarray(position) - np.rint(position))))
+    if load == 0:
+        return np.asarray(2 * sine**2)
+    ratio = np.maximum(sine / math.sqrt(load), 1)
+    return np.asarray(2 * load * (ratio * np.sqrt(ratio**2 - 1) - np.arccosh(ratio)))
+
+
+def line_mean_gap(load: float) -> float:
+    """Mean gap / h = 1 - s + s ln s.
+
+    Example:
+        >>> line_mean_gap(0.0), line_mean_gap(1.0)
+        (1.0, 0.0)
+    """
+    return 1 - load + float(xlogy(load, load))
+
+
+def line_energy(load: float) -> float:
+    """Elastic energy per nominal area / (h p*) = s^2 (1/4 - ln(s)/2).
+
+    It is the work of the load, the integral of p_mean d(approach) with the approach measured by
+    the mean gap: U' = s d(1 - mean gap) = -s ln(s) ds.
+
+    Example:
+        >>> line_energy(1.0)
+        0.25
+    """
+    return load**2 / 4 - float(xlogy(load**2, load)) / 2
+
+
+# --- formulas of the product of two waves ---------------------------------------------------------
+
+
+def surface_complete_pressure(
+    amplitude: float, wavelength: float, effective_modulus: float
+) -> float:
+    """p* = sqrt(2) pi E* h / lambda in Pa, for h (1 + cos(2 pi x/lambda) cos(2 pi y/lambda))."""
+    return math.sqrt(2) * math.pi * effective_modulus * amplitude / wavelength
+
+
+def surface_contact_fraction_light(load: float) -> float:
+    """Contact fraction pi (3 s/(8 pi))^(2/3), in the limit s -> 0.
+
+    The period lambda^2 of cos cos holds two crests, each of curvature (2 pi/lambda)^2 h and each
+    a Hertzian contact that carries half of the load.
+    """
+    return math.pi * float((3 * load / (8 * math.pi)) ** (2 / 3))
+
+
+def surface_contact_fraction_heavy(load: float) -> float:
+    """Contact fraction 1 - (3/(2 pi)) (1 - s), in the limit s -> 1.
+
+    The gaps that are left are penny-shaped cracks without stress intensity: two of radius b a
+    period, b^2 = 3 (1 - s) lambda^2/(4 pi^2).
+    """
+    return 1 - 3 / (2 * math.pi) * (1 - load)
+
+
+# --- what gates read ------------------------------------------------------------------------------
+
+#: Pressures at which Westergaard's distribution is tabulated.
 _TABULATED = 4097
 
 
-def _wave(scene: Scene) -> tuple[float, float, float, FloatArray]:
-    """s = p0/p*, amplitude (m), p* (Pa), and x/lambda from a crest, of a single wave along x."""
-    E = elastic_half_space(scene, "westergaard")
-    heights = scene.surface.heights
-    profile = heights if heights.ndim == 1 else heights[:, 0]
-    modes = np.fft.rfft(profile) * 2 / profile.size
-    k = int(np.argmax(np.abs(modes[1:]))) + 1
-    amplitude, phase = abs(modes[k]), np.angle(modes[k])
-    x = np.arange(profile.size) / profile.size * k + phase / (2 * np.pi)
-    wave = profile.mean() + amplitude * np.cos(2 * np.pi * x)
-    same = np.abs((heights.T - wave).T).max() < 1e-9 * amplitude
-    refuse_unless(bool(same), "westergaard", "one sinusoid along x")
-    complete = sinusoid.line_complete_pressure(amplitude, scene.surface.periods[0] / k, E)
-    return scene.load.final / complete, amplitude, complete, x
+@dataclass(frozen=True)
+class _Wave:
+    """One wave along x, as measured on the heights of a scene.
 
+    load is s; complete is p* in Pa; position is x/lambda from a crest, one for each row.
+    """
 
-def _partial(scene: Scene) -> tuple[float, float, float, FloatArray]:
-    found = _wave(scene)
-    refuse_unless(found[0] < 1, "westergaard", "partial contact")
-    return found
+    load: float
+    amplitude: float
+    complete: float
+    position: FloatArray
+
+    @classmethod
+    def of(cls, scene: Scene) -> _Wave:
+        E = elastic_half_space(scene, "westergaard")
+        heights = scene.surface.heights
+        profile = heights if heights.ndim == 1 else heights[:, 0]
+        modes = np.fft.rfft(profile) * 2 / profile.size
+        k = int(np.argmax(np.abs(modes[1:]))) + 1
+        amplitude, phase = abs(modes[k]), np.angle(modes[k])
+        x = np.arange(profile.size) / profile.size * k + phase / (2 * np.pi)
+        wave = profile.mean() + amplitude * np.cos(2 * np.pi * x)
+        same = np.abs((heights.T - wave).T).max() < 1e-9 * amplitude
+        refuse_unless(bool(same), "westergaard", "one sinusoid along x")
+        complete = line_complete_pressure(amplitude, scene.surface.periods[0] / k, E)
+        return cls(scene.load.final / complete, amplitude, complete, x)
+
+    @classmethod
+    def in_partial_contact(cls, scene: Scene) -> _Wave:
+        wave = cls.of(scene)
+        refuse_unless(wave.load < 1, "westergaard", "partial contact")
+        return wave
 
 
 def _wave_fraction(scene: Scene) -> float:
-    return sinusoid.line_contact_fraction(min(1.0, _wave(scene)[0]))
+    return line_contact_fraction(min(1.0, _Wave.of(scene).load))
 
 
-def _wave_gap(scene: Scene) -> float:
-    load, amplitude, _, _ = _wave(scene)
-    return amplitude * sinusoid.line_mean_gap(load) if load < 1 else 0.0
+def _wave_mean_gap(scene: Scene) -> float:
+    wave = _Wave.of(scene)
+    return wave.amplitude * line_mean_gap(wave.load) if wave.load < 1 else 0.0
 
 
 def _wave_energy(scene: Scene) -> float:
-    load, amplitude, complete, _ = _partial(scene)
-    return amplitude * complete * sinusoid.line_energy(load)
+    wave = _Wave.in_partial_contact(scene)
+    return wave.amplitude * wave.complete * line_energy(wave.load)
 
 
 def _wave_peak(scene: Scene) -> float:
-    load, _, complete, _ = _partial(scene)
-    return 2 * complete * math.sqrt(load)
+    wave = _Wave.in_partial_contact(scene)
+    return 2 * wave.complete * math.sqrt(wave.load)
 
 
 def _wave_pressure(scene: Scene) -> FloatArray:
-    load, _, complete, x = _partial(scene)
-    heights = scene.surface.heights
-    pressure = complete * sinusoid.line_pressure(x, load)
-    return np.broadcast_to(pressure[:, None], heights.shape) if heights.ndim == 2 else pressure
+    wave = _Wave.in_partial_contact(scene)
+    return _on_grid(wave.complete * line_pressure(wave.position, wave.load), scene)
 
 
-def _wave_gap_field(scene: Scene) -> FloatArray:
-    load, amplitude, _, x = _partial(scene)
-    heights = scene.surface.heights
-    gap = amplitude * sinusoid.line_gap(x, load)
-    return np.broadcast_to(gap[:, None], heights.shape) if heights.ndim == 2 else gap
+def _wave_gap(scene: Scene) -> FloatArray:
+    wave = _Wave.in_partial_contact(scene)
+    return _on_grid(wave.amplitude * line_gap(wave.position, wave.load), scene)
+
+
+def _on_grid(profile: FloatArray, scene: Scene) -> FloatArray:
+    shape = scene.surface.shape
+    return np.broadcast_to(profile[:, None], shape) if len(shape) == 2 else profile
 
 
 def _wave_distribution(scene: Scene) -> PressureDistribution:
-    """p falls from crest to rim: F(sigma) is what lies between sigma's place and the rim.
+    """p falls from crest to rim: the share at pressures below sigma lies between sigma's place and
+    the rim.
 
     (p/p*)^2 = 4 (1 - y)(s - y), y = sin^2 psi, is solved for y without cancellation at p -> 0.
     """
-    load, _, complete, _ = _partial(scene)
+    wave = _Wave.in_partial_contact(scene)
+    load = wave.load
     sigma = np.linspace(0, 2 * math.sqrt(load), _TABULATED)
     root = np.sqrt((1 - load) ** 2 + sigma**2)
     y = (load - sigma**2 / 4) * 2 / (1 + load + root)
-    y[-1] = 0.0  # the crest; rounding would leave a root of it
+    y[-1] = 0.0  # at the crest; rounding would leave a root of it
     rim = math.asin(math.sqrt(load))
     cumulative = 2 / np.pi * (rim - np.arcsin(np.sqrt(np.clip(y, 0, load))))
-    return PressureDistribution(complete * sigma, cumulative)
+    return PressureDistribution(wave.complete * sigma, cumulative)
 
 
-def _product(scene: Scene, name: str) -> float:
-    """s = p0/p* of h (1 + cos cos) on a square period."""
+def _product_load(scene: Scene, name: str) -> float:
+    """s of h (1 + cos cos) on a square period, as measured on the heights."""
     E = elastic_half_space(scene, name)
     surface = scene.surface
     square = surface.heights.ndim == 2 and len(set(surface.periods)) == 1
@@ -98,19 +238,19 @@ def _product(scene: Scene, name: str) -> float:
     along = min(int(k[0]), modes.shape[0] - int(k[0]))  # the mode or its mirror image
     refuse_unless(alone and along == k[1], name, "the product of two waves on a square period")
     wavelength = surface.periods[0] / along
-    return scene.load.final / sinusoid.surface_complete_pressure(amplitude, wavelength, E)
+    return scene.load.final / surface_complete_pressure(amplitude, wavelength, E)
 
 
-def _light(scene: Scene) -> float:
-    load = _product(scene, "waviness_light")
+def _light_fraction(scene: Scene) -> float:
+    load = _product_load(scene, "waviness_light")
     refuse_unless(load <= 1e-2, "waviness_light", "a load of at most p*/100")
-    return sinusoid.surface_contact_fraction_light(load)
+    return surface_contact_fraction_light(load)
 
 
-def _heavy(scene: Scene) -> float:
-    load = _product(scene, "waviness_heavy")
+def _heavy_fraction(scene: Scene) -> float:
+    load = _product_load(scene, "waviness_heavy")
     refuse_unless(0.9 <= load < 1, "waviness_heavy", "a load between 0.9 p* and p*")
-    return sinusoid.surface_contact_fraction_heavy(load)
+    return surface_contact_fraction_heavy(load)
 
 
 _JGH = "Johnson, Greenwood and Higginson, Int. J. Mech. Sci. 27 (1985) 383"
@@ -121,13 +261,13 @@ FORMS = (
         "Westergaard 1939; Johnson, Int. J. Solids Struct. 32 (1995) 423",
         areas(_wave_fraction)
         | {
-            "quantity.mean_gap": _wave_gap,
+            "quantity.mean_gap": _wave_mean_gap,
             "quantity.elastic_energy": _wave_energy,
             "quantity.largest_pressure": _wave_peak,
         },
-        {"pressure": _wave_pressure, "gap": _wave_gap_field},
+        {"pressure": _wave_pressure, "gap": _wave_gap},
         _wave_distribution,
     ),
-    ClosedForm("waviness_light", f"{_JGH}: Hertz on every crest, s -> 0", areas(_light)),
-    ClosedForm("waviness_heavy", f"{_JGH}: penny-shaped gaps, s -> 1", areas(_heavy)),
+    ClosedForm("waviness_light", f"{_JGH}: Hertz on every crest, s -> 0", areas(_light_fraction)),
+    ClosedForm("waviness_heavy", f"{_JGH}: penny-shaped gaps, s -> 1", areas(_heavy_fraction)),
 )

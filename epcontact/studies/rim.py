@@ -31,7 +31,8 @@ from epcontact.bem.areas import surface as sweep
 from epcontact.bem.areas.estimate import CORNER, HARMONIC, OFFSETS, TIP, corrected
 from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS
 from epcontact.bem.kernel import rfft_wavenumbers
-from epcontact.reference import hertz, sinusoid
+from epcontact.reference import bumps
+from epcontact.reference.waves import line_contact_fraction
 from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum
 from epcontact.studies.rim_rows import book_rows, front_offset, row_period, solve_rows, solve_wave
@@ -98,7 +99,7 @@ def all_directions(along: int = 40, across: int = 2) -> Fronts:
 def calibrate_directions() -> tuple[float, float]:
     """(mean, amplitude of cos 4 theta) of the offset of one front, in dx."""
     load = 0.5
-    exact = sinusoid.line_contact_fraction(load) / 2
+    exact = line_contact_fraction(load) / 2
     offsets = []
     for direction, _, phases in all_directions(40, 1):
         period = row_period(direction, PERIOD)[1]
@@ -171,8 +172,8 @@ def calibrate_straight_tip(
 def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, float]:
     """(cells that a spot lacks by its curvature, standard error), on spheres, exact by Hertz."""
     n = 2 * round(radius / 0.3)
-    force = hertz.sphere_force(radius / n, 1.0, 1.0)
-    exact = math.pi * hertz.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2 * n * n
+    force = bumps.sphere_force(radius / n, 1.0, 1.0)
+    exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2 * n * n
     q = rfft_wavenumbers((n, n), (1.0, 1.0))
     q[0, 0] = np.inf
     out = []

@@ -1,0 +1,249 @@
+"""Contacts without a rim: full contact of half-space and layers, and the flat surface.
+
+The compliance of an elastic layer on a rigid base is not taken from a closed form but solved for,
+mode by mode, from the plane strain boundary-value problem, so that a closed form elsewhere can be
+held against it.
+
+Derivation.  With depth z downward, Airy's function phi = f(z) cos(q x) and
+    f = (A + B q z) e^(-q z) + (C + D q (d - z)) e^(-q (d - z))
+gives sigma_zz = -q^2 f cos, sigma_xz = q f' sin, sigma_xx = f'' cos, and with
+k = nu/(1 - nu), s = 1/E* = (1 - nu^2)/E, m = 2 (1 + nu)/E the displacements
+    u_x = (s/q) [f'' + k q^2 f] sin,    u_z = {(s/q^2) [f''' + k q^2 f'] - m f'} cos.
+The load sigma_zz = -p cos at z = 0 without shear is f = p/q^2, f' = 0; the base is bonded,
+u_x = u_z = 0, or slides without friction, f' = u_z = 0.  Both exponentials decay into the
+layer, so that the 4 x 4 system stays well conditioned however deep the layer is.  The same
+compliance serves a two-dimensional surface with q = |q| (rotate x into the wave vector).
+
+Symbols: q = wavenumber (rad/m), d = depth (m), E = young_modulus (Pa), nu = poisson_ratio,
+M = oedometric modulus (Pa), Y = yield_stress (Pa).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+from epcontact.moduli import effective_modulus, oedometric_modulus
+from epcontact.reference.form import ClosedForm, areas, refuse_unless
+from epcontact.results import FloatArray, PressureDistribution
+from epcontact.scene import Scene
+
+# --- formulas -------------------------------------------------------------------------------------
+
+
+def surface_compliance(
+    wavenumber: FloatArray,
+    depth: float,
+    young_modulus: float,
+    poisson_ratio: float,
+    *,
+    bonded: bool = True,
+) -> FloatArray:
+    """Surface displacement per pressure, u_q/p_q in m/Pa, at each wavenumber q > 0.
+
+    Validity: relative accuracy falls as 1e-16/(q d)^3 for a thin layer, where the two exponentials
+    become equal; it is 1e-10 at q d = 0.01.  At q = 0 use `lame_compliance`.
+
+    Args:
+        wavenumber: q in rad/m, any shape.
+        depth: d in m.
+        young_modulus: E in Pa.
+        poisson_ratio: nu.
+        bonded: Whether the layer is bonded to the base or slides on it.
+
+    Returns:
+        Compliance of the shape of the wavenumber.
+
+    Example:
+        >>> deep = surface_compliance([10.0, 20.0], depth=5.0, young_modulus=1.0, poisson_ratio=0.0)
+        >>> deep.round(6)  # 2/(E* q) of the half-space
+        array([0.2, 0.1])
+    """
+    q = np.atleast_1d(np.asarray(wavenumber, dtype=np.float64))
+    x = (q * depth).ravel()
+    value_0, value_d = _basis(np.zeros_like(x), x), _basis(x, x)
+    k = poisson_ratio / (1 - poisson_ratio)
+    shear = 2 / (1 - poisson_ratio)  # m / s
+
+    def along(v: FloatArray) -> FloatArray:  # u_x without sin, in units of s q p / q^2
+        return np.asarray(v[2] + k * v[0])
+
+    def normal(v: FloatArray) -> FloatArray:  # u_z without cos, in the same units
+        return np.asarray(v[3] + (k - shear) * v[1])
+
+    base = along(value_d) if bonded else value_d[1]
+    system = np.stack([value_0[0], value_0[1], base, normal(value_d)], axis=-2)
+    load = np.zeros((x.size, 4, 1))
+    load[:, 0] = 1
+    coefficients = np.linalg.solve(system, load)[..., 0]
+    shape = np.sum(normal(value_0) * coefficients, axis=-1)
+    s = (1 - poisson_ratio**2) / young_modulus
+    return np.asarray((s * shape / q.ravel()).reshape(np.shape(wavenumber)))
+
+
+def _basis(x: FloatArray, depth: FloatArray) -> FloatArray:
+    """Derivatives 0 to 3 (in units of q) of the four functions of f at q z = x: (4, n, 4)."""
+    y = depth - x
+    down, up = np.exp(-x), np.exp(-y)
+    rows = []
+    for n in range(4):
+        sign = (-1.0) ** n
+        rows.append(
+            np.stack([sign * down, sign * (x - n) * down, up, (y - n) * up], axis=-1),
+        )
+    return np.stack(rows)
+
+
+def lame_compliance(depth: float, young_modulus: float, poisson_ratio: float) -> float:
+    """d/M in m/Pa, M = E (1 - nu)/((1 + nu)(1 - 2 nu)): uniaxial strain (Lame), mode q = 0.
+
+    Example:
+        >>> lame_compliance(depth=2.0, young_modulus=4.0, poisson_ratio=0.0)
+        0.5
+    """
+    nu = poisson_ratio
+    return depth * (1 + nu) * (1 - 2 * nu) / (young_modulus * (1 - nu))
+
+
+def uniaxial_yield_pressure(yield_stress: float, poisson_ratio: float) -> float:
+    """Pressure in Pa at which a layer in uniaxial strain yields: Y (1 - nu)/(1 - 2 nu).
+
+    Von Mises and Tresca agree, because two principal stresses are equal.  Beyond it the tangent is
+    the bulk modulus: there is no limit load.
+
+    Example:
+        >>> print(f"{uniaxial_yield_pressure(1.0, poisson_ratio=0.3):.2f}")
+        1.75
+    """
+    return yield_stress * (1 - poisson_ratio) / (1 - 2 * poisson_ratio)
+
+
+# --- full contact ---------------------------------------------------------------------------------
+
+# Beyond this q d a layer equals the half-space in float64: 4 (q d)^2 e^(-2 q d) < 1e-13.
+_DEEP = 20.0
+
+
+def compliance(scene: Scene) -> FloatArray:
+    """Surface compliance of a scene's body for each mode of numpy.fft.fftn.
+
+    A layer's is solved for from its boundary-value problem, wave by wave (`surface_compliance`).
+
+    Args:
+        scene: The surface gives the grid, the body and the material the compliance.
+
+    Returns:
+        Compliance in m/Pa, of the shape of the grid; for the mean 0 (half-space) or d/M (layer).
+
+    Example:
+        >>> from epcontact import Load, Material, Surface
+        >>> scene = Scene(Surface(np.zeros(4), (2 * math.pi,)), Material(2.0, 0.0), Load(1.0))
+        >>> compliance(scene)  # 2/(E* q)
+        array([0. , 1. , 0.5, 1. ])
+    """
+    surface, body, material = scene.surface, scene.body, scene.material
+    squares = np.zeros(())
+    for axis, (n, d) in enumerate(zip(surface.shape, surface.spacing, strict=True)):
+        along = 2 * np.pi * np.fft.fftfreq(n, d)
+        squares = squares + (along**2).reshape(
+            [-1 if a == axis else 1 for a in range(len(surface.shape))]
+        )
+    q, where = np.unique(np.sqrt(squares), return_inverse=True)
+    values = np.zeros(q.shape)
+    values[1:] = 2 / (effective_modulus(material) * q[1:])
+    if body.kind != "half_space":
+        near = np.flatnonzero((q > 0) & (q * body.depth < _DEEP))
+        E, nu = material.young_modulus, material.poisson_ratio
+        bonded = body.kind == "bonded_layer"
+        values[near] = surface_compliance(q[near], body.depth, E, nu, bonded=bonded)
+        values[0] = lame_compliance(body.depth, E, nu)
+    return np.asarray(values[where].reshape(surface.shape))
+
+
+def _full_pressure(scene: Scene) -> FloatArray:
+    """p_q = h_q / C(q) about the mean pressure."""
+    C = compliance(scene)
+    C.flat[0] = math.inf
+    modes = np.fft.fftn(scene.surface.heights) / C
+    pressure = scene.load.final + np.fft.ifftn(modes).real
+    fits = pressure.min() >= 0 and pressure.max() <= scene.material.hardness
+    refuse_unless(bool(fits), "full_contact", "a load that closes every gap without yielding")
+    return np.asarray(pressure)
+
+
+def _one(scene: Scene) -> float:
+    _full_pressure(scene)
+    return 1.0
+
+
+def _none(scene: Scene) -> float:
+    _full_pressure(scene)
+    return 0.0
+
+
+def _full_energy(scene: Scene) -> float:
+    """Half of the pressure times the displacement, by Parseval, the mean's included."""
+    modes = np.fft.fftn(_full_pressure(scene)) / scene.surface.heights.size
+    return float(np.sum(compliance(scene) * np.abs(modes) ** 2)) / 2
+
+
+def _full_distribution(scene: Scene) -> PressureDistribution:
+    pressure = np.sort(_full_pressure(scene), axis=None)
+    steps = np.arange(1, pressure.size + 1) / pressure.size
+    return PressureDistribution(np.concatenate([[0], pressure]), np.concatenate([[0], steps]))
+
+
+# --- a flat surface ------------------------------------------------------------------------------
+
+
+def _flat_pressure(scene: Scene) -> FloatArray:
+    return np.full(scene.surface.shape, scene.load.final)
+
+
+def _flat_distribution(scene: Scene) -> PressureDistribution:
+    p0 = scene.load.final
+    return PressureDistribution(np.array([0, p0 * (1 - 1e-12), p0]), np.array([0.0, 0.0, 1.0]))
+
+
+def _unit(_: Scene) -> float:
+    return 1.0
+
+
+def _compression(scene: Scene) -> float:
+    """Sinking of a layer's top under the load path: the approach from the first touch, in m.
+
+    Uniaxial strain: p d/M up to the yield pressure Y (1 - nu)/(1 - 2 nu), then the tangent is
+    the bulk modulus; unloading is elastic while the pressure falls by less than twice that.
+    """
+    material, depth, path = scene.material, scene.body.depth, scene.load.path
+    refuse_unless(math.isfinite(depth), "flat", "a layer, to be compressed")
+    nu, M = material.poisson_ratio, oedometric_modulus(material)
+    bulk = material.young_modulus / (3 * (1 - 2 * nu))
+    top, last = max(path), path[-1]
+    yields = uniaxial_yield_pressure(material.yield_stress, nu)
+    loading = path[: path.index(top) + 1]
+    once = all(a <= b for a, b in itertools.pairwise(loading))
+    refuse_unless(once and top - last < 2 * yields, "flat", "one loading and elastic unloading")
+    sunk = min(top, yields) / M + max(0.0, top - yields) / bulk - (top - last) / M
+    heights = scene.surface.heights
+    return sunk * depth + float(heights.max() - heights.mean())
+
+
+FORMS = (
+    ClosedForm(
+        "full_contact",
+        "Johnson, Contact Mechanics (1985), section 13.2: p_q = h_q / C(q)",
+        areas(_one, _none) | {"quantity.elastic_energy": _full_energy, "quantity.mean_gap": _none},
+        {"pressure": _full_pressure},
+        _full_distribution,
+    ),
+    ClosedForm(
+        "flat",
+        "a surface without roughness under uniform pressure, in uniaxial strain (Lame)",
+        areas(_unit) | {"quantity.approach": _compression},
+        {"pressure": _flat_pressure},
+        _flat_distribution,
+    ),
+)

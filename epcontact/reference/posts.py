@@ -1,0 +1,120 @@
+"""One flat post a period, pressed without friction: formulas, and the closed forms of gates.
+
+Symbols: F = force (N), P' = force per length (N/m), a = radius or half-width (m), E* =
+effective_modulus (Pa), L = period (m), p0 = mean pressure (Pa), sigma_P = hardness (Pa).
+
+Sources: Johnson, Contact Mechanics (1985), sections 2.8 and 3.4.  The periodic strip is
+Westergaard's stress function for a row of cracks (1939); capped, it is a row of cracks with
+Dugdale's zones (Smith 1965), turned round.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from epcontact.reference.bumps import LATTICE_SUM_3, MADELUNG
+from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
+from epcontact.results import FloatArray
+from epcontact.scene import Scene
+
+
+def strip_pressure_periodic(
+    distance: FloatArray, force_per_length: float, half_width: float, period: float
+) -> FloatArray:
+    """p = (P'/L) cos(t) (sin^2 t_a - sin^2 t)^(-1/2) in Pa at |x| <= L/2, t = pi x/L.
+
+    The pressure is infinite at the rim, |x| = a: where it is capped, plastic flow starts there at
+    any load.
+
+    Example:
+        >>> strip_pressure_periodic([0.0, 0.25, 0.4], 1.0, 0.25, period=1.0).round(3)
+        array([1.414,   inf, 0.   ])
+    """
+    angle = np.pi * np.asarray(distance) / period
+    depth = math.sin(math.pi * half_width / period) ** 2 - np.sin(angle) ** 2
+    with np.errstate(divide="ignore"):
+        inside = np.cos(angle) / np.sqrt(np.maximum(depth, 0))
+    return np.asarray(np.where(depth >= 0, force_per_length / period * inside, 0.0))
+
+
+def _post(scene: Scene, name: str) -> float:
+    """Half-width or radius of the post in m.
+
+    On a line the post ends half a cell beyond its outermost points; on a surface the points of
+    a disc count its area, up to the noise of counting.
+    """
+    refuse_unless(scene.body.kind == "half_space", name, "a half-space")
+    heights = scene.surface.heights
+    top = heights == heights.max()
+    flat = np.unique(heights).size == 2 and float(top.mean()) < 0.9
+    refuse_unless(flat and len(set(scene.surface.periods)) == 1, name, "a flat post on a floor")
+    share, period = float(top.mean()), scene.surface.periods[0]
+    return share * period / 2 if heights.ndim == 1 else period * math.sqrt(share / math.pi)
+
+
+def _post_fraction(scene: Scene) -> float:
+    _post(scene, "flat_punch")
+    return float((scene.surface.heights == scene.surface.heights.max()).mean())
+
+
+def _post_energy(scene: Scene) -> float:
+    """Elastic energy per nominal area: half of the load times the sinking u of the punch.
+
+    Strip: the potential of a row of strips, u = -(2 p0 L/(pi E*)) ln sin(pi a/L).
+    Disc: F/(2 a E*) + F/(pi E* L) [-3.9003 + (S_3/3)(a/L)^2]: the images act on the disc and
+    are discs themselves, each with <r^2> = 2 a^2/3 under the punch's pressure.
+    """
+    a, E = _post(scene, "flat_punch"), elastic_half_space(scene, "flat_punch")
+    p0, period = scene.load.final, scene.surface.periods[0]
+    if scene.surface.heights.ndim == 1:
+        sinking = -2 * p0 * period / (math.pi * E) * math.log(math.sin(math.pi * a / period))
+        return p0 * sinking / 2
+    images = -MADELUNG + LATTICE_SUM_3 / 3 * (a / period) ** 2
+    force = p0 * period**2
+    sinking = force / (2 * a * E) + force / (math.pi * E * period) * images
+    return p0 * sinking / 2
+
+
+def _middle_pressure(scene: Scene) -> float:
+    """The smallest pressure under a strip, which is in its middle."""
+    a = _post(scene, "flat_punch")
+    period = scene.surface.periods[0]
+    refuse_unless(scene.surface.heights.ndim == 1, "flat_punch", "a strip, to know its middle")
+    force = scene.load.final * period
+    return float(strip_pressure_periodic(np.zeros(1), force, a, period)[0])
+
+
+def _yielded_rim(scene: Scene) -> float:
+    """Plastic share of a capped strip: a row of cracks with Dugdale's zones, turned round.
+
+    The elastic middle |x| < e ends where no singularity is left,
+    cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)).
+    """
+    name = "capped_strip"
+    a, period = _post(scene, name), scene.surface.periods[0]
+    capped = math.isfinite(scene.material.hardness) and scene.surface.heights.ndim == 1
+    refuse_unless(capped, name, "a strip of finite hardness")
+    share = scene.load.final / scene.material.hardness
+    cosine = math.cos(math.pi * a / period) / math.cos(math.pi * share / 2)
+    refuse_unless(cosine < 1, name, "a strip that does not flow altogether")
+    return 2 * (a - period / math.pi * math.acos(cosine)) / period
+
+
+FORMS = (
+    ClosedForm(
+        "flat_punch",
+        "Johnson, Contact Mechanics (1985), sections 2.8 and 3.4; Westergaard 1939 for the row",
+        areas(_post_fraction)
+        | {
+            "quantity.elastic_energy": _post_energy,
+            "quantity.smallest_contact_pressure": _middle_pressure,
+        },
+    ),
+    ClosedForm(
+        "capped_strip",
+        "Dugdale, J. Mech. Phys. Solids 8 (1960) 100, for a row of cracks (Smith 1965)",
+        areas(_post_fraction, _yielded_rim),
+    ),
+)
