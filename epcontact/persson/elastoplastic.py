@@ -129,7 +129,7 @@ def pressure_density(
     mean_pressure: ArrayLike,
     hardness: ArrayLike = np.inf,
 ) -> FloatArray:
-    """Probability density P(sigma) of the elastic contact by equation (3) of the paper:
+    """Density P(sigma) of the elastic contact by equation (3) of the paper:
 
         P = 2 sum_n sin(n pi s) sin(n pi x) e^(-n^2 pi^2 t) / sigma_P
 

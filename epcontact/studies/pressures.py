@@ -13,7 +13,7 @@ each end, in units of the hardness, as functions of the distance from the end:
                 is straight there and vanishes at it
 
 Each is extrapolated, surface by surface, to ever finer grids: density and raw slope as the root
-of the spacing, the mean slope as the spacing.  Beside them stands equation (3) of the theory, its
+of the spacing, the mean slope as the spacing.  Beside them is the density of the theory, its
 slopes taken within the same windows.
 """
 

@@ -81,7 +81,7 @@ def _draw_densities(found: Ends, told: str) -> Chart:
         y=r"density $P(\sigma)\,\sigma_\mathrm{P}$ (–)",
         columns=("relative_pressure", "relative_density"),
         caption=f"Density of the pressure in elastic contact {told}: raw, by points per shortest "
-        f"wavelength, mean of {BINS} bins and of the surfaces, beside equation (3) of the theory "
+        f"wavelength, mean of {BINS} bins and of the surfaces, beside the density of the theory "
         f"(gamma = {scenes.GAMMA}) with the spectrum of the same surfaces.",
         limits={"ylim": (0, None), "xlim": (0, 1)},
     )

@@ -1,7 +1,7 @@
 """What the theory's exact answers cost: terms of its two series, and cells of its numerical form.
 
 With x = p0/sigma_P, c = 2 sqrt(G)/sigma_P and the smaller of x and 1 - x as s, the elastic area
-of equation (4) has two exact series,
+has two exact series,
 
     eigenfunctions   (4/pi) sum_{n = 1, 3, ...} sin(n pi s) exp(-(n pi c / 2)^2) / n
     images           erf(s/c) + sum_{k = 1, 2, ...} (-1)^k [erfc((k - s)/c) - erfc((k + s)/c)].

@@ -84,7 +84,7 @@ def slope_variance_up_to(
     """xi^2(q), the slope variance of all roughness with wave numbers up to `wavenumber`.
 
     2 pi int_{q_0}^q q'^3 C dq' on a surface, int q'^2 C1 dq' on a line; 0 below the band, xi^2
-    beyond it.  With S = 1 equation (2) of the theory reads G = E*^2 xi^2(q) / 8.
+    beyond it.  It sets the diffusion in Persson's theory.
     """
     return spectral_moment(spectrum, 2, dimension, wavenumber)
 
