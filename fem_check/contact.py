@@ -6,9 +6,10 @@ flat at the height -d, the gap is g = v - h - d, and a solution satisfies, node 
     F = 0 and g >= 0,    or    0 <= F <= F_cap and g = 0,    or    F = F_cap and g <= 0,
 
 with sum F = P in load control, or d given.  Forces divided by the area of a node are the grid
-pressures of the boundary elements.  `press` meets the equalities of given sets by conjugate
-gradients on the surface, where one application of the elastic compliance is a pair of
-two-dimensional transforms; `rigid_contact` finds the sets by a semi-smooth Newton method.
+pressures of the boundary elements.  `solve_contact_forces` meets the equalities on a given
+contact set by conjugate gradients on the surface, where one application of the elastic compliance
+is a pair of two-dimensional transforms; `rigid_contact` finds the sets by a semi-smooth Newton
+method.
 """
 
 from __future__ import annotations
@@ -25,21 +26,20 @@ from fem_check.vectors import dot, norm
 
 States = NDArray[np.int8]
 
-#: Share of the stiffness of the shortest wave by which a gap predicts a force; larger ones let
-#: nodes jump between apart and capped and can cycle.
+#: A gap predicts a force by this share of the stiffness of the shortest wave.  With larger shares
+#: nodes jump between apart and capped, and the sets can cycle.
 PREDICTION = 0.3
 
 
 @dataclass(frozen=True)
-class Pressing:
-    """Nodal forces (nx, ny) on the contact nodes, the approach, and the iterations spent."""
+class ContactForces:
+    """Forces (nx, ny) on the contact nodes in N, and the approach in m."""
 
     forces: FloatArray
     approach: float
-    iterations: int
 
 
-def press(
+def solve_contact_forces(
     compliance: FloatArray,
     wanted: FloatArray,
     contact: NDArray[np.bool_],
@@ -47,21 +47,35 @@ def press(
     *,
     start: FloatArray | None = None,
     tolerance: float = 1e-11,
-) -> Pressing:
-    """Forces on the `contact` nodes that displace them by `wanted` + d.
+) -> ContactForces:
+    """Solve for the forces on the `contact` nodes that displace them by `wanted` + d.
 
-    compliance: (nx // 2 + 1, ny) of the top, m/N.  wanted: (nx, ny) in m.
-    load: the sum of the forces, in N, which makes d an unknown; None: d = 0.
-    tolerance: residual of the displacement relative to its first one.
+    The method is conjugate gradients preconditioned by 1/compliance; in load control all
+    residuals and directions have zero mean over the contact nodes.
 
-    Conjugate gradients preconditioned by 1/compliance; in load control all residuals and
-    directions have zero mean over the contact nodes.
+    Args:
+        compliance: (nx // 2 + 1, ny) of the top, m/N, one value a wave.
+        wanted: (nx, ny) displacement in m.
+        contact: (nx, ny) whether a node carries a force.
+        load: the sum of the forces in N, which makes d an unknown; None: d = 0.
+        start: (nx, ny) first guess of the forces.
+        tolerance: residual of the displacement relative to the first one.
+
+    Returns:
+        The forces in N and the approach d in m.
+
+    Example:
+        >>> everywhere = np.ones((4, 1), dtype=bool)
+        >>> compliance = np.ones((3, 1))  # every wave answers alike: each node is a spring
+        >>> wanted = np.array([[1.0], [2.0], [3.0], [4.0]])
+        >>> solve_contact_forces(compliance, wanted, everywhere, None).forces.ravel()
+        array([1., 2., 3., 4.])
     """
     count = int(contact.sum())
     nx = contact.shape[0]
     free = load is not None
     if count == 0:
-        return Pressing(np.zeros(contact.shape), 0.0, 0)
+        return ContactForces(np.zeros(contact.shape), 0.0)
 
     def project(values: FloatArray) -> FloatArray:
         out = np.where(contact, values, 0.0)
@@ -69,38 +83,38 @@ def press(
             out = np.where(contact, out - out.sum() / count, 0.0)
         return out
 
-    def displaced(forces: FloatArray) -> FloatArray:
+    def displacement(forces: FloatArray) -> FloatArray:
         return inverse(compliance * transform(forces), nx)
 
     forces = np.where(contact, 0.0 if start is None else start, 0.0)
     if load is not None:
         forces = np.where(contact, forces + (load - forces.sum()) / count, 0.0)
-    answered = displaced(forces)
+    answered = displacement(forces)
     raw = wanted - answered
     residual = project(raw)
     # Where all that is wanted is the mean that load control leaves free, only rounding is left.
     rounding = 8 * np.finfo(float).eps * (norm(wanted) + norm(answered))
     enough = max(tolerance * (norm(project(wanted)) + norm(residual)), rounding)
     direction = np.zeros_like(residual)
-    rho_before, spent = 0.0, 0
-    for spent in range(1, 500):
+    rho_before = 0.0
+    for iteration in range(499):
         if norm(residual) <= enough:
             break
         z = project(inverse(transform(residual) / compliance, nx))
         rho = dot(residual, z)
-        direction = z if spent == 1 else z + (rho / rho_before) * direction
-        pushed = displaced(direction)
+        direction = z if iteration == 0 else z + (rho / rho_before) * direction
+        pushed = displacement(direction)
         step = rho / dot(direction, pushed)
         forces = forces + step * direction
         raw = raw - step * pushed
         residual = project(raw)
         rho_before = rho
     approach = -float(raw[contact].mean()) if free else 0.0
-    return Pressing(forces, approach, spent)
+    return ContactForces(forces, approach)
 
 
 def predicted_states(forces: FloatArray, gap: FloatArray, cap: float, stiffness: float) -> States:
-    """The state each node should have, from its force less a share of the gap's force."""
+    """The state of each node, predicted from its force less a share of the gap's force."""
     predicted = forces - PREDICTION * stiffness * gap
     states = np.full(forces.shape, ELASTIC, dtype=np.int8)
     states[predicted <= 0] = APART
@@ -110,12 +124,11 @@ def predicted_states(forces: FloatArray, gap: FloatArray, cap: float, stiffness:
 
 @dataclass(frozen=True)
 class SurfaceContact:
-    """A solved surface problem: forces in N, states, approach in m, iterations spent."""
+    """A solved surface problem: nodal forces in N, contact states, approach in m."""
 
     forces: FloatArray
     states: States
     approach: float
-    iterations: int
 
 
 def rigid_contact(
@@ -125,26 +138,36 @@ def rigid_contact(
     load: float | None = None,
     approach: float = 0.0,
     cap: float = np.inf,
-    start: States | None = None,
 ) -> SurfaceContact:
-    """The contact of an elastic body whose top answers forces by `compliance` alone.
+    """Solve the contact of an elastic body, given by the compliance of its top, with a rigid flat.
 
-    heights: (nx, ny) in m.  load: total force in N; None: the `approach` d in m is given.
-    cap: largest nodal force in N.  start: guess of the states.
+    Args:
+        compliance: (nx // 2 + 1, ny) of the top, m/N, one value a wave.
+        heights: (nx, ny) in m.
+        load: total force in N; None: the `approach` is given.
+        approach: d in m.
+        cap: largest nodal force in N.
 
-    Raises NotConverged if the sets do not settle.
+    Raises:
+        NotConverged: the contact sets do not settle.
+
+    Example:
+        >>> springs = np.ones((3, 1))
+        >>> heights = np.array([[0.0], [1.0], [3.0], [2.0]])
+        >>> rigid_contact(springs, heights, load=3.0).forces.ravel()
+        array([0., 0., 2., 1.])
     """
     nx = heights.shape[0]
     stiffness = 1.0 / float(compliance.min())
-    states = _first_states(heights, load, approach, cap) if start is None else start
-    spent, forces, residuals = 0, np.zeros(heights.shape), []
+    states = _first_states(heights, load, approach, cap)
+    forces, residuals = np.zeros(heights.shape), []
     for sweep in range(200):
         if load is not None:
             states = _with_load(states, heights, load, cap)
         contact, capped = states == ELASTIC, states == PLASTIC
         fixed = np.where(capped, cap, 0.0) if capped.any() else np.zeros(heights.shape)
         already = inverse(compliance * transform(fixed), nx)
-        solved = press(
+        solved = solve_contact_forces(
             compliance,
             heights - already + (0.0 if load is not None else approach),
             contact,
@@ -152,7 +175,6 @@ def rigid_contact(
             start=forces,
             tolerance=1e-3 if sweep < 3 else 1e-12,
         )
-        spent += solved.iterations
         forces = solved.forces + fixed
         d = solved.approach if load is not None else approach
         gap = inverse(compliance * transform(forces), nx) - heights - d
@@ -161,8 +183,8 @@ def rigid_contact(
         changed = int((new != states).sum())
         residuals.append(changed / states.size)
         if changed == 0 and sweep >= 3:
-            return SurfaceContact(forces, states, d, spent)
-        states = _guarded(states, new, sweep)
+            return SurfaceContact(forces, states, d)
+        states = _damped(states, new, sweep)
     raise NotConverged(
         f"the elastic contact did not settle in {len(residuals)} sweeps: "
         f"{changed} nodes still change their state",
@@ -170,8 +192,8 @@ def rigid_contact(
     )
 
 
-def _guarded(old: States, new: States, sweep: int) -> States:
-    """The new states; late sweeps change a third of the nodes only, which breaks cycles."""
+def _damped(old: States, new: States, sweep: int) -> States:
+    """The new states; from sweep 30 on for a random third of the nodes only, to break cycles."""
     if sweep < 30:
         return new
     keep = np.random.default_rng(sweep).random(old.shape) < 2 / 3
@@ -179,7 +201,7 @@ def _guarded(old: States, new: States, sweep: int) -> States:
 
 
 def _first_states(heights: FloatArray, load: float | None, approach: float, cap: float) -> States:
-    """A guess: in load control the highest quarter of the nodes, capped if they must be."""
+    """A first guess: in load control the highest quarter of the nodes, or more if capped."""
     if load is None:
         return np.where(heights + approach > 0, ELASTIC, APART).astype(np.int8)
     needed = 0.0 if np.isinf(cap) else load / cap / heights.size
@@ -188,8 +210,11 @@ def _first_states(heights: FloatArray, load: float | None, approach: float, cap:
 
 
 def _with_load(states: States, heights: FloatArray, load: float, cap: float) -> States:
-    """The states, with elastic nodes added where the contact could not carry `load`, and freed
-    where the capped ones alone would carry more."""
+    """The states, changed so that they can carry the load.
+
+    Elastic nodes are added where the contact could not carry it, and capped ones made elastic
+    where they alone would carry more.
+    """
     capped, contact = states == PLASTIC, states == ELASTIC
     if np.isinf(cap):
         enough = bool(contact.any())

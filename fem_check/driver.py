@@ -1,24 +1,24 @@
-"""Answers a scene with finite elements: `solve`, and `solve_path` for those who want the state.
+"""Answers a scene with finite elements: `solve`, and `solve_path` for its finite-element states.
 
-Laws:  elastic;  capped, the elastic body whose nodal pressures stay below the hardness (the
-boundary elements' problem by other means);  j2, small-strain plasticity of the solid itself,
-which knows no cap.  Geometries:  gap, the roughness as the gap over a flat block, as small
-slopes allow;  moved, the top nodes at the real heights.
+Laws.  elastic;  capped, the elastic body whose nodal pressures stay below the hardness (the
+problem of the boundary elements, discretised in another way);  j2, small-strain plasticity of the
+solid itself, without any cap on the pressure.
+
+Geometries.  gap, where the roughness is the initial gap over a flat block, as small slopes
+allow;  moved, where the top nodes are moved to the real heights.
 """
 
 from __future__ import annotations
 
-import functools
-import inspect
 import math
-import resource
+import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, ParamSpec
+from typing import Literal
 
 import numpy as np
+import psutil
 
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
 from epcontact.results import ContactResult, FloatArray
@@ -26,40 +26,91 @@ from epcontact.scene import Scene
 from fem_check import plasticity
 from fem_check.certify import certify
 from fem_check.linear_solver import factorise
-from fem_check.mesh import Block, block_for, flat_elements, moved_elements
-from fem_check.path import Reached, added, increments_of, march, point_of_path, targets_of
+from fem_check.mesh import PeriodicBlock, block_for, flat_elements, moved_elements
+from fem_check.path import PathPoint, SolvedPath, follow_path, path_targets
 from fem_check.plasticity import History
-from fem_check.problem import Counts, Problem, State
-from fem_check.report import contact_result
+from fem_check.problem import Problem, State
+from fem_check.result import contact_result
 
 LawName = Literal["elastic", "capped", "j2"]
 Geometry = Literal["gap", "moved"]
 Progress = Callable[[float, str], None]
-P = ParamSpec("P")
 
 #: Load increments from zero to the largest pressure. On a rough scene with
 #: yield_stress = 0.2 E* xi, going from 4 to 16 of them changed the area by 0.1 %.
 J2_INCREMENTS = 4
 
 
-@dataclass(frozen=True)
-class SolvedPath:
-    """A solved path with what made it: the last state's history is `history`.
+def solve(  # noqa: PLR0913 - every option of the method, by keyword
+    scene: Scene,
+    *,
+    law: LawName = "j2",
+    geometry: Geometry = "gap",
+    depth: float | None = None,
+    layers: int | None = None,
+    first_layer: float | None = None,
+    steps: int | None = None,
+    tolerance: float = 1e-8,
+    approach: float | Sequence[float] | None = None,
+    hardening: float = 0.0,
+    certified: bool = True,
+    progress: Progress | None = None,
+    output: Path | str | None = None,
+) -> ContactResult:
+    """Solve the contact of a scene along its load path with finite elements.
 
-    certificate: what scikit-fem's own assembly says of the last state, where it was asked.
+    Args:
+        scene: the surface, the material, the body and the mean pressures.
+        law: "elastic", "capped" or "j2"; see the module's docstring.
+        geometry: "gap" or "moved"; see the module's docstring.
+        depth: of the block under a half-space's surface, in m; chosen from the scene by default.
+        layers: number of layers of elements; chosen from the scene by default.
+        first_layer: thickness of the top layer, in m; the grid spacing by default.
+        steps: load increments from zero to the largest pressure; by default 4 for j2, else one
+            for each mean pressure.
+        tolerance: on every residual: forces over the total force, lengths over the rms height.
+        approach: of the flat since it touched the highest point, in m; one value or a path of
+            them, which takes the place of the mean pressures.
+        hardening: H of linear isotropic hardening, in Pa.
+        certified: whether scikit-fem's own assembly must confirm the last state (`certify`).
+        progress: called with the share of the path that is done and a sentence.
+        output: folder for one .vtu file for each point of the path and a .pvd over them.
+
+    Returns:
+        The result with one step for each point of the path and the fields of the last one.
+
+    Raises:
+        InvalidScene: the options contradict each other or the scene.
+        NotConverged: an increment failed; holds the residuals of its iterations.
+        NotEnoughMemory: the block would not fit.
+        OutputError: a file could not be written.
+
+    Example:
+        >>> from epcontact.scene import Load, Material, Scene, Surface
+        >>> heights = 0.01 * np.cos(2 * np.pi * np.arange(16) / 16)
+        >>> scene = Scene(Surface(heights, (1.0,)), Material(1.0, 0.3), Load(0.01))
+        >>> solve(scene, law="elastic").final.areas["raw"].total
+        0.4375
     """
+    path = solve_path(
+        scene,
+        law=law,
+        geometry=geometry,
+        depth=depth,
+        layers=layers,
+        first_layer=first_layer,
+        steps=steps,
+        tolerance=tolerance,
+        approach=approach,
+        hardening=hardening,
+        certified=certified,
+        progress=progress,
+        output=output,
+    )
+    return contact_result(path, _peak_memory())
 
-    scene: Scene
-    problem: Problem
-    history: History
-    reached: tuple[Reached, ...]
-    seconds: float
-    notes: tuple[str, ...]
-    options: dict[str, Any]
-    certificate: dict[str, float]
 
-
-def solve_path(  # noqa: PLR0913 - the scene's many questions, by keyword
+def solve_path(  # noqa: PLR0913 - the options of `solve`
     scene: Scene,
     *,
     law: LawName = "j2",
@@ -75,8 +126,19 @@ def solve_path(  # noqa: PLR0913 - the scene's many questions, by keyword
     progress: Progress | None = None,
     output: Path | str | None = None,
 ) -> SolvedPath:
-    """`solve`, but returning the finite-element states; arguments and errors are the same."""
-    _checked(scene, law, geometry, hardening, tolerance, steps)
+    """Solve as `solve` does, but return the finite-element state of every point of the path.
+
+    Args, errors: those of `solve`.
+
+    Example:
+        >>> from epcontact.scene import Load, Material, Scene, Surface
+        >>> heights = 0.01 * np.cos(2 * np.pi * np.arange(16) / 16)
+        >>> scene = Scene(Surface(heights, (1.0,)), Material(1.0, 0.3), Load((0.01, 0.02)))
+        >>> path = solve_path(scene, law="elastic", layers=8)
+        >>> [point.state.displacement.shape for point in path.points]
+        [(9, 16, 1, 3), (9, 16, 1, 3)]
+    """
+    _check_options(scene, law, geometry, hardening, tolerance, steps)
     begin = time.perf_counter()
     problem = problem_of(
         scene,
@@ -87,36 +149,28 @@ def solve_path(  # noqa: PLR0913 - the scene's many questions, by keyword
         first_layer=first_layer,
         hardening=hardening,
     )
-    targets = targets_of(scene, problem, approach)
-    increments = increments_of(targets, steps or (J2_INCREMENTS if law == "j2" else None))
-    history = plasticity.virgin(problem.bricks.number if law == "j2" else 0)
-    states: tuple[State, ...] = ()
-    reached, notes = [], []
-    area = problem.block.node_area * problem.heights.size
-    for number, (point, ends) in enumerate(increments):
-        total = Counts()
-        found: dict[str, float] = {}
-        for target in point:
-            states, counts, found, halvings = march(
-                problem, states, history, target, approach is not None, tolerance
-            )
-            total = added(total, counts)
-            if halvings:
-                notes.append(f"an increment towards point {number} was halved {halvings} times")
-        state = states[-1]
-        pressure = float(state.forces.sum()) / area if approach is not None else ends / area
-        reached.append(point_of_path(problem, pressure, state, history, total, found))
+    targets = path_targets(scene, problem, approach)
+    followed = follow_path(
+        problem,
+        targets,
+        steps=steps or (J2_INCREMENTS if law == "j2" else None),
+        by_approach=approach is not None,
+        tolerance=tolerance,
+    )
+    points: list[PathPoint] = []
+    for point, history in followed:
         if output is not None:
-            from fem_check.output import write_step
+            from fem_check.vtu import write_step  # loads meshio
 
-            surface = reached[-1].surface_states
-            write_step(Path(output), number, problem, state, history, surface)
+            write_step(Path(output), len(points), problem, point, history)
+        points.append(point)
         if progress is not None:
-            progress((number + 1) / len(increments), f"fem: mean pressure {pressure:.3g} Pa")
+            pressure = f"fem: mean pressure {point.mean_pressure:.3g} Pa"
+            progress(len(points) / len(targets), pressure)
     if output is not None:
-        from fem_check.output import write_collection
+        from fem_check.vtu import write_collection
 
-        write_collection(Path(output), [r.mean_pressure for r in reached])
+        write_collection(Path(output), [p.mean_pressure for p in points])
     seconds = time.perf_counter() - begin
     options = {
         "law": law,
@@ -128,84 +182,43 @@ def solve_path(  # noqa: PLR0913 - the scene's many questions, by keyword
         "hardening": hardening,
         "steps": steps,
     }
-    certificate = _certificate(problem, states[-1], history, tolerance) if certified else {}
-    return SolvedPath(
-        scene, problem, history, tuple(reached), seconds, tuple(notes), options, certificate
-    )
+    certificate = _certificate(problem, points[-1].state, history, tolerance) if certified else {}
+    return SolvedPath(scene, problem, history, tuple(points), seconds, options, certificate)
 
 
-def _certificate(
-    problem: Problem, state: State, history: History, tolerance: float
-) -> dict[str, float]:
-    """What `certify` finds.  Raises NotConverged where it does not confirm the state."""
-    certificate = certify(problem, state, history)
-    # Ten times the tolerance: the certificate adds up forces in another order.
-    if certificate["certified_balance"] > max(10 * tolerance, 1e-12):
-        raise NotConverged(
-            "scikit-fem's assembly does not confirm the converged state: its internal force "
-            f"misses the contact forces by {certificate['certified_balance']:.1e}",
-            residuals=certificate,
-        )
-    return certificate
+def surface_compliance(
+    scene: Scene,
+    *,
+    depth: float | None = None,
+    layers: int | None = None,
+    first_layer: float | None = None,
+) -> FloatArray:
+    """The compliance of the flat block's surface: its displacement under a wave of pressure.
 
+    A comparison hands it to the boundary elements, so that both solve the very same body.
 
-def _answered(path: Callable[P, SolvedPath]) -> Callable[P, ContactResult]:
-    """The function of the same arguments that returns the path's result."""
+    Args:
+        scene: the surface's grid, the material and the body.
+        depth, layers, first_layer: of the block, as in `solve`.
 
-    @functools.wraps(path, assigned=("__module__",))
-    def solve(*args: P.args, **options: P.kwargs) -> ContactResult:
-        """The contact of `scene` along its load path.
+    Returns:
+        m/Pa, one value for each mode of numpy.fft.rfft2 (rfft for a line) of the scene's grid.
+        The mode q = 0 of a bonded layer is its depth over the oedometric modulus.
 
-        law, geometry: see the module.  depth, first_layer (m), layers (their number): of the
-            block, chosen from the scene where not given (`mesh`).
-        steps: load increments from zero to the largest pressure; 4 for j2, else one a mean
-            pressure.
-        tolerance: on every residual: forces by the total force, lengths by the rms height.
-        approach: of the flat after it touched the highest point, m; prescribes the path in place
-            of the mean pressures.
-        hardening: H of linear isotropic hardening, Pa.
-        certified: whether scikit-fem's own assembly must confirm the last state (`certify`).
-        progress: called with the share of the path that is done and a sentence.
-        output: folder for one .vtu a point of the path and a .pvd.
-
-        Raises InvalidScene, NotConverged (with the residual history), OutputError.
-        """
-        return contact_result(path(*args, **options), _peak_memory())
-
-    signature = inspect.signature(path).replace(return_annotation="ContactResult")
-    solve.__signature__ = signature  # type: ignore[attr-defined]
-    return solve
-
-
-solve = _answered(solve_path)
-
-
-def _peak_memory() -> float:
-    """Of the process so far, in bytes."""
-    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * 1024
-
-
-def _checked(
-    scene: Scene, law: str, geometry: str, hardening: float, tolerance: float, steps: int | None
-) -> None:
-    """Refuses a question that makes no sense.  Raises InvalidScene."""
-    material = scene.material
-    if law not in ("elastic", "capped", "j2"):
-        raise InvalidScene(f"law is {law!r}, but must be elastic, capped or j2")
-    if geometry not in ("gap", "moved"):
-        raise InvalidScene(f"geometry is {geometry!r}, but must be gap or moved")
-    if law == "j2" and not math.isfinite(material.yield_stress):
-        raise InvalidScene("law j2 needs a finite yield_stress; give one or take law='elastic'")
-    if law == "capped":
-        if not math.isfinite(material.hardness):
-            raise InvalidScene("law capped needs a finite hardness; give one or take law='elastic'")
-        scene.require_loading()
-    if not (math.isfinite(hardening) and hardening >= 0):
-        raise InvalidScene(f"hardening is {hardening!r}, but must be zero or positive, in Pa")
-    if steps is not None and steps < 1:
-        raise InvalidScene(f"steps is {steps!r}, but must be a positive number of increments")
-    if not 0 < tolerance < 1:
-        raise InvalidScene(f"tolerance is {tolerance!r}, but must lie between 0 and 1")
+    Example:
+        >>> from epcontact.scene import Body, Load, Material, Scene, Surface
+        >>> layer = Body("bonded_layer", 0.5)
+        >>> scene = Scene(Surface(np.zeros(8), (1.0,)), Material(1.0, 0.0), Load(0.01), layer)
+        >>> float(surface_compliance(scene)[0].round(12))
+        0.5
+    """
+    problem = problem_of(scene, depth=depth, layers=layers, first_layer=first_layer)
+    nx, ny = problem.block.shape
+    half = problem.factor.surface * problem.block.node_area
+    if scene.surface.heights.ndim == 1:
+        return half[:, 0].copy()
+    mirrored = np.minimum(np.arange(nx), nx - np.arange(nx))
+    return half[mirrored][:, : ny // 2 + 1].copy()
 
 
 def problem_of(
@@ -218,7 +231,7 @@ def problem_of(
     first_layer: float | None = None,
     hardening: float = 0.0,
 ) -> Problem:
-    """The finite-element problem of a scene; arguments as in `solve`."""
+    """The finite-element problem of a scene; arguments and errors as in `solve`."""
     material = scene.material
     block = block_for(
         scene, depth=depth, layers=layers, first_layer=first_layer, moved=geometry == "moved"
@@ -243,49 +256,59 @@ def problem_of(
     )
 
 
-def surface_compliance(scene: Scene, **block: float | int | None) -> FloatArray:
-    """The flat block's own surface compliance, m/Pa: what it answers to a pressure wave.
+def _check_options(
+    scene: Scene, law: str, geometry: str, hardening: float, tolerance: float, steps: int | None
+) -> None:
+    material = scene.material
+    if law not in ("elastic", "capped", "j2"):
+        raise InvalidScene(f"law is {law!r}, but must be elastic, capped or j2")
+    if geometry not in ("gap", "moved"):
+        raise InvalidScene(f"geometry is {geometry!r}, but must be gap or moved")
+    if law == "j2" and not math.isfinite(material.yield_stress):
+        raise InvalidScene("law j2 needs a finite yield_stress; give one or take law='elastic'")
+    if law == "capped":
+        if not math.isfinite(material.hardness):
+            raise InvalidScene("law capped needs a finite hardness; give one or take law='elastic'")
+        scene.require_loading()
+    if not (math.isfinite(hardening) and hardening >= 0):
+        raise InvalidScene(f"hardening is {hardening!r}, but must be zero or positive, in Pa")
+    if steps is not None and steps < 1:
+        raise InvalidScene(f"steps is {steps!r}, but must be a positive number of increments")
+    if not 0 < tolerance < 1:
+        raise InvalidScene(f"tolerance is {tolerance!r}, but must lie between 0 and 1")
 
-    One value a mode of numpy.fft.rfft2 (or rfft for a line) of the scene's grid, the mode q = 0
-    included, where a bonded layer gives depth over oedometric modulus.  For a comparison that
-    hands this very body to the boundary elements.  `block`: depth, layers, first_layer of
-    `solve`.
-    """
-    problem = problem_of(scene, **block)  # type: ignore[arg-type]
-    nx, ny = problem.block.shape
-    half = problem.factor.surface * problem.block.node_area
-    if scene.surface.heights.ndim == 1:
-        return half[:, 0].copy()
-    mirrored = np.minimum(np.arange(nx), nx - np.arange(nx))
-    return half[mirrored][:, : ny // 2 + 1].copy()
+
+def _certificate(
+    problem: Problem, state: State, history: History, tolerance: float
+) -> dict[str, float]:
+    certificate = certify(problem, state, history)
+    # Ten times the tolerance: the certificate adds up forces in another order.
+    if certificate["certified_balance"] > max(10 * tolerance, 1e-12):
+        raise NotConverged(
+            "scikit-fem's assembly does not confirm the converged state: its internal force "
+            f"misses the contact forces by {certificate['certified_balance']:.1e}",
+            residuals=certificate,
+        )
+    return certificate
 
 
-def bytes_needed(block: Block, *, plastic: bool) -> float:
-    """Estimate of a solve's memory, from what is kept an element and a wave.
+def bytes_needed(block: PeriodicBlock, *, plastic: bool) -> float:
+    """An estimate of a solve's memory, in bytes, from the arrays kept for elements and nodes.
 
-    An element: connectivity and shape (36), the history (448), where it flows, taken to be one
-    in ten, its softening and its rows (2700), and moved its own gradients (1800 and as much again
-    while scikit-fem makes them); a node: some sixteen displacement fields (24 each); half a wave a
-    node: the factor's 15 numbers.
+    An element keeps its connectivity and shape (36 bytes), the history (448) and, where it flows,
+    which is taken to be one element in ten, its tangent correction and matrix rows (2700); in the
+    moved geometry its own gradients (1800, and as much again while scikit-fem makes them).  A node
+    keeps about sixteen displacement fields (24 each) and its half of the factor (15 numbers a
+    wave).
     """
     nodes = float(np.prod(block.field_shape[:3]))
     element = 36 + (448 + 270 if plastic else 0) + (3600 if block.moved is not None else 0)
     return nodes * (element + 16 * 24 + 15 * 8 / 2)
 
 
-def _free_memory() -> float:
-    """Bytes that can be had without swapping; infinite where the system does not tell."""
-    try:
-        with open("/proc/meminfo", encoding="ascii") as lines:
-            fields = dict(line.split(":", 1) for line in lines)
-        return float(fields["MemAvailable"].split()[0]) * 1024
-    except (OSError, KeyError, ValueError, IndexError):
-        return math.inf
-
-
-def require_memory(block: Block, *, plastic: bool) -> None:
-    """Refuses a block that will not fit.  Raises NotEnoughMemory before anything is made."""
-    needed, free = bytes_needed(block, plastic=plastic), _free_memory()
+def require_memory(block: PeriodicBlock, *, plastic: bool) -> None:
+    """Raise NotEnoughMemory, before any array is made, if the block will not fit."""
+    needed, free = bytes_needed(block, plastic=plastic), psutil.virtual_memory().available
     if needed > free:
         nx, ny = block.shape
         raise NotEnoughMemory(
@@ -293,3 +316,13 @@ def require_memory(block: Block, *, plastic: bool) -> None:
             f"{needed / 2**30:.1f} GiB, but {free / 2**30:.1f} GiB are free; give fewer grid "
             "points or layers"
         )
+
+
+def _peak_memory() -> float:
+    """The largest resident memory of this process so far, in bytes."""
+    if sys.platform == "win32":
+        return float(psutil.Process().memory_info().peak_wset)
+    import resource  # which Windows does not have
+
+    peak = float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    return peak if sys.platform == "darwin" else 1024 * peak

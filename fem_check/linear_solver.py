@@ -11,8 +11,8 @@ leaves S_0 on the top level, whose normal entry is the layer's own surface compl
 back is u_{k+1} = S_{k+1} (f_{k+1} - C_k^T u_k).  Contact forces act on the top level, which is
 eliminated last: they can be found between the two sweeps, on the surface alone (`contact`).
 
-Here this is a preconditioner (and the closed answer of an elastic flat block): what is called
-converged is judged by the internal force of the assembled elements.
+Here this is a preconditioner, and the answer of an elastic flat block; convergence is judged by
+the internal force of the assembled elements.
 Half of the spectrum is kept along x, so that a line (ny = 1) costs half of a surface's.
 """
 
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
 from fem_check.element import CORNERS, Elements, elastic_stiffness
-from fem_check.mesh import Block
+from fem_check.mesh import PeriodicBlock
 from fem_check.plasticity import Law
 
 ComplexArray = NDArray[np.complex128]
@@ -52,7 +52,7 @@ class Factor:
         return self.compliances[0, :, 2].reshape(nx // 2 + 1, ny)
 
 
-def factorise(block: Block, flat: Elements, law: Law) -> Factor:
+def factorise(block: PeriodicBlock, flat: Elements, law: Law) -> Factor:
     """Eliminates the `flat` elements of `block` wave by wave."""
     nx, ny = block.shape
     count, waves = len(block.layers), (nx // 2 + 1) * ny
@@ -220,7 +220,7 @@ def inverse(spectrum: ComplexArray, nx: int) -> FloatArray:
 def eliminate(factor: Factor, force: FloatArray) -> ComplexArray:
     """The transformed `force` (levels, nx, ny, 3) after the sweep to the top.
 
-    Levels below those given bear no force; what is eliminated and substituted is cut off there.
+    No force acts below the levels given, and the sweeps leave the levels below out.
     """
     spectrum = transform(force)
     _down(_flat(spectrum), factor.compliances, factor.couplings)
@@ -243,13 +243,15 @@ def substitute(factor: Factor, eliminated: ComplexArray, pressing: FloatArray) -
     return inverse(eliminated, factor.shape[0])
 
 
-def continued(factor: Factor, level: FloatArray, above: int) -> FloatArray:
-    """The displacement of the levels below `above` - 1, which has the displacement `level`
-    (nx, ny, 3), where no force acts on them."""
+def extend_to_base(factor: Factor, level: FloatArray, above: int) -> FloatArray:
+    """The displacement of all levels but the first `above`, of which the last has the given one.
+
+    `level` is (nx, ny, 3); no force acts below it.
+    """
     spectrum = transform(level[None])
     below = np.empty((len(factor.compliances) - above, *spectrum.shape[1:]), dtype=complex)
-    _continue(_flat(spectrum)[0], factor.compliances[above:], factor.couplings[above - 1 :],
-              _flat(below))  # fmt: skip
+    S, C = factor.compliances[above:], factor.couplings[above - 1 :]
+    _continue(_flat(spectrum)[0], S, C, _flat(below))
     return inverse(below, factor.shape[0])
 
 

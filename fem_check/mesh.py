@@ -4,14 +4,15 @@ Nodes are numbered level by level from the top: node (k nx + i) ny + j stands at
 y = j hy and level k, level 0 being the rough top and level nz the base.  A line becomes a block
 with one node along y, joined to itself: no field can vary along y, which is plane strain.
 
-Depth.  The block stands for a half-space where its longest wave cannot tell the base: a bonded
-layer of depth d answers exp(i q x) with a compliance whose relative distance from 2/(E* q) falls
-as exp(-2 q d) (Carbone and Mangialardi 2008).  `half_space_depth` returns the smallest depth at
-which that distance is `tolerance` for the longest wave, q = 2 pi / max(period).
+Depth.  The block stands for a half-space if its base does not matter to the longest wave.  The
+compliance of a bonded layer of depth d differs from the half-space's 2/(E* q), for a wave
+exp(i q x), by a share that falls as exp(-2 q d) (Carbone and Mangialardi 2008).
+`half_space_depth` returns the smallest depth at which the share is `tolerance` for the longest
+wave, q = 2 pi / max(period).
 
-Grading.  Waves decay over 1/q, so layers may thicken with depth z as long as they resolve the
-waves that still live there: the first is as thick as the grid spacing, each further one thicker
-by at most `GROWTH`.
+Grading.  Waves decay over 1/q, so layers may thicken with depth as long as they resolve the waves
+that are left there.  The first is as thick as the grid spacing, and each further one is thicker
+than the one above it by a ratio of at most `GROWTH`.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ GROWTH = 1.2
 
 
 @dataclass(frozen=True)
-class Block:
+class PeriodicBlock:
     """A periodic block.
 
     shape: (nx, ny) nodes of a level; ny = 1 is plane strain.
@@ -83,7 +84,7 @@ class Block:
         return out
 
 
-def connectivity(block: Block) -> NDArray[np.int32]:
+def connectivity(block: PeriodicBlock) -> NDArray[np.int32]:
     """(elements, 8) node numbers, elements ordered [layer, x, y]."""
     nx, ny = block.shape
     k, i, j = np.meshgrid(
@@ -95,7 +96,7 @@ def connectivity(block: Block) -> NDArray[np.int32]:
     return nodes.reshape(-1, 8)
 
 
-def flat_elements(block: Block) -> Elements:
+def flat_elements(block: PeriodicBlock) -> Elements:
     """The elements of the flat block: one shape a layer."""
     hx, hy = block.spacing
     per_layer = block.shape[0] * block.shape[1]
@@ -105,7 +106,7 @@ def flat_elements(block: Block) -> Elements:
     return elements(connectivity(block), shape_of, corners)
 
 
-def moved_elements(block: Block) -> Elements:
+def moved_elements(block: PeriodicBlock) -> Elements:
     """The elements of a block whose top nodes are moved: every one has its own shape.
 
     Raises InvalidScene if an element is turned inside out.
@@ -127,8 +128,19 @@ def moved_elements(block: Block) -> Elements:
 
 
 def half_space_depth(longest: float, poisson_ratio: float, tolerance: float = 1e-3) -> float:
-    """The depth of a bonded layer, in m, whose compliance of the `longest` wavelength (m) lies
-    within `tolerance` of the half-space's.
+    """The smallest depth at which a bonded layer stands for a half-space.
+
+    Args:
+        longest: the longest wavelength of the surface, in m.
+        poisson_ratio: nu.
+        tolerance: relative difference of the two compliances of that wave.
+
+    Returns:
+        The depth in m.
+
+    Example:
+        >>> round(half_space_depth(1.0, 0.3), 3)
+        0.905
     """
     nu = poisson_ratio
 
@@ -146,10 +158,18 @@ def half_space_depth(longest: float, poisson_ratio: float, tolerance: float = 1e
 def graded_layers(
     depth: float, first: float, count: int | None = None, growth: float = GROWTH
 ) -> FloatArray:
-    """Thicknesses of layers that fill `depth`, in m, the first about `first` thick.
+    """Thicknesses of layers that fill a depth, in a geometric series.
 
-    Without `count`, as few as a ratio of at most `growth` between neighbours allows; with it,
-    the ratio is what the count needs (1 at least).
+    Args:
+        depth: in m.
+        first: about the thickness of the first layer, in m.
+        count: number of layers; by default the fewest with a ratio of at most `growth` between
+            neighbours.
+        growth: the largest ratio, unless `count` asks for a larger one.
+
+    Example:
+        >>> graded_layers(1.0, 0.25, growth=2.0)
+        array([0.25      , 0.32569391, 0.42430609])
     """
     if count is None:
         exact = math.log1p((growth - 1) * depth / first) / math.log(growth)
@@ -178,12 +198,18 @@ def block_for(
     layers: int | None = None,
     first_layer: float | None = None,
     moved: bool = False,
-) -> Block:
-    """The block that answers `scene`; see the module's docstring for its depth and grading.
+) -> PeriodicBlock:
+    """The block for a scene; see the module's docstring for its depth and grading.
 
-    depth, first_layer: in m; layers: their number.  A layer's own depth cannot be overridden.
+    Args:
+        scene: the surface and the body; the depth of a layer cannot be overridden.
+        depth: in m, chosen from the longest wave by default.
+        layers: their number.
+        first_layer: thickness of the top layer in m, the grid spacing by default.
+        moved: whether the top nodes are moved to the heights.
 
-    Raises InvalidScene.
+    Raises:
+        InvalidScene: a length is not positive, or the depth is not that of the scene's layer.
     """
     surface, body = scene.surface, scene.body
     for name, value in (("depth", depth), ("first_layer", first_layer), ("layers", layers)):
@@ -201,7 +227,7 @@ def block_for(
     hx, hy = surface.spacing * 2 if line else surface.spacing
     thick = graded_layers(depth, first_layer or min(hx, hy, depth / 2), layers)
     heights = surface.heights[:, None] if line else surface.heights
-    return Block(
+    return PeriodicBlock(
         shape=(heights.shape[0], heights.shape[1]),
         spacing=(hx, hy),
         layers=thick,

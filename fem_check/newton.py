@@ -1,9 +1,10 @@
-"""One load step: a globalised Newton method whose linearised problem keeps the contact exact.
+"""One load increment: a globalised Newton method whose linearised problem keeps the contact exact.
 
 Each iteration freezes the material's consistent tangent and solves the contact problem of that
 linear body (`linearised`).  The step to that solution is taken whole unless the energy's slope
-along it shows that it overshoots.  Merging the two loops, or starting cold with full steps, lets
-the contact set jump between a few nodes and all of them.
+along it shows that it overshoots.  Where the two loops were merged into one, or cold starts took
+full steps, the contact set jumped between a few nodes and all of them
+(tests/test_fem_breaks.py).
 
 Far from the solution the tangent is blended with the elastic stiffness, by a tenth of the relative
 residual: a fully plastic contact has next to no stiffness of its own to aim with.
@@ -11,7 +12,7 @@ residual: a fully plastic contact has next to no stiffness of its own to aim wit
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from epcontact.errors import NotConverged
 from epcontact.results import ELASTIC, PLASTIC, FloatArray
 from fem_check import plasticity
-from fem_check.linearised import Linear, Tangent, linear_contact
+from fem_check.linearised import LinearSolution, Tangent, linear_contact
 from fem_check.plasticity import History
 from fem_check.problem import (
     Control,
@@ -27,16 +28,15 @@ from fem_check.problem import (
     Problem,
     State,
     internal_force,
-    open_residual,
+    reaction,
     residuals,
 )
 from fem_check.vectors import dot
 
 
 @dataclass(frozen=True)
-class Options:
-    """How a step is solved.  The last three are what the method needs to be robust; switching
-    them off shows why.
+class NewtonOptions:
+    """How an increment is solved; tests/test_fem_breaks.py shows that the last three are needed.
 
     line_search: shorten steps that overshoot.  regularise: blend the tangent with the elastic
     stiffness far from the solution.  sweeps: changes of the contact set within one iteration.
@@ -49,106 +49,130 @@ class Options:
     sweeps: int = 12
 
 
-def solve_step(
+@dataclass(frozen=True)
+class SolvedIncrement:
+    """The converged state; `history` holds the largest residual after each Newton iteration."""
+
+    state: State
+    counts: Counts
+    residuals: dict[str, float]
+    history: tuple[float, ...]
+
+
+def solve_increment(
     problem: Problem,
     state: State,
     history: History,
     control: Control,
-    options: Options | None = None,
-) -> tuple[State, Counts, dict[str, float]]:
-    """The converged state at `control`, starting from `state`; `history` is read only.
+    options: NewtonOptions | None = None,
+) -> SolvedIncrement:
+    """Solve for the state at `control`, starting from `state`.
 
     Raises NotConverged with the residuals of every iteration.
     """
-    options = options or Options()
-    counts = Counts(increments=1)
-    internal, yielded = internal_force(problem, state.displacement, history)
+    options = options or NewtonOptions()
+    counts, worst_of = Counts(increments=1), []
+    internal, flowing = internal_force(problem, state.displacement, history)
     while True:
         found = residuals(problem, state, internal, control)
         worst = max(found.values())
-        counts.history.append(worst)
+        worst_of.append(worst)
         if worst <= options.tolerance and counts.newton > 0:
-            return state, counts, found
+            counts = replace(counts, most_newton=counts.newton)
+            return SolvedIncrement(state, counts, found, tuple(worst_of))
         if counts.newton >= options.max_newton or not np.isfinite(worst):
             raise NotConverged(
                 f"the load step did not converge in {counts.newton} Newton iterations: relative "
                 f"residual {worst:.2e} instead of {options.tolerance:.0e}",
                 residuals=found,
-                history=counts.history,
+                history=worst_of,
             )
         balance = min(1.0, found["balance"] + found["load"])
-        softening = None
-        if problem.plastic:
-            softening = plasticity.linearise(
-                state.displacement.reshape(-1, 3), problem.bricks, problem.law, history, yielded
-            )
-        tangent = Tangent(problem, softening, 0.1 * balance if options.regularise else 0.0)
-        forcing = max(min(0.1, balance), 0.1 * options.tolerance / max(balance, 1e-300))
-        R = open_residual(problem, state.states, internal)
-        effort = (min(forcing, 0.5), options.sweeps)
-        linear = linear_contact(state, R, tangent, control, effort, counts)
-        counts.newton += 1
+        linear, spent = linear_contact(
+            state,
+            reaction(problem, state.states, internal),
+            _tangent(
+                problem, state, history, flowing, 0.1 * balance if options.regularise else 0.0
+            ),
+            control,
+            forcing=min(
+                0.5, max(min(0.1, balance), 0.1 * options.tolerance / max(balance, 1e-300))
+            ),
+            sweeps=options.sweeps,
+        )
         held = control.load is not None or linear.approach == state.approach
+        trial = _trial(problem, state, linear, 1.0, history)
         if options.line_search and problem.plastic and balance > 1e-4 and held:
-            share = _searched(problem, state, internal, linear, history, control, counts)
-        else:
-            share = _share_of(problem, state, linear, 1.0, history)
-        state, internal, yielded = _taken(problem, state, linear, share), share.force, share.yielded
+            trial, tried = _line_search(problem, state, internal, linear, history, control, trial)
+            spent += Counts(line_searches=tried)
+        counts += spent + Counts(newton=1)
+        state, internal, flowing = (
+            _state_after(problem, state, linear, trial),
+            trial.force,
+            trial.flowing,
+        )
+
+
+def _tangent(
+    problem: Problem, state: State, history: History, flowing: NDArray[np.bool_], blend: float
+) -> Tangent:
+    if not problem.plastic:
+        return Tangent(problem, None, blend)
+    u = state.displacement.reshape(-1, 3)
+    correction = plasticity.tangent_correction(u, problem.bricks, problem.law, history, flowing)
+    return Tangent(problem, correction, blend)
 
 
 @dataclass(frozen=True)
-class _Share:
-    """A share of the step, with the displacement, the internal force and the flow at its end."""
+class _Trial:
+    """The displacement, internal force and flow after a `share` of the Newton step."""
 
     share: float
     displacement: FloatArray
     force: FloatArray
-    yielded: NDArray[np.bool_]
+    flowing: NDArray[np.bool_]
 
 
-def _share_of(
-    problem: Problem, state: State, linear: Linear, share: float, history: History
-) -> _Share:
+def _trial(
+    problem: Problem, state: State, linear: LinearSolution, share: float, history: History
+) -> _Trial:
     u = state.displacement + share * linear.step
-    return _Share(share, u, *internal_force(problem, u, history))
+    return _Trial(share, u, *internal_force(problem, u, history))
 
 
-def _searched(
+def _line_search(
     problem: Problem,
     state: State,
     internal: FloatArray,
-    linear: Linear,
+    linear: LinearSolution,
     history: History,
     control: Control,
-    counts: Counts,
-) -> _Share:
-    """As much of the step as is good: all, or up to where the energy stops falling along it."""
-    lift = (control.load or 0.0) * (linear.approach - state.approach)
-    before = dot(internal, linear.step) - lift
-    here = _share_of(problem, state, linear, 1.0, history)
+    whole: _Trial,
+) -> tuple[_Trial, int]:
+    """The whole step, or the part of it up to where the energy stops falling; and the cuts."""
+    work = (control.load or 0.0) * (linear.approach - state.approach)
+    before = dot(internal, linear.step) - work
+    trial, cuts = whole, 0
     if before >= 0:
-        return here
+        return trial, cuts
     low, slope_low, high, slope_high = 0.0, before, np.inf, 0.0
-    for _ in range(12):
-        slope = dot(here.force, linear.step) - lift
-        if slope <= -0.3 * before and (here.share == 1.0 or slope >= 0.8 * before):
-            break
-        counts.cuts += 1
+    for cuts in range(12):
+        slope = dot(trial.force, linear.step) - work
+        if slope <= -0.3 * before and (trial.share == 1.0 or slope >= 0.8 * before):
+            return trial, cuts
         if slope > 0:
-            high, slope_high = here.share, slope
+            high, slope_high = trial.share, slope
         else:
-            low, slope_low = here.share, slope
-        where = slope_low / (slope_low - slope_high)
-        share = low + min(max(where, 0.1), 0.9) * (high - low)
-        here = _share_of(problem, state, linear, share, history)
-    return here
+            low, slope_low = trial.share, slope
+        secant = slope_low / (slope_low - slope_high)
+        share = low + min(max(secant, 0.1), 0.9) * (high - low)
+        trial = _trial(problem, state, linear, share, history)
+    return trial, cuts + 1
 
 
-def _taken(problem: Problem, state: State, linear: Linear, share: _Share) -> State:
-    """The state after a share of the step."""
-    states = linear.states
-    forces = np.where(states == ELASTIC, -share.force[0, ..., 2], 0.0)
-    if np.isfinite(problem.cap):
-        forces = np.where(states == PLASTIC, problem.cap, forces)
-    approach = state.approach + share.share * (linear.approach - state.approach)
-    return State(share.displacement, approach, states, forces)
+def _state_after(problem: Problem, state: State, linear: LinearSolution, trial: _Trial) -> State:
+    forces = np.where(linear.states == ELASTIC, -trial.force[0, ..., 2], 0.0)
+    if problem.capped:
+        forces = np.where(linear.states == PLASTIC, problem.cap, forces)
+    approach = state.approach + trial.share * (linear.approach - state.approach)
+    return State(trial.displacement, approach, linear.states, forces)

@@ -14,9 +14,10 @@ plasticity), a strain e, its plastic part e_p and the accumulated plastic strain
     C = K I (x) I + 2 mu theta I_dev - 2 mu theta_bar n (x) n,
     theta = 1 - over/|s_trial|,   theta_bar = 1/(1 + H/(3 mu)) - (1 - theta)     (box 3.2).
 
-The history (e_p, a) changes in `commit` alone, which a converged step calls; until then it is
-only read.  The loops are compiled; `force` is the internal force of the B-bar brick of
-`element`, whose dilatation is the element's mean.
+A converged increment gets its new history (e_p, a) from `commit`; no other function makes one.
+Two compiled loops over the elements do the work: `_stress_update` returns the stress to the yield
+surface, and `_add_correction` multiplies by what the consistent tangent lacks of the elastic
+stiffness.  The dilatation of the B-bar brick (`element`) is its mean over the element.
 """
 
 from __future__ import annotations
@@ -48,31 +49,45 @@ class Law(NamedTuple):
 def law(
     young_modulus: float, poisson_ratio: float, yield_stress: float, hardening: float = 0.0
 ) -> Law:
-    """The law of a material; an infinite yield_stress is elasticity."""
+    """The law of a material.
+
+    Args:
+        young_modulus: E in Pa.
+        poisson_ratio: nu.
+        yield_stress: sigma_Y in Pa; infinite for an elastic material.
+        hardening: H in Pa; 0 is perfect plasticity.
+
+    Returns:
+        The law, with the shear modulus E/(2 (1 + nu)) and the bulk modulus E/(3 (1 - 2 nu)).
+
+    Example:
+        >>> law(2.6, 0.3, yield_stress=0.01).shear
+        1.0
+    """
     E, nu = young_modulus, poisson_ratio
     return Law(E / (2 * (1 + nu)), E / (3 * (1 - 2 * nu)), float(yield_stress), float(hardening))
 
 
 class History(NamedTuple):
-    """What the material remembers: plastic_strain (m, 6, 8) and accumulated (m, 8)."""
+    """The history variables of m elements: plastic_strain (m, 6, 8) and accumulated (m, 8)."""
 
     plastic_strain: FloatArray
     accumulated: FloatArray
 
 
-class Softening(NamedTuple):
-    """What the consistent tangent lacks of the elastic stiffness, in the elements that flow.
+class TangentCorrection(NamedTuple):
+    """The consistent tangent less the elastic stiffness, in the elements that flow.
 
-    which: (k,) their numbers.  terms: (k, 8, 8): n, then the weighted 2 mu (1 - theta) and
-    2 mu theta_bar, at each Gauss point.
+    which: (k,) numbers of the elements.  terms: (k, 8, 8): the six components of n, then
+    2 mu (1 - theta) and 2 mu theta_bar times the Gauss point's volume, at each Gauss point.
     """
 
     which: NDArray[np.int64]
     terms: FloatArray
 
 
-def virgin(count: int) -> History:
-    """The history of `count` elements that never yielded."""
+def initial_history(count: int) -> History:
+    """The history of `count` elements that have never yielded."""
     return History(np.zeros((count, 6, 8)), np.zeros((count, 8)))
 
 
@@ -93,7 +108,7 @@ def _strain(G, shape, q, ue):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _trial(strain, ep, acc, law):  # type: ignore[no-untyped-def]
-    """Trial deviatoric stress, its norm, and how far it lies beyond the yield surface."""
+    """Trial deviatoric stress, its norm, and its distance from the yield surface (`over`)."""
     xx, yy, zz, xy, yz, zx = strain
     m = (xx + yy + zz) / 3
     G2 = 2 * law[0]
@@ -102,6 +117,14 @@ def _trial(strain, ep, acc, law):  # type: ignore[no-untyped-def]
     norm = sqrt(sxx * sxx + syy * syy + szz * szz + 2 * (sxy * sxy + syz * syz + szx * szx))
     over = max(norm - _ROOT * (law[2] + law[3] * acc), 0.0) / (1 + law[3] / (3 * law[0]))
     return (sxx, syy, szz, sxy, syz, szx), norm, over
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _elastic_stress(strain, law):  # type: ignore[no-untyped-def]
+    """Deviatoric stress of Hooke's law."""
+    xx, yy, zz, xy, yz, zx = strain
+    m, G2 = (xx + yy + zz) / 3, 2 * law[0]
+    return G2 * (xx - m), G2 * (yy - m), G2 * (zz - m), G2 * xy, G2 * yz, G2 * zx
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
@@ -133,69 +156,64 @@ def _gather(u, nodes, Gm, shape, ue):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _force(u, bricks, history, law, f, yielded):  # type: ignore[no-untyped-def]
+def _stress_update(  # type: ignore[no-untyped-def]  # noqa: PLR0912, PLR0913, PLR0917 - one law
+    u, bricks, law, history, which, nodal, stress, updated, terms
+):
+    """Radial return at every Gauss point of all elements, or of `which`.
+
+    Without a history the law is elastic.  Each of the outputs may be None, and numba then leaves
+    its part out of the compiled loop: nodal = (force, flowing), to which the internal force is
+    added; stress (m, 6, 8); updated, a History that holds the old one; terms, the correction's.
+    """
     ue, s = np.empty((8, 3)), np.empty((6, 8))
     conn, shape_of, G, Gm, w = bricks
-    ep, acc = history
-    for e in range(conn.shape[0]):
+    count = conn.shape[0]
+    if which is not None:
+        count = which.size
+    for k in range(count):
+        e = k
+        if which is not None:
+            e = which[k]
         shape = shape_of[e]
         p = law[1] * _gather(u, conn[e], Gm, shape, ue)
         worst = 0.0
         for q in range(8):
-            t, norm, over = _trial(_strain(G, shape, q, ue), ep[e, :, q], acc[e, q], law)
-            worst = max(worst, over)
-            wq = w[shape, q]
-            c = wq * (1 - over / max(norm, 1e-300))
-            s[0, q], s[1, q], s[2, q] = c * t[0] + wq * p, c * t[1] + wq * p, c * t[2] + wq * p
-            s[3, q], s[4, q], s[5, q] = c * t[3], c * t[4], c * t[5]
-        yielded[e] = worst > 0
-        _scatter(G, shape, conn[e], s, f)
+            strain = _strain(G, shape, q, ue)
+            if history is None:
+                t, norm, over = _elastic_stress(strain, law), 1.0, 0.0
+            else:
+                t, norm, over = _trial(strain, history[0][e, :, q], history[1][e, q], law)
+            norm = max(norm, 1e-300)
+            loss = over / norm  # 1 - theta
+            if nodal is not None:
+                wq = w[shape, q]
+                c = wq * (1 - loss)
+                s[0, q], s[1, q], s[2, q] = c * t[0] + wq * p, c * t[1] + wq * p, c * t[2] + wq * p
+                s[3, q], s[4, q], s[5, q] = c * t[3], c * t[4], c * t[5]
+                worst = max(worst, over)
+            if stress is not None:
+                for i in range(6):
+                    stress[e, i, q] = (1 - loss) * t[i] + (p if i < 3 else 0.0)
+            if updated is not None and over > 0:
+                for i in range(6):
+                    updated[0][e, i, q] += over / (2 * law[0]) * t[i] / norm
+                updated[1][e, q] += _ROOT * over / (2 * law[0])
+            if terms is not None:
+                for i in range(6):
+                    terms[k, i, q] = t[i] / norm
+                stiff, flows = 2 * law[0] * w[shape, q], 1.0 if over > 0 else 0.0
+                terms[k, 6, q] = stiff * loss
+                terms[k, 7, q] = stiff * flows * (1 / (1 + law[3] / (3 * law[0])) - loss)
+        if nodal is not None:
+            nodal[1][e] = worst > 0
+            _scatter(G, shape, conn[e], s, nodal[0])
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _elastic(u, bricks, law, f):  # type: ignore[no-untyped-def]
-    ue, s = np.empty((8, 3)), np.empty((6, 8))
-    conn, shape_of, G, Gm, w = bricks
-    for e in range(conn.shape[0]):
-        shape = shape_of[e]
-        p = law[1] * _gather(u, conn[e], Gm, shape, ue)
-        for q in range(8):
-            xx, yy, zz, xy, yz, zx = _strain(G, shape, q, ue)
-            wq = w[shape, q]
-            c, m = 2 * law[0] * wq, (xx + yy + zz) / 3
-            s[0, q], s[1, q], s[2, q] = c * (xx - m), c * (yy - m), c * (zz - m)
-            for i in range(3):
-                s[i, q] += wq * p
-            s[3, q], s[4, q], s[5, q] = c * xy, c * yz, c * zx
-        _scatter(G, shape, conn[e], s, f)
-
-
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _linearise(u, bricks, history, law, which, out):  # type: ignore[no-untyped-def]
-    ue = np.empty((8, 3))
-    conn, shape_of, G, Gm, w = bricks
-    ep, acc = history
-    for k in range(which.size):
-        e = which[k]
-        shape = shape_of[e]
-        _gather(u, conn[e], Gm, shape, ue)
-        for q in range(8):
-            t, norm, over = _trial(_strain(G, shape, q, ue), ep[e, :, q], acc[e, q], law)
-            safe = max(norm, 1e-300)
-            for i in range(6):
-                out[k, i, q] = t[i] / safe
-            loss = over / safe  # 1 - theta
-            stiff = 2 * law[0] * w[shape, q]
-            out[k, 6, q] = stiff * loss
-            flows = 1.0 if over > 0 else 0.0
-            out[k, 7, q] = stiff * flows * (1 / (1 + law[3] / (3 * law[0])) - loss)
-
-
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _soften(v, bricks, softening, scale, f):  # type: ignore[no-untyped-def]
+def _add_correction(v, bricks, correction, scale, f):  # type: ignore[no-untyped-def]
     ue, s = np.empty((8, 3)), np.empty((6, 8))
     conn, shape_of, G, Gm, _ = bricks
-    which, terms = softening
+    which, terms = correction
     for k in range(which.size):
         e = which[k]
         shape = shape_of[e]
@@ -215,109 +233,55 @@ def _soften(v, bricks, softening, scale, f):  # type: ignore[no-untyped-def]
         _scatter(G, shape, conn[e], s, f)
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _stresses(u, bricks, history, law, out):  # type: ignore[no-untyped-def]
-    ue = np.empty((8, 3))
-    conn, shape_of, G, Gm, _ = bricks
-    ep, acc = history
-    for e in range(conn.shape[0]):
-        shape = shape_of[e]
-        p = law[1] * _gather(u, conn[e], Gm, shape, ue)
-        for q in range(8):
-            t, norm, over = _trial(_strain(G, shape, q, ue), ep[e, :, q], acc[e, q], law)
-            keep = 1 - over / max(norm, 1e-300)
-            for i in range(6):
-                out[e, i, q] = keep * t[i] + (p if i < 3 else 0.0)
+def internal_force(
+    u: FloatArray, bricks: Elements, law: Law, history: History | None
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """The internal force of a displacement.
 
+    Args:
+        u: (nodes, 3) displacement in m.
+        bricks: the elements.
+        law: the material.
+        history: at the beginning of the increment; None: the material is elastic, and the force is
+            the elastic stiffness times `u`.
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _commit(u, bricks, history, law):  # type: ignore[no-untyped-def]
-    ue = np.empty((8, 3))
-    conn, shape_of, G, Gm, _ = bricks
-    ep, acc = history
-    for e in range(conn.shape[0]):
-        shape = shape_of[e]
-        _gather(u, conn[e], Gm, shape, ue)
-        for q in range(8):
-            t, norm, over = _trial(_strain(G, shape, q, ue), ep[e, :, q], acc[e, q], law)
-            if over > 0:
-                for i in range(6):
-                    ep[e, i, q] += over / (2 * law[0]) * t[i] / norm
-                acc[e, q] += _ROOT * over / (2 * law[0])
-
-
-def force(
-    u: FloatArray, bricks: Elements, law: Law, history: History, force: FloatArray
-) -> NDArray[np.bool_]:
-    """Writes the internal force of the (nodes, 3) displacement `u` to `force`, in N; returns
-    (m,) which elements flow at it."""
-    force[:] = 0
-    yielded = np.empty(bricks.number, dtype=np.bool_)
-    _force(u, bricks, history, law, force, yielded)
-    return yielded
-
-
-def elastic_force(u: FloatArray, bricks: Elements, law: Law, force: FloatArray) -> None:
-    """Writes the elastic stiffness times `u`, both (nodes, 3), to `force`."""
-    force[:] = 0
-    _elastic(u, bricks, law, force)
-
-
-def linearise(
-    u: FloatArray, bricks: Elements, law: Law, history: History, yielded: NDArray[np.bool_]
-) -> Softening:
-    """The softening at the displacement `u`, given which elements flow there."""
-    which = np.flatnonzero(yielded)
-    terms = np.empty((which.size, 8, 8))
-    _linearise(u, bricks, history, law, which, terms)
-    return Softening(which, terms)
-
-
-def soften(
-    v: FloatArray, bricks: Elements, softening: Softening, scale: float, product: FloatArray
-) -> None:
-    """Adds `scale` (tangent - elastic stiffness) v to `product`, both (nodes, 3)."""
-    _soften(v, bricks, softening, scale, product)
-
-
-def stresses(u: FloatArray, bricks: Elements, law: Law, history: History) -> FloatArray:
-    """(m, 6, 8) stress at the Gauss points in Pa; the dilatation is the element's mean."""
-    out = np.empty((bricks.number, 6, 8))
-    _stresses(u, bricks, history, law, out)
-    return out
-
-
-def commit(u: FloatArray, bricks: Elements, law: Law, history: History) -> None:
-    """Moves `history` on to the state of the converged displacement `u`, in place."""
-    _commit(u, bricks, history, law)
-
-
-def return_map(
-    strain: FloatArray, plastic_strain: FloatArray, accumulated: float, law: Law
-) -> tuple[FloatArray, FloatArray, float, FloatArray]:
-    """One point: (stress (6,), new plastic strain (6,), new accumulated, tangent (6, 6)).
-
-    The strain is (6,) with tensor shears; the tangent is d stress / d strain with both shears of
-    the strain tensor moving together, so its shear columns count twice.
+    Returns:
+        The (nodes, 3) force in N, and (m,) which elements flow.
     """
-    K, mu, H = law.bulk, law.shear, law.hardening
-    trial, norm, over = _trial(tuple(strain), plastic_strain, accumulated, law)
-    t = np.array(trial)
-    n = t / max(norm, 1e-300)
-    loss = over / max(norm, 1e-300)
-    flow = (1 / (1 + H / (3 * mu)) - loss) if over > 0 else 0.0
-    eye = np.array([1.0, 1, 1, 0, 0, 0])
-    twice = np.array([1.0, 1, 1, 2, 2, 2])
-    deviator = np.diag([1.0] * 6) - np.outer(eye, eye) / 3
-    tangent = (
-        K * np.outer(eye, eye)
-        + 2 * mu * (1 - loss) * deviator
-        - 2 * mu * flow * np.outer(n, n * twice)
-    )
-    stress = t - over * n + K * strain[:3].sum() * eye
-    return (
-        stress,
-        plastic_strain + over / (2 * mu) * n,
-        accumulated + _ROOT * over / (2 * mu),
-        tangent,
-    )
+    force, flowing = np.zeros_like(u), np.empty(bricks.number, dtype=np.bool_)
+    _stress_update(u, bricks, law, history, None, (force, flowing), None, None, None)
+    return force, flowing
+
+
+def stresses(u: FloatArray, bricks: Elements, law: Law, history: History | None) -> FloatArray:
+    """(m, 6, 8) stresses at the Gauss points in Pa; arguments as for `internal_force`."""
+    stress = np.empty((bricks.number, 6, 8))
+    _stress_update(u, bricks, law, history, None, None, stress, None, None)
+    return stress
+
+
+def commit(u: FloatArray, bricks: Elements, law: Law, history: History) -> History:
+    """The history after the increment that ends at the converged displacement `u`."""
+    updated = History(history.plastic_strain.copy(), history.accumulated.copy())
+    _stress_update(u, bricks, law, history, None, None, None, updated, None)
+    return updated
+
+
+def tangent_correction(
+    u: FloatArray, bricks: Elements, law: Law, history: History, flowing: NDArray[np.bool_]
+) -> TangentCorrection:
+    """The consistent tangent less the elastic stiffness at the displacement `u`.
+
+    `flowing` says which elements flow there, as `internal_force` returns it.
+    """
+    which = np.flatnonzero(flowing)
+    terms = np.empty((which.size, 8, 8))
+    _stress_update(u, bricks, law, history, which, None, None, None, terms)
+    return TangentCorrection(which, terms)
+
+
+def add_correction(
+    v: FloatArray, bricks: Elements, correction: TangentCorrection, scale: float, out: FloatArray
+) -> None:
+    """Add `scale` (tangent - elastic stiffness) v to `out`, in place; both are (nodes, 3)."""
+    _add_correction(v, bricks, correction, scale, out)

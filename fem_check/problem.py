@@ -1,13 +1,13 @@
-"""The finite-element contact problem as a set of equations: what is given, what is sought, and
-the residuals by which a state is judged.
+"""The finite-element contact problem: its data, its unknowns, and the residuals of a state.
 
-Signs: F presses down, the body feels -F; R = -(internal force) - (capped forces) is the residual
-with the contact forces left in it, so R = F on the contact nodes of a solution.
+Signs: a contact force F presses down, so the body feels -F.  The *reaction* is
+R = -(internal force) - (forces of the capped nodes): on the contact nodes of a solution it equals
+the contact force, and everywhere else it vanishes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +17,20 @@ from fem_check import plasticity
 from fem_check.contact import States
 from fem_check.element import Elements
 from fem_check.linear_solver import Factor
-from fem_check.mesh import Block
+from fem_check.mesh import PeriodicBlock
 from fem_check.plasticity import History, Law
 from fem_check.vectors import norm
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What stays the same over a load path.
+    """The data that do not change along a load path.
 
-    bricks: of the true geometry; `flat` says that the factor's block has the same.
+    bricks: the elements of the true geometry; `flat` says that the factor's block has the same.
     heights: (nx, ny) of the top, in m.  cap: the largest nodal force, in N.
     """
 
-    block: Block
+    block: PeriodicBlock
     bricks: Elements
     factor: Factor
     law: Law
@@ -43,11 +43,18 @@ class Problem:
         """Whether the material can flow."""
         return bool(np.isfinite(self.law.yield_stress))
 
+    @property
+    def capped(self) -> bool:
+        """Whether the nodal forces have an upper bound."""
+        return bool(np.isfinite(self.cap))
+
 
 @dataclass(frozen=True)
 class Control:
-    """Prescribed: the total force `load` in N, or where it is None the `approach` in m.
-    `scale` is the force that residuals are divided by; 0: the force reached."""
+    """The prescribed total force `load` in N or, where that is None, the `approach` in m.
+
+    scale: the force that residuals are divided by; 0 stands for the force that was reached.
+    """
 
     load: float | None = None
     approach: float = 0.0
@@ -56,8 +63,7 @@ class Control:
 
 @dataclass(frozen=True)
 class State:
-    """A state of the block: displacement (nz + 1, nx, ny, 3), approach, contact states and
-    nodal forces (nx, ny)."""
+    """Displacement (nz + 1, nx, ny, 3), approach, contact states and nodal forces (nx, ny)."""
 
     displacement: FloatArray
     approach: float
@@ -65,65 +71,78 @@ class State:
     forces: FloatArray
 
 
-@dataclass
+@dataclass(frozen=True)
 class Counts:
-    """Iterations of a load step and its relative residual after each Newton iteration."""
+    """Iterations of one increment; the sum of two is that of the path they make up.
+
+    most_newton and most_cg are the largest numbers in one increment and in one linear solve.
+    """
 
     newton: int = 0
     cg: int = 0
     sweeps: int = 0
-    cuts: int = 0
-    largest_cg: int = 0
-    largest_newton: int = 0
+    line_searches: int = 0
+    most_newton: int = 0
+    most_cg: int = 0
     increments: int = 0
-    history: list[float] = field(default_factory=list)
+    halvings: int = 0
+
+    def __add__(self, other: Counts) -> Counts:
+        values = {}
+        for name in (f.name for f in fields(self)):
+            pair = getattr(self, name), getattr(other, name)
+            values[name] = max(pair) if name.startswith("most") else sum(pair)
+        return Counts(**values)
 
 
 def internal_force(
     problem: Problem, u: FloatArray, history: History
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The internal force of the displacement `u`, same shape, and which elements flow."""
-    out = np.empty_like(u)
-    flat = out.reshape(-1, 3)
-    if problem.plastic:
-        yielded = plasticity.force(u.reshape(-1, 3), problem.bricks, problem.law, history, flat)
-    else:
-        plasticity.elastic_force(u.reshape(-1, 3), problem.bricks, problem.law, flat)
-        yielded = np.zeros(problem.bricks.number, dtype=np.bool_)
-    return out, yielded
+    """The internal force of the displacement `u`, of the same shape, and which elements flow."""
+    past = history if problem.plastic else None
+    force, flowing = plasticity.internal_force(u.reshape(-1, 3), problem.bricks, problem.law, past)
+    return force.reshape(u.shape), flowing
 
 
-def release_base(problem: Problem, force: FloatArray) -> None:
-    """Drops the base's reactions from a force, in place; one cut off above the base has none."""
-    if len(force) <= len(problem.block.layers):
-        return
-    if problem.block.sliding:
-        force[-1, ..., 2] = 0
-    else:
-        force[-1] = 0
+def gap(problem: Problem, u: FloatArray, approach: float) -> FloatArray:
+    """(nx, ny) gap between the top and the flat, in m."""
+    down: FloatArray = -u[0, ..., 2]
+    return down - problem.heights - approach
 
 
-def split_residual(
+def without_base(problem: Problem, force: FloatArray) -> FloatArray:
+    """The force without the reactions of the base, changed in place.
+
+    A force that is cut off above the base has none.
+    """
+    if len(force) > len(problem.block.layers):
+        if problem.block.sliding:
+            force[-1, ..., 2] = 0
+        else:
+            force[-1] = 0
+    return force
+
+
+def reaction(problem: Problem, states: States, internal: FloatArray) -> FloatArray:
+    """R as the module's docstring defines it."""
+    R = without_base(problem, -internal)
+    if problem.capped:
+        R[0, ..., 2] -= problem.cap * (states == PLASTIC)
+    return R
+
+
+def split_reaction(
     problem: Problem, R: FloatArray, states: States, control: Control
 ) -> tuple[FloatArray, float, FloatArray]:
-    """(r, r_d, F): the residual without the contact forces, the missing load, and the forces."""
+    """(r, missing load, F): R without the contact forces, and the contact forces (nx, ny)."""
     contact = states == ELASTIC
     forces = np.where(contact, R[0, ..., 2], 0.0)
     r = R.copy()
     r[0, ..., 2][contact] = 0
     total = float(forces.sum())
-    if np.isfinite(problem.cap):
+    if problem.capped:
         total += problem.cap * float((states == PLASTIC).sum())
     return r, 0.0 if control.load is None else control.load - total, forces
-
-
-def open_residual(problem: Problem, states: States, internal: FloatArray) -> FloatArray:
-    """R of the module's docstring."""
-    R = -internal
-    release_base(problem, R)
-    if np.isfinite(problem.cap):
-        R[0, ..., 2] -= problem.cap * (states == PLASTIC)
-    return R
 
 
 def residuals(
@@ -131,26 +150,23 @@ def residuals(
 ) -> dict[str, float]:
     """Dimensionless residuals of a state with its `internal` force.
 
-    balance: norm of the unbalanced nodal forces over the total force; load: missing share of it;
+    balance: norm of the unbalanced nodal forces over the total force; load: its missing share;
     gap: largest gap on the elastic contact, penetration: deepest node elsewhere, both over the
     rms height; tension: largest pull of a contact node, over the total force.
     """
-    R = open_residual(problem, state.states, internal)
-    capped = state.states == PLASTIC
-    r, r_d, forces = split_residual(problem, R, state.states, control)
+    R = reaction(problem, state.states, internal)
+    contact, capped = state.states == ELASTIC, state.states == PLASTIC
+    apart = ~contact & ~capped
+    r, missing, forces = split_reaction(problem, R, state.states, control)
     pressed = float(forces.sum()) + (problem.cap * int(capped.sum()) if capped.any() else 0.0)
     total = control.scale or pressed or 1.0
     rms = float(np.std(problem.heights)) or float(np.abs(state.approach)) or 1.0
-    gap = -state.displacement[0, ..., 2] - problem.heights - state.approach
-    contact = state.states == ELASTIC
-    apart = ~contact & ~capped
+    g = gap(problem, state.displacement, state.approach)
+    deepest = max(float((-g[apart]).max(initial=0.0)), float(g[capped].max(initial=0.0)))
     return {
         "balance": norm(r) / total,
-        "load": abs(r_d) / total,
-        "gap": float(np.abs(gap[contact]).max(initial=0.0)) / rms,
-        "penetration": max(
-            float((-gap[apart]).max(initial=0.0)), float(gap[capped].max(initial=0.0))
-        )
-        / rms,
+        "load": abs(missing) / total,
+        "gap": float(np.abs(g[contact]).max(initial=0.0)) / rms,
+        "penetration": deepest / rms,
         "tension": float((-forces[contact]).max(initial=0.0)) / total,
     }

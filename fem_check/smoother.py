@@ -1,4 +1,4 @@
-"""Block Gauss-Seidel sweeps over the nodes that flow: what the elastic preconditioner cannot see.
+"""Block Gauss-Seidel sweeps over the flowing nodes: the part the elastic preconditioner misses.
 
 Perfect plasticity gives way along slip lines as thin as an element, wherever the material flows.
 The elastic flat block does not know of them, and no coarse grid does; but sweeps over the flowing
@@ -7,8 +7,8 @@ nodes do, which are a few in a hundred.  The two make one symmetric precondition
     sweep up  ->  elastic block  ->  sweep down,
 
 a multiplicative Schwarz method (Smith, Bjorstad and Gropp, Domain Decomposition, 1996, section
-1.1) whose product with the tangent falls off on the way: what one part leaves of the residual is
-what the next one starts from.
+1.1).  Its product with the tangent comes for free, because each part starts from the residual
+that the one before has left.
 
 The tangent's rows of the flowing nodes are assembled as 3 x 3 blocks, one for each of the at most
 27 nodes that share an element with a node.
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
 from fem_check.element import CORNERS, Elements, elastic_stiffness
-from fem_check.plasticity import Law, Softening
+from fem_check.plasticity import Law, TangentCorrection
 
 #: Sweeps on either side of the elastic block.
 SWEEPS = 3
@@ -33,7 +33,7 @@ SWEEPS = 3
 _FAST = {"contract", "reassoc", "nsz"}
 
 
-class Rows(NamedTuple):
+class FlowRows(NamedTuple):
     """The tangent's rows of the flowing nodes.
 
     nodes: (n,) their numbers, ascending.  neighbours: (n, 27) numbers of the nodes in their rows,
@@ -49,19 +49,23 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class Smoother:
-    """The rows, with the inverses (n, 3, 3) of their diagonal blocks in which what the contact
-    holds does not move."""
+    """The rows and the inverses (n, 3, 3) of their diagonal blocks.
 
-    rows: Rows
+    The inverses leave the normal motion of contact nodes at zero.
+    """
+
+    rows: FlowRows
     inverses: FloatArray
 
-    def before(self, residual: FloatArray) -> FloatArray:
-        """The displacement (n, 3) of the flowing nodes by the sweeps over the (levels, nx, ny, 3)
-        `residual`."""
+    def pre_smooth(self, residual: FloatArray) -> FloatArray:
+        """The displacement (n, 3) of the flowing nodes after sweeps from zero.
+
+        `residual` is (levels, nx, ny, 3).
+        """
         return self._swept(residual, [k % 2 == 0 for k in range(SWEEPS)])
 
-    def after(self, residual: FloatArray) -> FloatArray:
-        """That of the transposed sweeps: the other way, the last one first."""
+    def post_smooth(self, residual: FloatArray) -> FloatArray:
+        """The transpose of `pre_smooth`: each sweep the other way, and the last one first."""
         return self._swept(residual, [k % 2 == 1 for k in reversed(range(SWEEPS))])
 
     def _swept(self, residual: FloatArray, ascending: list[bool]) -> FloatArray:
@@ -79,37 +83,43 @@ class Smoother:
         displacement.reshape(-1, 3)[self.rows.nodes] += x
 
 
-def smoother(rows: Rows, held: NDArray[np.bool_]) -> Smoother:
-    """The smoother of `rows` where the contact holds the normal motion of the top's `held`
-    (nx, ny) nodes."""
+def smoother(rows: FlowRows, held: NDArray[np.bool_]) -> Smoother:
+    """The smoother of `rows`; `held` (nx, ny) are the top nodes whose normal motion is zero."""
     inverses = np.empty((len(rows.nodes), 3, 3))
     _invert(rows, held.ravel(), inverses)
     return Smoother(rows, inverses)
 
 
-def flowing_levels(softening: Softening, shape: tuple[int, int]) -> int:
-    """How many levels of nodes, from the top, the flowing elements and their neighbours touch."""
+def flowing_levels(correction: TangentCorrection, shape: tuple[int, int]) -> int:
+    """Number of levels of nodes, from the top, of the flowing elements and their neighbours."""
     nx, ny = shape
-    return int(softening.which.max(initial=0)) // (nx * ny) + 3
+    return int(correction.which.max(initial=0)) // (nx * ny) + 3
 
 
 def assemble(
-    shape: tuple[int, int], bricks: Elements, law: Law, softening: Softening, scale: float
-) -> Rows:
-    """The rows of elastic stiffness less `scale` times the `softening`, for the nodes of the
-    flowing elements of a flat block of `shape` nodes a level; the base is left out."""
+    shape: tuple[int, int], bricks: Elements, law: Law, correction: TangentCorrection, scale: float
+) -> FlowRows:
+    """The matrix rows of the flowing nodes of a flat block, without those of the base.
+
+    Args:
+        shape: (nx, ny) nodes of a level.
+        bricks: the block's elements.
+        law: the material.
+        correction: of the elastic stiffness.
+        scale: factor of the correction.
+    """
     nx, ny = shape
     layers = bricks.number // (nx * ny)
-    levels = min(flowing_levels(softening, shape), layers + 1)
+    levels = min(flowing_levels(correction, shape), layers + 1)
     size = nx * ny
     flows = np.zeros((layers + 1) * size, dtype=np.bool_)
-    flows[bricks.connectivity[softening.which]] = True
+    flows[bricks.connectivity[correction.which]] = True
     flows[layers * size :] = False
     nodes = np.flatnonzero(flows)
     places = np.full((layers + 1) * size, len(nodes), dtype=np.int32)
     places[nodes] = np.arange(len(nodes))
     number = np.full(bricks.number, -1, dtype=np.int32)
-    number[softening.which] = np.arange(softening.which.size)
+    number[correction.which] = np.arange(correction.which.size)
     elastic = np.stack(
         [elastic_stiffness(bricks, k, law.shear, law.bulk) for k in range(len(bricks.weights))]
     )
@@ -117,15 +127,17 @@ def assemble(
     blocks = np.zeros((len(nodes), 27, 3, 3))
     reach = (levels - 1) * size
     body = (bricks.connectivity[:reach], bricks.shape_of, bricks.gradients, elastic)
-    flow = (number, softening.terms, float(scale))
+    flow = (number, correction.terms, float(scale))
     _assemble(body, flow, places, _slots(nx, ny), neighbours, blocks)
     within = np.where(neighbours < 0, len(nodes), places[neighbours]).astype(np.int32)
-    return Rows(nodes, neighbours, within, blocks)
+    return FlowRows(nodes, neighbours, within, blocks)
 
 
 def _slots(nx: int, ny: int) -> NDArray[np.int64]:
-    """(8, 8) the slot of corner b in the row of corner a.  Across one or two nodes a period, a
-    node's neighbours on both sides are one node, and have one slot."""
+    """(8, 8) the slot of corner b in the row of corner a.
+
+    Where a period has one or two nodes, the neighbours on both sides are one node with one slot.
+    """
     step = CORNERS[None, :, :] - CORNERS[:, None, :]
     for axis, count in ((0, nx), (1, ny)):
         if count <= 2:
@@ -139,7 +151,7 @@ _SELF = 13
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _element(K, gradients, terms, scale):  # type: ignore[no-untyped-def]
-    """K (24, 24) less `scale` times the softening of one element."""
+    """K (24, 24) less `scale` times the correction of one element."""
     v = np.empty(24)
     for q in range(8):
         n = terms[:6, q]

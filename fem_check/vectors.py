@@ -1,6 +1,6 @@
-"""Passes over whole displacement fields, each one loop: sums and updates of the iterations.
+"""Vector operations of the iterations on whole displacement fields, each in one compiled loop.
 
-numpy's own products call a BLAS whose threads outnumber the work here and wait for each other.
+numpy's own products call a BLAS whose threads cost more than these short loops take.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ def _dot(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=_FAST)
-def _add(y, s, x):  # type: ignore[no-untyped-def]
+def _axpy(y, s, x):  # type: ignore[no-untyped-def]
     for i in range(y.size):
         y[i] += s * x[i]
 
 
 @njit(cache=True, fastmath=_FAST)
-def _follow(p, s, z):  # type: ignore[no-untyped-def]
+def _xpay(p, s, z):  # type: ignore[no-untyped-def]
     for i in range(p.size):
         p[i] = z[i] + s * p[i]
 
@@ -45,11 +45,11 @@ def norm(a: FloatArray) -> float:
     return math.sqrt(dot(a, a))
 
 
-def add(y: FloatArray, scale: float, x: FloatArray) -> None:
-    """y += scale x, in place."""
-    _add(y.reshape(-1), scale, x.reshape(-1))
+def axpy(y: FloatArray, scale: float, x: FloatArray) -> None:
+    """Set y to y + scale x, in place."""
+    _axpy(y.reshape(-1), scale, x.reshape(-1))
 
 
-def follow(p: FloatArray, scale: float, z: FloatArray) -> None:
-    """p = z + scale p, in place."""
-    _follow(p.reshape(-1), scale, z.reshape(-1))
+def xpay(p: FloatArray, scale: float, z: FloatArray) -> None:
+    """Set p to z + scale p, in place."""
+    _xpay(p.reshape(-1), scale, z.reshape(-1))

@@ -132,9 +132,8 @@ def _stiff_in_volume(original: Any) -> Any:
 def _early(original: Any) -> Any:
     """History committed at an iterate beyond the converged displacement, then once more."""
 
-    def wrong(u: Any, bricks: Any, law: Any, history: Any) -> None:
-        original(1.3 * u, bricks, law, history)
-        original(u, bricks, law, history)
+    def wrong(u: Any, bricks: Any, law: Any, history: Any) -> Any:
+        return original(u, bricks, law, original(1.3 * u, bricks, law, history))
 
     return wrong
 
@@ -331,7 +330,7 @@ FAULTS: dict[str, Caught] = {
     ),
     "history never committed": Caught(
         "fem-uniaxial", "quantity.approach", "flat",
-        at("fem_check.plasticity.commit", lambda *_: None),
+        at("fem_check.plasticity.commit", lambda u, bricks, law, history: history),
     ),
     "history committed too early": Caught(
         "fem-uniaxial", "quantity.approach", "flat",
@@ -351,7 +350,7 @@ FAULTS: dict[str, Caught] = {
     ),
     "rim of the elements not taken off": Caught(
         "fem-capped", "area.total.corrected", "bem",
-        changed("fem_check.report.areas", _uncorrected),
+        changed("fem_check.result.areas", _uncorrected),
     ),
     "cap of the nodes 5 % low": Caught(
         "fem-capped", "area.plastic.corrected", "bem",
@@ -368,15 +367,15 @@ FAULTS: dict[str, Caught] = {
     ),
     "rows of the elements taken for columns": Caught(
         "fem-model-5", "quantity.model_overlap", None,
-        on_result("fem_check.report.surface_fields", _turned), surfaces=1,
+        on_result("fem_check.result.surface_fields", _turned), surfaces=1,
     ),
     "contact of the elements a node off": Caught(
         "fem-model-5", "quantity.effective_overlap", None,
-        on_result("fem_check.report.surface_fields", _a_node_off), surfaces=1,
+        on_result("fem_check.result.surface_fields", _a_node_off), surfaces=1,
     ),
     "pressures between the nodes": Caught(
         "fem-model-5", "quantity.model_distance", None,
-        changed("fem_check.report.distribution", _smeared), surfaces=1,
+        changed("fem_check.result.distribution", _smeared), surfaces=1,
     ),
     "bulk modulus of the J2 solid": Caught(
         "fem-model-5", "quantity.elements_area", None,
@@ -444,7 +443,7 @@ def test_there_are_faults_of_every_kind() -> None:
 
 def prandtl_ratio(mean_dilatation: bool) -> np.ndarray:
     """Computed over exact limit pressure of a strip punch at four elements a half-width."""
-    from fem_check.benchmarks.closed_problems import strip_punch
+    from fem_check.benchmarks.limit_loads import strip_punch
 
     curve = strip_punch(4, mean_dilatation=mean_dilatation)
     return curve.computed / curve.exact

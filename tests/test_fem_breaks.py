@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fem_scenes import rough_scene
+from fem_spheres import sphere, sphere_scene
 
 from epcontact.errors import NotConverged
 from epcontact.results import APART
 from fem_check import plasticity, solve
-from fem_check.benchmarks import closed_problems as benchmarks
-from fem_check.benchmarks.spheres import sphere, sphere_scene
+from fem_check.benchmarks.limit_loads import strip_punch
 from fem_check.driver import problem_of
-from fem_check.newton import Options, solve_step
+from fem_check.newton import NewtonOptions, solve_increment
 from fem_check.problem import Control, State
-from fem_check.report import nodes_across
+from fem_check.result import nodes_across
 
 #: The load at which a sphere of R = 1, E* = 1/(1 - 0.3^2) has Hertz's radius 0.05.
 HERTZ = 4 / 3 / (1 - 0.3**2) * 0.05**3
@@ -22,35 +22,35 @@ HERTZ = 4 / 3 / (1 - 0.3**2) * 0.05**3
 
 def test_elements_without_mean_dilatation_lock() -> None:
     """Their load under a strip punch overshoots and keeps climbing; B-bar stands on a plateau."""
-    locked = benchmarks.strip_punch(4, mean_dilatation=False)
-    free = benchmarks.strip_punch(4)
+    locked = strip_punch(4, mean_dilatation=False)
+    free = strip_punch(4)
     assert locked.computed[-1] / locked.exact[-1] > 1.2
     assert free.computed[-1] / free.exact[-1] < 1.09
     assert locked.computed[-1] / locked.computed[-2] > 1.02
     assert free.computed[-1] / free.computed[-2] < 1.002
 
 
-def cold_start(scene, options: Options):  # type: ignore[no-untyped-def]
+def cold_start(scene, options: NewtonOptions):  # type: ignore[no-untyped-def]
     """One step from the virgin body out of contact, all nodes taken for touching."""
     problem = problem_of(scene, law="j2")
     nx, ny = problem.block.shape
     everywhere = np.ones((nx, ny), dtype=np.int8)
     start = State(np.zeros(problem.block.field_shape), 0.0, everywhere, np.zeros((nx, ny)))
     load = scene.load.final
-    history = plasticity.virgin(problem.bricks.number)
-    return solve_step(problem, start, history, Control(load, scale=load), options)
+    history = plasticity.initial_history(problem.bricks.number)
+    return solve_increment(problem, start, history, Control(load, scale=load), options)
 
 
 def test_an_unglobalised_merged_newton_diverges_where_the_nested_one_does_not() -> None:
     """One change of the contact set an iteration, full steps, pure tangent, cold start."""
     scene = rough_scene(12, 2, yield_stress=0.02, pressure=0.01, hardness=np.inf)
-    naive = Options(line_search=False, regularise=False, sweeps=1, max_newton=12)
+    naive = NewtonOptions(line_search=False, regularise=False, sweeps=1, max_newton=12)
     with pytest.raises(NotConverged) as caught:
         cold_start(scene, naive)
     # It does not merely run out of iterations: it is nowhere near.
     assert min(caught.value.history[-5:]) > 1e-3
-    _, _, found = cold_start(scene, Options(max_newton=12))
-    assert max(found.values()) < 1e-8
+    solved = cold_start(scene, NewtonOptions(max_newton=12))
+    assert max(solved.residuals.values()) < 1e-8
 
 
 def test_too_few_nodes_across_a_contact_mislead() -> None:

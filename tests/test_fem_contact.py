@@ -10,14 +10,14 @@ from fem_scenes import rough_heights
 
 from epcontact.results import APART, ELASTIC, PLASTIC
 from fem_check import plasticity
-from fem_check.contact import press, rigid_contact
+from fem_check.contact import rigid_contact, solve_contact_forces
 from fem_check.linear_solver import factorise, inverse, transform
-from fem_check.mesh import Block, flat_elements, graded_layers
+from fem_check.mesh import PeriodicBlock, flat_elements, graded_layers
 
 
 def compliance(shape: tuple[int, int]) -> np.ndarray:
     n = shape[0]
-    block = Block(shape, (1 / n, 1 / n), graded_layers(0.9, 1 / n))
+    block = PeriodicBlock(shape, (1 / n, 1 / n), graded_layers(0.9, 1 / n))
     return factorise(block, flat_elements(block), plasticity.law(1.0, 0.3, math.inf)).surface
 
 
@@ -34,12 +34,12 @@ def test_press_ends_where_only_rounding_is_left() -> None:
     """A flat body in full contact, or forces that are right from the start: nothing to search."""
     shape = (6, 5)
     symbol, everywhere = compliance(shape), np.ones(shape, dtype=bool)
-    even = press(symbol, np.full(shape, 0.3), everywhere, 2.0)
+    even = solve_contact_forces(symbol, np.full(shape, 0.3), everywhere, 2.0)
     np.testing.assert_allclose(even.forces, 2.0 / everywhere.sum(), rtol=1e-12)
     rng = np.random.default_rng(37)
     forces = rng.random(shape)
     wanted = inverse(symbol * transform(forces), shape[0]) + 0.2
-    again = press(symbol, wanted, everywhere, float(forces.sum()), start=forces)
+    again = solve_contact_forces(symbol, wanted, everywhere, float(forces.sum()), start=forces)
     np.testing.assert_allclose(again.forces, forces, rtol=1e-9)
 
 
@@ -56,7 +56,7 @@ def test_press_agrees_with_a_dense_solve(load: float | None) -> None:
         one = np.ones((len(S), 1))
         K = np.block([[S, -one], [one.T, np.zeros((1, 1))]])
         *expected, d = np.linalg.solve(K, np.append(wanted[contact], load))
-    found = press(symbol, wanted, contact, load)
+    found = solve_contact_forces(symbol, wanted, contact, load)
     np.testing.assert_allclose(found.forces[contact], expected, rtol=1e-8, atol=1e-8)
     assert found.approach == pytest.approx(d, abs=1e-8)
     assert not found.forces[~contact].any()

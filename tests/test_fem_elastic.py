@@ -12,7 +12,7 @@ from epcontact.results import APART
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from fem_check import solve
 from fem_check.mesh import half_space_depth
-from fem_check.report import _switches
+from fem_check.result import count_switches
 
 
 def effective(poisson_ratio: float) -> float:
@@ -83,7 +83,7 @@ def sphere(nodes: int, radius: float, shift: np.ndarray, poisson_ratio: float) -
         areas["raw"].total,
         areas["corrected"].total,
         math.pi * exact**2,
-        _switches(result.fields["state"] != APART) / nodes**2,
+        count_switches(result.fields["state"] != APART) / nodes**2,
     )
 
 

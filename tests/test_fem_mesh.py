@@ -15,7 +15,7 @@ from fem_check import plasticity, surface_compliance
 from fem_check.linear_solver import factorise
 from fem_check.mesh import (
     GROWTH,
-    Block,
+    PeriodicBlock,
     block_for,
     flat_elements,
     graded_layers,
@@ -54,7 +54,7 @@ def test_grading_changes_no_wave_by_more_than_its_bound() -> None:
     rule = plasticity.law(1.0, 0.3, math.inf)
 
     def compliance(layers: np.ndarray) -> np.ndarray:
-        block = Block((n, 1), (1 / n, 1 / n), layers)
+        block = PeriodicBlock((n, 1), (1 / n, 1 / n), layers)
         return factorise(block, flat_elements(block), rule).surface[:, 0]
 
     equal = compliance(np.full(round(depth * n), depth / round(depth * n)))

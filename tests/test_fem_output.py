@@ -10,7 +10,7 @@ from fem_scenes import rough_scene
 
 import fem_check
 from epcontact.errors import OutputError
-from fem_check import driver, output
+from fem_check import driver, vtu
 
 
 @pytest.mark.parametrize("dimensions", [1, 2])
@@ -52,9 +52,9 @@ def test_pyvista_opens_the_path_with_its_fields(
 
 
 def test_the_von_mises_norm_is_that_of_simple_states() -> None:
-    assert output.von_mises(np.array([2.0, 0, 0, 0, 0, 0])) == pytest.approx(2)
-    assert output.von_mises(np.array([0.0, 0, 0, 0, 1, 0])) == pytest.approx(np.sqrt(3))
-    assert output.von_mises(np.array([5.0, 5, 5, 0, 0, 0])) == pytest.approx(0)
+    assert vtu.von_mises(np.array([2.0, 0, 0, 0, 0, 0])) == pytest.approx(2)
+    assert vtu.von_mises(np.array([0.0, 0, 0, 0, 1, 0])) == pytest.approx(np.sqrt(3))
+    assert vtu.von_mises(np.array([5.0, 5, 5, 0, 0, 0])) == pytest.approx(0)
 
 
 def test_a_file_that_cannot_be_written_is_reported_and_none_is_left(tmp_path: Path) -> None:
@@ -67,8 +67,8 @@ def test_a_write_that_fails_half_way_leaves_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = driver.solve_path(rough_scene(8, 2))
-    args = (path.problem, path.reached[-1].state, path.history)
-    target = output.write_step(tmp_path, 0, *args)
+    args = (path.problem, path.points[-1], path.history)
+    target = vtu.write_step(tmp_path, 0, *args)
     before = target.read_bytes()
 
     def fails(file: str, *_: object, **__: object) -> None:
@@ -77,6 +77,6 @@ def test_a_write_that_fails_half_way_leaves_the_old_file(
 
     monkeypatch.setattr("meshio.write", fails)
     with pytest.raises(OutputError, match="disk full"):
-        output.write_step(tmp_path, 0, *args)
+        vtu.write_step(tmp_path, 0, *args)
     assert target.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["step-0000.vtu"]

@@ -5,49 +5,44 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fem_linear import (
+    correction_at,
+    middle_of_a_path,
+    random_force,
+    solve_on_the_contact,
+    whole_matrix,
+)
 from fem_scenes import rough_scene
 
 from epcontact.results import ELASTIC
-from fem_check import linearised, plasticity
-from fem_check.benchmarks import speed
-from fem_check.benchmarks.bodies import assembled, elastic_tangents, tangents
-from fem_check.driver import solve_path
-from fem_check.element import strain_operator
-from fem_check.linear_solver import continued
+from fem_check import linearised, plasticity, solve_path
+from fem_check.linear_solver import extend_to_base
 from fem_check.linearised import Tangent
-from fem_check.problem import Control, Counts, internal_force
 from fem_check.smoother import assemble, smoother
 
 
 def flowing(nodes: int, *, dimensions: int = 2, depth: float | None = None) -> tuple:
-    """A problem with its state and softening, pushed on by a fifth from its converged state."""
+    """A problem with its state and tangent, pushed on by a fifth from its converged state."""
     scene = rough_scene(nodes, 2, dimensions=dimensions, pressure=0.1)
     path = solve_path(scene, depth=depth, layers=5 if depth else None)
-    state, problem = path.reached[-1].state, path.problem
-    u = 1.2 * state.displacement
-    _, yielded = internal_force(problem, u, path.history)
-    softening = plasticity.linearise(
-        u.reshape(-1, 3), problem.bricks, problem.law, path.history, yielded
-    )
-    assert softening.which.size > 0
-    return problem, state, softening
+    state, problem = path.points[-1].state, path.problem
+    correction = correction_at(problem, 1.2 * state.displacement, path.history)
+    assert correction.which.size > 0
+    return problem, state, correction
 
 
 @pytest.mark.parametrize(("dimensions", "depth"), [(1, None), (2, None), (2, 0.2)])
 def test_the_rows_are_the_assembled_tangents(dimensions: int, depth: float | None) -> None:
     """In plane strain both sides of a node across are the node itself; a shallow block flows to
     its held base."""
-    problem, state, softening = flowing(12, dimensions=dimensions, depth=depth)
-    bricks, scale = problem.bricks, 0.9
-    strain = np.stack([strain_operator(bricks, s) for s in range(len(bricks.gradients))])
-    elastic = elastic_tangents(bricks, problem.law, strain)
-    nodes = int(np.prod(problem.block.field_shape[:3]))
-    K = assembled(bricks, tangents(bricks, elastic, strain, softening, 1 - scale), nodes)
-    rows = assemble(problem.block.shape, bricks, problem.law, softening, scale)
+    problem, state, correction = flowing(12, dimensions=dimensions, depth=depth)
+    scale, nodes = 0.9, int(np.prod(problem.block.field_shape[:3]))
+    K = whole_matrix(problem, correction, 1 - scale)
+    rows = assemble(problem.block.shape, problem.bricks, problem.law, correction, scale)
     assert (rows.nodes < nodes - problem.heights.size).all()
     sweeps = smoother(rows, state.states == ELASTIC)
     residual = np.random.default_rng(4).standard_normal(problem.block.field_shape)
-    for swept in (sweeps.before(residual), sweeps.after(residual)):
+    for swept in (sweeps.pre_smooth(residual), sweeps.post_smooth(residual)):
         z, product = np.zeros_like(residual), np.zeros_like(residual)
         sweeps.add(swept, z)
         sweeps.add_product(1.0, swept, product)
@@ -61,8 +56,8 @@ def test_the_rows_are_the_assembled_tangents(dimensions: int, depth: float | Non
 
 @pytest.mark.parametrize("load", [True, False])
 def test_the_preconditioner_is_symmetric_and_keeps_its_product(load: bool) -> None:
-    problem, state, softening = flowing(12)
-    tangent = Tangent(problem, softening)
+    problem, state, correction = flowing(12)
+    tangent = Tangent(problem, correction)
     contact = state.states == ELASTIC
     sweeps = smoother(tangent.rows, contact)
     rng, found = np.random.default_rng(5), []
@@ -74,20 +69,17 @@ def test_the_preconditioner_is_symmetric_and_keeps_its_product(load: bool) -> No
         flows[tangent.rows.nodes] = True
         r.reshape(-1, 3)[~flows] = 0
         missing = float(rng.standard_normal()) if load else None
-        z, Kz, approach = linearised._preconditioned(tangent, sweeps, r, missing, state.states)
+        z, Kz, approach = linearised.precondition(tangent, sweeps, r, missing, state.states)
         # The surface solves inside stop at 1e-6.
         np.testing.assert_allclose(
             z[0, ..., 2][contact], -approach, atol=1e-5 * np.abs(z[0, ..., 2]).max()
         )
         # Cut off below the flow, it goes on to the base without force.
-        whole = np.concatenate([z, continued(problem.factor, z[-1], tangent.levels)])
-        product = np.empty_like(whole)
-        plasticity.elastic_force(
-            whole.reshape(-1, 3), problem.bricks, problem.law, product.reshape(-1, 3)
-        )
-        plasticity.soften(
-            whole.reshape(-1, 3), problem.bricks, softening, 1.0, product.reshape(-1, 3)
-        )
+        whole = np.concatenate([z, extend_to_base(problem.factor, z[-1], tangent.levels)])
+        u = whole.reshape(-1, 3)
+        product, _ = plasticity.internal_force(u, problem.bricks, problem.law, None)
+        plasticity.add_correction(u, problem.bricks, correction, 1.0, product)
+        product = product.reshape(whole.shape)
         product[-1] = 0
         scale = np.abs(product).max()
         np.testing.assert_allclose(product[: tangent.levels], Kz, atol=1e-11 * scale)
@@ -101,20 +93,13 @@ def test_the_preconditioner_is_symmetric_and_keeps_its_product(load: bool) -> No
 def test_the_sweeps_halve_the_iterations_and_do_not_change_the_answer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    problem, state, softening = speed._middle(24, 10)
-    right = np.random.default_rng(6).standard_normal(problem.block.field_shape)
-    right[-1] = 0
-    right[0, ..., 2][state.states == ELASTIC] = 0
-    answers, iterations = [], []
-    for worth in (linearised.WORTH_SWEEPING, 0.0):
-        monkeypatch.setattr(linearised, "WORTH_SWEEPING", worth)
-        counts = Counts()
-        control = Control(approach=state.approach)
-        goal = 1e-8 * float(np.linalg.norm(right))
-        answers.append(
-            linearised.solve_linear(problem, state, softening, right, control, goal, counts)
-        )
-        iterations.append(counts.cg)
+    problem, state, correction = middle_of_a_path(24, 10)
+    right, answers, iterations = random_force(problem, state, 6), [], []
+    for worth in (linearised.WORTH_SMOOTHING, 0.0):
+        monkeypatch.setattr(linearised, "WORTH_SMOOTHING", worth)
+        answer, spent = solve_on_the_contact(problem, state, correction, right, 1e-8)
+        answers.append(answer)
+        iterations.append(spent)
     # The surface solves inside an iteration stop at 1e-6: Newton's next step mends the rest.
     np.testing.assert_allclose(answers[0], answers[1], atol=1e-5 * np.abs(answers[1]).max())
     assert iterations[0] <= 0.6 * iterations[1]

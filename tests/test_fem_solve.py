@@ -17,7 +17,7 @@ from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.studies.stability import rough_surface
 from fem_check import driver, plasticity
 from fem_check import path as path_module
-from fem_check.newton import Options, solve_step
+from fem_check.newton import NewtonOptions, solve_increment
 from fem_check.problem import Control
 
 
@@ -244,17 +244,19 @@ def test_what_makes_no_sense_is_refused_in_one_sentence() -> None:
 
 def test_a_step_that_does_not_converge_raises_with_its_history_and_commits_nothing() -> None:
     path = driver.solve_path(rough_scene(16, 3))
-    history, state = path.history, path.reached[-1].state
+    history, state = path.history, path.points[-1].state
     before = history.accumulated.copy()
     with pytest.raises(NotConverged, match="did not converge in 1 Newton") as caught:
-        solve_step(path.problem, state, history, Control(0.2, scale=0.2), Options(max_newton=1))
+        solve_increment(
+            path.problem, state, history, Control(0.2, scale=0.2), NewtonOptions(max_newton=1)
+        )
     assert len(caught.value.history) == 2
     assert caught.value.residuals["balance"] > 1e-8
     np.testing.assert_array_equal(history.accumulated, before)
 
 
 def test_increments_that_fail_are_halved(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = path_module.solve_step
+    real = path_module.solve_increment
     asked = []
 
     def reluctant(problem, state, history, control, options):  # type: ignore[no-untyped-def]
@@ -263,7 +265,7 @@ def test_increments_that_fail_are_halved(monkeypatch: pytest.MonkeyPatch) -> Non
             raise NotConverged("too far")
         return real(problem, state, history, control, options)
 
-    monkeypatch.setattr(path_module, "solve_step", reluctant)
+    monkeypatch.setattr(path_module, "solve_increment", reluctant)
     result = fem_check.solve(rough_scene(8, 2), steps=1)
     assert asked[:2] == [pytest.approx(0.05), pytest.approx(0.025)]
     assert result.final.mean_pressure == 0.05
@@ -291,11 +293,11 @@ def test_a_scene_outside_what_it_can_answer_is_answered_with_a_warning() -> None
 def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded() -> None:
     """Plastic nodes are contact nodes over yielded elements, and no others."""
     path = driver.solve_path(rough_scene(16, 3))
-    states = path.reached[-1].surface_states
+    states = path.points[-1].surface_states
     flowed = (path.history.accumulated[:256] > 0).any(axis=1).reshape(16, 16)
     for i, j in np.ndindex(16, 16):
         around = flowed[[i - 1, i - 1, i, i], [j - 1, j, j - 1, j]].any()
-        touching = path.reached[-1].state.states[i, j] == ELASTIC
+        touching = path.points[-1].state.states[i, j] == ELASTIC
         assert states[i, j] == (PLASTIC if touching and around else ELASTIC if touching else APART)
 
 
@@ -310,7 +312,7 @@ def test_the_estimate_of_memory_is_of_the_right_size() -> None:
     problem = driver.problem_of(rough_scene(32, 4), law="j2")
     kept = problem.bricks.connectivity.nbytes + problem.bricks.shape_of.nbytes
     kept += problem.factor.compliances.nbytes + problem.factor.couplings.nbytes
-    kept += sum(a.nbytes for a in plasticity.virgin(problem.bricks.number))
+    kept += sum(a.nbytes for a in plasticity.initial_history(problem.bricks.number))
     needed = driver.bytes_needed(problem.block, plastic=True)
     assert kept < needed < 2.5 * kept
 

@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 import reference_plasticity as reference
+from fem_spheres import SphereAnswer, sphere, sphere_onset
 from scipy.optimize import brentq
-
-from fem_check.benchmarks.spheres import SphereAnswer, sphere, sphere_onset
 
 
 def onset_errors(poisson_ratio: float, **grid: int) -> tuple[float, float]:

@@ -49,7 +49,7 @@ def flat_scene(points: int) -> Scene:
 def punch_errors(counts: Sequence[int], mean_dilatation: bool) -> FloatArray:
     """(n,): error of the limit load by elements to the punch's half-width, relative; NaN where
     the solver does not converge, as on elements that lock."""
-    from fem_check.benchmarks.closed_problems import strip_punch
+    from fem_check.benchmarks.limit_loads import strip_punch
 
     errors = []
     for count in counts:
@@ -198,31 +198,30 @@ def path_growth(
     meshes: Sequence[tuple[int, int]], seeds: Sequence[int], progress: Progress
 ) -> PathGrowth:
     """Solve the load paths of `fem_check.benchmarks.speed` on meshes of (nodes a side, layers)."""
-    from fem_check.benchmarks.speed import fft_pair_seconds, path_cost
+    from fem_check.benchmarks.speed import fft_pair_seconds, speed_scene
 
     pair, rows = fft_pair_seconds(), []
+    _solve(speed_scene(16))  # compiled before it is timed
     for nodes, layers in meshes:
         progress(f"fem: load paths, {nodes} x {nodes} x {layers}")
-        costs = [path_cost(nodes, layers, seed=seed, fft_pair=pair) for seed in seeds]
-        rows.append(np.mean([(c.cg_iterations, c.newton_steps, c.fft_pairs) for c in costs], 0))
+        costs = [_solve(speed_scene(nodes, seed=seed), layers=layers).cost for seed in seeds]
+        counts = [(c["cg_iterations"], c["newton_steps"], c["seconds"] / pair) for c in costs]
+        rows.append(np.mean(counts, axis=0))
     cg, newton, pairs = np.array(rows).T
     return PathGrowth([nodes for nodes, _ in meshes], cg, newton, pairs)
 
 
 def _assembled(problem: Any) -> Any:
     """The elastic stiffness as a sparse matrix, rows 3 node + component."""
-    import scipy.sparse as sp
-
+    from fem_check.benchmarks.limit_loads import sparse_matrix
     from fem_check.element import elastic_stiffness
 
     bricks, law = problem.bricks, problem.law
-    dofs = (3 * bricks.connectivity[:, :, None] + np.arange(3)).reshape(-1, 24)
     shapes = range(bricks.weights.shape[0])
     stiffness = np.stack([elastic_stiffness(bricks, k, law.shear, law.bulk) for k in shapes])
-    rows, columns = np.broadcast_arrays(dofs[:, :, None], dofs[:, None, :])
-    size = 3 * math.prod(problem.block.field_shape[:3])
-    values = stiffness[bricks.shape_of].ravel()
-    return sp.coo_matrix((values, (rows.ravel(), columns.ravel())), (size, size)).tocsr()
+    return sparse_matrix(
+        bricks, stiffness[bricks.shape_of], math.prod(problem.block.field_shape[:3])
+    )
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:

@@ -143,7 +143,7 @@ def measure_blocks(points: Sequence[int], bandwidth: int, seed: int, progress: P
             scene = _loaded(scenes.rough_scene(n, seed, bandwidth, hardness), BLOCK_LOADS)
             scale = float(scene.surface.heights.std())
             gaps["bem", law, n] = _along(bem.solve(scene), OPEN) / scale
-            fem = fem_check.solve(scene, law=law, certified=False)
+            fem = fem_check.solve(scene, law=law, certified=False)  # type: ignore[arg-type]
             gaps["fem", law, n] = _along(fem, OPEN) / scale
         progress(f"gap: finite elements, {n} points per wavelength, j2")
         flowing = replace(scene.material, yield_stress=scenes.HARDNESS / CONSTRAINT)

@@ -2,7 +2,7 @@
 
 Points carry displacement (m), the equivalent plastic strain and the nodal stress (means of the
 Gauss points around a node, volume-weighted), its von Mises norm, contact_pressure, gap and state
-of the top; points below hold zero pressure, NaN gap and state 0.  Cells carry the means over an
+of the top; the nodes below have pressure 0, gap NaN and state 0.  Cells carry the means over an
 element.  Coordinates are those of the deformed rough body: the roughness of a gap geometry is put
 on top here, shifted through the layers as the moved geometry would.  A file appears whole or not
 at all.
@@ -16,14 +16,16 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+import meshio
 import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import OutputError
 from epcontact.results import APART, ELASTIC, FloatArray
 from fem_check import plasticity
+from fem_check.path import PathPoint
 from fem_check.plasticity import History
-from fem_check.problem import Problem, State
+from fem_check.problem import Problem, State, gap
 
 #: VTK's order of a hexahedron's corners.
 _VTK_CORNERS = np.array(
@@ -37,21 +39,11 @@ def step_name(number: int) -> str:
 
 
 def write_step(
-    folder: Path,
-    number: int,
-    problem: Problem,
-    state: State,
-    history: History,
-    states: NDArray[np.int8] | None = None,
+    folder: Path, number: int, problem: Problem, point: PathPoint, history: History
 ) -> Path:
-    """Writes one point of the path; returns its file.  `states`: of the top, if others than the
-    contact's own are wanted.  Raises OutputError."""
-    import meshio
-
-    points, cells, nodes = _mesh(problem, state)
-    point_data, cell_data = _data(
-        problem, state, history, state.states if states is None else states
-    )
+    """Write one point of the path, and return its file.  Raises OutputError."""
+    points, cells, nodes = _mesh(problem, point.state)
+    point_data, cell_data = _data(problem, point.state, history, point.surface_states)
     mesh = meshio.Mesh(
         points,
         [("hexahedron", cells)],
@@ -60,13 +52,16 @@ def write_step(
         field_data={},
     )
     target = folder / step_name(number)
-    _whole(target, lambda path: meshio.write(path, mesh, file_format="vtu"))
+    _write_atomically(target, lambda path: meshio.write(path, mesh, file_format="vtu"))
     return target
 
 
 def write_collection(folder: Path, mean_pressures: Sequence[float]) -> Path:
-    """Writes path.pvd over the steps.  Time is the step's number, for a path may unload; the mean
-    pressure (Pa) stands in each step's `name`."""
+    """Write path.pvd, the list of the steps' files.  Raises OutputError.
+
+    Its time is the number of the step, because a path may unload; the mean pressure (Pa) is in the
+    `name` of each step.
+    """
     lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "<Collection>"]
     for number, pressure in enumerate(mean_pressures):
         lines.append(
@@ -75,12 +70,12 @@ def write_collection(folder: Path, mean_pressures: Sequence[float]) -> Path:
         )
     text = "\n".join([*lines, "</Collection>", "</VTKFile>", ""])
     target = folder / "path.pvd"
-    _whole(target, lambda path: Path(path).write_text(text, encoding="utf-8"))
+    _write_atomically(target, lambda path: Path(path).write_text(text, encoding="utf-8"))
     return target
 
 
-def _whole(target: Path, write: Callable[[str], object]) -> None:
-    """Writes to a name beside `target`, then puts it in place."""
+def _write_atomically(target: Path, write: Callable[[str], object]) -> None:
+    """Call `write` with a temporary name beside `target`, and rename the file at the end."""
     temporary = ""
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -123,14 +118,14 @@ def _data(
     problem: Problem, state: State, history: History, states: NDArray[np.int8]
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     bricks = problem.bricks
-    if not problem.plastic:
-        history = plasticity.virgin(bricks.number)
-    u = state.displacement.reshape(-1, 3)
-    stress = plasticity.stresses(u, bricks, problem.law, history)
+    u, past = state.displacement.reshape(-1, 3), history if problem.plastic else None
+    stress = plasticity.stresses(u, bricks, problem.law, past)
     weights = bricks.weights[bricks.shape_of]
     volumes = weights.sum(axis=1)
     mean_stress = np.einsum("eig,eg->ei", stress, weights) / volumes[:, None]
-    strain = np.einsum("eg,eg->e", history.accumulated, weights) / volumes
+    strain = np.zeros(bricks.number)
+    if problem.plastic:
+        strain = np.einsum("eg,eg->e", history.accumulated, weights) / volumes
     shared = np.bincount(bricks.connectivity.ravel(), np.repeat(volumes, 8), len(u))
 
     def at_nodes(values: FloatArray) -> FloatArray:
@@ -140,15 +135,15 @@ def _data(
         )
 
     nodal = np.stack([at_nodes(mean_stress[:, i]) for i in range(6)], axis=1)
-    gap = -state.displacement[0, ..., 2] - problem.heights - state.approach
-    gap[state.states == ELASTIC] = 0.0
+    between = gap(problem, state.displacement, state.approach)
+    between[state.states == ELASTIC] = 0.0
     point_data = {
         "displacement": u,
         "stress": nodal,
         "von_mises": von_mises(nodal),
         "equivalent_plastic_strain": at_nodes(strain),
         "contact_pressure": _on_top(problem, state.forces / problem.block.node_area, 0.0),
-        "gap": _on_top(problem, gap, np.nan),
+        "gap": _on_top(problem, between, np.nan),
         "state": _on_top(problem, states.astype(float), float(APART)),
     }
     cell_data = {

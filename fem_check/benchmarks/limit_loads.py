@@ -1,17 +1,18 @@
-"""Small bodies that are no block, solved directly: the same brick, the same return mapping.
+"""Limit loads of small bodies of the same bricks and the same return mapping, solved directly.
 
-Symmetry makes them small.  Every nodal displacement is a linear function of a few unknowns,
-u = T q, so a sphere is one radial column of bricks whose nodes move along their radius, and an
-axisymmetric or plane-strain body one slice of bricks whose faces stay in their planes.  Slices
-subtend a small angle; the flat facets err by its square.
+Symmetry makes the bodies small: every nodal displacement is a linear function of a few unknowns,
+u = T q.  An axisymmetric or plane-strain body is one slice of bricks whose faces stay in their
+planes.  Axisymmetric slices subtend a small angle; the error of their flat facets is of its
+square.
 
-`push` prescribes some of the unknowns step by step and returns the forces this takes, by Newton's
+`push` prescribes some of the unknowns step by step and finds the forces this takes, by Newton's
 method with the consistent tangent, blended with the elastic stiffness by a tenth of the relative
-residual, and a sparse direct solver.
+residual, and a sparse direct solver.  `strip_punch` compares such a body with Prandtl's limit.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -24,16 +25,19 @@ from epcontact.errors import NotConverged
 from epcontact.results import FloatArray
 from fem_check import plasticity
 from fem_check.element import CORNERS, Elements, elements, strain_operator
-from fem_check.plasticity import History, Law, Softening
+from fem_check.plasticity import History, Law, TangentCorrection
 
-#: Half of the angle that a slice or a radial column subtends, rad.
+#: Half of the angle that an axisymmetric slice subtends, rad.
 SLICE = 0.01
 
 
 @dataclass(frozen=True)
 class SmallBody:
-    """bricks; the map T (3 nodes, unknowns) as a sparse matrix; the indices of held unknowns
-    (zero throughout); whether the elements keep their mean dilatation (B-bar) or lock."""
+    """A body whose nodal displacements are T q.
+
+    bricks: the elements.  motion: T (3 nodes, unknowns).  held: indices of unknowns that stay
+    zero.  mean_dilatation: whether the elements are B-bar bricks; plain ones lock.
+    """
 
     bricks: Elements
     motion: sp.csr_matrix
@@ -41,40 +45,19 @@ class SmallBody:
     mean_dilatation: bool = True
 
 
-def radial_column(inner: float, outer: float, count: int, *, sphere: bool = True) -> SmallBody:
-    """A thick sphere or, in plane strain, cylinder: unknown i moves the radius r_i outward.
-
-    The radii are spaced in a geometric series.
-    """
-    radii = np.geomspace(inner, outer, count + 1)
-    directions = []
-    for cx, cy in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        across = np.array([(2 * cx - 1) * np.tan(SLICE), (2 * cy - 1) * np.tan(SLICE), 1.0])
-        if not sphere:
-            across[1] = 0.0
-        directions.append(across / np.linalg.norm(across))
-    corner = 2 * CORNERS[:, 0] + CORNERS[:, 1]
-    nodes = 4 * (np.arange(count)[:, None] + CORNERS[:, 2]) + corner
-    points = (radii[:, None, None] * np.array(directions)).reshape(-1, 3)
-    if not sphere:
-        points[:, 1] += np.tile([0.0, 1.0, 0.0, 1.0], count + 1) * 2 * inner * np.tan(SLICE)
-    rows = np.arange(12 * (count + 1))
-    motion = sp.csr_matrix(
-        (np.tile(np.ravel(directions), count + 1), (rows, rows // 12)),
-        shape=(rows.size, count + 1),
-    )
-    bricks = elements(nodes, np.arange(count), points[nodes])
-    return SmallBody(bricks, motion, np.empty(0, dtype=np.int64))
-
-
 def slice_body(
     across: FloatArray, down: FloatArray, *, axisymmetric: bool, mean_dilatation: bool = True
 ) -> SmallBody:
-    """A slice of bricks between the coordinates `across` (x or r, ascending from 0) and `down`
-    (z, descending from 0): plane strain of unit width, or axisymmetric about z.
+    """A slice of bricks, in plane strain of unit width or axisymmetric about z.
 
     Unknown 2 n is the displacement across of node n = i * len(down) + k, 2 n + 1 the one along z.
-    Held: x = 0 and the far side across, the lowest level along z.
+    Held are x = 0 and the far side across, and the lowest level along z.
+
+    Args:
+        across: coordinates x or r of the nodes, ascending from 0.
+        down: coordinates z of the nodes, descending from 0.
+        axisymmetric: about z; else plane strain.
+        mean_dilatation: whether the elements are B-bar bricks.
     """
     nx, nz = len(across), len(down)
     x, z = (g.ravel() for g in np.meshgrid(across, down, indexing="ij"))
@@ -106,8 +89,7 @@ def slice_body(
 
 @dataclass(frozen=True)
 class Pushed:
-    """One step of `push`: the unknowns, the force on each (work-conjugate), Newton's residuals
-    over the largest force."""
+    """One step of `push`: the unknowns, the work-conjugate force on each, Newton's residuals."""
 
     unknowns: FloatArray
     forces: FloatArray
@@ -123,11 +105,20 @@ def push(
     tolerance: float = 1e-9,
     max_newton: int = 40,
 ) -> list[Pushed]:
-    """Gives the `pushed` unknowns the values of `path`, one step each, from the virgin state.
+    """Give some unknowns prescribed values, step by step, and find the forces this takes.
 
-    Raises NotConverged with the residuals of the step.
+    Args:
+        body: the body, which has never yielded.
+        law: its material.
+        pushed: indices of the prescribed unknowns.
+        path: their value in each step.
+        tolerance: norm of the free forces over the largest force.
+        max_newton: largest number of iterations a step.
+
+    Raises:
+        NotConverged: a step failed; holds its residuals.
     """
-    history = plasticity.virgin(body.bricks.number)
+    history = plasticity.initial_history(body.bricks.number)
     strain = np.stack(
         [
             strain_operator(body.bricks, s, mean_dilatation=body.mean_dilatation)
@@ -143,7 +134,7 @@ def push(
         q, step = _push_step(body, law, history, (strain, elastic), (pushed, value, free), q,
                              (tolerance, max_newton))  # fmt: skip
         u = (body.motion @ q).reshape(-1, 3)
-        plasticity.commit(u, body.bricks, law, history)
+        history = plasticity.commit(u, body.bricks, law, history)
         out.append(step)
     return out
 
@@ -171,7 +162,7 @@ def _push_step(
                 return q, Pushed(q, forces, tuple(residuals))
         blend = min(1.0, 0.1 * residuals[-1]) if residuals else 1.0
         per_element = tangents(body.bricks, elastic, strain, soft, blend)
-        K = (body.motion.T @ assembled(body.bricks, per_element, len(u)) @ body.motion).tocsc()
+        K = (body.motion.T @ sparse_matrix(body.bricks, per_element, len(u)) @ body.motion).tocsc()
         right = -forces - (K @ change if iteration == 0 else 0.0)
         q = q + (change if iteration == 0 else 0.0)
         q[free] += splu(K[free][:, free]).solve(right[free])
@@ -184,11 +175,10 @@ def _push_step(
 
 def _force(
     body: SmallBody, law: Law, history: History, strain: FloatArray, u: FloatArray
-) -> tuple[FloatArray, Softening]:
-    """(nodes, 3) internal force at `u`, and what the tangent there lacks."""
+) -> tuple[FloatArray, TangentCorrection]:
+    """(nodes, 3) internal force at `u`, and the correction of the elastic tangent there."""
     bricks = body.bricks
-    force = np.empty_like(u)
-    yielded = plasticity.force(u, bricks, law, history, force)
+    force, flowing = plasticity.internal_force(u, bricks, law, history)
     if not body.mean_dilatation:  # the local dilatation in the place of the mean one
         B, weights = strain[bricks.shape_of], bricks.weights[bricks.shape_of]
         stress = plasticity.stresses(u, bricks, law, history)
@@ -197,7 +187,7 @@ def _force(
         nodal = np.einsum("egia,eig,eg->ea", B, stress, weights, optimize=True)
         force = np.zeros_like(u)
         np.add.at(force, bricks.connectivity, nodal.reshape(-1, 8, 3))
-    return force, plasticity.linearise(u, bricks, law, history, yielded)
+    return force, plasticity.tangent_correction(u, bricks, law, history, flowing)
 
 
 def elastic_tangents(bricks: Elements, law: Law, strain: FloatArray) -> FloatArray:
@@ -210,9 +200,9 @@ def elastic_tangents(bricks: Elements, law: Law, strain: FloatArray) -> FloatArr
 
 
 def tangents(
-    bricks: Elements, elastic: FloatArray, strain: FloatArray, soft: Softening, blend: float
+    bricks: Elements, elastic: FloatArray, strain: FloatArray, soft: TangentCorrection, blend: float
 ) -> FloatArray:
-    """(elements, 24, 24) consistent tangents, blended with the elastic stiffness."""
+    """(elements, 24, 24) consistent tangents, with a share `blend` of the elastic stiffness."""
     out: FloatArray = elastic[bricks.shape_of]
     B = strain[bricks.shape_of[soft.which]]
     deviator = np.diag([1.0] * 3 + [0.5] * 3)
@@ -224,9 +214,70 @@ def tangents(
     return out
 
 
-def assembled(bricks: Elements, per_element: FloatArray, nodes: int) -> sp.csr_matrix:
+def sparse_matrix(bricks: Elements, per_element: FloatArray, nodes: int) -> sp.csr_matrix:
     """The sparse sum of (elements, 24, 24) matrices, degrees of freedom 3 node + component."""
     dofs = (3 * bricks.connectivity[:, :, None] + np.arange(3)).reshape(-1, 24)
     rows = np.repeat(dofs, 24, axis=1).ravel()
     columns = np.tile(dofs, (1, 24)).ravel()
     return sp.coo_matrix((per_element.ravel(), (rows, columns)), shape=(3 * nodes,) * 2).tocsr()
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A computed quantity beside its exact one, along a path; `newton`: residuals by step."""
+
+    computed: FloatArray
+    exact: FloatArray
+    newton: tuple[tuple[float, ...], ...]
+
+
+def strip_punch(
+    elements: int,
+    *,
+    poisson_ratio: float = 0.3,
+    mean_dilatation: bool = True,
+    steps: int = 6,
+    domain: float = 5.0,
+) -> Curve:
+    """Mean pressure under a smooth strip punch in plane strain, over the yield stress.
+
+    Args:
+        elements: number of elements under half the width of the punch.
+        poisson_ratio: nu.
+        mean_dilatation: whether the elements are B-bar bricks; plain ones lock.
+        steps: number of steps of the punch's path.
+        domain: width and depth of the body, in half-widths of the punch.
+
+    Returns:
+        The pressure at each step, and Prandtl's limit (2 + pi) k with k = Y/sqrt(3).
+
+    Example:
+        >>> curve = strip_punch(1, steps=2, domain=3.0)
+        >>> bool(curve.computed[-1] > curve.exact[-1])  # a coarse mesh overestimates the limit
+        True
+    """
+    grid = np.linspace(0, domain, round(domain * elements) + 1)
+    body = slice_body(grid, -grid, axisymmetric=False, mean_dilatation=mean_dilatation)
+    exact = (2 + math.pi) / math.sqrt(3)
+    return punch(body, grid, elements, poisson_ratio, steps, exact)
+
+
+def punch(
+    body: SmallBody,
+    grid: FloatArray,
+    elements: int,
+    poisson_ratio: float,
+    steps: int,
+    exact: float,
+    area: float = 1.0,
+) -> Curve:
+    """Push a punch of unit half-width, on `elements` of the `grid`, into a body; `area` is its own.
+
+    The yield stress is 1; the last step is far beyond the limit load.
+    """
+    Y, E = 1.0, 1000.0
+    top = np.arange(elements + 1) * grid.size  # the nodes (i, level 0) under the punch
+    path = -np.linspace(1 / steps, 1.0, steps) * 72 * Y / E
+    done = push(body, plasticity.law(E, poisson_ratio, Y), 2 * top + 1, path)
+    force = -np.array([step.forces[2 * top + 1].sum() for step in done])
+    return Curve(force / area, np.full(steps, exact), tuple(s.residuals for s in done))

@@ -16,7 +16,7 @@ import numpy as np
 from epcontact.scene import Load, Material, Scene, Surface
 from fem_check import plasticity
 from fem_check.driver import solve, solve_path
-from fem_check.output import von_mises
+from fem_check.vtu import von_mises
 
 #: Contact radius over sphere radius at the Hertzian load: small strains.
 _SLENDER = 0.05
@@ -90,7 +90,7 @@ def sphere_onset(
     layers: int | None = None,
 ) -> tuple[float, float]:
     """(p_m/sigma_Y, depth over a) where an elastic sphere first yields, p_m = F/(pi a^2) with
-    Hertz's a.  The elastic stresses scale with the pressure, so one solve tells.
+    Hertz's a.  The elastic stresses scale with the pressure, so one solve is enough.
 
     Stresses are read at the elements' centres, where trilinear bricks have them to second order;
     at their Gauss points, where J2 asks for them, they are first order only, and the largest of
@@ -108,12 +108,12 @@ def sphere_onset(
     scene = sphere_scene(force, nodes=nodes, nodes_to_rim=nodes_to_rim,
                          poisson_ratio=poisson_ratio, yield_stress=math.inf)  # fmt: skip
     path = solve_path(scene, law="elastic", layers=layers)
-    bricks, state = path.problem.bricks, path.reached[-1].state
+    bricks, state = path.problem.bricks, path.points[-1].state
     stress = plasticity.stresses(
         state.displacement.reshape(-1, 3),
         bricks,
         path.problem.law,
-        plasticity.virgin(bricks.number),
+        None,
     )
     centre = von_mises(np.moveaxis(stress, 1, 2).mean(axis=1))
     levels = path.problem.block.levels

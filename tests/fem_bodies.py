@@ -1,28 +1,41 @@
-"""Closed problems that judge the elements and the plasticity: bodies, what they should answer.
-
-Lengths, stresses and moduli are relative (Y: the uniaxial yield stress, k = Y/sqrt(3)); the
-functions return what was computed beside what theory says, and leave the judgement to a gate.
-"""
+"""Bodies of bricks with known limit loads: thick sphere, thick cylinder, circular punch."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
-from epcontact.results import FloatArray
-from fem_check.benchmarks.bodies import SLICE, SmallBody, push, radial_column, slice_body
+from fem_check.benchmarks.limit_loads import SLICE, Curve, SmallBody, punch, push, slice_body
+from fem_check.element import CORNERS, elements
 from fem_check.plasticity import law
 
 
-@dataclass(frozen=True)
-class Curve:
-    """A computed quantity beside its exact one, along a path; `newton`: residuals by step."""
+def radial_column(inner: float, outer: float, count: int, *, sphere: bool = True) -> SmallBody:
+    """A thick sphere or, in plane strain, cylinder: unknown i moves the radius r_i outward.
 
-    computed: FloatArray
-    exact: FloatArray
-    newton: tuple[tuple[float, ...], ...]
+    The radii are spaced in a geometric series.
+    """
+    radii = np.geomspace(inner, outer, count + 1)
+    directions = []
+    for cx, cy in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        across = np.array([(2 * cx - 1) * np.tan(SLICE), (2 * cy - 1) * np.tan(SLICE), 1.0])
+        if not sphere:
+            across[1] = 0.0
+        directions.append(across / np.linalg.norm(across))
+    corner = 2 * CORNERS[:, 0] + CORNERS[:, 1]
+    nodes = 4 * (np.arange(count)[:, None] + CORNERS[:, 2]) + corner
+    points = (radii[:, None, None] * np.array(directions)).reshape(-1, 3)
+    if not sphere:
+        points[:, 1] += np.tile([0.0, 1.0, 0.0, 1.0], count + 1) * 2 * inner * np.tan(SLICE)
+    rows = np.arange(12 * (count + 1))
+    motion = sp.csr_matrix(
+        (np.tile(np.ravel(directions), count + 1), (rows, rows // 12)),
+        shape=(rows.size, count + 1),
+    )
+    bricks = elements(nodes, np.arange(count), points[nodes])
+    return SmallBody(bricks, motion, np.empty(0, dtype=np.int64))
 
 
 def thick_sphere(
@@ -67,22 +80,6 @@ def thick_cylinder(
     return Curve(pressure, np.full(steps, limit), tuple(step.residuals for step in done))
 
 
-def strip_punch(
-    elements: int,
-    *,
-    poisson_ratio: float = 0.3,
-    mean_dilatation: bool = True,
-    steps: int = 6,
-    domain: float = 5.0,
-) -> Curve:
-    """Mean pressure over Y under a smooth strip punch with `elements` to its half-width, in a
-    domain of `domain` half-widths each way; exact: Prandtl's (2 + pi) k."""
-    grid = np.linspace(0, domain, round(domain * elements) + 1)
-    body = slice_body(grid, -grid, axisymmetric=False, mean_dilatation=mean_dilatation)
-    return _punch(body, grid, elements, poisson_ratio, steps,
-                  (2 + math.pi) / math.sqrt(3), 1.0)  # fmt: skip
-
-
 def circular_punch(
     elements: int, *, poisson_ratio: float = 0.3, steps: int = 6, domain: float = 5.0
 ) -> Curve:
@@ -90,22 +87,5 @@ def circular_punch(
     Tresca solid of the same Y, which bounds von Mises from below; 2/sqrt(3) of it from above."""
     grid = np.linspace(0, domain, round(domain * elements) + 1)
     body = slice_body(grid, -grid, axisymmetric=True)
-    return _punch(body, grid, elements, poisson_ratio, steps, 2.845,
+    return punch(body, grid, elements, poisson_ratio, steps, 2.845,
                   math.sin(SLICE) * math.cos(SLICE))  # fmt: skip
-
-
-def _punch(
-    body: SmallBody,
-    grid: FloatArray,
-    elements: int,
-    poisson_ratio: float,
-    steps: int,
-    exact: float,
-    area: float,
-) -> Curve:
-    Y, E = 1.0, 1000.0
-    top = np.arange(elements + 1) * grid.size  # the nodes (i, level 0) under the punch
-    path = -np.linspace(1 / steps, 1.0, steps) * 72 * Y / E
-    done = push(body, law(E, poisson_ratio, Y), 2 * top + 1, path)
-    force = -np.array([step.forces[2 * top + 1].sum() for step in done])
-    return Curve(force / area, np.full(steps, exact), tuple(s.residuals for s in done))

@@ -1,0 +1,263 @@
+"""From finite-element states to a ContactResult: areas, pressures, fields, notes.
+
+Areas.  raw counts nodes in contact.  The count overestimates the area: the rim lies inside the
+last node in contact, and elements as large as the waves they carry are softer than the solid, so
+that contacts grow beyond their true rim.  Both errors are a fixed share of a spacing.  Measured
+with these elements against Westergaard (lines) and periodic Hertz (spheres), averaged over shifts
+of the grid (tests/test_fem_elastic.py), a straight rim lies
+
+    rim(nu) = 0.25 + 0.21 nu          (+- 0.02)
+
+spacings inside the count.  `corrected` subtracts that for every end of a contact on a line, and
+pi/4 of it for every switch along rows and columns of a surface, because a rim of any direction
+crosses 4/pi as many rows and columns as its length.  The front between elastic and capped contact
+is corrected in the same way, with the other sign.  `error` is a quarter of the correction.
+
+Plastic area.  capped: nodes at the hardness.  j2: contact nodes that touch an element of the top
+layer in which some Gauss point has flowed, now or earlier.  It says where the surface has
+yielded; a contact that flows below the surface alone does not count.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from epcontact.results import (
+    APART,
+    ELASTIC,
+    PLASTIC,
+    Areas,
+    ContactResult,
+    FloatArray,
+    LoadStep,
+    PressureDistribution,
+    Provenance,
+)
+from epcontact.scene import Scene
+from fem_check.path import PathPoint, SolvedPath
+from fem_check.problem import Problem, gap
+
+#: Pressures at which the distribution is tabulated.
+_DISTRIBUTION_POINTS = 1025
+#: Largest rms slope at which the gap geometry and small strains are trusted: at slope 0.1 and
+#: E* xi/sigma_Y = 50, moving the nodes changed the load by 11 to 13 %.
+LARGEST_SLOPE = 0.1
+#: Fewest nodes across the median contact: with under 2 nodes to the rim the place of the grid
+#: changes a sphere's area by more than a quarter (tests/test_fem_breaks.py).
+FEWEST_NODES = 4
+#: Largest plastic strain at which small strains are trusted.
+LARGEST_STRAIN = 0.2
+
+
+def contact_result(path: SolvedPath, peak_memory: float) -> ContactResult:
+    """The result of a solved path; `peak_memory` is in bytes.
+
+    The certificate joins the residuals of the last step.
+    """
+    problem, points = path.problem, path.points
+    certificates: list[Mapping[str, float]] = [{}] * (len(points) - 1) + [path.certificate]
+    fields = surface_fields(path.scene, problem, points[-1])
+    counts = sum((point.counts for point in points[1:]), points[0].counts)
+    block = problem.block
+    return ContactResult(
+        method="fem",
+        steps=tuple(
+            load_step(path.scene, problem, point, certificate)
+            for point, certificate in zip(points, certificates, strict=True)
+        ),
+        provenance=Provenance(path.scene.digest, path.scene.surface.seed, path.options),
+        distribution=distribution(
+            fields["pressure"], fields["state"], problem.cap / block.node_area
+        ),
+        fields={name: values.reshape(path.scene.surface.shape) for name, values in fields.items()},
+        cost={
+            "seconds": path.seconds,
+            "newton_steps": counts.newton,
+            "cg_iterations": counts.cg,
+            "contact_sweeps": counts.sweeps,
+            "increments": counts.increments,
+            "most_newton_steps": counts.most_newton,
+            "most_cg_iterations": counts.most_cg,
+            "unknowns": 3 * problem.heights.size * (len(block.layers) + int(block.sliding)),
+            "peak_memory_bytes": peak_memory,
+        },
+        history=points[-1].history,
+        notes=(*path.scene.surface.notes, *_warnings(path)),
+    )
+
+
+def surface_fields(scene: Scene, problem: Problem, point: PathPoint) -> dict[str, NDArray[Any]]:
+    """heights, pressure, gap, displacement and state, (nx, ny) each, in SI units."""
+    state = point.state
+    down = -state.displacement[0, ..., 2]
+    between = gap(problem, state.displacement, state.approach)
+    between[state.states == ELASTIC] = 0.0
+    return {
+        "heights": scene.surface.heights,
+        "pressure": np.maximum(state.forces, 0.0) / problem.block.node_area,
+        "gap": between,
+        "displacement": down - down.mean() if scene.body.kind == "half_space" else down,
+        "state": point.surface_states,
+    }
+
+
+def load_step(
+    scene: Scene, problem: Problem, point: PathPoint, certificate: Mapping[str, float]
+) -> LoadStep:
+    """Areas, residuals and further quantities of one point of the path."""
+    state, counts = point.state, point.counts
+    raw, corrected, error = areas(
+        point.surface_states, scene.material.poisson_ratio, problem.capped
+    )
+    between = gap(problem, state.displacement, state.approach)
+    pressure = state.forces / problem.block.node_area
+    touching = point.surface_states != APART
+    down = -state.displacement[0, ..., 2]
+    if scene.body.kind == "half_space":
+        down = down - down.mean()
+    return LoadStep(
+        point.mean_pressure,
+        {"raw": raw, "corrected": corrected, "error": error},
+        point.residuals | dict(certificate),
+        {
+            "newton": counts.newton,
+            "cg": counts.cg,
+            "contact_sweeps": counts.sweeps,
+            "increments": counts.increments,
+            "line_searches": counts.line_searches,
+        },
+        {
+            "mean_gap": float(np.maximum(between, 0).mean()),
+            "mean_separation": float(between.mean()),
+            "approach": state.approach + float(problem.heights.max()),
+            "largest_pressure": float(pressure.max()),
+            "mean_contact_pressure": float(pressure[touching].mean()) if touching.any() else 0.0,
+            "elastic_energy": float((pressure * down).mean()) / 2,
+            **point.plastic_zone,
+        },
+    )
+
+
+def areas(
+    states: NDArray[np.int8], poisson_ratio: float, capped: bool
+) -> tuple[Areas, Areas, Areas]:
+    """The raw and corrected areas and their error, as the module's docstring defines them.
+
+    Example:
+        >>> states = np.array([[APART], [ELASTIC], [ELASTIC], [APART]], dtype=np.int8)
+        >>> raw, corrected, error = areas(states, poisson_ratio=0.0, capped=False)
+        >>> raw.total, corrected.total, error.total
+        (0.5, 0.375, 0.03125)
+    """
+    touching, plastic = states != APART, states == PLASTIC
+    total, flowing = float(touching.mean()), float(plastic.mean())
+    rim = (0.25 + 0.21 * poisson_ratio) * (1.0 if states.shape[1] == 1 else math.pi / 4)
+    rim /= states.size
+    less = min(total, rim * count_switches(touching))
+    more = rim * count_switches(plastic) if capped else 0.0
+    right_total = total - less
+    if capped:
+        right_plastic = min(right_total, flowing + more)
+    else:
+        right_plastic = flowing * (right_total / total if total else 1.0)
+    raw = Areas(total, total - flowing, flowing)
+    corrected = Areas(right_total, right_total - right_plastic, right_plastic)
+    return raw, corrected, Areas(less / 4, (less + more) / 4, more / 4)
+
+
+def count_switches(inside: NDArray[np.bool_]) -> int:
+    """Number of neighbours along rows and columns of which one is inside and the other is not."""
+    return sum(
+        int((inside != np.roll(inside, 1, axis)).sum()) for axis in (0, 1) if inside.shape[axis] > 1
+    )
+
+
+def distribution(
+    pressure: FloatArray, states: NDArray[np.int8], cap: float
+) -> PressureDistribution:
+    """The share of the area at each nodal pressure; `cap` is the largest pressure, in Pa.
+
+    With a finite cap, the nodes at it are the plastic fraction.  J2 has no single plastic
+    pressure, so all its contact is tabulated.
+    """
+    capped = bool(np.isfinite(cap))
+    values = pressure[(pressure > 0) & ((states != PLASTIC) | (not capped))]
+    top = cap if capped else float(values.max(initial=0.0)) or 1.0
+    edges = np.linspace(0.0, top, _DISTRIBUTION_POINTS)
+    cumulative = np.searchsorted(np.sort(values), edges, side="right") / pressure.size
+    plastic = float((states == PLASTIC).mean()) if capped else 0.0
+    return PressureDistribution(edges, cumulative, plastic)
+
+
+def _warnings(path: SolvedPath) -> tuple[str, ...]:
+    """Sentences on increments that were halved and on the limits of this method."""
+    out = [
+        f"an increment towards point {number} was halved {point.counts.halvings} times"
+        for number, point in enumerate(path.points)
+        if point.counts.halvings
+    ]
+    block, last = path.problem.block, path.points[-1]
+    slope = rms_slope(path.problem.heights, block.spacing)
+    if slope > LARGEST_SLOPE:
+        out.append(
+            f"the rms slope of {slope:.2g} is too large for small strains (more than "
+            f"{LARGEST_SLOPE:g}); scale heights, pressure and strengths down together"
+        )
+    nodes = nodes_across(last.surface_states != APART)
+    if nodes < FEWEST_NODES:
+        out.append(
+            f"the median contact is {nodes:.1f} nodes across, fewer than {FEWEST_NODES}: areas "
+            "and pressures are those of the grid"
+        )
+    if last.plastic_zone.get("plastic_depth", 0.0) >= block.depth * (1 - 1e-9):
+        out.append("the plastic zone reaches the base; give a deeper block")
+    strain = last.plastic_zone.get("largest_plastic_strain", 0.0)
+    if strain > LARGEST_STRAIN:
+        out.append(f"the plastic strain reaches {strain:.2g}, too much for small strains")
+    return tuple(out)
+
+
+def rms_slope(heights: FloatArray, spacing: tuple[float, float]) -> float:
+    """Root mean square of the gradient, from differences between neighbours."""
+    total = 0.0
+    for axis, step in enumerate(spacing):
+        if heights.shape[axis] > 1:
+            total += float(np.mean(((heights - np.roll(heights, 1, axis)) / step) ** 2))
+    return math.sqrt(total)
+
+
+def nodes_across(touching: NDArray[np.bool_]) -> float:
+    """The number of nodes across the median contact.
+
+    Half of the contact nodes lie in smaller contacts than the median one.  On a line its width is
+    counted, on a surface the diameter of the disc of its area.  Contacts join over corners and
+    over the periodic edges.
+
+    Args:
+        touching: (nx, ny) whether a node is in contact; ny = 1 for a line.
+
+    Example:
+        >>> line = np.array([[1], [0], [0], [1], [1]], dtype=bool)
+        >>> nodes_across(line)
+        3.0
+    """
+    if not touching.any():
+        return 0.0
+    number = np.arange(touching.size).reshape(touching.shape)
+    neighbours = []
+    for shift in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        both = touching & np.roll(touching, shift, (0, 1))
+        neighbours.append([number[both], np.roll(number, shift, (0, 1))[both]])
+    first, second = np.concatenate(neighbours, axis=1)
+    graph = coo_matrix((np.ones(first.size), (first, second)), (number.size, number.size))
+    labels = connected_components(graph, directed=False)[1]
+    sizes = np.sort(np.bincount(labels[touching.ravel()]))
+    median = sizes[np.searchsorted(np.cumsum(sizes), touching.sum() / 2)]
+    return float(median if touching.shape[1] == 1 else 2 * math.sqrt(median / math.pi))
