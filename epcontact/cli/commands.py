@@ -184,7 +184,7 @@ def view(
     factor: float | None,
 ) -> None:
     """Show the fields of a result (.vti, .vtu, .pvd, or a method's .json) in three dimensions."""
-    from epcontact.output.view import view as viewing
+    from epcontact.output import view as viewing
 
     if contact_map is not None:
         from epcontact.harness.pictures import save_map

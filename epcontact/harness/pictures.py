@@ -95,7 +95,7 @@ def theory_densities(results: Results, hardness: float) -> list[Series]:
     if math.isfinite(hardness):
         sigma = np.linspace(0.0, 1.04 * hardness, 300)
         elastic = persson.pressure_density(sigma, diffusion, p0)
-        series.append(Series("without hardness", sigma, elastic, line=True))
+        series.append(Series("persson without hardness", sigma, elastic, line=True))
     return series
 
 

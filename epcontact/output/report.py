@@ -26,7 +26,7 @@ from epcontact.output.charts.curves import pressure_distribution, residual_histo
 from epcontact.output.charts.figures import Chart, Series
 from epcontact.output.charts.maps import map_of_file, pressure_difference
 from epcontact.output.files import read_bytes, write_text
-from epcontact.output.view.view import screenshot
+from epcontact.output.view import screenshot
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult, number_from_json
 

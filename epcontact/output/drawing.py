@@ -1,0 +1,287 @@
+"""Drawing into pyvista plotters: surfaces in contact, two pressures compared, cut blocks.
+
+A .vti is drawn as the surface under the rigid flat, a .vtu as a finite-element block that is cut
+open.  The fields of a block are recognised by words in their names, as finite-element programs
+differ: a vector `displacement` (or `u`) at the points, a scalar with `mises` in its name (Pa), and
+one with both `plastic` and `strain` in it, at points or cells.  The coordinates are taken to be
+those of the deformed body, so that a factor of 1 shows them as they are.
+
+Only the worker imports this module, because pyvista takes a second to import.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import NDArray
+
+from epcontact.errors import OutputError
+from epcontact.output.charts.style import (
+    DIFFERENCE_MAP,
+    PRESSURE_MAP,
+    STATE_COLOURS,
+    STATE_NAMES,
+    STRESS_MAP,
+    unit_for,
+)
+from epcontact.output.vtk import FieldFile
+from epcontact.results import ELASTIC, PLASTIC
+
+#: Points along the longer side of a drawn surface; finer grids are drawn with a stride.
+POINTS = 900
+#: Depth of the valleys as a share of the period, where no factor is given.
+RELIEF = 0.08
+#: Largest displacement of a block as a share of its width, where no factor is given.
+SHOWN = 0.04
+#: Faces of a block up to which the edges of the elements are drawn; more would blacken it.
+EDGES = 20_000
+TEXT = {"color": "black", "font": "arial"}
+
+Limits = tuple[float, ...]
+
+
+def round_factor(value: float) -> float:
+    """`value` rounded down to 1, 2 or 5 times a power of ten; 1 between 0.7 and 2."""
+    if not np.isfinite(value) or value <= 0 or 0.7 <= value < 2:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(m for m in (1, 2, 5) if m * power <= value * (1 + 1e-12)))
+
+
+def surface_scale(file: FieldFile) -> tuple[float, Limits]:
+    """A factor that shows valleys of ordinary depth, and the upper end of the pressure scale."""
+    depth = float(np.quantile(file.field("gap")[::4], 0.98))
+    factor = round_factor(RELIEF * max(file.periods) / depth) if depth > 0 else 1.0
+    hardness = file.attributes.get("hardness", np.inf)
+    known = isinstance(hardness, float) and np.isfinite(hardness)
+    top = float(hardness) if known else float(file.field("pressure").max())
+    return factor, (top or 1.0,)
+
+
+def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -> None:
+    """The contact state and the pressure on the deformed surface, under the flat at z = 0."""
+    small = _strided(file)
+    scale, unit = unit_for(max(file.periods), "m")
+    # Contact touches the flat, also where the peaks were cut off by flow.
+    height = -np.maximum(np.asarray(small.field("gap"), dtype=np.float64), 0.0) / scale
+    axes = [np.arange(n) * d / scale for n, d in zip(small.shape, small.spacing, strict=True)]
+    mesh = pv.StructuredGrid(*np.meshgrid(*axes, indexing="ij"), height * factor)
+    mesh["state"] = np.asarray(small.field("state"), dtype=np.intp).ravel(order="F")
+    top_scale, top_unit = unit_for(limits[0], "Pa")
+    pressure = np.asarray(small.field("pressure"), dtype=np.float64) / top_scale
+    # Points without contact are NaN rather than zero, and so white.
+    mesh["pressure"] = np.where(pressure > 0, pressure, np.nan).ravel(order="F")
+    shares = {kind: np.mean(file.field("state") == kind) for kind in (ELASTIC, PLASTIC)}
+    mean = float(np.mean(file.field("pressure"), dtype=np.float64)) / top_scale
+    state_look: dict[str, Any] = {
+        "scalars": "state",
+        "cmap": list(STATE_COLOURS.values()),
+        "clim": (-0.5, 2.5),
+        # Colours are blended along an edge, not states: there is no elastic rim between apart
+        # and plastic.
+        "interpolate_before_map": False,
+        "annotations": {k: f"{STATE_NAMES[k]} {100 * share:.2f} %" for k, share in shares.items()},
+        "scalar_bar_args": _bar("contact state, white: apart")
+        | {"n_labels": 0, "position_y": 0.06},
+    }
+    pressure_look: dict[str, Any] = {
+        "scalars": "pressure",
+        "cmap": PRESSURE_MAP,
+        "clim": (0.0, limits[0] / top_scale),
+        "nan_color": "white",
+        "scalar_bar_args": _bar(f"pressure ({top_unit}), white: none"),
+    }
+    title = f"Contact: {_size(file.periods, scale)} {unit}, heights × {factor:.3g}"
+    titles = (title, f"Contact pressure, mean {mean:.4g} {top_unit}")
+    for column, look in enumerate((state_look, pressure_look)):
+        plotter.subplot(0, column)
+        shading = {"smooth_shading": True, "ambient": 0.45, "diffuse": 0.55, "specular": 0.0}
+        plotter.add_mesh(mesh.copy(), **look, **shading)
+        plotter.add_text(titles[column], font_size=11, **TEXT)
+        _look_down(plotter, mesh)
+
+
+def _look_down(plotter: Any, mesh: Any) -> None:
+    """Draw the frame of the rigid flat, and look and shine on it from above the near corner."""
+    x0, x1, y0, y1, *_ = mesh.bounds
+    corners = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0], [x0, y0, 0]])
+    plotter.add_mesh(pv.lines_from_points(corners), color="#555555", line_width=2)
+    _frame_view(plotter, mesh.bounds, (-0.3, -1.25, 1.5), 1.04)
+    plotter.remove_all_lights()
+    direction = np.array([-1.0, -0.5, 1.0])
+    middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
+    position = middle + 10 * max(x1 - x0, y1 - y0) * direction
+    # At this intensity the flat contact shows its colours as they are.
+    intensity = float(np.linalg.norm(direction) / direction[2])
+    plotter.add_light(
+        pv.Light(
+            position=tuple(position), focal_point=tuple(middle), intensity=intensity, light_type=3
+        )
+    )
+
+
+def draw_comparison(plotter: Any, files: Sequence[FieldFile], names: Sequence[str]) -> None:
+    """Two pressures in one scale and their difference, from above."""
+    small = [_strided(file) for file in files]
+    first, second = (np.asarray(f.field("pressure"), dtype=np.float64) for f in small)
+    top = max(float(first.max()), float(second.max()))
+    scale, unit = unit_for(top, "Pa")
+    for column, pressure in enumerate((first, second)):
+        shown = np.where(pressure > 0, pressure / scale, np.nan)
+        look = {"clim": (0.0, top / scale), "cmap": PRESSURE_MAP}
+        _draw_flat(plotter, column, small[0], shown, look, f"{names[column]} ({unit})")
+    most = float(np.abs(first - second).max())
+    scale, unit = unit_for(most, "Pa")
+    bound = most / scale or 1.0
+    look = {"clim": (-bound, bound), "cmap": DIFFERENCE_MAP}
+    title = f"{names[0]} minus {names[1]} ({unit})"
+    _draw_flat(plotter, 2, small[0], (first - second) / scale, look, title)
+
+
+def _draw_flat(
+    plotter: Any, column: int, file: FieldFile, values: NDArray[Any], look: Any, title: str
+) -> None:
+    """One cell for each grid point, so that no colour is interpolated."""
+    scale, unit = unit_for(max(file.periods), "m")
+    spacing = [d / scale for d in file.spacing]
+    image = pv.ImageData(
+        dimensions=(*(n + 1 for n in file.shape), 1),
+        spacing=(*spacing, 1.0),
+        origin=(-spacing[0] / 2, -spacing[1] / 2, 0.0),
+    )
+    image.cell_data["values"] = values.ravel(order="F")
+    plotter.subplot(0, column)
+    bar = _bar(title) | {"width": 0.7, "position_x": 0.15}
+    plotter.add_mesh(image, **look, nan_color="white", lighting=False, scalar_bar_args=bar)
+    plotter.add_mesh(image.outline(), color="#555555")
+    text = f"{_size(file.periods, scale)} {unit}"
+    plotter.add_text(text, position="upper_left", font_size=10, **TEXT)
+    plotter.view_xy()
+    plotter.enable_parallel_projection()
+    plotter.camera.zoom(1.2)
+
+
+def read_block(source: str) -> Any:
+    """The mesh of a .vtu that holds a stress or a strain."""
+    if not Path(source).is_file():
+        raise OutputError(f"cannot read {source}: there is no such file")
+    try:
+        mesh: Any = pv.read(source)
+    except RuntimeError:
+        mesh = pv.UnstructuredGrid()
+    if not mesh.n_cells:
+        raise OutputError(f"cannot show {source}: it is damaged or holds no cells")
+    if _field_names(mesh)[1:] == ("", ""):
+        raise OutputError(
+            f"cannot show {source}: it holds neither von Mises stress nor plastic strain"
+        )
+    return mesh
+
+
+def _field_names(mesh: Any) -> tuple[str, str, str]:
+    """Names of displacement, von Mises stress and plastic strain; empty where there is none."""
+    points, names = mesh.point_data, [*mesh.point_data.keys(), *mesh.cell_data.keys()]
+    moves = (n for n in names if n.lower() in ("displacement", "u") and n in points)
+    return (
+        next((n for n in moves if points[n].shape[1:] == (3,)), ""),
+        next((n for n in names if "mises" in n.lower()), ""),
+        next((n for n in names if "plastic" in n.lower() and "strain" in n.lower()), ""),
+    )
+
+
+def _data(mesh: Any, name: str) -> Any:
+    """The data that hold the field: those at the points, where it is at points and cells."""
+    return mesh.point_data if name in mesh.point_data else mesh.cell_data
+
+
+def block_scale(mesh: Any) -> tuple[float, Limits]:
+    """A factor that shows the deformed shape, and the largest stress (Pa) and plastic strain."""
+    displacement, *shown = _field_names(mesh)
+    limits = tuple(float(np.max(_data(mesh, n)[n], initial=0.0)) if n else 0.0 for n in shown)
+    largest = float(np.abs(mesh.point_data[displacement]).max()) if displacement else 0.0
+    x0, x1, y0, y1, *_ = mesh.bounds
+    width = max(x1 - x0, y1 - y0)
+    return round_factor(SHOWN * width / largest) if largest > 0 else 1.0, limits
+
+
+def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
+    """Von Mises stress and plastic strain on the block without its front quarter."""
+    x0, x1, y0, y1, *_ = mesh.bounds
+    centres = np.asarray(mesh.cell_centers().points)
+    # Whole elements are taken away, those on the cut stay, whatever the rounding of their centres.
+    x, y = (x0 + x1) / 2 - 1e-6 * (x1 - x0), (y0 + y1) / 2 - 1e-6 * (y1 - y0)
+    opened = mesh.extract_cells(np.flatnonzero((centres[:, 0] >= x) | (centres[:, 1] >= y)))
+    displacement, stress, strain = _field_names(mesh)
+    if displacement:
+        opened = opened.warp_by_vector(displacement, factor=factor - 1.0)
+    sides = np.ptp(np.reshape(mesh.bounds, (3, 2)), axis=1)
+    scale, unit = unit_for(float(sides.max()), "m")
+    opened.points = np.asarray(opened.points, dtype=np.float64) / scale
+    bounds, skin = opened.bounds, opened.extract_surface(nonlinear_subdivision=1)
+    stress_scale, stress_unit = unit_for(limits[0], "Pa")
+    panels = (
+        (stress, stress_scale, limits[0], f"von Mises stress ({stress_unit})", STRESS_MAP),
+        (strain, 1.0, limits[1], "equivalent plastic strain (-)", "cividis"),
+    )
+    for column, (name, divisor, top, title, colours) in enumerate(panels):
+        plotter.subplot(0, column)
+        if name:
+            shown = skin.copy(deep=False)
+            data = _data(shown, name)
+            data["shown"] = np.asarray(data[name]) / divisor
+            look: dict[str, Any] = {
+                "scalars": "shown",
+                "clim": (0.0, top / divisor or 1.0),
+                "cmap": colours,
+            }
+            look |= {"scalar_bar_args": _bar(title), "show_edges": shown.n_cells <= EDGES}
+            look |= {"edge_color": "#404040", "edge_opacity": 0.35}
+            plotter.add_mesh(shown, **look, ambient=0.5, diffuse=0.55, specular=0.0)
+        else:
+            plotter.add_mesh(skin, color="#d9d9d9")
+            plotter.add_text(f"no {title.partition(' (')[0]} in the file", font_size=11, **TEXT)
+        _frame_view(plotter, bounds, (-0.9, -1.3, 1.1), 1.0)
+    shape = f"displacements × {factor:.3g}" if displacement else "undeformed"
+    plotter.subplot(0, 0)
+    plotter.add_text(f"{_size(sides, scale)} {unit}, {shape}", font_size=11, color="black")
+
+
+def _strided(file: FieldFile) -> FieldFile:
+    """The file with every so many points left out, so that few enough remain to be drawn."""
+    step = max(1, -(-max(file.shape) // POINTS))
+    cut = (slice(None, None, step),) * len(file.shape)
+    fields = {name: field[cut] for name, field in file.fields.items()}
+    return FieldFile(fields, tuple(d * step for d in file.spacing), file.attributes, file.units)
+
+
+def _size(lengths: Sequence[float], scale: float) -> str:
+    return " × ".join(f"{length / scale:.4g}" for length in lengths)
+
+
+def _bar(title: str) -> dict[str, Any]:
+    """Settings of a colour bar below the picture."""
+    return {
+        "title": title + "\n",
+        "color": "black",
+        "n_labels": 4,
+        "fmt": "%.3g",
+        "title_font_size": 18,
+        "label_font_size": 15,
+        "width": 0.5,
+        "height": 0.07,
+        "position_x": 0.25,
+        "position_y": 0.02,
+    }
+
+
+def _frame_view(plotter: Any, bounds: Any, towards: Sequence[float], zoom: float) -> None:
+    """Look at the middle of `bounds` from the direction `towards`, with room for a bar below."""
+    middle = (np.asarray(bounds[0::2]) + np.asarray(bounds[1::2])) / 2
+    plotter.camera_position = [tuple(middle + np.asarray(towards)), tuple(middle), (0, 0, 1)]
+    plotter.reset_camera(bounds=bounds)
+    plotter.camera.zoom(zoom)
+    plotter.camera.SetWindowCenter(0.0, -0.1)
