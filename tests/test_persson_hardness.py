@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,7 +24,13 @@ from epcontact.scene import SelfAffineSpectrum
 from epcontact.surfaces import SelfAffine
 
 SPECTRUM = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 1.0)
-ROUGH = analytic_roughness(SPECTRUM)
+
+
+def body(roughness, rule="constant"):
+    return Theory(roughness, 250e9, EnergyReduction(0.536, rule))
+
+
+METAL = body(analytic_roughness(SPECTRUM))
 
 
 def run(state, diffusion, hardness):
@@ -81,9 +88,8 @@ def test_constant_hardness_is_the_closed_form_with_second_order():
 
 
 def test_a_constant_law_is_the_magnification_curve():
-    found = hardness_curve(ROUGH, 250e9, 0.536, 12.5e9, lambda z: np.full(z.shape, 150e9))
-    theory = Theory(ROUGH, 250e9, EnergyReduction(0.536), 150e9)
-    exact = theory.magnification_curve(12.5e9, found.areas.magnification)
+    found = hardness_curve(METAL, 12.5e9, lambda z: np.full(z.shape, 150e9))
+    exact = replace(METAL, hardness=150e9).magnification_curve(12.5e9, found.areas.magnification)
     assert_allclose(found.areas.elastic, exact.elastic, rtol=0, atol=1e-6)
     assert_allclose(found.areas.plastic, exact.plastic, rtol=0, atol=1e-6)
     assert found.force_error < 1e-10
@@ -108,7 +114,7 @@ def law(zeta):
 
 def test_a_growing_hardness_converges_with_second_order_and_keeps_the_force():
     found = [
-        hardness_curve(ROUGH, 250e9, 0.536, 12.5e9, law, [16.0, 256.0], (n, n // 2))
+        hardness_curve(METAL, 12.5e9, law, [16.0, 256.0], (n, n // 2))
         for n in (128, 256, 512, 1024)
     ]
     for name in ("elastic", "plastic"):
@@ -126,14 +132,14 @@ def test_a_growing_hardness_leaves_less_plastic_area_than_its_own_value_kept_thr
     The pressures are a martingale under either wall; the one that was capped earlier is the
     smaller in convex order, and so is what it has at the common cap.
     """
-    found = hardness_curve(ROUGH, 250e9, 0.536, 12.5e9, law)
+    found = hardness_curve(METAL, 12.5e9, law)
     kept = areas(found.areas.diffusion, 12.5e9, found.hardness)
     assert np.all(found.areas.plastic <= kept.plastic + 1e-6)
     assert found.areas.plastic[-1] < 0.8 * kept.plastic[-1]
 
 
 def test_the_distribution_and_the_plastic_area_carry_the_load():
-    curve = hardness_curve(ROUGH, 250e9, 0.536, 12.5e9, law)
+    curve = hardness_curve(METAL, 12.5e9, law)
     table, hardness = curve.pressures, curve.hardness[-1]
     assert_allclose(table.pressure[-1], hardness, rtol=1e-14)
     assert_allclose(table.cumulative[-1], curve.areas.elastic[-1], rtol=1e-13)
@@ -154,7 +160,7 @@ def test_a_kink_in_the_hardness_does_not_ring():
     def kinked(z):
         return np.where(z < 16, 100e9, 100e9 * (z / 16) ** 0.3)
 
-    curve = hardness_curve(ROUGH, 250e9, 0.536, 12.5e9, kinked)
+    curve = hardness_curve(METAL, 12.5e9, kinked)
     assert np.all(curve.pressures.density >= 0)
     late = curve.areas.plastic[curve.areas.magnification > 20]
     assert np.all(np.diff(late, 2) > -1e-5)
@@ -163,7 +169,7 @@ def test_a_kink_in_the_hardness_does_not_ring():
 
 def test_light_roughness_feels_no_wall():
     smooth = analytic_roughness(SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 0.01))
-    curve = hardness_curve(smooth, 250e9, 0.536, 12.5e9, law)
+    curve = hardness_curve(body(smooth), 12.5e9, law)
     assert np.all(curve.areas.plastic == 0)
     assert curve.pressures is None
     assert_allclose(curve.areas.elastic, areas(curve.areas.diffusion, 12.5e9).elastic)
@@ -172,8 +178,8 @@ def test_light_roughness_feels_no_wall():
 def test_a_surface_of_its_own_spectrum_is_near_its_analytic_one():
     spectrum = SelfAffineSpectrum(0.8, 1e5, 1e5, 32e5, 1.0)
     surface = SelfAffine(spectrum, (2 * math.pi / 1e5,) * 2, (128, 128), 4).build()
-    own = hardness_curve(surface_roughness(surface), 250e9, 0.536, 12.5e9, law, [16.0])
-    smooth = hardness_curve(analytic_roughness(spectrum), 250e9, 0.536, 12.5e9, law, [16.0])
+    own = hardness_curve(body(surface_roughness(surface)), 12.5e9, law, [16.0])
+    smooth = hardness_curve(body(analytic_roughness(spectrum)), 12.5e9, law, [16.0])
     # Half the band: the share of slope below differs by the sampling of the long waves.
     assert_allclose(own.areas.plastic, smooth.areas.plastic, rtol=0.15)
     assert own.force_error < 1e-10
@@ -184,7 +190,7 @@ def test_a_surface_of_its_own_spectrum_is_near_its_analytic_one():
 
 def test_a_falling_hardness_is_refused_with_the_reason():
     with pytest.raises(InvalidScene, match="force"):
-        hardness_curve(ROUGH, 250e9, 0.536, 12.5e9, lambda z: 150e9 * z**-0.01)
+        hardness_curve(METAL, 12.5e9, lambda z: 150e9 * z**-0.01)
     state = start(1.0, 12.5, 150.0, 1024)
     with pytest.raises(InvalidScene, match="must not decrease"):
         run(state, np.array([1.0, 2.0]), np.array([150.0, 149.0]))
@@ -209,7 +215,12 @@ def test_hardness_without_roughness_is_refused():
 )
 def test_other_nonsense_is_refused(hardness, magnifications, resolution, words):
     with pytest.raises(InvalidScene, match=words):
-        hardness_curve(ROUGH, 250e9, 0.536, 12.5e9, hardness, magnifications, resolution)
+        hardness_curve(METAL, 12.5e9, hardness, magnifications, resolution)
+
+
+def test_a_reduction_that_depends_on_the_area_is_refused():
+    with pytest.raises(InvalidScene, match="must be constant"):
+        hardness_curve(body(METAL.roughness, "persson"), 12.5e9, law)
 
 
 def test_a_late_start_is_refused():

@@ -1,8 +1,9 @@
 """Areas against magnification for a hardness that depends on the magnification.
 
-The small sees a harder solid: sigma_P(zeta) grows (indentation size effect; work hardening is
-often cast in the same form).  The equations are those of `moving_wall`; here the magnification
-is turned into steps of it.  S is the constant gamma, so that G(zeta) is known beforehand.
+A solid can be harder on a small scale: sigma_P(zeta) grows with the magnification (indentation
+size effect; work hardening is often cast in the same form).  `moving_wall` has the equations; here
+the magnification is divided into steps for them.  S is the constant gamma, so that G(zeta) is
+known beforehand.
 """
 
 from __future__ import annotations
@@ -16,24 +17,24 @@ from numpy.typing import ArrayLike
 from epcontact.errors import InvalidScene
 from epcontact.persson.elastoplastic import areas
 from epcontact.persson.moving_wall import StressState, evolve, start, unfelt_diffusion
-from epcontact.persson.reduction import EnergyReduction, full_contact_diffusion
+from epcontact.persson.reduction import full_contact_diffusion
 from epcontact.persson.roughness import Roughness
-from epcontact.persson.theory import MagnificationCurve, PressureCurve
+from epcontact.persson.theory import MagnificationCurve, PressureCurve, Theory
 from epcontact.results import FloatArray
 
-HardnessLaw = Callable[[FloatArray], ArrayLike]
-
-#: Points at which G(zeta) and sigma_P(zeta) are looked at to place the steps.
-_LOOKS = 20001
+#: Points at which G(zeta) and sigma_P(zeta) are sampled to place the steps.
+_SAMPLES = 20001
 
 
 @dataclass(frozen=True)
 class HardnessCurve:
     """The answer for a hardness that depends on the magnification.
 
-    areas: against magnification; hardness: (n,) sigma_P in Pa at the same magnifications;
-    pressures: the distribution at the last of them, None while no wall was felt;
-    force_error: the largest relative departure of the force from the load on the way.
+    Attributes:
+        areas: Areas against magnification.
+        hardness: (n,) sigma_P in Pa at the same magnifications.
+        pressures: The distribution at the last of them; None if no point has reached the hardness.
+        force_error: Largest relative difference of force and load over all steps.
     """
 
     areas: MagnificationCurve
@@ -42,50 +43,69 @@ class HardnessCurve:
     force_error: float
 
     def columns(self) -> dict[str, FloatArray]:
-        """The columns by name and unit."""
+        """The columns by name and unit, for a table in CSV or JSON."""
         return self.areas.columns() | {"hardness_Pa": self.hardness}
 
 
 def hardness_curve(
-    roughness: Roughness,
-    effective_modulus: float,
-    energy_reduction: float,
+    theory: Theory,
     mean_pressure: float,
-    hardness: HardnessLaw,
+    hardness: Callable[[FloatArray], ArrayLike],
     magnifications: ArrayLike | None = None,
     resolution: tuple[int, int] = (1024, 400),
 ) -> HardnessCurve:
-    """Elastic, plastic and total area at magnifications (n,), ascending.
+    """Areas against magnification for a hardness that depends on it.
 
-    hardness: maps magnifications (m,) to sigma_P in Pa, not decreasing; energy_reduction: gamma;
-    pressures and modulus in Pa; magnifications: from 1 to the highest of the roughness, by
-    default 200 of equal ratio; resolution: cells of the pressure and steps of the magnification,
-    in both of which the areas are of second order (constant hardness: right to 1e-6 by default).
+    Args:
+        theory: The rough body, with a constant reduction; its own hardness is not read.
+        mean_pressure: In Pa.
+        hardness: Function from magnifications (m,) to sigma_P in Pa, which must not decrease.
+        magnifications: (n,), ascending, from 1 to the highest of the roughness; by default 200 of
+            equal ratio.
+        resolution: Cells of the pressure and steps of the magnification.  The areas are of second
+            order in both; with the default they are right to 1e-6 at a constant hardness.
 
-    Raises InvalidScene for a falling hardness, one that the mean pressure reaches, one that is
-    no positive number, magnifications out of order or range, or too few cells.
+    Raises:
+        InvalidScene: The hardness falls, is reached by the mean pressure or is no positive number;
+            a magnification is out of order or range; the cells are too few; or the reduction is
+            not constant.
+
+    Example:
+        >>> from epcontact import SelfAffineSpectrum
+        >>> from epcontact.persson import EnergyReduction, analytic_roughness
+        >>> rough = analytic_roughness(SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, rms_slope=1.0))
+        >>> theory = Theory(rough, 250e9, EnergyReduction(0.536))
+        >>> curve = hardness_curve(theory, 12.5e9, lambda zeta: 100e9 * zeta**0.15, [16, 256])
+        >>> curve.areas.plastic.round(4)
+        array([0.0004, 0.0067])
     """
+    if theory.reduction.rule != "constant":
+        raise InvalidScene(
+            f"the energy reduction follows the rule {theory.reduction.rule!r}, but must be "
+            "constant where the hardness depends on the magnification"
+        )
+    roughness = theory.roughness
     zeta = _magnifications(roughness, magnifications)
-    gamma = EnergyReduction(energy_reduction).gamma
     variance = _continuous_slope_variance(roughness)
 
     def diffusion(z: FloatArray) -> FloatArray:
-        return gamma * full_contact_diffusion(effective_modulus, variance(z * roughness.lowest))
+        tau = full_contact_diffusion(theory.effective_modulus, variance(z * roughness.lowest))
+        return theory.reduction.gamma * tau
 
     cells, steps = resolution
     nodes = _nodes(diffusion, hardness, zeta, mean_pressure, steps)
-    G, Y = diffusion(zeta), _values(hardness, zeta)
-    # Up to the first node the wall is not felt, and the body is elastic.
+    G, Y = diffusion(zeta), _checked_hardness(hardness, zeta)
+    # Up to the first node no point reaches the hardness, and the body is elastic.
     elastic = areas(G, mean_pressure).elastic.copy()
     plastic = np.zeros_like(G)
     state, force_error = None, 0.0
     if nodes.size:
-        node_G, node_Y = diffusion(nodes), _values(hardness, nodes)
-        begun = start(float(node_G[0]), mean_pressure, float(node_Y[0]), cells)
-        for z, state in zip(nodes[1:], evolve(begun, node_G, node_Y), strict=True):
+        node_G, node_Y = diffusion(nodes), _checked_hardness(hardness, nodes)
+        first = start(float(node_G[0]), mean_pressure, float(node_Y[0]), cells)
+        for z, state in zip(nodes[1:], evolve(first, node_G, node_Y), strict=True):
             force_error = max(force_error, abs(state.mean_pressure / mean_pressure - 1))
-            asked = zeta == z
-            elastic[asked], plastic[asked] = state.elastic, state.plastic
+            here = zeta == z
+            elastic[here], plastic[here] = state.elastic, state.plastic
     curve = MagnificationCurve(
         zeta, zeta * roughness.lowest, G, elastic, plastic, elastic + plastic
     )
@@ -117,7 +137,7 @@ def _continuous_slope_variance(roughness: Roughness) -> Callable[[FloatArray], F
     return lambda q: np.asarray(np.interp(q, edges, reached))
 
 
-def _values(hardness: HardnessLaw, zeta: FloatArray) -> FloatArray:
+def _checked_hardness(hardness: Callable[[FloatArray], ArrayLike], zeta: FloatArray) -> FloatArray:
     Y = np.broadcast_to(np.asarray(hardness(zeta), dtype=np.float64), zeta.shape)
     if not (np.isfinite(Y).all() and (Y > 0).all()):
         raise InvalidScene("hardness must be finite and positive, in Pa, at every magnification")
@@ -125,18 +145,18 @@ def _values(hardness: HardnessLaw, zeta: FloatArray) -> FloatArray:
 
 
 def _nodes(
-    diffusion: HardnessLaw,
-    hardness: HardnessLaw,
+    diffusion: Callable[[FloatArray], FloatArray],
+    hardness: Callable[[FloatArray], ArrayLike],
     zeta: FloatArray,
     mean_pressure: float,
     steps: int,
 ) -> FloatArray:
-    """Magnifications to step over, those asked for among them; empty if no wall is ever felt.
+    """Magnifications of the steps, `zeta` among them; empty if no point reaches the hardness.
 
-    They begin where the wall is not yet felt, and share out ln G + 2 ln Y evenly.
+    The first is where the upper wall is just not felt; ln G + 2 ln Y grows evenly between them.
     """
-    looks = np.geomspace(1.0, zeta[-1], _LOOKS)
-    G, Y = np.asarray(diffusion(looks)), _values(hardness, looks)
+    samples = np.geomspace(1.0, zeta[-1], _SAMPLES)
+    G, Y = diffusion(samples), _checked_hardness(hardness, samples)
     if not mean_pressure < Y[0]:
         raise InvalidScene(
             f"mean_pressure is {mean_pressure:g} Pa, but must stay below the hardness at "
@@ -145,16 +165,16 @@ def _nodes(
     falls = np.flatnonzero(np.diff(Y) < 0)
     if falls.size:
         raise InvalidScene(
-            f"hardness falls at magnification {looks[falls[0]]:g}, but there the theory does not "
+            f"hardness falls at magnification {samples[falls[0]]:g}, but there the theory does not "
             "conserve the force: it must not decrease"
         )
     unfelt = np.flatnonzero(unfelt_diffusion(mean_pressure, float(Y[0])) >= G)[-1]
-    if unfelt == looks.size - 1:
-        return looks[:0]
+    if unfelt == samples.size - 1:
+        return samples[:0]
     if G[unfelt] == 0:
         raise InvalidScene("the roughness at magnification 1 is too much for the theory to start")
     share = np.log(G[unfelt:]) + 2 * np.log(Y[unfelt:])
-    even = np.interp(np.linspace(share[0], share[-1], steps + 1), share, looks[unfelt:])
+    even = np.interp(np.linspace(share[0], share[-1], steps + 1), share, samples[unfelt:])
     return np.union1d(even, zeta[zeta > even[0]])
 
 

@@ -1,8 +1,8 @@
-"""Hardness that grows with magnification: diffusion of the stress under a moving wall.
+"""Diffusion of the stress under a moving wall: a hardness that grows with the magnification.
 
 With sigma_P(zeta) = Y the stress distribution still diffuses, dP/dG = d2P/dsigma2 on (0, Y(G)),
-P(0) = 0, but the upper wall moves.  The area that flows carries Y A_pl; that the force stays
-the load, and no area is lost, asks for
+P(0) = 0, but the upper wall moves.  The area that flows carries Y A_pl.  Force and area are
+conserved if
 
     P(Y) = (dY/dG) A_pl,    dA_pl/dG = -(dY/dG) P(Y) - dP/dsigma(Y)
 
@@ -13,11 +13,11 @@ On x = sigma / Y, with Q = Y P, D = 1/Y^2 and v = d ln Y / dG,
 
     dQ/dG = -dJ/dx,   J = -D dQ/dx - v x Q,   dA_pl/dG = J(1),   Q(1) = v A_pl / D.
 
-Finite volumes: centred fluxes inside, half cells at the walls, and at the upper wall
-J = 2 D (Q_N - v A_pl / D) / h - v Q_N.  With just this flux R = Y Q and B = Y A_pl satisfy
-d/dG (sum x_i R_i h + B) = 0 exactly, and a linear invariant is kept by every Runge-Kutta
-method: the force is conserved to rounding.  In G: the two-stage diagonally implicit method of
-Alexander (1977), L-stable and of second order, which forgives a kink in Y.
+It is solved by finite volumes with centred fluxes inside, half cells at the walls, and
+J = 2 D (Q_N - v A_pl / D) / h - v Q_N at the upper wall.  With this flux R = Y Q and B = Y A_pl
+satisfy d/dG (sum x_i R_i h + B) = 0 exactly.  Every Runge-Kutta method keeps a linear invariant,
+so the force is conserved to rounding.  The method in G is the two-stage diagonally implicit one of
+Alexander (1977), which is L-stable and of second order and tolerates a kink in Y.
 
 The start is a closed form: while (Y - p_0) / (2 sqrt G) > 6 the upper wall is not felt.
 """
@@ -35,8 +35,9 @@ from epcontact.errors import InvalidScene
 from epcontact.persson.elastoplastic import pressure_cumulative
 from epcontact.results import FloatArray
 
-#: (Y - p_0) / (2 sqrt G) up to which the wall is not felt: erfc(6) = 2e-17.
+#: The wall is not felt while (Y - p_0) / (2 sqrt G) is larger: erfc(6) = 2e-17.
 UNFELT = 6.0
+#: The diagonal of Alexander's method.
 _GAMMA = 1 - math.sqrt(0.5)
 #: Cells within sqrt(G) / Y that the start needs.
 _CELLS_PER_WIDTH = 4
@@ -46,8 +47,10 @@ _CELLS_PER_WIDTH = 4
 class StressState:
     """The stress distribution at one magnification.
 
-    density: (n,) Q = hardness * P, the mean over each of n equal cells of (0, hardness).
-    plastic: A_pl, share of the nominal area; hardness: in Pa.
+    Attributes:
+        density: (n,) Q = hardness * P, the mean over each of n equal cells of (0, hardness).
+        plastic: A_pl, share of the nominal area.
+        hardness: In Pa.
     """
 
     density: FloatArray
@@ -80,7 +83,8 @@ def unfelt_diffusion(mean_pressure: float, hardness: float) -> float:
 def start(diffusion: float, mean_pressure: float, hardness: float, cells: int) -> StressState:
     """The state at a small diffusion (Pa^2, see `unfelt_diffusion`), from the closed form.
 
-    Raises InvalidScene if the wall is felt already, or the cells do not resolve the state.
+    Raises:
+        InvalidScene: The wall is felt already, or the cells do not resolve the state.
     """
     needed = _CELLS_PER_WIDTH * hardness / math.sqrt(diffusion)
     if cells < needed:
@@ -99,10 +103,16 @@ def evolve(
 ) -> Iterator[StressState]:
     """The states at diffusion[1:], one step each, from `state` at diffusion[0].
 
-    diffusion: (n,) Pa^2, increasing; hardness: (n,) Pa, not decreasing.  The areas are of second
-    order in the steps and the cells.  Raises InvalidScene if either is out of order: where the
-    hardness falls, the force could not be conserved; where it grows without more roughness,
-    neither.
+    The areas are of second order in the steps and the cells.
+
+    Args:
+        state: The state at the first diffusion.
+        diffusion: (n,) Pa^2, increasing.
+        hardness: (n,) Pa, not decreasing.
+
+    Raises:
+        InvalidScene: One of them is out of order.  The force could not be conserved where the
+            hardness falls, nor where it grows without more roughness.
     """
     G, Y = np.asarray(diffusion, dtype=np.float64), np.asarray(hardness, dtype=np.float64)
     _check(G, Y)

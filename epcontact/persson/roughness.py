@@ -1,9 +1,9 @@
-"""What the theory needs of a surface: the slope variance it shows up to a wave number.
+"""The roughness of a surface as the theory reads it: its slope variance by wave number.
 
 The theory reads a spectrum only through xi^2(q) = 2 pi int_{q_0}^q q^3 C dq, which sets the
 diffusion, and through m_1 = 2 pi int q^2 C dq = int dxi^2 / q, which weighs elastic energies.
-Both are known in bands: exactly (closed form) for an analytic spectrum, and as exact sums over
-the modes, by rings, for a surface's own.
+Both are known in bands: in closed form for an analytic spectrum, and as sums over the modes of
+each ring for a surface's own.
 """
 
 from __future__ import annotations
@@ -29,11 +29,12 @@ SpectrumKind = Literal["analytic", "surface"]
 class Roughness:
     """The roughness of an isotropic surface, in bands of ascending wave number.
 
-    upper_edge: (n,) rad/m, the largest wave number of each band.
-    slope_variance: (n,) what each band adds to xi^2.
-    first_moment: (n,) what each band adds to m_1 = int dxi^2 / q, in m.
-    lowest: q_0 in rad/m, where the magnification is 1.
-    slope_variance_up_to: xi^2(q) at any wave numbers (rad/m, any shape).
+    Attributes:
+        upper_edge: (n,) rad/m, the largest wave number of each band.
+        slope_variance: (n,) contribution of each band to xi^2.
+        first_moment: (n,) contribution of each band to m_1 = int dxi^2 / q, in m.
+        lowest: q_0 in rad/m, where the magnification is 1.
+        slope_variance_up_to: xi^2(q) at any wave numbers (rad/m, any shape).
     """
 
     upper_edge: FloatArray
@@ -59,7 +60,18 @@ def analytic_roughness(spectrum: SelfAffineSpectrum, bands: int = 512) -> Roughn
     ln q grows with the square of the band's number: near q_0 the pressure of full contact goes
     to zero like sqrt(q - q_0), and equal ratios would not resolve it.
 
-    Raises InvalidScene if the spectrum has no width.
+    Args:
+        spectrum: The spectrum that surfaces are drawn from.
+        bands: How many bands.
+
+    Raises:
+        InvalidScene: The spectrum has no width.
+
+    Example:
+        >>> from epcontact import SelfAffineSpectrum
+        >>> rough = analytic_roughness(SelfAffineSpectrum(0.8, 1e5, 2e5, 16e5, rms_slope=0.1))
+        >>> print(f"{rough.rms_slope:.6f} {rough.lowest:g} {rough.highest:g}")
+        0.100000 100000 1.6e+06
     """
     q0, q1 = spectrum.wavenumber_low, spectrum.wavenumber_high
     edges = q0 * np.exp(np.linspace(0, 1, bands + 1) ** 2 * math.log(q1 / q0))
@@ -74,9 +86,10 @@ def analytic_roughness(spectrum: SelfAffineSpectrum, bands: int = 512) -> Roughn
 
 
 def surface_roughness(surface: Surface) -> Roughness:
-    """One band a ring of the surface's own modes; q_0 belongs to its longest period.
+    """One band for each ring of the surface's own modes; q_0 belongs to its longest period.
 
-    Raises InvalidScene for a line.
+    Raises:
+        InvalidScene: The surface is a line.
     """
     _require_surface(surface)
     rings = radial_spectrum(surface)
@@ -90,9 +103,23 @@ def surface_roughness(surface: Surface) -> Roughness:
 
 
 def roughness_of(surface: Surface, spectrum: SpectrumKind = "analytic") -> Roughness:
-    """The roughness the theory reads: of the spectrum drawn from, or of the surface itself.
+    """The roughness of a surface as the theory reads it.
 
-    Raises InvalidScene for a line, an unknown kind, or a surface without analytic spectrum.
+    Args:
+        surface: Heights over two directions.
+        spectrum: "analytic" for the spectrum that the surface was drawn from, "surface" for the
+            surface's own modes.
+
+    Raises:
+        InvalidScene: The surface is a line or has no analytic spectrum, or the kind is unknown.
+
+    Example:
+        >>> from epcontact import SelfAffineSpectrum
+        >>> from epcontact.surfaces import SelfAffine
+        >>> spectrum = SelfAffineSpectrum(0.8, 1e5, 2e5, 16e5, rms_slope=0.1)
+        >>> surface = SelfAffine(spectrum, (6.2832e-5, 6.2832e-5), (64, 64), seed=7).build()
+        >>> print(f"{roughness_of(surface, 'surface').rms_slope:.6f}")
+        0.100000
     """
     _require_surface(surface)
     if spectrum == "surface":

@@ -10,7 +10,8 @@ energy of small elastic contacts is 1.6 to 2.2 times that of boundary elements.)
 rule of the areas where that rule is "persson" or "wang_muser".  "constant" is the limit of small
 contacts, wrong for the long waves in full contact, and "xu" describes no single wave number: with
 these the energy takes "persson" with the same gamma.
-The formula carries over to plastic flow, because the diffusion equation with both walls still
+
+The formula holds for plastic flow as well, because the diffusion equation with both walls still
 has d<p^2> = 2 A_el dG for <p^2> = int sigma^2 P dsigma + sigma_P^2 A_pl: roughness of wave
 number q adds pressure of wave number q in elastic contact only.
 
@@ -18,15 +19,15 @@ Separation.  In elastic contact the load's work is the elastic energy, dU_el = -
 
     ubar(p) = int_p^inf dU_el(p') / p'       Almqvist et al., J. Mech. Phys. Solids 59, 2355 (2011)
 
-An elastoplastic contact is treated as the elastic contact of the surface that it has flattened,
-of the effective spectrum
+An elastoplastic contact is treated as the elastic contact of the surface that it has flattened.
+The effective spectrum of that surface is
 
     C_eff(q) = C(q) [1 - (A_pl(q) sigma_P / p)^6]
 
-with the plastic area at the magnification of q (by the reduced G): the form used by Persson and
-co-workers, Tiwari et al., Lubricants 7, 90 (2019), its exponent empirical.
+with the plastic area at the magnification of q (by the reduced G).  This form is used by Persson
+and co-workers, Tiwari et al., Lubricants 7, 90 (2019); its exponent is empirical.
 
-How good that is: against boundary elements (three self-affine surfaces of H = 0.8, q_1/q_0 = 64,
+Accuracy: against boundary elements (three self-affine surfaces of H = 0.8, q_1/q_0 = 64,
 gamma = 0.536) ubar is 11 % too large at A = 0.02, 5 % at 0.1 and 9 % too small at 0.4 in elastic
 contact (gamma = 0.45: within 5 %), 2 to 12 % too large at a hardness of 0.6 and 0.3 E* xi, and
 20 to 24 % too small at 0.16 E* xi.  U_el is 1.1 to 1.4 times as large in elastic contact, 1.3 to
@@ -56,7 +57,7 @@ _FLATTENING_EXPONENT = 6
 
 
 def elastic_energy(theory: Theory, mean_pressure: float) -> float:
-    """U_el in J per m^2 of nominal area.
+    """Elastic energy U_el in J per m^2 of nominal area.
 
     Raises:
         InvalidScene: The mean pressure is not between 0 and the hardness.
@@ -94,7 +95,7 @@ def flattened_roughness(theory: Theory, mean_pressure: float) -> Roughness:
 def mean_separation(
     theory: Theory, mean_pressure: float, steps_per_e_fold: int = STEPS_PER_E_FOLD
 ) -> float:
-    """ubar in m, the mean open gap.
+    """Mean separation ubar in m, the mean of the open gap.
 
     Args:
         theory: The rough body.

@@ -93,13 +93,12 @@ def finite_volume_errors(cells: list[int]) -> FloatArray:
 
     low = scenes.LOWEST
     roughness = persson.analytic_roughness(SelfAffineSpectrum(0.8, low, 4 * low, 256 * low, 1.0))
+    body = persson.Theory(roughness, scenes.MODULUS, persson.EnergyReduction(scenes.GAMMA))
     exact = float(persson.areas(PAPER_DIFFUSION, LOAD_SHARE, 1.0).plastic)
     errors = []
     for n in cells:
         found = persson.hardness_curve(
-            roughness,
-            scenes.MODULUS,
-            scenes.GAMMA,
+            body,
             scenes.MEAN_PRESSURE,
             lambda zeta: np.full_like(zeta, scenes.HARDNESS),
             [256.0],
