@@ -44,6 +44,7 @@ _HOMES = {
         "NotEnoughMemory",
         "OutputError",
     ),
+    "harness.verdict": ("Verdict", "verify"),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 

@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import quad
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.gates import distance
-from epcontact.harness.quantities import MEASURES, SURFACE_MEASURES, measure
+from epcontact.harness.distances import distance
+from epcontact.harness.quantities import QUANTITIES, measure
 from epcontact.persson import areas
 from epcontact.reference import CLOSED_FORMS
 from epcontact.reference.layers import compliance
@@ -249,27 +249,31 @@ def result_of(scene: Scene, pressure: np.ndarray) -> ContactResult:
     return ContactResult("bem", (step,), Provenance("x"), distribution, {"pressure": pressure})
 
 
+def measured(name: str, scene: Scene, result: ContactResult) -> float:
+    return measure(f"quantity.{name}", scene, result)
+
+
 def test_exact_answer_passes_every_measure() -> None:
     scene = rough()
     result = result_of(scene, CLOSED_FORMS["full_contact"].field("pressure", scene))
     for name in ("measured_force", "measured_bounds", "measured_gap", "measured_raw_total"):
-        assert abs(measure(name, scene, result)) < 1e-11, name
+        assert abs(measured(name, scene, result)) < 1e-11, name
 
 
 def test_measures_see_what_is_wrong_by_as_much_as_it_is() -> None:
     scene = rough()
     exact = CLOSED_FORMS["full_contact"].field("pressure", scene)
     p0 = scene.load.final
-    assert measure("measured_force", scene, result_of(scene, 1.01 * exact)) == pytest.approx(0.01)
+    assert measured("measured_force", scene, result_of(scene, 1.01 * exact)) == pytest.approx(0.01)
     pulled = exact - exact.min() - 0.1 * p0
-    assert measure("measured_bounds", scene, result_of(scene, pulled)) == pytest.approx(0.1)
+    assert measured("measured_bounds", scene, result_of(scene, pulled)) == pytest.approx(0.1)
     # Half of the fluctuation leaves half of the roughness as a gap, where gaps must be none.
     half = result_of(scene, (exact + p0) / 2)
     heights = scene.surface.heights - scene.surface.heights.mean()
     expected = 0.5 * np.abs(heights).max() / heights.std()
-    assert measure("measured_gap", scene, half) == pytest.approx(expected, rel=1e-9)
+    assert measured("measured_gap", scene, half) == pytest.approx(expected, rel=1e-9)
     # A uniform distribution up to the largest pressure carries half of it.
-    carried = measure("measured_carried", scene, result_of(scene, exact))
+    carried = measured("measured_carried", scene, result_of(scene, exact))
     assert carried == pytest.approx(exact.max() / 2 / p0 - 1)
 
 
@@ -280,23 +284,23 @@ def test_sign_of_the_gap_at_the_bounds() -> None:
     crest, valley = np.zeros(256), np.zeros(256)
     crest[[255, 0, 1]] = scene.load.final * 256 / 3
     valley[127:130] = scene.load.final * 256 / 3
-    good, bad = (measure("measured_gap", scene, result_of(scene, p)) for p in (crest, valley))
+    good, bad = (measured("measured_gap", scene, result_of(scene, p)) for p in (crest, valley))
     assert good < 0.1  # the crest stands 1e-4 of p* out, on three points
     assert bad > 2 * math.sqrt(2) * 0.99
     capped = replace(scene, material=replace(ELASTIC, hardness=scene.load.final * 256 / 3))
-    assert measure("measured_gap", capped, result_of(capped, valley)) > 2
+    assert measured("measured_gap", capped, result_of(capped, valley)) > 2
 
 
 def test_measures_that_lack_a_field() -> None:
     scene = wave(0.3, (64,))
     empty = replace(result_of(scene, np.ones(64)), fields={})
-    for name in set(MEASURES) - set(SURFACE_MEASURES):
+    for name in (q.name for q in QUANTITIES.values() if "fields" in q.needs):
         with pytest.raises(InvalidCase, match="no field 'pressure'"):
             measure(name, scene, empty)
     with pytest.raises(InvalidCase, match=r"shape \(32,\) on a grid of \(64,\)"):
-        measure("measured_force", scene, result_of(scene, np.ones(32)))
+        measured("measured_force", scene, result_of(scene, np.ones(32)))
     with pytest.raises(InvalidCase, match="no pressure distribution"):
-        measure(
+        measured(
             "measured_carried", scene, replace(result_of(scene, np.ones(64)), distribution=None)
         )
 
@@ -304,10 +308,10 @@ def test_measures_that_lack_a_field() -> None:
 def test_surface_measures() -> None:
     scene = bump((64, 64), 1e7)
     result = result_of(scene, np.ones((64, 64)))
-    assert measure("surface_curvature", scene, result) == pytest.approx(100.0, rel=1e-9)
+    assert measured("surface_curvature", scene, result) == pytest.approx(100.0, rel=1e-9)
     wavy = wave(0.3, (64,))
     given = result_of(wavy, np.ones(64))
-    assert measure("surface_rms_height", wavy, given) == pytest.approx(1e-6 / math.sqrt(2))
-    assert measure("surface_rms_slope", wavy, given) == pytest.approx(
+    assert measured("surface_rms_height", wavy, given) == pytest.approx(1e-6 / math.sqrt(2))
+    assert measured("surface_rms_slope", wavy, given) == pytest.approx(
         1e-6 / math.sqrt(2) * 2 * math.pi / L
     )

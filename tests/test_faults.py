@@ -23,8 +23,8 @@ import pytest
 from scipy.special import erf
 
 from epcontact.harness.case import load_case
-from epcontact.harness.run import Plan, run_cases
-from epcontact.harness.verdict import FALLS_SHORT, HOLDS, CaseOutcome, judge_case
+from epcontact.harness.gates import FALLS_SHORT, HOLDS
+from epcontact.harness.verdict import CaseVerdict, verify
 from epcontact.results import Areas
 
 CASES = Path(__file__).parent.parent / "cases"
@@ -313,15 +313,15 @@ FAULTS: dict[str, Caught] = {
     ),
     "absolute for relative": Caught(
         "yardstick", "area.total.raw", 0.5,
-        at("epcontact.harness.gates._difference", lambda norm, value, reference: value - reference),
+        at("epcontact.harness.gates.deviation", lambda norm, value, reference: value - reference),
     ),
     "sign of a difference lost": Caught(
         "yardstick", "area.total.raw", 1.5,
-        changed("epcontact.harness.gates._difference", lambda f: lambda *a: abs(f(*a))),
+        changed("epcontact.harness.gates.deviation", lambda f: lambda *a: abs(f(*a))),
     ),
     "distance of a field not measured": Caught(
         "yardstick", "field.pressure", "flat",
-        at("epcontact.harness.tasks.l2_distance", lambda *_: 0.0),
+        at("epcontact.harness.quantities.l2_distance", lambda *_: 0.0),
     ),
     # finite elements: elements, return mapping, contact
     "yield in the wrong norm": Caught(
@@ -386,16 +386,14 @@ FAULTS: dict[str, Caught] = {
 
 def outcome_of(
     name: str, output: Path, solver: str = "", surfaces: int | None = None
-) -> CaseOutcome:
+) -> CaseVerdict:
     case = load_case(CASES / f"{name}.toml")
     case = replace(case, recipes=case.recipes[:surfaces])
-    plan = Plan(jobs=1, output=output, solver=solver, fresh=True)
-    answers = run_cases([case], {case.id: case.methods}, plan, lambda *_: None)
-    return judge_case(case, answers[case.id])
+    return verify(case, jobs=1, output=output, solver=solver, fresh=True).cases[0]
 
 
 @pytest.fixture(scope="session")
-def honest(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., CaseOutcome]:
+def honest(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., CaseVerdict]:
     """The outcome of a case as the package itself answers it, once a session."""
     return functools.cache(
         lambda name, surfaces: outcome_of(
@@ -404,10 +402,10 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., CaseOutcom
     )
 
 
-def gate_of(outcome: CaseOutcome, caught: Caught) -> str:
+def gate_of(outcome: CaseVerdict, caught: Caught) -> str:
     found = [
         g for g in outcome.gates
-        if g.gate.quantity == caught.quantity and caught.against in (None, g.gate.against)
+        if g.quantity == caught.quantity and caught.against in (None, g.against)
     ]  # fmt: skip
     assert len(found) == 1, f"{caught.case} has {len(found)} gates {caught.quantity}"
     return found[0].status

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from epcontact.harness.case import find_case, load_case
-from epcontact.harness.run import Answer
+from epcontact.harness.store import Answer
 from epcontact.harness.verdict import judge_case
 from epcontact.results import ContactResult
 

@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import inspect
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
@@ -18,9 +19,9 @@ from epcontact import bem
 from epcontact.errors import InvalidCase
 from epcontact.harness import crosscheck, model_difference
 from epcontact.harness.case import load_case
-from epcontact.harness.gates import distance
-from epcontact.harness.model_difference import elements_compliance, model_measures
-from epcontact.harness.quantities import MODEL_MEASURES, measure, measure_all
+from epcontact.harness.distances import distance
+from epcontact.harness.model_difference import elements_compliance
+from epcontact.harness.quantities import QUANTITIES, measure, measure_all
 from epcontact.results import ContactResult
 from epcontact.scene import Body, Scene
 from epcontact.studies import STUDIES, save_charts
@@ -34,6 +35,14 @@ from epcontact.studies.hardness import (
 )
 
 CASES = Path(__file__).parents[1] / "cases"
+MODEL = [name for name, quantity in QUANTITIES.items() if "J2 flow" in quantity.needs]
+
+
+def measured_of(
+    scene: Scene, result: ContactResult, names: Sequence[str] = MODEL
+) -> dict[str, float]:
+    values = measure_all(names, scene, result)
+    return {name.removeprefix("quantity."): value for name, value in values.items()}
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +73,7 @@ def test_a_cap_by_the_elements_does_not_differ_from_a_cap_by_the_boundary_elemen
     capped = fem_check.solve(scene, law="capped", certified=False)
     options = dict(capped.provenance.options) | {"law": "j2"}
     provenance = dataclasses.replace(capped.provenance, options=options)
-    found = measure_all(MODEL_MEASURES, scene, dataclasses.replace(capped, provenance=provenance))
+    found = measured_of(scene, dataclasses.replace(capped, provenance=provenance))
     assert found["model_area"] == 0
     assert found["model_overlap"] == 1
     assert found["model_distance"] < 1e-3  # the elements tabulate 1025 pressures
@@ -74,7 +83,7 @@ def test_a_cap_by_the_elements_does_not_differ_from_a_cap_by_the_boundary_elemen
 
 
 def test_the_measures_say_what_they_mean(scene: Scene, j2: ContactResult) -> None:
-    found = measure_all(MODEL_MEASURES, scene, j2)
+    found = measured_of(scene, j2)
     own = bem.solve(scene, compliance=fem_check.surface_compliance(scene))
     exact = bem.solve(scene)
     touching, below = j2.fields["state"] > 0, own.fields["state"] > 0
@@ -94,8 +103,8 @@ def test_the_measures_say_what_they_mean(scene: Scene, j2: ContactResult) -> Non
 
 
 def test_one_measure_alone_is_what_it_is_among_all(scene: Scene, j2: ContactResult) -> None:
-    together = measure_all(MODEL_MEASURES, scene, j2)
-    for name in MODEL_MEASURES:
+    together = measure_all(MODEL, scene, j2)
+    for name in MODEL:
         assert measure(name, scene, j2) == together[name]
 
 
@@ -103,8 +112,8 @@ def test_a_turned_contact_shows_in_the_overlap_and_not_in_the_area(
     scene: Scene, j2: ContactResult
 ) -> None:
     turned = with_fields(j2, state=j2.fields["state"].T)
-    right = model_measures(("model_area", "model_overlap"), scene, j2)
-    wrong = model_measures(("model_area", "model_overlap"), scene, turned)
+    names = ["quantity.model_area", "quantity.model_overlap"]
+    right, wrong = measured_of(scene, j2, names), measured_of(scene, turned, names)
     assert wrong["model_area"] == right["model_area"]
     assert wrong["model_overlap"] < right["model_overlap"] / 2
 
@@ -113,15 +122,15 @@ def test_what_has_no_effective_hardness_or_no_block_is_refused(j2: ContactResult
     stiff = rough_scene(16, 3, yield_stress=10.0, hardness=math.inf)
     elastic = fem_check.solve(stiff, law="j2", certified=False)
     with pytest.raises(InvalidCase, match="no cap gives its area"):
-        model_measures(("effective_hardness",), stiff, elastic)
+        measure("quantity.effective_hardness", stiff, elastic)
     scene = rough_scene(16, 3)
-    with pytest.raises(InvalidCase, match="law of the elements is capped, not j2"):
-        model_measures(
-            ("model_area",), scene, fem_check.solve(scene, law="capped", certified=False)
-        )
+    capped = fem_check.solve(scene, law="capped", certified=False)
+    with pytest.raises(InvalidCase, match="law of the elements is capped, but"):
+        measure("quantity.model_area", scene, capped)
     blank = dataclasses.replace(j2.provenance, options={"law": "j2"})
+    scene = rough_scene(32, 4)
     with pytest.raises(InvalidCase, match="does not say its block's layers"):
-        model_measures(("model_area",), scene, dataclasses.replace(j2, provenance=blank))
+        measure("quantity.model_area", scene, dataclasses.replace(j2, provenance=blank))
 
 
 @pytest.mark.parametrize("strength", ["hardness", "yield_stress"])

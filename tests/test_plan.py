@@ -12,7 +12,7 @@ import pytest
 from epcontact import bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.case import case_sizes, find_case, find_cases, load_case
-from epcontact.harness.run import Answer
+from epcontact.harness.store import Answer
 from epcontact.planning import candidates, pilots
 from epcontact.planning.auto_size import auto_case
 from epcontact.planning.pilots import Pilot, Section

@@ -10,6 +10,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,8 +20,9 @@ from epcontact import bem
 from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
 from epcontact.errors import InvalidCase
 from epcontact.harness.case import find_case, load_case
-from epcontact.harness.run import Answer, Plan, run_cases
-from epcontact.harness.verdict import judge_case
+from epcontact.harness.run import run_cases
+from epcontact.harness.store import Answer
+from epcontact.harness.verdict import judge_case, verify
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
@@ -51,25 +53,34 @@ def wrong_grid(scene: Scene) -> ContactResult:
 )
 def test_users_solver_cannot_end_the_verification(write_case, tmp_path, solver, word) -> None:
     case = load_case(write_case(ONE))
-    plan = Plan(output=tmp_path, solver=f"{__name__}:{solver}", fields="first")
-    answers = run_cases([case], {"small": ("bem",)}, plan, lambda *_: None)
-    assert answers["small"]["bem"].results == ()
-    assert word in answers["small"]["bem"].errors[0]
+    source = f"{__name__}:{solver}"
+    verdict = verify(case, output=tmp_path, solver=source, fields="first", jobs=1)
+    answer = verdict.cases[0].answers[solver]
+    assert answer.results == ()
+    assert word in answer.errors[0]
 
 
-def answer(path: Path, output: Path, **plan: object):
+def answer(path: Path, output: Path, **options: Any):
     """The boundary elements' answer, and which of its tasks were reused."""
-    case, notes = load_case(path), []
-    plan_ = Plan(jobs=1, output=output, **plan)  # type: ignore[arg-type]
-    answers = run_cases([case], {case.id: ("bem",)}, plan_, lambda task, note: notes.append(note))
+    case, notes = replace(load_case(path), methods=("bem",)), []
+    answers = run_cases([case], output, progress=lambda p: notes.append(p.note), **options)
     return answers[case.id]["bem"].results[0], notes
 
 
 def test_results_of_the_users_solver_do_not_pass_for_the_packages(write_case, tmp_path) -> None:
-    case, out = write_case(ONE), tmp_path / "out"
-    wrong, _ = answer(case, out, solver=f"{__name__}:half_the_area")
-    own, notes = answer(case, out)
+    path, out = write_case(ONE), tmp_path / "out"
+    for _ in range(2):  # the second run has to solve again, too
+        notes: list[str] = []
+        verdict = verify(
+            path, output=out, solver=f"bem_of_mine={__name__}:half_the_area", jobs=1,
+            progress=lambda p, notes=notes: notes.append(p.note),
+        )  # fmt: skip
+        assert notes[-1] == ""
+    wrong = verdict.cases[0].answers["bem_of_mine"].results[0]
+    own, notes = answer(path, out)
     assert notes == [""]
+    assert wrong.method == "bem_of_mine"
+    assert wrong.provenance.options["solver"] == f"{__name__}:half_the_area"
     assert own.final.areas["raw"].total == pytest.approx(2 * wrong.final.areas["raw"].total)
 
 
@@ -126,9 +137,8 @@ def test_two_cases_of_one_id_are_refused(write_case, tmp_path) -> None:
     first = load_case(write_case(ONE))
     (tmp_path / "other").mkdir()
     second = load_case(write_case(ONE).rename(tmp_path / "other" / "small.toml"))
-    methods = {"small": ("bem",)}
     with pytest.raises(InvalidCase, match="folders of their own"):
-        run_cases([first, second], methods, Plan(output=tmp_path / "out"), lambda *_: None)
+        run_cases([first, second], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -226,18 +236,15 @@ def _children(pid: int) -> list[str]:
 @pytest.mark.parametrize("width", [60, 80, 200])
 def test_figures_are_whole_on_every_terminal(write_case, tmp_path, width: int) -> None:
     band = ("tolerance = 0.5", "between = [0.111111, 0.1111112]")
-    case, methods = load_case(write_case(ONE, band)), ("persson", "bem")
-    answers = run_cases([case], {"small": methods}, Plan(output=tmp_path), lambda *_: None)["small"]
-    outcome = judge_case(case, answers)
-    verdict = outcome.gates[0].verdict
-    assert verdict is not None
+    (outcome,) = verify(write_case(ONE, band), output=tmp_path, jobs=1).cases
+    answers, gate = outcome.answers, outcome.gates[0]
     out = io.StringIO()
     console = Console(width=width, file=out)
     console.print(verdict_table([outcome], console.width))
     console.print(answers_table(answers))
     shown = out.getvalue()
     assert max(map(len, shown.splitlines())) <= width
-    assert f"{100 * verdict.difference.mean:+.2f} %" in shown
+    assert f"{100 * gate.difference.mean:+.2f} %" in shown
     assert "+11.11110 %" in shown  # with the digits that tell the ends apart
     assert "+11.11112 %" in shown
     assert f"{answers['bem'].results[0].final.areas['corrected'].elastic:.5g}"[:5] in shown

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from epcontact.harness.case import load_case
-from epcontact.harness.run import Answer
-from epcontact.harness.verdict import exit_code, judge_case, write_verdict
-from epcontact.harness.verdict_schema import VerdictFile, verdict_schema
+from epcontact.harness.store import Answer
+from epcontact.harness.verdict import Verdict, judge_case, write_verdict
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
 
@@ -48,14 +47,14 @@ def case(write_case):
 def test_status_and_exit_code(case, areas, status, code) -> None:
     outcome = judge_case(case, answers(areas))
     assert outcome.status == status
-    assert exit_code([outcome]) == code
+    assert Verdict.on([outcome], "fast").exit_code == code
 
 
 def test_method_without_answer_is_an_error_not_a_shortfall(case) -> None:
     given = answers([0.1]) | {"bem": Answer(errors=("bem, seed3: stalled",))}
     outcome = judge_case(case, given)
     assert outcome.status == "error"
-    assert exit_code([outcome]) == 2
+    assert Verdict.on([outcome], "fast").exit_code == 2
     assert "stalled" in outcome.gates[0].error
 
 
@@ -73,15 +72,15 @@ def test_distributions_are_compared_surface_by_surface(write_case) -> None:
         )
     )
     same = judge_case(case, answers([0.1, 0.1]))
-    assert same.gates[0].verdict.difference.mean == pytest.approx(0, abs=1e-12)
+    assert same.gates[0].difference.mean == pytest.approx(0, abs=1e-12)
     assert same.status == "holds"
 
 
 def test_files_say_what_the_verdict_says(case, tmp_path) -> None:
-    outcomes = [judge_case(case, answers([0.12, 0.121, 0.122]))]
-    write_verdict(outcomes, "fast", tmp_path)
+    judged = Verdict.on([judge_case(case, answers([0.12, 0.121, 0.122]))], "fast")
+    write_verdict(judged, tmp_path)
     verdict = json.loads((tmp_path / "verdict.json").read_text())
-    VerdictFile.model_validate(verdict)
+    assert Verdict.model_validate(verdict).model_dump() == judged.model_dump()
     assert verdict["passed"] is False
     assert verdict["exit_code"] == 1
     gate = verdict["cases"][0]["gates"][0]
@@ -96,7 +95,7 @@ def test_files_say_what_the_verdict_says(case, tmp_path) -> None:
 
 def test_verdict_of_what_could_not_be_judged_has_the_same_shape(case, tmp_path) -> None:
     given = answers([0.1]) | {"bem": Answer(errors=("bem, seed3: stalled",))}
-    write_verdict([judge_case(case, given)], "fast", tmp_path)
-    verdict = VerdictFile.model_validate_json((tmp_path / "verdict.json").read_text())
+    write_verdict(Verdict.on([judge_case(case, given)], "fast"), tmp_path)
+    verdict = Verdict.model_validate_json((tmp_path / "verdict.json").read_text())
     assert verdict.cases[0].gates[0].error == "bem, seed3: stalled"
-    assert "cases" in verdict_schema()["required"]
+    assert "cases" in Verdict.model_json_schema()["required"]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import click
@@ -11,6 +14,9 @@ from rich.table import Table
 
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness import case as casefile
+from epcontact.harness.schema import CaseFile
+from epcontact.harness.verdict import Verdict, verify
+from epcontact.results import plain
 
 if TYPE_CHECKING:
     from epcontact.studies.stability import StabilityMap
@@ -64,6 +70,7 @@ def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None
 def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
     """Say what the cheapest model of CASE is that meets a tolerance, why, and what it costs."""
     from epcontact.planning.plan import plan as make_plan
+    from epcontact.planning.plan import planned_case, promise_held
 
     path = casefile.find_case(case)
     loaded = casefile.load_case(path, size or casefile.case_sizes(path)[-1])
@@ -83,26 +90,13 @@ def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
     if not chosen.meets:
         raise InvalidCase(f"{chosen.case}: no model within reach meets {tolerance}")
     if check:
-        _check(loaded, chosen)
-
-
-def _check(case: casefile.Case, chosen: object) -> None:
-    from tempfile import TemporaryDirectory
-
-    from epcontact.harness.run import Plan as Runs
-    from epcontact.harness.run import available_cores, run_cases
-    from epcontact.planning.plan import Plan, planned_case, promise_held
-
-    assert isinstance(chosen, Plan)
-    cheaper = planned_case(case, chosen)
-    with TemporaryDirectory() as folder:
-        runs = Runs(jobs=available_cores(), output=Path(folder))
-        methods = {cheaper.id: (chosen.method,)}
-        answers = run_cases([cheaper], methods, runs, lambda *_: None)
-    answer = answers[cheaper.id][chosen.method]
-    if answer.errors:
-        raise EpcontactError("; ".join(answer.errors))
-    click.echo(f"  {promise_held(chosen, answer).sentence}")
+        cheaper = replace(planned_case(loaded, chosen), methods=(chosen.method,), gates=())
+        with TemporaryDirectory() as folder:
+            (checked,) = verify(cheaper, size="auto", output=folder).cases
+        answer = checked.answers[chosen.method]
+        if answer.errors:
+            raise EpcontactError("; ".join(answer.errors))
+        click.echo(f"  {promise_held(chosen, answer).sentence}")
 
 
 def _share(text: str) -> float:
@@ -206,14 +200,8 @@ def view(
 @click.argument("kind", type=click.Choice(["case", "verdict"]))
 def schema(kind: str) -> None:
     """Print the JSON Schema of a case file, or of verdict.json."""
-    import json
-
-    from epcontact.harness.schema import CaseFile
-    from epcontact.harness.verdict_schema import verdict_schema
-    from epcontact.results import plain
-
-    found = CaseFile.model_json_schema() if kind == "case" else verdict_schema()
-    click.echo(json.dumps(plain(found), indent=2, allow_nan=False))
+    model = CaseFile if kind == "case" else Verdict
+    click.echo(json.dumps(plain(model.model_json_schema()), indent=2, allow_nan=False))
 
 
 @click.command()

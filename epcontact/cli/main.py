@@ -1,7 +1,9 @@
-"""The command line: list, keys, run and verify here, the rest in `cli_studies`.
+"""The command line: list, keys, run and verify here, the other commands in `commands`.
 
 Exit code 0: all gates hold (or the command did what it was asked); 1: a gate fell short; 2: an
-error, told in one sentence.  130: interrupted.
+error, with one sentence on stderr; 130: interrupted.
+
+Imports inside functions load what takes long and few commands need: the solvers and the charts.
 """
 
 from __future__ import annotations
@@ -11,20 +13,33 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
 from rich.table import Table
 
 from epcontact.cli.commands import COMMANDS
+from epcontact.cli.tables import (
+    STYLES,
+    answers_table,
+    gamma_sentence,
+    print_shortfalls,
+    verdict_table,
+)
 from epcontact.errors import EpcontactError
 from epcontact.harness import case as casefile
 from epcontact.harness.case import Case
 from epcontact.harness.methods import METHODS
+from epcontact.harness.quantities import QUANTITIES
+from epcontact.harness.run import Progress, default_jobs, run_cases
+from epcontact.harness.schema import key_table
+from epcontact.harness.verdict import Verdict, cases_to_verify
+from epcontact.harness.verdict import verify as run_gates
 
 #: Raised by click where a command is missing, with the help as its message; since click 8.2.
 _NO_ARGUMENTS: type[click.UsageError] | tuple[()]
@@ -32,7 +47,7 @@ _NO_ARGUMENTS = getattr(click.exceptions, "NoArgsIsHelpError", ())
 
 
 class _Refusal(EpcontactError):
-    """What the command line itself refuses."""
+    """The command line itself refuses what it was asked."""
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -93,13 +108,14 @@ def list_cases() -> None:
 
 @cli.command()
 def keys() -> None:
-    """Print every key of a case file with its unit and meaning."""
-    from epcontact.harness.schema import key_table
-
+    """Print every key of a case file, and every quantity of a gate, with unit and meaning."""
     table = Table("table", "key", "default", "meaning", box=None, pad_edge=False)
     for row in key_table():
         table.add_row(*row)
-    _console().print(table)
+    quantities = Table("quantity of a gate", "unit", "meaning", box=None, pad_edge=False)
+    for quantity in QUANTITIES.values():
+        quantities.add_row(quantity.name, quantity.unit, quantity.meaning)
+    _console().print(table, "", quantities)
 
 
 @cli.command()
@@ -126,10 +142,6 @@ def run(
     fields: str,
 ) -> None:
     """Solve one case and write its results and fields; no gate is judged."""
-    from epcontact.cli.tables import answers_table
-    from epcontact.harness.pictures import write_pictures
-    from epcontact.harness.run import Plan, run_cases
-
     loaded = _load(casefile.find_case(case), size)
     absent = [m for m in methods if m not in loaded.methods]
     if absent:
@@ -138,18 +150,22 @@ def run(
         )
     if loaded.skip:
         raise _Refusal(f"{loaded.path}: {loaded.skip}")
-    plan = Plan(_jobs_or_cores(jobs, size), output, fields=fields, fresh=fresh)
-    chosen = {loaded.id: methods or loaded.methods}
-    with _progress([loaded], chosen, plan) as progress:
-        answers = run_cases([loaded], chosen, plan, progress)[loaded.id]
+    chosen = replace(loaded, methods=tuple(dict.fromkeys(methods)) or loaded.methods)
+    workers = jobs or default_jobs(size)
+    with _progress() as progress:
+        answers = run_cases(
+            [chosen], output, jobs=workers, fresh=fresh, fields=fields, progress=progress
+        )[loaded.id]
     _console().print(answers_table(answers))
-    if "persson" in answers:
-        _tell_gamma([loaded])
+    if sentence := gamma_sentence([chosen]):
+        click.echo(sentence)
     errors = [sentence for answer in answers.values() for sentence in answer.errors]
     if errors:
         raise _Refusal(f"{loaded.id}: {'; '.join(errors)}")
     if fields != "none":
-        write_pictures(loaded, answers, output / loaded.id)
+        from epcontact.harness.pictures import write_pictures
+
+        write_pictures(chosen, answers, output / loaded.id)
     click.echo(f"results in {output / loaded.id}")
 
 
@@ -162,8 +178,9 @@ def run(
 @click.option(
     "--solver",
     default="",
-    metavar="MODULE:FUNCTION",
-    help="Hold this function Scene -> ContactResult to the gates in the place of bem.",
+    metavar="[NAME=]MODULE:FUNCTION",
+    help="Hold this function Scene -> ContactResult, or the method of this name, to the gates in "
+    "the place of bem.",
 )
 @click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
 def verify(
@@ -179,29 +196,33 @@ def verify(
 
     Writes verdict.json and junit.xml into the output folder.
     """
-    from epcontact.cli.tables import STYLES, print_shortfalls, verdict_table
-    from epcontact.harness.run import Plan, run_cases
-    from epcontact.harness.verdict import exit_code, judge_case, write_verdict
-
-    loaded = _cases_to_verify(cases, size)
-    kept = "first" if with_report else "none"
-    plan = Plan(_jobs_or_cores(jobs, size), output, solver=solver, fields=kept, fresh=fresh)
-    methods = {case.id: case.methods for case in loaded}
-    with _progress(loaded, methods, plan) as progress:
-        answers = run_cases(loaded, methods, plan, progress)
-    outcomes = [judge_case(case, answers[case.id]) for case in loaded]
-    write_verdict(outcomes, size, output)
+    given: Sequence[str | Case] = cases
+    if size == "auto":
+        paths = [casefile.find_case(name) for name in cases] or cases_to_verify("fast")
+        given = [_load(path, size) for path in paths]
+    with _progress() as progress:
+        verdict = run_gates(
+            given,
+            size=size,
+            jobs=jobs,
+            output=output,
+            solver=solver,
+            fresh=fresh,
+            fields="first" if with_report else "none",
+            progress=progress,
+        )
     if with_report:
-        _write_report(loaded, answers, output)
+        _write_report(verdict, output)
     console = _console()
-    console.print(verdict_table(outcomes, console.width))
-    _tell_gamma(loaded)
-    for outcome in outcomes:
-        print_shortfalls(console, outcome)
-    counts = [sum(o.status == s for o in outcomes) for s in STYLES]
+    console.print(verdict_table(verdict.cases, console.width))
+    if sentence := gamma_sentence([case.case for case in verdict.cases]):
+        click.echo(sentence)
+    for case in verdict.cases:
+        print_shortfalls(console, case)
+    counts = [sum(case.status == s for case in verdict.cases) for s in STYLES]
     summary = ", ".join(f"{n} {s}" for n, s in zip(counts, STYLES, strict=True) if n)
-    console.print(f"{len(outcomes)} cases: {summary}; verdict in {output / 'verdict.json'}")
-    sys.exit(exit_code(outcomes))
+    console.print(f"{len(verdict.cases)} cases: {summary}; verdict in {output / 'verdict.json'}")
+    sys.exit(verdict.exit_code)
 
 
 for _command in COMMANDS:
@@ -215,75 +236,46 @@ def _tell_gamma(cases: Sequence[Case]) -> None:
         click.echo(sentence)
 
 
-def _load(path: Path, size: str) -> Case:
-    """A case at a size; auto starts from its full size, or its only one."""
-    if size != "auto":
-        return casefile.load_case(path, size)
-    from epcontact.planning.auto_size import auto_case
-
-    sizes = [each for each in casefile.case_sizes(path) if each != "large"]
-    given = casefile.load_case(path, (sizes or ["large"])[-1])
-    if given.skip:
-        return given
-    case, sentence = auto_case(given)
-    click.echo(sentence, err=True)
-    return case
-
-
-def _cases_to_verify(names: Sequence[str], size: str) -> list[Case]:
-    if names:
-        return [_load(casefile.find_case(name), size) for name in names]
-    paths = casefile.find_cases()
-    if not paths:
-        raise _Refusal("no cases found, neither in ./cases nor in the installed package")
-    needed = "fast" if size == "auto" else size
-    offered = [p for p in paths if needed in casefile.case_sizes(p)]
-    return [_load(p, size) for p in offered if casefile.load_case(p, needed).verify]
-
-
-def _write_report(cases: Sequence[Case], answers: Any, output: Path) -> None:
+def _write_report(verdict: Verdict, output: Path) -> None:
     from epcontact.harness.pictures import theory_densities, write_pictures
     from epcontact.output.report import report_folder
 
-    for case in cases:
-        if not case.skip:
-            write_pictures(case, answers[case.id], output / case.id)
+    for case in verdict.cases:
+        if not case.skipped_because:
+            write_pictures(case.case, case.answers, output / case.id)
     report_folder(output, theory=theory_densities)
 
 
-def _jobs_or_cores(jobs: int | None, size: str) -> int:
-    from epcontact.harness.run import available_cores
+def _load(path: Path, size: str) -> Case:
+    """A case at a size; auto: made cheaper by a plan, with a sentence on stderr that says so."""
+    if size != "auto":
+        return casefile.load_case(path, size)
+    from epcontact.planning.auto_size import load_auto
 
-    # Large grids are solved one by one, each with all cores: two would not fit into memory.
-    return jobs or (1 if size == "large" else available_cores())
+    case, sentence = load_auto(path)
+    if sentence:
+        click.echo(sentence, err=True)
+    return case
 
 
 @contextlib.contextmanager
-def _progress(cases: Sequence[Case], methods: Any, plan: Any) -> Iterator[Any]:
+def _progress() -> Iterator[Callable[[Progress], None]]:
     """A bar on a terminal, a line a solve elsewhere; both on stderr."""
-    from epcontact.harness.run import Task, tasks_of
-
     console = Console(stderr=True)
-    total = sum(len(tasks_of(case, methods[case.id], plan)) for case in cases)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
     )
-    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-    with bar:
-        row = bar.add_task("solving", total=total)
-        done = 0
+    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        row = bar.add_task("solving", total=None)
 
-        def advance(task: Task, note: str) -> None:
-            nonlocal done
-            done += 1
-            what = f"{task.case.id} {task.method} {task.label}"
-            bar.update(row, advance=1, description=what)
+        def advance(at: Progress) -> None:
+            bar.update(row, completed=at.done, total=at.total, description=at.task)
             if not console.is_terminal:
-                told = f" ({note})" if note else ""
-                click.echo(f"[{done}/{total}] {what}{told}", err=True)
+                note = f" ({at.note})" if at.note else ""
+                click.echo(f"[{at.done}/{at.total}] {at.task}{note}", err=True)
 
         yield advance
 

@@ -8,9 +8,10 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table
 
 from epcontact.harness.case import Case
-from epcontact.harness.gates import Estimate, estimate
-from epcontact.harness.run import Answer
-from epcontact.harness.verdict import CaseOutcome, GateOutcome, describe
+from epcontact.harness.gates import GateVerdict
+from epcontact.harness.statistics import Estimate, estimate
+from epcontact.harness.store import Answer
+from epcontact.harness.verdict import CaseVerdict
 
 #: Columns of a terminal from which on every figure of a gate stands in its row.
 WIDE = 150
@@ -36,9 +37,12 @@ def answers_table(answers: Mapping[str, Answer]) -> Table:
     return table
 
 
-def verdict_table(outcomes: Sequence[CaseOutcome], width: int = WIDE) -> Table:
-    """One row a gate; on a terminal narrower than WIDE without the values themselves, which
-    verdict.json holds, as columns of a few letters can be read by nobody."""
+def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:
+    """One row a gate.
+
+    On a terminal narrower than WIDE the values are left out, as nobody can read columns of a few
+    letters; verdict.json holds them.
+    """
     table = Table(box=None, pad_edge=False)
     wide = width >= WIDE
     headings = ("case", "quantity", "of", "against", "value", "reference") if wide else ("gate",)
@@ -47,13 +51,13 @@ def verdict_table(outcomes: Sequence[CaseOutcome], width: int = WIDE) -> Table:
     table.add_column("difference", justify="right", overflow="fold")
     table.add_column("band", justify="right", overflow="fold", no_wrap=wide)
     table.add_column("verdict", no_wrap=True)
-    for outcome in outcomes:
-        skipped = (f"[{STYLES['skipped']}]skipped[/]",) if outcome.case.skip else ()
+    for case in cases:
+        skipped = (_styled(case.status),) if case.skipped_because else ()
         if skipped or not wide:
             blank = [""] * (len(table.columns) - 1 - len(skipped))
-            table.add_row(f"[bold]{outcome.case.id}[/]", *blank, *skipped)
-        name = outcome.case.id
-        for gate in outcome.gates:
+            table.add_row(f"[bold]{case.id}[/]", *blank, *skipped)
+        name = case.id
+        for gate in case.gates:
             row = _gate_row(gate)
             if wide:
                 table.add_row(name, *row)
@@ -64,20 +68,23 @@ def verdict_table(outcomes: Sequence[CaseOutcome], width: int = WIDE) -> Table:
     return table
 
 
-def _gate_row(outcome: GateOutcome) -> tuple[str, ...]:
-    gate, verdict = outcome.gate, outcome.verdict
+def _styled(status: str) -> str:
+    return f"[{STYLES[status]}]{status}[/]"
+
+
+def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
     against = gate.against if isinstance(gate.against, str) else "number"
-    status = f"[{STYLES[outcome.status]}]{outcome.status}[/]"
-    if verdict is None:
-        return (gate.quantity, gate.of, against, "", "", "", "", status)
+    names = (gate.quantity, gate.of, against)
+    if gate.value is None or gate.reference is None or gate.difference is None:
+        return (*names, "", "", "", "", _styled(gate.status))
     percent = gate.norm == "relative" and max(abs(gate.low), abs(gate.high)) >= 1e-4
 
     def show(x: float, digits: int = 2) -> str:
         return f"{100 * x:+.{digits}f} %" if percent else f"{x:+.{digits}e}"
 
-    difference = show(verdict.difference.mean)
-    if verdict.difference.half_width:
-        difference += f" ± {show(verdict.difference.half_width).lstrip('+')}"
+    difference = show(gate.difference.mean)
+    if gate.difference.half_width:
+        difference += f" ± {show(gate.difference.half_width).lstrip('+')}"
     if gate.low == -gate.high:
         band = f"± {show(gate.high)[1:]}"
     else:
@@ -85,17 +92,18 @@ def _gate_row(outcome: GateOutcome) -> tuple[str, ...]:
         apart = (n for n in range(2, 12) if show(gate.low, n) != show(gate.high, n))
         digits = next(apart, 2)
         band = f"{show(gate.low, digits)} … {show(gate.high, digits)}"
-    values = (_figure(verdict.value), _figure(verdict.reference))
-    return (gate.quantity, gate.of, against, *values, difference, band, status)
+    values = (_figure(gate.value), _figure(gate.reference))
+    return (*names, *values, difference, band, _styled(gate.status))
 
 
 def gamma_sentence(cases: Sequence[Case]) -> str:
-    """The energy reduction behind every figure of the theory, or nothing where it gave none."""
+    """The energy reduction behind every figure of the theory; empty if no case has such figures."""
     by_gamma: dict[float, list[str]] = {}
     for case in cases:
-        if "persson" in case.methods and not case.skip:
-            gamma = float(case.options["persson"]["energy_reduction"])
-            by_gamma.setdefault(gamma, []).append(case.id)
+        options = [case.options[method] for method in case.methods]
+        gammas = [o["energy_reduction"] for o in options if "energy_reduction" in o]
+        if gammas and not case.skip:
+            by_gamma.setdefault(float(gammas[0]), []).append(case.id)
     if not by_gamma:
         return ""
     if len(by_gamma) == 1:
@@ -110,10 +118,10 @@ def _figure(estimate: Estimate) -> str:
     return f"{estimate.mean:.5g} ± {estimate.half_width:.1g}"
 
 
-def print_shortfalls(console: Console, outcome: CaseOutcome) -> None:
-    """Say why a case was skipped, and what did not hold."""
-    if outcome.case.skip:
-        console.print(f"{outcome.case.id}: {outcome.case.skip}", markup=False)
-    for gate in outcome.gates:
-        if gate.status != "holds":
-            console.print(f"{outcome.case.id}: {describe(gate)}", markup=False)
+def print_shortfalls(console: Console, case: CaseVerdict) -> None:
+    """Print the reason why a case was skipped, and the gates that do not hold."""
+    if case.skipped_because:
+        console.print(f"{case.id}: {case.skipped_because}", markup=False)
+    for gate in case.gates:
+        if not gate.holds:
+            console.print(f"{case.id}: {gate}", markup=False)

@@ -8,15 +8,13 @@ from pathlib import Path
 from epcontact.errors import InvalidCase, nearest
 from epcontact.harness.gates import Gate
 from epcontact.harness.methods import METHODS
+from epcontact.harness.quantities import QUANTITIES, REPORTED_GROUPS
 from epcontact.harness.schema import CaseFile, GateTable
+from epcontact.reference import CLOSED_FORMS
 
 
 def gates_of(path: Path, table: CaseFile, size: str) -> tuple[Gate, ...]:
     """The gates that apply to a size.  Raises InvalidCase for any that cannot be judged."""
-    from epcontact.harness.quantities import (
-        MODEL_MEASURES,  # with all closed forms: late, for their weight
-    )
-
     gates = []
     for number, gate in enumerate(table.gate, start=1):
         where = f"{path}: gate {number}"
@@ -25,8 +23,9 @@ def gates_of(path: Path, table: CaseFile, size: str) -> tuple[Gate, ...]:
                 raise InvalidCase(
                     f"{where} reads {method}, which case.methods does not name; add it there"
                 )
-        if gate.quantity.removeprefix("quantity.") in MODEL_MEASURES:
-            _require_model(where, gate, table)
+        needs = _needs(where, gate)
+        if "J2 flow" in needs:
+            _require_model(where, gate, table, needs)
         if isinstance(gate.against, str) and gate.against not in METHODS:
             _require_closed_form(where, gate)
         elif gate.norm == "l2" or (
@@ -43,9 +42,18 @@ def gates_of(path: Path, table: CaseFile, size: str) -> tuple[Gate, ...]:
     return tuple(gates)
 
 
-def _require_closed_form(where: str, gate: GateTable) -> None:
-    from epcontact.reference import CLOSED_FORMS
+def _needs(where: str, gate: GateTable) -> tuple[str, ...]:
+    """The needs of the gate's quantity; a solver of the user's may report others than ours."""
+    if gate.quantity in QUANTITIES:
+        return QUANTITIES[gate.quantity].needs
+    if METHODS[gate.of].source and gate.quantity.startswith(REPORTED_GROUPS):
+        return ()
+    raise InvalidCase(
+        f"{where}: no quantity is called {gate.quantity!r}{nearest(gate.quantity, QUANTITIES)}"
+    )
 
+
+def _require_closed_form(where: str, gate: GateTable) -> None:
     name = str(gate.against)
     if name not in CLOSED_FORMS:
         raise InvalidCase(
@@ -59,7 +67,7 @@ def _require_closed_form(where: str, gate: GateTable) -> None:
         )
 
 
-def _require_model(where: str, gate: GateTable, table: CaseFile) -> None:
+def _require_model(where: str, gate: GateTable, table: CaseFile, needs: tuple[str, ...]) -> None:
     """Model measures say how J2 flow differs from a cap; a gate holds them against a number."""
     wrong = ""
     if not METHODS[gate.of].has_model_measures or isinstance(gate.against, str):
@@ -71,7 +79,7 @@ def _require_model(where: str, gate: GateTable, table: CaseFile) -> None:
         wrong = f"needs fem.geometry = 'gap', but it is {table.fem.geometry!r}"
     elif not math.isfinite(table.material.yield_stress):
         wrong = "needs a finite material.yield_stress, at which J2 flows"
-    elif not math.isfinite(table.material.hardness) and ".model_" in gate.quantity:
+    elif not math.isfinite(table.material.hardness) and "hardness" in needs:
         wrong = "needs a finite material.hardness, the cap that J2 is held against"
     elif isinstance(table.load.mean_pressure, list) and len(table.load.mean_pressure) > 1:
         wrong = "needs a single load.mean_pressure, but it is a path"

@@ -30,8 +30,9 @@ import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.case import Case
-from epcontact.harness.gates import Difference, difference, estimate
+from epcontact.harness.distances import Difference, difference
 from epcontact.harness.model_difference import EffectiveHardness, effective_hardness
+from epcontact.harness.statistics import estimate, standard_deviation
 from epcontact.results import ContactResult
 from epcontact.scene import Body, Scene
 from epcontact.surfaces import SelfAffine
@@ -238,6 +239,6 @@ def _ensemble(found: Sequence[Checked]) -> list[str]:
 
 
 def _spread(values: Sequence[float]) -> str:
-    found = estimate(values)
-    error = found.deviation / math.sqrt(len(values))
-    return f"{found.mean:+.4f} +- {error:.4f} ({found.deviation:.4f})"
+    deviation = standard_deviation(values)
+    error = deviation / math.sqrt(len(values))
+    return f"{estimate(values).mean:+.4f} +- {error:.4f} ({deviation:.4f})"

@@ -262,3 +262,6 @@ def _registry() -> dict[str, Method]:
 
 #: Every method by its name.
 METHODS: dict[str, Method] = _registry()
+
+#: The method whose place `--solver` takes in the gates.
+REPLACED = "bem"

@@ -1,25 +1,17 @@
-"""What the material's law alone does: J2 flow against a pressure cap, on one discrete body.
+"""The difference that the law of the material makes: J2 flow against a pressure cap, on one body.
 
-The boundary elements are solved on the surface compliance that the finite elements have
-themselves, a measured property of the block (`fem_check.surface_compliance`), so that both bodies
-share the heights, the load and the linear answer to every pressure wave; grid and depth drop out
-of the difference, which is physics, not error.  Gates read it of a J2 result as
-
-    model_area         A_J2/A_cap - 1, raw areas, the cap being the scene's hardness
-    model_overlap      shared contact nodes over the nodes in either contact, likewise
-    model_distance     of the pressure distributions, Wasserstein-1 over the hardness, likewise
-    effective_hardness c_eff, the cap in units of sigma_Y under which the capped body has the
-                       contact area of the J2 body
-    effective_overlap  the overlap under that cap
-    elements_area      A_cap/A - 1 with A of the capped body on its exact compliance: the share of
-                       the grid, which is error and falls with the spacing
+The boundary elements are solved on the surface compliance of the finite elements themselves, which
+is measured on their block (`fem_check.surface_compliance`).  Both bodies then share the heights,
+the load and the linear answer to every pressure wave; grid and depth drop out of the difference,
+and what is left is physics, not error.  Gates read it as quantity.model_*, quantity.effective_*
+and quantity.elements_area (see `quantities`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,7 +19,7 @@ import numpy as np
 import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene
-from epcontact.harness.gates import Difference, difference
+from epcontact.harness.distances import Difference, difference
 from epcontact.moduli import effective_modulus
 from epcontact.reference.roughness import rms_slope
 from epcontact.results import ContactResult, FloatArray
@@ -122,36 +114,59 @@ def capped_body(scene: Scene, hardness: float, compliance: FloatArray | None) ->
     return bem.solve(replace(scene, material=material), compliance=compliance, threads=1)
 
 
-def model_measures(names: Collection[str], scene: Scene, j2: ContactResult) -> dict[str, float]:
-    """Those of the module's measures that `names` holds, of a J2 result with its fields.
+class ModelDifference:
+    """A J2 answer compared with capped bodies on its own compliance; each is solved once.
 
-    Raises InvalidCase if no cap gives the J2 area, or the result is no J2 block's; InvalidScene
-    where the grids differ.
+    Args:
+        scene: the scene that was solved.
+        j2: the answer of the finite elements to it, under J2 and with its fields.
+
+    Raises:
+        InvalidCase: if the result is not that of a J2 block.
     """
-    law = j2.provenance.options.get("law")
-    if law != "j2":
-        raise InvalidCase(f"{', '.join(sorted(names))}: the law of the elements is {law}, not j2")
-    compliance, hardness = elements_compliance(scene, j2), scene.material.hardness
-    capped = capped_body(scene, hardness, compliance)
-    found: dict[str, float] = {}
-    if {"model_area", "model_overlap", "model_distance"} & set(names):
-        model = difference(j2, capped, hardness)
-        found["model_area"] = model.area
-        found["model_overlap"] = model.overlap
-        found["model_distance"] = model.wasserstein
-    if {"effective_hardness", "effective_overlap"} & set(names):
-        effective = _equal_area(scene, j2)
+
+    def __init__(self, scene: Scene, j2: ContactResult) -> None:
+        law = j2.provenance.options.get("law")
+        if law != "j2":
+            raise InvalidCase(f"the law of the elements is {law}, but a model gate needs j2")
+        self.scene, self.j2 = scene, j2
+        self.compliance = elements_compliance(scene, j2)
+
+    @cached_property
+    def _capped(self) -> ContactResult:
+        return capped_body(self.scene, self.scene.material.hardness, self.compliance)
+
+    @cached_property
+    def at_hardness(self) -> Difference:
+        """The difference of the J2 body from the body capped at the hardness of the scene."""
+        return difference(self.j2, self._capped, self.scene.material.hardness)
+
+    @cached_property
+    def effective(self) -> EffectiveHardness:
+        """The cap of equal contact area.  Raises InvalidCase if there is none."""
+        effective = _equal_area(self.scene, self.j2)
         if effective.at_cap is None:
             raise InvalidCase(
                 "the J2 body touches on no more than the elastic one, so no cap gives its area; "
                 "a gate on the effective hardness needs a larger E* xi/sigma_Y"
             )
-        found["effective_hardness"] = effective.ratio
-        found["effective_overlap"] = effective.at_cap.overlap
-    if "elements_area" in names:
-        exact = capped_body(scene, hardness, None)
-        found["elements_area"] = difference(capped, exact, hardness).area
-    return {name: found[name] for name in names}
+        return effective
+
+    @property
+    def effective_difference(self) -> Difference:
+        """The difference of the J2 body from the body under the cap of equal contact area."""
+        at_cap = self.effective.at_cap
+        assert at_cap is not None
+        return at_cap
+
+    @cached_property
+    def elements_area(self) -> float:
+        """A_cap/A - 1, with A_cap on the compliance of the elements and A on the exact one.
+
+        It is the share of the grid, an error that falls with the spacing.
+        """
+        hardness = self.scene.material.hardness
+        return difference(self._capped, capped_body(self.scene, hardness, None), hardness).area
 
 
 def _equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:

@@ -18,7 +18,7 @@ import numpy as np
 
 from epcontact import persson
 from epcontact.harness.case import Case
-from epcontact.harness.run import Answer
+from epcontact.harness.store import Answer
 from epcontact.output.charts.curves import (
     areas_against_magnification,
     power_spectrum,

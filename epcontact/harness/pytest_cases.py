@@ -14,8 +14,7 @@ import pytest
 
 from epcontact.errors import EpcontactError
 from epcontact.harness.case import SIZES, case_sizes, load_case
-from epcontact.harness.run import Plan, available_cores, run_cases
-from epcontact.harness.verdict import CaseOutcome, GateOutcome, describe, judge_case
+from epcontact.harness.verdict import CaseVerdict, verify
 
 
 class GateFellShort(Exception):
@@ -39,7 +38,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
 class CaseModule(pytest.File):
     """A case file; its methods run once, when the first of its gates does."""
 
-    outcome: CaseOutcome | None = None
+    verdict: CaseVerdict | None = None
 
     def collect(self) -> Iterator[pytest.Item]:
         """One item a gate."""
@@ -56,17 +55,15 @@ class CaseModule(pytest.File):
             return str(excinfo.value)
         return super().repr_failure(excinfo)
 
-    def judged(self) -> CaseOutcome:
-        """The outcome of the case, solved at the first call."""
-        if self.outcome is None:
+    def judged(self) -> CaseVerdict:
+        """The verdict on the case, which is solved at the first call."""
+        if self.verdict is None:
             config: Any = self.config
-            case = load_case(self.path, config.getoption("--case-size"))
             folder = config.getoption("--case-output")
             output = Path(folder) if folder else config._tmp_path_factory.mktemp("results")
-            plan = Plan(jobs=available_cores(), output=output)
-            answers = run_cases([case], {case.id: case.methods}, plan, lambda *_: None)
-            self.outcome = judge_case(case, answers[case.id])
-        return self.outcome
+            size = config.getoption("--case-size")
+            self.verdict = verify([self.path], size=size, output=output).cases[0]
+        return self.verdict
 
 
 class GateItem(pytest.Item):
@@ -80,12 +77,12 @@ class GateItem(pytest.Item):
         """Judge the gate."""
         module = self.parent
         assert isinstance(module, CaseModule)
-        outcome = module.judged()
-        if outcome.case.skip:
-            pytest.skip(outcome.case.skip)
-        gate: GateOutcome = outcome.gates[self.number]
-        if gate.status != "holds":
-            raise GateFellShort(describe(gate))
+        verdict = module.judged()
+        if verdict.skipped_because:
+            pytest.skip(verdict.skipped_because)
+        gate = verdict.gates[self.number]
+        if not gate.holds:
+            raise GateFellShort(str(gate))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         """The gate's sentence rather than a traceback."""

@@ -1,155 +1,331 @@
-"""What a result's own fields say of it, whatever its method claims: the harness's own residuals.
+"""The registry of quantities: every scalar that a gate can read, with its unit and meaning.
 
-A gate that names `quantity.measured_<name>` has the harness compute it with plain numpy from the
-pressure field, the scene's heights and the compliance of `reference.layers`, so that a solver
-cannot vouch for itself:
+`QUANTITIES` is the only place that knows them: the schema of case files, the check of gates, the
+key of a kept result and the measurements all take them from there.  There are two kinds.
 
-    measured_force       mean(p)/p0 - 1
-    measured_bounds      how far p leaves [0, hardness], divided by p0
-    measured_gap         the largest violation of the contact conditions on the gap, divided by
-                         the rms height: |g| where 0 < p < hardness, -g where p = 0, g where
-                         p = hardness (Karush-Kuhn-Tucker)
-    measured_raw_total   share of grid points with p > 0, less the raw area that is claimed
-    measured_raw_plastic share of grid points at the hardness, less the claimed one
-    measured_carried     (int sigma dF + hardness A_pl)/p0 - 1 of the claimed distribution
-    smallest_contact_pressure  in Pa, where p > 0
+Most quantities are reported by the method: the areas, and the entries of `quantities`,
+`residuals`, `iterations` and `cost` of a result.  The others are *measured* by the harness itself
+in the process that solved the scene, with plain numpy from the pressure field, the heights of the
+scene and the compliance of `reference.layers`, so that no solver can vouch for itself.  A measured
+quantity has a function `measure`; what it needs beside the scene is in `needs`.
 
-and of the surface that the scene was given, whatever recipe it claims to follow:
-
-    surface_rms_height   in m
-    surface_rms_slope    by spectral derivatives
-    surface_curvature    in 1/m, at the highest point, by differences, mean over the axes
-
-and of finite elements under J2 how they differ from the boundary elements on the elements' own
-compliance: `model_difference` says what model_area, model_overlap, model_distance,
-effective_hardness, effective_overlap and elements_area are.
+To add a quantity, add an entry to `_registry`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection
+from dataclasses import dataclass
 
-import numpy as np
-
-from epcontact.errors import InvalidCase
-from epcontact.reference.layers import compliance
+from epcontact.errors import InvalidCase, nearest
+from epcontact.harness import measurements
+from epcontact.harness.distances import l2_distance
+from epcontact.harness.measurements import Answered
+from epcontact.reference import CLOSED_FORMS
 from epcontact.reference.roughness import rms_slope
-from epcontact.results import ContactResult, FloatArray
+from epcontact.results import ContactResult
 from epcontact.scene import Scene
 
-# A pressure this close to the hardness counts as at it: scaling by p0 and back rounds.
-_AT_THE_CAP = 1e-12
+
+@dataclass(frozen=True)
+class Quantity:
+    """A scalar that a gate can read.
+
+    Attributes:
+        name: as gates call it, such as area.total.raw or quantity.mean_gap.
+        unit: its unit; "–" if it has none.
+        meaning: one line.
+        needs: for a measured quantity: "fields" of the result, its "distribution", the "J2 flow"
+            of a method that has it, and a finite "hardness".
+        measure: computes a measured quantity; None if the method reports it.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    needs: tuple[str, ...] = ()
+    measure: Callable[[Answered], float] | None = None
 
 
-def _force(p: FloatArray, scene: Scene, _: ContactResult) -> float:
-    return float(p.mean()) / scene.load.final - 1
+#: A method that is not the package's may report quantities of these groups that are not listed.
+REPORTED_GROUPS = ("quantity.", "residual.", "iterations.", "cost.")
 
 
-def _bounds(p: FloatArray, scene: Scene, _: ContactResult) -> float:
-    beyond = max(-float(p.min()), float(p.max()) - scene.material.hardness, 0.0)
-    return beyond / scene.load.final
+def quantity_named(name: str) -> Quantity:
+    """The quantity of that name.
+
+    Raises:
+        InvalidCase: if there is none, with the nearest name.
+
+    Example:
+        >>> quantity_named("quantity.mean_gap").unit
+        'm'
+    """
+    if name not in QUANTITIES:
+        raise InvalidCase(f"no quantity is called {name!r}{nearest(name, QUANTITIES)}")
+    return QUANTITIES[name]
 
 
-def _gap(p: FloatArray, scene: Scene, _: ContactResult) -> float:
-    C = compliance(scene)
-    C.flat[0] = 0.0
-    gap = np.fft.ifftn(C * np.fft.fftn(p)).real - scene.surface.heights
-    apart, flowing = p <= 0, p >= scene.material.hardness * (1 - _AT_THE_CAP)
-    between = ~apart & ~flowing
-    if between.any():
-        gap -= gap[between].mean()
-    elif flowing.any():
-        gap -= gap[flowing].max()
-    wrong = np.where(apart, -gap, np.where(flowing, gap, np.abs(gap)))
-    return float(wrong.max()) / float(scene.surface.heights.std())
+def read_quantity(result: ContactResult, name: str) -> float:
+    """The scalar called `name` at the last load step of a result.
+
+    Raises:
+        InvalidCase: if the result has no such scalar.
+    """
+    known = scalar_quantities(result)
+    if name not in known:
+        raise InvalidCase(
+            f"{result.method} has no quantity {name!r}; it has {', '.join(sorted(known))}"
+        )
+    return known[name]
 
 
-def _raw_total(p: FloatArray, _: Scene, result: ContactResult) -> float:
-    return float((p > 0).mean()) - result.final.areas["raw"].total
-
-
-def _raw_plastic(p: FloatArray, scene: Scene, result: ContactResult) -> float:
-    flowing = p >= scene.material.hardness * (1 - _AT_THE_CAP)
-    return float(flowing.mean()) - result.final.areas["raw"].plastic
-
-
-def _carried(_: FloatArray, scene: Scene, result: ContactResult) -> float:
-    found = result.distribution
-    if found is None:
-        raise InvalidCase(f"{result.method} gives no pressure distribution for a gate")
-    middle = (found.pressure[1:] + found.pressure[:-1]) / 2
-    carried = float(np.sum(middle * np.diff(found.cumulative)))
-    if math.isfinite(scene.material.hardness):
-        carried += scene.material.hardness * found.plastic
-    return carried / scene.load.final - 1
-
-
-def _smallest(p: FloatArray, _: Scene, __: ContactResult) -> float:
-    return float(p[p > 0].min()) if (p > 0).any() else 0.0
-
-
-def _rms_height(scene: Scene) -> float:
-    return float(scene.surface.heights.std())
-
-
-def _summit_curvature(scene: Scene) -> float:
-    heights, curvatures = scene.surface.heights, []
-    summit = np.unravel_index(int(np.argmax(heights)), heights.shape)
-    for axis, d in enumerate(scene.surface.spacing):
-        beside = [np.roll(heights, shift, axis)[summit] for shift in (1, -1)]
-        curvatures.append((2 * heights[summit] - sum(beside)) / d**2)
-    return float(np.mean(curvatures))
-
-
-SURFACE_MEASURES: dict[str, Callable[[Scene], float]] = {
-    "surface_rms_height": _rms_height,
-    "surface_rms_slope": rms_slope,
-    "surface_curvature": _summit_curvature,
-}
-FIELD_MEASURES: dict[str, Callable[[FloatArray, Scene, ContactResult], float]] = {
-    "measured_force": _force,
-    "measured_bounds": _bounds,
-    "measured_gap": _gap,
-    "measured_raw_total": _raw_total,
-    "measured_raw_plastic": _raw_plastic,
-    "measured_carried": _carried,
-    "smallest_contact_pressure": _smallest,
-}
-#: Of `model_difference`, which is imported where they are asked for: it takes both solvers.
-MODEL_MEASURES = (
-    "model_area",
-    "model_overlap",
-    "model_distance",
-    "effective_hardness",
-    "effective_overlap",
-    "elements_area",
-)
-MEASURES = (*SURFACE_MEASURES, *FIELD_MEASURES, *MODEL_MEASURES)
+def scalar_quantities(result: ContactResult) -> dict[str, float]:
+    """Every scalar of the last load step by the name that gates use."""
+    final = result.final
+    known = {"mean_pressure": final.mean_pressure}
+    for kind, areas in final.areas.items():
+        for part in ("total", "elastic", "plastic"):
+            known[f"area.{part}.{kind}"] = getattr(areas, part)
+    reported = (final.quantities, final.residuals, final.iterations, result.cost)
+    for group, values in zip(REPORTED_GROUPS, reported, strict=True):
+        known |= {group + key: float(value) for key, value in values.items()}
+    return known
 
 
 def measure(name: str, scene: Scene, result: ContactResult) -> float:
-    """The measure called `name`.  Raises InvalidCase if the result lacks what it takes."""
-    return measure_all((name,), scene, result)[name]
+    """The measured quantity called `name`; see `measure_all`."""
+    return measure_all([name], scene, result)[name]
 
 
 def measure_all(names: Collection[str], scene: Scene, result: ContactResult) -> dict[str, float]:
-    """`measure` of each name; those that share a solve share it."""
-    found = {name: SURFACE_MEASURES[name](scene) for name in names if name in SURFACE_MEASURES}
-    if len(found) == len(names):
-        return found
-    pressure = result.fields.get("pressure")
-    if pressure is None:
-        raise InvalidCase(f"{result.method} gives no field 'pressure' for a gate")
-    if np.shape(pressure) != scene.surface.shape:
-        raise InvalidCase(
-            f"{result.method} gives a pressure of shape {np.shape(pressure)} on a grid of "
-            f"{scene.surface.shape}"
-        )
-    p = np.asarray(pressure, dtype=np.float64)
-    found |= {n: FIELD_MEASURES[n](p, scene, result) for n in names if n in FIELD_MEASURES}
-    if model := set(names) & set(MODEL_MEASURES):
-        from epcontact.harness.model_difference import model_measures
+    """Measured quantities of a result with its fields; those that share a solve share it.
 
-        found |= model_measures(model, scene, result)
-    return found
+    Args:
+        names: of measured quantities, or "l2.<closed form>.<field>" for the distance of a field
+            from its closed form.
+        scene: the scene that was solved.
+        result: the answer to it, with fields.
+
+    Raises:
+        InvalidCase: if the result lacks what a quantity needs.
+    """
+    answered = Answered(scene, result)
+    values = {}
+    for name in names:
+        group, _, rest = name.partition(".")
+        if group == "l2":
+            form, _, field = rest.partition(".")
+            values[name] = l2_distance(
+                answered.field(field), CLOSED_FORMS[form].field(field, scene)
+            )
+            continue
+        quantity = quantity_named(name)
+        if quantity.measure is None:
+            raise InvalidCase(f"{name} is reported by the methods, not measured")
+        if "fields" in quantity.needs:
+            answered.field("pressure")  # or a sentence that says that it is missing
+        values[name] = quantity.measure(answered)
+    return values
+
+
+_AREAS = tuple(
+    Quantity(f"area.{part}.{kind}", "–", f"{part} contact area over the nominal area, {meaning}")
+    for part in ("total", "elastic", "plastic")
+    for kind, meaning in (
+        ("raw", "as the share of grid points"),
+        ("corrected", "in the limit of a vanishing grid spacing"),
+        ("error", "the estimated absolute error of the corrected one"),
+    )
+)
+
+_REPORTED = (
+    Quantity("mean_pressure", "Pa", "force over the nominal area at the last load step"),
+    Quantity(
+        "distribution", "–", "distribution of the contact pressures, by wasserstein or supremum"
+    ),
+    Quantity("field.heights", "m", "heights of the surface, by the norm l2"),
+    Quantity("field.pressure", "Pa", "contact pressure, by the norm l2"),
+    Quantity("field.gap", "m", "gap, negative where the body flows, by the norm l2"),
+    Quantity("field.displacement", "m", "displacement of the surface, by the norm l2"),
+    Quantity("quantity.mean_gap", "m", "mean of the gap where it is open, over the nominal area"),
+    Quantity("quantity.mean_separation", "m", "mean of the gap, plastic displacements included"),
+    Quantity(
+        "quantity.mean_plastic_displacement", "m", "plastic displacement, over the nominal area"
+    ),
+    Quantity("quantity.elastic_energy", "J/m2", "elastic energy over the nominal area"),
+    Quantity("quantity.largest_pressure", "Pa", "largest contact pressure"),
+    Quantity("quantity.mean_contact_pressure", "Pa", "mean pressure on the contact, by fem"),
+    Quantity("quantity.approach", "m", "approach of the rigid flat from first touch, by fem"),
+    Quantity("quantity.largest_plastic_strain", "–", "largest equivalent plastic strain, by fem"),
+    Quantity("quantity.plastic_volume", "–", "share of the body that has flowed, by fem"),
+    Quantity("quantity.plastic_depth", "m", "depth down to which the body has flowed, by fem"),
+    Quantity("quantity.energy_reduction", "–", "gamma of the theory"),
+    Quantity("quantity.diffusion", "Pa2", "G of the theory at the full magnification"),
+    Quantity("quantity.rms_slope", "–", "rms slope that the theory takes from the spectrum"),
+    Quantity("quantity.density_slope_at_zero", "1/Pa2", "dP/dsigma of the theory at sigma = 0"),
+    Quantity(
+        "quantity.density_slope_at_hardness", "1/Pa2", "dP/dsigma of the theory at the hardness"
+    ),
+    Quantity("quantity.plastic_force_share", "–", "share of the load on plastic contact"),
+    Quantity(
+        "residual.bounds", "–", "pressures beyond their bounds over the mean pressure, by bem"
+    ),
+    Quantity("residual.force", "–", "force missing over the nominal force, by persson and bem"),
+    Quantity("residual.area", "–", "area that the theory's parts miss or count twice"),
+    Quantity(
+        "residual.gap_elastic", "–", "largest gap in elastic contact over the rms height, by bem"
+    ),
+    Quantity("residual.gap_sign", "–", "largest gap of the wrong sign over the rms height, by bem"),
+    Quantity("residual.balance", "–", "force that is out of balance over the load, by fem"),
+    Quantity("residual.load", "–", "load missing over the load, by fem"),
+    Quantity("residual.gap", "–", "largest gap in contact over the rms height, by fem"),
+    Quantity("residual.penetration", "–", "largest penetration over the rms height, by fem"),
+    Quantity("residual.tension", "–", "largest tensile contact force over the load, by fem"),
+    Quantity("residual.certified_balance", "–", "balance of the system as scikit-fem assembles it"),
+    Quantity("residual.certified_load", "–", "reaction of the base less the load, as assembled"),
+    Quantity("iterations.newton", "–", "Newton steps of the last load step"),
+    Quantity("iterations.cg", "–", "steps of conjugate gradients of the last load step"),
+    Quantity("iterations.gradient", "–", "gradient steps of the last load step, by bem"),
+    Quantity("iterations.levels", "–", "grids that the last load step was solved on, by bem"),
+    Quantity("iterations.fft_pairs", "–", "pairs of transforms on the finest grid, by bem"),
+    Quantity(
+        "iterations.equivalent_fft_pairs", "–", "the same with coarse grids by their points, by bem"
+    ),
+    Quantity("iterations.contact_sweeps", "–", "changes of the contact sets, by fem"),
+    Quantity("iterations.increments", "–", "load increments, by fem"),
+    Quantity("iterations.line_searches", "–", "Newton steps that were shortened, by fem"),
+    Quantity("cost.seconds", "s", "wall time of all load steps"),
+    Quantity("cost.unknowns", "–", "unknowns of the discrete problem"),
+    Quantity("cost.peak_memory_bytes", "bytes", "largest memory of the process"),
+    Quantity(
+        "cost.fft_pairs", "–", "pairs of transforms on the finest grid over all load steps, by bem"
+    ),
+    Quantity(
+        "cost.equivalent_fft_pairs", "–", "the same with coarse grids by their points, by bem"
+    ),
+    Quantity("cost.newton_steps", "–", "Newton steps of all load steps, by fem"),
+    Quantity("cost.cg_iterations", "–", "steps of conjugate gradients of all load steps, by fem"),
+    Quantity("cost.contact_sweeps", "–", "changes of the contact sets over all load steps, by fem"),
+    Quantity("cost.increments", "–", "load increments of all load steps, by fem"),
+    Quantity(
+        "cost.most_newton_steps", "–", "largest number of Newton steps of an increment, by fem"
+    ),
+    Quantity(
+        "cost.most_cg_iterations", "–", "largest number of steps of conjugate gradients, by fem"
+    ),
+)
+
+_MEASURED = (
+    Quantity(
+        "quantity.surface_rms_height",
+        "m",
+        "rms height of the surface",
+        (),
+        lambda a: float(a.scene.surface.heights.std()),
+    ),
+    Quantity(
+        "quantity.surface_rms_slope",
+        "–",
+        "rms slope of the surface by spectral derivatives",
+        (),
+        lambda a: rms_slope(a.scene),
+    ),
+    Quantity(
+        "quantity.surface_curvature",
+        "1/m",
+        "curvature at the highest point by differences, mean over the axes",
+        (),
+        measurements.summit_curvature,
+    ),
+    Quantity("quantity.measured_force", "–", "mean(p)/p0 - 1", ("fields",), measurements.force),
+    Quantity(
+        "quantity.measured_bounds",
+        "–",
+        "how far p leaves [0, hardness], over p0",
+        ("fields",),
+        measurements.bounds,
+    ),
+    Quantity(
+        "quantity.measured_gap",
+        "–",
+        "largest violation of the contact conditions (Karush-Kuhn-Tucker) over the rms height: "
+        "|g| where 0 < p < hardness, -g where p = 0, g where p = hardness",
+        ("fields",),
+        measurements.gap,
+    ),
+    Quantity(
+        "quantity.measured_raw_total",
+        "–",
+        "share of grid points with p > 0, less the raw area",
+        ("fields",),
+        measurements.raw_total,
+    ),
+    Quantity(
+        "quantity.measured_raw_plastic",
+        "–",
+        "share of grid points at the hardness, less the raw plastic area",
+        ("fields",),
+        measurements.raw_plastic,
+    ),
+    Quantity(
+        "quantity.measured_carried",
+        "–",
+        "(int sigma dF + hardness A_pl)/p0 - 1 of the reported distribution",
+        ("fields", "distribution"),
+        measurements.carried,
+    ),
+    Quantity(
+        "quantity.smallest_contact_pressure",
+        "Pa",
+        "smallest pressure where p > 0",
+        ("fields",),
+        measurements.smallest_contact_pressure,
+    ),
+    # The next six compare J2 flow with a pressure cap, see `model_difference`.
+    Quantity(
+        "quantity.model_area",
+        "–",
+        "A_J2/A_cap - 1 of the raw areas, with the cap at the hardness of the scene",
+        ("fields", "J2 flow", "hardness"),
+        lambda a: a.model.at_hardness.area,
+    ),
+    Quantity(
+        "quantity.model_overlap",
+        "–",
+        "shared contact nodes over the nodes in either contact, of J2 and the same cap",
+        ("fields", "J2 flow", "hardness"),
+        lambda a: a.model.at_hardness.overlap,
+    ),
+    Quantity(
+        "quantity.model_distance",
+        "–",
+        "Wasserstein distance of the pressures of J2 and the same cap, over the hardness",
+        ("fields", "J2 flow", "hardness"),
+        lambda a: a.model.at_hardness.wasserstein,
+    ),
+    Quantity(
+        "quantity.effective_hardness",
+        "–",
+        "c_eff: the cap over yield_stress at which the capped body has the area of the J2 body",
+        ("fields", "J2 flow"),
+        lambda a: a.model.effective.ratio,
+    ),
+    Quantity(
+        "quantity.effective_overlap",
+        "–",
+        "shared contact nodes over the nodes in either contact, of J2 and the cap c_eff",
+        ("fields", "J2 flow"),
+        lambda a: a.model.effective_difference.overlap,
+    ),
+    Quantity(
+        "quantity.elements_area",
+        "–",
+        "A_cap/A - 1, with A_cap on the compliance of the elements and A on the exact one",
+        ("fields", "J2 flow"),
+        lambda a: a.model.elements_area,
+    ),
+)
+
+#: Every quantity by its name.
+QUANTITIES: dict[str, Quantity] = {q.name: q for q in (*_AREAS, *_REPORTED, *_MEASURED)}

@@ -1,109 +1,117 @@
-"""From cases to results: one task a surface and method, spread over processes, kept on disk.
+"""From cases to answers: one task per surface and method, spread over processes.
 
-`tasks` solves one of them, `store` keeps its result; here they are listed, those that are on
-disk already are set aside, and the others are spread over worker processes.
+A task is solved in one process from recipe to result: the surface is made there, the fields are
+written or measured there, and nothing large travels between processes.  Results are on disk as
+soon as they exist (see `store`), so that an interrupted run resumes where it stopped.
 """
 
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
-import multiprocessing.connection
-import os
+import math
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from epcontact.errors import InvalidCase
+from epcontact.errors import EpcontactError, InvalidCase, NotConverged
 from epcontact.harness.case import Case
-from epcontact.harness.methods import METHODS
-from epcontact.harness.store import Answer, keep, kept, summary
-from epcontact.harness.tasks import Task, solve_task
+from epcontact.harness.methods import METHODS, Method
+from epcontact.harness.pool import spread
+from epcontact.harness.quantities import measure_all
+from epcontact.harness.store import Answer, Task, keep, kept, summary
 from epcontact.machine import available_cores
 from epcontact.output.files import write_json
 from epcontact.results import ContactResult
+from epcontact.scene import Scene
 
-__all__ = ["Answer", "Plan", "Task", "available_cores", "run_cases", "tasks_of"]
-
-Progress = Callable[[Task, str], None]  # a task is done; the note is "reused", "failed" or empty
+Outcome = ContactResult | str  # the result of a task, or the sentence why there is none
 
 
 @dataclass(frozen=True)
-class Plan:
-    """How tasks are run: worker processes, output folder, what stands in for the BEM, fields.
+class Progress:
+    """One more task is done.
 
-    solver: `package.module:function` mapping a Scene to a ContactResult, in the place of bem.
-    fields: write the fields of each surface ("all"), the first ("first"), or none ("none").
-    fresh: run even what is already in the output folder.
+    Attributes:
+        done: tasks done so far, this one included.
+        total: tasks in all.
+        task: the case, the method and the surface, in words.
+        note: "reused", "failed" or empty.
     """
 
-    jobs: int = 1
-    output: Path = field(default_factory=lambda: Path("results"))
-    solver: str = ""
-    fields: str = "none"
-    fresh: bool = False
-
-
-def tasks_of(case: Case, methods: Sequence[str], plan: Plan) -> list[Task]:
-    """The tasks of a case.  The theory of an analytic spectrum is one task for all surfaces."""
-    tasks = []
-    for method in methods:
-        one = METHODS[method].one_answer(case.options[method])
-        for member, recipe in enumerate(case.recipes[:1] if one else case.recipes):
-            seed = None if one else getattr(recipe, "seed", None)
-            label = "single" if seed is None else f"seed{seed}"
-            wanted = plan.fields == "all" or (plan.fields == "first" and member == 0)
-            solver = plan.solver if method == "bem" else ""
-            task = Task(case, method, member, label, solver)
-            if wanted and METHODS[method].has_fields:
-                task = replace(task, fields=task.fields_path(plan.output))
-            tasks.append(task)
-    return tasks
+    done: int
+    total: int
+    task: str
+    note: str
 
 
 def run_cases(
     cases: Sequence[Case],
-    methods: Mapping[str, Sequence[str]],
-    plan: Plan,
-    progress: Progress,
+    output: Path,
+    *,
+    jobs: int = 1,
+    fresh: bool = False,
+    fields: str = "none",
+    methods: Mapping[str, Method] = METHODS,
+    progress: Callable[[Progress], None] | None = None,
 ) -> dict[str, dict[str, Answer]]:
-    """Answer each case by each of its methods; `{case id: {method: Answer}}`.
+    """Answer each case by each of its methods.
 
-    Deliberate errors of a task are kept in its Answer; anything else propagates.  Results are
-    on disk as soon as they exist, so that an interrupted run resumes where it stopped.
-    Raises InvalidCase if two cases have one id: they would share a folder.
+    Args:
+        cases: of different ids.
+        output: folder for the results.
+        jobs: worker processes; the cores are shared out among them.
+        fresh: solve even what is already in the output folder.
+        fields: write the fields of each surface ("all"), of the first ("first") or none ("none").
+        methods: the registry that the methods of the cases are looked up in.
+        progress: called after every task.
+
+    Returns:
+        {case id: {method: Answer}}.  An error that epcontact raises on purpose is kept in the
+        Answer as its sentence; any other error propagates.
+
+    Raises:
+        InvalidCase: if two cases have one id, so that they would share a folder.
+        OutputError: if a result cannot be written.
     """
     _require_distinct(cases)
-    tasks = [task for case in cases for task in tasks_of(case, methods[case.id], plan)]
-    outcomes: dict[Task, ContactResult | str] = {}
-    reused: set[Task] = set()
-    for task in tasks:
-        found = None if plan.fresh else kept(task, plan.output)
-        if found is not None:
-            outcomes[task] = found
-            reused.add(task)
-            progress(task, "reused")
-    waiting = [task for task in tasks if task not in outcomes]
-    for task, outcome in _solve_all(waiting, plan.jobs):
+    tasks = [task for case in cases for task in _tasks_of(case, methods, fields, output)]
+    outcomes: dict[Task, Outcome] = {}
+    reused = set()
+
+    def finish(task: Task, outcome: Outcome, note: str) -> None:
         outcomes[task] = outcome
-        good = isinstance(outcome, ContactResult)
+        if progress is not None:
+            name = f"{task.case.id} {task.method.name} {task.label}"
+            progress(Progress(len(outcomes), len(tasks), name, note))
+
+    for task in tasks:
+        earlier = None if fresh else kept(task, output)
+        if earlier is not None:
+            reused.add(task)
+            finish(task, earlier, "reused")
+    for task, outcome in spread(_solve, [t for t in tasks if t not in outcomes], jobs):
         if isinstance(outcome, ContactResult):
-            keep(task, plan.output, outcome)
-        progress(task, "" if good else "failed")
-    answers = {
-        case.id: {m: _collect(case, m, outcomes, reused) for m in methods[case.id]}
-        for case in cases
-    }
+            keep(task, output, outcome)
+        finish(task, outcome, "failed" if isinstance(outcome, str) else "")
+    answers: dict[str, dict[str, Answer]] = {case.id: {} for case in cases}
     for case in cases:
-        for method, answer in answers[case.id].items():
+        for method in case.methods:
+            mine = [t for t in tasks if t.case is case and t.method.name == method]
+            answer = _collect(mine, outcomes, len(reused & set(mine)))
+            answers[case.id][method] = answer
             if answer.results:
-                write_json(plan.output / case.id / f"{method}.json", summary(case, answer))
+                write_json(output / case.id / f"{method}.json", summary(case, answer))
     return answers
+
+
+def default_jobs(size: str) -> int:
+    """Worker processes for cases of a size: one a core, and a single one for size large.
+
+    Large grids are solved one by one, each with all cores: two would not fit into memory.
+    """
+    return 1 if size == "large" else available_cores()
 
 
 def _require_distinct(cases: Sequence[Case]) -> None:
@@ -117,92 +125,77 @@ def _require_distinct(cases: Sequence[Case]) -> None:
             )
 
 
-def _collect(
-    case: Case,
-    method: str,
-    outcomes: Mapping[Task, ContactResult | str],
-    reused: set[Task],
-) -> Answer:
-    mine = sorted(
-        (t for t in outcomes if t.case is case and t.method == method), key=lambda t: t.member
-    )
-    good = [(t, r) for t in mine if isinstance(r := outcomes[t], ContactResult)]
+def _tasks_of(
+    case: Case, methods: Mapping[str, Method], fields: str, output: Path
+) -> Iterator[Task]:
+    for name in case.methods:
+        method = methods[name]
+        single = method.one_answer(case.options[name])
+        for member, recipe in enumerate(case.recipes[:1] if single else case.recipes):
+            seed = None if single else getattr(recipe, "seed", None)
+            task = Task(case, method, member, "single" if seed is None else f"seed{seed}")
+            wanted = fields == "all" or (fields == "first" and member == 0)
+            if wanted and method.has_fields:
+                task = replace(task, fields=task.fields_path(output))
+            yield task
+
+
+def _collect(tasks: Sequence[Task], outcomes: Mapping[Task, Outcome], reused: int) -> Answer:
+    results = [(t, r) for t in tasks if isinstance(r := outcomes[t], ContactResult)]
+    errors = [(t, r) for t in tasks if isinstance(r := outcomes[t], str)]
     return Answer(
-        results=tuple(r for _, r in good),
-        labels=tuple(t.label for t, _ in good),
-        errors=tuple(
-            f"{t.method}, {t.label}: {r}" for t in mine if isinstance(r := outcomes[t], str)
-        ),
-        reused=sum(t in reused for t in mine),
+        results=tuple(result for _, result in results),
+        labels=tuple(task.label for task, _ in results),
+        errors=tuple(f"{t.method.name}, {t.label}: {sentence}" for t, sentence in errors),
+        reused=reused,
     )
 
 
-def _solve_all(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, ContactResult | str]]:
-    jobs = min(jobs, len(tasks))
-    threads = max(1, available_cores() // max(1, jobs))
-    if jobs <= 1:
-        for task in tasks:
-            yield task, solve_task(task, threads)
-        return
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_quiet_worker)
+def _solve(task: Task, threads: int) -> Outcome:
+    """Solve one task; an error that is raised on purpose comes back as its sentence."""
     try:
-        with _interrupts_held():
-            futures: dict[Future[Any], Task] = {
-                pool.submit(solve_task, task, threads): task for task in tasks
-            }
-        for future in as_completed(futures):
-            try:
-                yield futures[future], future.result()
-            except BrokenProcessPool:
-                yield futures[future], "a worker process died, most likely out of memory"
-        pool.shutdown()
-    except BaseException:
-        # A solve in C cannot be interrupted politely; nothing of it is on disk yet.
-        for process in list((getattr(pool, "_processes", None) or {}).values()):
-            process.terminate()
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
+        case = task.case
+        with _limited(case.time_limit):
+            scene = case.scene(task.recipe)
+            result = task.method.solve(scene, case.options[task.method.name], threads)
+        result = _with_measurements(task, scene, result)
+        if task.fields is not None and result.fields:
+            # Imported late, with VTK: most tasks write no fields.
+            from epcontact.output.vtk import write_fields
+
+            attributes: dict[str, str | float | int]
+            attributes = {"case": case.id, "size": case.size, "hardness": case.material.hardness}
+            write_fields(task.fields, result, scene.surface, attributes)
+        return replace(result, fields={})
+    except EpcontactError as error:
+        return str(error)
+
+
+def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
+    """Add the measured quantities that the gates ask for, while the fields are at hand."""
+    measured = measure_all(task.measured, scene, result)
+    if not measured:
+        return result
+    named = {name.removeprefix("quantity."): value for name, value in measured.items()}
+    final = replace(result.final, quantities=dict(result.final.quantities) | named)
+    return replace(result, steps=(*result.steps[:-1], final))
 
 
 @contextlib.contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C and termination back while workers start, and answer them afterwards.
-
-    Workers inherit the mask: deaf to Ctrl-C from their first instruction, they print no traceback
-    of an import that was cut short.  The mask alone is not enough, as a thread of a library may
-    take the signal; interrupted while it hands a worker its task, the parent would leave one that
-    reads half of it.
-    """
+def _limited(seconds: float) -> Iterator[None]:
+    """Raise NotConverged after `seconds`, where the platform and the thread allow an alarm."""
     main = threading.current_thread() is threading.main_thread()
-    if not (main and hasattr(signal, "pthread_sigmask")):
+    if not (main and hasattr(signal, "SIGALRM")):
         yield
         return
-    held: list[int] = []
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    kinds = (signal.SIGINT, signal.SIGTERM)
-    handlers = [signal.signal(kind, lambda number, _: held.append(number)) for kind in kinds]
+
+    def expire(*_: object) -> None:
+        raise NotConverged(f"not done after the case's time limit of {seconds:g} s")
+
+    previous = signal.signal(signal.SIGALRM, expire)
+    signal.setitimer(signal.ITIMER_REAL, min(seconds, math.floor(1e8)))
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        for kind, handler in zip(kinds, handlers, strict=True):
-            signal.signal(kind, handler)
-    if held:
-        raise KeyboardInterrupt
-
-
-def _quiet_worker() -> None:
-    """Ctrl-C reaches the whole process group; the parent alone answers it.
-
-    A parent that is killed cannot stop its workers, who would wait for tasks for ever.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(1)
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, previous)

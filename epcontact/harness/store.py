@@ -1,9 +1,9 @@
-"""Results on disk: kept one file a task, found again by what made them, summed up by method.
+"""Tasks and their results on disk: kept in a file each, found again by their key, summed up.
 
 `<output>/<case>/members/<method>-<surface>.json` holds one result and its key: scene, size,
-options, solver and the package's own sources, and the hash of the fields written with it.  A task
-of the same key need not run again, as long as the fields it asks for are those very ones; one of
-a solver that is not the package's always runs, as its sources are not known here.
+options and the package's own sources, and the hash of the fields written with it.  A task of the
+same key need not run again, as long as the fields it asks for are those very ones.  A solver that
+is not the package's always runs, because its sources are not known here.
 """
 
 from __future__ import annotations
@@ -18,15 +18,63 @@ from pathlib import Path
 from typing import Any
 
 from epcontact.harness.case import Case
-from epcontact.harness.gates import estimate
-from epcontact.harness.tasks import Task, measured_by
+from epcontact.harness.methods import Method
+from epcontact.harness.quantities import QUANTITIES
+from epcontact.harness.statistics import estimate, standard_deviation
 from epcontact.output.files import write_json
 from epcontact.results import ContactResult
+from epcontact.surfaces import Recipe
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One solve: a method on one surface of a case.
+
+    Attributes:
+        case: with its recipes, which are small.
+        method: the method that solves it.
+        member: index of the recipe in the case.
+        label: the name of the surface in files.
+        fields: file to write the fields to; None if they are not kept.
+    """
+
+    case: Case
+    method: Method
+    member: int
+    label: str
+    fields: Path | None = None
+
+    @property
+    def recipe(self) -> Recipe:
+        """The recipe of the surface."""
+        return self.case.recipes[self.member]
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """The quantities that gates on this method have the harness measure, sorted."""
+        names = set()
+        for gate in self.case.gates:
+            if self.method.name not in (gate.of, gate.against):
+                continue
+            if gate.norm == "l2":
+                names.add(f"l2.{gate.against}.{gate.quantity.removeprefix('field.')}")
+            elif gate.quantity in QUANTITIES and QUANTITIES[gate.quantity].measure:
+                names.add(gate.quantity)
+        return tuple(sorted(names))
+
+    def fields_path(self, output: Path) -> Path:
+        """The file of its fields, if they are kept: `<output>/<case>/<method>[-<surface>].vti`."""
+        name = self.method.name + ("" if self.label == "single" else f"-{self.label}")
+        return output / self.case.id / f"{name}.vti"
+
+    def result_path(self, output: Path) -> Path:
+        """The file of its result."""
+        return output / self.case.id / "members" / f"{self.method.name}-{self.label}.json"
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a method said of a case: one result a surface, or the sentence why not."""
+    """The answer of a method to a case: one result a surface, and the sentences of failures."""
 
     results: tuple[ContactResult, ...] = ()
     labels: tuple[str, ...] = ()
@@ -50,17 +98,12 @@ def _key(task: Task) -> str:
     content = {
         "scene": task.case.digest(task.recipe),
         "size": task.case.size,
-        "method": task.method,
-        "solver": task.solver,
-        "options": repr(sorted(task.case.options[task.method].items())),
-        "fields": sorted(measured_by(task.case, task.method)),
+        "method": task.method.name,
+        "options": repr(sorted(task.case.options[task.method.name].items())),
+        "measured": task.measured,
         "sources": sources_digest(),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def _member_path(task: Task, output: Path) -> Path:
-    return output / task.case.id / "members" / f"{task.method}-{task.label}.json"
 
 
 def keep(task: Task, output: Path, result: ContactResult) -> None:
@@ -78,13 +121,13 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
             with contextlib.suppress(OSError):
                 task.fields_path(output).unlink()
     write_json(
-        _member_path(task, output), about | {"fields_digest": fields_digest} | result.to_json()
+        task.result_path(output), about | {"fields_digest": fields_digest} | result.to_json()
     )
 
 
 def kept(task: Task, output: Path) -> ContactResult | None:
     """The result of an earlier run of just this task, if it is there and whole."""
-    if task.solver:
+    if task.method.source:
         return None
     data = _read_member(task, output)
     if data.get("key") != _key(task):
@@ -98,9 +141,9 @@ def kept(task: Task, output: Path) -> ContactResult | None:
 
 
 def _read_member(task: Task, output: Path) -> dict[str, Any]:
-    """What `keep` wrote of a task, or nothing."""
+    """The file that `keep` wrote for a task; empty if there is none."""
     try:
-        data = json.loads(_member_path(task, output).read_bytes())
+        data = json.loads(task.result_path(output).read_bytes())
     except (OSError, ValueError):
         return {}
     return data if isinstance(data, dict) else {}
@@ -156,4 +199,8 @@ def summary(case: Case, answer: Answer) -> dict[str, Any]:
 
 def _spread(values: Sequence[float]) -> dict[str, float]:
     e = estimate(values)
-    return {"mean": e.mean, "standard_deviation": e.deviation, "half_width_95": e.half_width}
+    return {
+        "mean": e.mean,
+        "standard_deviation": standard_deviation(values),
+        "half_width_95": e.half_width,
+    }

@@ -1,99 +1,271 @@
-"""The verdict: the gates of cases judged on their answers, as data, JSON and JUnit.
+"""The verdict: `verify` runs cases and judges their gates; a Verdict is what verdict.json holds.
 
-A case *holds* if all its gates do, *falls short* if one does not, is *skipped* where its surface
-is not to be had, and is in *error* if a method gave no answer that a gate needs.
+A case *holds* if all its gates do, *falls short* if one does not, is *skipped* if its surface or
+a solver is not here, and is in *error* if a method gave no answer that a gate needs.
+
+`Verdict` and the classes of its parts are the schema of verdict.json (`epcontact schema verdict`).
+Keys may be added within version 1 of the schema; none is renamed, removed or given another meaning.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
-from epcontact.errors import EpcontactError
-from epcontact.harness.case import Case
+from epcontact.errors import EpcontactError, InvalidCase, nearest
+from epcontact.harness.case import SIZES, Case, case_sizes, find_case, find_cases, load_case
+from epcontact.harness.distances import distance
 from epcontact.harness.gates import (
     DISTRIBUTION_NORMS,
-    Estimate,
+    ERROR,
+    FALLS_SHORT,
+    HOLDS,
     Gate,
-    Verdict,
-    distance,
+    GateVerdict,
     judge,
     judge_distance,
-    read_quantity,
+    unjudged,
 )
-from epcontact.harness.run import Answer
+from epcontact.harness.methods import METHODS, REPLACED, solver_named
+from epcontact.harness.quantities import read_quantity
+from epcontact.harness.run import Progress, default_jobs, run_cases
+from epcontact.harness.store import Answer
 from epcontact.output.files import whole_file, write_json
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution, package_versions
 
-HOLDS, FALLS_SHORT, SKIPPED, ERROR = "holds", "falls short", "skipped", "error"
+SKIPPED: Literal["skipped"] = "skipped"
 
 
-@dataclass(frozen=True)
-class GateOutcome:
-    """One gate: judged, or the sentence why it could not be."""
+class MethodEntry(BaseModel):
+    """The work of a method for a case."""
 
-    gate: Gate
-    verdict: Verdict | None
-    error: str = ""
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    surfaces: int
+    reused: int
+    errors: list[str]
+
+
+class CaseVerdict(BaseModel):
+    """One case and its gates."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    id: str
+    size: str
+    status: Literal["holds", "falls short", "error", "skipped"]
+    requirement: str
+    source: str
+    skipped_because: str
+    methods: dict[str, MethodEntry]
+    gates: list[GateVerdict]
+    _case: Case | None = PrivateAttr(default=None)
+    _answers: Mapping[str, Answer] = PrivateAttr(default_factory=dict)
 
     @property
-    def status(self) -> str:
-        """holds, falls short or error."""
-        if self.verdict is None:
-            return ERROR
-        return HOLDS if self.verdict.holds else FALLS_SHORT
-
-
-@dataclass(frozen=True)
-class CaseOutcome:
-    """All gates of a case."""
-
-    case: Case
-    gates: tuple[GateOutcome, ...]
-    answers: Mapping[str, Answer]
+    def case(self) -> Case:
+        """The case that was judged.  Raises InvalidCase if this was read from a file."""
+        if self._case is None:
+            raise InvalidCase(f"{self.id}: a verdict that was read from a file has no case")
+        return self._case
 
     @property
-    def status(self) -> str:
-        """The worst of the gates' statuses, or skipped."""
-        if self.case.skip:
-            return SKIPPED
-        found = {gate.status for gate in self.gates}
-        return next((s for s in (ERROR, FALLS_SHORT) if s in found), HOLDS)
+    def answers(self) -> Mapping[str, Answer]:
+        """The answer of each method; empty if this was read from a file, or if it was skipped."""
+        return self._answers
 
 
-def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseOutcome:
-    """Judge every gate of a case on its answers."""
+class Verdict(BaseModel):
+    """The verdict on all cases; verdict.json holds it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    format: Literal["epcontact-verdict-1"] = Field(alias="schema")
+    passed: bool
+    exit_code: Literal[0, 1, 2]
+    size: str
+    versions: dict[str, str]
+    cases: list[CaseVerdict]
+
+    @classmethod
+    def on(cls, cases: Sequence[CaseVerdict], size: str) -> Verdict:
+        """The verdict on judged cases: 0 if all gates hold, 1 if one falls short, 2 if an error."""
+        found = {case.status for case in cases}
+        exit_code: Literal[0, 1, 2] = 2 if ERROR in found else 1 if FALLS_SHORT in found else 0
+        return cls(
+            schema="epcontact-verdict-1",
+            passed=exit_code == 0,
+            exit_code=exit_code,
+            size=size,
+            versions=package_versions(),
+            cases=list(cases),
+        )
+
+
+def verify(  # noqa: PLR0913 - the options of the command
+    cases: str | Path | Case | Iterable[str | Path | Case] | None = None,
+    *,
+    size: str = "fast",
+    jobs: int | None = None,
+    output: str | Path = "results",
+    solver: str = "",
+    fresh: bool = False,
+    fields: str = "none",
+    progress: Callable[[Progress], None] | None = None,
+) -> Verdict:
+    """Solve cases, judge their gates, and write verdict.json and junit.xml.
+
+    Args:
+        cases: a name, a path or a loaded case, or several of them; None or nothing: all that a
+            bare `epcontact verify` runs.
+        size: the size at which names and paths are loaded.
+        jobs: worker processes; None: one a core, and a single one for size large.
+        output: folder for results, which are reused if nothing that decides them has changed.
+        solver: a registered method or `[NAME=]MODULE:FUNCTION`, which takes the place of the
+            boundary elements in every gate, under its own name.
+        fresh: solve again what is already in the output folder.
+        fields: write the fields (.vti) of the "first" surface, of "all" or of "none".
+        progress: called after every solve.
+
+    Returns:
+        The verdict.  `verdict.cases[i].answers` holds the results in memory.
+
+    Raises:
+        InvalidCase: if a case or the solver cannot be read.
+        OutputError: if a file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     verdict = verify("bearing-area", output=folder, jobs=1)
+        >>> verdict.passed, verdict.cases[0].gates[0].status
+        (True, 'holds')
+    """
+    methods = dict(METHODS)
+    named = [cases] if isinstance(cases, str | Path | Case) else list(cases or ())
+    loaded = [
+        case if isinstance(case, Case) else load_case(find_case(str(case)), size)
+        for case in named or cases_to_verify(size)
+    ]
+    if solver:
+        stand_in = solver_named(solver)
+        methods[stand_in.name] = stand_in
+        loaded = [_in_place(case, stand_in.name) for case in loaded]
+    answers = run_cases(
+        loaded,
+        Path(output),
+        jobs=jobs or default_jobs(size),
+        fresh=fresh,
+        fields=fields,
+        methods=methods,
+        progress=progress,
+    )
+    verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size)
+    write_verdict(verdict, Path(output))
+    return verdict
+
+
+def cases_to_verify(size: str) -> list[Path]:
+    """The files of the cases that a bare verify runs at a size.
+
+    Raises:
+        InvalidCase: if there are none, or there is no such size.
+    """
+    if size not in SIZES:
+        raise InvalidCase(f"no size is called {size!r}{nearest(size, SIZES)}")
+    paths = find_cases()
+    if not paths:
+        raise InvalidCase("no cases found, neither in ./cases nor in the installed package")
+    offered = [path for path in paths if size in case_sizes(path)]
+    return [path for path in offered if load_case(path, size).verify]
+
+
+def _in_place(case: Case, name: str) -> Case:
+    """The case with another method in the place of the boundary elements.
+
+    A case that names the method already holds it against something of its own accord.
+    """
+    if name in case.methods:
+        return case
+    names = {REPLACED: name}
+    gates = (
+        replace(
+            gate,
+            of=names.get(gate.of, gate.of),
+            against=names.get(str(gate.against), gate.against),
+        )
+        for gate in case.gates
+    )
+    options = {names.get(m, m): {} if m == REPLACED else o for m, o in case.options.items()}
+    methods = tuple(names.get(m, m) for m in case.methods)
+    return replace(case, methods=methods, options=options, gates=tuple(gates))
+
+
+# --- judging -----------------------------------------------------------------------------------
+
+
+def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
+    """Judge every gate of a case on the answers of its methods."""
     if case.skip:
-        return CaseOutcome(case, (), {})
-    return CaseOutcome(case, tuple(_outcome(case, g, answers) for g in case.gates), answers)
+        answers = {}
+    gates = [] if case.skip else [_judged(case, gate, answers) for gate in case.gates]
+    found = {gate.status for gate in gates}
+    worst = next((status for status in (ERROR, FALLS_SHORT) if status in found), HOLDS)
+    judged = CaseVerdict(
+        id=case.id,
+        size=case.size,
+        status=SKIPPED if case.skip else worst,
+        requirement=case.requirement,
+        source=case.source,
+        skipped_because=case.skip,
+        methods={
+            name: MethodEntry(surfaces=len(a.results), reused=a.reused, errors=list(a.errors))
+            for name, a in answers.items()
+        },
+        gates=gates,
+    )
+    judged._case, judged._answers = case, answers
+    return judged
 
 
-def exit_code(outcomes: Sequence[CaseOutcome]) -> int:
-    """0 if all gates hold, 1 if one falls short, 2 if one could not be judged."""
-    found = {outcome.status for outcome in outcomes}
-    return 2 if ERROR in found else 1 if FALLS_SHORT in found else 0
-
-
-def _outcome(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateOutcome:
+def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdict:
     needed = [m for m in (gate.of, gate.against) if isinstance(m, str) and m in case.methods]
     failed = [sentence for m in needed for sentence in answers[m].errors]
     if failed:
-        return GateOutcome(gate, None, _joined(failed))
+        return unjudged(gate, _joined(failed))
+    of, against = answers[gate.of], answers.get(str(gate.against))
     try:
-        return GateOutcome(gate, _judge(case, gate, answers))
+        if gate.norm in DISTRIBUTION_NORMS:
+            return judge_distance(gate, _distances(case, gate, of, against))
+        if gate.norm == "l2":
+            name = f"quantity.l2.{gate.against}." + gate.quantity.removeprefix("field.")
+            return judge_distance(gate, [read_quantity(r, name) for r in of.results])
+        value = [read_quantity(result, gate.quantity) for result in of.results]
+        paired = against is not None and len(value) > 1 and of.labels == against.labels
+        return judge(gate, value, _references(case, gate, against), paired)
     except EpcontactError as error:
-        return GateOutcome(gate, None, str(error))
+        return unjudged(gate, str(error))
+
+
+def _references(case: Case, gate: Gate, against: Answer | None) -> list[float]:
+    if against is not None:
+        return [read_quantity(result, gate.quantity) for result in against.results]
+    if isinstance(gate.against, str):
+        form = CLOSED_FORMS[gate.against]
+        return [form.scalar(gate.quantity, case.scene(case.recipes[0]))]
+    return [gate.against]
 
 
 def _joined(sentences: Sequence[str]) -> str:
     """Errors of many surfaces as one line; what they share is said once.
 
-    Each is "method, surface: reason", as `run` makes them.
+    Each is "method, surface: reason", as `run_cases` makes them.
     """
     by_reason: dict[str, list[str]] = {}
     for sentence in dict.fromkeys(sentences):
@@ -104,25 +276,6 @@ def _joined(sentences: Sequence[str]) -> str:
         more = f" and {len(places) - 1} more" if len(places) > 1 else ""
         parts.append(f"{places[0]}{more}: {reason}")
     return "; ".join(parts)
-
-
-def _judge(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> Verdict:
-    of = answers[gate.of]
-    against = answers.get(str(gate.against))
-    if gate.norm in DISTRIBUTION_NORMS:
-        return judge_distance(gate, _distances(case, gate, of, against))
-    if gate.norm == "l2":
-        name = f"quantity.l2.{gate.against}." + gate.quantity.removeprefix("field.")
-        return judge_distance(gate, [read_quantity(r, name) for r in of.results])
-    value = [read_quantity(result, gate.quantity) for result in of.results]
-    if against is not None:
-        reference = [read_quantity(result, gate.quantity) for result in against.results]
-        paired = len(value) > 1 and of.labels == against.labels
-        return judge(gate, value, reference, paired)
-    if isinstance(gate.against, str):
-        exact = CLOSED_FORMS[gate.against].scalar(gate.quantity, case.scene(case.recipes[0]))
-        return judge(gate, value, [exact], False)
-    return judge(gate, value, [gate.against], False)
 
 
 def _distances(case: Case, gate: Gate, of: Answer, against: Answer | None) -> list[float]:
@@ -147,89 +300,32 @@ def _distances(case: Case, gate: Gate, of: Answer, against: Answer | None) -> li
 # --- the verdict as files ----------------------------------------------------------------------
 
 
-def verdict_json(outcomes: Sequence[CaseOutcome], size: str) -> dict[str, Any]:
-    """The verdict as JSON can hold it."""
-    return {
-        "schema": "epcontact-verdict-1",
-        "passed": exit_code(outcomes) == 0,
-        "exit_code": exit_code(outcomes),
-        "size": size,
-        "versions": package_versions(),
-        "cases": [_case_json(outcome) for outcome in outcomes],
-    }
+def write_verdict(verdict: Verdict, folder: Path) -> None:
+    """Write verdict.json and junit.xml into `folder`, whole or not at all.
 
-
-def _case_json(outcome: CaseOutcome) -> dict[str, Any]:
-    case = outcome.case
-    return {
-        "id": case.id,
-        "size": case.size,
-        "status": outcome.status,
-        "requirement": case.requirement,
-        "source": case.source,
-        "skipped_because": case.skip,
-        "methods": {
-            method: {"surfaces": len(a.results), "reused": a.reused, "errors": list(a.errors)}
-            for method, a in outcome.answers.items()
-        },
-        "gates": [_gate_json(gate) for gate in outcome.gates],
-    }
-
-
-def _gate_json(outcome: GateOutcome) -> dict[str, Any]:
-    gate, verdict = outcome.gate, outcome.verdict
-    data: dict[str, Any] = asdict(gate) | {"name": gate.name, "status": outcome.status}
-    if verdict is None:
-        return data | {"error": outcome.error}
-    return data | {
-        "value": _estimate_json(verdict.value),
-        "reference": _estimate_json(verdict.reference),
-        "difference": _estimate_json(verdict.difference),
-    }
-
-
-def _estimate_json(estimate: Estimate) -> dict[str, float | int]:
-    return {
-        "mean": estimate.mean,
-        "half_width_95": estimate.half_width,
-        "surfaces": len(estimate.values),
-    }
-
-
-def write_verdict(outcomes: Sequence[CaseOutcome], size: str, folder: Path) -> None:
-    """Write verdict.json and junit.xml into `folder`, whole or not at all."""
-    write_json(folder / "verdict.json", verdict_json(outcomes, size))
+    Raises:
+        OutputError: if they cannot be written.
+    """
+    write_json(folder / "verdict.json", verdict.model_dump(by_alias=True, exclude_none=True))
     xml = JUnitXml("epcontact")
-    for outcome in outcomes:
-        xml.add_testsuite(_suite(outcome))
+    for case in verdict.cases:
+        xml.add_testsuite(_suite(case))
     xml.update_statistics()  # type: ignore[no-untyped-call]
     with whole_file(folder / "junit.xml") as path:
         xml.write(str(path), pretty=True)
 
 
-def _suite(outcome: CaseOutcome) -> TestSuite:
-    suite = TestSuite(outcome.case.id)
-    if outcome.status == SKIPPED:
-        test = TestCase(outcome.case.requirement, classname=outcome.case.id)
-        test.result = [Skipped(outcome.case.skip)]
+def _suite(case: CaseVerdict) -> TestSuite:
+    suite = TestSuite(case.id)
+    if case.status == SKIPPED:
+        test = TestCase(case.requirement, classname=case.id)
+        test.result = [Skipped(case.skipped_because)]
         suite.add_testcase(test)
-    for gate in outcome.gates:
-        test = TestCase(gate.gate.name, classname=outcome.case.id)
+    for gate in case.gates:
+        test = TestCase(gate.name, classname=case.id)
         if gate.status == ERROR:
             test.result = [Error(gate.error)]
         elif gate.status == FALLS_SHORT:
-            test.result = [Failure(describe(gate))]
+            test.result = [Failure(str(gate))]
         suite.add_testcase(test)
     return suite
-
-
-def describe(outcome: GateOutcome) -> str:
-    """The gate, its figures and its reason in a few lines of text."""
-    gate, verdict = outcome.gate, outcome.verdict
-    if verdict is None:
-        return f"{gate.name}: {outcome.error}"
-    return (
-        f"{gate.name}: difference {verdict.difference.mean:+.4g} "
-        f"± {verdict.difference.half_width:.2g} must lie in [{gate.low:g}, {gate.high:g}] "
-        f"({verdict.value.mean:.6g} against {verdict.reference.mean:.6g}); because {gate.because}"
-    )

@@ -50,7 +50,7 @@ from epcontact.planning.pilots import (
 from epcontact.surfaces import Recipe, SelfAffine
 
 if TYPE_CHECKING:
-    from epcontact.harness.run import Answer
+    from epcontact.harness.store import Answer
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.optimize import brentq
 
 from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
 from epcontact.results import FloatArray
@@ -95,6 +94,9 @@ def sphere_contact_radius_periodic(
         quartic = strength * 9 / 64 * LATTICE_SUM_5 / period**5
         carried = 4 / 3 * a**3 * curvature + 64 / 15 * quartic * a**5
         return effective_modulus * carried / force - 1
+
+    # SciPy's optimisers take a second to load, and every command loads this module.
+    from scipy.optimize import brentq
 
     return float(brentq(excess, 0.0, free * (1 + 1e-12), xtol=1e-15 * free, rtol=1e-14))
 

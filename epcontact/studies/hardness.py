@@ -60,14 +60,15 @@ def measured(
 ) -> FloatArray:
     """(surfaces, names): the measures `NAMES` of the J2 body on each surface."""
     import fem_check
-    from epcontact.harness.model_difference import model_measures
+    from epcontact.harness.quantities import measure_all
 
     rows = []
     for seed in seeds:
         progress(f"hardness: E* xi/sigma_Y = {severity:g}, nu = {nu:g}, {nodes} nodes, seed {seed}")
         scene = model_scene(severity, nu, seed, nodes, waves)
-        found = model_measures(NAMES, scene, fem_check.solve(scene, law="j2", certified=False))
-        rows.append([found[name] for name in NAMES])
+        result = fem_check.solve(scene, law="j2", certified=False)
+        found = measure_all([f"quantity.{name}" for name in NAMES], scene, result)
+        rows.append(list(found.values()))
     return np.array(rows)
 
 

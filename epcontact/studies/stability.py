@@ -196,7 +196,7 @@ def _solved_by_bem(scene: Scene, where: tuple[str, str, float, float], steps: in
         residual = max(getattr(error, "residuals", {}).values(), default=math.nan)
         return Point(*where, False, math.nan, float(residual), _told(error))
     effort = float(result.cost["equivalent_fft_pairs"])
-    names = ("measured_gap", "measured_force", "measured_bounds")
+    names = [f"quantity.measured_{name}" for name in ("gap", "force", "bounds")]
     residual = max(abs(measure(name, scene, result)) for name in names)
     good = residual <= EXAMINED
     reason = "" if good else f"claims to have converged, but violates a condition by {residual:.1e}"

@@ -1,0 +1,107 @@
+"""Distances between two answers: of their fields and of their pressure distributions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.errors import InvalidCase, InvalidScene
+from epcontact.results import APART, ContactResult, PressureDistribution
+
+
+def distance(norm: str, a: PressureDistribution, b: PressureDistribution, hardness: float) -> float:
+    """The distance of two pressure distributions.
+
+    Between tabulated pressures the distributions are taken as linear, so each should be
+    tabulated finely.
+
+    Args:
+        norm: "wasserstein", int |F_a - F_b| dsigma divided by the hardness, with F the
+            distribution of the pressure on the contact; or "supremum", the largest |F_a - F_b|
+            below the hardness divided by the contact area of b, with F the share of the nominal
+            area at pressures in (0, sigma].
+        a: one distribution.
+        b: the other one, which is the reference.
+        hardness: in Pa; where it is infinite, the mean contact pressure of b takes its place.
+
+    Raises:
+        InvalidCase: if one of them has no contact.
+    """
+    total_a = float(a.cumulative[-1]) + a.plastic
+    total_b = float(b.cumulative[-1]) + b.plastic
+    if min(total_a, total_b) <= 0:
+        raise InvalidCase("a pressure distribution without contact has no distance to another")
+    sigma = np.union1d(a.pressure, b.pressure)
+    F_a = np.interp(sigma, a.pressure, a.cumulative)
+    F_b = np.interp(sigma, b.pressure, b.cumulative)
+    if norm == "supremum":
+        return float(np.abs(F_a - F_b).max() / total_b)
+    difference = np.abs(F_a / total_a - F_b / total_b)
+    scale = hardness if math.isfinite(hardness) else carried_pressure(b) / total_b
+    return float(np.trapezoid(difference, sigma) / scale)
+
+
+def carried_pressure(distribution: PressureDistribution) -> float:
+    """int sigma dF over the elastic contact, in Pa: the load it carries per nominal area."""
+    sigma, F = distribution.pressure, distribution.cumulative
+    return float(np.sum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(F)))
+
+
+def l2_distance(found: NDArray[Any], exact: NDArray[Any]) -> float:
+    """||found - exact||_2/||exact||_2 of two fields on one grid."""
+    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The difference of one answer from another on the same grid.
+
+    Attributes:
+        area: relative difference of the raw contact areas.
+        pressure: L2 norm of the difference of the nodal pressures over that of the second.
+        overlap: shared contact nodes over all nodes in either contact (Jaccard index).
+        wasserstein: distance of the pressure distributions, see `distance`.
+        nodes: number of nodes that are in contact in one answer only.
+        areas: both raw areas.
+    """
+
+    area: float
+    pressure: float
+    overlap: float
+    wasserstein: float
+    nodes: int
+    areas: tuple[float, float]
+
+    def __str__(self) -> str:
+        return f"area {self.area:+.2%}, pressure {self.pressure:.1e}"
+
+
+def difference(first: ContactResult, second: ContactResult, hardness: float) -> Difference:
+    """The difference of `first` from `second`.
+
+    Args:
+        first: an answer with fields and a pressure distribution.
+        second: the answer it is compared with.
+        hardness: in Pa; scales the distance of the distributions.
+
+    Raises:
+        InvalidScene: if their grids differ.
+    """
+    p, q = first.fields["pressure"], second.fields["pressure"]
+    if p.shape != q.shape:
+        raise InvalidScene(f"pressures on grids of {p.shape} and {q.shape} cannot be compared")
+    a, b = first.fields["state"] != APART, second.fields["state"] != APART
+    assert first.distribution is not None
+    assert second.distribution is not None
+    return Difference(
+        float(a.mean() / b.mean() - 1),
+        l2_distance(p, q),
+        float((a & b).sum() / (a | b).sum()),
+        distance("wasserstein", first.distribution, second.distribution, hardness),
+        int((a != b).sum()),
+        (float(a.mean()), float(b.mean())),
+    )

@@ -1,0 +1,104 @@
+"""Worker processes that die with their parent and leave Ctrl-C to it.
+
+`concurrent.futures` does the work.  What is added here is what it does not do: start the workers
+deaf to Ctrl-C, so that an interrupted command prints no traceback of theirs; end them when the
+parent is killed; and end a running solve, which no exception reaches while it is in compiled code.
+(loky and joblib were considered: their workers print such tracebacks, too.)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar
+
+from epcontact.machine import available_cores
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def spread(
+    function: Callable[[Item, int], Result], items: Sequence[Item], jobs: int
+) -> Iterator[tuple[Item, Result | str]]:
+    """Yield (item, function(item, threads)) as the calls finish.
+
+    Args:
+        function: of the module level, so that a process can import it.
+        items: arguments, one a call.
+        jobs: processes; with one, the calls are made in this process.
+
+    Returns:
+        Pairs in any order.  If a worker process dies, a sentence takes the result's place.
+    """
+    jobs = min(jobs, len(items))
+    threads = max(1, available_cores() // max(1, jobs))
+    if jobs <= 1:
+        for item in items:
+            yield item, function(item, threads)
+        return
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_set_up_worker)
+    try:
+        with _interrupts_held():
+            futures = {pool.submit(function, item, threads): item for item in items}
+        for future in as_completed(futures):
+            try:
+                yield futures[future], future.result()
+            except BrokenProcessPool:
+                yield futures[future], "a worker process died, most likely out of memory"
+        pool.shutdown()
+    except BaseException:
+        # A solve in C cannot be interrupted politely; nothing of it is on disk yet.
+        for process in list((getattr(pool, "_processes", None) or {}).values()):
+            process.terminate()
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C and termination back while workers start, and answer them afterwards.
+
+    Workers inherit the mask: deaf to Ctrl-C from their first instruction, they print no traceback
+    of an import that was cut short.  The mask alone is not enough, as a thread of a library may
+    take the signal; interrupted while it hands a worker its task, the parent would leave one that
+    reads half of it.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    if not (main and hasattr(signal, "pthread_sigmask")):
+        yield
+        return
+    held: list[int] = []
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    kinds = (signal.SIGINT, signal.SIGTERM)
+    handlers = [signal.signal(kind, lambda number, _: held.append(number)) for kind in kinds]
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for kind, handler in zip(kinds, handlers, strict=True):
+            signal.signal(kind, handler)
+    if held:
+        raise KeyboardInterrupt
+
+
+def _set_up_worker() -> None:
+    """Leave Ctrl-C, which reaches the whole process group, to the parent, and end with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A parent that is killed cannot stop its workers, who would wait for tasks for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
