@@ -42,10 +42,6 @@ class HardnessCurve:
     pressures: PressureCurve | None
     force_error: float
 
-    def columns(self) -> dict[str, FloatArray]:
-        """The columns by name and unit, for a table in CSV or JSON."""
-        return self.areas.columns() | {"hardness_Pa": self.hardness}
-
 
 def hardness_curve(
     theory: Theory,

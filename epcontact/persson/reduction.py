@@ -5,11 +5,11 @@ In full contact the roughness up to a wave number q gives the pressure half the 
 theory accounts for it by dG = S dtau, where S depends on the relative contact area A (elastic and
 plastic) at the magnification:
 
-    constant     S = gamma                                    (the limit A << 1 of the next)
-    persson      S = gamma + (1 - gamma) A^2                  Yang and Persson (2008)
-    wang_muser   S = gamma - (2/9) A^2 + (11/9 - gamma) A^4   Wang and Mueser (2017)
+    constant     S = gamma                                    Almqvist and Persson: gamma = 0.536
+    persson      S = gamma + (1 - gamma) A^2                  Yang and Persson (2008): 0.45
+    wang_muser   S = gamma - (2/9) A^2 + (11/9 - gamma) A^4   Wang and Mueser (2017): 5/9
     xu           G = [gamma + (1 - gamma) A] tau, with the area at the end of the range:
-                 one implicit equation instead of a differential one; Xu et al. (2024)
+                 one implicit equation instead of a differential one; Xu et al. (2024): 0.42
 
 A depends on the spectrum through G alone, so the differential equation separates:
 tau(G) = int_0^G dG' / S(A(G')).  It is integrated in steps of constant ratio of G by Gauss's
@@ -81,15 +81,6 @@ class EnergyReduction:
                 return g - 2 / 9 * A**2 + (11 / 9 - g) * A**4
             case "xu":
                 return g + (1 - g) * A
-
-
-#: Each rule with a gamma that was published for it; the constant is that of Almqvist and Persson.
-PUBLISHED = (
-    EnergyReduction(0.536, "constant"),
-    EnergyReduction(0.45, "persson"),
-    EnergyReduction(5 / 9, "wang_muser"),
-    EnergyReduction(0.42, "xu"),
-)
 
 
 def full_contact_diffusion(effective_modulus: float, slope_variance: ArrayLike) -> FloatArray:
