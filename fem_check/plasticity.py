@@ -49,7 +49,9 @@ class Law(NamedTuple):
 def law(
     young_modulus: float, poisson_ratio: float, yield_stress: float, hardening: float = 0.0
 ) -> Law:
-    """The law of a material.
+    """The law of a material: Figure 1 of the paper where the hardening is 0.
+
+    In uniaxial tension the stress rises with slope E up to the yield stress and stays there.
 
     Args:
         young_modulus: E in Pa.

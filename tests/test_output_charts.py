@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 
 from epcontact.errors import OutputError
 from epcontact.output.charts import curves as charts
-from epcontact.output.charts import maps
+from epcontact.output.charts import maps, painting
 from epcontact.output.charts.figures import Chart, Series
 from epcontact.output.charts.style import SETTINGS, STATE_COLOURS, series_looks, unit_for
 from epcontact.results import (
@@ -296,7 +296,7 @@ def test_shrinking_averages_and_keeps_the_order(
     shape: tuple[int, int], pixels: int, seed: int
 ) -> None:
     field = np.random.default_rng(seed).random(shape)
-    picture = maps.shrunk(field, lambda values: np.repeat(values[..., None], 4, axis=2), pixels)
+    picture = painting.shrunk(field, lambda values: np.repeat(values[..., None], 4, axis=2), pixels)
     edges = [np.linspace(0, n, min(n, pixels) + 1).astype(int) for n in shape]
     for i, j in np.ndindex(picture.shape[:2]):
         block = field[edges[0][i] : edges[0][i + 1], edges[1][j] : edges[1][j + 1]]

@@ -181,7 +181,7 @@ def view(
     from epcontact.output import view as viewing
 
     if contact_map is not None:
-        from epcontact.harness.pictures import save_map
+        from epcontact.output.charts.maps import save_map
 
         save_map(viewing.find_result(result), contact_map)
     if film is not None:

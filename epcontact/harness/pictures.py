@@ -25,8 +25,7 @@ from epcontact.output.charts.curves import (
     pressure_distribution,
 )
 from epcontact.output.charts.figures import Chart, Series
-from epcontact.output.charts.maps import map_of_file
-from epcontact.output.files import write_bytes, write_json
+from epcontact.output.files import write_json
 from epcontact.results import ContactResult
 from epcontact.scene import Surface
 from epcontact.surfaces.power_spectrum import radial_spectrum
@@ -97,23 +96,6 @@ def theory_densities(results: Results, hardness: float) -> list[Series]:
         elastic = persson.pressure_density(sigma, diffusion, p0)
         series.append(Series("persson without hardness", sigma, elastic, line=True))
     return series
-
-
-def save_map(source: Path, target: Path) -> None:
-    """Draw contact state and pressure of a .vti file.
-
-    Args:
-        source: The .vti file.
-        target: A .png, or a name without ending for a picture, its data and a caption.
-
-    Raises:
-        OutputError: If a file cannot be read or written.
-    """
-    chart = map_of_file(source)
-    if target.suffix == ".png":
-        write_bytes(target, chart.png())
-    else:
-        chart.save(target)
 
 
 def _spectrum_chart(surface: Surface) -> Chart:

@@ -1,5 +1,6 @@
-"""What leaves the program: files written whole, VTK fields, views, charts, report.
+"""All that leaves the program: files, VTK fields, charts, three-dimensional views, the report.
 
-Heavy libraries (vtk, pyvista, matplotlib) are imported inside the functions that use them, so
-that importing these modules costs nothing.
+This package knows results and the files they are kept in, and none of the methods.  Files appear
+whole or not at all (`files`); fields are .vti (`vtk`); charts are drawn by matplotlib (`charts`),
+three-dimensional pictures by pyvista in a process of their own (`view`).
 """

@@ -1,13 +1,13 @@
-"""Pictures of fields: contact state and pressure from above, two methods and their difference,
-a line in profile, and maps of where a method converges.
+"""Charts of fields: contact from above, two methods compared, a line in profile, convergence maps.
 
 They need matplotlib alone, so that they exist where nothing can be rendered in three dimensions.
-Arrays are [x, y]; pictures show x to the right and y upward.
+It is imported where it is used, because its import takes longer than most commands.  Arrays are
+[x, y]; pictures show x to the right and y upward.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from epcontact.errors import OutputError
 from epcontact.output.charts.figures import Chart, new_figure, styled
+from epcontact.output.charts.painting import colour_bar, paint_states, show_field
 from epcontact.output.charts.style import (
     DIFFERENCE_MAP,
     PRESSURE_MAP,
@@ -24,10 +25,9 @@ from epcontact.output.charts.style import (
     STRESS_MAP,
     unit_for,
 )
+from epcontact.output.files import write_bytes
+from epcontact.output.vtk import read_fields
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
-
-#: Pixels along the longer side of a field's picture; more points are averaged in colour.
-PIXELS = 800
 
 
 def contact_map(
@@ -38,36 +38,46 @@ def contact_map(
     hardness: float = np.inf,
     caption: str = "",
 ) -> Chart:
-    """Contact state (elastic yellow, plastic black, apart white) and pressure side by side.
+    """Figure 3 of the paper, from above: the contact state and the pressure side by side.
 
-    state, pressure: (nx, ny), the latter in Pa; spacing: (dx, dy) in m.
+    Points apart are white, elastic ones yellow and plastic ones black, as in the paper.
+
+    Args:
+        state: APART, ELASTIC or PLASTIC at each point, of shape (nx, ny).
+        pressure: In Pa, of the same shape.
+        spacing: Distance of grid points (dx, dy) in m.
+        hardness: In Pa; ends the colour scale where it is finite.
+        caption: Replaces the general caption.
     """
     top = hardness if np.isfinite(hardness) else float(np.max(pressure))
     scale, unit = unit_for(top, "Pa")
     shares = {kind: float(np.mean(state == kind)) for kind in (ELASTIC, PLASTIC, APART)}
     with styled():
         figure, (left, right) = new_figure(7.4, 3.9, columns=2)
-        _show(left, state, spacing, _state_colours)
-        mappable, paint = _painter(PRESSURE_MAP, 0.0, top / scale, scale, blank=True)
-        _show(right, pressure, spacing, paint)
+        show_field(left, state, spacing, paint_states)
+        mappable, paint = colour_bar(PRESSURE_MAP, 0.0, top / scale, scale, blank=True)
+        show_field(right, pressure, spacing, paint)
         bar = figure.colorbar(mappable, ax=right, shrink=0.82)
         bar.set_label(f"pressure ({unit}), white: none")
         left.set_title("contact state")
         right.set_title("contact pressure")
         _state_legend(figure, shares)
-    told = caption or "Contact state and contact pressure, seen from above."
+    general = "Contact state and contact pressure, seen from above."
     rows = [(STATE_NAMES[kind], share) for kind, share in shares.items()]
     rows.append(("mean_pressure_Pa", float(np.mean(pressure, dtype=np.float64))))
-    return Chart(figure, ("quantity", "share_of_points_or_value"), rows, told)
+    return Chart(figure, ("quantity", "share_of_points_or_value"), rows, caption or general)
 
 
 def map_of_file(path: Path | str, caption: str = "") -> Chart:
     """The contact map of the fields in a .vti file, or the profile of a line.
 
-    Raises OutputError if the file cannot be read or holds no contact.
-    """
-    from epcontact.output.vtk import read_fields
+    Args:
+        path: Of the file.
+        caption: Replaces the general caption.
 
+    Raises:
+        OutputError: If the file cannot be read or holds no contact.
+    """
     read = read_fields(path)
     missing = {"state", "pressure", "gap"} - read.fields.keys()
     if missing:
@@ -79,6 +89,23 @@ def map_of_file(path: Path | str, caption: str = "") -> Chart:
     return contact_map(state, pressure, read.spacing, hardness=hardness, caption=caption)
 
 
+def save_map(source: Path, target: Path) -> None:
+    """Draw the contact map of a .vti file to files.
+
+    Args:
+        source: The .vti file.
+        target: A .png, or a name without ending for a picture, its data and a caption.
+
+    Raises:
+        OutputError: If a file cannot be read or written.
+    """
+    chart = map_of_file(source)
+    if target.suffix == ".png":
+        write_bytes(target, chart.png())
+    else:
+        chart.save(target)
+
+
 def pressure_difference(
     first: NDArray[Any],
     second: NDArray[Any],
@@ -86,7 +113,16 @@ def pressure_difference(
     *,
     names: tuple[str, str] = ("BEM", "FE"),
 ) -> Chart:
-    """The pressures (nx, ny) of two methods side by side, in one scale, with their difference."""
+    """The pressures of two methods side by side, in one scale, with their difference.
+
+    Args:
+        first, second: Pressures in Pa, of one shape (nx, ny).
+        spacing: Distance of grid points (dx, dy) in m.
+        names: Of the two methods.
+
+    Raises:
+        ValueError: If the shapes differ.
+    """
     if first.shape != second.shape:
         raise ValueError(f"the pressures lie on different grids, {first.shape} and {second.shape}")
     top = float(max(np.max(first), np.max(second)))
@@ -95,15 +131,15 @@ def pressure_difference(
     scale, unit = unit_for(top, "Pa")
     with styled():
         figure, axes = new_figure(10.2, 3.4, columns=3)
-        mappable, paint = _painter(PRESSURE_MAP, 0.0, top / scale, scale, blank=True)
+        mappable, paint = colour_bar(PRESSURE_MAP, 0.0, top / scale, scale, blank=True)
         for panel, field, name in zip(axes, (first, second), names, strict=False):
-            _show(panel, field, spacing, paint)
+            show_field(panel, field, spacing, paint)
             panel.set_title(name)
         figure.colorbar(mappable, ax=axes[:2], shrink=0.82, label=f"pressure ({unit})")
         small, small_unit = unit_for(most, "Pa")
         bound = most / small or 1.0
-        mappable, paint = _painter(DIFFERENCE_MAP, -bound, bound, small)
-        _show(axes[2], difference, spacing, paint)
+        mappable, paint = colour_bar(DIFFERENCE_MAP, -bound, bound, small)
+        show_field(axes[2], difference, spacing, paint)
         axes[2].set_title(f"{names[0]} minus {names[1]}")
         figure.colorbar(mappable, ax=axes[2], shrink=0.82, label=f"difference ({small_unit})")
     caption = f"Contact pressure by {names[0]} and by {names[1]}, and their difference."
@@ -125,9 +161,14 @@ def contact_profile(
     *,
     caption: str = "",
 ) -> Chart:
-    """A line contact: the deformed profile under the rigid flat, and the pressure above it.
+    """A line contact: the deformed profile under the rigid flat, and the pressure.
 
-    state, pressure (Pa), gap (m): (nx,); spacing: (dx,) in m.
+    Args:
+        state: APART, ELASTIC or PLASTIC at each point, of shape (nx,).
+        pressure: In Pa, of the same shape.
+        gap: Between the body and the flat in m, of the same shape.
+        spacing: Distance of grid points (dx,) in m.
+        caption: Replaces the general caption.
     """
     count = state.size
     across, length_unit = unit_for(count * spacing[0], "m")
@@ -157,10 +198,10 @@ def contact_profile(
         right.margins(x=0)
         for axes in (left, right):
             axes.set_xlabel(f"x ({length_unit})")
-    told = caption or "A line contact: deformed profile under the rigid flat, and pressure."
+    general = "A line contact: deformed profile under the rigid flat, and pressure."
     names = ("x_m", "state", "pressure_Pa", "gap_m")
     rows = list(zip(x.tolist(), state.tolist(), pressure.tolist(), gap.tolist(), strict=True))
-    return Chart(figure, names, rows, told)
+    return Chart(figure, names, rows, caption or general)
 
 
 def stability_map(
@@ -172,10 +213,18 @@ def stability_map(
     count: str = "iterations",
     caption: str = "",
 ) -> Chart:
-    """Where each method converges, and how fast.
+    """A map for each method of the parameters at which it converges, and of its effort.
 
-    effort: (len(x), len(y)) counts by method; NaN where it failed (drawn crossed).  x, y: the
-    parameters, drawn in equal steps; labels: their names with units.
+    Args:
+        effort: Counts by method, of shape (len(x), len(y)).  NaN says that the method failed
+            there, and is drawn as a cross.
+        x, y: The parameters, drawn in equal steps.
+        labels: Names of the parameters, with units.
+        count: Name of the effort.
+        caption: Replaces the general caption.
+
+    Raises:
+        ValueError: If the shape of an effort is another one.
     """
     across, up = (np.asarray(v, dtype=np.float64).ravel() for v in (x, y))
     tables = {name: np.asarray(e, dtype=np.float64) for name, e in effort.items()}
@@ -200,81 +249,18 @@ def stability_map(
             axes.set_yticks(*_few_ticks(up))
         panels[0].set_ylabel(labels[1])
         figure.colorbar(image, ax=list(panels), label=f"{count} (crossed: failed)")
-    told = caption or f"{count} of each method; a cross marks where it did not converge."
+    general = f"{count} of each method; a cross marks where it did not converge."
     rows = [
         (name, float(across[i]), float(up[j]), float(table[i, j]))
         for name, table in tables.items()
         for i, j in np.ndindex(table.shape)
     ]
-    return Chart(figure, ("method", labels[0], labels[1], count), rows, told)
+    return Chart(figure, ("method", labels[0], labels[1], count), rows, caption or general)
 
 
 def _few_ticks(values: FloatArray) -> tuple[list[int], list[str]]:
     places = np.unique(np.linspace(0, values.size - 1, min(values.size, 6)).astype(int))
     return places.tolist(), [f"{values[i]:.3g}" for i in places]
-
-
-def _show(
-    axes: Any,
-    field: NDArray[Any],
-    spacing: tuple[float, ...],
-    paint: Callable[[NDArray[Any]], NDArray[Any]],
-) -> None:
-    periods = [n * d for n, d in zip(field.shape, spacing, strict=True)]
-    scale, unit = unit_for(max(periods), "m")
-    # Grid point 0 at the origin: each point is the middle of its pixel.
-    extent = [
-        edge * d / scale
-        for n, d in zip(field.shape, spacing, strict=True)
-        for edge in (-0.5, n - 0.5)
-    ]
-    picture = shrunk(field, paint)
-    axes.imshow(picture.transpose(1, 0, 2), origin="lower", extent=extent)
-    axes.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})")
-    axes.grid(False)
-
-
-def shrunk(
-    field: NDArray[Any], paint: Callable[[NDArray[Any]], NDArray[Any]], pixels: int = PIXELS
-) -> NDArray[np.float32]:
-    """The colours (mx, my, 3) of `field` (nx, ny), averaged to at most `pixels` a side.
-
-    Colours are averaged, not values: a state has no mean, and a thin contact keeps its share of
-    ink.  The rows are painted a few at a time, so that memory stays that of the picture.
-    """
-    edges = [np.linspace(0, n, min(n, pixels) + 1).astype(np.intp) for n in field.shape]
-    picture = np.empty((edges[0].size - 1, edges[1].size - 1, 3), dtype=np.float32)
-    widths = np.diff(edges[1])[:, None]
-    for i, (start, stop) in enumerate(zip(edges[0], edges[0][1:], strict=False)):
-        colours = paint(np.asarray(field[start:stop]))[..., :3].mean(axis=0)
-        picture[i] = np.add.reduceat(colours, edges[1][:-1], axis=0) / widths
-    return picture
-
-
-def _state_colours(states: NDArray[Any]) -> NDArray[Any]:
-    from matplotlib.colors import to_rgb
-
-    table = np.array([to_rgb(STATE_COLOURS[kind]) for kind in (APART, ELASTIC, PLASTIC)])
-    return table[np.asarray(states, dtype=np.intp)]
-
-
-def _painter(
-    name: str, low: float, high: float, scale: float, *, blank: bool = False
-) -> tuple[Any, Callable[[NDArray[Any]], NDArray[Any]]]:
-    """A colour bar's mappable and the function that paints values; `blank`: zeros white."""
-    import matplotlib as mpl
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    mappable = ScalarMappable(Normalize(low, high), mpl.colormaps[name])
-
-    def paint(values: NDArray[Any]) -> NDArray[Any]:
-        colours: NDArray[Any] = mappable.to_rgba(np.asarray(values, dtype=np.float64) / scale)
-        if blank:
-            colours[values <= 0] = 1.0
-        return colours
-
-    return mappable, paint
 
 
 def _state_legend(figure: Any, shares: Mapping[int, float]) -> None:

@@ -1,9 +1,9 @@
-"""The one look of every picture: colours, marks, sizes, units.
+"""The look of every picture: colours, marks, sizes, units.
 
-The colours are those of Okabe and Ito (2008), which people with any colour vision tell apart;
+The colours are those of Okabe and Ito (2008), which people with any colour vision can distinguish;
 series differ in their marks and dashes as well.  Contact states have the same colours in every
 picture, matplotlib's or VTK's: apart white, elastic yellow, plastic black.  Pressure runs from
-yellow to dark the same way.
+yellow to dark.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PRESSURE_MAP = "viridis_r"
 STRESS_MAP = "viridis"
 DIFFERENCE_MAP = "RdBu_r"
 
-#: The methods look the same in every chart.
+#: A method has the same colour in every chart.
 METHOD_COLOURS = MappingProxyType({"persson": "#000000", "bem": "#0072b2", "fem": "#d55e00"})
 CYCLE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
@@ -60,9 +60,18 @@ _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, 
 
 
 def unit_for(largest: float, unit: str) -> tuple[float, str]:
-    """The scale and the prefixed unit in which `largest`, given in `unit`, reads well.
+    """A unit with a prefix in which a quantity reads well.
 
-    Divide by the scale to get numbers in that unit: (2.5e-4, "m") gives (1e-6, "µm").
+    Args:
+        largest: Largest value of the quantity, in `unit`.
+        unit: Without prefix, such as "Pa".
+
+    Returns:
+        The scale by which values are to be divided, and the unit with its prefix.
+
+    Example:
+        >>> unit_for(2.5e-4, "m")
+        (1e-06, 'µm')
     """
     size = abs(largest)
     if not math.isfinite(size) or size == 0:
@@ -76,9 +85,16 @@ def unit_for(largest: float, unit: str) -> tuple[float, str]:
 def series_looks(names: Sequence[str], lines: Sequence[bool]) -> list[dict[str, Any]]:
     """Colour, mark and dashes of each series of a chart.
 
-    A series named for a method has its colour, also where more words follow the name; the others
-    share out what is left of the cycle.  Curves (`lines`) have no marks and differ in their
-    dashes.
+    A series that is named for a method has its colour, also where more words follow the name; the
+    others share the remaining colours of the cycle.
+
+    Args:
+        names: Of the series.
+        lines: For each series, whether it is a curve, which has no marks and differs from the
+            other curves in its dashes.
+
+    Returns:
+        Keyword arguments of matplotlib's `plot` for each series.
     """
     own = [METHOD_COLOURS.get(name.split(" ")[0].rstrip(",:")) for name in names]
     taken = METHOD_COLOURS.values() if any(own) else ()
