@@ -9,6 +9,7 @@ import pytest
 
 from epcontact.errors import InvalidCase
 from epcontact.harness.case import at_size, case_sizes, find_cases, load_case
+from epcontact.harness.verdict import verify
 
 
 def test_sizes_replace_every_table_of_sizes() -> None:
@@ -150,3 +151,13 @@ def test_what_has_no_model_difference_cannot_gate_it(
 
 def test_infinite_hardness_is_the_default(write_case) -> None:
     assert load_case(write_case(("hardness = 6.0e9", ""))).material.hardness == math.inf
+
+
+def test_misspelt_quantity_is_refused_with_the_nearest_name(write_case) -> None:
+    with pytest.raises(InvalidCase, match=r"did you mean 'area\.total\.corrected'"):
+        load_case(write_case(("area.total.corrected", "area.total.corected")))
+
+
+def test_misspelt_size_of_a_bare_verify_is_refused() -> None:
+    with pytest.raises(InvalidCase, match="no size is called 'fats'; did you mean 'fast'"):
+        verify(size="fats")

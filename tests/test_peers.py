@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from epcontact import bem
-from epcontact.errors import InvalidScene, StudyUnavailable
+from epcontact.errors import InvalidCase, InvalidScene, StudyUnavailable
 from epcontact.harness import peers
+from epcontact.harness.methods import solver_named
+from epcontact.harness.verdict import verify
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
 from epcontact.surfaces import SelfAffine
 
@@ -60,3 +65,64 @@ def test_peer_or_one_sentence(scene, name) -> None:
         return
     raw, own = solve(scene).final.areas["raw"], bem.solve(scene).final.areas["raw"]
     assert raw.total == pytest.approx(own.total, rel=1e-2)
+
+
+AGAINST_TAMAAS = (
+    ('methods = ["persson", "bem"]', 'methods = ["bem", "tamaas"]'),
+    (
+        'of = "bem"\nagainst = "persson"\ntolerance = 0.5',
+        'of = "tamaas"\nagainst = "bem"\ntolerance = 0.01',
+    ),
+    ("seeds = [3, 5, 7]", "seeds = [3]"),
+)
+
+
+def test_peer_is_gated_against_the_boundary_elements_or_skipped(write_case, tmp_path) -> None:
+    (case,) = verify(write_case(*AGAINST_TAMAAS), output=tmp_path, jobs=1).cases
+    if importlib.util.find_spec("tamaas") is None:
+        assert case.status == "skipped"
+        assert "tamaas is not installed" in case.skipped_because
+        return
+    assert case.status == "holds"
+    assert set(case.methods) == {"bem", "tamaas"}
+    assert case.answers["tamaas"].results[0].method == "tamaas"
+
+
+def test_solver_takes_the_place_of_bem_under_its_own_name(write_case, tmp_path) -> None:
+    path = write_case(("seeds = [3, 5, 7]", "seeds = [3]"))
+    verdict = verify(path, solver="own=epcontact.bem:solve", output=tmp_path, jobs=1)
+    (case,) = verdict.cases
+    assert set(case.methods) == {"persson", "own"}
+    assert [gate.of for gate in case.gates] == ["own"]
+    assert verdict.passed
+    assert (tmp_path / "small" / "own.json").is_file()
+    assert not (tmp_path / "small" / "bem.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("tamas", "did you mean 'tamaas'"),
+        ("bem=my_solver:solve", "there is a method 'bem' already"),
+        ("my/solver=my_solver:solve", "no name for a method"),
+    ],
+)
+def test_solver_that_is_no_solver_is_refused_at_once(text: str, sentence: str) -> None:
+    with pytest.raises(InvalidCase, match=sentence):
+        solver_named(text)
+
+
+def test_entry_points_are_methods(tmp_path) -> None:
+    about = tmp_path / "other-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[epcontact.methods]\nother = other:solve\n")
+    program = (
+        "from epcontact.harness.methods import METHODS; print(METHODS['other'].source, end='')"
+    )
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    shown = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert shown.stdout == "other:solve"

@@ -91,6 +91,11 @@ def test_solver_and_case_of_the_readers_own(home) -> None:
     assert (home / "verdict" / "junit.xml").exists()
 
 
+def test_the_main_job_is_a_function(home) -> None:
+    (code,) = [text for text in blocks("python") if "epcontact.verify" in text]
+    assert run([sys.executable, "-c", code], home).startswith("True ['holds'")
+
+
 def test_conftest_collects_gates(home) -> None:
     (conftest,) = [text for text in blocks("python") if "pytest_cases" in text]
     (home / "conftest.py").write_text(conftest)

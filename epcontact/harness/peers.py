@@ -1,11 +1,15 @@
-"""Other people's solvers held to this project's gates: `--solver epcontact.harness.peers:tamaas`.
+"""Other people's solvers as methods: ContactMechanics and tamaas, of the extra `peers`.
+
+    ContactMechanics   constrained conjugate gradients of Polonsky and Keer with a hardness
+    tamaas             the same without one (PolonskyKeerRey), Kato's method with a saturation
+                       pressure (KatoSaturated)
 
 A peer gives a pressure field; everything else of the result (gap, residuals, areas, energy) is
 taken from that field here, the same way for all of them, so that a gate judges the pressure and
-not its author's bookkeeping.  The packages come with the extra `peers`.
+not its author's bookkeeping.
 
 Both are given the problem in units of E* and the period, as absolute tolerances inside them
-assume numbers near 1; lines and layers are not asked of them.
+assume numbers near 1; they are not given lines or layers.
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ from __future__ import annotations
 import importlib
 import math
 import time
+from collections.abc import Callable
 
 import numpy as np
 
@@ -31,12 +36,69 @@ from epcontact.results import (
     Provenance,
 )
 from epcontact.scene import Scene
-from epcontact.studies.peers import PEERS
+
+Pressure = Callable[..., FloatArray]
 
 #: The tightest settings that the catalogue's scenes allow: ContactMechanics' tolerance on the
 #: penetration over the rms height, tamaas' tolerance, and the iterations of its saturated solver,
 #: which reports no error to stop by.
 TOLERANCE, ITERATIONS = 1e-6, 3200
+
+
+def _contact_mechanics_pressure(
+    heights: FloatArray,
+    load: float,
+    hardness: float,
+    tolerance: float | None,
+    lengths: tuple[float, float] = (1.0, 1.0),
+) -> FloatArray:
+    """Pressure over E* by ContactMechanics on periods near 1; tolerance: its `pentol`."""
+    from ContactMechanics import PeriodicFFTElasticHalfSpace
+    from ContactMechanics.Optimization import constrained_conjugate_gradients
+
+    nominal = lengths[0] * lengths[1]
+    cell = nominal / heights.size
+    found = constrained_conjugate_gradients(
+        PeriodicFFTElasticHalfSpace(heights.shape, 1.0, lengths),
+        heights,
+        hardness=None if math.isinf(hardness) else hardness * cell,
+        external_force=load * nominal,
+        pentol=tolerance,
+        maxiter=20000,
+    )
+    return np.asarray(found.jac) / cell
+
+
+def _tamaas_pressure(
+    heights: FloatArray,
+    load: float,
+    hardness: float,
+    effort: float | int | None,
+    lengths: tuple[float, float] = (1.0, 1.0),
+) -> FloatArray:
+    """Pressure over E* by tamaas on periods near 1.
+
+    effort: the tolerance without a hardness, the number of iterations with one.
+    """
+    import tamaas as tm
+
+    tm.set_log_level(tm.LogLevel.error)
+    model = tm.Model(tm.model_type.basic_2d, list(lengths), list(heights.shape))
+    model.E, model.nu = 1.0, 0.0
+    if math.isinf(hardness):
+        solver = tm.PolonskyKeerRey(model, heights, float(effort or 1e-8))
+    else:
+        solver = tm.KatoSaturated(model, heights, 1e-8, hardness)
+        solver.max_iter = int(effort or 100)
+    solver.solve(load)
+    return np.array(model.traction)
+
+
+#: By name of the package: pressure over E* of (heights, load, hardness, effort, lengths).
+PEERS: dict[str, Pressure] = {
+    "ContactMechanics": _contact_mechanics_pressure,
+    "tamaas": _tamaas_pressure,
+}
 
 
 def contact_mechanics(scene: Scene) -> ContactResult:
@@ -112,7 +174,7 @@ def result_of(scene: Scene, pressure: FloatArray, name: str, seconds: float = 0.
         quantities=quantities,
     )
     return ContactResult(
-        method="bem",
+        method=name,
         steps=(step,),
         provenance=Provenance(scene.digest, surface.seed, {"solver": name}),
         distribution=pressure_distribution(capped, hardness),

@@ -1,14 +1,10 @@
 """Public codes side by side: the same surface, the same areas, one run, ratios of time.
 
-    ContactMechanics   constrained conjugate gradients of Polonsky and Keer with a hardness
-    tamaas             the same without one (PolonskyKeerRey), Kato's method with a saturation
-                       pressure (KatoSaturated)
-
-Both are given the problem in units of E* and the period, as absolute tolerances inside them
-assume numbers near 1.  Each is run at rising effort (a tighter tolerance, more iterations: Kato's
-reports an error of zero whatever it did) and stopped as soon as its raw areas agree with those
-of `epcontact.bem` within AGREEMENT: time to the right answer, told by someone who knows it, is
-the best that can be said for a code.  One whose areas never agree gets no time.
+The codes and their adapters are those of `harness.peers`.  Each is run at rising effort (a tighter
+tolerance, or more iterations: Kato's method reports an error of zero whatever it did) and stopped
+as soon as its raw areas agree with those of `epcontact.bem` within AGREEMENT.  The time to the
+right answer, stopped by someone who knows it, is the best that a code can do.  A code whose areas
+never agree gets no time.
 """
 
 from __future__ import annotations
@@ -16,13 +12,14 @@ from __future__ import annotations
 import importlib
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from epcontact.errors import StudyUnavailable
+from epcontact.harness.peers import PEERS, Pressure
 from epcontact.output.charts.figures import Series
 from epcontact.output.charts.study import curves
 from epcontact.results import FloatArray
@@ -31,8 +28,6 @@ from epcontact.studies import paper_scene as scenes
 
 if TYPE_CHECKING:
     from epcontact.output.charts.figures import Chart
-
-Pressure = Callable[..., FloatArray]
 
 #: Largest relative difference of total and plastic raw areas that counts as the same answer.
 AGREEMENT = 1e-3
@@ -55,58 +50,6 @@ class Race:
     areas: tuple[float, float]
     agrees: bool
     effort: str
-
-
-def contact_mechanics(
-    heights: FloatArray,
-    load: float,
-    hardness: float,
-    tolerance: float | None,
-    lengths: tuple[float, float] = (1.0, 1.0),
-) -> FloatArray:
-    """Pressure over E* by ContactMechanics on periods near 1; tolerance: its `pentol`."""
-    from ContactMechanics import PeriodicFFTElasticHalfSpace
-    from ContactMechanics.Optimization import constrained_conjugate_gradients
-
-    nominal = lengths[0] * lengths[1]
-    cell = nominal / heights.size
-    found = constrained_conjugate_gradients(
-        PeriodicFFTElasticHalfSpace(heights.shape, 1.0, lengths),
-        heights,
-        hardness=None if math.isinf(hardness) else hardness * cell,
-        external_force=load * nominal,
-        pentol=tolerance,
-        maxiter=20000,
-    )
-    return np.asarray(found.jac) / cell
-
-
-def tamaas(
-    heights: FloatArray,
-    load: float,
-    hardness: float,
-    effort: float | int | None,
-    lengths: tuple[float, float] = (1.0, 1.0),
-) -> FloatArray:
-    """Pressure over E* by tamaas on periods near 1.
-
-    effort: the tolerance without a hardness, the number of iterations with one.
-    """
-    import tamaas as tm
-
-    tm.set_log_level(tm.LogLevel.error)
-    model = tm.Model(tm.model_type.basic_2d, list(lengths), list(heights.shape))
-    model.E, model.nu = 1.0, 0.0
-    if math.isinf(hardness):
-        solver = tm.PolonskyKeerRey(model, heights, float(effort or 1e-8))
-    else:
-        solver = tm.KatoSaturated(model, heights, 1e-8, hardness)
-        solver.max_iter = int(effort or 100)
-    solver.solve(load)
-    return np.array(model.traction)
-
-
-PEERS: dict[str, Pressure] = {"ContactMechanics": contact_mechanics, "tamaas": tamaas}
 
 
 def efforts(code: str, heights: FloatArray, hardness: float) -> list[Any]:
