@@ -62,8 +62,9 @@ class Walk:
     bounded: NDArray[np.bool_]
 
     def rows(self, chosen: NDArray[np.bool_]) -> Walk:
-        """The elements of a mask, in one dimension."""
-        return Walk(*(getattr(self, field.name)[chosen] for field in fields(self)))
+        """The elements of a mask, in one dimension; without copies where it holds all of them."""
+        arrays = [getattr(self, field.name) for field in fields(self)]
+        return Walk(*(a.ravel() if chosen.all() else a[chosen] for a in arrays))
 
     def mirrored(self) -> Walk:
         """The same problem measured from the upper wall."""
