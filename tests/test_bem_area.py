@@ -8,17 +8,16 @@ from scipy.integrate import quad
 from scipy.special import sici
 
 from epcontact import bem
-from epcontact.bem.areas import estimate as area
 from epcontact.bem.areas import front as area_front
+from epcontact.bem.areas import grid as area_grid
 from epcontact.bem.areas import line as area_line
-from epcontact.bem.areas import surface as area_sweep
-from epcontact.bem.areas.estimate import estimate_areas, perimeter_areas
+from epcontact.bem.areas import rim_correction
+from epcontact.bem.areas.rim_correction import estimate_areas, perimeter_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import InvalidScene
 from epcontact.reference import bumps, waves
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
-from epcontact.studies import rim as rim_calibration
-from epcontact.studies.rim_rows import book_rows, solve_rows
+from epcontact.studies import rim
 from epcontact.surfaces import SelfAffine
 
 OPTIONS = bem.Options(tolerance=1e-7)
@@ -77,40 +76,39 @@ def test_offsets_of_straight_fronts():
     axis = 0.25 - (integral + 1e-3 / 3) / (2 * math.pi)
     assert pytest.approx(axis, abs=1e-9) == area_front.AXIS_OFFSET
     # A diagonal front sees rows closer by sqrt 2; the cut of the integral leaves 2e-4.
-    assert rim_calibration.front_offset(0.0) == pytest.approx(axis, abs=2e-4)
-    diagonal = rim_calibration.front_offset(math.pi / 4)
+    assert rim.front_offset(0.0) == pytest.approx(axis, abs=2e-4)
+    diagonal = rim.front_offset(math.pi / 4)
     assert diagonal == pytest.approx(axis / math.sqrt(2), abs=2e-4)
     assert pytest.approx(sici(math.pi)[0] / math.pi, abs=1e-12) == area_front.MIX
 
 
 def test_one_front_of_any_direction():
     """Along an axis the located front is AXIS_OFFSET off; the table goes on where strips end."""
-    mean, amplitude = rim_calibration.calibrate_directions()
-    assert mean == pytest.approx(area.OFFSETS[-1], abs=6e-4)
-    assert amplitude == pytest.approx(area.HARMONIC, abs=1e-4)
+    mean, amplitude = rim.calibrate_directions()
+    assert mean == pytest.approx(rim_correction.OFFSETS[-1], abs=6e-4)
+    assert amplitude == pytest.approx(rim_correction.HARMONIC, abs=1e-4)
     for phase in (0.1, 0.6):
-        rows = solve_rows((1, 0), 80, phase, 0.5 * math.pi / 80)
-        sums = book_rows(rows)[0]
+        sums, _ = rim.front_sums((1, 0), 80, phase, 0.5 * math.pi / 80)
         exact = waves.line_contact_fraction(0.5) * 80 / 2
-        assert sums[area_sweep.AREA] - exact == pytest.approx(area_front.AXIS_OFFSET, abs=1e-3)
+        assert sums[area_grid.AREA] - exact == pytest.approx(area_front.AXIS_OFFSET, abs=1e-3)
 
 
 def test_the_corner_is_that_of_spheres_and_of_gaps():
     """Of any size, and of the other sign where the front bends the other way."""
     for radius in (2.0, 6.0):
-        corner, chance = rim_calibration.calibrate_corner(radius, 16)
-        assert corner == pytest.approx(area.CORNER, abs=3 * chance + 0.01)
+        corner, chance = rim.calibrate_corner(radius, 16)
+        assert corner == pytest.approx(rim_correction.CORNER, abs=3 * chance + 0.01)
 
 
 @pytest.mark.slow
 def test_the_calibration_does_not_depend_on_rounding():
     """Processors differ in their last digits, as phases that differ by 1e-9 of a spacing do."""
-    one, _ = rim_calibration.calibrate_strips(rim_calibration.along_axis())
+    one, _ = rim.calibrate_strips(rim.along_axis())
     moved = [
         (direction, weight, [s + 1e-9 for s in phases])
-        for direction, weight, phases in rim_calibration.along_axis()
+        for direction, weight, phases in rim.along_axis()
     ]
-    other, _ = rim_calibration.calibrate_strips(moved)
+    other, _ = rim.calibrate_strips(moved)
     np.testing.assert_allclose(other, one, atol=1e-6)
 
 
@@ -119,19 +117,17 @@ def test_the_tables_come_from_the_calibration():
     # What the choice of positions leaves: moving all of them by a thousandth of a spacing changes
     # the grid's table by 2.2e-4 and the line's by 9e-4.
     for fronts, known, positions, bound in (
-        (rim_calibration.all_directions(), area.OFFSETS, 3e-4, 1e-3),
-        (rim_calibration.along_axis(), area_line.LINE_OFFSETS, 1.2e-3, 2e-3),
+        (rim.all_directions(), rim_correction.OFFSETS, 3e-4, 1e-3),
+        (rim.along_axis(), area_line.LINE_OFFSETS, 1.2e-3, 2e-3),
     ):
-        table, misfit = rim_calibration.calibrate_strips(fronts)
+        table, misfit = rim.calibrate_strips(fronts)
         np.testing.assert_allclose(table, known, atol=positions)
         assert misfit < bound
-    tip = rim_calibration.calibrate_straight_tip(
-        rim_calibration.all_directions(), area.OFFSETS[-1], area.HARMONIC
+    tip = rim.calibrate_straight_tip(
+        rim.all_directions(), rim_correction.OFFSETS[-1], rim_correction.HARMONIC
     )
-    assert tip == pytest.approx(area.STRAIGHT_TIP, abs=0.003)
-    lone = rim_calibration.calibrate_straight_tip(
-        rim_calibration.along_axis(), area_front.AXIS_OFFSET, 0.0
-    )
+    assert tip == pytest.approx(rim_correction.STRAIGHT_TIP, abs=0.003)
+    lone = rim.calibrate_straight_tip(rim.along_axis(), area_front.AXIS_OFFSET, 0.0)
     assert lone == pytest.approx(area_line.STRAIGHT_LONE, abs=0.003)
 
 

@@ -12,7 +12,7 @@ from epcontact.bem.areas.distribution import (
     graded_pressures,
     pressure_distribution,
 )
-from epcontact.bem.areas.estimate import estimate_areas
+from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import InvalidScene
 from epcontact.reference import waves

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem.areas.distribution import pressure_distribution
-from epcontact.bem.areas.estimate import estimate_areas
+from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.level import GRADIENT_STEP, states
 from epcontact.bem.memory import estimated_memory, require_memory

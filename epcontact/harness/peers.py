@@ -22,7 +22,7 @@ from collections.abc import Callable
 import numpy as np
 
 from epcontact.bem.areas.distribution import pressure_distribution
-from epcontact.bem.areas.estimate import estimate_areas
+from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.errors import InvalidScene, NotConverged, StudyUnavailable
 from epcontact.moduli import effective_modulus

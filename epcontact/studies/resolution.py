@@ -71,7 +71,7 @@ def measure(
 
 def _solve(points: int, seed: int, bandwidth: int) -> _Solved:
     from epcontact import bem
-    from epcontact.bem.areas.estimate import perimeter_areas
+    from epcontact.bem.areas.rim_correction import perimeter_areas
 
     scene = scenes.rough_scene(points, seed, bandwidth)
     result = bem.solve(scene, area_tolerance=1e-6)

@@ -1,21 +1,27 @@
-"""The discrete problem at a straight front: where the area estimates have their constants from.
+"""The laboratory of the rim correction: it measures the constants of `bem.areas`.
 
-One front.  A Wiener-Hopf factorisation on the half-line of rows (`area_rows`) solves it: fronts of
-every position are reached by the pressures (1/S_+) (alpha n + beta), 0 <= beta <= alpha, and far
-inside these are the continuum's K sqrt(s) with the front shifted by
+Rows.  A straight front meets a square grid as rows: with the normal along the lattice direction
+(a, b) they are h = dx/sqrt(a^2 + b^2) apart, each at one pressure.  Their compliance at the wave
+number q is that of the grid at q n folded into its first Brillouin zone, 2/(E* |fold(q n)|), so
+that a problem on a line answers for fronts of any direction.
+
+One front.  A Wiener-Hopf factorisation on the half-line of rows solves it: fronts of every
+position are reached by the pressures (1/S_+) (alpha n + beta), 0 <= beta <= alpha, and far inside
+these are the continuum's K sqrt(s) with the front shifted by
     delta(n)/dx = -(1/pi) int_0^inf ln(|fold(t n)|/t) dt/t^2
 behind the edge of the counted cells, averaged over positions: 0.190 along the grid's axes, 0.134
-along the diagonals.  A located front, as `area_sweep` has it, is 0.190 dx off along the axes
-at any position, and 0.164 along the diagonals.
+along the diagonals.  A front located by `bem.areas.grid` is 0.190 dx off along the axes at any
+position, and 0.164 along the diagonals.
 
-Two fronts.  Where apart and plastic lie close to each other, an elastic strip of width w between
-them, the offset vanishes with w, overshoots and settles at a spacing's width.  Solutions over all
-w, directions and positions give it by u = hardness/|grad v|, which a cell can see.
+Two fronts.  Where apart and plastic points are close to each other, with an elastic strip of
+width w between them, the offset vanishes with w, overshoots and settles at a spacing's width.
+Solutions over all w, directions and positions give it by u = hardness/|grad v|, which a cell can
+see.
 
-Gaps that are narrower than a spacing come as Westergaard's near full contact: what they lack for
-each tip that they show, were every width equally likely, is STRAIGHT_TIP.
+Gaps that are narrower than a spacing appear near full contact as Westergaard's.  The area that
+they lack for each tip that they show, were every width equally likely, is STRAIGHT_TIP.
 
-`python -m epcontact.studies.rim` prints the tables, in some ten seconds.
+`python -m epcontact.studies.rim` prints the constants and tables, in some ten seconds.
 """
 
 from __future__ import annotations
@@ -24,23 +30,24 @@ import itertools
 import math
 from collections.abc import Sequence
 
+import numba
 import numpy as np
 
 from epcontact.bem import Options, solve_pressure
-from epcontact.bem.areas import surface as sweep
-from epcontact.bem.areas.estimate import CORNER, HARMONIC, OFFSETS, TIP, corrected
-from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS
+from epcontact.bem.areas import grid
+from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS, kind
+from epcontact.bem.areas.rim_correction import CORNER, HARMONIC, OFFSETS, TIP, corrected
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
 from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum
-from epcontact.studies.rim_rows import book_rows, front_offset, row_period, solve_rows, solve_wave
 from epcontact.surfaces import SelfAffine
 
 #: Lattice directions of the fronts, spread over the eighth of the circle that symmetry leaves.
 DIRECTIONS = ((1, 0), (23, 1), (17, 3), (15, 4), (13, 5), (11, 7), (13, 9), (11, 9), (1, 1))
-#: Period of the waviness in grid spacings, and hardness in units of E* h/dx: widths 0 to 4 dx.
+#: Period of the waviness in grid spacings, and hardnesses in units of E* h/dx, which give strips
+#: of widths from 0 to 4 dx.
 PERIOD = 40
 HARDNESSES = (
     *(0.003, 0.006, 0.01, 0.014, 0.018, 0.022, 0.026, 0.03, 0.034, 0.037, 0.04, 0.043, 0.046),
@@ -48,16 +55,107 @@ HARDNESSES = (
 )
 #: Loads and hardnesses, in units of E* times the rms slope, of the rough surfaces.
 ROUGH = ((0.05, 0.6), (0.05, math.inf), (0.2, 0.6), (0.1, 1.2), (0.4, 0.6))
-#: Weight of the second differences of the table.
+#: Weight of the second differences of the table in the fit.
 SMOOTHING = 0.003
+
+
+def fold(x: FloatArray) -> FloatArray:
+    """x less the multiple of 2 pi that brings it into [-pi, pi)."""
+    return np.asarray((x + np.pi) % (2 * np.pi) - np.pi)
+
+
+def front_offset(angle: float, limit: float = 400 * math.pi, points: int = 2_000_000) -> float:
+    """delta/dx of a counted front with its normal at `angle` (rad) to a row, by the integral.
+
+    Beyond `limit` the mean of ln|q| over the zone, ln pi + ln(2)/2 - 3/2 + pi/4, stands in.
+    """
+    c, s = math.cos(angle), math.sin(angle)
+    begin = math.pi / max(abs(c), abs(s))
+    t = begin + (np.arange(points) + 0.5) * (limit - begin) / points
+    folded = np.hypot(fold(t * c), fold(t * s))
+    integral = float(np.sum(np.log(folded / t) / t**2)) * (limit - begin) / points
+    mean = math.log(math.pi) + math.log(2) / 2 - 1.5 + math.pi / 4
+    return -(integral + (mean - math.log(limit) - 1) / limit) / math.pi
+
+
+def solved(
+    heights: FloatArray, compliance: FloatArray, load: float, hardness: float = math.inf
+) -> tuple[FloatArray, FloatArray]:
+    """(pressure, gap) of heights on a line or grid of that compliance."""
+    options = Options(tolerance=1e-7)
+    solution = solve_pressure(heights, compliance, load, hardness, options=options)
+    return solution.pressure, solution.displacement + solution.offset - heights
+
+
+def half_space(shape: tuple[int, ...], period: float) -> FloatArray:
+    """The compliance of a half-space of E* = 1 on a line or grid."""
+    q = rfft_wavenumbers(shape, (period,) * len(shape))
+    q.flat[0] = np.inf
+    return 2 / q
+
+
+def wave(points: int, phase: float) -> FloatArray:
+    """One period of a cosine, shifted by `phase` points."""
+    return np.cos(2 * np.pi * (np.arange(points) + phase) / points)
+
+
+def row_period(direction: tuple[int, int], period: float) -> tuple[int, float]:
+    """(rows, their length in dx) nearest to a period; columns of the grid meet every row."""
+    norm = math.hypot(*direction)
+    rows = 2 * round(period * norm / 2)
+    while math.gcd(rows, direction[0]) > 1:
+        rows += 2
+    return rows, rows / norm
+
+
+def front_sums(
+    direction: tuple[int, int], period: float, phase: float, load: float, hardness: float = math.inf
+) -> tuple[FloatArray, FloatArray]:
+    """Sums of `grid.sweep` for one front per dx of it, across a lattice direction.
+
+    The heights are a cosine of a period as of `row_period`, with E* = dx = 1.  Returns the sums
+    (SUMS,) with the first node of the table alone, and the offsets (nodes, 2) with each node.
+    """
+    (a, b), (n, length) = direction, row_period(direction, period)
+    q = 2 * np.pi * np.arange(n // 2 + 1) / n
+    folded = np.hypot(fold(q * a), fold(q * b))
+    folded[0] = np.inf
+    p, g = solved(wave(n, phase), 2 / folded, load, hardness)
+    column = (a * np.arange(n)[:, None] + b * (np.arange(6) - 2)) % n  # it meets every row
+    out = np.zeros((len(grid.U_NODES), grid.SUMS))
+    _add_column(p[column], g[column], hardness * (1 - 1e-12), np.eye(len(out)), out)
+    scale = length / 2 / n
+    return out[0] * scale, out[:, grid.OFFSET : grid.OFFSET + 2] * scale
+
+
+@numba.njit  # not cached: it contains code of another file, which the cache does not watch
+def _add_column(
+    p: FloatArray, g: FloatArray, hardness: float, tables: FloatArray, out: FloatArray
+) -> None:
+    work = grid.workspace()
+    for i in range(p.shape[0]):
+        first = kind(p[i, 3], hardness)
+        same = (
+            kind(p[i - 1, 3], hardness) == first
+            and kind(p[i, 2], hardness) == first
+            and kind(p[i - 1, 2], hardness) == first
+        )
+        for k in range(len(tables)):
+            if same:
+                out[k, grid.AREA] += first > 0
+                out[k, grid.AREA + 1] += first > 1
+            else:
+                grid.add_cell(
+                    p, g, hardness, (STIFFNESS, STIFFNESS), (i, 3), tables[k], out[k], work
+                )
+                if first != 1 and grid.is_tip(p, hardness, i, 3, first):
+                    out[k, grid.TIPS + (first > 1)] += 1
 
 
 def exact_fronts(hardness: float, period: float, points: int = 1 << 16) -> tuple[float, float]:
     """Half-widths of contact and of the plastic part (dx) of one wave, on a very fine line."""
     spacing = period / points
-    q = 2 * np.pi * np.arange(points // 2 + 1) / period
-    q[0] = np.inf
-    p, g = solve_wave(2 / q, points, 0.3, hardness / 2, hardness)
+    p, g = solved(wave(points, 0.3), half_space((points,), period), hardness / 2, hardness)
     field = p - STIFFNESS / spacing * g
     contact = _length(field) / 2 * spacing
     plastic = (points - _length(hardness - field)) / 2 * spacing
@@ -84,7 +182,7 @@ def along_axis(count: int = 60) -> Fronts:
 
 
 def all_directions(along: int = 40, across: int = 2) -> Fronts:
-    """Fronts of all directions: rows of a lattice line need many phases, others have them."""
+    """Fronts of all directions; those along the grid or its diagonal need many phases."""
     angles = np.array([math.atan2(b, a) for a, b in DIRECTIONS])
     weights = np.diff(np.r_[angles[0], (angles[1:] + angles[:-1]) / 2, angles[-1]])
     weights /= weights.sum()
@@ -103,9 +201,9 @@ def calibrate_directions() -> tuple[float, float]:
     offsets = []
     for direction, _, phases in all_directions(40, 1):
         period = row_period(direction, PERIOD)[1]
-        rows = [solve_rows(direction, PERIOD, s, load * math.pi / period) for s in phases]
-        sums = np.mean([book_rows(r)[0] for r in rows], axis=0)
-        offsets.append((sums[sweep.AREA] - exact * period) / sums[sweep.LENGTH])
+        pressure = load * math.pi / period
+        sums = np.mean([front_sums(direction, PERIOD, s, pressure)[0] for s in phases], axis=0)
+        offsets.append((sums[grid.AREA] - exact * period) / sums[grid.LENGTH])
     waves = np.array([math.cos(4 * math.atan2(b, a)) for a, b in DIRECTIONS])
     amplitude, mean = np.polyfit(waves, offsets, 1)
     return float(mean), float(amplitude)
@@ -119,15 +217,15 @@ def calibrate_strips(fronts: Fronts) -> tuple[FloatArray, float]:
     features, biases = [], []
     for hardness in HARDNESSES:
         contact, plastic = exact_fronts(hardness, PERIOD)
-        feature, bias = np.zeros(len(sweep.U_NODES)), 0.0
+        feature, bias = np.zeros(len(grid.U_NODES)), 0.0
         for direction, weight, phases in fronts:
             scale = row_period(direction, PERIOD)[1] / PERIOD
             for phase in phases:
                 cap = hardness / scale
-                sums, nodes = book_rows(solve_rows(direction, PERIOD, phase, cap / 2, cap))
+                sums, nodes = front_sums(direction, PERIOD, phase, cap / 2, cap)
                 feature += weight * nodes.mean(axis=1)
-                outer = sums[sweep.AREA] - contact * scale
-                inner = sums[sweep.AREA + 1] - plastic * scale
+                outer = sums[grid.AREA] - contact * scale
+                inner = sums[grid.AREA + 1] - plastic * scale
                 bias += weight * (outer - inner) / 2
         features.append(feature)
         biases.append(bias)
@@ -137,7 +235,7 @@ def calibrate_strips(fronts: Fronts) -> tuple[FloatArray, float]:
 
 def _fit(features: FloatArray, biases: FloatArray) -> FloatArray:
     """Table with small second differences, 0 where a strip has no width."""
-    nodes = sweep.U_NODES
+    nodes = grid.U_NODES
     smooth = np.zeros((len(nodes) - 1, len(nodes)))
     for i in range(1, len(nodes) - 1):
         left, right = nodes[i] - nodes[i - 1], nodes[i + 1] - nodes[i]
@@ -151,7 +249,7 @@ def _fit(features: FloatArray, biases: FloatArray) -> FloatArray:
 def calibrate_straight_tip(
     fronts: Fronts, offset: float, harmonic: float, step: float = 0.1
 ) -> float:
-    """Cells that a straight gap lacks for each tip, over widths of 0 to 2.2 dx alike.
+    """Cells that a straight gap lacks for each tip, where widths of 0 to 2.2 dx are equally likely.
 
     offset, harmonic: of a located front, in dx.
     """
@@ -162,11 +260,20 @@ def calibrate_straight_tip(
             share = 1 - width / period
             load = math.pi / period * math.sin(math.pi / 2 * share) ** 2
             for phase in phases:
-                sums, _ = book_rows(solve_rows(direction, 24, phase, load))
-                outward = offset * sums[sweep.LENGTH] + harmonic * sums[sweep.HARMONIC]
-                lacking += weight * (sums[sweep.AREA] - outward - share * period / 2)
-                tips += weight * sums[sweep.TIPS]
+                sums, _ = front_sums(direction, 24, phase, load)
+                outward = offset * sums[grid.LENGTH] + harmonic * sums[grid.HARMONIC]
+                lacking += weight * (sums[grid.AREA] - outward - share * period / 2)
+                tips += weight * sums[grid.TIPS]
     return lacking / tips
+
+
+def _swept(heights: FloatArray, load: float, hardness: float = math.inf) -> FloatArray:
+    """The sums of `grid.sweep` over a solution on a square of side 1."""
+    n, sums = len(heights), np.zeros(grid.SUMS)
+    p, g = solved(heights, half_space((n, n), 1.0), load, hardness)
+    c = STIFFNESS * n
+    grid.sweep(p, g, hardness * (1 - 1e-12), (c, c), OFFSETS, sums)
+    return sums
 
 
 def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, float]:
@@ -174,19 +281,12 @@ def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, floa
     n = 2 * round(radius / 0.3)
     force = bumps.sphere_force(radius / n, 1.0, 1.0)
     exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2 * n * n
-    q = rfft_wavenumbers((n, n), (1.0, 1.0))
-    q[0, 0] = np.inf
     out = []
     for shift in np.random.default_rng(1).uniform(size=(shifts, 2)):
         x, y = ((np.arange(n) + s) / n - 0.5 for s in shift)
-        h = -(x[:, None] ** 2 + y**2) / 2
-        solution = solve_pressure(h, 2 / q, force, options=Options(tolerance=1e-7))
-        gap = solution.displacement + solution.offset - h
-        sums = np.zeros(sweep.SUMS)
-        c = STIFFNESS * n
-        sweep.sweep(solution.pressure, gap, math.inf, (c, c), OFFSETS, sums)
-        offset = sums[sweep.OFFSET] + HARMONIC * sums[sweep.HARMONIC]
-        out.append((exact - sums[sweep.AREA] + offset) / sums[sweep.TURN])
+        sums = _swept(-(x[:, None] ** 2 + y**2) / 2, force)
+        offset = sums[grid.OFFSET] + HARMONIC * sums[grid.HARMONIC]
+        out.append((exact - sums[grid.AREA] + offset) / sums[grid.TURN])
     return float(np.mean(out)), float(np.std(out) / math.sqrt(shifts))
 
 
@@ -203,17 +303,10 @@ def calibrate_rough_tip(seeds: Sequence[int] = range(2000, 2004), high: int = 32
         for points in (24, 4):
             n = points * high
             heights = SelfAffine(spectrum, (1.0, 1.0), (n, n), seed).build().heights
-            q = rfft_wavenumbers((n, n), (1.0, 1.0))
-            q[0, 0] = np.inf
-            options = Options(tolerance=1e-7)
-            solution = solve_pressure(heights, 2 / q, load, hardness, options=options)
-            gap, c = solution.displacement + solution.offset - heights, STIFFNESS * n
-            sums, cap = np.zeros(sweep.SUMS), hardness * (1 - 1e-12)
-            sweep.sweep(solution.pressure, gap, cap, (c, c), OFFSETS, sums)
-            found.append(sums / n**2)
+            found.append(_swept(heights, load, hardness) / n**2)
         fronts = 1 if math.isinf(hardness) else 2
         areas = np.array([[corrected(sums, k, 0.0) for k in range(fronts)] for sums in found])
-        tips = found[1][sweep.TIPS : sweep.TIPS + fronts] * np.array([1, -1])[:fronts]
+        tips = found[1][grid.TIPS : grid.TIPS + fronts] * np.array([1, -1])[:fronts]
         if fronts == 2:  # and the elastic area
             areas, tips = np.c_[areas, areas[:, 0] - areas[:, 1]], np.r_[tips, tips[0] - tips[1]]
         # `corrected` has taken TIP for each already.
@@ -223,11 +316,11 @@ def calibrate_rough_tip(seeds: Sequence[int] = range(2000, 2004), high: int = 32
 
 
 def main() -> None:
-    """Print the constants and tables of `area` and `area_line`."""
+    """Print the constants and tables of `bem.areas.rim_correction` and `bem.areas.line`."""
     print("offset of a counted front along an axis", round(front_offset(0.0), 5))
     mean, amplitude = calibrate_directions()
     print("offset of a located front", round(mean, 4), "+", round(amplitude, 4), "cos 4 theta")
-    print("u     ", sweep.U_NODES)
+    print("u     ", grid.U_NODES)
     for name, fronts in (("offset", all_directions()), ("line", along_axis())):
         table, misfit = calibrate_strips(fronts)
         print(name, np.round(table, 4), " largest misfit", round(misfit, 4))

@@ -1,1 +1,7 @@
-"""Contact areas in the limit of a vanishing grid spacing, from the fields on one grid."""
+"""Areas and pressure distributions of a solution in the limit of a vanishing grid spacing.
+
+rim_correction  raw and corrected areas, and their estimated error; the constants
+grid, line      the fronts of a contact, located on a grid or on a line
+front           where a front crosses between two neighbouring points
+distribution    the distribution of the pressures and its two ends
+"""

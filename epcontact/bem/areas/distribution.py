@@ -1,4 +1,4 @@
-"""How the contact pressures of a solution are distributed, and what the grid does to the ends.
+"""The distribution of the contact pressures of a solution, and the effect of the grid at its ends.
 
 P(sigma) is the share of the nominal area per pressure.  Near a rim the pressure rises as the
 square root of the distance, p = K sqrt(s), so in the continuum P(sigma) = slope sigma -> 0 at
@@ -20,7 +20,7 @@ import numpy as np
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray, PressureDistribution
 
-# Of the hardness; what is closer to it than rounding is plastic.
+# A pressure above this share of the hardness is plastic: what is left is rounding.
 _ROUNDING = 1 - 1e-12
 _CHUNK = 1 << 20  # points at a time: no temporary of the grid's size
 
@@ -40,13 +40,22 @@ def graded_pressures(largest: float, bins: int, *, both_ends: bool) -> FloatArra
 def pressure_distribution(
     pressure: FloatArray, hardness: float, bins: int | Sequence[float] | FloatArray = 200
 ) -> PressureDistribution:
-    """The distribution of a pressure field (any shape, Pa) by counting its points.
+    """The distribution of a pressure field by counting its points.
 
-    hardness: in Pa, may be infinite.  bins: their number, graded towards 0 and the hardness (0
-    only, up to the largest pressure, where there is none), or their ascending edges in Pa,
-    beginning at 0.
+    Args:
+        pressure: any shape, in Pa.
+        hardness: in Pa, may be infinite.
+        bins: their number, or their ascending edges in Pa, beginning at 0.  A number of bins is
+            graded towards 0 and the hardness, or, without hardness, towards 0 up to the largest
+            pressure.
 
-    Raises InvalidScene for edges that do not ascend from 0, or fewer than one bin.
+    Raises:
+        InvalidScene: the edges do not ascend from 0, or there is no bin.
+
+    Example:
+        >>> counted = pressure_distribution(np.array([0.0, 0.5, 1.0, 2.0]), 2.0, [0.0, 0.6, 2.0])
+        >>> counted.cumulative, counted.plastic
+        (array([0.  , 0.25, 0.5 ]), 0.25)
     """
     finite = math.isfinite(hardness)
     flat = pressure.reshape(-1)
@@ -74,9 +83,12 @@ def pressure_distribution(
 class EndFit:
     """P(sigma) within `window` (Pa) of an end, as a function of the distance from it (Pa).
 
-    density, slope: of the straight line with the area and the mean pressure of the points there,
-        per Pa and per Pa^2: what the grid shows.
-    continuum_slope: of the straight line through zero with the corrected area there, per Pa^2.
+    Attributes:
+        density, slope: of the straight line with the area and the mean pressure of the points
+            there, per Pa and per Pa^2; both include the effect of the grid.
+        continuum_slope: of the straight line through zero with the corrected area there, per
+            Pa^2.
+        window: in Pa.
     """
 
     density: float
@@ -88,13 +100,17 @@ class EndFit:
 def end_fits(
     pressure: FloatArray, hardness: float, window: float, areas: tuple[Areas, Areas]
 ) -> tuple[EndFit, EndFit | None]:
-    """P at 0+ and at hardness-; the latter None where the hardness is infinite.
+    """P(sigma) near 0 and near the hardness; the latter is None where the hardness is infinite.
 
-    pressure: any shape, Pa; window: Pa, some times the pressure of the points next to the rim,
-    yet small beside the width of P; areas: (raw, corrected) of `area.estimate_areas`.  The area
-    that the counted rims have too much lies within the window, hence `continuum_slope`.
+    Args:
+        pressure: any shape, in Pa.
+        hardness: in Pa, may be infinite.
+        window: in Pa, some times the pressure of the points next to the rim, yet small beside
+            the width of P.  The surplus area of the counted rims lies within the window.
+        areas: (raw, corrected) of `rim_correction.estimate_areas`.
 
-    Raises InvalidScene unless 0 < window <= hardness.
+    Raises:
+        InvalidScene: unless 0 < window <= hardness.
     """
     if not 0 < window <= hardness:
         raise InvalidScene(f"window is {window:g} Pa, but must lie between 0 and the hardness")
@@ -116,9 +132,9 @@ def end_fits(
 def end_fit(share: float, moment: float, window: float, surplus: float = 0.0) -> EndFit:
     """The fit to a share of the nominal area within `window` (Pa) of an end.
 
-    moment: integral of the distance from the end over that share, Pa; surplus: what of the share
-    is the grid's.  The line of density d and slope s at the end has the same share and moment,
-    d w + s w^2/2 and d w^2/2 + s w^3/3.
+    moment: integral of the distance from the end over that share, Pa; surplus: the part of the
+    share that is due to the grid.  The line of density d and slope s at the end has the same share
+    and moment, d w + s w^2/2 and d w^2/2 + s w^3/3.
     """
     w = window
     slope = 12 * moment / w**3 - 6 * share / w**2
@@ -130,13 +146,25 @@ def extrapolated(
     values: Sequence[float] | FloatArray,
     order: float = 1.0,
 ) -> tuple[float, float]:
-    """(limit, error) of values for ever more points n per wavelength: v = limit + c n^-order.
+    """The limit of values for ever more points n per wavelength, v = limit + c n^-order.
 
-    order: 1/2 for the density of `EndFit`, 1 for raw areas.  Least squares over two values or
-    more.  The error is the standard error of the fit, or twice how far the limit moves without
-    the coarsest value, whichever is larger; of two values, how far it is from the finer one.
+    Args:
+        points_per_wavelength: n of each value.
+        values: two or more.
+        order: 1/2 for the density of `EndFit`, 1 for raw areas.
 
-    Raises InvalidScene for fewer than two different numbers of points.
+    Returns:
+        (limit, error) of a least-squares fit.  The error is the standard error of the fit, or
+        twice the change of the limit without the coarsest value, whichever is larger; with two
+        values it is the distance of the limit from the finer one.
+
+    Raises:
+        InvalidScene: fewer than two different numbers of points.
+
+    Example:
+        >>> limit, error = extrapolated([4, 8], [1.5, 1.25])
+        >>> round(limit, 6), round(error, 6)
+        (1.0, 0.25)
     """
     n = np.asarray(points_per_wavelength, dtype=np.float64)
     v = np.asarray(values, dtype=np.float64)

@@ -40,7 +40,7 @@ def kind(p: float, hardness: float) -> int:
 
 @_jit
 def field(p: float, g: float, hardness: float, c: float) -> float:
-    """v = p - c g: not above 0 where apart, not below the hardness where plastic."""
+    """v = p - c g: at most 0 where apart, at least the hardness where plastic."""
     if p <= 0:
         return float(-c * max(g, 0.0))
     if p >= hardness:
@@ -50,8 +50,11 @@ def field(p: float, g: float, hardness: float, c: float) -> float:
 
 @_jit
 def _cubic_shift(q: FloatArray, before: bool, after: bool) -> float:
-    """From the root of the line through (0, q[1]) and (1, q[2]), q[1] > 0 >= q[2], to that of the
-    polynomial that also takes (-1, q[0]) and (2, q[3]), where there are such."""
+    """How far the root of a polynomial is from the root of the straight line.
+
+    The line goes through (0, q[1]) and (1, q[2]) with q[1] > 0 >= q[2]; the polynomial also
+    through (-1, q[0]) if `before` and (2, q[3]) if `after`.
+    """
     a, b = q[1], q[2] - q[1]
     # q = a + b x + x (x - 1) (d + e (x + 1)), or with (x - 2) without the point before.
     d = e = 0.0
@@ -84,7 +87,7 @@ def _cubic_shift(q: FloatArray, before: bool, after: bool) -> float:
 def crossing(v: FloatArray, hardness: float, front: int) -> float:
     """Where between the middle two of four points in line, 0 to 1, v crosses 0 or the hardness.
 
-    v: (4,), overwritten.
+    v: (4,), of `field`, overwritten.
     """
     if front:
         for k in range(4):
@@ -99,7 +102,7 @@ def crossing(v: FloatArray, hardness: float, front: int) -> float:
         v[3] -= MIX * v[2]
         root += _cubic_shift(v, before, after)
     elif v[1] - v[2] > hardness:
-        # No point in the strip: the gap alone, smooth but for the strip, tells the bend.
+        # No point is in the strip.  The bend follows from the gap, which is smooth elsewhere.
         before, after = v[0] >= hardness, v[3] <= 0
         v[0] -= hardness
         v[1] -= hardness

@@ -1,14 +1,15 @@
-"""Lengths of contact on a line, each front located inside its cell by `area_front`.
+"""The rim correction on a line: lengths of contact, each front located inside its cell by `front`.
 
-Fronts are corrected by their offset: AXIS_OFFSET, or where apart and plastic lie close to each
-other what LINE_OFFSETS has for u = hardness/|difference of v|, see `area_sweep`; calibrated in
-`rim_calibration`.  A strip narrower than a spacing has its middle where the force puts it, as the
-pressure rises antisymmetrically about it (p = (2 H/pi) arcsin sqrt(s/w)): half a spacing beyond
-the last plastic point plus the sum of p/H over the elastic ones.
+Each front is moved by its offset: AXIS_OFFSET, or, where points apart and plastic points are
+close to each other, the value of LINE_OFFSETS at u = hardness/|difference of v| (see `grid`).
+The middle of an elastic strip narrower than a spacing follows from the force, because the
+pressure rises antisymmetrically about it, p = (2 H/pi) arcsin sqrt(s/w): it is half a spacing
+beyond the last plastic point plus the sum of p/H over the elastic points.
 
-Gaps (or plastic spots) narrower than a spacing are met by chance.  Met, they show as one point
-between others; for each, LONE of a spacing is missed, as fitted to rough lines.  Straight gaps
-of any width alike, on lines that are smooth but for them, lack STRAIGHT_LONE.
+Gaps (or plastic spots) narrower than a spacing are met by chance.  A gap that is met shows as a
+single point between points in contact.  For each such point the count misses LONE of a spacing,
+which was fitted to rough lines.  On smooth lines with gaps whose widths are equally likely, it
+would miss STRAIGHT_LONE.
 """
 
 from __future__ import annotations
@@ -19,18 +20,20 @@ import numba
 import numpy as np
 
 from epcontact.bem.areas.front import STIFFNESS, crossing, field
-from epcontact.bem.areas.surface import SEEN, interpolated
+from epcontact.bem.areas.grid import SEEN, interpolated
 from epcontact.results import FloatArray
 
 Pair = tuple[float, float]
 
-#: Offset of a located front at area_sweep.U_NODES, in spacings.
+#: Offset of a located front in spacings at grid.U_NODES (`rim.calibrate_strips`).
 LINE_OFFSETS = np.array(
     [
         *(0.0, 0.0717, 0.1382, 0.1932, 0.2292, 0.2358, 0.2471, 0.2106),
         *(0.2007, 0.1976, 0.168, 0.1886, 0.19, 0.19),
     ]
 )
+#: Spacings missed for each lone point: by calibration (`rim.calibrate_straight_tip`), and as
+#: fitted to rough lines.
 STRAIGHT_LONE, LONE = 0.109, 0.2
 
 _jit = numba.njit(cache=True, nogil=True)
@@ -39,7 +42,7 @@ _jit = numba.njit(cache=True, nogil=True)
 def line_lengths(
     pressure: FloatArray, gap: FloatArray, hardness: float, stiffness: float
 ) -> tuple[Pair, Pair, Pair]:
-    """(contact, plastic) lengths in grid spacings: counted, located, and their errors.
+    """(contact, plastic) lengths in grid spacings: as counted, as located, and their errors.
 
     pressure, gap: (n,); stiffness: E*/dx in Pa/m.
     """
@@ -60,9 +63,9 @@ def line_lengths(
 
 
 def _order(counted: float, located: float, n: int, capped: bool) -> float:
-    """What a next order may leave: the correction times its share of the smaller part.
+    """The error of the next order: the correction times its ratio to the smaller part.
 
-    The factors are measured on rough lines; with strips between the fronts more is left.
+    The factors are measured on rough lines; with strips between the fronts the error is larger.
     """
     smaller = max(min(located, n - located), 1.0)
     return (
@@ -74,7 +77,7 @@ def _order(counted: float, located: float, n: int, capped: bool) -> float:
 
 @_jit
 def _located(p: FloatArray, g: FloatArray, hardness: float, c: float) -> tuple[float, float]:
-    """Length where p > 0, and its error by chance: sums over the fronts."""
+    """The length where p > 0, and twice the standard deviation of its error, from all fronts."""
     n = p.size
     length = chance = 0.0
     for i in range(n):
@@ -107,8 +110,10 @@ def _located(p: FloatArray, g: FloatArray, hardness: float, c: float) -> tuple[f
 def _front(
     p: FloatArray, g: FloatArray, hardness: float, c: float, i: int, d: int, front: int
 ) -> tuple[float, float]:
-    """(place of a front between i and i + d, in spacings from i towards i + d, and how far from
-    where a straight line has it)."""
+    """Place of a front between i and i + d, and how far it is from where a straight line has it.
+
+    Both in spacings, from i towards i + d.
+    """
     n, v = p.size, np.empty(4)
     for m in range(4):
         k = (i + (m - 1) * d) % n
@@ -124,8 +129,11 @@ def _front(
 def _strip(
     p: FloatArray, g: FloatArray, hardness: float, c: float, i: int, d: int, outer: float
 ) -> tuple[float, float]:
-    """Width of the strip behind a front beyond i (looking along d), and where the force has its
-    middle, counted from the edge of the points in contact; width 9 if there is none."""
+    """Width of the elastic strip behind a front between i and i + d, and where its middle is.
+
+    The middle follows from the force and is counted from the edge of the points in contact.  The
+    width is 9 if there is no narrow strip.
+    """
     n = p.size
     force = 0.0
     for m in range(4):
@@ -141,11 +149,12 @@ def _strip(
 
 @_jit
 def _dip(before: float, here: float, after: float) -> float:
-    """Width of a gap that may hide at a point of the least pressure.
+    """Width of a gap that may hide next to a point whose pressure is a minimum.
 
-    Where contact is full p is a smooth wave, and where it would fall to -p1 + p2 s^2 a gap of
-    half-width sqrt(2 p1/p2) opens; p1 is p2/4 - p at most, half a spacing from the point.  Of a
-    wave's p2 the second difference shows 1/SEEN at four points to its length.
+    Where contact is full, p is a smooth wave.  Where it would fall to -p1 + p2 s^2 at the
+    distance s from its lowest place, a gap of half-width sqrt(2 p1/p2) opens.  The lowest place
+    is at most half a spacing away, so p1 is at most p2/4 - p.  The second difference of a wave
+    with four points to its length is p2 divided by SEEN.
     """
     bend = SEEN * (before + after - 2 * here) / 2
     if here > min(before, after) or here >= bend / 4:

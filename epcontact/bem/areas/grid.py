@@ -1,14 +1,18 @@
-"""The pass over the grid behind `area.estimate_areas`: fronts located in every cell that has one.
+"""The fronts of a contact on a grid: one pass locates them in every cell that has one.
 
-A front crosses the links between neighbouring points, where `area_front` locates it.
-Straight segments between the crossings of a cell bound the area.
+A front crosses the links between neighbouring points, where `front` locates it.  Straight
+segments between the crossings of a cell bound the area.
 
-What a cell books besides, for the corrections of `area`: its segments' length times an offset by
-u = hardness/|grad v| (grad per spacing), which is the width of the elastic strip in spacings
-where both fronts pass the cell, and large where there is one front only; the turn of the front,
-a quarter for each corner cut off: in the sum over a front its Euler number; tips, the points
-apart (or plastic) with at most two of their eight neighbours like them; and dips, what may hide
-between points that all touch.
+Besides the area, the pass adds up over each front what the corrections of `rim_correction` need:
+
+OFFSET    segment length times the tabulated offset at u = hardness/|grad v| (grad per spacing).
+          u is the width of the elastic strip in spacings where both fronts pass the cell, and
+          large where there is one front only.
+LENGTH    segment length; STRIP, that of narrow strips; HARMONIC, length times cos 4 theta
+TURN      how far the front turns: a quarter for each corner cut off.  Over a whole front this
+          adds up to its Euler number.
+TIPS      points apart (or plastic) of whose eight neighbours at most two are in the same state
+DIPS      squares of the areas that may hide between points that all touch
 """
 
 from __future__ import annotations
@@ -22,24 +26,24 @@ from numpy.typing import NDArray
 from epcontact.bem.areas.front import crossing, field, kind
 from epcontact.results import ELASTIC, FloatArray
 
-#: Nodes of the table of offsets.
+#: Values of u at which the offset is tabulated.
 U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
-#: Curvature of a wave over its second difference, at four points to its length.
+#: Curvature of a wave over its second difference between points a quarter of its length apart.
 SEEN = 1.25
-#: A tip has no more neighbours like it.
+#: A tip has at most this number of neighbours in its own state.
 TIP_NEIGHBOURS = 2
 
 _jit = numba.njit(cache=True, nogil=True)
-# Places in the vector of sums: of the contact first, of the plastic part next.
+# Places in the vector of sums: the contact's value, and after it that of the plastic part.
 AREA, OFFSET, LENGTH, STRIP, HARMONIC, TURN, TIPS, DIPS = range(0, 16, 2)
 SUMS = 16
-#: Fronts are those of a narrow strip below this u.
+#: A front with a smaller u is that of a narrow strip.
 STRIP_BELOW = 0.9
 
 
 @_jit
 def interpolated(u: float, table: FloatArray) -> float:
-    """A table at U_NODES, at u; constant beyond."""
+    """A table given at U_NODES, interpolated to u; constant beyond the nodes."""
     k = 1
     while k < U_NODES.size - 1 and U_NODES[k] < u:
         k += 1
@@ -54,10 +58,11 @@ def _corner(x: float, y: float) -> tuple[float, float]:
 
 @_jit
 def _polygon(inside: NDArray[np.int64], cut: FloatArray, joined: bool) -> tuple[float, float]:
-    """(area, length of its front) of what is inside of a cell, in its own units.
+    """(area, length of front) of the part of a unit cell that is inside the front.
 
-    inside: (4,), 0 or 1, of the corners (0, 0), (1, 0), (1, 1), (0, 1); cut: crossings of its
-    sides, each from its first to its next corner; joined: whether two opposite corners join.
+    inside: (4,), 0 or 1, whether the corners (0, 0), (1, 0), (1, 1), (0, 1) are inside; cut:
+    where the front crosses each side, from its first corner to the next; joined: whether two
+    opposite corners that are inside are connected.
     """
     n = inside.sum()
     if n == 2 and inside[0] != inside[2]:
@@ -65,8 +70,8 @@ def _polygon(inside: NDArray[np.int64], cut: FloatArray, joined: bool) -> tuple[
         s, t = cut[first + 1], 1 - cut[(first + 3) % 4]
         area = (s + t) / 2
         return (area if inside[first] == 1 else 1 - area), math.sqrt(1 + (s - t) ** 2)
-    # Corners cut off: those of the kind there is one of, or, of two opposite ones, the outside's
-    # where the inside joins.
+    # The corners to cut off: the single one, or, of two opposite pairs, the outside one where the
+    # inside is connected.
     kind = 1 if n == 1 or (n == 2 and not joined) else 0
     area = length = 0.0
     for k in range(4):
@@ -79,12 +84,12 @@ def _polygon(inside: NDArray[np.int64], cut: FloatArray, joined: bool) -> tuple[
 
 @_jit
 def workspace() -> tuple[NDArray[np.int64], FloatArray]:
-    """Room for `book`, so that not every cell asks for its own."""
+    """Room for `add_cell`, so that not every cell allocates its own."""
     return np.empty((2, 4), np.int64), np.empty((4, 4))
 
 
 @_jit
-def book(  # noqa: PLR0913, PLR0917 - the problem, where, and what to add to
+def add_cell(  # noqa: PLR0913, PLR0917 - the problem, where, and what to add to
     pressure: FloatArray,
     gap: FloatArray,
     hardness: float,
@@ -94,10 +99,11 @@ def book(  # noqa: PLR0913, PLR0917 - the problem, where, and what to add to
     sums: FloatArray,
     work: tuple[NDArray[np.int64], FloatArray],
 ) -> None:
-    """Add what a cell with a front, between (i - 1, j - 1) and (i, j), has to the sums."""
+    """Add to the sums what a cell with a front has; its corners are (i - 1, j - 1) and (i, j)."""
     (i, j), (nx, ny) = place, pressure.shape
     kinds, inside = work[0][0], work[0][1]
-    # v by the links along x and along y; crossings of the sides; v along one of them.
+    # v with the stiffness of links along x, the same along y; crossings of the four sides; v at
+    # the four points in line with one side.
     along, across, cut, v = work[1][0], work[1][1], work[1][2], work[1][3]
     for k in range(4):
         a = i if k in (1, 2) else i - 1
@@ -164,13 +170,14 @@ def is_tip(pressure: FloatArray, hardness: float, i: int, j: int, state: int) ->
 
 @_jit
 def _dip(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> float:
-    """Square of the area that may hide at a point that is the least of its four neighbours.
+    """Square of the area of a gap that may hide next to a point whose pressure is a minimum.
 
-    Between points p may fall to 0, or for front 1 hardness - p.  Where contact is full, p is a
-    smooth wave; a parabola -p1 + p2 s^2 opens a gap of radius sqrt(3 p1/(2 p2)), as a penny-shaped
-    crack that closes smoothly, and with p at the point its p1 is p2/2 - p at most, as half of a
-    cell's diagonal is the farthest that its bottom can be.  Of a wave's p2 the second difference
-    shows 1/SEEN at four points to its length.
+    Between the points p may fall to 0 (front 1: hardness - p).  Where contact is full, p is a
+    smooth wave.  Where it would fall to -p1 + p2 s^2 at the distance s from its lowest place, a
+    gap of radius sqrt(3 p1/(2 p2)) opens, as a penny-shaped crack that closes smoothly.  The
+    lowest place is at most half of a cell's diagonal away, so p1 is at most p2/2 - p with p the
+    pressure at the point.  The second difference of a wave with four points to its length is p2
+    divided by SEEN.
     """
     nx, ny = pressure.shape
     here, above, below = pressure[i, j], pressure[i - 1, j], pressure[(i + 1) % nx, j]
@@ -197,9 +204,9 @@ def sweep(
     table: FloatArray,
     sums: FloatArray,
 ) -> None:
-    """Book every cell of the periodic grid.
+    """Add up the sums (SUMS,) over every cell of the periodic grid.
 
-    stiffness: c for the links along x and along y; table: offsets at U_NODES.
+    stiffness: c of `front` for the links along x and along y; table: offsets at U_NODES.
     """
     (nx, ny), work = pressure.shape, workspace()
     for i in range(nx):
@@ -210,7 +217,7 @@ def sweep(
                 sums[AREA] += here > 0
                 sums[AREA + 1] += here > 1
             else:
-                book(pressure, gap, hardness, stiffness, (i, j), table, sums, work)
+                add_cell(pressure, gap, hardness, stiffness, (i, j), table, sums, work)
                 if here_2 != ELASTIC and is_tip(pressure, hardness, i, j, here_2):
                     sums[TIPS + (here_2 > ELASTIC)] += 1
             if here_2 == ELASTIC:
