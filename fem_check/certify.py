@@ -8,7 +8,11 @@ internal force.  Of the solver's own loops only the stresses are used.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
+from skfem import Basis, ElementHex1, LinearForm, MeshHex
 
 from epcontact.results import FloatArray
 from fem_check import plasticity
@@ -55,13 +59,13 @@ def assembled_force(block: PeriodicBlock, stress: FloatArray) -> FloatArray:
     return force
 
 
-def layer_mesh(block: PeriodicBlock, positions: FloatArray):  # type: ignore[no-untyped-def]
+def layer_mesh(
+    block: PeriodicBlock, positions: FloatArray
+) -> tuple[Any, tuple[NDArray[np.int64], ...]]:
     """One layer as a conforming mesh of scikit-fem, with (nx + 1)(ny + 1) columns of nodes.
 
     Also returns the periodic block's node for each node, as indices into [level, x, y].
     """
-    from skfem import MeshHex
-
     nx, ny = block.shape
     i, j, level = np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), np.arange(2), indexing="ij")
     at = (level.ravel(), (i % nx).ravel(), (j % ny).ravel())
@@ -76,8 +80,6 @@ def layer_mesh(block: PeriodicBlock, positions: FloatArray):  # type: ignore[no-
 
 
 def _layer_force(block: PeriodicBlock, positions: FloatArray, stress: FloatArray) -> FloatArray:
-    from skfem import Basis, ElementHex1, LinearForm
-
     mesh, at = layer_mesh(block, positions)
     basis = Basis(mesh, ElementHex1(), intorder=2)
     form = LinearForm(lambda v, w: w["x_"] * v.grad[0] + w["y_"] * v.grad[1] + w["z_"] * v.grad[2])

@@ -11,26 +11,26 @@ allow;  moved, where the top nodes are moved to the real heights.
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import psutil
 
-from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
+from epcontact.errors import InvalidScene, NotConverged
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Scene
 from fem_check import plasticity
 from fem_check.certify import certify
 from fem_check.linear_solver import factorise
-from fem_check.mesh import PeriodicBlock, block_for, flat_elements, moved_elements
+from fem_check.memory import peak_memory, require_memory
+from fem_check.mesh import block_for, flat_elements, moved_elements
 from fem_check.path import PathPoint, SolvedPath, follow_path, path_targets
 from fem_check.plasticity import History
 from fem_check.problem import Problem, State
 from fem_check.result import contact_result
+from fem_check.vtu import write_collection, write_step
 
 LawName = Literal["elastic", "capped", "j2"]
 Geometry = Literal["gap", "moved"]
@@ -107,7 +107,7 @@ def solve(  # noqa: PLR0913 - every option of the method, by keyword
         progress=progress,
         output=output,
     )
-    return contact_result(path, _peak_memory())
+    return contact_result(path, peak_memory())
 
 
 def solve_path(  # noqa: PLR0913 - the options of `solve`
@@ -128,7 +128,7 @@ def solve_path(  # noqa: PLR0913 - the options of `solve`
 ) -> SolvedPath:
     """Solve as `solve` does, but return the finite-element state of every point of the path.
 
-    Args, errors: those of `solve`.
+    Arguments and errors are those of `solve`.
 
     Example:
         >>> from epcontact.scene import Load, Material, Scene, Surface
@@ -160,16 +160,12 @@ def solve_path(  # noqa: PLR0913 - the options of `solve`
     points: list[PathPoint] = []
     for point, history in followed:
         if output is not None:
-            from fem_check.vtu import write_step  # loads meshio
-
             write_step(Path(output), len(points), problem, point, history)
         points.append(point)
         if progress is not None:
-            pressure = f"fem: mean pressure {point.mean_pressure:.3g} Pa"
-            progress(len(points) / len(targets), pressure)
+            sentence = f"fem: mean pressure {point.mean_pressure:.3g} Pa"
+            progress(len(points) / len(targets), sentence)
     if output is not None:
-        from fem_check.vtu import write_collection
-
         write_collection(Path(output), [p.mean_pressure for p in points])
     seconds = time.perf_counter() - begin
     options = {
@@ -237,7 +233,7 @@ def problem_of(
         scene, depth=depth, layers=layers, first_layer=first_layer, moved=geometry == "moved"
     )
     require_memory(block, plastic=law == "j2")
-    rule = plasticity.law(
+    material_law = plasticity.law(
         material.young_modulus,
         material.poisson_ratio,
         material.yield_stress if law == "j2" else math.inf,
@@ -248,8 +244,8 @@ def problem_of(
     return Problem(
         block,
         flat if geometry == "gap" else moved_elements(block),
-        factorise(block, flat, rule),
-        rule,
+        factorise(block, flat, material_law),
+        material_law,
         heights - heights.mean() if geometry == "moved" else heights,
         material.hardness * block.node_area if law == "capped" else math.inf,
         geometry == "gap",
@@ -290,39 +286,3 @@ def _certificate(
             residuals=certificate,
         )
     return certificate
-
-
-def bytes_needed(block: PeriodicBlock, *, plastic: bool) -> float:
-    """An estimate of a solve's memory, in bytes, from the arrays kept for elements and nodes.
-
-    An element keeps its connectivity and shape (36 bytes), the history (448) and, where it flows,
-    which is taken to be one element in ten, its tangent correction and matrix rows (2700); in the
-    moved geometry its own gradients (1800, and as much again while scikit-fem makes them).  A node
-    keeps about sixteen displacement fields (24 each) and its half of the factor (15 numbers a
-    wave).
-    """
-    nodes = float(np.prod(block.field_shape[:3]))
-    element = 36 + (448 + 270 if plastic else 0) + (3600 if block.moved is not None else 0)
-    return nodes * (element + 16 * 24 + 15 * 8 / 2)
-
-
-def require_memory(block: PeriodicBlock, *, plastic: bool) -> None:
-    """Raise NotEnoughMemory, before any array is made, if the block will not fit."""
-    needed, free = bytes_needed(block, plastic=plastic), psutil.virtual_memory().available
-    if needed > free:
-        nx, ny = block.shape
-        raise NotEnoughMemory(
-            f"the block of {nx} x {ny} x {len(block.layers)} elements needs about "
-            f"{needed / 2**30:.1f} GiB, but {free / 2**30:.1f} GiB are free; give fewer grid "
-            "points or layers"
-        )
-
-
-def _peak_memory() -> float:
-    """The largest resident memory of this process so far, in bytes."""
-    if sys.platform == "win32":
-        return float(psutil.Process().memory_info().peak_wset)
-    import resource  # which Windows does not have
-
-    peak = float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-    return peak if sys.platform == "darwin" else 1024 * peak

@@ -6,9 +6,9 @@ dilatation (Nagtegaal, Parks and Rice 1974; Hughes 1980):
     e = dev sym(sum_a u_a (x) grad N_a) + I/3 * sum_a u_a . <grad N_a>,
     <g> = (1/V) int_e g dV,
 
-so that plastic flow, which keeps volume, does not lock the element.  Everything an element needs
-is therefore the gradients of its eight basis functions at its eight Gauss points, their mean and
-the weights.  Elements of one shape share one set; `Elements.shape_of` says which.
+so that plastic flow, which keeps volume, does not lock the element.  An element is therefore given
+by the gradients of its eight basis functions at its eight Gauss points, their mean and the
+weights.  Elements of one shape share one set of them; `Elements.shape_of` says which.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from skfem import Basis, ElementHex1, MeshHex
 
 from epcontact.results import FloatArray
 
@@ -53,9 +54,20 @@ class Elements(NamedTuple):
 def elements(
     connectivity: NDArray[np.integer], shape_of: NDArray[np.integer], corners: FloatArray
 ) -> Elements:
-    """The elements of `connectivity` whose shapes have the (shapes, 8, 3) `corners`, in m.
+    """Make elements from their corners.
 
-    Raises ValueError if a shape is turned inside out, as a top too rough for its layers would be.
+    Args:
+        connectivity: (m, 8) node numbers in the order of CORNERS.
+        shape_of: (m,) index of each element's shape.
+        corners: (shapes, 8, 3) positions of the corners of each shape, in m.
+
+    Raises:
+        ValueError: a shape is turned inside out, as happens where the top is too rough.
+
+    Example:
+        >>> unit_cube = elements(np.arange(8)[None], np.zeros(1), CORNERS[None])
+        >>> float(unit_cube.weights.sum().round(12))
+        1.0
     """
     gradients, weights = _gradients(corners)
     volumes = weights.sum(axis=1)
@@ -71,10 +83,8 @@ def elements(
 
 def _gradients(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(shapes, 3, 8, 8) gradients and (shapes, 8) weights, 2 x 2 x 2 Gauss points."""
-    from skfem import Basis, ElementHex1, MeshHex
-
     count = len(corners)
-    # A mesh of bricks that share no node: scikit-fem then never asks how they hang together.
+    # The bricks share no node here, so that scikit-fem need not find their neighbours.
     mesh = MeshHex(
         corners.reshape(-1, 3).T.copy(),
         np.arange(8 * count).reshape(count, 8).T.copy(),
@@ -93,8 +103,10 @@ def _gradients(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def strain_operator(shape: Elements, index: int, *, mean_dilatation: bool = True) -> FloatArray:
-    """B of one shape, (8 Gauss points, 6, 24): rows xx, yy, zz, xy, yz, zx with engineering
-    shears, columns node by node.  Without `mean_dilatation` it is the plain element that locks.
+    """The strain operator B of one shape, (8 Gauss points, 6, 24).
+
+    Its rows are xx, yy, zz, xy, yz, zx with engineering shears, its columns go node by node.
+    Without `mean_dilatation` it is that of the plain element, which locks.
     """
     g = np.moveaxis(shape.gradients[index], 2, 0)  # [gauss, j, a]
     B = np.zeros((8, 6, 8, 3))

@@ -53,7 +53,7 @@ class Factor:
 
 
 def factorise(block: PeriodicBlock, flat: Elements, law: Law) -> Factor:
-    """Eliminates the `flat` elements of `block` wave by wave."""
+    """Eliminate the `flat` elements of `block` wave by wave.  `law` gives the elastic moduli."""
     nx, ny = block.shape
     count, waves = len(block.layers), (nx // 2 + 1) * ny
     cosines, sines = _phases(nx, ny)
@@ -152,7 +152,7 @@ def _eliminate(A, C, below, S):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
 def _down(f, S, C):  # type: ignore[no-untyped-def]
-    """Eliminates from the lowest level given to the top, in place; f is (levels, waves, 3)."""
+    """Eliminate from the lowest level given to the top, in place; f is (levels, waves, 3)."""
     for k in range(f.shape[0] - 2, -1, -1):
         for q in range(C.shape[1]):
             s, c = S[k + 1, q], C[k, q]
@@ -167,7 +167,7 @@ def _down(f, S, C):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
 def _up(f, S, C):  # type: ignore[no-untyped-def]
-    """Solves from the top to the lowest level given, in place."""
+    """Solve from the top to the lowest level given, in place."""
     for k in range(f.shape[0]):
         for q in range(S.shape[1]):
             s = S[k, q]
@@ -185,7 +185,7 @@ def _up(f, S, C):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
 def _continue(level, S, C, out):  # type: ignore[no-untyped-def]
-    """From the `level` (waves, 3) above to the base, no force below it."""
+    """Solve from below the `level` (waves, 3) to the base, where no force acts."""
     for k in range(out.shape[0]):
         for q in range(out.shape[1]):
             s, c = S[k, q], C[k, q]
@@ -235,10 +235,12 @@ def top_descent(factor: Factor, eliminated: ComplexArray) -> FloatArray:
     return -inverse(w.reshape(eliminated.shape[1:3]), factor.shape[0])
 
 
-def substitute(factor: Factor, eliminated: ComplexArray, pressing: FloatArray) -> FloatArray:
-    """The displacement under the eliminated force and the downward nodal forces `pressing`;
-    overwrites `eliminated`."""
-    eliminated[0, :, :, 2] -= transform(pressing)
+def substitute(factor: Factor, eliminated: ComplexArray, contact_forces: FloatArray) -> FloatArray:
+    """The displacement under the eliminated force and the downward `contact_forces` (nx, ny).
+
+    To save a copy in every iteration, it works in the memory of `eliminated`.
+    """
+    eliminated[0, :, :, 2] -= transform(contact_forces)
     _up(_flat(eliminated), factor.compliances, factor.couplings)
     return inverse(eliminated, factor.shape[0])
 

@@ -139,18 +139,18 @@ def _elastic_solve(
     problem: Problem,
     r: FloatArray,
     states: States,
-    wanted: FloatArray,
+    target: FloatArray,
     load: float | None,
     tolerance: float,
     start: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """(z, forces, approach) with K_elastic z = r - forces, z descending by `wanted` + approach
+    """(z, forces, approach) with K_elastic z = r - forces, z descending by `target` + approach
     on the contact nodes."""
     spectrum = eliminate(problem.factor, r)
     descent = top_descent(problem.factor, spectrum)
     solved = solve_contact_forces(
         problem.factor.surface,
-        wanted - descent,
+        target - descent,
         states == ELASTIC,
         load,
         start=start,
@@ -175,22 +175,22 @@ def precondition(
     Returns:
         (z, K z, approach): the preconditioned residual, its product, its part of the approach.
     """
-    problem, contact, left = tangent.problem, states == ELASTIC, r.copy()
+    problem, contact, remaining = tangent.problem, states == ELASTIC, r.copy()
     swept = np.empty(0)
     if sweeps is not None:
         swept = sweeps.pre_smooth(r)
-        sweeps.add_product(-1.0, swept, left)
-        without_base(problem, left)
+        sweeps.add_product(-1.0, swept, remaining)
+        without_base(problem, remaining)
         if missing is not None:
-            missing -= float(left[0, ..., 2][contact].sum())
-        left[0, ..., 2][contact] = 0
+            missing -= float(remaining[0, ..., 2][contact].sum())
+        remaining[0, ..., 2][contact] = 0
     z, forces, approach = _elastic_solve(
-        problem, left, states, np.zeros(states.shape), missing, 1e-6
+        problem, remaining, states, np.zeros(states.shape), missing, 1e-6
     )
-    left[0, ..., 2] -= forces
-    stiff = tangent.product(z, left)
+    remaining[0, ..., 2] -= forces
+    stiff = tangent.product(z, remaining)
     if sweeps is not None:
-        swept += sweeps.post_smooth(np.subtract(left, stiff, out=left))
+        swept += sweeps.post_smooth(np.subtract(remaining, stiff, out=remaining))
         sweeps.add(swept, z)
         sweeps.add_product(1.0, swept, stiff)
         without_base(problem, stiff)
@@ -206,10 +206,10 @@ def _solve_on_set(
     if load is not None and problem.capped:
         load -= float((problem.cap * (states == PLASTIC)).sum())
     offset = 0.0 if load is not None else control.approach
-    wanted = problem.heights + offset + state.displacement[0, ..., 2] + linear.step[0, ..., 2]
+    target = problem.heights + offset + state.displacement[0, ..., 2] + linear.step[0, ..., 2]
     # R still contains the contact forces, so this solve finds them anew as a whole.
     start = np.where(states == ELASTIC, R[0, ..., 2], 0.0)
-    z, forces, d = _elastic_solve(problem, R, states, wanted, load, 1e-11, start)
+    z, forces, d = _elastic_solve(problem, R, states, target, load, 1e-11, start)
     elastic = R.copy()
     elastic[0, ..., 2] -= forces
     R = R - tangent.product(z, elastic)
@@ -230,10 +230,10 @@ def _conjugate_gradients(
     p_approach = 0.0
     while spent < 400:
         r, missing, _ = split_reaction(problem, R, states, control)
-        found = norm(r) + abs(missing)
-        if found <= goal:
+        size = norm(r) + abs(missing)
+        if size <= goal:
             break
-        if spent == 0 and problem.flat and tangent.flows and goal < WORTH_SMOOTHING * found:
+        if spent == 0 and problem.flat and tangent.flows and goal < WORTH_SMOOTHING * size:
             sweeps = smoother(tangent.rows, states == ELASTIC)
         z, Kz, d = precondition(
             tangent, sweeps, r, None if control.load is None else missing, states

@@ -71,23 +71,22 @@ def solve_increment(
     Raises NotConverged with the residuals of every iteration.
     """
     options = options or NewtonOptions()
-    counts, worst_of = Counts(increments=1), []
+    counts, worst = Counts(increments=1), []
     internal, flowing = internal_force(problem, state.displacement, history)
     while True:
-        found = residuals(problem, state, internal, control)
-        worst = max(found.values())
-        worst_of.append(worst)
-        if worst <= options.tolerance and counts.newton > 0:
+        residual = residuals(problem, state, internal, control)
+        worst.append(max(residual.values()))
+        if worst[-1] <= options.tolerance and counts.newton > 0:
             counts = replace(counts, most_newton=counts.newton)
-            return SolvedIncrement(state, counts, found, tuple(worst_of))
-        if counts.newton >= options.max_newton or not np.isfinite(worst):
+            return SolvedIncrement(state, counts, residual, tuple(worst))
+        if counts.newton >= options.max_newton or not np.isfinite(worst[-1]):
             raise NotConverged(
                 f"the load step did not converge in {counts.newton} Newton iterations: relative "
-                f"residual {worst:.2e} instead of {options.tolerance:.0e}",
-                residuals=found,
-                history=worst_of,
+                f"residual {worst[-1]:.2e} instead of {options.tolerance:.0e}",
+                residuals=residual,
+                history=worst,
             )
-        balance = min(1.0, found["balance"] + found["load"])
+        balance = min(1.0, residual["balance"] + residual["load"])
         linear, spent = linear_contact(
             state,
             reaction(problem, state.states, internal),

@@ -105,6 +105,8 @@ def follow_path(
 ) -> Iterator[tuple[PathPoint, History]]:
     """Solve the path point by point, and give each with the material's history at it.
 
+    The history moves on with the path: read it before the next point is asked for.
+
     Args:
         problem: the finite-element problem.
         targets: from `path_targets`.
@@ -121,9 +123,7 @@ def follow_path(
     for target, ends in zip(targets, increments(targets, steps), strict=True):
         counts = Counts()
         for end in ends:
-            states, history, solved, spent = _advance(
-                problem, states, history, end, by_approach, tolerance
-            )
+            states, solved, spent = _advance(problem, states, history, end, by_approach, tolerance)
             counts += spent
         pressure = (float(states[-1].forces.sum()) if by_approach else target) / area
         yield _path_point(problem, pressure, solved, counts, history), history
@@ -136,20 +136,21 @@ def _advance(
     target: float,
     by_approach: bool,
     tolerance: float,
-) -> tuple[tuple[State, ...], History, SolvedIncrement, Counts]:
+) -> tuple[tuple[State, ...], SolvedIncrement, Counts]:
     """Go on from the last of `states` to `target`, in halves where that does not converge.
 
-    Returns the last two states, the history at the target, the last increment and the counts.
+    Commits the history after each increment that does, and returns the last two states, the last
+    increment and the counts.
     """
     begin = _position(problem, states, by_approach)
     end, counts = target, Counts()
     while True:
         control = _control(problem, end, by_approach)
-        if not states:
-            start = _elastic_state(problem, control)
-        else:
-            start = states[-1] if by_approach else _extrapolated(problem, states, end)
         try:
+            if not states:
+                start = _elastic_state(problem, control)
+            else:
+                start = states[-1] if by_approach else _extrapolated(problem, states, end)
             solved = solve_increment(problem, start, history, control, NewtonOptions(tolerance))
         except NotConverged:
             counts += Counts(halvings=1)
@@ -160,9 +161,9 @@ def _advance(
         states, counts = (*states[-1:], solved.state), counts + solved.counts
         if problem.plastic:
             u = solved.state.displacement.reshape(-1, 3)
-            history = plasticity.commit(u, problem.bricks, problem.law, history)
+            plasticity.commit(u, problem.bricks, problem.law, history)
         if end == target:
-            return states, history, solved, counts
+            return states, solved, counts
         begin, end = end, target
 
 

@@ -14,7 +14,8 @@ plasticity), a strain e, its plastic part e_p and the accumulated plastic strain
     C = K I (x) I + 2 mu theta I_dev - 2 mu theta_bar n (x) n,
     theta = 1 - over/|s_trial|,   theta_bar = 1/(1 + H/(3 mu)) - (1 - theta)     (box 3.2).
 
-A converged increment gets its new history (e_p, a) from `commit`; no other function makes one.
+The history (e_p, a) changes in `commit` alone, after an increment has converged; all other
+functions only read it.
 Two compiled loops over the elements do the work: `_stress_update` returns the stress to the yield
 surface, and `_add_correction` multiplies by what the consistent tangent lacks of the elastic
 stiffness.  The dilatation of the B-bar brick (`element`) is its mean over the element.
@@ -165,7 +166,7 @@ def _stress_update(  # type: ignore[no-untyped-def]  # noqa: PLR0912, PLR0913, P
 
     Without a history the law is elastic.  Each of the outputs may be None, and numba then leaves
     its part out of the compiled loop: nodal = (force, flowing), to which the internal force is
-    added; stress (m, 6, 8); updated, a History that holds the old one; terms, the correction's.
+    added; stress (m, 6, 8); updated, the history itself; terms, the correction's.
     """
     ue, s = np.empty((8, 3)), np.empty((6, 8))
     conn, shape_of, G, Gm, w = bricks
@@ -262,11 +263,12 @@ def stresses(u: FloatArray, bricks: Elements, law: Law, history: History | None)
     return stress
 
 
-def commit(u: FloatArray, bricks: Elements, law: Law, history: History) -> History:
-    """The history after the increment that ends at the converged displacement `u`."""
-    updated = History(history.plastic_strain.copy(), history.accumulated.copy())
-    _stress_update(u, bricks, law, history, None, None, None, updated, None)
-    return updated
+def commit(u: FloatArray, bricks: Elements, law: Law, history: History) -> None:
+    """Move `history` on, in place, to the end of the increment with the displacement `u`.
+
+    The history is the largest array of a solve, so no copy of it is made.
+    """
+    _stress_update(u, bricks, law, history, None, None, None, history, None)
 
 
 def tangent_correction(

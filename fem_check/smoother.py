@@ -1,8 +1,8 @@
 """Block Gauss-Seidel sweeps over the flowing nodes: the part the elastic preconditioner misses.
 
-Perfect plasticity gives way along slip lines as thin as an element, wherever the material flows.
-The elastic flat block does not know of them, and no coarse grid does; but sweeps over the flowing
-nodes do, which are a few in a hundred.  The two make one symmetric preconditioner,
+A perfectly plastic body yields along slip lines as thin as an element.  Neither the elastic flat
+block nor a coarse grid can represent them, but sweeps over the flowing nodes can, and these are
+only a few in a hundred.  The two together make one symmetric preconditioner,
 
     sweep up  ->  elastic block  ->  sweep down,
 
@@ -27,18 +27,20 @@ from epcontact.results import FloatArray
 from fem_check.element import CORNERS, Elements, elastic_stiffness
 from fem_check.plasticity import Law, TangentCorrection
 
-#: Sweeps on either side of the elastic block.
+#: Sweeps on either side of the elastic block.  tests/test_fem_smoother.py: they nearly halve the
+#: iterations.
 SWEEPS = 3
 
 _FAST = {"contract", "reassoc", "nsz"}
 
 
 class FlowRows(NamedTuple):
-    """The tangent's rows of the flowing nodes.
+    """The tangent's matrix rows of the flowing nodes.
 
-    nodes: (n,) their numbers, ascending.  neighbours: (n, 27) numbers of the nodes in their rows,
-    -1 where there is none.  places: (n, 27) those nodes' places among `nodes`; n and more where
-    they do not flow.  blocks: (n, 27, 3, 3), N/m.
+    nodes: (n,) their numbers, ascending.
+    neighbours: (n, 27) numbers of the nodes in their rows, -1 where there is none.
+    places: (n, 27) the neighbours' indices in `nodes`; n where a neighbour does not flow.
+    blocks: (n, 27, 3, 3) in N/m.
     """
 
     nodes: NDArray[np.int64]
@@ -75,11 +77,11 @@ class Smoother:
         return x
 
     def add_product(self, scale: float, x: FloatArray, force: FloatArray) -> None:
-        """Adds `scale` times K x to the (levels, nx, ny, 3) `force`, in place."""
+        """Add `scale` times K x to the (levels, nx, ny, 3) `force`, in place."""
         _multiply(self.rows, scale * x, force.reshape(-1, 3))
 
     def add(self, x: FloatArray, displacement: FloatArray) -> None:
-        """Adds x to the flowing nodes' part of a (levels, nx, ny, 3) field, in place."""
+        """Add x to the flowing nodes' part of a (levels, nx, ny, 3) field, in place."""
         displacement.reshape(-1, 3)[self.rows.nodes] += x
 
 

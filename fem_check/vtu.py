@@ -1,11 +1,11 @@
-"""The finite-element body as files: one .vtu a point of the load path and a .pvd over them.
+"""The finite-element body as files: a .vtu for each point of the load path, a .pvd over them.
 
 Points carry displacement (m), the equivalent plastic strain and the nodal stress (means of the
 Gauss points around a node, volume-weighted), its von Mises norm, contact_pressure, gap and state
 of the top; the nodes below have pressure 0, gap NaN and state 0.  Cells carry the means over an
-element.  Coordinates are those of the deformed rough body: the roughness of a gap geometry is put
-on top here, shifted through the layers as the moved geometry would.  A file appears whole or not
-at all.
+element.  Coordinates are those of the deformed rough body: the roughness of a gap geometry is added
+here, shared out over the layers as in the moved geometry.  Files are written under a temporary name
+and renamed, so that no half-written file is left.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-import meshio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,6 +41,8 @@ def write_step(
     folder: Path, number: int, problem: Problem, point: PathPoint, history: History
 ) -> Path:
     """Write one point of the path, and return its file.  Raises OutputError."""
+    import meshio  # slow to load, and few solves write files
+
     points, cells, nodes = _mesh(problem, point.state)
     point_data, cell_data = _data(problem, point.state, history, point.surface_states)
     mesh = meshio.Mesh(
@@ -94,7 +95,7 @@ def _write_atomically(target: Path, write: Callable[[str], object]) -> None:
 def _mesh(
     problem: Problem, state: State
 ) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
-    """Points with the periodic edge closed, cells, and the block's node of each point."""
+    """Points, with copies that close the periodic edge; cells; the block's node of each point."""
     block = problem.block
     nz, (nx, ny) = len(block.layers), block.shape
     where = block.positions()
@@ -161,7 +162,15 @@ def _on_top(problem: Problem, values: FloatArray, elsewhere: float) -> FloatArra
 
 
 def von_mises(stress: FloatArray) -> FloatArray:
-    """(..., 6) stresses xx, yy, zz, xy, yz, zx to their von Mises norms."""
+    """The von Mises norm of stresses.
+
+    Args:
+        stress: (..., 6) components xx, yy, zz, xy, yz, zx.
+
+    Example:
+        >>> float(von_mises(np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0])))
+        2.0
+    """
     s = np.moveaxis(stress, -1, 0)
     normal = (s[0] - s[1]) ** 2 + (s[1] - s[2]) ** 2 + (s[2] - s[0]) ** 2
     result: FloatArray = np.sqrt(normal / 2 + 3 * (s[3] ** 2 + s[4] ** 2 + s[5] ** 2))

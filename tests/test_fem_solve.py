@@ -15,7 +15,7 @@ from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
 from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.studies.stability import rough_surface
-from fem_check import driver, plasticity
+from fem_check import driver, memory, plasticity
 from fem_check import path as path_module
 from fem_check.newton import NewtonOptions, solve_increment
 from fem_check.problem import Control
@@ -313,7 +313,7 @@ def test_the_estimate_of_memory_is_of_the_right_size() -> None:
     kept = problem.bricks.connectivity.nbytes + problem.bricks.shape_of.nbytes
     kept += problem.factor.compliances.nbytes + problem.factor.couplings.nbytes
     kept += sum(a.nbytes for a in plasticity.initial_history(problem.bricks.number))
-    needed = driver.bytes_needed(problem.block, plastic=True)
+    needed = memory.bytes_needed(problem.block, plastic=True)
     assert kept < needed < 2.5 * kept
 
 

@@ -134,7 +134,7 @@ def push(
         q, step = _push_step(body, law, history, (strain, elastic), (pushed, value, free), q,
                              (tolerance, max_newton))  # fmt: skip
         u = (body.motion @ q).reshape(-1, 3)
-        history = plasticity.commit(u, body.bricks, law, history)
+        plasticity.commit(u, body.bricks, law, history)
         out.append(step)
     return out
 
