@@ -12,6 +12,7 @@ import pytest
 from epcontact import bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.case import case_sizes, find_case, find_cases, load_case
+from epcontact.harness.statistics import student_half_width
 from epcontact.harness.store import Answer
 from epcontact.planning import candidates, pilots
 from epcontact.planning.auto_size import auto_case
@@ -104,7 +105,7 @@ def test_roughness_of_both_directions_is_no_line():
 
 def test_the_interval_is_student_s():
     # t(7 degrees, 97.5 %) = 2.364624
-    assert candidates.scatter_of(0.02, 8) == pytest.approx(2.364624 * 0.02 / math.sqrt(8), rel=1e-6)
+    assert student_half_width(0.02, 8) == pytest.approx(2.364624 * 0.02 / math.sqrt(8), rel=1e-6)
 
 
 def test_few_pilots_are_not_taken_at_their_word():

@@ -28,7 +28,7 @@ from epcontact.machine import provide_kernel_cache
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 
-Solve = Callable[[Scene, Mapping[str, Any], int], ContactResult]
+Solve = Callable[[Scene, Mapping[str, Any], int | None], ContactResult]
 
 
 class Table(BaseModel):
@@ -82,7 +82,7 @@ class Method:
     Attributes:
         name: as cases, gates, files of results and the command line call it.
         meaning: one line for lists.
-        solve: maps (scene, options, threads) to a ContactResult.
+        solve: maps (scene, options, threads) to a ContactResult; threads None: all cores.
         table: name of the table of a case file that holds the options; empty if there are none.
         options: schema of that table.  If one of its keys has no default, a case that names the
             method has to give the table.
@@ -119,20 +119,20 @@ class Method:
 # to load, and most commands solve nothing.
 
 
-def _persson(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
+def _persson(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
     from epcontact import persson
 
     del threads  # closed forms
     return persson.solve(scene, **options)
 
 
-def _bem(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
+def _bem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
     from epcontact import bem
 
     return bem.solve(scene, threads=threads, **options)
 
 
-def _fem(scene: Scene, options: Mapping[str, Any], threads: int) -> ContactResult:
+def _fem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
     provide_kernel_cache()  # fem_check imports no part of the package that could do it
     import fem_check
 
@@ -159,7 +159,7 @@ def method_of(name: str, source: str, requires: str = "") -> Method:
 
 
 def _call(
-    name: str, source: str, scene: Scene, options: Mapping[str, Any], threads: int
+    name: str, source: str, scene: Scene, options: Mapping[str, Any], threads: int | None
 ) -> ContactResult:
     del options, threads
     function = _imported(source)

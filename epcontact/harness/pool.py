@@ -3,7 +3,7 @@
 `concurrent.futures` does the work.  What is added here is what it does not do: start the workers
 deaf to Ctrl-C, so that an interrupted command prints no traceback of theirs; end them when the
 parent is killed; and end a running solve, which no exception reaches while it is in compiled code.
-(loky and joblib were considered: their workers print such tracebacks, too.)
+(The pool of loky and joblib was tried: its workers print such tracebacks, and outlive the parent.)
 """
 
 from __future__ import annotations

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri, stdtrit
+from scipy.special import chdtri
 
 from epcontact import surfaces
 from epcontact.harness.case import Case
+from epcontact.harness.statistics import student_half_width
 from epcontact.planning.pilots import (
     Pilot,
     carried_cost,
@@ -142,11 +143,6 @@ def deviation_of(pilots: Sequence[Pilot], part: str) -> float:
     return bound * float(values.std(ddof=1) / values.mean())
 
 
-def scatter_of(deviation: float, count: int) -> float:
-    """Half-width of the 95 % interval of a mean of `count` surfaces."""
-    return float(stdtrit(count - 1, 0.975)) * deviation / math.sqrt(count)
-
-
 def candidates_for(setup: Setup, pilots: Sequence[Pilot], capped: bool) -> list[Candidate]:
     """Every grid of the ladder with the fewest surfaces that meet the tolerance on it."""
     found = []
@@ -157,9 +153,9 @@ def candidates_for(setup: Setup, pilots: Sequence[Pilot], capped: bool) -> list[
         count, scatter = 1, 0.0
         if len(setup.recipes) > 1 and deviation > 0:
             room = math.sqrt(max(setup.tolerance**2 - error**2, 0.0))
-            good = (n for n in range(2, most + 1) if scatter_of(deviation, n) <= room)
+            good = (n for n in range(2, most + 1) if student_half_width(deviation, n) <= room)
             count = next(good, most)
-            scatter = scatter_of(deviation, count)
+            scatter = student_half_width(deviation, count)
         work, seconds = carried_cost(pilots, shape)
         found.append(Candidate(shape, count, error, scatter, raw, work * count, seconds * count))
     return found

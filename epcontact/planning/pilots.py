@@ -19,6 +19,7 @@ import numpy as np
 from epcontact import surfaces
 from epcontact.errors import InvalidScene
 from epcontact.harness.case import Case
+from epcontact.harness.methods import METHODS
 from epcontact.results import Areas, ContactResult
 from epcontact.scene import Scene, Surface
 
@@ -28,6 +29,8 @@ WAVELENGTH_LADDER = (3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 48, 64)
 #: Of the case's own grid, for other shapes.
 SHAPE_LADDER = (1 / 16, 1 / 8, 1 / 4, 3 / 8, 1 / 2, 3 / 4, 1, 3 / 2, 2, 3, 4)
 FEWEST_POINTS = 16
+#: Options of a method that make a pilot cheaper than an answer.
+_PILOT_OPTIONS: dict[str, dict[str, Any]] = {"bem": {"area_tolerance": 1e-4}}
 
 
 @dataclass(frozen=True)
@@ -150,21 +153,17 @@ def _with_shape(recipe: surfaces.Recipe, shape: tuple[int, ...]) -> surfaces.Rec
 def solve(
     case: Case, recipe: surfaces.Recipe, method: str, threads: int | None, **options: Any
 ) -> tuple[Pilot, ContactResult]:
-    """Solve the case on one surface by "bem" or "fem", areas settled to 1e-4.
+    """Solve the case on one surface by a method of its own, with further options.
 
-    Raises InvalidScene, NotConverged.
+    The areas of the boundary elements are settled to 1e-4, which is enough for a plan.
+
+    Raises:
+        InvalidScene, NotConverged: as the method does.
     """
     scene = Scene(recipe.build(), case.material, case.load, case.body)
+    given = _PILOT_OPTIONS.get(method, {}) | dict(case.options.get(method, {})) | options
     started = time.perf_counter()
-    if method == "bem":
-        from epcontact import bem
-
-        given = dict(case.options.get("bem", {})) | options
-        result = bem.solve(scene, area_tolerance=1e-4, threads=threads, **given)
-    else:
-        import fem_check
-
-        result = fem_check.solve(scene, **(dict(case.options["fem"]) | options))
+    result = METHODS[method].solve(scene, given, threads)
     return _pilot(result, recipe.shape, time.perf_counter() - started), result
 
 

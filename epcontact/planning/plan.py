@@ -26,6 +26,7 @@ import numpy as np
 
 from epcontact.errors import InvalidCase
 from epcontact.harness.case import Case
+from epcontact.harness.statistics import student_half_width
 from epcontact.planning.candidates import (
     Candidate,
     Setup,
@@ -36,7 +37,6 @@ from epcontact.planning.candidates import (
     deviation_of,
     finite_element_options,
     sample_surfaces,
-    scatter_of,
 )
 from epcontact.planning.pilots import (
     Pilot,
@@ -229,7 +229,7 @@ def _theory_instead(setup: Setup, pilots: Sequence[Pilot], found: Plan) -> Plan:
         mean *= getattr(finest.areas, part) / getattr(pilots[0].areas, part)
         off.append(abs(getattr(theory, part) / mean - 1))
     deviation = max(deviation_of(pilots, part) for part in parts)
-    scatter = scatter_of(deviation, len(sample)) if len(sample) > 1 else 0.0
+    scatter = student_half_width(deviation, len(sample)) if len(sample) > 1 else 0.0
     doubt = math.hypot(worst(finest.errors, parts), scatter)
     told = (
         f"the theory lies {max(off):.2g} from the pilots, which are uncertain by {doubt:.2g} "
@@ -288,4 +288,6 @@ def _achieved(answer: Answer, part: str) -> float:
     claimed = float(np.mean([getattr(a["error"], part) for a in found])) / float(values.mean())
     if values.size < 2:
         return claimed
-    return math.hypot(claimed, scatter_of(float(values.std(ddof=1) / values.mean()), values.size))
+    return math.hypot(
+        claimed, student_half_width(float(values.std(ddof=1) / values.mean()), values.size)
+    )
