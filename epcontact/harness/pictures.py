@@ -83,6 +83,10 @@ def theory_densities(results: Results, hardness: float) -> list[Series]:
 
     Returns:
         One or two series, or none where the theory has no result or meets no roughness.
+
+    Example:
+        >>> theory_densities({}, hardness=1.0)
+        []
     """
     found = results.get("persson", ())
     diffusion = found[0].final.quantities.get("diffusion", 0.0) if found else 0.0

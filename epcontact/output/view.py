@@ -179,6 +179,15 @@ def load_steps(collection: Path | str) -> list[Path]:
 
     Raises:
         OutputError: If it cannot be read, is no collection or names no file.
+
+    Example:
+        >>> import tempfile
+        >>> step = '<DataSet timestep="0" file="step-0000.vtu"/>'
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "path.pvd"
+        ...     _ = path.write_text(f"<VTKFile><Collection>{step}</Collection></VTKFile>")
+        ...     [file.name for file in load_steps(path)]
+        ['step-0000.vtu']
     """
     try:
         entries = ET.fromstring(read_bytes(collection)).findall("./Collection/DataSet")

@@ -48,6 +48,11 @@ def contact_map(
         spacing: Distance of grid points (dx, dy) in m.
         hardness: In Pa; ends the colour scale where it is finite.
         caption: Replaces the general caption.
+
+    Example:
+        >>> chart = contact_map(np.eye(2), 1e9 * np.eye(2), (1e-6, 1e-6))
+        >>> chart.rows[0]
+        ('elastic', 0.5)
     """
     top = hardness if np.isfinite(hardness) else float(np.max(pressure))
     scale, unit = unit_for(top, "Pa")
