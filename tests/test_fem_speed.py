@@ -10,7 +10,6 @@ from scipy.sparse.linalg import cg, spsolve
 
 import fem_check
 from epcontact.studies import fem
-from epcontact.studies.fem_charts import draw_paths
 from fem_check.benchmarks import speed
 
 
@@ -75,15 +74,16 @@ def test_iterations_of_a_path_hardly_grow_with_the_mesh() -> None:
 
 
 def test_the_growth_of_paths_is_that_of_their_results() -> None:
-    growth = fem.path_growth([(8, 4), (16, 8)], [5, 6], lambda sentence: None)
-    for k, nodes in enumerate((8, 16)):
-        costs = [fem_check.solve(speed.speed_scene(nodes, seed=s), layers=nodes // 2).cost
+    costs = fem.path_costs([(8, 4), (16, 8)], [5, 6], lambda sentence: None).set_index("nodes")
+    for nodes in (8, 16):
+        paths = [fem_check.solve(speed.speed_scene(nodes, seed=s), layers=nodes // 2).cost
                  for s in (5, 6)]  # fmt: skip
-        assert growth.cg[k] == np.mean([c["cg_iterations"] for c in costs])
-        assert growth.newton[k] == np.mean([c["newton_steps"] for c in costs])
-    assert (growth.fft_pairs > 0).all()
-    caption = draw_paths(growth, 2).caption
-    assert f"grow by {growth.cg[1] / growth.cg[0]:.2f}" in caption
+        mean = np.mean([path["cg_iterations"] for path in paths])
+        assert costs["conjugate gradients"][nodes] == mean
+        assert costs["Newton"][nodes] == np.mean([path["newton_steps"] for path in paths])
+    assert (costs["time_in_fft_pairs"] > 0).all()
+    growth = costs["conjugate gradients"][16] / costs["conjugate gradients"][8]
+    assert f"grow by {growth:.2f}" in fem.draw_paths(costs.reset_index(), 2).caption
 
 
 def test_newton_is_quadratic_at_the_end_of_a_step() -> None:

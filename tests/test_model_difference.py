@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import pandas as pd
 import pytest
 from fem_scenes import rough_scene
 
@@ -26,7 +27,7 @@ from epcontact.results import ContactResult
 from epcontact.scene import Body, Scene
 from epcontact.studies import STUDIES, save_charts
 from epcontact.studies.hardness import (
-    NAMES,
+    MEASURES,
     draw_breadths,
     draw_grids,
     draw_severities,
@@ -182,18 +183,23 @@ def test_the_study_answers_the_scenes_of_the_cases(name: str, severity: float, n
 
 
 def test_the_study_draws_what_it_measured() -> None:
-    table = measured(5.0, 0.3, (1, 2), 16, lambda _: None)
-    assert table.shape == (2, len(NAMES))
-    three = np.stack([table, table + 0.1, table + 0.2])
-    charts = draw_severities((5.0, 15.0, 50.0), {0.3: three}, "2 surfaces")
-    for chart, name in zip(charts, NAMES, strict=True):
-        row = chart.rows[0]
+    table = measured((1, 2), lambda _: None, nodes=16, severities=(5.0,))
+    assert len(table) == 2
+    for chart, name in zip(draw_severities(table, "2 surfaces"), MEASURES, strict=True):
+        (row,) = chart.rows
         assert row[:2] == ("nu = 0.3", 5.0)
-        assert row[2] == pytest.approx(table[:, NAMES.index(name)].mean())
+        assert row[2] == pytest.approx(table[name].mean())
         assert row[3] < row[2] < row[4]
-    grids = draw_grids((4.0, 6.0, 8.0), {5.0: three[..., 0]}, 2)
+    shifted = [
+        table.assign(
+            effective_hardness=table["effective_hardness"] + 0.1 * k,
+            nodes_per_wavelength=4.0 + 2 * k,
+            wavelength_ratio=2**k,
+        )
+        for k in range(3)
+    ]
+    grids, breadths = (draw(pd.concat(shifted)) for draw in (draw_grids, draw_breadths))
     assert [row[2] for row in grids.rows] == pytest.approx([-0.2, -0.1])
-    breadths = draw_breadths((2, 4, 8), {5.0: three[..., 0]}, 4, 2)
     assert np.diff([row[2] for row in breadths.rows]) == pytest.approx([0.1, 0.1])
 
 

@@ -8,12 +8,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from epcontact import persson
 from epcontact.bem import solve
 from epcontact.scene import Load
-from epcontact.studies import bem, gap, gap_charts, pressures, pressures_charts, speed
+from epcontact.studies import bem, gap, pressures, speed
 from epcontact.studies import paper_scene as scenes
 
 
@@ -29,13 +30,18 @@ def rows_of(chart):
 
 
 @pytest.fixture(scope="module")
-def ends():
-    return pressures.measure((4, 8, 16), 16, range(3), quiet)
+def figures():
+    return pressures.boundary_element_tables((4, 8, 16), 16, range(3), quiet)[0]
+
+
+def values_of(table: pd.DataFrame, end: str, figure: str) -> np.ndarray:
+    own = table[(table["end"] == end) & (table["figure"] == figure)]
+    return own.sort_values("window")["value"].to_numpy()
 
 
 def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
     scene = scenes.rough_scene(4, 1, 8)
-    theory, end_slopes, distribution = pressures.theory_of(scene)
+    theory, _ = pressures.theory_tables(scene)
     exact = persson.solve(scene, energy_reduction=scenes.GAMMA, spectrum="surface")
     areas_, G = exact.final.areas["raw"], exact.final.quantities["diffusion"]
     # A million pressures, evenly by their share of the area, as a field of boundary elements.
@@ -45,59 +51,78 @@ def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
     share = (np.arange(n) + 0.5) / n
     pressure = np.interp(share, cumulative, sigma, right=0.0)
     pressure[share > 1 - areas_.plastic] = scenes.HARDNESS
-    found = pressures.figures_of(replace(exact, fields={"pressure": pressure}), 4)
-    # The smallest window holds 1300 of the pressures; the table of them is linear in steps.
-    np.testing.assert_allclose(found[:, pressures.MEAN_SLOPE :], theory[:, 4:], rtol=2e-3)
-    np.testing.assert_allclose(found[:, pressures.RAW_SLOPE], theory[:, 1], rtol=2e-2)
-    assert np.all(np.abs(found[:, pressures.DENSITY]) < 2e-3)
-    # P bends down from both its ends, so that the mean slope falls from that at the very end.
-    assert np.all(np.diff(np.column_stack([end_slopes, theory[:, 2:]])) < 0)
-    assert distribution.plastic == pytest.approx(areas_.plastic)
+    found = pressures.end_figures(replace(exact, fields={"pressure": pressure}), 4)
+    for end in pressures.ENDS:
+        mean, exact_mean = (values_of(t, end, pressures.MEAN_SLOPE) for t in (found, theory))
+        # The smallest window holds 1300 of the pressures; the table of them is linear in steps.
+        np.testing.assert_allclose(mean[2:], exact_mean[3:], rtol=2e-3)
+        raw, exact_raw = (values_of(t, end, pressures.RAW_SLOPE) for t in (found, theory))
+        np.testing.assert_allclose(raw, exact_raw, rtol=2e-2)
+        assert abs(values_of(found, end, pressures.DENSITY)[0]) < 2e-3
+        # P bends down from both its ends, so that the mean slope falls from that at the very end.
+        assert np.all(np.diff(exact_mean) < 0)
 
 
 def test_limits_of_exact_powers_are_exact():
-    n = np.array([4.0, 8.0, 16.0])
-    values = np.empty((2, 3, 2, 2 + len(pressures.WINDOWS)))
-    values[:] = (0.3 + 0.2 / n)[:, None, None]
-    values[..., :2] = (0.1 + 0.4 / np.sqrt(n))[:, None, None]
-    found = pressures.Ends(n, values, np.ones((2, 8)), np.ones(2), 1.0, {}, 16)
-    for figure, limit in ((0, 0.1), (1, 0.1), (2, 0.3)):
-        assert found.limit(0, figure).limit == pytest.approx(limit, abs=1e-12)
+    figures = {pressures.DENSITY: (0.1, 0.5), pressures.RAW_SLOPE: (0.1, 0.5)}
+    figures |= {pressures.MEAN_SLOPE: (0.3, 1.0)}
+    rows = [
+        (seed, n, "0+", figure, 0.2, limit + 0.4 * n**-order)
+        for seed in range(2)
+        for n in (4, 8, 16)
+        for figure, (limit, order) in figures.items()
+    ]
+    names = ["seed", "points_per_wavelength", "end", "figure", "window", "value"]
+    found = pressures.grid_limits(pd.DataFrame(rows, columns=names)).set_index("figure")
+    for figure, (limit, _) in figures.items():
+        assert found["value"][figure] == pytest.approx(limit, abs=1e-12)
     # Surfaces that agree and a fit that is exact leave no error; slopes have but two grids left.
-    assert found.limit(0, pressures.DENSITY).error < 1e-12
+    assert found["value_high"]["density"] - found["value"]["density"] < 1e-12
 
 
-def test_the_density_at_both_ends_falls_with_the_grid(ends):
-    for end in range(2):
-        raw = ends.limit(end, pressures.DENSITY)
-        assert np.all(np.diff(raw.mean) < 0)
-        assert abs(raw.limit) < 0.5 * raw.mean[-1]
+def test_the_density_at_both_ends_falls_with_the_grid(figures):
+    limits = pressures.grid_limits(figures)
+    for end in pressures.ENDS:
+        own = figures[figures["end"] == end]
+        means = own.groupby(["figure", "window", "points_per_wavelength"])["value"].mean()
+        density = means["density", pressures.WINDOW]
+        assert density.is_monotonic_decreasing
+        assert abs(values_of(limits, end, pressures.DENSITY)[0]) < 0.5 * density.iloc[-1]
         # The mean slope is positive where the raw one may still be hidden by the rims.
-        assert ends.limit(end, pressures.MEAN_SLOPE).mean[-1] > 0
+        assert means["mean slope", pressures.WINDOW].iloc[-1] > 0
 
 
-def test_the_charts_of_pressures_tell_the_limits(ends):
-    charts = pressures_charts.draw_ends(ends)
-    assert "zero lies" in charts[1].caption
-    for end, name in enumerate(pressures.ENDS):
-        one = ends.limit(end, pressures.DENSITY)
-        assert f"limit {one.limit:+.2g} ± {one.error:.2g}" in charts[1].caption
-        rows = [row for row in rows_of(charts[1]) if row["series"] == f"{name}, limit"]
-        assert float(rows[0]["relative_density"]) == one.limit
-    assert {row["series"] for row in rows_of(charts[0])} >= {"persson", "4 points a wavelength"}
+def test_the_charts_of_pressures_tell_the_limits(figures):
+    theory, _ = pressures.theory_tables(scenes.rough_scene(4, 0, 16))
+    chart = pressures.draw_limits(figures, theory, pressures.DENSITY, "density", "Density")
+    limits = pressures.grid_limits(figures)
+    for end in pressures.ENDS:
+        (limit,) = values_of(limits, end, pressures.DENSITY)
+        assert f"{end}: {limit:+.3g} ±" in chart.caption
+        rows = [row for row in rows_of(chart) if row["series"] == f"{end}, limit"]
+        assert float(rows[0]["relative_density"]) == limit
 
 
 # --- gap ----------------------------------------------------------------------------------------
 
 
+SIZE = (4, 16)  # points per shortest wavelength, bandwidth
+
+
 @pytest.fixture(scope="module")
 def gaps():
-    return gap.measure(4, 16, range(3), quiet)
+    return gap.boundary_element_gaps(*SIZE, range(3), quiet)
+
+
+@pytest.fixture(scope="module")
+def theory():
+    loads = np.geomspace(gap.LOADS[0], gap.LOADS[-1], gap.STEPS * (len(gap.LOADS) - 1) + 1)
+    return gap.theory_gaps(*SIZE, 2, loads.tolist())
 
 
 @pytest.fixture(scope="module")
 def blocks():
-    return gap.measure_blocks((3, 6), 4, 7, quiet)
+    return gap.block_gaps((3, 6), 4, 7, quiet)
 
 
 @pytest.mark.parametrize("hardness", [scenes.HARDNESS, math.inf])
@@ -107,7 +132,10 @@ def test_the_load_s_work_is_stored_or_spent_on_flow(hardness):
     for steps in (4, 8, 16):
         path = Load(tuple(np.linspace(0.04, 0.16, steps + 1) * scenes.MODULUS))
         result = solve(replace(scene, load=path), tolerance=1e-11)
-        told = {key: np.array([s.quantities[key] for s in result.steps]) for key in (*gap.NAMES,)}
+        told = {
+            name: np.array([s.quantities[key] for s in result.steps])
+            for name, key in gap.QUANTITIES.items()
+        }
         parts = told[gap.OPEN] - told[gap.PLASTIC]
         assert told[gap.SEPARATION] == pytest.approx(parts, rel=1e-12)
         p = np.array(path.path)
@@ -121,39 +149,50 @@ def test_the_load_s_work_is_stored_or_spent_on_flow(hardness):
 
 
 def test_gaps_close_and_flow_grows_with_the_load(gaps):
-    for law in gap.LAWS:
-        found = gaps.found[law]
-        assert np.all(np.diff(found[gap.OPEN], axis=1) < 0)
-        assert np.all(np.diff(found[gap.PLASTIC], axis=1) >= 0)
-    assert np.all(gaps.found["elastic"][gap.PLASTIC] == 0)
+    for _, found in gaps.groupby(["law", "seed"]):
+        assert (found[gap.OPEN].diff().iloc[1:] < 0).all()
+        assert (found[gap.PLASTIC].diff().iloc[1:] >= 0).all()
+    capped, elastic = (gaps[gaps["law"] == law] for law in ("capped", "elastic"))
+    assert (elastic[gap.PLASTIC] == 0).all()
     # Flow lets the flat come nearer than elasticity does.
-    assert np.all(gaps.found["capped"][gap.SEPARATION] < gaps.found["elastic"][gap.SEPARATION])
-    assert np.all((gaps.plastic_share > 0) & (gaps.plastic_share < 1))
-    assert max(gaps.grid_error.values()) < 0.01
+    assert np.all(capped[gap.SEPARATION].to_numpy() < elastic[gap.SEPARATION].to_numpy())
+    assert capped["plastic_share"].between(0, 1, inclusive="neither").all()
 
 
-def test_the_theory_s_gap_is_near_where_it_was_made_for(gaps):
-    at = int(np.argmin(np.abs(gaps.loads - 0.05)))
-    for law in gap.LAWS:
-        # 16 waves a side are few; the module of the theory's separation tells 2 to 12 %.
-        assert abs(gaps.deviation(law)[0][at]) < 0.2
+def test_the_gap_hardly_depends_on_the_grid(gaps):
+    fine = gap.boundary_element_gaps(2 * SIZE[0], SIZE[1], range(1), quiet)[gap.OPEN].to_numpy()
+    own = gaps[gaps["seed"] == 0][gap.OPEN].to_numpy()
+    assert np.abs(fine / own - 1).max() < 0.01
+
+
+def test_the_theory_s_gap_is_near_where_it_was_made_for(gaps, theory):
+    deviations = gap.theory_deviations(gaps, theory)
+    at = deviations[np.isclose(deviations["pressure_over_modulus"], 0.05)]
+    # 16 waves a side are few; the module of the theory's separation tells 2 to 12 %.
+    assert len(at) == 2
+    assert (at["deviation_percent"].abs() < 20).all()
 
 
 def test_finite_elements_near_the_gap_of_boundary_elements(blocks):
+    deviations = gap.block_deviations(blocks)
+    largest = deviations["deviation_percent"].abs().groupby(
+        [deviations["law"], deviations["points_per_wavelength"]]
+    ).max()  # fmt: skip
     for law in gap.LAWS:
-        coarse, fine = (np.abs(blocks.deviation(law, n)).max() for n in (3, 6))
-        assert fine < 0.5 * coarse
-        assert fine < 0.05
+        assert largest[law, 6] < 0.5 * largest[law, 3]
+        assert largest[law, 6] < 5
     # J2 at 3 times the yield stress flows more than the cap: the model, not the grid.
-    assert blocks.deviation("j2", 6)[-1] < -0.2
+    j2 = deviations[(deviations["law"] == "j2") & (deviations["points_per_wavelength"] == 6)]
+    assert j2["deviation_percent"].iloc[-1] < -20
 
 
-def test_the_charts_of_the_gap_define_and_tell_it(gaps, blocks):
-    charts = (*gap_charts.draw_gaps(gaps), *gap_charts.draw_blocks(blocks))
+def test_the_charts_of_the_gap_define_and_tell_it(gaps, theory, blocks):
+    charts = (*gap.draw_gaps(gaps, theory, gaps, "3 surfaces"), *gap.draw_blocks(blocks))
     assert "separation = mean of g = open gap - plastic displacement" in charts[1].caption
-    last = 100 * gaps.deviation("elastic")[0][-1]
-    assert f"{last:+.1f} % at 0.4" in charts[2].caption
-    assert f"{100 * blocks.deviation('j2', 6)[-1]:+.1f} % at 0.2" in charts[4].caption
+    last = gap.theory_deviations(gaps, theory)["deviation_percent"].iloc[-1]
+    assert f"elastic {last:+.1f} % at 0.4" in charts[2].caption
+    j2 = gap.block_deviations(blocks)["deviation_percent"].iloc[-1]
+    assert f"j2 {j2:+.1f} % at 0.2" in charts[4].caption
     assert {row["series"] for row in rows_of(charts[3])} >= {"bem, capped", "fem, j2"}
 
 
@@ -162,7 +201,7 @@ def test_the_charts_of_the_gap_define_and_tell_it(gaps, blocks):
 
 @pytest.fixture(scope="module")
 def solves():
-    return speed.measure([64, 128], quiet, threads=1, most_solves=1)
+    return speed.solve_costs([64, 128], quiet, threads=1, most_solves=1)
 
 
 def test_the_unit_of_time_is_made_of_transforms_alone(monkeypatch):
@@ -176,7 +215,7 @@ def test_the_unit_of_time_is_made_of_transforms_alone(monkeypatch):
 
     monkeypatch.setattr(ducc0.fft, "r2c", recording(r2c))
     monkeypatch.setattr(ducc0.fft, "c2r", recording(c2r))
-    assert bem.bare_pair_seconds((32, 48), 1, repeats=3) > 0
+    assert min(bem.bare_pair_times((32, 48), 1, repeats=3)) > 0
     assert [out.shape for out in outs] == [(32, 25), (32, 48)] * 3
     assert len({out.ctypes.data for out in outs}) == 2
     # A pair is what a convolution does, scaling included: there and back is where it began.
@@ -185,15 +224,17 @@ def test_the_unit_of_time_is_made_of_transforms_alone(monkeypatch):
 
 def test_a_solve_to_areas_costs_less_and_has_them(solves):
     assert len(solves) == 8
-    for tight, loose in zip(solves[::2], solves[1::2], strict=True):
-        assert (tight.aim, loose.aim) == (speed.TIGHT, speed.LOOSE)
-        assert (tight.law, tight.side) == (loose.law, loose.side)
-        assert loose.finest_pairs <= tight.finest_pairs <= speed.GOALS["finest_pairs"][speed.TIGHT]
-        assert loose.all_pairs <= tight.all_pairs
-        assert tight.area_error == 0
-        # So small a grid has areas in steps of one point, which is this share of the smallest.
-        assert loose.area_error <= speed.AREA + 1 / (0.05 * loose.side**2)
-        assert min(tight.time, tight.processor_time, loose.time, loose.processor_time) > 0
+    by = ["law", "points_a_side"]
+    aims = (solves[solves["aim"] == aim].set_index(by) for aim in (speed.TIGHT, speed.LOOSE))
+    tight, loose = aims
+    assert (loose["finest_pairs"] <= tight["finest_pairs"]).all()
+    assert (tight["finest_pairs"] <= speed.GOALS["finest_pairs"][speed.TIGHT]).all()
+    assert (loose["all_pairs"] <= tight["all_pairs"]).all()
+    assert (tight["area_error"] == 0).all()
+    # So small a grid has areas in steps of one point, which is this share of the smallest.
+    steps = 1 / (0.05 * loose.index.get_level_values("points_a_side") ** 2)
+    assert (loose["area_error"] <= speed.AREA + steps).all()
+    assert (solves[["time", "processor_time"]] > 0).all(axis=None)
 
 
 def test_the_charts_of_speed_tell_every_solve_and_the_goals(solves):
@@ -201,11 +242,12 @@ def test_the_charts_of_speed_tell_every_solve_and_the_goals(solves):
     speed_keys = ("finest_pairs", "all_pairs", "time", "processor_time")
     for key, chart in zip(speed_keys, charts[:4], strict=True):
         drawn = {(row["series"], float(row["points_a_side"])): row[key] for row in rows_of(chart)}
-        for one in solves:
-            assert float(drawn[f"{one.law}, {one.aim}", one.side]) == getattr(one, key)
-            assert f"{getattr(one, key):.3g} at {one.side}²" in chart.caption
-    assert "60 for residuals 1e-08" in charts[0].caption
-    assert "120 for residuals 1e-08" in charts[2].caption
+        for row in solves.to_dict("records"):
+            name, side = f"{row['law']}, {row['aim']}", row["points_a_side"]
+            assert float(drawn[name, side]) == row[key]
+            assert f"{name}: {row[key]:.3g} at {side}²" in chart.caption
+    goals = {row["series"]: row["time"] for row in rows_of(charts[2]) if "goal" in row["series"]}
+    assert goals == {"goal, residuals 1e-08": "120.0", "goal, areas 0.0001": "60.0"}
     assert [row["series"] for row in rows_of(charts[4])] == ["capped, areas 0.0001"] * 2 + [
         "elastic, areas 0.0001"
     ] * 2

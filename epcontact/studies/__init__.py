@@ -1,7 +1,8 @@
 """Studies: what accuracy costs, and what the theory and its checks say of each other, as charts.
 
-Each study is a module with pure functions that make plain data, and `charts(size, progress)`
-that draws them.  `STUDIES` names them; nothing of a study is imported before it runs.  The size
+A study is a module of this package.  Its functions make tidy tables (pandas, one row a point);
+its function `charts(size, progress)` draws them, each by a `Plot` that says which columns are
+shown.  `STUDIES` names the studies; the module of a study is imported when it runs.  The size
 "fast" takes seconds, "full" minutes.  Times that a chart shows were taken in that one run: their
 ratios mean something, they themselves belong to the machine.
 """
@@ -12,40 +13,48 @@ import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-if TYPE_CHECKING:
-    from epcontact.output.charts.figures import Chart
-
-Size = Literal["fast", "full"]
-Progress = Callable[[str], None]
+from epcontact.output.charts.figures import Chart
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study by name; `run` makes its charts."""
+    """A study by its name, which is that of its module."""
 
     name: str
     description: str
 
-    def run(self, size: Size = "fast", progress: Progress | None = None) -> tuple[Chart, ...]:
-        """The charts; `progress` is called with a sentence now and then.
+    def run(
+        self, size: Literal["fast", "full"] = "fast", progress: Callable[[str], None] | None = None
+    ) -> tuple[Chart, ...]:
+        """Make the charts of the study.
 
-        Raises EpcontactError where a solver does not converge or something is not installed.
+        Args:
+            size: "fast" takes seconds, "full" minutes.
+            progress: called with a sentence now and then.
+
+        Raises:
+            EpcontactError: a solver does not converge, or another code is not installed.
         """
         module = importlib.import_module(f"epcontact.studies.{self.name}")
-        found: tuple[Chart, ...] = module.charts(size, progress or _silent)
-        return found
-
-
-def _silent(_: str) -> None:
-    pass
+        charts: tuple[Chart, ...] = module.charts(size, progress or (lambda _: None))
+        return charts
 
 
 def save_charts(name: str, charts: tuple[Chart, ...], folder: Path) -> list[Path]:
-    """Write the charts of a study as <name>-1, <name>-2, ... (one alone: <name>) into `folder`.
+    """Write the charts of a study as <name>-1, <name>-2, ... (a single one as <name>).
 
-    Returns the files written.  Raises OutputError.
+    Args:
+        name: of the study.
+        charts: as `Study.run` makes them.
+        folder: is made if it is not there.
+
+    Returns:
+        The files written, four a chart.
+
+    Raises:
+        OutputError: a file cannot be written.
     """
     several = len(charts) > 1
     written: list[Path] = []

@@ -9,183 +9,153 @@ a gamma of its own; where those intervals have nothing in common, no single gamm
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 
-from epcontact.output.charts.figures import Series
-from epcontact.output.charts.study import curves
+from epcontact import bem, persson
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.study import Plot, draw_table
 from epcontact.output.charts.style import CYCLE, STATE_COLOURS
-from epcontact.results import ELASTIC, PLASTIC, ContactResult, FloatArray
-from epcontact.studies import Progress, Size
-from epcontact.studies import paper_scene as scenes
+from epcontact.results import ELASTIC, PLASTIC, FloatArray
+from epcontact.studies.paper_scene import (
+    GAMMA,
+    HARDNESS,
+    LAWS,
+    MEAN_PRESSURE,
+    MODULUS,
+    area_rows,
+    rough_scene,
+)
+from epcontact.studies.tables import Progress, Size, listed, mean_with_interval
 
-if TYPE_CHECKING:
-    from epcontact.output.charts.figures import Chart
-
-
-NAMES = {
-    "total_area": "total",
-    "elastic_area": "elastic",
-    "plastic_area": "plastic",
-    "elastic_body_area": "elastic body",
-}
-_COLOURS = {
-    "total": CYCLE[0],
-    "elastic": STATE_COLOURS[ELASTIC],
-    "plastic": STATE_COLOURS[PLASTIC],
-    "elastic body": CYCLE[1],
-}
+AREAS = ("total", "elastic", "plastic", "elastic body")
+_COLOURS = dict(
+    zip(AREAS, (CYCLE[0], STATE_COLOURS[ELASTIC], STATE_COLOURS[PLASTIC], CYCLE[1]), strict=True)
+)
 
 
-@dataclass(frozen=True)
-class GammaFit:
-    """Theory against gamma and what boundary elements found.
+def theory_areas() -> pd.DataFrame:
+    """Areas of the paper's scene by the theory: columns gamma and AREAS, one row a gamma."""
+    diffusion = float(persson.full_contact_diffusion(MODULUS, 1.0))  # the rms slope is 1
+    table = pd.DataFrame(persson.gamma_columns(diffusion, MEAN_PRESSURE, HARDNESS))
+    return table.rename(columns={f"{area.replace(' ', '_')}_area": area for area in AREAS})
 
-    theory: columns (n,), gamma and the areas by the keys of NAMES.
-    bem: mean and half-width of the 95 % interval, by the same keys.
-    fits: by the same keys, (gamma, low, high): where the theory meets the mean and the ends of
-        the interval; NaN where it does not for any gamma in the table.
-    surfaces: how many the means are taken over.
+
+def boundary_element_areas(
+    points_per_wavelength: float, bandwidth: int, seeds: range, progress: Progress
+) -> pd.DataFrame:
+    """Solve the capped and the elastic body on every surface.
+
+    Returns:
+        One row an area: area (of AREAS) and area_fraction with its interval.
     """
-
-    theory: dict[str, FloatArray]
-    bem: dict[str, tuple[float, float]]
-    fits: dict[str, tuple[float, float, float]]
-    surfaces: int
-
-    def theory_at(self, key: str, gamma: float) -> float:
-        """An area of the theory, between the gammas of the table linearly."""
-        return float(np.interp(gamma, self.theory["gamma"], self.theory[key]))
-
-    @property
-    def common(self) -> bool:
-        """Whether one gamma lies in every interval."""
-        low, high = (
-            [fit[end] for fit in self.fits.values() if not math.isnan(fit[end])] for end in (1, 2)
-        )
-        return len(low) == len(self.fits) and max(low) <= min(high)
+    rows = []
+    for seed in seeds:
+        for law, hardness in LAWS.items():
+            progress(f"gamma: seed {seed}, {law}")
+            scene = rough_scene(points_per_wavelength, seed, bandwidth, hardness)
+            rows += area_rows(bem.solve(scene, area_tolerance=1e-5), law=law)
+    table = pd.DataFrame(rows)
+    table["area"] = table["part"].where(table["law"] == "capped", table["part"] + " body")
+    means = mean_with_interval(table, "area_fraction", ["area"], "estimated_error")
+    return means[means["area"].isin(AREAS)]
 
 
-def fit_gamma(
-    bem: dict[str, tuple[float, float]],
-    full_contact_diffusion: float,
-    mean_pressure: float,
-    hardness: float,
-    surfaces: int = 1,
-) -> GammaFit:
-    """The theory's columns and the gamma that meets each area.
+def fit_gamma(theory: pd.DataFrame, found: pd.DataFrame) -> pd.DataFrame:
+    """The gamma at which the theory has each area.
 
-    bem: mean and half-width by the keys of NAMES.  Raises InvalidScene.
+    Args:
+        theory: a column gamma, and a column an area.
+        found: one row an area: area, area_fraction, area_fraction_low, area_fraction_high.
+
+    Returns:
+        One row an area: area, gamma and, for the ends of its interval, gamma_low and gamma_high
+        (NaN where the theory has the area at no gamma, or at several), and deviation_percent,
+        that of the theory at the gamma of the paper.
     """
-    from epcontact.persson import gamma_columns
-
-    theory = gamma_columns(full_contact_diffusion, mean_pressure, hardness)
-    fits = {}
-    for key, (mean, half_width) in bem.items():
-        middle, one, other = (
-            _crossing(theory["gamma"], theory[key], level)
-            for level in (mean, mean - half_width, mean + half_width)
+    gamma, rows = theory["gamma"].to_numpy(), []
+    for row in found.to_dict("records"):
+        areas = theory[row["area"]].to_numpy()
+        middle, *ends = (
+            _crossing(gamma, areas, row[key])
+            for key in ("area_fraction", "area_fraction_low", "area_fraction_high")
         )
-        fits[key] = (middle, min(one, other), max(one, other))
-    return GammaFit(theory, bem, fits, surfaces)
+        deviation = 100 * (float(np.interp(GAMMA, gamma, areas)) / row["area_fraction"] - 1)
+        rows.append((row["area"], middle, min(ends), max(ends), deviation))
+    names = ["area", "gamma", "gamma_low", "gamma_high", "deviation_percent"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def one_gamma_fits(fits: pd.DataFrame) -> bool:
+    """Whether one gamma lies in the intervals of all areas."""
+    ends = fits[["gamma_low", "gamma_high"]]
+    return bool(ends.notna().all(axis=None) and ends["gamma_low"].max() <= ends["gamma_high"].min())
 
 
 def _crossing(x: FloatArray, y: FloatArray, level: float) -> float:
-    """The only x at which y, interpolated linearly, has the level; NaN if it is not one alone."""
+    """The only x at which y, interpolated linearly, has the level; NaN if there is not just one."""
     above = y > level
-    at = np.flatnonzero(above[1:] != above[:-1])
-    if at.size != 1:
+    crossings = np.flatnonzero(above[1:] != above[:-1])
+    if crossings.size != 1:
         return math.nan
-    i = int(at[0])
+    i = crossings[0]
     return float(x[i] + (level - y[i]) * (x[i + 1] - x[i]) / (y[i + 1] - y[i]))
-
-
-def measure(
-    points_per_wavelength: float, bandwidth: int, seeds: range, progress: Progress
-) -> GammaFit:
-    """Solve the capped and the elastic body on every surface and fit gamma to each area."""
-    from epcontact import bem, persson
-
-    results: dict[float, list[ContactResult]] = {scenes.HARDNESS: [], math.inf: []}
-    for seed in seeds:
-        for hardness, found in results.items():
-            progress(f"gamma: seed {seed}, hardness {hardness:g} Pa")
-            scene = scenes.rough_scene(points_per_wavelength, seed, bandwidth, hardness)
-            found.append(bem.solve(scene, area_tolerance=1e-5))
-    capped, elastic = results.values()
-    areas = {f"{part}_area": scenes.area_band(capped, part) for part in scenes.PARTS}
-    areas["elastic_body_area"] = scenes.area_band(elastic, "total")
-    tau = float(persson.full_contact_diffusion(scenes.MODULUS, 1.0))  # the rms slope is 1
-    return fit_gamma(areas, tau, scenes.MEAN_PRESSURE, scenes.HARDNESS, len(seeds))
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     """Areas against gamma, and their deviation from the boundary elements."""
     points, bandwidth = (4, 128) if size == "fast" else (8, 256)
-    return draw_fit(measure(points, bandwidth, range(7, 15), progress), points, bandwidth)
+    seeds = range(7, 15)
+    found = boundary_element_areas(points, bandwidth, seeds, progress)
+    surfaces = (
+        f"{len(seeds)} surfaces, {points} points per shortest wavelength, which is 1/{bandwidth} "
+        "of the longest"
+    )
+    return draw_gamma(theory_areas(), found, surfaces)
 
 
-def draw_fit(fit: GammaFit, points: float, bandwidth: int) -> tuple[Chart, ...]:
-    """The two charts of a fit."""
-    gamma = fit.theory["gamma"]
-    ends = gamma[[0, -1]]
-    areas, deviations = [], []
-    for key, name in NAMES.items():
-        mean, half_width = fit.bem[key]
-        areas.append(Series(f"{name}, theory", gamma, fit.theory[key], line=True))
-        level = np.full(2, mean)
-        areas.append(
-            Series(f"{name}, bem", ends, level, level - half_width, level + half_width, line=True)
+def draw_gamma(theory: pd.DataFrame, found: pd.DataFrame, surfaces: str) -> tuple[Chart, Chart]:
+    """The two charts; `surfaces` says over what the areas of `found` are means."""
+    curves = theory.melt("gamma", list(AREAS), "area", "area_fraction")
+    levels = found.merge(theory["gamma"].iloc[[0, -1]], how="cross")
+    areas = pd.concat([curves.assign(method="theory"), levels.assign(method="bem")])
+    areas = areas.sort_values("area", key=lambda area: area.map(AREAS.index), kind="stable")
+    deviations = curves.merge(found, on="area", suffixes=("", "_bem"))
+    for end, bound in (("", "_bem"), ("_low", "_low"), ("_high", "_high")):
+        # The interval of the mean is one of the ratio, as the theory has none of its own.
+        ratio = deviations["area_fraction"] / deviations["area_fraction_bem"] ** 2
+        deviations[f"deviation_percent{end}"] = 100 * (
+            ratio * deviations[f"area_fraction{bound}"] - 1
         )
-        ratio = 100 * (fit.theory[key] / mean - 1)
-        width = 100 * half_width / mean * fit.theory[key] / mean
-        deviations.append(Series(name, gamma, ratio, ratio - width, ratio + width, line=True))
-    told = _told(fit, points, bandwidth)
-    colours = {
-        f"{name}, {who}": _COLOURS[name] for name in NAMES.values() for who in ("theory", "bem")
-    }
-    gamma_label, mark = r"energy reduction $\gamma$ (–)", {r"$\gamma$ of the paper": scenes.GAMMA}
+    fits = fit_gamma(theory, found)
+    caption = (
+        f"boundary elements in the continuum limit, mean with its 95 % interval of {surfaces}; "
+        "p0/(E* xi) = 0.05, hardness/(E* xi) = 0.6 (capped body) or infinite (elastic body). Gamma "
+        "that meets each area, with the interval: "
+        f"{listed(fits, '{area} {gamma:.3f} ({gamma_low:.3f} to {gamma_high:.3f})')}. "
+        f"At gamma = {GAMMA}: {listed(fits, '{area} {deviation_percent:+.1f} %')}. "
+        f"{'One gamma fits' if one_gamma_fits(fits) else 'No single gamma fits'} all four."
+    )
+    plot = Plot(
+        ("gamma", r"energy reduction $\gamma$ (–)"),
+        ("area_fraction", r"contact area $A / A_0$ (–)"),
+        series=("area", "method"),
+        colour="area",
+        colours=_COLOURS,
+        upright={r"$\gamma$ of the paper": GAMMA},
+    )
+    deviation = replace(
+        plot,
+        y=("deviation_percent", "theory over boundary elements, less 1 (%)"),
+        series=("area",),
+        level=0.0,
+        limits={"ylim": (-40, 60)},
+    )
+    first = f"Contact areas of the theory against gamma; level lines: {caption}"
+    second = f"Deviation of the theory's areas from {caption}"
     return (
-        curves(
-            areas,
-            x=gamma_label,
-            y=r"contact area $A / A_0$ (–)",
-            columns=("gamma", "area_fraction"),
-            caption=f"Contact areas of the theory against gamma; level lines: {told}",
-            colours=colours,
-            upright=mark,
-        ),
-        curves(
-            deviations,
-            x=gamma_label,
-            y="theory over boundary elements, less 1 (%)",
-            columns=("gamma", "deviation_percent"),
-            caption=f"Deviation of the theory's areas from {told}",
-            colours=_COLOURS,
-            upright=mark,
-            level=0.0,
-            limits={"ylim": (-40, 60)},
-        ),
-    )
-
-
-def _told(fit: GammaFit, points: float, bandwidth: int) -> str:
-    fits = ", ".join(
-        f"{NAMES[key]} {g:.3f} ({low:.3f} to {high:.3f})"
-        for key, (g, low, high) in fit.fits.items()
-    )
-    off = ", ".join(
-        f"{NAMES[key]} {100 * (fit.theory_at(key, scenes.GAMMA) / mean - 1):+.1f} %"
-        for key, (mean, _) in fit.bem.items()
-    )
-    verdict = "One gamma fits all four." if fit.common else "No single gamma fits all four."
-    return (
-        f"boundary elements in the continuum limit, mean of {fit.surfaces} surfaces with its "
-        f"95 % interval, {points:g} points per shortest wavelength, which is 1/{bandwidth} of the "
-        "longest; p0/(E* xi) = 0.05, "
-        "hardness/(E* xi) = 0.6 (capped body) or infinite (elastic body). "
-        f"Gamma that meets each area, with the interval: {fits}. "
-        f"At gamma = {scenes.GAMMA}: {off}. {verdict}"
+        draw_table(areas.assign(style="curve"), plot, first),
+        draw_table(deviations.assign(style="curve"), deviation, second),
     )

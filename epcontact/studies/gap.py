@@ -1,9 +1,9 @@
 """The mean gap against the mean pressure: its elastic and its plastic part, beside theory and FE.
 
-Of the gap g between the flat and the elastically deformed surface, negative where the flat stands
-below it because the surface has flowed:
+The gap g is that between the flat and the elastically deformed surface; it is negative where the
+flat is below that surface because the surface has flowed:
 
-    open gap              <max(g, 0)>   what is left open between the surfaces
+    open gap              <max(g, 0)>   the gap that is left open between the surfaces
     plastic displacement  <max(-g, 0)>  by how much flow has lowered the surface
     separation            <g> = open gap - plastic displacement, the distance of the flat from
                           the mean plane of the elastically deformed surface
@@ -19,154 +19,287 @@ displacement of the surface holds the plastic one: there the gap is nowhere nega
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 
-from epcontact.results import FloatArray
-from epcontact.scene import Load
-from epcontact.studies import Progress, Size
-from epcontact.studies import paper_scene as scenes
+import fem_check
+from epcontact import bem, persson
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.style import CYCLE
+from epcontact.results import ContactResult
+from epcontact.scene import Load, Scene
+from epcontact.studies.paper_scene import GAMMA, HARDNESS, LAWS, MODULUS, rough_scene
+from epcontact.studies.tables import Progress, Size, listed, mean_with_interval
 
-if TYPE_CHECKING:
-    from epcontact.output.charts.figures import Chart
-    from epcontact.results import ContactResult
-    from epcontact.scene import Scene
-
-
-LAWS = {"capped": scenes.HARDNESS, "elastic": math.inf}
 #: Mean pressures over E*, in units of which the hardness is 0.6; the paper has 0.05.
 LOADS = tuple(0.00625 * 2.0**k for k in range(7))
-#: Of the theory's curve, to each of LOADS.
+#: Points of the theory's curve to each of LOADS.
 STEPS = 4
 #: J2 carries the last of LOADS on all of the surface.
 BLOCK_LOADS = LOADS[:-1]
 #: Hardness over yield stress, as in the paper.
 CONSTRAINT = 3.0
-OPEN, SEPARATION, PLASTIC = "mean_gap", "mean_separation", "mean_plastic_displacement"
-NAMES = {OPEN: "open gap", SEPARATION: "separation", PLASTIC: "plastic displacement"}
+OPEN, SEPARATION, PLASTIC = "open gap", "separation", "plastic displacement"
+#: The quantities of a load step that are lengths.
+QUANTITIES = {
+    OPEN: "mean_gap",
+    SEPARATION: "mean_separation",
+    PLASTIC: "mean_plastic_displacement",
+}
+_COLOURS = {"capped": CYCLE[0], "elastic": CYCLE[1], "j2": CYCLE[2]}
 
 
-@dataclass(frozen=True)
-class Gaps:
-    """Lengths over the rms height, by law.
+def boundary_element_gaps(
+    points: int, bandwidth: int, seeds: Sequence[int], progress: Progress
+) -> pd.DataFrame:
+    """Solve surfaces along LOADS, capped and elastic.
 
-    loads: (m,) mean pressures over E*.  found: (surfaces, m) by quantity; theory: open gap at
-    `curve_loads`, (STEPS (m - 1) + 1,), of which each STEPS-th is one of the loads.
-    plastic_share: (m,) of the load's work, capped, mean over the surfaces.  grid_error: largest
-    relative change of the open gap of the first surface on a grid twice as fine.
+    Returns:
+        One row a law, surface and load: law, seed, pressure_over_modulus, the lengths of
+        QUANTITIES over the rms height, and plastic_share, that of the load's work.
     """
-
-    loads: FloatArray
-    found: dict[str, dict[str, FloatArray]]
-    curve_loads: FloatArray
-    theory: dict[str, FloatArray]
-    plastic_share: FloatArray
-    grid_error: dict[str, float]
-    points: float
-    bandwidth: int
-
-    def deviation(self, law: str) -> tuple[FloatArray, FloatArray]:
-        """The theory's open gap over that of boundary elements, less 1: mean over the surfaces
-        and half the 95 % interval, (m,) each."""
-        ratios = self.theory[law][::STEPS] / self.found[law][OPEN] - 1
-        mean, width = np.array([scenes.mean_and_half_width(column) for column in ratios.T]).T
-        return mean, width
-
-
-@dataclass(frozen=True)
-class Blocks:
-    """Open gaps over the rms height on one small scene, (m,) each, by solver ("bem" or "fem"),
-    law and points per shortest wavelength."""
-
-    loads: FloatArray
-    gaps: dict[tuple[str, str, int], FloatArray]
-    bandwidth: int
-
-    @property
-    def finest(self) -> int:
-        """The most points per shortest wavelength."""
-        return max(points for _, _, points in self.gaps)
-
-    def deviation(self, law: str, points: int) -> FloatArray:
-        """Finite over boundary elements of the same grid, less 1; J2 over the capped law."""
-        own = "capped" if law == "j2" else law
-        return self.gaps["fem", law, points] / self.gaps["bem", own, points] - 1
-
-
-def measure(points: int, bandwidth: int, seeds: Sequence[int], progress: Progress) -> Gaps:
-    """Solve surfaces along LOADS by boundary elements and theory, capped and elastic."""
-    from epcontact import bem, persson
-
-    found: dict[str, dict[str, FloatArray]] = {}
-    theory, grid_error, shares = {}, {}, []
-    curve_loads = np.geomspace(LOADS[0], LOADS[-1], STEPS * (len(LOADS) - 1) + 1)
+    tables = []
     for law, hardness in LAWS.items():
-        results = []
         for seed in seeds:
             progress(f"gap: {law}, seed {seed}")
-            scene = _loaded(scenes.rough_scene(points, seed, bandwidth, hardness), LOADS)
-            results.append(replace(bem.solve(scene, area_tolerance=1e-5), fields={}))
-        scale = float(scene.surface.heights.std())
-        found[law] = {key: np.stack([_along(r, key) for r in results]) / scale for key in NAMES}
-        path = _loaded(scene, curve_loads.tolist())
-        solved = persson.solve(path, energy_reduction=scenes.GAMMA, spectrum="surface")
-        theory[law] = _along(solved, OPEN) / scale
-        fine = _loaded(scenes.rough_scene(2 * points, seeds[0], bandwidth, hardness), LOADS)
-        finer = _along(bem.solve(fine, area_tolerance=1e-5), OPEN)
-        change = finer / fine.surface.heights.std() / found[law][OPEN][0] - 1
-        grid_error[law] = float(np.abs(change).max())
-        if math.isfinite(hardness):
-            shares = [plastic_share(r, hardness) for r in results]
-    share = np.mean(shares, axis=0)
-    return Gaps(np.array(LOADS), found, curve_loads, theory, share, grid_error, points, bandwidth)
+            scene = _loaded(rough_scene(points, seed, bandwidth, hardness), LOADS)
+            result = bem.solve(scene, area_tolerance=1e-5)
+            lengths = {name: gaps(result, scene, name) for name in QUANTITIES}
+            spent = HARDNESS * np.array(_along(result, QUANTITIES[PLASTIC]))
+            share = spent / (np.array(_along(result, "elastic_energy")) + spent)
+            columns = {"pressure_over_modulus": LOADS} | lengths | {"plastic_share": share}
+            tables.append(pd.DataFrame({"law": law, "seed": seed} | columns))
+    return pd.concat(tables, ignore_index=True)
 
 
-def plastic_share(result: ContactResult, hardness: float) -> FloatArray:
-    """(m,): the share of the load's work that was spent on flow, at each load step."""
-    spent, stored = hardness * _along(result, PLASTIC), _along(result, "elastic_energy")
-    return spent / (stored + spent)
+def theory_gaps(points: int, bandwidth: int, seed: int, loads: Sequence[float]) -> pd.DataFrame:
+    """The theory's open gap for the spectrum of a surface: law, pressure_over_modulus and
+    OPEN over the rms height."""
+    tables = []
+    for law, hardness in LAWS.items():
+        scene = _loaded(rough_scene(points, seed, bandwidth, hardness), loads)
+        result = persson.solve(scene, energy_reduction=GAMMA, spectrum="surface")
+        columns = {"pressure_over_modulus": loads, OPEN: gaps(result, scene, OPEN)}
+        tables.append(pd.DataFrame({"law": law} | columns))
+    return pd.concat(tables, ignore_index=True)
 
 
-def measure_blocks(points: Sequence[int], bandwidth: int, seed: int, progress: Progress) -> Blocks:
-    """Solve one surface along BLOCK_LOADS by boundary and finite elements, on several grids."""
-    import fem_check
-    from epcontact import bem
+def block_gaps(
+    points: Sequence[int], bandwidth: int, seed: int, progress: Progress
+) -> pd.DataFrame:
+    """Solve one surface along BLOCK_LOADS by boundary and finite elements, on several grids.
 
-    gaps = {}
+    Returns:
+        One row a method ("bem", "fem"), law, grid and load: method, law, points_per_wavelength,
+        pressure_over_modulus and OPEN over the rms height.
+    """
+    tables = []
     for n in points:
-        for law, hardness in LAWS.items():
+        key = {"points_per_wavelength": n, "pressure_over_modulus": BLOCK_LOADS}
+        for law in (*LAWS, "j2"):
             progress(f"gap: finite elements, {n} points per wavelength, {law}")
-            scene = _loaded(scenes.rough_scene(n, seed, bandwidth, hardness), BLOCK_LOADS)
-            scale = float(scene.surface.heights.std())
-            gaps["bem", law, n] = _along(bem.solve(scene), OPEN) / scale
-            fem = fem_check.solve(scene, law=law, certified=False)  # type: ignore[arg-type]
-            gaps["fem", law, n] = _along(fem, OPEN) / scale
-        progress(f"gap: finite elements, {n} points per wavelength, j2")
-        flowing = replace(scene.material, yield_stress=scenes.HARDNESS / CONSTRAINT)
-        fem = fem_check.solve(replace(scene, material=flowing), law="j2", certified=False)
-        gaps["fem", "j2", n] = _along(fem, OPEN) / scale
-    return Blocks(np.array(BLOCK_LOADS), gaps, bandwidth)
+            scene = _loaded(rough_scene(n, seed, bandwidth, LAWS.get(law, HARDNESS)), BLOCK_LOADS)
+            if law == "j2":
+                flowing = replace(scene.material, yield_stress=HARDNESS / CONSTRAINT)
+                scene = replace(scene, material=flowing)
+            else:
+                open_gap = {OPEN: gaps(bem.solve(scene), scene, OPEN)}
+                tables.append(pd.DataFrame({"method": "bem", "law": law} | key | open_gap))
+            result = fem_check.solve(scene, law=law, certified=False)  # type: ignore[arg-type]
+            open_gap = {OPEN: gaps(result, scene, OPEN)}
+            tables.append(pd.DataFrame({"method": "fem", "law": law} | key | open_gap))
+    return pd.concat(tables, ignore_index=True)
+
+
+def block_deviations(blocks: pd.DataFrame) -> pd.DataFrame:
+    """Finite over boundary elements on the same grid, less 1; J2 over the capped law.
+
+    Returns:
+        One row a law, grid and load: law, points_per_wavelength, pressure_over_modulus and
+        deviation_percent.
+    """
+    found, reference = (blocks[blocks["method"] == method] for method in ("fem", "bem"))
+    found = found.assign(reference_law=found["law"].replace("j2", "capped"))
+    both = found.merge(
+        reference.rename(columns={"law": "reference_law"}),
+        on=["reference_law", "points_per_wavelength", "pressure_over_modulus"],
+        suffixes=("", "_bem"),
+    )
+    return both.assign(deviation_percent=100 * (both[OPEN] / both[f"{OPEN}_bem"] - 1))
+
+
+def gaps(result: ContactResult, scene: Scene, name: str) -> list[float]:
+    """One of QUANTITIES at each load step, over the rms height."""
+    rms_height = float(scene.surface.heights.std())
+    return [length / rms_height for length in _along(result, QUANTITIES[name])]
+
+
+def _along(result: ContactResult, quantity: str) -> list[float]:
+    return [step.quantities[quantity] for step in result.steps]
 
 
 def _loaded(scene: Scene, loads: Sequence[float]) -> Scene:
-    return replace(scene, load=Load(tuple(scenes.MODULUS * load for load in loads)))
-
-
-def _along(result: ContactResult, quantity: str) -> FloatArray:
-    """(m,): a quantity at each load step."""
-    return np.array([step.quantities[quantity] for step in result.steps])
+    return replace(scene, load=Load(tuple(MODULUS * load for load in loads)))
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     """Open gaps, their parts, the theory's deviation; the same of finite elements."""
-    from epcontact.studies.gap_charts import draw_blocks, draw_gaps
-
     points, bandwidth, seeds, grids = (
         (4, 64, range(7, 11), (3, 6)) if size == "fast" else (8, 128, range(7, 15), (4, 8))
     )
-    gaps = measure(points, bandwidth, seeds, progress)
-    return (*draw_gaps(gaps), *draw_blocks(measure_blocks(grids, 8, 7, progress)))
+    found = boundary_element_gaps(points, bandwidth, seeds, progress)
+    fine = boundary_element_gaps(2 * points, bandwidth, seeds[:1], progress)
+    loads = np.geomspace(LOADS[0], LOADS[-1], STEPS * (len(LOADS) - 1) + 1).tolist()
+    theory = theory_gaps(points, bandwidth, seeds[-1], loads)
+    surfaces = f"{len(seeds)} surfaces, 1/{bandwidth} of the longest wave being the shortest"
+    return (
+        *draw_gaps(found, theory, fine, surfaces),
+        *draw_blocks(block_gaps(grids, 8, 7, progress)),
+    )
+
+
+_PLOT = Plot(
+    ("pressure_over_modulus", r"mean pressure over $E^*$ (–)"),
+    (OPEN, "open mean gap over rms height (–)"),
+    series=("method", "law"),
+    colour="law",
+    colours=_COLOURS,
+    log="xy",
+    ticks=LOADS,
+)
+_MATERIAL = (
+    f"with the paper's roughness, E* xi = E*, hardness {HARDNESS / MODULUS:g} E* or none; the "
+    "paper's load is 0.05 E*"
+)
+_DEVIATION = "{law} {deviation_percent:+.1f} % at {pressure_over_modulus:g}"
+
+
+def theory_deviations(found: pd.DataFrame, theory: pd.DataFrame) -> pd.DataFrame:
+    """The theory's open gap over that of boundary elements, less 1.
+
+    Args:
+        found: as `boundary_element_gaps` makes it.
+        theory: as `theory_gaps` makes it, with more than the loads of `found`.
+
+    Returns:
+        One row a law and load: law, pressure_over_modulus, deviation_percent with its interval.
+    """
+    place = theory.groupby("law").cumcount()
+    exact = theory.assign(load=place // STEPS)[place % STEPS == 0]
+    both = found.assign(load=found.groupby(["law", "seed"]).cumcount())
+    both = both.merge(exact[["law", "load", OPEN]], on=["law", "load"], suffixes=("", "_theory"))
+    both["deviation_percent"] = 100 * (both[f"{OPEN}_theory"] / both[OPEN] - 1)
+    return mean_with_interval(both, "deviation_percent", ["law", "pressure_over_modulus"])
+
+
+def draw_gaps(
+    found: pd.DataFrame, theory: pd.DataFrame, fine: pd.DataFrame, surfaces: str
+) -> tuple[Chart, Chart, Chart]:
+    """Open gap of theory and boundary elements, parts of the capped one, deviation.
+
+    Args:
+        found: as `boundary_element_gaps` makes it.
+        theory: as `theory_gaps` makes it.
+        fine: as `found`, its first surface on a grid twice as fine.
+        surfaces: how many, and their spectrum.
+    """
+    by = ["law", "pressure_over_modulus"]
+    both = pd.concat(
+        [
+            theory.assign(method="persson", style="curve"),
+            mean_with_interval(found, OPEN, by).assign(method="bem", style="marks"),
+        ]
+    )
+    lengths = found[found["law"] == "capped"].melt(
+        "pressure_over_modulus", list(QUANTITIES), "part", "length_over_rms_height"
+    )
+    parts = mean_with_interval(lengths, "length_over_rms_height", ["part", "pressure_over_modulus"])
+    deviations = theory_deviations(found, theory)
+    change = fine.merge(found, on=["law", "seed", "pressure_over_modulus"], suffixes=("_fine", ""))
+    change = 100 * (change[f"{OPEN}_fine"] / change[OPEN] - 1).abs().max()
+    shares = found[found["law"] == "capped"].groupby("pressure_over_modulus")["plastic_share"]
+    shares = 100 * shares.mean().reset_index()
+    of_scene = f"of {surfaces}, {_MATERIAL}"
+    return (
+        draw_table(
+            both.sort_values("law", kind="stable"),
+            _PLOT,
+            f"Mean open gap against mean pressure {of_scene}. Boundary elements: mean of max(g, 0) "
+            f"with its 95 % interval; theory: its mean separation with gamma = {GAMMA} and the "
+            "spectrum of the same surfaces. On a grid twice as fine the open gap of the first "
+            f"surface changes by at most {change:.2g} %.",
+        ),
+        draw_table(
+            parts,
+            replace(
+                _PLOT,
+                y=("length_over_rms_height", "mean gap over rms height (–)"),
+                series=("part",),
+                colour="",
+                log="x",
+            ),
+            f"Parts of the mean gap of the capped body by boundary elements, {of_scene}. The gap g "
+            "is that to the elastically deformed surface, negative where it has flowed: open gap = "
+            "mean of max(g, 0), plastic displacement = mean of max(-g, 0), separation = mean of g "
+            "= open gap - plastic displacement, exactly. The work of the load is the elastic "
+            "energy plus hardness times plastic displacement; of it the plastic part is, by load "
+            f"over E*: {listed(shares, '{plastic_share:.2g} % at {pressure_over_modulus:g}')}.",
+        ),
+        draw_table(
+            deviations,
+            replace(
+                _PLOT,
+                y=("deviation_percent", "theory over boundary elements, less 1 (%)"),
+                series=("law",),
+                log="x",
+                level=0.0,
+            ),
+            "Deviation of the theory's open gap from that of boundary elements, mean with its 95 % "
+            f"interval, {of_scene}. {listed(deviations, _DEVIATION)}.",
+        ),
+    )
+
+
+def draw_blocks(blocks: pd.DataFrame) -> tuple[Chart, Chart]:
+    """Open gaps of boundary and finite elements, and the deviation of the latter; `blocks` as
+    `block_gaps` makes it."""
+    finest = blocks["points_per_wavelength"].max()
+    shown = blocks[blocks["points_per_wavelength"] == finest]
+    shown = shown.assign(style=np.where(shown["method"] == "bem", "curve", "points"))
+    deviations = block_deviations(blocks)
+    deviations["grid"] = deviations["points_per_wavelength"].map("{} points".format)
+    coarse_j2 = (deviations["law"] == "j2") & (deviations["points_per_wavelength"] < finest)
+    plot = replace(_PLOT, ticks=BLOCK_LOADS)
+    of_scene = (
+        f"of one surface, 1/8 of the longest wave being the shortest, {_MATERIAL}; yield stress "
+        f"hardness/{CONSTRAINT:g}"
+    )
+    return (
+        draw_table(
+            shown,
+            plot,
+            f"Mean open gap against mean pressure by boundary and finite elements {of_scene}, "
+            f"{finest} grid points a shortest wave for both. Finite elements, of small strain on a "
+            "flat block so deep that the half-space is answered within 1e-3, have the same law; "
+            "with J2 the body itself flows, no pressure is capped, and the gap is that to the "
+            "surface as the flow has left it.",
+        ),
+        draw_table(
+            deviations[~coarse_j2].sort_values("law", kind="stable"),
+            replace(
+                plot,
+                y=("deviation_percent", "finite over boundary elements, less 1 (%)"),
+                series=("law", "grid"),
+                log="x",
+                level=0.0,
+            ),
+            "Deviation of the open gap of finite elements from that of boundary elements on the "
+            f"same grid {of_scene}, by grid points a shortest wave; of J2, from the capped law: a "
+            f"difference of models, not an error. With {finest} points: "
+            f"{listed(deviations[deviations['points_per_wavelength'] == finest], _DEVIATION)}.",
+        ),
+    )

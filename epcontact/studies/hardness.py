@@ -10,21 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-import numpy as np
+import pandas as pd
 
-from epcontact.output.charts.figures import Series
-from epcontact.output.charts.study import curves
-from epcontact.results import FloatArray
+import fem_check
+from epcontact.harness.quantities import measure_all
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.study import Plot, draw_table
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
-from epcontact.studies import Progress, Size
-from epcontact.studies import paper_scene as scenes
+from epcontact.studies.tables import Progress, Size, mean_with_interval
 from epcontact.surfaces import SelfAffine
-
-if TYPE_CHECKING:
-    from epcontact.output.charts.figures import Chart
-
 
 PERIOD = 1e-3  # m
 WAVES = 4  # the shortest ones in a period
@@ -33,7 +28,29 @@ YOUNG = 210e9  # Pa
 TABOR = 3.0  # hardness/sigma_Y
 NUS = (0.0, 0.3, 0.45)
 SEVERITIES = (5.0, 15.0, 50.0)  # E* xi/sigma_Y
-NAMES = ("effective_hardness", "effective_overlap", "model_overlap", "model_area")
+#: The measures, each with the label of its axis and its meaning.
+_OVERLAP = "shared contact over the union of both (–)"
+MEASURES = {
+    "effective_hardness": (
+        "effective hardness c = hardness / sigma_Y (–)",
+        "Effective hardness: the cap, in yield stresses, under which a capped body has the "
+        "contact area of the J2 body. Dotted: 3, Tabor's rule",
+    ),
+    "effective_overlap": (
+        _OVERLAP,
+        "Overlap of the contact of the J2 body with that of the capped one, with the cap at the "
+        "effective hardness: equal areas, not quite in the same places",
+    ),
+    "model_overlap": (
+        _OVERLAP,
+        "Overlap of the contact of the J2 body with that of the capped one, with the cap at 3 "
+        "sigma_Y",
+    ),
+    "model_area": (
+        "area of J2 over that of the cap, less 1 (–)",
+        "Contact area of the J2 body over that under a cap of 3 sigma_Y, less 1",
+    ),
+}
 
 
 def model_scene(severity: float, nu: float, seed: int, nodes: int, waves: int = WAVES) -> Scene:
@@ -51,25 +68,34 @@ def model_scene(severity: float, nu: float, seed: int, nodes: int, waves: int = 
 
 
 def measured(
-    severity: float,
-    nu: float,
     seeds: Sequence[int],
-    nodes: int,
     progress: Progress,
+    *,
+    nodes: int,
+    nus: Sequence[float] = (0.3,),
+    severities: Sequence[float] = SEVERITIES,
     waves: int = WAVES,
-) -> FloatArray:
-    """(surfaces, names): the measures `NAMES` of the J2 body on each surface."""
-    import fem_check
-    from epcontact.harness.quantities import measure_all
+) -> pd.DataFrame:
+    """Compare J2 flow and cap on each surface, at each severity and Poisson's ratio.
 
+    Returns:
+        One row a scene: nu, severity, seed, nodes_per_wavelength, wavelength_ratio and MEASURES.
+    """
     rows = []
-    for seed in seeds:
-        progress(f"hardness: E* xi/sigma_Y = {severity:g}, nu = {nu:g}, {nodes} nodes, seed {seed}")
-        scene = model_scene(severity, nu, seed, nodes, waves)
-        result = fem_check.solve(scene, law="j2", certified=False)
-        found = measure_all([f"quantity.{name}" for name in NAMES], scene, result)
-        rows.append(list(found.values()))
-    return np.array(rows)
+    for nu in nus:
+        for severity in severities:
+            for seed in seeds:
+                progress(
+                    f"hardness: E* xi/sigma_Y = {severity:g}, nu = {nu:g}, {nodes} nodes, "
+                    f"seed {seed}"
+                )
+                scene = model_scene(severity, nu, seed, nodes, waves)
+                result = fem_check.solve(scene, law="j2", certified=False)
+                key = {"nu": nu, "severity": severity, "seed": seed}
+                key |= {"nodes_per_wavelength": nodes / waves, "wavelength_ratio": waves}
+                measures = measure_all([f"quantity.{name}" for name in MEASURES], scene, result)
+                rows.append(key | dict(zip(MEASURES, measures.values(), strict=True)))
+    return pd.DataFrame(rows)
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
@@ -77,129 +103,79 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     by breadth of the spectrum."""
     fast = size == "fast"
     seeds, nodes = (range(101, 104), 24) if fast else (range(101, 117), 48)
-    tables = {
-        nu: np.array([measured(s, nu, seeds, nodes, progress) for s in SEVERITIES]) for nu in NUS
-    }
-    grids = (16, 24, 32) if fast else (16, 24, 32, 48, 64, 96)
-    few = seeds[:2] if fast else seeds[:4]
-    by_grid = {
-        s: np.array([measured(s, 0.3, few, n, progress)[:, 0] for n in grids]) for s in SEVERITIES
-    }
-    waves, points = ((2, 4), 6) if fast else ((2, 4, 8), 8)
-    some = seeds[:2] if fast else seeds[:8]
-    by_breadth = {
-        s: np.array([measured(s, 0.3, some, points * w, progress, w)[:, 0] for w in waves])
-        for s in SEVERITIES
-    }
-    told = f"{len(seeds)} surfaces of {nodes} x {nodes} nodes"
+    ratios = measured(seeds, progress, nodes=nodes, nus=NUS)
+    few, grids = (seeds[:2], (16, 24, 32)) if fast else (seeds[:4], (16, 24, 32, 48, 64, 96))
+    by_grid = pd.concat([measured(few, progress, nodes=n) for n in grids])
+    some, points, spectra = (seeds[:2], 6, (2, 4)) if fast else (seeds[:8], 8, (2, 4, 8))
+    by_breadth = pd.concat([measured(some, progress, nodes=points * w, waves=w) for w in spectra])
     return (
-        *draw_severities(SEVERITIES, tables, told),
-        draw_grids([n / WAVES for n in grids], by_grid, len(few)),
-        draw_breadths(waves, by_breadth, points, len(some)),
+        *draw_severities(ratios, f"{len(seeds)} surfaces of {nodes} x {nodes} nodes"),
+        draw_grids(by_grid),
+        draw_breadths(by_breadth),
     )
 
 
-def draw_severities(
-    severities: Sequence[float], tables: dict[float, FloatArray], told: str
-) -> tuple[Chart, ...]:
-    """tables: (severities, surfaces, names) by Poisson's ratio; told: of what they are means."""
+def draw_severities(table: pd.DataFrame, surfaces: str) -> tuple[Chart, ...]:
+    """Each of MEASURES against the severity; `surfaces` says over what they are means."""
+    table = table.assign(series=table["nu"].map("nu = {:g}".format))
+    drawn = []
+    for name, (label, meaning) in MEASURES.items():
+        plot = Plot(
+            ("severity", "E* xi / sigma_Y (–)"),
+            (name, label),
+            log="x",
+            ticks=sorted(table["severity"].unique()),
+            level=TABOR if name == "effective_hardness" else None,
+        )
+        caption = (
+            f"{meaning}. Means over {surfaces} with their 95 % intervals; elastic-plastic rough "
+            "scenes pressed with a quarter of the yield stress, J2 and cap on the same elements' "
+            "compliance."
+        )
+        means = mean_with_interval(table, name, ["series", "severity"])
+        drawn.append(draw_table(means, plot, caption))
+    return tuple(drawn)
 
-    def series(name: str) -> list[Series]:
-        column = NAMES.index(name)
-        return [
-            _with_interval(f"nu = {nu:g}", severities, table[..., column])
-            for nu, table in tables.items()
-        ]
 
-    end = (
-        f"Means over {told} with their 95 % intervals; elastic-plastic rough scenes pressed with "
-        "a quarter of the yield stress, J2 and cap on the same elements' compliance."
+def draw_grids(table: pd.DataFrame) -> Chart:
+    """The effective hardness less that on the finest grid of the table."""
+    finest = table["nodes_per_wavelength"].max()
+    key = ["severity", "seed"]
+    reference = table[table["nodes_per_wavelength"] == finest][[*key, "effective_hardness"]]
+    both = table[table["nodes_per_wavelength"] < finest].merge(
+        reference, on=key, suffixes=("", "_finest")
     )
-    x = "E* xi / sigma_Y (–)"
-    overlap = "shared contact over the union of both (–)"
-    return (
-        curves(
-            series("effective_hardness"),
-            x=x,
-            y="effective hardness c = hardness / sigma_Y (–)",
-            columns=("severity", "effective_hardness"),
-            caption="Effective hardness: the cap, in yield stresses, under which a capped body "
-            f"has the contact area of the J2 body. Dotted: 3, Tabor's rule. {end}",
-            log="x",
-            ticks=severities,
-            level=TABOR,
-        ),
-        curves(
-            series("effective_overlap"),
-            x=x,
-            y=overlap,
-            columns=("severity", "effective_overlap"),
-            caption="Overlap of the contact of the J2 body with that of the capped one, with the "
-            f"cap at the effective hardness: equal areas, not quite in the same places. {end}",
-            log="x",
-            ticks=severities,
-        ),
-        curves(
-            series("model_overlap"),
-            x=x,
-            y=overlap,
-            columns=("severity", "model_overlap"),
-            caption="Overlap of the contact of the J2 body with that of the capped one, with the "
-            f"cap at 3 sigma_Y. {end}",
-            log="x",
-            ticks=severities,
-        ),
-        curves(
-            series("model_area"),
-            x=x,
-            y="area of J2 over that of the cap, less 1 (–)",
-            columns=("severity", "excess_area"),
-            caption="By how much the contact area of the J2 body exceeds that under a cap of "
-            f"3 sigma_Y. {end}",
-            log="x",
-            ticks=severities,
-        ),
+    change = both["effective_hardness"] - both["effective_hardness_finest"]
+    both = both.assign(change_of_effective_hardness=change)
+    return _draw_by_severity(
+        both,
+        ("nodes_per_wavelength", "nodes per shortest wavelength (–)"),
+        ("change_of_effective_hardness", "effective hardness less that on the finest grid (–)"),
+        0.0,
+        "Effect of the grid on the effective hardness: its difference from that on "
+        f"{finest:g} nodes per shortest wavelength",
     )
 
 
-def draw_grids(points: Sequence[float], by_grid: dict[float, FloatArray], surfaces: int) -> Chart:
-    """by_grid: (grids, surfaces) of effective hardnesses by severity; points: a shortest wave."""
-    return curves(
-        [
-            _with_interval(f"E* xi / sigma_Y = {s:g}", points[:-1], table[:-1] - table[-1])
-            for s, table in by_grid.items()
-        ],
-        x="nodes per shortest wavelength (–)",
-        y="effective hardness less that on the finest grid (–)",
-        columns=("nodes_per_wavelength", "change_of_effective_hardness"),
-        caption="What the grid does to the effective hardness, with nu = 0.3: its difference from "
-        f"that on {points[-1]:g} nodes per shortest wavelength, mean over the same {surfaces} "
-        "surfaces with its 95 % interval.",
-        log="x",
-        ticks=points[:-1],
-        level=0.0,
+def draw_breadths(table: pd.DataFrame) -> Chart:
+    """The effective hardness against the ratio of the longest to the shortest wavelength."""
+    return _draw_by_severity(
+        table,
+        ("wavelength_ratio", "longest over shortest wavelength (–)"),
+        ("effective_hardness", MEASURES["effective_hardness"][0]),
+        TABOR,
+        "Effect of the breadth of the spectrum on the effective hardness; the severity is of the "
+        "whole spectrum's slope",
     )
 
 
-def draw_breadths(
-    waves: Sequence[int], by_breadth: dict[float, FloatArray], points: int, surfaces: int
+def _draw_by_severity(
+    table: pd.DataFrame, x: tuple[str, str], y: tuple[str, str], level: float, meaning: str
 ) -> Chart:
-    """by_breadth: (spectra, surfaces) of effective hardnesses by severity."""
-    return curves(
-        [_with_interval(f"E* xi / sigma_Y = {s:g}", waves, t) for s, t in by_breadth.items()],
-        x="longest over shortest wavelength (–)",
-        y="effective hardness c = hardness / sigma_Y (–)",
-        columns=("wavelength_ratio", "effective_hardness"),
-        caption="What the breadth of the spectrum does to the effective hardness, with nu = 0.3 "
-        f"and {points} nodes per shortest wavelength: means over {surfaces} surfaces with their "
-        "95 % intervals. The severity is of the whole spectrum's slope.",
-        log="x",
-        ticks=waves,
-        level=TABOR,
+    table = table.assign(series=table["severity"].map("E* xi / sigma_Y = {:g}".format))
+    return draw_table(
+        mean_with_interval(table, y[0], ["series", x[0]]),
+        Plot(x, y, log="x", ticks=sorted(table[x[0]].unique()), level=level),
+        f"{meaning}. nu = {table['nu'].iloc[0]:g}, mean over {table['seed'].nunique()} surfaces "
+        "with its 95 % interval.",
     )
-
-
-def _with_interval(name: str, x: Sequence[float], table: FloatArray) -> Series:
-    """table: (x, surfaces)."""
-    mean, half = np.array([scenes.mean_and_half_width(list(row)) for row in table]).T
-    return Series(name, x, mean, mean - half, mean + half)

@@ -11,91 +11,76 @@ any other; its claimed error is drawn.  Times are the least of two on one thread
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
+import pandas as pd
 
-from epcontact.output.charts.figures import Series
-from epcontact.output.charts.study import curves
-from epcontact.results import FloatArray
-from epcontact.studies import Progress, Size
-from epcontact.studies import paper_scene as scenes
+import fem_check
+from epcontact import bem, persson
+from epcontact.moduli import effective_modulus
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.study import Plot, draw_table
+from epcontact.results import ContactResult
+from epcontact.scene import Scene
+from epcontact.studies.paper_scene import GAMMA, area_of, rough_scene
+from epcontact.studies.tables import Progress, Size, listed, root_mean_square
 
-if TYPE_CHECKING:
-    from epcontact.output.charts.figures import Chart
-    from epcontact.results import ContactResult
-    from epcontact.scene import Scene
-
-Solver = Callable[["Scene"], "ContactResult"]
 REPEATS = 2
 UNCERTAINTY = "uncertainty of the reference"
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Times in s, means over the surfaces, and relative errors of the total contact area, root
-    mean squares over them, by series; and the mean reference.
-
-    points: per shortest wavelength, by series; one 0 for the theory.
-    """
-
-    seconds: dict[str, FloatArray]
-    errors: dict[str, FloatArray]
-    points: dict[str, FloatArray]
-    reference: float
-    reference_error: float
-    finest: int
-    bandwidth: int
-    surfaces: int
-
-
-def measure(
-    boundary: Sequence[int],
-    finite: Sequence[int],
+def solved_areas(
+    grids: Mapping[str, Sequence[int]],
     finest: int,
     bandwidth: int,
     seeds: Sequence[int],
     progress: Progress,
-) -> Comparison:
+) -> pd.DataFrame:
     """Solve surfaces on grids of so many points per shortest wavelength by each method.
 
-    finest: of the reference, one a surface.
+    Args:
+        grids: points per shortest wavelength by method, "bem" or "fem".
+        finest: those of the reference, one a surface.
+        bandwidth: highest over lowest wave number.
+        seeds: one surface each.
+        progress: called with a sentence before each grid.
+
+    Returns:
+        One row a surface, method, kind of area and grid: method ("persson", "bem", "fem"), kind
+        ("raw", "corrected"; empty of the theory), points_per_wavelength, seed, seconds,
+        area_fraction, and reference and reference_error (relative) of the surface.
     """
-    references = [_bem(scenes.rough_scene(finest, seed, bandwidth)) for seed in seeds]
-    exact = np.array([scenes.area_of(one, "total") for one in references])
-    claimed = np.array([scenes.area_of(one, "total", "error") for one in references])
-    area, seconds = _theory(scenes.rough_scene(boundary[0], seeds[0], bandwidth))
-    rows = {"persson": [(0.0, seconds, float(np.sqrt(np.mean((area / exact - 1) ** 2))))]}
-    methods: list[tuple[str, Solver, Sequence[int]]] = [
-        ("bem", _bem, boundary),
-        ("fem", _fem, finite),
-    ]
-    for name, solver, grids in methods:
-        solver(scenes.rough_scene(grids[0], seeds[0], bandwidth))  # compiled before timing
-        for points in grids:
-            progress(f"master: {name}, {points} points per wavelength")
-            timed = [_timed(solver, scenes.rough_scene(points, s, bandwidth)) for s in seeds]
-            seconds = float(np.mean([one for _, one in timed]))
-            for kind in ("raw", "corrected"):
-                areas = np.array([scenes.area_of(result, "total", kind) for result, _ in timed])
-                error = float(np.sqrt(np.mean((areas / exact - 1) ** 2)))
-                rows.setdefault(f"{name}, {kind}", []).append((points, seconds, error))
-    table = {name: np.array(found).T for name, found in rows.items()}
-    return Comparison(
-        seconds={name: columns[1] for name, columns in table.items()},
-        errors={name: columns[2] for name, columns in table.items()},
-        points={name: columns[0] for name, columns in table.items()},
-        reference=float(exact.mean()),
-        reference_error=float((claimed / exact).mean()),
-        finest=finest,
-        bandwidth=bandwidth,
-        surfaces=len(seeds),
+    references = {seed: _bem(rough_scene(finest, seed, bandwidth)) for seed in seeds}
+    solvers = {"bem": _bem, "fem": _fem}
+    area, seconds = _theory(rough_scene(grids["bem"][0], seeds[0], bandwidth))
+    rows = [("persson", "", 0, seed, seconds, area) for seed in seeds]
+    for method, points in grids.items():
+        solvers[method](rough_scene(points[0], seeds[0], bandwidth))  # compiled before timing
+        for n in points:
+            progress(f"master: {method}, {n} points per wavelength")
+            for seed in seeds:
+                result, seconds = _timed(solvers[method], rough_scene(n, seed, bandwidth))
+                for kind in ("raw", "corrected"):
+                    rows.append((method, kind, n, seed, seconds, area_of(result, "total", kind)))
+    names = ["method", "kind", "points_per_wavelength", "seed", "seconds", "area_fraction"]
+    table = pd.DataFrame(rows, columns=names)
+    exact = {seed: area_of(result, "total") for seed, result in references.items()}
+    claimed = {s: area_of(r, "total", "error") / exact[s] for s, r in references.items()}
+    return table.assign(
+        reference=table["seed"].map(exact), reference_error=table["seed"].map(claimed)
     )
 
 
-def _timed(solver: Solver, scene: Scene) -> tuple[ContactResult, float]:
+def area_errors(solved: pd.DataFrame) -> pd.DataFrame:
+    """Errors and times of `solved_areas`: one row a method, kind and grid, with relative_error
+    (root mean square over the surfaces) and seconds (their mean)."""
+    by = ["method", "kind", "points_per_wavelength"]
+    table = solved.assign(relative_error=solved["area_fraction"] / solved["reference"] - 1)
+    seconds = table.groupby(by, sort=False)["seconds"].mean().reset_index()
+    return root_mean_square(table, "relative_error", by).merge(seconds, on=by)
+
+
+def _timed(solver: Callable[[Scene], ContactResult], scene: Scene) -> tuple[ContactResult, float]:
     times = []
     for _ in range(REPEATS):
         started = time.perf_counter()
@@ -105,69 +90,63 @@ def _timed(solver: Solver, scene: Scene) -> tuple[ContactResult, float]:
 
 
 def _theory(scene: Scene) -> tuple[float, float]:
-    """The theory's area, from the spectrum to equations (4) and (5), and its time in s."""
-    from epcontact import persson
-    from epcontact.moduli import effective_modulus
-
+    """The theory's area, from the spectrum to the closed form, and its time in s."""
     times = []
     for _ in range(10 * REPEATS):
         started = time.perf_counter()
         slope = persson.roughness_of(scene.surface).rms_slope
-        diffusion = scenes.GAMMA * persson.full_contact_diffusion(
-            effective_modulus(scene.material), slope**2
-        )
-        found = persson.areas(diffusion, scene.load.final, scene.material.hardness)
+        full = persson.full_contact_diffusion(effective_modulus(scene.material), slope**2)
+        areas = persson.areas(GAMMA * full, scene.load.final, scene.material.hardness)
         times.append(time.perf_counter() - started)
-    return float(found.total), min(times)
+    return float(areas.total), min(times)
 
 
 def _bem(scene: Scene) -> ContactResult:
-    from epcontact import bem
-
     return bem.solve(scene, area_tolerance=1e-6, threads=1)
 
 
 def _fem(scene: Scene) -> ContactResult:
-    import fem_check
-
-    found: ContactResult = fem_check.solve(scene, law="capped", certified=False)
-    return found
+    result: ContactResult = fem_check.solve(scene, law="capped", certified=False)
+    return result
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     """The one chart of all methods."""
-    boundary = (3, 4, 6, 8, 12, 16, 24)
+    grids = {"bem": (3, 4, 6, 8, 12, 16, 24), "fem": (3, 4, 6, 8)}
     bandwidth = 16 if size == "fast" else 32
-    found = measure(boundary, boundary[:4], 64, bandwidth, range(7, 11), progress)
-    return (draw_comparison(found),)
+    solved = solved_areas(grids, 64, bandwidth, range(7, 11), progress)
+    return (draw_methods(solved, f"bem, corrected, at 64 points, bandwidth {bandwidth}"),)
 
 
-def draw_comparison(found: Comparison) -> Chart:
-    """Error against time, the front, and what the reference is worth."""
-    series = [Series(name, found.seconds[name], error) for name, error in found.errors.items()]
-    ends = np.array(
-        [min(map(np.min, found.seconds.values())), max(map(np.max, found.seconds.values()))]
-    )
-    told = "; ".join(
-        f"{name} {100 * error.min():.2g} % in {found.seconds[name][int(error.argmin())]:.2g} s"
-        for name, error in found.errors.items()
-    )
-    grids = ", ".join(f"{p:g}" for p in found.points["bem, raw"])
-    blocks = ", ".join(f"{p:g}" for p in found.points["fem, raw"])
-    return curves(
-        [*series, Series(UNCERTAINTY, ends, np.full(2, found.reference_error), line=True)],
-        x="time of a solve on one thread (s)",
-        y="relative error of the contact area (–)",
-        columns=("seconds", "relative_error"),
-        caption="Error of the total contact area against time by theory, boundary and finite "
-        f"elements for {found.surfaces} surfaces (root mean square, mean time) of the paper's "
-        f"roughness, 1/{found.bandwidth} of its longest wave being the shortest, material and "
-        "load, capped. Grid points per shortest wavelength: "
-        f"{grids} (bem), {blocks} (fem). Reference: bem, corrected, at {found.finest} points, "
-        f"{found.reference:.5f}, uncertain by {found.reference_error:.1e} of itself. The theory "
-        "knows the spectrum alone, no surface, so that its error holds the scatter of surfaces. "
-        f"Least errors: {told}. Times are the least of {REPEATS} on the machine that "
-        "drew this.",
-        log="xy",
-        pareto=list(found.errors),
+def draw_methods(solved: pd.DataFrame, reference: str) -> Chart:
+    """Error against time, the front, and what the reference is worth.
+
+    Args:
+        solved: as `solved_areas` makes it.
+        reference: its name in the caption.
+    """
+    errors = area_errors(solved)
+    surfaces = solved.drop_duplicates("seed")
+    worth = surfaces["reference_error"].mean()
+    ends = {"seconds": errors["seconds"].agg(["min", "max"]), "relative_error": worth}
+    level = pd.DataFrame(ends | {"method": UNCERTAINTY, "kind": "", "style": "curve"})
+    least = errors.loc[errors.groupby(["method", "kind"], sort=False)["relative_error"].idxmin()]
+    least = least.assign(percent=100 * least["relative_error"])
+    return draw_table(
+        pd.concat([errors, level]),
+        Plot(
+            ("seconds", "time of a solve on one thread (s)"),
+            ("relative_error", "relative error of the contact area (–)"),
+            series=("method", "kind"),
+            log="xy",
+            front=True,
+        ),
+        "Error of the total contact area against time by theory, boundary and finite elements for "
+        f"{len(surfaces)} surfaces (root mean square, mean time) of the paper's roughness (in a "
+        "narrower band), material and load, capped. Grid points per shortest wavelength rise from "
+        f"left to right. Reference: {reference}, {surfaces['reference'].mean():.5f}, uncertain by "
+        f"{worth:.1e} of itself. The theory knows the spectrum alone, no surface, so that its "
+        "error holds the scatter of surfaces. Least errors: "
+        f"{listed(least, '{method} {kind} {percent:.2g} % in {seconds:.2g} s')}. Times are the "
+        f"least of {REPEATS} on the machine that drew this.",
     )

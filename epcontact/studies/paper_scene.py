@@ -4,19 +4,15 @@ Self-affine surfaces of Hurst exponent 0.8 and rms slope 1, roll-off at four tim
 wave number, E* = 250 GPa, hardness 150 GPa, mean pressure 12.5 GPa (Almqvist and Persson,
 "Multiscale contact mechanics for elastoplastic contacts").  `bandwidth` is the ratio of the
 highest to the lowest wave number, 256 in the paper; a narrower band costs less and keeps
-p0/(E* xi) = 0.05 and hardness/(E* xi) = 0.6, the only groups that small-slope contact knows.
+p0/(E* xi) = 0.05 and hardness/(E* xi) = 0.6, the only groups on which small-slope contact depends.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from typing import Any
 
-import numpy as np
-from scipy.special import stdtrit
-
-from epcontact.results import Areas, ContactResult
+from epcontact.results import ContactResult
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
 
@@ -24,6 +20,9 @@ LOWEST = 2.5e4  # rad/m
 MODULUS, HARDNESS, MEAN_PRESSURE = 250e9, 150e9, 12.5e9  # Pa; Poisson's ratio is 0, E* = E
 GAMMA = 0.536
 PARTS = ("total", "elastic", "plastic")
+LAWS = {"capped": HARDNESS, "elastic": math.inf}  # Pa
+#: How captions name the scene.
+PAPER = "the paper's roughness, material and load (p0/(E* xi) = 0.05, hardness/(E* xi) = 0.6)"
 
 
 def rough_surface(points_per_wavelength: float, seed: int, bandwidth: int = 256) -> Surface:
@@ -36,36 +35,38 @@ def rough_surface(points_per_wavelength: float, seed: int, bandwidth: int = 256)
 def rough_scene(
     points_per_wavelength: float, seed: int, bandwidth: int = 256, hardness: float = HARDNESS
 ) -> Scene:
-    """The paper's scene on that surface; an infinite hardness makes it the elastic one."""
+    """The paper's scene on such a surface.
+
+    Args:
+        points_per_wavelength: grid points per shortest wavelength.
+        seed: of the random phases.
+        bandwidth: highest over lowest wave number.
+        hardness: in Pa; infinite for an elastic body.
+
+    Example:
+        >>> scene = rough_scene(4, seed=1, bandwidth=8)
+        >>> scene.surface.shape, scene.load.final / MODULUS
+        ((32, 32), 0.05)
+    """
     surface = rough_surface(points_per_wavelength, seed, bandwidth)
     return Scene(surface, Material(MODULUS, 0.0, hardness), Load(MEAN_PRESSURE))
 
 
-def on_surface(scene: Scene, surface: Surface) -> Scene:
-    """The same material and load on another surface."""
-    return replace(scene, surface=surface)
-
-
-def mean_and_half_width(values: Sequence[float]) -> tuple[float, float]:
-    """Mean and half the 95 % Student interval of independent values; of one value, 0."""
-    array = np.asarray(values, dtype=np.float64)
-    if array.size < 2:
-        return float(array.mean()), 0.0
-    quantile = float(stdtrit(array.size - 1, 0.975))
-    return float(array.mean()), quantile * float(array.std(ddof=1)) / math.sqrt(array.size)
-
-
 def area_of(result: ContactResult, part: str, kind: str = "corrected") -> float:
     """One area of the last load step, as a fraction of the nominal area."""
-    areas: Areas = result.final.areas[kind]
-    return float(getattr(areas, part))
+    return float(getattr(result.final.areas[kind], part))
 
 
-def area_band(results: Iterable[ContactResult], part: str) -> tuple[float, float]:
-    """Mean of a corrected area over surfaces and the half-width of its 95 % interval.
+def area_rows(result: ContactResult, **columns: Any) -> list[dict[str, Any]]:
+    """A row for each part of the corrected area: part, area_fraction and its estimated_error.
 
-    The estimated errors of the areas, which the surfaces share, are added to that of the scatter.
+    Args:
+        result: an answer with corrected areas.
+        columns: what else stands in each row, such as the seed.
     """
-    found = list(results)
-    mean, scatter = mean_and_half_width([area_of(r, part) for r in found])
-    return mean, math.hypot(scatter, float(np.mean([area_of(r, part, "error") for r in found])))
+    return [
+        columns
+        | {"part": part, "area_fraction": area_of(result, part)}
+        | {"estimated_error": area_of(result, part, "error")}
+        for part in PARTS
+    ]

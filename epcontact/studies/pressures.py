@@ -7,172 +7,265 @@ each end, in units of the hardness, as functions of the distance from the end:
     density     of the line with the area and the mean pressure of the points within a window of
                 the end, at the end.  The window is WINDOW at COARSEST points per shortest
                 wavelength and shrinks as the pressure next to a rim does, as the root of the
-                spacing: a fixed one would leave what P bends within it
+                spacing: P bends within a fixed one, whose line would not tend to P at the end
     raw slope   of that line, within WINDOW on every grid
     mean slope  2 F(w)/w^2 of the corrected area F(w) within a window w: the slope at the end if P
                 is straight there and vanishes at it
 
 Each is extrapolated, surface by surface, to ever finer grids: density and raw slope as the root
-of the spacing, the mean slope as the spacing.  Beside them is the density of the theory, its
-slopes taken within the same windows.
+of the spacing, the mean slope as the spacing.  Beside them stands the theory's distribution in
+the elastic contact, its slopes taken within the same windows.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
+from epcontact import bem, persson
+from epcontact.bem.areas.distribution import end_fit, end_fits, extrapolated
+from epcontact.harness.statistics import estimate
 from epcontact.output.charts.curves import pressure_density
-from epcontact.results import FloatArray, PressureDistribution
-from epcontact.studies import Progress, Size
-from epcontact.studies import paper_scene as scenes
-
-if TYPE_CHECKING:
-    from epcontact.output.charts.figures import Chart
-    from epcontact.results import ContactResult
-    from epcontact.scene import Scene
-
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.study import Plot, draw_table
+from epcontact.results import ContactResult, PressureDistribution
+from epcontact.scene import Scene
+from epcontact.studies.paper_scene import GAMMA, HARDNESS, rough_scene
+from epcontact.studies.tables import Progress, Size, listed, mean_with_interval
 
 ENDS = ("0+", "hardness-")
 #: Of the hardness.
 WINDOW, COARSEST = 0.2, 4
 WINDOWS = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
-#: The figures of an end; then the mean slopes within WINDOWS.
-DENSITY, RAW_SLOPE, MEAN_SLOPE = 0, 1, 2 + WINDOWS.index(WINDOW)
+DENSITY, RAW_SLOPE, MEAN_SLOPE = "density", "raw slope", "mean slope"
+#: The power of the spacing with which a figure nears its limit.
+ORDERS = {DENSITY: 0.5, RAW_SLOPE: 0.5, MEAN_SLOPE: 1.0}
 BINS = 40
 
 
-@dataclass(frozen=True)
-class Limit:
-    """A figure on grids of rising points per wavelength, (n,): its mean over the surfaces and
-    half the 95 % interval; its limit and the error of that, of scatter and of fit together."""
-
-    mean: FloatArray
-    half_width: FloatArray
-    limit: float
-    error: float
-
-
-@dataclass(frozen=True)
-class Ends:
-    """What was measured, in units of the hardness.
-
-    points: (n,) per shortest wavelength.  values: (surfaces, n, 2 ends, 2 + windows), the last
-    axis being density, raw slope and the mean slope within each window.  theory: (2, 2 + windows)
-    alike, end_slopes: (2,) its slopes at the very ends.
-    elastic: corrected elastic area on the finest grid, mean of the surfaces, over the theory's.
-    densities: (pressure, P) of the theory and of each grid, mean over BINS, by name.
-    """
-
-    points: FloatArray
-    values: FloatArray
-    theory: FloatArray
-    end_slopes: FloatArray
-    elastic: float
-    densities: dict[str, tuple[FloatArray, FloatArray]]
-    bandwidth: int
-
-    def limit(self, end: int, figure: int) -> Limit:
-        """Of one figure at one end; slopes without the coarsest grid, whose rims fill WINDOW."""
-        from epcontact.bem.areas.distribution import extrapolated
-
-        table = self.values[:, :, end, figure]
-        order, first = (0.5, 0) if figure == DENSITY else (0.5 if figure == RAW_SLOPE else 1.0, 1)
-        n, means = self.points[first:], table.mean(axis=0)[first:]
-        bands = np.array([scenes.mean_and_half_width(column) for column in table.T])
-        limits = [extrapolated(n, row[first:], order)[0] for row in table]
-        limit, scatter = scenes.mean_and_half_width(limits)
-        # Surfaces share what the fit leaves out: its error does not fall with their number.
-        error = math.hypot(scatter, extrapolated(n, means, order)[1])
-        return Limit(bands[:, 0], bands[:, 1], limit, error)
-
-
-def measure(
+def boundary_element_tables(
     points: Sequence[int], bandwidth: int, seeds: Sequence[int], progress: Progress
-) -> Ends:
-    """Solve surfaces on grids of so many points per shortest wavelength, from coarse to fine."""
-    from epcontact import bem
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Solve surfaces on grids of so many points per shortest wavelength.
 
-    rows, elastic, found = [], list[float](), dict[int, list[FloatArray]]()
+    Returns:
+        The figures of both ends, one row a surface, grid and figure: seed, points_per_wavelength
+        and the columns of `end_figures`; and the densities, one row a bin, means over the
+        surfaces: points_per_wavelength, relative_pressure, relative_density.
+    """
+    figures, densities = [], []
     for seed in seeds:
         progress(f"pressures: seed {seed}")
         for n in points:
-            result = bem.solve(scenes.rough_scene(n, seed, bandwidth), area_tolerance=1e-6)
-            rows.append(figures_of(result, n))
-            found.setdefault(n, []).append(_binned(result.distribution)[1])
-        elastic.append(scenes.area_of(result, "elastic"))
-    scene = scenes.rough_scene(points[0], seeds[0], bandwidth)
-    theory, end_slopes, distribution = theory_of(scene)
-    pressure, density = _binned(distribution)
-    densities = {"persson": (pressure, density)}
-    densities |= {f"{n} points": (pressure, np.mean(d, axis=0)) for n, d in found.items()}
-    return Ends(
-        np.asarray(points, dtype=np.float64),
-        np.reshape(rows, (len(seeds), len(points), 2, 2 + len(WINDOWS))),
-        theory,
-        end_slopes,
-        float(np.mean(elastic) / distribution.cumulative[-1]),
-        densities,
-        bandwidth,
-    )
+            result = bem.solve(rough_scene(n, seed, bandwidth), area_tolerance=1e-6)
+            key = {"seed": seed, "points_per_wavelength": n}
+            figures.append(end_figures(result, n).assign(**key))
+            densities.append(binned(result.distribution).assign(**key))
+    bins = pd.concat(densities).groupby(["points_per_wavelength", "relative_pressure"], sort=False)
+    return pd.concat(figures), bins["relative_density"].mean().reset_index()
 
 
-def figures_of(result: ContactResult, points: float) -> FloatArray:
-    """(2 ends, 2 + windows) of a solution; see `Ends.values`."""
-    from epcontact.bem.areas.distribution import end_fits
+def end_figures(result: ContactResult, points_per_wavelength: float) -> pd.DataFrame:
+    """The figures of a solution on a grid, in units of the hardness.
 
-    relative = result.fields["pressure"] / scenes.HARDNESS
+    Returns:
+        One row an end, figure (DENSITY, RAW_SLOPE, MEAN_SLOPE) and window (over the hardness; of
+        the density, that at COARSEST points): end, figure, window, value.
+    """
+    relative = result.fields["pressure"] / HARDNESS
     areas = result.final.areas["raw"], result.final.areas["corrected"]
-    shrinking = WINDOW * math.sqrt(COARSEST / points)
-    fits = [end_fits(relative, 1.0, w, areas) for w in (shrinking, *WINDOWS)]
-    figures = []
-    for end in range(2):
-        at = [fit for pair in fits if (fit := pair[end]) is not None]
-        slopes = [fit.continuum_slope for fit in at[1:]]
-        figures.append([at[0].density, at[MEAN_SLOPE - 1].slope, *slopes])
-    return np.array(figures)
+
+    def fits(window: float) -> list[tuple[str, float, float, float]]:
+        pair = zip(ENDS, end_fits(relative, 1.0, window, areas), strict=True)
+        return [(e, f.density, f.slope, f.continuum_slope) for e, f in pair if f is not None]
+
+    shrinking = WINDOW * math.sqrt(COARSEST / points_per_wavelength)
+    rows = [(end, DENSITY, WINDOW, density) for end, density, _, _ in fits(shrinking)]
+    rows += [(end, RAW_SLOPE, WINDOW, slope) for end, _, slope, _ in fits(WINDOW)]
+    rows += [(end, MEAN_SLOPE, w, slope) for w in WINDOWS for end, _, _, slope in fits(w)]
+    return pd.DataFrame(rows, columns=["end", "figure", "window", "value"])
 
 
-def theory_of(scene: Scene) -> tuple[FloatArray, FloatArray, PressureDistribution]:
-    """The theory's figures (2, 2 + windows) and slopes at the very ends (2,), in units of the
-    hardness, and its distribution, for the spectrum of the scene's own surface."""
-    from epcontact import persson
-    from epcontact.bem.areas.distribution import end_fit
+def theory_tables(scene: Scene) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The theory's figures and density, for the spectrum of the scene's own surface.
 
-    solved = persson.solve(scene, energy_reduction=scenes.GAMMA, spectrum="surface")
-    told, hardness = solved.final.quantities, scenes.HARDNESS
-    G, p0 = told["diffusion"] / hardness**2, scene.load.final / hardness
-    elastic = solved.final.areas["raw"].elastic
-    figures = []
-    for end in range(2):
-        fits = []
+    Returns:
+        The columns of `end_figures`, with the slope at the very end as the mean slope within a
+        window of 0; and relative_pressure, relative_density.
+    """
+    solved = persson.solve(scene, energy_reduction=GAMMA, spectrum="surface")
+    quantities, p0 = solved.final.quantities, scene.load.final / HARDNESS
+    G, elastic = quantities["diffusion"] / HARDNESS**2, solved.final.areas["raw"].elastic
+    names = ("density_slope_at_zero", "density_slope_at_hardness")
+    rows = []
+    for end, name in zip(ENDS, names, strict=True):
+        rows.append((end, DENSITY, WINDOW, 0.0))
+        rows.append((end, MEAN_SLOPE, 0.0, abs(HARDNESS**2 * quantities[name])))
         for w in WINDOWS:
             d = np.linspace(0, w, 2001)
-            within = persson.pressure_cumulative(1 - d if end else d, G, p0, 1.0)
-            share = elastic - within if end else within
+            within = persson.pressure_cumulative(d if end == "0+" else 1 - d, G, p0, 1.0)
+            share = within if end == "0+" else elastic - within
             # int d P dd = w F(w) - int F dd; the trapezoidal rule is right to 1e-7 of it.
-            fits.append(end_fit(share[-1], w * share[-1] - np.trapezoid(share, d), w))
-        slopes = [one.continuum_slope for one in fits]
-        figures.append([0.0, fits[MEAN_SLOPE - 2].slope, *slopes])
-    names = ("density_slope_at_zero", "density_slope_at_hardness")
-    ends = np.abs([hardness**2 * told[name] for name in names])
-    assert solved.distribution is not None
-    return np.array(figures), ends, solved.distribution
+            fit = end_fit(share[-1], w * share[-1] - np.trapezoid(share, d), w)
+            rows.append((end, MEAN_SLOPE, w, fit.continuum_slope))
+            if w == WINDOW:
+                rows.append((end, RAW_SLOPE, w, fit.slope))
+    table = pd.DataFrame(rows, columns=["end", "figure", "window", "value"])
+    return table, binned(solved.distribution)
 
 
-def _binned(distribution: PressureDistribution | None) -> tuple[FloatArray, FloatArray]:
+def grid_limits(figures: pd.DataFrame) -> pd.DataFrame:
+    """Extrapolate figures to ever finer grids, surface by surface.
+
+    Args:
+        figures: as `boundary_element_tables` makes it.  Slopes are taken without the coarsest
+            grid, whose rims fill the window.
+
+    Returns:
+        One row an end, figure and window: end, figure, window, and the limit as value with its
+        error, of scatter and of fit together, as value_low and value_high.
+    """
+    rows = []
+    for (end, figure, window), group in figures.groupby(["end", "figure", "window"], sort=False):
+        table = group.pivot(index="seed", columns="points_per_wavelength", values="value")
+        if figure != DENSITY:
+            table = table.iloc[:, 1:]
+        n, order = table.columns.to_numpy(), ORDERS[figure]
+        limit = estimate([extrapolated(n, row, order)[0] for row in table.to_numpy()])
+        # Surfaces share what the fit leaves out: its error does not fall with their number.
+        error = math.hypot(limit.half_width, extrapolated(n, table.mean().to_numpy(), order)[1])
+        rows.append((end, figure, window, limit.mean, limit.mean - error, limit.mean + error))
+    names = ["end", "figure", "window", "value", "value_low", "value_high"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def binned(distribution: PressureDistribution | None) -> pd.DataFrame:
+    """The density of the pressure in BINS bins, over the hardness."""
     assert distribution is not None
-    pressure, density = pressure_density(distribution, BINS, scenes.HARDNESS)
-    return pressure / scenes.HARDNESS, density * scenes.HARDNESS
+    pressure, density = pressure_density(distribution, BINS, HARDNESS)
+    columns = {"relative_pressure": pressure / HARDNESS, "relative_density": density * HARDNESS}
+    return pd.DataFrame(columns)
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     """P(sigma), its ends and its slopes there against the grid, its slopes against the window."""
-    from epcontact.studies.pressures_charts import draw_ends
+    points, bandwidth, seeds = (4, 8, 16, 32), 32 if size == "fast" else 128, range(7, 15)
+    figures, densities = boundary_element_tables(points, bandwidth, seeds, progress)
+    theory, density = theory_tables(rough_scene(points[0], seeds[0], bandwidth))
+    of_scene = (
+        f"of {len(seeds)} surfaces of the paper's roughness, 1/{bandwidth} of the longest wave "
+        "being the shortest, material and load, capped, by boundary elements, in units of the "
+        "hardness"
+    )
+    slope = rf"slope within {WINDOW:g} of the end, $P'\,\sigma_\mathrm{{P}}^2$ (–)"
+    captions = {
+        DENSITY: (
+            r"density at the end, $P\,\sigma_\mathrm{P}$ (–)",
+            f"Density of the pressure at 0+ and at hardness- as the raw grid shows it, {of_scene}",
+        ),
+        RAW_SLOPE: (
+            slope,
+            "Slope of the density of the pressure as the raw grid shows it, of the line through "
+            f"the points within {WINDOW:g} of either end, {of_scene}",
+        ),
+        MEAN_SLOPE: (
+            slope,
+            "Mean slope of the density of the pressure in the continuum limit, 2 F/w² of the "
+            f"corrected area F within w = {WINDOW:g} of either end, {of_scene}",
+        ),
+    }
+    return (
+        draw_densities(densities, density, of_scene),
+        *(draw_limits(figures, theory, figure, *captions[figure]) for figure in captions),
+        draw_windows(figures, theory, of_scene),
+    )
 
-    bandwidth = 32 if size == "fast" else 128
-    return draw_ends(measure((4, 8, 16, 32), bandwidth, range(7, 15), progress))
+
+def draw_densities(found: pd.DataFrame, theory: pd.DataFrame, of_scene: str) -> Chart:
+    """P(sigma) on every grid, beside the theory's."""
+    names = found["points_per_wavelength"].map("{:g} points a wavelength".format)
+    both = pd.concat([theory.assign(series="persson"), found.assign(series=names)])
+    return draw_table(
+        both.assign(style="curve"),
+        Plot(
+            ("relative_pressure", r"contact pressure over hardness, $\sigma / \sigma_\mathrm{P}$"),
+            ("relative_density", r"density $P(\sigma)\,\sigma_\mathrm{P}$ (–)"),
+            limits={"ylim": (0, None), "xlim": (0, 1)},
+        ),
+        f"Density of the pressure in elastic contact {of_scene}: raw, by points per shortest "
+        f"wavelength, mean of {BINS} bins and of the surfaces, beside that of the theory (gamma = "
+        f"{GAMMA}) with the spectrum of the same surfaces.",
+    )
+
+
+def draw_limits(
+    figures: pd.DataFrame, theory: pd.DataFrame, figure: str, label: str, meaning: str
+) -> Chart:
+    """A figure of both ends against the root of the spacing, with limits at 0 and the theory's
+    value; `label` names the axis, `meaning` opens the caption."""
+    own, exact, limits = (
+        table[(table["figure"] == figure) & (table["window"] == WINDOW)]
+        for table in (figures, theory, grid_limits(figures))
+    )
+    means = mean_with_interval(own, "value", ["end", "points_per_wavelength"])
+    means["root_of_spacing"] = 1 / np.sqrt(means["points_per_wavelength"])
+    spacings = pd.DataFrame({"root_of_spacing": [0.0, means["root_of_spacing"].max()]})
+    levels = exact.merge(spacings, how="cross").assign(style="curve")
+    if figure == DENSITY:
+        levels = levels.iloc[:0]  # it is zero, where the dotted line is
+    table = pd.concat(
+        [
+            means.assign(series=means["end"]),
+            limits.assign(root_of_spacing=0.0, style="open", series=limits["end"] + ", limit"),
+            levels.assign(series="persson, " + levels["end"]),
+        ]
+    ).sort_values("end", kind="stable")
+    both = limits.merge(exact, on="end", suffixes=("", "_theory"))
+    both["error"] = both["value_high"] - both["value"]
+    form = "{end}: {value:+.3g} ± {error:.2g} (theory {value_theory:.3g})"
+    column = "relative_density" if figure == DENSITY else "relative_slope"
+    return draw_table(
+        table.rename(columns=lambda name: name.replace("value", column)),
+        Plot(
+            ("root_of_spacing", "root of 1 / points per shortest wavelength (–)"),
+            (column, label),
+            colour="end",
+            level=0.0,
+        ),
+        f"{meaning}, as means with 95 % intervals, with the limits for ever finer grids (open "
+        f"marks, at 0), beside the theory's. Limits: {listed(both, form)}.",
+    )
+
+
+def draw_windows(figures: pd.DataFrame, theory: pd.DataFrame, of_scene: str) -> Chart:
+    """Mean slopes on the finest grid against the window, beside the theory's."""
+    finest = figures["points_per_wavelength"].max()
+    own = figures[(figures["figure"] == MEAN_SLOPE) & (figures["points_per_wavelength"] == finest)]
+    means = mean_with_interval(own, "value", ["end", "window"])
+    exact = theory[theory["figure"] == MEAN_SLOPE]
+    table = pd.concat(
+        [
+            means.assign(series=means["end"] + ", corrected"),
+            exact.assign(series="persson, " + exact["end"], style="curve"),
+        ]
+    )
+    both = means.merge(exact, on=["end", "window"], suffixes=("", "_theory"))
+    both["ratio"] = both["value"] / both["value_theory"]
+    return draw_table(
+        table.sort_values("end", kind="stable").rename(
+            columns=lambda name: name.replace("value", "relative_slope")
+        ),
+        Plot(
+            ("window", "window over hardness (–)"),
+            ("relative_slope", r"mean slope within it, $P'\,\sigma_\mathrm{P}^2$ (–)"),
+            colour="end",
+            limits={"ylim": (0, None)},
+        ),
+        "Mean slope of the density of the pressure within a window of either end, 2 F/w² of the "
+        f"corrected area F within a window w, at {finest:g} points per shortest wavelength, "
+        f"{of_scene}, with 95 % intervals, beside the theory's. Boundary elements over theory, by "
+        f"window: {listed(both, '{ratio:.2f} at {window:g} from {end}')}.",
+    )

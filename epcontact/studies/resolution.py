@@ -10,169 +10,139 @@ themselves.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 
+from epcontact import bem
+from epcontact.bem.areas.rim_correction import perimeter_areas
 from epcontact.output.charts.curves import observed_order
-from epcontact.output.charts.figures import Series
-from epcontact.output.charts.study import curves, with_orders
-from epcontact.results import Areas, FloatArray
-from epcontact.studies import Progress, Size
-from epcontact.studies import paper_scene as scenes
-
-if TYPE_CHECKING:
-    from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.study import Plot, draw_table
+from epcontact.studies.paper_scene import PARTS, rough_scene
+from epcontact.studies.tables import Progress, Size, listed, root_mean_square
 
 KINDS = ("raw", "raw, extrapolated", "perimeter correction", "corrected")
 CLAIMED = "claimed by the corrected"
+REFERENCE = "uncertainty of the reference"
 
 
-@dataclass(frozen=True)
-class ResolutionErrors:
-    """Errors of one part of the area (total, elastic or plastic), relative to the reference.
+def solved_areas(
+    points: Sequence[int], bandwidth: int, seeds: Sequence[int], progress: Progress
+) -> pd.DataFrame:
+    """Solve surfaces on grids of so many points per shortest wavelength.
 
-    points: (n,) grid points per shortest wavelength; work: (n,) points transformed, the sum over
-    all grids of a solve of FFT pairs times points, mean over the surfaces.
-    errors: (n,) by the names of KINDS and CLAIMED, root mean square over the surfaces; NaN where
-    there is none.  reference_error: what the finest grid's areas claim, relative.
+    Returns:
+        One row a surface, grid and part of the area: seed, part, points_per_wavelength, the areas
+        raw, perimeter correction and corrected, claimed by the corrected (as a share of them),
+        and work_points_transformed (FFT pairs times points, the sum over all grids of the solve).
     """
-
-    part: str
-    points: FloatArray
-    work: FloatArray
-    errors: dict[str, FloatArray]
-    reference_error: float
-    surfaces: int
-
-
-@dataclass(frozen=True)
-class _Solved:
-    areas: dict[str, Areas]
-    work: float
-
-
-def measure(
-    points: Sequence[int], finest: int, bandwidth: int, seeds: Sequence[int], progress: Progress
-) -> tuple[ResolutionErrors, ...]:
-    """Total, elastic and plastic area of surfaces on grids of `points` per shortest wavelength.
-
-    finest: points per shortest wavelength of the reference.
-    """
-    solved: list[list[_Solved]] = []
+    rows = []
     for seed in seeds:
         progress(f"resolution: seed {seed}")
-        solved.append([_solve(p, seed, bandwidth) for p in (*points, finest)])
-    return tuple(_errors(part, points, solved) for part in scenes.PARTS)
+        for n in points:
+            scene = rough_scene(n, seed, bandwidth)
+            result = bem.solve(scene, area_tolerance=1e-6)
+            areas = result.final.areas
+            _, corrected = perimeter_areas(result.fields["pressure"], scene.material.hardness)
+            work = result.cost["equivalent_fft_pairs"] * result.cost["unknowns"]
+            for part in PARTS:
+                row = {"seed": seed, "part": part, "points_per_wavelength": n}
+                row |= {"raw": getattr(areas["raw"], part)}
+                row |= {"perimeter correction": getattr(corrected, part)}
+                row |= {"corrected": getattr(areas["corrected"], part)}
+                row |= {CLAIMED: getattr(areas["error"], part), "work_points_transformed": work}
+                rows.append(row)
+    return pd.DataFrame(rows)
 
 
-def _solve(points: int, seed: int, bandwidth: int) -> _Solved:
-    from epcontact import bem
-    from epcontact.bem.areas.rim_correction import perimeter_areas
+def area_errors(solved: pd.DataFrame) -> pd.DataFrame:
+    """Errors of the areas of `solved_areas` against the corrected ones on the finest grid.
 
-    scene = scenes.rough_scene(points, seed, bandwidth)
-    result = bem.solve(scene, area_tolerance=1e-6)
-    areas = dict(result.final.areas)
-    areas["perimeter"] = perimeter_areas(result.fields["pressure"], scene.material.hardness)[1]
-    work = result.cost["equivalent_fft_pairs"] * result.cost["unknowns"]
-    return _Solved(areas, work)
-
-
-def _errors(
-    part: str, points: Sequence[int], solved: Sequence[Sequence[_Solved]]
-) -> ResolutionErrors:
-    def table(kind: str) -> FloatArray:
-        return np.array([[getattr(one.areas[kind], part) for one in row] for row in solved])
-
-    def relative(values: FloatArray) -> FloatArray:
-        mean_square = ((values / reference - 1) ** 2).mean(axis=0)
-        return np.asarray(np.sqrt(mean_square))
-
-    raw, corrected, claimed = table("raw"), table("corrected"), table("error")
-    reference = corrected[:, -1:]
-    extrapolated = np.full_like(raw, math.nan)
-    for i, p in enumerate(points):
-        if 2 * p in points:
-            j = list(points).index(2 * p)
-            extrapolated[:, j] = 2 * raw[:, j] - raw[:, i]
-    tables = (raw, extrapolated, table("perimeter"), corrected)
-    errors = {k: relative(t)[:-1] for k, t in zip(KINDS, tables, strict=True)}
-    errors[CLAIMED] = np.sqrt(((claimed / reference) ** 2).mean(axis=0))[:-1]
-    return ResolutionErrors(
-        part=part,
-        points=np.asarray(points, dtype=np.float64),
-        work=np.array([[one.work for one in row] for row in solved]).mean(axis=0)[:-1],
-        errors=errors,
-        reference_error=float((claimed[:, -1:] / reference).mean()),
-        surfaces=len(solved),
+    Returns:
+        One row a part, kind (KINDS, CLAIMED and REFERENCE) and grid but the finest:
+        relative_error, root mean square over the surfaces (of REFERENCE the mean), and
+        work_points_transformed, mean over them.
+    """
+    key = ["seed", "part"]
+    finest = solved["points_per_wavelength"] == solved["points_per_wavelength"].max()
+    reference = solved[finest][[*key, "corrected", CLAIMED]]
+    worth = (reference[CLAIMED] / reference["corrected"]).groupby(reference["part"]).mean()
+    reference = reference.rename(columns={"corrected": "exact"}).drop(columns=CLAIMED)
+    table = solved.merge(reference, on=key)
+    half = solved[[*key, "points_per_wavelength", "raw", "work_points_transformed"]].copy()
+    half["points_per_wavelength"] *= 2
+    table = table.merge(half, "left", [*key, "points_per_wavelength"], suffixes=("", "_half"))
+    table["raw, extrapolated"] = 2 * table["raw"] - table["raw_half"]
+    table[list(KINDS)] = table[list(KINDS)].div(table["exact"], axis=0) - 1
+    table[CLAIMED] /= table["exact"]
+    table = table[table["points_per_wavelength"] < table["points_per_wavelength"].max()]
+    table = table.assign(**{REFERENCE: table["part"].map(worth)})
+    by = ["part", "kind", "points_per_wavelength"]
+    long = table.melt(
+        [*key, "points_per_wavelength", "work_points_transformed", "work_points_transformed_half"],
+        [*KINDS, CLAIMED, REFERENCE],
+        "kind",
+        "relative_error",
     )
+    # Extrapolation pays for both of its grids.
+    extra = long["work_points_transformed_half"].where(long["kind"] == "raw, extrapolated", 0.0)
+    long["work_points_transformed"] += extra
+    errors = root_mean_square(long, "relative_error", by)
+    work = long.groupby(by, sort=False)["work_points_transformed"].mean().reset_index()
+    return errors.merge(work, on=by)
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     """Errors against points per wavelength and against work, of the total and the plastic area."""
-    fast = size == "fast"
-    points, finest = (3, 4, 6, 8, 12, 16), 32
-    bandwidth, seeds = (32, range(7, 13)) if fast else (64, range(7, 15))
-    found = measure(points, finest, bandwidth, seeds, progress)
-    return tuple(
-        chart for one in found if one.part != "elastic" for chart in draw_errors(one, finest)
-    )
+    points = (3, 4, 6, 8, 12, 16, 32)
+    bandwidth, seeds = (32, range(7, 13)) if size == "fast" else (64, range(7, 15))
+    errors = area_errors(solved_areas(points, bandwidth, seeds, progress))
+    surfaces = f"{len(seeds)} surfaces, relative to the corrected area at {points[-1]} points"
+    return (*draw_errors(errors, "total", surfaces), *draw_errors(errors, "plastic", surfaces))
 
 
-def draw_errors(found: ResolutionErrors, finest: int) -> tuple[Chart, Chart]:
-    """Error against grid spacing with its order, and against work."""
-    where = (
-        f"Error of the {found.part} contact area of the capped body, root mean square over "
-        f"{found.surfaces} surfaces, relative to the corrected area at {finest} points per "
-        f"shortest wavelength, which is uncertain by {found.reference_error:.1e}"
+def draw_errors(errors: pd.DataFrame, part: str, surfaces: str) -> tuple[Chart, Chart]:
+    """Error of one part against grid spacing with its order, and against work; `surfaces` says
+    over what the errors are taken, and against which grid."""
+    table = errors[errors["part"] == part]
+    table = table.assign(style=np.where(table["kind"].isin(KINDS), "points", "curve"))
+    worth = table.loc[table["kind"] == REFERENCE, "relative_error"].iloc[0]
+    raw = table[table["kind"] == "raw"]
+    order = -observed_order(raw["points_per_wavelength"], raw["relative_error"])
+    at_four = table[(table["points_per_wavelength"] == 4) & table["kind"].isin(KINDS)].dropna()
+    told = listed(at_four.assign(percent=100 * at_four["relative_error"]), "{kind} {percent:.2g} %")
+    caption = (
+        f"Error of the {part} contact area of the capped body, root mean square over {surfaces} "
+        f"per shortest wavelength, which is uncertain by {worth:.1e}"
     )
-    series = [
-        Series(kind, found.points, error, line=kind == CLAIMED)
-        for kind, error in found.errors.items()
-    ]
-    bound = np.full_like(found.points, found.reference_error)
-    error_label = f"relative error of the {found.part} area (–)"
-    first = curves(
-        [*series, Series("uncertainty of the reference", found.points, bound, line=True)],
-        x="points per shortest wavelength (–)",
-        y=error_label,
-        columns=("points_per_wavelength", "relative_error"),
-        caption=f"{where}. {_told(found)}",
+    points = Plot(
+        ("points_per_wavelength", "points per shortest wavelength (–)"),
+        ("relative_error", f"relative error of the {part} area (–)"),
+        series=("kind",),
         log="xy",
-        labels=with_orders(series, KINDS, sign=-1),
-        ticks=found.points.tolist(),
+        ticks=sorted(table["points_per_wavelength"].unique()),
+        orders=KINDS,
     )
-    second = curves(
-        [Series(k, _work(k, found), e) for k, e in found.errors.items() if k != CLAIMED],
-        x="work: FFT pairs × grid points (–)",
-        y=error_label,
-        columns=("work_points_transformed", "relative_error"),
-        caption=f"{where}; against the work of a solve: FFT pairs of all its grids, each times "
-        "its points. Extrapolation pays for both of its grids.",
-        log="xy",
-        pareto=KINDS,
+    work = replace(
+        points,
+        x=("work_points_transformed", "work: FFT pairs × grid points (–)"),
+        ticks=(),
+        orders=(),
+        front=True,
     )
-    return first, second
-
-
-def _work(kind: str, found: ResolutionErrors) -> FloatArray:
-    if kind != "raw, extrapolated":
-        return found.work
-    half = np.interp(found.points / 2, found.points, found.work)
-    return found.work + half
-
-
-def _told(found: ResolutionErrors) -> str:
-    def at(kind: str, points: int) -> str:
-        index = np.flatnonzero(found.points == points)
-        return f"{100 * found.errors[kind][index[0]]:.2g} %" if index.size else "not measured"
-
-    order = observed_order(1 / found.points, found.errors["raw"])
     return (
-        f"At 4 points: raw {at('raw', 4)}, perimeter correction {at('perimeter correction', 4)}, "
-        f"corrected {at('corrected', 4)}; raw at 16 points: {at('raw', 16)}. Observed order of "
-        f"the raw area: {order:.2f}."
+        draw_table(
+            table,
+            points,
+            f"{caption}. At 4 points: {told}. Observed order of the raw area: {order:.2f}.",
+        ),
+        draw_table(
+            table[table["kind"].isin(KINDS)],
+            work,
+            f"{caption}; against the work of a solve: FFT pairs of all its grids, each times its "
+            "points. Extrapolation pays for both of its grids.",
+        ),
     )

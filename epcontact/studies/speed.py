@@ -1,4 +1,4 @@
-"""What a solve by boundary elements costs, told in counts and in bare FFT pairs.
+"""What a solve by boundary elements costs, in counts and in bare FFT pairs.
 
 The paper's scene, capped and elastic, on finer and finer grids, each solved to residuals and to
 areas.  Counted are the FFT pairs of the finest grid and those of all grids by their points.
@@ -13,146 +13,118 @@ the largest resident set of a solve, beyond what the process held before the fir
 from __future__ import annotations
 
 import contextlib
-import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from epcontact.output.charts.figures import Series
-from epcontact.output.charts.study import curves
-from epcontact.studies import Progress, Size
-from epcontact.studies import paper_scene as scenes
+from epcontact import bem
+from epcontact.machine import available_cores, peak_memory
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.study import Plot, draw_table
+from epcontact.results import ContactResult
+from epcontact.scene import Scene
 from epcontact.studies.bem import bare_pair_times
-
-if TYPE_CHECKING:
-    from epcontact.output.charts.figures import Chart
-    from epcontact.results import ContactResult
-    from epcontact.scene import Scene
+from epcontact.studies.paper_scene import LAWS, PARTS, area_of, rough_scene
+from epcontact.studies.tables import Progress, Size, listed
 
 RESIDUAL, AREA = 1e-8, 1e-4
-#: What a solve is asked for, by name, as options of `bem.solve`.
+#: The accuracies to which each grid is solved, by name, as options of `bem.solve`.
 TIGHT, LOOSE = f"residuals {RESIDUAL:g}", f"areas {AREA:g}"
 AIMS = {TIGHT: {"tolerance": RESIDUAL}, LOOSE: {"area_tolerance": AREA}}
 #: FFT pairs of the finest grid, and time in bare pairs, that the capped solve on GOAL_SIDE points
 #: a side shall not exceed.
 GOAL_SIDE = 2048
 GOALS = {"finest_pairs": {TIGHT: 60, LOOSE: 30}, "time": {TIGHT: 120, LOOSE: 60}}
-LAWS = {"capped": scenes.HARDNESS, "elastic": math.inf}
 BANDWIDTH, FEWEST_POINTS = 256, 4
-#: Times are the least of so many solves; of grids that are solved in no time, of more.
+#: Each time is the least of so many solves; of the most where a grid is solved in no time.
 FEWEST_SOLVES, MOST_SOLVES = 3, 10
 
-
-@dataclass(frozen=True)
-class Solve:
-    """One law, one grid of `side` x `side` points, one aim.
-
-    points: per shortest wavelength; finest_pairs, all_pairs: FFT pairs of the finest grid, and
-    of all by their points; time, processor_time: in those of a bare pair of the finest grid;
-    area_error: largest relative difference of total, elastic and plastic area, raw and corrected,
-    from the solve to residuals; bytes_per_point: memory.
-    """
-
-    law: str
-    side: int
-    points: float
-    aim: str
-    finest_pairs: float
-    all_pairs: float
-    time: float
-    processor_time: float
-    area_error: float
-    bytes_per_point: float
+_Run = tuple[ContactResult, tuple[float, float], int]
 
 
-def measure(
+def solve_costs(
     sides: Sequence[int],
     progress: Progress,
     *,
     threads: int | None = None,
     most_solves: int = MOST_SOLVES,
-) -> list[Solve]:
-    """Both laws on grids of so many points a side, rising, to both aims; one surface each.
+) -> pd.DataFrame:
+    """Solve one surface on each grid, under both laws and to both aims.
 
-    A grid that is too coarse for the paper's band of roughness has the widest one that leaves
-    FEWEST_POINTS per shortest wavelength.
-    threads: of the solves and of the bare pairs; None: all cores.  most_solves: to time one.
+    Args:
+        sides: points a side of the grids, rising.  A grid that is too coarse for the paper's band
+            of roughness has the widest one that leaves FEWEST_POINTS per shortest wavelength.
+        progress: called with a sentence before each grid and law.
+        threads: of the solves and of the bare pairs; None: all cores.
+        most_solves: of which the least time is taken.
+
+    Returns:
+        One row a law, grid and aim: law, points_a_side, points_per_wavelength, aim; finest_pairs
+        and all_pairs (by their points); time and processor_time, in those of a bare pair;
+        area_error, the largest relative difference of an area from that of the solve to
+        residuals; bytes_per_point.
     """
-    from epcontact import bem
-    from epcontact.machine import available_cores
-
     threads = threads or available_cores()
-    bem.solve(scenes.rough_scene(4, 7, 8), threads=threads)  # compiled before it is timed
+    bem.solve(rough_scene(4, 7, 8), threads=threads)  # compiled before it is timed
     held = _peak_since(lambda: None)
-    found: list[Solve] = []
+    rows = []
     for side in sides:
         bandwidth = min(BANDWIDTH, side // FEWEST_POINTS)
+        grid = {"points_a_side": side, "points_per_wavelength": side / bandwidth}
         for law, hardness in LAWS.items():
             progress(f"speed: {side} x {side} points, {law}")
-            scene = scenes.rough_scene(side / bandwidth, 7, bandwidth, hardness)
-            found += _solves(scene, law, side / bandwidth, threads, held, most_solves)
-    return found
+            scene = rough_scene(side / bandwidth, 7, bandwidth, hardness)
+            count = min(most_solves, max(FEWEST_SOLVES, 2**23 // side**2))
+            rows += [{"law": law} | grid | row for row in _costs(scene, threads, held, count)]
+    return pd.DataFrame(rows)
 
 
-_Run = tuple["ContactResult", tuple[float, float], int]
-
-
-def _solves(
-    scene: Scene, law: str, points: float, threads: int, held: int, most_solves: int
-) -> list[Solve]:
-    shape = scene.surface.shape
-    count = min(most_solves, max(FEWEST_SOLVES, 2**23 // scene.surface.heights.size))
-    unit = bare_pair_times(shape, threads)
+def _costs(scene: Scene, threads: int, held: int, count: int) -> list[dict[str, Any]]:
+    """The costs of one scene, one row an aim; `held` is the memory before the first solve."""
+    shape, points = scene.surface.shape, scene.surface.heights.size
+    pairs = [bare_pair_times(shape, threads)]
     runs: dict[str, list[_Run]] = {aim: [] for aim in AIMS}
-    for _ in range(count):  # in turns, so that a busy moment of the machine strikes all alike
+    for _ in range(count):  # in turns, so that a busy moment of the machine slows both aims
         for aim, options in AIMS.items():
             runs[aim].append(_watched(scene, options, threads))
-        wall, processor = bare_pair_times(shape, threads)
-        unit = min(unit[0], wall), min(unit[1], processor)
+        pairs.append(bare_pair_times(shape, threads))
     exact = runs[TIGHT][0][0]
-    found = []
+    rows = []
     for aim, solved in runs.items():
         result = solved[0][0]
-        wall, processor = np.min([times for _, times, _ in solved], axis=0) / np.array(unit)
-        memory = max(memory for _, _, memory in solved) - held
-        found.append(
-            Solve(
-                law,
-                shape[0],
-                points,
-                aim,
-                result.cost["fft_pairs"],
-                result.cost["equivalent_fft_pairs"],
-                float(wall),
-                float(processor),
-                area_difference(result, exact),
-                memory / scene.surface.heights.size,
-            )
+        wall, processor = np.min([t for _, t, _ in solved], axis=0) / np.min(pairs, axis=0)
+        rows.append(
+            {
+                "aim": aim,
+                "finest_pairs": result.cost["fft_pairs"],
+                "all_pairs": result.cost["equivalent_fft_pairs"],
+                "time": wall,
+                "processor_time": processor,
+                "area_error": area_difference(result, exact),
+                "bytes_per_point": (max(memory for *_, memory in solved) - held) / points,
+            }
         )
-    return found
+    return rows
 
 
 def _watched(scene: Scene, options: Mapping[str, Any], threads: int) -> _Run:
     """A result without its fields, its wall-clock and processor time (s), and the largest memory
     of the process meanwhile (bytes)."""
-    from epcontact import bem
-
-    found: list[ContactResult] = []
+    results: list[ContactResult] = []
     started = time.perf_counter(), time.process_time()
-    memory = _peak_since(lambda: found.append(bem.solve(scene, threads=threads, **options)))
+    memory = _peak_since(lambda: results.append(bem.solve(scene, threads=threads, **options)))
     times = time.perf_counter() - started[0], time.process_time() - started[1]
-    return replace(found[0], fields={}), times, memory
+    return replace(results[0], fields={}), times, memory
 
 
 def _peak_since(work: Callable[[], None]) -> int:
     """Largest resident memory of this process during `work`, in bytes; where the system cannot
     begin to count anew, since the process began."""
-    from epcontact.machine import peak_memory
-
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
     work()
@@ -160,11 +132,11 @@ def _peak_since(work: Callable[[], None]) -> int:
 
 
 def area_difference(result: ContactResult, exact: ContactResult) -> float:
-    """Largest relative difference of an area, of those that are not zero."""
+    """Largest relative difference of an area, raw or corrected, of those that are not zero."""
     pairs = [
-        (scenes.area_of(result, part, kind), scenes.area_of(exact, part, kind))
+        (area_of(result, part, kind), area_of(exact, part, kind))
         for kind in ("raw", "corrected")
-        for part in scenes.PARTS
+        for part in PARTS
     ]
     return max(abs(a / b - 1) for a, b in pairs if b > 0)
 
@@ -172,122 +144,71 @@ def area_difference(result: ContactResult, exact: ContactResult) -> float:
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     """FFT pairs, time in bare pairs, error of the areas and memory against the grid."""
     sides = [512, 1024] if size == "fast" else [512, 1024, 2048, 4096]
-    return draw_speed(measure(sides, progress))
+    return draw_speed(solve_costs(sides, progress))
 
 
-def draw_speed(found: Sequence[Solve]) -> tuple[Chart, ...]:
-    """Charts of FFT pairs (finest grid, all grids), times, the areas' errors and memory."""
-    from epcontact.machine import available_cores
+#: The label and the caption of each chart; "area_error" is told of the solves to areas alone.
+_CHARTS = {
+    "finest_pairs": (
+        "FFT pairs of the finest grid (–)",
+        "FFT pairs on the finest grid of a solve",
+    ),
+    "all_pairs": (
+        "FFT pairs of all grids, by their points (–)",
+        "FFT pairs of a solve (those of coarser grids count by their points)",
+    ),
+    "time": (
+        "time of a solve in bare FFT pairs of its grid (–)",
+        "Time of a solve, coarse grids and all, in bare real FFT pairs of the finest grid (the "
+        "least of several solves and of the pairs between them, with the same threads)",
+    ),
+    "processor_time": (
+        "processor time of a solve in that of a bare FFT pair (–)",
+        "Processor time of a solve, all threads together, in that of a bare real FFT pair of the "
+        "finest grid; it does not see a core that waits or that others use",
+    ),
+    "area_error": (
+        "relative error of the areas, largest (–)",
+        "Largest relative difference of total, elastic and plastic area, raw or corrected, from "
+        f"that of a solve to residuals of {RESIDUAL:g} on the same grid (open marks at the bottom "
+        f"are zero; the goal is {AREA:g})",
+    ),
+    "bytes_per_point": (
+        "largest memory of a solve (bytes per point)",
+        "Largest resident memory of a solve, heights included, beyond what the process held "
+        "before the first",
+    ),
+}
 
-    grids = ", ".join(f"{n}² ({p:g})" for n, p in sorted({(s.side, s.points) for s in found}))
+
+def draw_speed(costs: pd.DataFrame) -> tuple[Chart, ...]:
+    """Charts of FFT pairs (finest grid, all grids), times, the areas' errors and memory; `costs`
+    as `solve_costs` makes it."""
+    sides = costs[["points_a_side", "points_per_wavelength"]].drop_duplicates()
     scene = (
-        "the paper's roughness, material and load, capped and elastic, one surface on grids of "
-        f"so many points (per shortest wavelength): {grids}"
+        "for the paper's roughness, material and load, capped and elastic, one surface on grids "
+        "of so many points (per shortest wavelength): "
+        f"{listed(sides, '{points_a_side:.0f}² ({points_per_wavelength:g})')}; solved to "
+        f"residuals of {RESIDUAL:g} or to areas settled within {AREA:g} (relative)"
     )
-    told = (
-        f"for {scene}, to residuals of {RESIDUAL:g} or to areas settled within {AREA:g} (relative)"
-    )
-    timed = (
-        f"least of {FEWEST_SOLVES} solves or more, least of the pairs between them, "
-        f"{available_cores()} threads for both"
-    )
-    loose = [one for one in found if one.aim == LOOSE]
-    return (
-        _chart(
-            found,
-            "finest_pairs",
-            "FFT pairs of the finest grid (–)",
-            f"FFT pairs on the finest grid of a solve {told}. {_table(found, 'finest_pairs')} "
-            f"{_goals_told(found, 'finest_pairs')}",
-        ),
-        _chart(
-            found,
-            "all_pairs",
-            "FFT pairs of all grids, by their points (–)",
-            f"FFT pairs of a solve {told}; those of coarser grids count by their points. "
-            f"{_table(found, 'all_pairs')}",
-        ),
-        _chart(
-            found,
-            "time",
-            "time of a solve in bare FFT pairs of its grid (–)",
-            f"Time of a solve {told}, coarse grids and all, in bare real FFT pairs of the finest "
-            f"grid: {timed}. {_table(found, 'time')} {_goals_told(found, 'time')}",
-        ),
-        _chart(
-            found,
-            "processor_time",
-            "processor time of a solve in that of a bare FFT pair (–)",
-            f"Processor time, all threads together, of a solve {told}, coarse grids and all, in "
-            f"that of a bare real FFT pair of the finest grid: {timed}. It does not see a core "
-            f"that waits or that others use. {_table(found, 'processor_time')}",
-        ),
-        _chart(
-            loose,
-            "area_error",
-            "relative error of the areas, largest (–)",
-            "Largest relative difference of total, elastic and plastic area, raw or corrected, "
-            f"between a solve to areas settled within {AREA:g} and one to residuals of "
-            f"{RESIDUAL:g} on the same grid, for {scene}. {_table(loose, 'area_error')} Those of "
-            f"zero are drawn as open marks at the bottom. Goal: {AREA:g}.",
-            log="xy",
-        ),
-        _chart(
-            found,
-            "bytes_per_point",
-            "largest memory of a solve (bytes per point)",
-            "Largest resident memory of a solve, heights included, beyond what the process held "
-            f"before the first, {told}. {_table(found, 'bytes_per_point')}",
-        ),
-    )
-
-
-def _chart(found: Sequence[Solve], key: str, label: str, caption: str, log: str = "x") -> Chart:
-    """One figure of every solve against the grid, with its goals where it has some."""
-    sides = sorted({one.side for one in found})
-    series = [
-        Series(name, [one.side for one in mine], [getattr(one, key) for one in mine])
-        for name, mine in _lines(found).items()
-    ]
-    goals = [(f"goal, {aim}", goal) for aim, goal in GOALS.get(key, {}).items()]
-    series += [Series(name, sides, [goal] * len(sides), line=True) for name, goal in goals]
-    return curves(
-        series,
-        x="grid points a side (–)",
-        y=label,
-        columns=("points_a_side", key),
-        caption=caption,
-        log=log,
-        ticks=sides,
-        limits={} if "y" in log else {"ylim": (0, None)},
-        zeros="y" in log,
-    )
-
-
-def _lines(found: Sequence[Solve]) -> dict[str, list[Solve]]:
-    """The solves of each law to each aim, from the coarsest grid to the finest."""
-    lines: dict[str, list[Solve]] = {}
-    for one in found:
-        lines.setdefault(f"{one.law}, {one.aim}", []).append(one)
-    return lines
-
-
-def _table(found: Sequence[Solve], key: str) -> str:
-    rows = (
-        f"{name}: " + ", ".join(f"{getattr(one, key):.3g} at {one.side}²" for one in mine)
-        for name, mine in _lines(found).items()
-    )
-    return "; ".join(rows).capitalize() + "."
-
-
-def _goals_told(found: Sequence[Solve], key: str) -> str:
-    """The goals, and how much of them the capped body takes on their grid or the finest here."""
-    sides = {one.side for one in found}
-    side = GOAL_SIDE if GOAL_SIDE in sides else max(sides)
-    told = ", ".join(
-        f"{GOALS[key][one.aim]} for {one.aim} (here {getattr(one, key) / GOALS[key][one.aim]:.2f} "
-        f"of it at {side}²)"
-        for one in found
-        if one.law == "capped" and one.side == side
-    )
-    return f"Goals for the capped body at {GOAL_SIDE}²: {told}."
+    drawn = []
+    for column, (label, meaning) in _CHARTS.items():
+        error = column == "area_error"
+        table = costs[costs["aim"] == LOOSE] if error else costs
+        goals = [
+            sides.assign(law="goal", aim=aim, style="curve", **{column: goal})
+            for aim, goal in GOALS.get(column, {}).items()
+        ]
+        plot = Plot(
+            ("points_a_side", "grid points a side (–)"),
+            (column, label),
+            series=("law", "aim"),
+            log="xy" if error else "x",
+            ticks=sides["points_a_side"].tolist(),
+            limits={} if error else {"ylim": (0, None)},
+        )
+        form = "{law}, {aim}: {" + column + ":.3g} at {points_a_side}²"
+        goal = f" Goals (lines) are for the capped body at {GOAL_SIDE}²." if goals else ""
+        caption = f"{meaning}, {scene}. {listed(table, form)}.{goal}"
+        drawn.append(draw_table(pd.concat([table, *goals]), plot, caption))
+    return tuple(drawn)

@@ -1,7 +1,7 @@
 """What the theory's exact answers cost: terms of its two series, and cells of its numerical form.
 
 With x = p0/sigma_P, c = 2 sqrt(G)/sigma_P and the smaller of x and 1 - x as s, the elastic area
-has two exact series,
+of the capped body has two exact series,
 
     eigenfunctions   (4/pi) sum_{n = 1, 3, ...} sin(n pi s) exp(-(n pi c / 2)^2) / n
     images           erf(s/c) + sum_{k = 1, 2, ...} (-1)^k [erfc((k - s)/c) - erfc((k + s)/c)].
@@ -14,29 +14,25 @@ same diffusion; with a constant hardness the closed form judges them.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 from scipy.special import erf, erfc
 
-from epcontact.output.charts.curves import observed_order
-from epcontact.output.charts.figures import Series
-from epcontact.output.charts.study import curves, with_orders
-from epcontact.persson import full_contact_diffusion
+from epcontact import persson
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.study import Plot, draw_table
+from epcontact.persson.series import SWITCH
 from epcontact.results import FloatArray
-from epcontact.studies import Progress, Size
-from epcontact.studies import paper_scene as scenes
-
-if TYPE_CHECKING:
-    from epcontact.output.charts.figures import Chart
-
+from epcontact.scene import SelfAffineSpectrum
+from epcontact.studies.paper_scene import GAMMA, HARDNESS, LOWEST, MEAN_PRESSURE, MODULUS
+from epcontact.studies.tables import Progress, Size, listed
 
 #: p0/sigma_P of the paper.
-LOAD_SHARE = scenes.MEAN_PRESSURE / scenes.HARDNESS
+LOAD_SHARE = MEAN_PRESSURE / HARDNESS
 #: G/sigma_P^2 of the paper's scene, S = gamma.
-PAPER_DIFFUSION = scenes.GAMMA * float(
-    full_contact_diffusion(scenes.MODULUS / scenes.HARDNESS, 1.0)
-)
+PAPER_DIFFUSION = GAMMA * float(persson.full_contact_diffusion(MODULUS / HARDNESS, 1.0))
 MOST_TERMS = 40
 TARGET = 1e-12
 
@@ -44,7 +40,14 @@ TARGET = 1e-12
 def eigenfunction_sums(relative_diffusion: float, load_share: float, terms: int) -> FloatArray:
     """(terms,): the elastic area by the first 1, 2, ... eigenfunctions.
 
-    relative_diffusion: G/sigma_P^2; load_share: p0/sigma_P.
+    Args:
+        relative_diffusion: G/sigma_P^2.
+        load_share: p0/sigma_P.
+        terms: how many.
+
+    Example:
+        >>> eigenfunction_sums(1.0, 1 / 12, 3).round(9)
+        array([1.7045e-05, 1.7045e-05, 1.7045e-05])
     """
     n = 2 * np.arange(terms) + 1
     s = min(load_share, 1 - load_share)
@@ -53,7 +56,7 @@ def eigenfunction_sums(relative_diffusion: float, load_share: float, terms: int)
 
 
 def image_sums(relative_diffusion: float, load_share: float, terms: int) -> FloatArray:
-    """(terms,): the elastic area by the first 1, 2, ... pairs of images."""
+    """(terms,): the elastic area by the first 1, 2, ... pairs of images; arguments as above."""
     s, c = min(load_share, 1 - load_share), 2 * math.sqrt(relative_diffusion)
     k = np.arange(1, terms)
     pairs = (-1.0) ** k * (erfc((k - s) / c) - erfc((k + s) / c))
@@ -61,131 +64,133 @@ def image_sums(relative_diffusion: float, load_share: float, terms: int) -> Floa
 
 
 def series_errors(
-    relative_diffusion: float, load_share: float = LOAD_SHARE, terms: int = MOST_TERMS
-) -> dict[str, FloatArray]:
-    """Relative error of the elastic area by the first 1, 2, ... terms of each series."""
-    exact = _exact(relative_diffusion, load_share)
-    sums = {"eigenfunctions": eigenfunction_sums, "images": image_sums}
-    return {
-        name: np.abs(summed(relative_diffusion, load_share, terms) / exact - 1)
-        for name, summed in sums.items()
-    }
+    relative_diffusions: Sequence[float], load_share: float = LOAD_SHARE, terms: int = MOST_TERMS
+) -> pd.DataFrame:
+    """Relative error of the elastic area by the first 1, 2, ... terms of each series.
 
-
-def terms_needed(
-    relative_diffusion: float, load_share: float = LOAD_SHARE, target: float = TARGET
-) -> dict[str, int]:
-    """The terms after which each series stays within `target`; MOST_TERMS + 1 if none does."""
-    needed = {}
-    for name, error in series_errors(relative_diffusion, load_share).items():
-        late = np.flatnonzero(~(error <= target))
-        needed[name] = int(late[-1]) + 2 if late.size else 1
-    return needed
-
-
-def finite_volume_errors(cells: list[int]) -> FloatArray:
-    """(n,): relative error of the plastic area by finite volumes of the paper's scene.
-
-    As many steps of the magnification are taken as there are cells.
+    Returns:
+        One row a diffusion, series and number of terms: relative_diffusion, series
+        (eigenfunctions or images), terms, relative_error.
     """
-    from epcontact import persson
-    from epcontact.scene import SelfAffineSpectrum
+    tables = []
+    for G in relative_diffusions:
+        exact = float(persson.areas(G, load_share, 1.0).elastic)
+        for name, sums in (("eigenfunctions", eigenfunction_sums), ("images", image_sums)):
+            error = np.abs(sums(G, load_share, terms) / exact - 1)
+            columns = {"terms": np.arange(1, terms + 1), "relative_error": error}
+            tables.append(pd.DataFrame({"relative_diffusion": G, "series": name} | columns))
+    return pd.concat(tables, ignore_index=True)
 
-    low = scenes.LOWEST
-    roughness = persson.analytic_roughness(SelfAffineSpectrum(0.8, low, 4 * low, 256 * low, 1.0))
-    body = persson.Theory(roughness, scenes.MODULUS, persson.EnergyReduction(scenes.GAMMA))
+
+def terms_needed(errors: pd.DataFrame, target: float = TARGET) -> pd.DataFrame:
+    """The terms after which each series stays within the target; NaN where it does not.
+
+    Args:
+        errors: as `series_errors` makes it.
+        target: relative error.
+
+    Returns:
+        One row a diffusion and series: relative_diffusion, series, terms.
+
+    Example:
+        >>> needed = terms_needed(series_errors([1e-3])).set_index("series")["terms"]
+        >>> float(needed["images"])
+        1.0
+    """
+    late = errors["terms"].where(~(errors["relative_error"] <= target), 0)
+    groups = late.groupby([errors["relative_diffusion"], errors["series"]], sort=False)
+    needed = groups.max() + 1.0
+    return needed.where(needed <= errors["terms"].max()).reset_index()
+
+
+def finite_volume_errors(cells: Sequence[int]) -> pd.DataFrame:
+    """Relative error of the plastic area of the paper's scene by finite volumes.
+
+    Args:
+        cells: of the pressure; as many steps of the magnification are taken.
+
+    Returns:
+        One row a number of cells: cells, relative_error.
+    """
+    spectrum = SelfAffineSpectrum(0.8, LOWEST, 4 * LOWEST, 256 * LOWEST, 1.0)
+    roughness = persson.analytic_roughness(spectrum)
+    body = persson.Theory(roughness, MODULUS, persson.EnergyReduction(GAMMA))
     exact = float(persson.areas(PAPER_DIFFUSION, LOAD_SHARE, 1.0).plastic)
     errors = []
     for n in cells:
-        found = persson.hardness_curve(
+        curve = persson.hardness_curve(
             body,
-            scenes.MEAN_PRESSURE,
-            lambda zeta: np.full_like(zeta, scenes.HARDNESS),
+            MEAN_PRESSURE,
+            lambda zeta: np.full_like(zeta, HARDNESS),
             [256.0],
             resolution=(n, n),
         )
-        errors.append(abs(float(found.areas.plastic[-1]) / exact - 1))
-    return np.array(errors)
-
-
-def _exact(relative_diffusion: float, load_share: float) -> float:
-    from epcontact.persson import areas
-
-    return float(areas(relative_diffusion, load_share, 1.0).elastic)
+        errors.append(abs(float(curve.areas.plastic[-1]) / exact - 1))
+    return pd.DataFrame({"cells": cells, "relative_error": errors})
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     """Error against terms, terms needed against G, finite volumes against cells."""
     progress("theory: series")
-    cells = [64, 128, 256, 512] + ([1024, 2048] if size == "full" else [])
     first, second = _draw_terms(), _draw_needed()
     progress("theory: finite volumes")
+    cells = [64, 128, 256, 512] + ([1024, 2048] if size == "full" else [])
     errors = finite_volume_errors(cells)
-    series = [Series("finite volumes", cells, errors)]
-    third = curves(
-        series,
-        x="cells of the pressure, and steps of the magnification (–)",
-        y="relative error of the plastic area (–)",
-        columns=("cells", "relative_error"),
-        caption="Error of the plastic area by finite volumes, which solve the theory where the "
-        "hardness depends on the magnification, here with the constant hardness of the paper's "
-        "scene, against the closed form, which is right to 1e-10: "
-        f"{errors[0]:.1e} with {cells[0]} cells, {errors[-1]:.1e} with {cells[-1]}, of order "
-        f"{observed_order(1 / np.array(cells), errors):.2f}.",
-        log="xy",
-        labels=with_orders(series, ["finite volumes"], sign=-1),
-        ticks=cells,
+    third = draw_table(
+        errors.assign(series="finite volumes"),
+        Plot(
+            ("cells", "cells of the pressure, and steps of the magnification (–)"),
+            ("relative_error", "relative error of the plastic area (–)"),
+            log="xy",
+            ticks=cells,
+            orders=["finite volumes"],
+        ),
+        "Error of the plastic area by finite volumes, which solve the theory where the hardness "
+        "depends on the magnification, here with the constant hardness of the paper's scene, "
+        "against the closed form, which is right to 1e-10: "
+        f"{listed(errors.iloc[[0, -1]], '{relative_error:.1e} with {cells:.0f} cells')}.",
     )
     return first, second, third
 
 
 def _draw_terms() -> Chart:
-    from epcontact.output.charts.style import CYCLE
-
-    colours, series = {}, []
-    told = " or ".join(f"{n} {name}" for name, n in terms_needed(PAPER_DIFFUSION).items())
-    count = np.arange(1, 13)
-    for colour, G in zip(CYCLE, (0.01, PAPER_DIFFUSION, 1.0), strict=False):
-        for name, error in series_errors(G, terms=12).items():
-            label = rf"{name}, $G/\sigma_\mathrm{{P}}^2$ = {G:.3g}"
-            colours[label] = colour
-            series.append(Series(label, count, np.maximum(error, np.finfo(float).eps / 4)))
-    return curves(
-        series,
-        x="terms (–)",
-        y="relative error of the elastic area (–)",
-        columns=("terms", "relative_error"),
-        caption="Error of the theory's elastic area against the number of terms, at p0/sigma_P = "
-        f"1/12 and three G/sigma_P^2, of which {PAPER_DIFFUSION:.3g} is that of the paper's "
-        "scene: images are short at small G, eigenfunctions at large G. Errors below a quarter "
-        "of float64's spacing, 5.6e-17, are drawn there. Reference: the shorter of both, right "
-        f"to 1e-10 of the area or better. To {TARGET:g} the paper's scene needs {told}.",
-        log="y",
-        colours=colours,
-        ticks=[1, 2, 4, 6, 8, 10, 12],
+    errors = series_errors([0.01, PAPER_DIFFUSION, 1.0], terms=12)
+    errors["relative_error"] = errors["relative_error"].clip(lower=np.finfo(float).eps / 4)
+    label = r"$G/\sigma_\mathrm{{P}}^2$ = {:.3g}"
+    errors["diffusion"] = errors["relative_diffusion"].map(label.format)
+    needed = terms_needed(series_errors([PAPER_DIFFUSION]))
+    return draw_table(
+        errors,
+        Plot(
+            ("terms", "terms (–)"),
+            ("relative_error", "relative error of the elastic area (–)"),
+            series=("series", "diffusion"),
+            colour="relative_diffusion",
+            log="y",
+            ticks=[1, 2, 4, 6, 8, 10, 12],
+        ),
+        "Error of the theory's elastic area against the number of terms, at p0/sigma_P = 1/12 and "
+        f"three G/sigma_P^2, of which {PAPER_DIFFUSION:.3g} is that of the paper's scene: images "
+        "are short at small G, eigenfunctions at large G. Errors below a quarter of float64's "
+        "spacing, 5.6e-17, are drawn there. Reference: the shorter of both, right to 1e-10 of the "
+        f"area or better. To {TARGET:g} the paper's scene needs "
+        f"{listed(needed, '{terms:.0f} {series}')}.",
     )
 
 
 def _draw_needed() -> Chart:
-    from epcontact.persson.series import SWITCH
-
-    G = np.geomspace(1e-3, 10, 81)
-    needed = [terms_needed(float(g)) for g in G]
-    series = []
-    for name in needed[0]:
-        found = np.array([one[name] for one in needed], dtype=np.float64)
-        found[found > MOST_TERMS] = np.nan
-        series.append(Series(name, G, found, line=True))
-    return curves(
-        series,
-        x=r"$G / \sigma_\mathrm{P}^2$ (–)",
-        y=f"terms to a relative error of {TARGET:g} (–)",
-        columns=("relative_diffusion", "terms"),
-        caption=f"Terms that each series of the elastic area needs to be right to {TARGET:g} of "
-        f"itself and stay so, at p0/sigma_P = 1/12. Where one needs more than {MOST_TERMS} or "
-        "its terms cancel, it is not drawn. The package changes from images to eigenfunctions "
-        f"at G/sigma_P^2 = {SWITCH**2 / 4:.3g} (dotted line).",
-        log="x",
-        upright={"change": SWITCH**2 / 4},
-        limits={"ylim": (0, 20), "yticks": range(0, 21, 5)},
+    needed = terms_needed(series_errors(np.geomspace(1e-3, 10, 81).tolist()))
+    return draw_table(
+        needed.assign(style="curve"),
+        Plot(
+            ("relative_diffusion", r"$G / \sigma_\mathrm{P}^2$ (–)"),
+            ("terms", f"terms to a relative error of {TARGET:g} (–)"),
+            log="x",
+            upright={"change": SWITCH**2 / 4},
+            limits={"ylim": (0, 20), "yticks": range(0, 21, 5)},
+        ),
+        f"Terms that each series of the elastic area needs to be right to {TARGET:g} of itself and "
+        f"stay so, at p0/sigma_P = 1/12. Where one needs more than {MOST_TERMS} or its terms "
+        "cancel, it is not drawn. The package changes from images to eigenfunctions at "
+        f"G/sigma_P^2 = {SWITCH**2 / 4:.3g} (dotted line).",
     )
