@@ -7,6 +7,7 @@ back by `from_json` without the fields, which live in VTK files.
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import platform
@@ -26,6 +27,11 @@ APART, ELASTIC, PLASTIC = 0, 1, 2
 
 def package_versions() -> dict[str, str]:
     """Versions of this package, of Python and of the libraries that decide the numbers."""
+    return dict(_versions())
+
+
+@functools.cache  # reading the packages' metadata takes longer than a solve of the theory
+def _versions() -> dict[str, str]:
     versions = {"python": platform.python_version()}
     for name in ("epcontact", "numpy", "scipy", "ducc0", "numba", "scikit-fem"):
         try:
