@@ -56,3 +56,61 @@ def rough_scene(
         Load(pressure),
         body or Body(),
     )
+
+
+#: The first of the cases fem-model, as a file of its own that tests can change.
+J2_CASE = """
+[case]
+id = "fem-model-5"
+requirement = "J2 flow carries the load on more area than a pressure cap at 3 sigma_Y does."
+source = "made for the tests"
+methods = ["fem", "bem"]
+
+[surface]
+kind = "self_affine"
+period = 1.0e-3
+hurst = 0.8
+wavenumber_low = 6283.185307179586
+wavenumber_roll_off = 6283.185307179586
+wavenumber_high = 25132.741228718346
+rms_slope = 0.05
+shape = [48, 48]
+seeds = [5, 6, 7, 8, 9, 10, 11, 12]
+
+[material]
+young_modulus = 210.0e9
+poisson_ratio = 0.3
+yield_stress = 2.3077e+09
+hardness = 6.9231e+09
+
+[body]
+kind = "bonded_layer"
+depth = 1.0e-3
+
+[fem]
+law = "j2"
+
+[load]
+mean_pressure = 5.7692e+08
+
+[[gate]]
+quantity = "quantity.measured_force"
+of = "fem"
+against = 0.0
+norm = "absolute"
+tolerance = 3e-8
+source = "the load"
+because = "the tolerance of the solver"
+"""
+
+#: A gate that only J2 flow on a flat block, under one load and beside a cap, can answer.
+MODEL_GATE = """
+[[gate]]
+quantity = "quantity.model_area"
+of = "fem"
+against = 0.219
+norm = "absolute"
+tolerance = 0.16
+source = "the case fem-model-5"
+because = "the band of the case fem-model-5"
+"""

@@ -6,9 +6,12 @@ import math
 from pathlib import Path
 
 import pytest
+from fem_scenes import J2_CASE, MODEL_GATE
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.case import at_size, case_sizes, find_cases, load_case
+from epcontact.harness.case import case_sizes, find_case, find_cases, find_named, load_case
+from epcontact.harness.case_gates import default_gates
+from epcontact.harness.case_text import at_size
 from epcontact.harness.verdict import verify
 
 
@@ -84,6 +87,18 @@ MISTAKES = {
         ["gate 1", "model_area", "of fem against a number", "of bem against 'persson'"],
     ),
     "size table": (("full = 8 }", "full = 8.5 }"), ["points_per", "8.5"]),
+    "misspelt size": (("fast = 4", "fats = 4"), ["points_per", "'fats'", "did you mean 'fast'"]),
+    "misspelt sizes": (
+        ("{ fast = 4, full = 8 }", "{ fats = 4, ful = 8 }"),
+        ["points_per", "'fats'", "did you mean 'fast'"],
+    ),
+    "no default gate": (
+        (
+            "[load]",
+            '[[omit]]\nof = "bem"\nquantity = "quantity.measured_gab"\nbecause = "x"\n[load]',
+        ),
+        ["measured_gab", "no default gate", "did you mean 'quantity.measured_gap'"],
+    ),
     "depth of a half-space": (("[load]", "[body]\ndepth = 1.0\n[load]"), ["[body]", "depth"]),
     "layer without depth": (
         ("[load]", '[body]\nkind = "bonded_layer"\n[load]'),
@@ -141,12 +156,12 @@ def test_what_has_no_model_difference_cannot_gate_it(
     tmp_path: Path, old: str, new: str, word: str
 ) -> None:
     path = tmp_path / "fem-model-5.toml"
-    text = (Path(__file__).parents[1] / "cases/fem-model-5.toml").read_text(encoding="utf-8")
+    text = J2_CASE + MODEL_GATE
     assert old in text
     path.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(InvalidCase, match=word) as caught:
         load_case(path)
-    assert "gate 1: quantity.effective_hardness" in str(caught.value)
+    assert "gate 2: quantity.model_area" in str(caught.value)
 
 
 def test_infinite_hardness_is_the_default(write_case) -> None:
@@ -161,3 +176,143 @@ def test_misspelt_quantity_is_refused_with_the_nearest_name(write_case) -> None:
 def test_misspelt_size_of_a_bare_verify_is_refused() -> None:
     with pytest.raises(InvalidCase, match="no size is called 'fats'; did you mean 'fast'"):
         verify(size="fats")
+
+
+# --- default gates -------------------------------------------------------------------------------
+
+OWN_GAP = """
+[[gate]]
+quantity = "quantity.measured_gap"
+of = "bem"
+against = 0.0
+norm = "absolute"
+tolerance = 1e-3
+source = "a test"
+because = "a band of the case's own"
+"""
+NO_GAP = """
+[[omit]]
+quantity = "quantity.measured_gap"
+of = "bem"
+because = "The test wants a case without it."
+"""
+
+
+def bands(case) -> dict[tuple[str, str], float]:
+    return {(gate.of, gate.quantity): gate.high for gate in case.gates}
+
+
+def test_a_case_has_the_default_gates_of_its_methods(write_case) -> None:
+    names = {(gate.of, gate.quantity) for gate in default_gates() if gate.of == "bem"}
+    assert names == {("bem", f"quantity.measured_{name}") for name in ("force", "bounds", "gap")}
+    own = bands(load_case(write_case()))
+    assert own[("bem", "quantity.measured_gap")] == 1e-7
+    assert set(own) == names | {("bem", "area.total.corrected")}
+
+
+def test_a_case_changes_or_omits_a_default_gate(write_case) -> None:
+    path = write_case()
+    text = path.read_text()
+    before = bands(load_case(path))
+    path.write_text(text + OWN_GAP)
+    assert bands(load_case(path)) == before | {("bem", "quantity.measured_gap"): 1e-3}
+    path.write_text(text + NO_GAP)
+    del before[("bem", "quantity.measured_gap")]
+    assert bands(load_case(path)) == before
+
+
+def test_the_largest_size_has_the_case_s_own_gates_alone() -> None:
+    assert len(load_case("paper-8192-32-elastic", "large").gates) == 1
+
+
+# --- families ------------------------------------------------------------------------------------
+
+VARIANTS = """
+[[variant]]
+case = { id = "soft" }
+material = { young_modulus = 50.0e9 }
+
+[[variant]]
+case = { id = "stiff", requirement = "A stiff one." }
+gate = [
+  { quantity = "area.total.corrected", tolerance = 0.1, because = "It is stiff." },
+  { quantity = "quantity.mean_gap", of = "bem", against = "persson", tolerance = 2, because = "-" },
+]
+"""
+
+
+@pytest.fixture
+def write_family(write_case):
+    def write(*replacements: tuple[str, str]) -> Path:
+        path = write_case()
+        text = path.read_text() + VARIANTS
+        for old, new in replacements:
+            assert old in text, old
+            text = text.replace(old, new)
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_variants_are_laid_over_the_rest_of_the_file(write_family) -> None:
+    soft, stiff = (load_case(text) for text in find_named(write_family()))
+    assert (soft.id, stiff.id) == ("soft", "stiff")
+    assert (soft.material.young_modulus, stiff.material.young_modulus) == (50e9, 100e9)
+    assert soft.material.hardness == stiff.material.hardness == 6e9
+    assert stiff.requirement == "A stiff one."
+    assert bands(soft)[("bem", "area.total.corrected")] == 0.5
+    assert bands(stiff)[("bem", "area.total.corrected")] == 0.1
+    assert bands(stiff)[("bem", "quantity.mean_gap")] == 2
+    assert stiff.gates[0].because == "It is stiff."
+
+
+def test_a_family_that_stands_for_one_case_is_refused(write_family) -> None:
+    with pytest.raises(InvalidCase, match="holds 2 cases; name one of them: soft, stiff"):
+        load_case(write_family())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("young_modulus = 50", "yuong_modulus = 50", ["variant soft", "did you mean 'young_mod"]),
+        ("material = { y", "materiel = { y", ["variant soft", "did you mean 'material'"]),
+        ('id = "stiff", ', "", ["variant 2", "case.id"]),
+        ('id = "stiff"', 'id = "soft"', ["variant 2", "'soft'"]),
+        (
+            "tolerance = 0.1,",
+            "tolerence = 0.1,",
+            ["variant stiff: gate 1.tolerence", "'tolerance'"],
+        ),
+        (
+            '"quantity.mean_gap", of',
+            '"quantity.mean_gab", fo',
+            ["variant stiff", "gate 2.fo", " of,"],
+        ),
+    ],
+)
+def test_mistakes_in_variants_name_file_variant_and_key(
+    write_family, old: str, new: str, words: list[str]
+) -> None:
+    path = write_family((old, new))
+    with pytest.raises(InvalidCase) as caught:
+        _ = [load_case(text) for text in find_named(path)]
+    for word in (str(path), *words):
+        assert word in str(caught.value)
+
+
+def test_a_gate_that_two_gates_could_mean_is_refused(write_family) -> None:
+    path = write_family()
+    gate = path.read_text().partition("[[gate]]")[2].partition("[[variant]]")[0]
+    path.write_text(path.read_text().replace("[[variant]]", f"[[gate]]{gate}\n[[variant]]", 1))
+    with pytest.raises(InvalidCase, match="2 gates of the file have the quantity"):
+        find_named(path)
+
+
+def test_shipped_families_are_found_by_the_ids_of_their_cases() -> None:
+    assert find_case("fem-model-50-nu0").path.name == "fem-model.toml"
+    assert len(find_named("fem-model")) == 9
+    ids = [case.id for case in find_cases()]
+    assert len(ids) == len(set(ids))
+    with pytest.raises(InvalidCase, match="did you mean 'fem-model-50-nu0'"):
+        find_case("fem-modl-50-nu0")

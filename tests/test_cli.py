@@ -41,12 +41,13 @@ def test_verify_holds_and_writes_the_verdict(epcontact, write_case, tmp_path) ->
     assert done.returncode == 0, done
     verdict = json.loads((out / "verdict.json").read_text())
     assert verdict["passed"] is True
-    (gate,) = verdict["cases"][0]["gates"]
+    gate, *defaults = verdict["cases"][0]["gates"]
+    assert [g["of"] for g in defaults] == ["bem"] * 3
     assert gate["status"] == "holds"
     assert gate["value"]["surfaces"] == 3
     assert gate["value"]["half_width_95"] > 0
     suite = ET.parse(out / "junit.xml").getroot()
-    assert suite.attrib["tests"] == "1"
+    assert suite.attrib["tests"] == "4"
     assert suite.attrib["failures"] == "0"
     assert list(out.rglob("*.tmp*")) == []
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fem_scenes import rough_scene
+from fem_scenes import J2_CASE, rough_scene
 from reference_plasticity import sphere_onset
 
 import fem_check
@@ -122,18 +122,12 @@ def test_paths_and_odd_grids_are_refused() -> None:
         effective_hardness(rough_scene(15, 3, hardness=math.inf))
 
 
-TEXT = (Path(__file__).parents[1] / "cases/fem-model-5.toml").read_text(encoding="utf-8")
-HEAD, *GATES = TEXT.split("[[gate]]")
-#: The case with the one gate that asks nothing of law, load and boundary elements.
-MODEL = HEAD + "[[gate]]" + next(gate for gate in GATES if "measured_force" in gate)
-
-
 @pytest.fixture
 def tiny(tmp_path: Path) -> Callable[..., Path]:
     """fem-model-5 on one surface of 24 x 24 nodes, with replacements."""
 
     def write(*replacements: tuple[str, str]) -> Path:
-        text = MODEL
+        text = J2_CASE
         for old, new in (
             ("[48, 48]", "[24, 24]"),
             ("[5, 6, 7, 8, 9, 10, 11, 12]", "[5]"),

@@ -27,7 +27,6 @@ from epcontact.harness.gates import FALLS_SHORT, HOLDS
 from epcontact.harness.verdict import CaseVerdict, verify
 from epcontact.results import Areas
 
-CASES = Path(__file__).parent.parent / "cases"
 Patch = Callable[[pytest.MonkeyPatch], None]
 
 
@@ -388,7 +387,7 @@ FAULTS: dict[str, Caught] = {
 def outcome_of(
     name: str, output: Path, solver: str = "", surfaces: int | None = None
 ) -> CaseVerdict:
-    case = load_case(CASES / f"{name}.toml")
+    case = load_case(name)
     case = replace(case, recipes=case.recipes[:surfaces])
     return verify(case, jobs=1, output=output, solver=solver, fresh=True).cases[0]
 

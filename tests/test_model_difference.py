@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 import pandas as pd
 import pytest
-from fem_scenes import rough_scene
+from fem_scenes import J2_CASE, MODEL_GATE, rough_scene
 
 import fem_check
 from epcontact import bem
@@ -35,7 +35,6 @@ from epcontact.studies.hardness import (
     model_scene,
 )
 
-CASES = Path(__file__).parents[1] / "cases"
 MODEL = [name for name, quantity in QUANTITIES.items() if "J2 flow" in quantity.needs]
 
 
@@ -137,7 +136,7 @@ def test_what_has_no_effective_hardness_or_no_block_is_refused(j2: ContactResult
 @pytest.mark.parametrize("strength", ["hardness", "yield_stress"])
 def test_a_model_gate_needs_both_strengths(tmp_path: Path, strength: str) -> None:
     """Without a cap J2 would be held against an elastic body and called different from a cap."""
-    text = (CASES / "fem-model-5.toml").read_text(encoding="utf-8")
+    text = J2_CASE + MODEL_GATE
     lines = [line for line in text.splitlines() if not line.startswith(f"{strength} =")]
     assert len(lines) == len(text.splitlines()) - 1
     case = tmp_path / "fem-model-5.toml"
@@ -170,7 +169,7 @@ def test_nothing_but_the_compliance_passes_from_one_solver_to_the_other(module: 
     [("fem-model-5", 5, 0.3), ("fem-model-50-nu0", 50, 0.0), ("fem-model-15-nu045", 15, 0.45)],
 )
 def test_the_study_answers_the_scenes_of_the_cases(name: str, severity: float, nu: float) -> None:
-    case = load_case(CASES / f"{name}.toml")
+    case = load_case(name)
     seed = case.recipes[0].seed
     ours, theirs = model_scene(severity, nu, seed, 48), case.scene(case.recipes[0])
     np.testing.assert_array_equal(ours.surface.heights, theirs.surface.heights)

@@ -26,7 +26,7 @@ HERE = Path(__file__).parent
 
 
 def shipped(name: str, size: str = "full"):
-    return load_case(HERE.parent / "cases" / f"{name}.toml", size)
+    return load_case(name, size)
 
 
 def answer_of(case, chosen) -> Answer:
@@ -278,6 +278,8 @@ def test_auto_makes_a_case_of_corrected_areas_cheaper_and_its_gates_still_hold()
     assert "corrected areas" in told
     result = bem.solve(auto.scene(auto.recipes[0]), threads=1)
     for gate in case.gates:
+        if not gate.quantity.endswith(".corrected"):
+            continue
         scene = case.scene(case.recipes[0])
         exact = CLOSED_FORMS[str(gate.against)].scalar(gate.quantity, scene)
         assert gate.low <= result.final.areas["corrected"].total / exact - 1 <= gate.high
@@ -296,7 +298,7 @@ def test_a_plan_with_its_pilots_is_never_dearer_than_the_hand_chosen_full_size(n
 @pytest.mark.slow
 def test_no_shipped_case_has_a_plan_dearer_than_its_full_size():
     for path in find_cases():
-        if "full" not in case_sizes(path) or path.stem.startswith("paper"):
+        if "full" not in case_sizes(path) or path.id.startswith("paper"):
             continue
         case = load_case(path, "full")
         if case.skip or "bem" not in case.methods:
@@ -319,7 +321,7 @@ def test_a_tolerance_out_of_range_is_refused(tolerance):
 
 
 def test_a_case_of_the_theory_alone_needs_no_plan():
-    path = find_case(str(HERE.parent / "cases" / "theory-elastic.toml"))
+    path = find_case("theory-elastic")
     with pytest.raises(InvalidCase, match="needs no plan"):
         plan(load_case(path), 0.01)
 

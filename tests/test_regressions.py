@@ -117,7 +117,7 @@ CHANGES = [
     ("[load]", "[bem]\ntolerance = 1e-7\n\n[load]"),
     (
         "[[gate]]",
-        '[[gate]]\nquantity = "quantity.measured_force"\nof = "bem"\nagainst = 0.0\n'
+        '[[gate]]\nquantity = "quantity.measured_raw_total"\nof = "bem"\nagainst = 0.0\n'
         'norm = "absolute"\ntolerance = 1e-9\nsource = "the load"\nbecause = "rounding"\n\n'
         "[[gate]]",
     ),
@@ -176,7 +176,7 @@ def test_byte_order_mark_and_line_ends_of_windows(write_case) -> None:
 def test_folder_of_results_does_not_hide_a_case(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "paper-elastic").mkdir()
-    assert find_case("paper-elastic").name == "paper-elastic.toml"
+    assert find_case("paper-elastic").path.name == "paper-elastic.toml"
     (tmp_path / "other").mkdir()
     with pytest.raises(InvalidCase, match="no such case file"):
         find_case("other")

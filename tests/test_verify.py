@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from epcontact.harness.case import load_case
+from epcontact.harness.case import Case, load_case
 from epcontact.harness.store import Answer
 from epcontact.harness.verdict import Verdict, judge_case, write_verdict
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
@@ -30,9 +31,14 @@ def answers(bem: list[float], theory: float = 0.1) -> dict[str, Answer]:
     }
 
 
+def with_its_own_gate(case: Case) -> Case:
+    """Without the default gates, which read fields that the results here do not have."""
+    return replace(case, gates=case.gates[:1])
+
+
 @pytest.fixture
 def case(write_case):
-    return load_case(write_case(("tolerance = 0.5", "tolerance = 0.1")))
+    return with_its_own_gate(load_case(write_case(("tolerance = 0.5", "tolerance = 0.1"))))
 
 
 @pytest.mark.parametrize(
@@ -65,12 +71,11 @@ def test_one_failed_surface_of_an_ensemble_is_an_error(case) -> None:
 
 
 def test_distributions_are_compared_surface_by_surface(write_case) -> None:
-    case = load_case(
-        write_case(
-            ('"area.total.corrected"', '"distribution"'),
-            ("tolerance = 0.5", 'norm = "wasserstein"\ntolerance = 0.1'),
-        )
+    path = write_case(
+        ('"area.total.corrected"', '"distribution"'),
+        ("tolerance = 0.5", 'norm = "wasserstein"\ntolerance = 0.1'),
     )
+    case = with_its_own_gate(load_case(path))
     same = judge_case(case, answers([0.1, 0.1]))
     assert same.gates[0].difference.mean == pytest.approx(0, abs=1e-12)
     assert same.status == "holds"

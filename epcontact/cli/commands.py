@@ -14,7 +14,7 @@ from rich.table import Table
 
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness import case as casefile
-from epcontact.harness.schema import CaseFile
+from epcontact.harness.schema import Family
 from epcontact.harness.verdict import Verdict, verify
 from epcontact.results import plain
 
@@ -200,7 +200,7 @@ def view(
 @click.argument("kind", type=click.Choice(["case", "verdict"]))
 def schema(kind: str) -> None:
     """Print the JSON Schema of a case file, or of verdict.json."""
-    model = CaseFile if kind == "case" else Verdict
+    model = Family if kind == "case" else Verdict
     click.echo(json.dumps(plain(model.model_json_schema()), indent=2, allow_nan=False))
 
 

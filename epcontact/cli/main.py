@@ -198,8 +198,8 @@ def verify(
     """
     given: Sequence[str | Case] = cases
     if size == "auto":
-        paths = [casefile.find_case(name) for name in cases] or cases_to_verify("fast")
-        given = [_load(path, size) for path in paths]
+        named = [case for name in cases for case in casefile.find_named(name)]
+        given = [_load(case, size) for case in named or cases_to_verify("fast")]
     with _progress() as progress:
         verdict = run_gates(
             given,
@@ -246,7 +246,7 @@ def _write_report(verdict: Verdict, output: Path) -> None:
     report_folder(output, theory=theory_densities)
 
 
-def _load(path: Path, size: str) -> Case:
+def _load(path: casefile.CaseText, size: str) -> Case:
     """A case at a size; auto: made cheaper by a plan, with a sentence on stderr that says so."""
     if size != "auto":
         return casefile.load_case(path, size)

@@ -1,4 +1,4 @@
-"""Case files: TOML to scenes and gates, every mistake told in one sentence.
+"""From case files to scenes and gates; every mistake is one sentence.
 
 A case is read once for each size it offers, so that a mistake in its full size shows when the
 fast one is run.  No surface is made here: a case knows its recipes and with them the digest of
@@ -7,10 +7,9 @@ each scene.
 
 from __future__ import annotations
 
-import tomllib
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from pydantic import ValidationError
 
 from epcontact.errors import EpcontactError, InvalidCase, nearest
 from epcontact.harness.case_gates import gates_of
+from epcontact.harness.case_text import SIZES, CaseText, at_size, case_files, read_cases
 from epcontact.harness.gates import Gate
 from epcontact.harness.methods import METHODS
 from epcontact.harness.schema import CaseFile, mistake
@@ -32,8 +32,16 @@ from epcontact.scene import (
 )
 from epcontact.surfaces import Recipe, SurfaceAbsent, recipes_of, require_room
 
-SIZES = ("fast", "full", "large")
-LARGEST_FILE = 1 << 20  # bytes; a case is a page of text, anything larger is another file
+__all__ = [
+    "SIZES",
+    "Case",
+    "CaseText",
+    "case_sizes",
+    "find_case",
+    "find_cases",
+    "find_named",
+    "load_case",
+]
 
 
 @dataclass(frozen=True)
@@ -68,104 +76,93 @@ class Case:
         return Scene(recipe.build(), self.material, self.load, self.body)
 
 
-def find_cases() -> list[Path]:
-    """The case files in ./cases or, where there are none, those that came with the package."""
-    package = Path(str(files("epcontact")))
-    # An editable install has the cases beside the package, a wheel inside it.
-    for folder in (Path("cases"), package / "_cases", package.parent / "cases"):
-        if found := sorted(folder.glob("*.toml")):
-            return found
-    return []
+def find_cases() -> list[CaseText]:
+    """The cases in ./cases or, where there are none, those that came with the package.
 
+    Raises:
+        InvalidCase: if one of the files is no case file.
 
-def find_case(name: str) -> Path:
-    """The file of a case given by path or by id.  Raises InvalidCase if there is none."""
-    path = Path(name)
-    # A folder of results is called as its case is.
-    if path.suffix == ".toml" or (path.exists() and name not in {p.stem for p in find_cases()}):
-        if not path.is_file():
-            raise InvalidCase(f"{name}: no such case file; `epcontact list` shows the cases")
-        return path
-    known = {p.stem: p for p in find_cases()}
-    if name not in known:
-        raise InvalidCase(f"no case is called {name!r}{nearest(name, known)}")
-    return known[name]
-
-
-def load_case(path: Path, size: str = "fast") -> Case:
-    """Read a case file at one size, checking it at all of them.
-
-    Raises InvalidCase with one sentence that names the file, the key and the remedy.
+    Example:
+        >>> "hertz-sphere" in [case.id for case in find_cases()]
+        True
     """
-    data = _read(path)
-    sizes = offered_sizes(data)
-    if size not in sizes:
-        raise InvalidCase(f"{path}: has no size {size!r}; it has {', '.join(sizes)}")
-    cases = {each: _build(path, each, at_size(data, each)) for each in sizes}
-    if cases[size].id != path.stem:
+    return [case for file in case_files() for case in read_cases(file)]
+
+
+def find_named(name: str | Path) -> tuple[CaseText, ...]:
+    """The cases that a name stands for: the id of one case, or a file with one or several.
+
+    Args:
+        name: the id of a case, the name of a file in the folder of cases, or a path.
+
+    Raises:
+        InvalidCase: if there is none.
+    """
+    path, text = Path(name), str(name)
+    known: dict[str, tuple[CaseText, ...]] = {}
+    if path.suffix != ".toml":
+        for file in case_files():
+            if file.stem == text:
+                return read_cases(file)
+            known[file.stem] = ()
+            with contextlib.suppress(InvalidCase):  # what else is wrong there does not matter
+                known |= {case.id: (case,) for case in read_cases(file)}
+    if text in known:
+        return known[text]
+    if path.is_file():
+        return read_cases(path)
+    if path.suffix == ".toml" or path.exists():
+        raise InvalidCase(f"{name}: no such case file; `epcontact list` shows the cases")
+    raise InvalidCase(f"no case is called {text!r}{nearest(text, known)}")
+
+
+def find_case(name: str | Path) -> CaseText:
+    """The one case that a name stands for; see `find_named`.  Raises InvalidCase."""
+    cases = find_named(name)
+    if len(cases) > 1:
+        ids = ", ".join(case.id for case in cases)
+        raise InvalidCase(f"{name} holds {len(cases)} cases; name one of them: {ids}")
+    return cases[0]
+
+
+def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
+    """Read a case at one size, checking it at all of them.
+
+    Args:
+        case: from `find_case` or `find_cases`, or what `find_case` takes.
+        size: "fast", "full" or "large", if the case has it.
+
+    Raises:
+        InvalidCase: with one sentence that names the file, the key and the remedy.
+
+    Example:
+        >>> case = load_case("westergaard-light")
+        >>> case.methods, [recipe.shape for recipe in case.recipes]
+        (('bem',), [(4096,)])
+    """
+    text = case if isinstance(case, CaseText) else find_case(case)
+    if size not in text.sizes:
+        raise InvalidCase(f"{text.where}: has no size {size!r}; it has {', '.join(text.sizes)}")
+    cases = {each: _build(text, each) for each in text.sizes}
+    if cases[size].id != text.id:
         raise InvalidCase(
-            f"{path}: case.id is {cases[size].id!r}, but must be the file's name, {path.stem!r}"
+            f"{text.path}: case.id is {cases[size].id!r}, but must be the file's name, {text.id!r}"
         )
     return cases[size]
 
 
-def offered_sizes(data: Mapping[str, Any]) -> tuple[str, ...]:
-    """The sizes a case offers: those that every value given by size has; fast, if none is."""
-    tables = list(_size_tables(data))
-    return tuple(s for s in SIZES if all(s in t for t in tables)) if tables else ("fast",)
+def case_sizes(case: CaseText | Path | str) -> tuple[str, ...]:
+    """The sizes that a case offers.  Raises InvalidCase."""
+    return (case if isinstance(case, CaseText) else find_case(case)).sizes
 
 
-def case_sizes(path: Path) -> tuple[str, ...]:
-    """The sizes the case in `path` offers.  Raises InvalidCase."""
-    return offered_sizes(_read(path))
-
-
-def at_size(value: Any, size: str) -> Any:
-    """`value` with every table of sizes replaced by its entry for `size`."""
-    if _is_size_table(value):
-        return value[size]
-    if isinstance(value, Mapping):
-        return {key: at_size(item, size) for key, item in value.items()}
-    if isinstance(value, list):
-        return [at_size(item, size) for item in value]
-    return value
-
-
-def _is_size_table(value: Any) -> bool:
-    return isinstance(value, Mapping) and bool(value) and set(value) <= set(SIZES)
-
-
-def _size_tables(value: Any) -> Any:
-    if _is_size_table(value):
-        yield value
-    elif isinstance(value, Mapping | list):
-        for item in value.values() if isinstance(value, Mapping) else value:
-            yield from _size_tables(item)
-
-
-def _read(path: Path) -> dict[str, Any]:
+def _build(text: CaseText, size: str) -> Case:
+    where = text.where
     try:
-        if not path.is_file():
-            path.stat()  # says why, where it is nothing at all
-            raise InvalidCase(f"{path}: is no regular file")
-        if path.stat().st_size > LARGEST_FILE:
-            raise InvalidCase(f"{path}: is larger than a case file can be (1 MiB)")
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise InvalidCase(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InvalidCase(f"{path}: is not UTF-8 text, as TOML must be") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InvalidCase(f"{path}: is not TOML: {error}") from None
-    except RecursionError:
-        raise InvalidCase(f"{path}: is nested too deeply for a case file") from None
-
-
-def _build(path: Path, size: str, data: Mapping[str, Any]) -> Case:
-    try:
-        table = CaseFile.model_validate(data, context={"folder": path.parent})
+        context = {"folder": text.path.parent}
+        table = CaseFile.model_validate(at_size(text.tables, size), context=context)
     except ValidationError as error:
-        raise InvalidCase(f"{path}: {mistake(error)}") from None
+        raise InvalidCase(f"{where}: {mistake(error)}") from None
     try:
         section = "material"
         material = Material(**table.material.model_dump())
@@ -178,7 +175,7 @@ def _build(path: Path, size: str, data: Mapping[str, Any]) -> Case:
         if not all(METHODS[name].follows_unloading for name in table.case.methods):
             check_loading(material, load)
     except EpcontactError as error:
-        raise InvalidCase(f"{path}: [{section}] {error}") from None
+        raise InvalidCase(f"{where}: [{section}] {error}") from None
     absent = isinstance(table.surface, SurfaceAbsent)
     skip = f"skipped: {table.surface}" if absent else _not_installed(table.case.methods)
     return Case(
@@ -193,9 +190,9 @@ def _build(path: Path, size: str, data: Mapping[str, Any]) -> Case:
         material=material,
         body=body,
         load=load,
-        options=_options(path, table),
-        gates=gates_of(path, table, size),
-        path=path,
+        options=_options(where, table),
+        gates=gates_of(where, table, size),
+        path=text.path,
         skip=skip,
     )
 
@@ -205,7 +202,7 @@ def _not_installed(methods: Sequence[str]) -> str:
     return f"skipped: {missing[0]}" if missing else ""
 
 
-def _options(path: Path, table: CaseFile) -> dict[str, dict[str, Any]]:
+def _options(where: str, table: CaseFile) -> dict[str, dict[str, Any]]:
     options: dict[str, dict[str, Any]] = {}
     for name in table.case.methods:
         method = METHODS[name]
@@ -213,7 +210,7 @@ def _options(path: Path, table: CaseFile) -> dict[str, dict[str, Any]]:
         if given is None:
             needed = [key for key, f in method.options.model_fields.items() if f.is_required()]
             raise InvalidCase(
-                f"{path}: case.methods asks for {name}, which needs a table [{method.table}] with "
+                f"{where}: case.methods asks for {name}, which needs a table [{method.table}] with "
                 + " and ".join(needed)
             )
         options[name] = given.model_dump(exclude_none=True)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from pathlib import Path
+import tomllib
+from importlib.resources import files
 
 from epcontact.errors import InvalidCase, nearest
 from epcontact.harness.gates import Gate
@@ -13,33 +15,67 @@ from epcontact.harness.schema import CaseFile, GateTable
 from epcontact.reference import CLOSED_FORMS
 
 
-def gates_of(path: Path, table: CaseFile, size: str) -> tuple[Gate, ...]:
-    """The gates that apply to a size.  Raises InvalidCase for any that cannot be judged."""
-    gates = []
+@functools.cache
+def default_gates() -> tuple[GateTable, ...]:
+    """The gates that every case of a method must hold, as `default_gates.toml` states them.
+
+    Example:
+        >>> [gate.quantity for gate in default_gates() if gate.of == "bem"][0]
+        'quantity.measured_force'
+    """
+    text = files("epcontact.harness").joinpath("default_gates.toml").read_text("utf-8")
+    return tuple(GateTable.model_validate(gate) for gate in tomllib.loads(text)["gate"])
+
+
+def gates_of(where: str, table: CaseFile, size: str) -> tuple[Gate, ...]:
+    """The gates of a case that apply to a size: its own, and its methods' default gates.
+
+    A gate of the case takes the place of the default gate on the same quantity of the same
+    method, and a table [[omit]] switches that off.
+
+    Raises:
+        InvalidCase: for any gate that cannot be judged, or an omission of no default gate.
+    """
     for number, gate in enumerate(table.gate, start=1):
-        where = f"{path}: gate {number}"
-        for method in (gate.of, gate.against):
-            if method in METHODS and method not in table.case.methods:
-                raise InvalidCase(
-                    f"{where} reads {method}, which case.methods does not name; add it there"
-                )
-        needs = _needs(where, gate)
-        if "J2 flow" in needs:
-            _require_model(where, gate, table, needs)
-        if isinstance(gate.against, str) and gate.against not in METHODS:
-            _require_closed_form(where, gate)
-        elif gate.norm == "l2" or (
-            gate.quantity == "distribution" and not isinstance(gate.against, str)
-        ):
+        _require_answerable(f"{where}: gate {number}", gate, table)
+    own = [gate for gate in table.gate if gate.sizes is None or size in gate.sizes]
+    if not own:
+        raise InvalidCase(f"{where}: no gate applies to size {size!r}, which the case offers")
+    defaults = {(gate.of, gate.quantity): gate for gate in default_gates()}
+    for omitted in table.omit:
+        if (omitted.of, omitted.quantity) not in defaults:
+            names = [quantity for of, quantity in defaults if of == omitted.of]
             raise InvalidCase(
-                f"{where}: {gate.quantity} is held against {gate.against!r}, but needs a closed "
-                "form that has it" + (" or a method" if gate.norm != "l2" else "")
+                f"{where}: omit has {omitted.quantity!r} of {omitted.of}, which is no default "
+                f"gate{nearest(omitted.quantity, names)}"
             )
-        if gate.sizes is None or size in gate.sizes:
-            gates.append(_gate(gate))
-    if not gates:
-        raise InvalidCase(f"{path}: no gate applies to size {size!r}, which the case offers")
-    return tuple(gates)
+    replaced = {(gate.of, gate.quantity) for gate in (*own, *table.omit)}
+    shared = [
+        gate
+        for key, gate in defaults.items()
+        if gate.of in table.case.methods and size in (gate.sizes or ()) and key not in replaced
+    ]
+    return tuple(map(_gate, (*own, *shared)))
+
+
+def _require_answerable(where: str, gate: GateTable, table: CaseFile) -> None:
+    for method in (gate.of, gate.against):
+        if method in METHODS and method not in table.case.methods:
+            raise InvalidCase(
+                f"{where} reads {method}, which case.methods does not name; add it there"
+            )
+    needs = _needs(where, gate)
+    if "J2 flow" in needs:
+        _require_model(where, gate, table, needs)
+    if isinstance(gate.against, str) and gate.against not in METHODS:
+        _require_closed_form(where, gate)
+    elif gate.norm == "l2" or (
+        gate.quantity == "distribution" and not isinstance(gate.against, str)
+    ):
+        raise InvalidCase(
+            f"{where}: {gate.quantity} is held against {gate.against!r}, but needs a closed "
+            "form that has it" + (" or a method" if gate.norm != "l2" else "")
+        )
 
 
 def _needs(where: str, gate: GateTable) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from epcontact.errors import EpcontactError
-from epcontact.harness.case import SIZES, case_sizes, load_case
+from epcontact.harness.case import SIZES, Case, find_named, load_case
 from epcontact.harness.verdict import CaseVerdict, verify
 
 
@@ -36,18 +36,19 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
 
 
 class CaseModule(pytest.File):
-    """A case file; its methods run once, when the first of its gates does."""
-
-    verdict: CaseVerdict | None = None
+    """A case file; the methods of a case run once, when the first of its gates does."""
 
     def collect(self) -> Iterator[pytest.Item]:
-        """One item a gate."""
+        """One item a gate, called by its case, too, in a file of several cases."""
         size = self.config.getoption("--case-size")
-        if size not in case_sizes(self.path):
-            return
-        case = load_case(self.path, size)
-        for number, gate in enumerate(case.gates):
-            yield GateItem.from_parent(self, name=gate.name, number=number)
+        self.verdicts: dict[str, CaseVerdict] = {}
+        for text in find_named(self.path):
+            if size not in text.sizes:
+                continue
+            case = load_case(text, size)
+            for number, gate in enumerate(case.gates):
+                name = f"{case.id}: {gate.name}" if text.is_variant else gate.name
+                yield GateItem.from_parent(self, name=name, case=case, number=number)
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         """A case file that cannot be read says so in its one sentence."""
@@ -55,29 +56,29 @@ class CaseModule(pytest.File):
             return str(excinfo.value)
         return super().repr_failure(excinfo)
 
-    def judged(self) -> CaseVerdict:
-        """The verdict on the case, which is solved at the first call."""
-        if self.verdict is None:
+    def judged(self, case: Case) -> CaseVerdict:
+        """The verdict on a case, which is solved at the first call."""
+        if case.id not in self.verdicts:
             config: Any = self.config
             folder = config.getoption("--case-output")
             output = Path(folder) if folder else config._tmp_path_factory.mktemp("results")
-            size = config.getoption("--case-size")
-            self.verdict = verify([self.path], size=size, output=output).cases[0]
-        return self.verdict
+            self.verdicts[case.id] = verify(case, size=case.size, output=output).cases[0]
+        return self.verdicts[case.id]
 
 
 class GateItem(pytest.Item):
     """One gate of a case."""
 
-    def __init__(self, *, number: int, **kwargs: Any) -> None:
+    def __init__(self, *, case: Case, number: int, **kwargs: Any) -> None:
         super().__init__(**kwargs)
+        self.case = case
         self.number = number
 
     def runtest(self) -> None:
         """Judge the gate."""
         module = self.parent
         assert isinstance(module, CaseModule)
-        verdict = module.judged()
+        verdict = module.judged(self.case)
         if verdict.skipped_because:
             pytest.skip(verdict.skipped_because)
         gate = verdict.gates[self.number]

@@ -7,6 +7,7 @@ sizes are resolved before these classes see the values.  `epcontact keys` prints
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Annotated, Any, Literal
 
@@ -21,6 +22,7 @@ from pydantic import (
 )
 
 from epcontact.errors import nearest
+from epcontact.harness.case_text import SIZES
 from epcontact.harness.methods import METHODS, Table
 from epcontact.surfaces import CaseSurface, SurfaceAbsent
 
@@ -34,6 +36,9 @@ def _registered(name: str) -> str:
 MethodName = Annotated[
     str, AfterValidator(_registered), Field(json_schema_extra={"enum": list(METHODS)})
 ]
+
+
+Size = Literal["fast", "full", "large"]
 
 
 class CaseTable(Table):
@@ -118,7 +123,7 @@ class GateTable(Table):
     )
     because: str = Field(min_length=1, description="why the band is as wide as it is")
     source: str = Field(default="", description="where a number comes from; needed for one")
-    sizes: list[Literal["fast", "full", "large"]] | None = Field(
+    sizes: list[Size] | None = Field(
         default=None, min_length=1, description="the sizes it applies to; else all"
     )
 
@@ -143,6 +148,14 @@ class GateTable(Table):
         return self
 
 
+class OmitTable(Table):
+    """[[omit]]: one default gate of a method that the case does not have to hold."""
+
+    quantity: str = Field(description="quantity of the default gate")
+    of: MethodName = Field(description="the method whose default gate it is")
+    because: str = Field(min_length=1, description="why the case cannot hold it")
+
+
 class _Sections(Table):
     """The sections of a case file that do not depend on its methods."""
 
@@ -155,6 +168,7 @@ class _Sections(Table):
     load: LoadTable
     body: BodyTable = BodyTable()
     gate: list[GateTable] = Field(min_length=1)
+    omit: list[OmitTable] = Field(default=[], description="default gates that do not apply")
 
 
 def _method_sections() -> dict[str, Any]:
@@ -169,13 +183,30 @@ def _method_sections() -> dict[str, Any]:
     return sections
 
 
+def _partial(name: str) -> tuple[Any, Any]:
+    """The field of a variant that is laid over the section `name`."""
+    form = list[dict[str, Any]] if name in ("gate", "omit") else dict[str, Any]
+    return form, Field(default={}, description=f"keys of [{name}] that differ in this variant")
+
+
 class CaseFile(create_model("CaseFile", __base__=_Sections, **_method_sections())):  # type: ignore
-    """A whole case file."""
+    """One case: a whole file, or one of its variants laid over the rest."""
 
 
+class Family(CaseFile):
+    """A case file with variants, each a case of its own."""
+
+    variant: list[
+        create_model(  # type: ignore
+            "Variant", __base__=Table, **{name: _partial(name) for name in CaseFile.model_fields}
+        )
+    ] = Field(default=[], description="partial case files, each laid over the rest of this one")
+
+
+@functools.cache
 def _tables() -> dict[str, dict[str, Any]]:
     """The JSON Schema of each table by its name, such as "case" or "surface, sinusoid"."""
-    schema = CaseFile.model_json_schema()
+    schema = Family.model_json_schema()
     tables = {}
     for name, entry in schema["properties"].items():
         references = entry.get("discriminator", {}).get("mapping")
@@ -223,6 +254,10 @@ def mistake(error: ValidationError) -> str:
     elif kind == "value_error":
         table = len(location) == 1 or location[0] == "surface"
         sentence = f"{f'[{where}]' if table else f'{where}:'} {first['ctx']['error']}"
+    elif isinstance(given, dict):
+        names = ", ".join(map(repr, given))
+        sentence = f"{where} has the keys {names}, but must be one value, or one each for the sizes"
+        sentence += nearest(str(next(iter(given), "")), SIZES)
     else:
         needed = first["msg"].lower().replace("valid tuple", "valid list")
         sentence = f"{where} is {given!r}, but must be right: {needed}"
@@ -246,7 +281,7 @@ def _where(location: tuple[Any, ...]) -> str:
 def _keys_beside(location: tuple[Any, ...]) -> dict[str, Any]:
     """The JSON Schema of each key of the table that holds the key at `location`."""
     if len(location) == 1:
-        return {key: {} for key in CaseFile.model_fields}
+        return {key: {} for key in Family.model_fields}
     name = str(location[0])
     table = _tables()[f"{name}, {location[1]}" if name == "surface" else name]
     return dict(table["properties"])

@@ -18,7 +18,7 @@ from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 from epcontact.errors import EpcontactError, InvalidCase, nearest
-from epcontact.harness.case import SIZES, Case, case_sizes, find_case, find_cases, load_case
+from epcontact.harness.case import SIZES, Case, CaseText, find_cases, find_named, load_case
 from epcontact.harness.distances import distance
 from epcontact.harness.gates import (
     DISTRIBUTION_NORMS,
@@ -123,7 +123,7 @@ def verify(  # noqa: PLR0913 - the options of the command
 
     Args:
         cases: a name, a path or a loaded case, or several of them; None or nothing: all that a
-            bare `epcontact verify` runs.
+            bare `epcontact verify` runs.  A file with variants stands for all of them.
         size: the size at which names and paths are loaded.
         jobs: worker processes; None: one a core, and a single one for size large.
         output: folder for results, which are reused if nothing that decides them has changed.
@@ -149,10 +149,7 @@ def verify(  # noqa: PLR0913 - the options of the command
     """
     methods = dict(METHODS)
     named = [cases] if isinstance(cases, str | Path | Case) else list(cases or ())
-    loaded = [
-        case if isinstance(case, Case) else load_case(find_case(str(case)), size)
-        for case in named or cases_to_verify(size)
-    ]
+    loaded = [case for each in named or cases_to_verify(size) for case in _loaded(each, size)]
     if solver:
         stand_in = solver_named(solver)
         methods[stand_in.name] = stand_in
@@ -171,19 +168,25 @@ def verify(  # noqa: PLR0913 - the options of the command
     return verdict
 
 
-def cases_to_verify(size: str) -> list[Path]:
-    """The files of the cases that a bare verify runs at a size.
+def _loaded(case: str | Path | CaseText | Case, size: str) -> list[Case]:
+    if isinstance(case, Case):
+        return [case]
+    texts = (case,) if isinstance(case, CaseText) else find_named(case)
+    return [load_case(text, size) for text in texts]
+
+
+def cases_to_verify(size: str) -> list[CaseText]:
+    """The cases that a bare verify runs at a size.
 
     Raises:
         InvalidCase: if there are none, or there is no such size.
     """
     if size not in SIZES:
         raise InvalidCase(f"no size is called {size!r}{nearest(size, SIZES)}")
-    paths = find_cases()
-    if not paths:
+    cases = find_cases()
+    if not cases:
         raise InvalidCase("no cases found, neither in ./cases nor in the installed package")
-    offered = [path for path in paths if size in case_sizes(path)]
-    return [path for path in offered if load_case(path, size).verify]
+    return [case for case in cases if size in case.sizes and load_case(case, size).verify]
 
 
 def _in_place(case: Case, name: str) -> Case:

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 from epcontact.errors import EpcontactError
-from epcontact.harness.case import Case, case_sizes, load_case
+from epcontact.harness.case import Case, CaseText, load_case
 from epcontact.harness.gates import Gate
 from epcontact.planning.plan import plan, planned_case
 
 
-def load_auto(path: Path) -> tuple[Case, str]:
-    """The case of a file at its full size, or its only one, made cheaper by `auto_case`.
+def load_auto(text: CaseText) -> tuple[Case, str]:
+    """A case at its full size, or its only one, made cheaper by `auto_case`.
 
     The sentence is empty where the case is skipped.
     """
-    sizes = [size for size in case_sizes(path) if size != "large"]
-    given = load_case(path, (sizes or ["large"])[-1])
+    sizes = [size for size in text.sizes if size != "large"]
+    given = load_case(text, (sizes or ["large"])[-1])
     return (given, "") if given.skip else auto_case(given)
 
 

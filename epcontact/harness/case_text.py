@@ -1,0 +1,177 @@
+"""The text of case files: TOML with variants and with values by size, before its keys are checked.
+
+A file holds one case, called as the file is, or a family of them: each table [[variant]] is a
+partial case file that is laid over the rest of the file.  Its keys replace those of the same
+table, and its gates complete the file's gate of the same quantity or, if there is none, come on
+top.  So a family states once what its cases share.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from epcontact.errors import InvalidCase, nearest
+
+SIZES = ("fast", "full", "large")
+LARGEST_FILE = 1 << 20  # bytes; a case is a page of text, anything larger is another file
+
+
+@dataclass(frozen=True)
+class CaseText:
+    """One case as its file states it, its variant laid over the rest and its sizes unresolved.
+
+    Attributes:
+        path: the file.
+        id: of the variant, or the file's name.
+        tables: the TOML.
+        is_variant: the file holds a family of cases.
+    """
+
+    path: Path
+    id: str
+    tables: Mapping[str, Any]
+    is_variant: bool = False
+
+    @property
+    def where(self) -> str:
+        """The file, and the variant if it is one of several, for messages."""
+        return f"{self.path}: variant {self.id}" if self.is_variant else str(self.path)
+
+    @property
+    def sizes(self) -> tuple[str, ...]:
+        """The sizes that every value given by size has; fast alone if none is given by size."""
+        tables = list(_size_tables(self.tables))
+        return tuple(s for s in SIZES if all(s in t for t in tables)) if tables else ("fast",)
+
+
+def case_files() -> list[Path]:
+    """The case files in ./cases or, where there are none, those that came with the package."""
+    package = Path(str(files("epcontact")))
+    # An editable install has the cases beside the package, a wheel inside it.
+    for folder in (Path("cases"), package / "_cases", package.parent / "cases"):
+        if found := sorted(folder.glob("*.toml")):
+            return found
+    return []
+
+
+def read_cases(path: Path) -> tuple[CaseText, ...]:
+    """The case in a file, or the family of them.
+
+    Raises:
+        InvalidCase: if the file is no TOML, misspells a size, or its variants are not told apart.
+    """
+    tables = _read(path)
+    _require_sizes(str(path), tables)
+    variants = tables.pop("variant", None)
+    if variants is None:
+        return (CaseText(path, path.stem, tables),)
+    if not (isinstance(variants, list) and variants and all(isinstance(v, dict) for v in variants)):
+        raise InvalidCase(f"{path}: variant is {variants!r:.60}, but must be tables [[variant]]")
+    family: dict[str, CaseText] = {}
+    for number, variant in enumerate(variants, start=1):
+        head = variant.get("case")
+        name = head.get("id") if isinstance(head, dict) else None
+        if not isinstance(name, str) or name in family:
+            raise InvalidCase(
+                f"{path}: variant {number} has the case.id {name!r}, but each variant needs a "
+                "text of its own"
+            )
+        where = f"{path}: variant {name}"
+        family[name] = CaseText(path, name, _laid_over(where, tables, variant), is_variant=True)
+    return tuple(family.values())
+
+
+def at_size(value: Any, size: str) -> Any:
+    """`value` with every table of sizes replaced by its entry for `size`.
+
+    Example:
+        >>> at_size({"shape": {"fast": [64, 64], "full": [256, 256]}}, "fast")
+        {'shape': [64, 64]}
+    """
+    if _is_size_table(value):
+        return value[size]
+    if isinstance(value, Mapping):
+        return {key: at_size(item, size) for key, item in value.items()}
+    if isinstance(value, list):
+        return [at_size(item, size) for item in value]
+    return value
+
+
+def _is_size_table(value: Any) -> bool:
+    return isinstance(value, Mapping) and bool(value) and set(value) <= set(SIZES)
+
+
+def _size_tables(value: Any) -> Iterator[Mapping[str, Any]]:
+    if _is_size_table(value):
+        yield value
+    elif isinstance(value, Mapping | list):
+        for item in value.values() if isinstance(value, Mapping) else value:
+            yield from _size_tables(item)
+
+
+def _require_sizes(where: str, value: Any) -> None:
+    """Refuse a table of which some keys are sizes and others are not."""
+    if isinstance(value, Mapping):
+        wrong = [key for key in value if key not in SIZES]
+        if wrong and len(wrong) < len(value):
+            raise InvalidCase(
+                f"{where} has {wrong[0]!r}, which is no size{nearest(wrong[0], SIZES)}"
+            )
+        for key, item in value.items():
+            _require_sizes(f"{where}: {key}" if ":" not in where else f"{where}.{key}", item)
+    elif isinstance(value, list):
+        for number, item in enumerate(value, start=1):
+            _require_sizes(f"{where} {number}", item)
+
+
+def _laid_over(where: str, tables: Mapping[str, Any], variant: Mapping[str, Any]) -> dict[str, Any]:
+    laid = dict(tables)
+    for name, table in variant.items():
+        below = tables.get(name)
+        if name == "gate" and isinstance(below, list) and isinstance(table, list):
+            laid[name] = _gates_laid_over(where, below, table)
+        elif isinstance(below, dict) and isinstance(table, dict):
+            laid[name] = below | table
+        else:
+            laid[name] = table
+    return laid
+
+
+def _gates_laid_over(where: str, gates: Sequence[Any], more: Sequence[Any]) -> list[Any]:
+    laid = [dict(gate) if isinstance(gate, dict) else gate for gate in gates]
+    for gate in more:
+        quantity = gate.get("quantity") if isinstance(gate, dict) else None
+        same = [g for g in laid if isinstance(g, dict) and g.get("quantity") == quantity]
+        if len(same) > 1:
+            raise InvalidCase(
+                f"{where}: {len(same)} gates of the file have the quantity {quantity!r}, so it is "
+                "not clear which of them the variant completes"
+            )
+        if same and quantity is not None:
+            same[0].update(gate)
+        else:
+            laid.append(gate)
+    return laid
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        if not path.is_file():
+            path.stat()  # says why, where it is nothing at all
+            raise InvalidCase(f"{path}: is no regular file")
+        if path.stat().st_size > LARGEST_FILE:
+            raise InvalidCase(f"{path}: is larger than a case file can be (1 MiB)")
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise InvalidCase(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InvalidCase(f"{path}: is not UTF-8 text, as TOML must be") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InvalidCase(f"{path}: is not TOML: {error}") from None
+    except RecursionError:
+        raise InvalidCase(f"{path}: is nested too deeply for a case file") from None
