@@ -17,8 +17,8 @@ from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
 
 _BLOCK_POINTS = 262144  # that a thread takes at once in a projection
-# The largest share of the distance to its bounds that a point is moved by to restore the force;
-# with all of it, points would be put on bounds that they need not touch.
+# The largest share of the distance to its bounds that a point is moved by to restore the force, so
+# that none is put on a bound by it.  0.5 to 0.999 took the same number of pairs to 0.4 %.
 _LARGEST_SHARE = 0.9
 
 

@@ -20,6 +20,7 @@ from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
 # Differences of the energy below this share of (points x mean pressure x gap scale) are rounding.
+# Without it, 53 scenes took 17 % more pairs: full steps near the end were cut.
 _ENERGY_NOISE = 1e-12
 
 

@@ -1,4 +1,4 @@
-"""Surface compliance of elastic bodies, mode by mode: what the pressure does to the surface.
+"""Surface compliance of elastic bodies, mode by mode: the displacement that a pressure causes.
 
 A pressure mode p_q exp(i q.x) on the top of a body displaces the surface downward by
 u_q = C(|q|) p_q, in plane strain and in three dimensions alike, with x = q d:
@@ -32,7 +32,16 @@ _DEEP = 300.0
 def rfft_wavenumbers(shape: tuple[int, ...], periods: tuple[float, ...]) -> FloatArray:
     """|q| in rad/m of each mode of `numpy.fft.rfftn` on a grid or line.
 
-    shape, periods: of the surface, one or two of each.  Returns (nx, ny//2 + 1) or (nx//2 + 1,).
+    Args:
+        shape: of the surface, (nx, ny) or (nx,).
+        periods: of the surface in m, one a direction.
+
+    Returns:
+        (nx, ny//2 + 1) or (nx//2 + 1,).
+
+    Example:
+        >>> rfft_wavenumbers((4,), (2 * np.pi,))
+        array([0., 1., 2.])
     """
     last = np.asarray(2 * np.pi / periods[-1] * np.arange(shape[-1] // 2 + 1), dtype=np.float64)
     if len(shape) == 1:
@@ -61,9 +70,19 @@ def _sliding_factor(x: FloatArray) -> FloatArray:
 
 
 def surface_compliance(wavenumber: FloatArray, body: Body, material: Material) -> FloatArray:
-    """C(q) in m/Pa for each wave number (rad/m, any shape); see the module's docstring.
+    """C(q) of the surface of a body; see the module's docstring for the formulas.
 
-    q = 0 gives 0 for the half-space and d/M for the layers.
+    Args:
+        wavenumber: q in rad/m, any shape.
+        body: half-space or layer.
+        material: elastic constants.
+
+    Returns:
+        C in m/Pa for each wave number; at q = 0 it is 0 for the half-space and d/M for layers.
+
+    Example:
+        >>> surface_compliance(np.array([0.0, 1.0, 2.0]), Body(), Material(2.0, 0.0))
+        array([0. , 1. , 0.5])
     """
     q = np.asarray(wavenumber, dtype=np.float64)
     zero = q == 0

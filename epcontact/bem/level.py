@@ -22,7 +22,7 @@ from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 StateArray = NDArray[np.uint8]
 
 #: First length of a projected gradient step, in stiffnesses of the shortest wave along an axis.
-#: A wave of stiffness k relaxes stably below 2, and 0.3 is safe on oblong grids too.
+#: It is also the factor c of the pressures p - c g that start a finer grid or the next load.
 GRADIENT_STEP = 0.3
 
 

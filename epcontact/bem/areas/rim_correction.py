@@ -63,8 +63,7 @@ STRAIGHT_TIP, TIP = 0.277, 0.24
 #: The mean offset on oblong cells is 1 + OBLONG ln^2(dx/dy) times that on square ones; needed by
 #: test_oblong_cells.
 OBLONG = 0.057
-#: Where narrow strips make more than this share of the fronts, the load decides where they are;
-#: needed by test_rigid_plastic_bodies_need_no_correction.
+#: Where narrow strips make more than this share of the fronts, the load decides where they are.
 PLACED_FROM = 0.7
 # A pressure above this share of the hardness is plastic: what is left is rounding.
 _ROUNDING = 1 - 1e-12
