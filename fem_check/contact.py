@@ -66,7 +66,7 @@ def solve_contact_forces(
 
     Example:
         >>> everywhere = np.ones((4, 1), dtype=bool)
-        >>> compliance = np.ones((3, 1))  # every wave answers alike: each node is a spring
+        >>> compliance = np.ones((3, 1))  # equal for all waves: each node is a spring
         >>> wanted = np.array([[1.0], [2.0], [3.0], [4.0]])
         >>> solve_contact_forces(compliance, wanted, everywhere, None).forces.ravel()
         array([1., 2., 3., 4.])

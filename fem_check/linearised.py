@@ -51,7 +51,7 @@ class Tangent:
 
     @property
     def flows(self) -> bool:
-        """Whether any element is softer than elastic."""
+        """True if any element is softer than elastic."""
         return self.correction is not None and self.correction.which.size > 0
 
     @cached_property

@@ -55,7 +55,7 @@ class SolvedPath:
     points: one for each mean pressure, or each approach.
     seconds: wall time.
     options: the keywords of `solve`, with the block's measures that were chosen.
-    certificate: residuals of scikit-fem's own assembly at the last point; empty if not asked for.
+    certificate: residuals of scikit-fem's own assembly at the last point; empty if not certified.
     """
 
     scene: Scene

@@ -15,10 +15,10 @@ plasticity), a strain e, its plastic part e_p and the accumulated plastic strain
     theta = 1 - over/|s_trial|,   theta_bar = 1/(1 + H/(3 mu)) - (1 - theta)     (box 3.2).
 
 The history (e_p, a) changes in `commit` alone, after an increment has converged; all other
-functions only read it.
-Two compiled loops over the elements do the work: `_stress_update` returns the stress to the yield
-surface, and `_add_correction` multiplies by what the consistent tangent lacks of the elastic
-stiffness.  The dilatation of the B-bar brick (`element`) is its mean over the element.
+functions only read it.  Two compiled loops over the elements do the work: `_stress_update` returns
+the stress to the yield surface, and `_add_correction` multiplies by the difference between the
+consistent tangent and the elastic stiffness.  The dilatation of the B-bar brick (`element`) is its
+mean over the element.
 """
 
 from __future__ import annotations

@@ -40,12 +40,12 @@ class Problem:
 
     @property
     def plastic(self) -> bool:
-        """Whether the material can flow."""
+        """True if the material can flow."""
         return bool(np.isfinite(self.law.yield_stress))
 
     @property
     def capped(self) -> bool:
-        """Whether the nodal forces have an upper bound."""
+        """True if the nodal forces have an upper bound."""
         return bool(np.isfinite(self.cap))
 
 
@@ -53,7 +53,7 @@ class Problem:
 class Control:
     """The prescribed total force `load` in N or, where that is None, the `approach` in m.
 
-    scale: the force that residuals are divided by; 0 stands for the force that was reached.
+    scale: the force that residuals are divided by; 0 means the force that was reached.
     """
 
     load: float | None = None
