@@ -36,7 +36,8 @@ from epcontact.results import FloatArray
 
 _MAX_STEPS = 500  # unless the caller says otherwise
 # Most gradient steps after a step that was cut: none at first, one the second time, and four
-# times as many each time that it happens again.
+# times as many each time that it happens again.  With one at most, 561 hard scenes (white noise,
+# plateaus, spikes) took 9 % more pairs and one of them did not converge; none asked for over 16.
 _GRADIENT_STEPS = 16
 # The areas count as settled only if fewer points changed sets in the last step than this times
 # `area_tolerance` times the contact.  A step leaves a fifth of the changes of the one before or
