@@ -1,4 +1,7 @@
-"""Commands around the main job: charts, cross-checks, plans, maps, reports, views, schemas."""
+"""Commands around the main job: charts, cross-checks, plans, maps, reports, views, schemas.
+
+Imports inside functions load what takes long and few commands need: the solvers and the charts.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,10 @@ from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness import case as casefile
 from epcontact.harness.schema import Family
 from epcontact.harness.verdict import Verdict, verify
+from epcontact.output import view as viewing
+from epcontact.output.charts.maps import save_map
 from epcontact.results import plain
+from epcontact.studies import STUDIES, save_charts
 
 if TYPE_CHECKING:
     from epcontact.studies.stability import StabilityMap
@@ -36,8 +42,6 @@ def _tell(sentence: str) -> None:
 @click.option("--output", type=_folder, default=Path("charts"), show_default=True)
 def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None:
     """Draw accuracy against cost, by NAME (none: the list); each with its data and a caption."""
-    from epcontact.studies import STUDIES, save_charts
-
     wanted = (*names, "peers") if peers else names
     unknown = [name for name in wanted if name not in STUDIES]
     if unknown:
@@ -69,14 +73,13 @@ def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None
 @click.option("--check", is_flag=True, help="Run the plan and say whether its promise held.")
 def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
     """Say what the cheapest model of CASE is that meets a tolerance, why, and what it costs."""
-    from epcontact.planning.plan import plan as make_plan
-    from epcontact.planning.plan import planned_case, promise_held
+    from epcontact.planning import plan as planning
 
     path = casefile.find_case(case)
     loaded = casefile.load_case(path, size or casefile.case_sizes(path)[-1])
     if loaded.skip:
         raise InvalidCase(f"{path}: {loaded.skip}")
-    chosen = make_plan(loaded, _share(tolerance), progress=_tell)
+    chosen = planning.plan(loaded, _share(tolerance), progress=_tell)
     surfaces = f"{chosen.surfaces} surface{'s' if chosen.surfaces > 1 else ''}"
     grid = " x ".join(map(str, chosen.shape))
     areas = "" if chosen.method == "persson" else f", {grid} points, {surfaces}"
@@ -90,13 +93,13 @@ def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
     if not chosen.meets:
         raise InvalidCase(f"{chosen.case}: no model within reach meets {tolerance}")
     if check:
-        cheaper = replace(planned_case(loaded, chosen), methods=(chosen.method,), gates=())
+        cheaper = replace(planning.planned_case(loaded, chosen), methods=(chosen.method,), gates=())
         with TemporaryDirectory() as folder:
             (checked,) = verify(cheaper, size="auto", output=folder).cases
         answer = checked.answers[chosen.method]
         if answer.errors:
             raise EpcontactError("; ".join(answer.errors))
-        click.echo(f"  {promise_held(chosen, answer).sentence}")
+        click.echo(f"  {planning.promise_held(chosen, answer).sentence}")
 
 
 def _share(text: str) -> float:
@@ -142,10 +145,15 @@ def _stability_table(data: StabilityMap) -> Table:
 @click.option("--output", type=_file, help="Page to write; else report.html in the folder.")
 def report(folder: Path, output: Path | None) -> None:
     """Make one self-contained page of a verification run from its output FOLDER."""
+    click.echo(f"report in {write_report(folder, output)}")
+
+
+def write_report(folder: Path, output: Path | None = None) -> Path:
+    """Write the page of a verification run from its folder; returns the file."""
     from epcontact.harness.pictures import theory_densities
     from epcontact.output.report import report_folder
 
-    click.echo(f"report in {report_folder(folder, output, theory=theory_densities)}")
+    return report_folder(folder, output, theory=theory_densities)
 
 
 @click.command()
@@ -178,11 +186,7 @@ def view(
     factor: float | None,
 ) -> None:
     """Show the fields of a result (.vti, .vtu, .pvd, or a method's .json) in three dimensions."""
-    from epcontact.output import view as viewing
-
     if contact_map is not None:
-        from epcontact.output.charts.maps import save_map
-
         save_map(viewing.find_result(result), contact_map)
     if film is not None:
         viewing.animate([result], film, factor=factor)

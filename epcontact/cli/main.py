@@ -13,7 +13,7 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bar
 from rich.table import Table
 
-from epcontact.cli.commands import COMMANDS
+from epcontact.cli.commands import COMMANDS, write_report
 from epcontact.cli.tables import (
     STYLES,
     answers_table,
@@ -38,7 +38,8 @@ from epcontact.harness.methods import METHODS
 from epcontact.harness.quantities import QUANTITIES
 from epcontact.harness.run import Progress, default_jobs, run_cases
 from epcontact.harness.schema import key_table
-from epcontact.harness.verdict import Verdict, cases_to_verify
+from epcontact.harness.store import Answer
+from epcontact.harness.verdict import cases_to_verify
 from epcontact.harness.verdict import verify as run_gates
 
 #: Raised by click where a command is missing, with the help as its message; since click 8.2.
@@ -163,9 +164,7 @@ def run(
     if errors:
         raise _Refusal(f"{loaded.id}: {'; '.join(errors)}")
     if fields != "none":
-        from epcontact.harness.pictures import write_pictures
-
-        write_pictures(chosen, answers, output / loaded.id)
+        _draw(chosen, answers, output / loaded.id)
     click.echo(f"results in {output / loaded.id}")
 
 
@@ -212,7 +211,10 @@ def verify(
             progress=progress,
         )
     if with_report:
-        _write_report(verdict, output)
+        for case in verdict.cases:
+            if not case.skipped_because:
+                _draw(case.case, case.answers, output / case.id)
+        write_report(output)
     console = _console()
     console.print(verdict_table(verdict.cases, console.width))
     if sentence := gamma_sentence([case.case for case in verdict.cases]):
@@ -229,21 +231,11 @@ for _command in COMMANDS:
     cli.add_command(_command)
 
 
-def _tell_gamma(cases: Sequence[Case]) -> None:
-    from epcontact.cli.tables import gamma_sentence
+def _draw(case: Case, answers: Mapping[str, Answer], folder: Path) -> None:
+    """Draw the charts of a case into its folder of results."""
+    from epcontact.harness.pictures import write_pictures
 
-    if sentence := gamma_sentence(cases):
-        click.echo(sentence)
-
-
-def _write_report(verdict: Verdict, output: Path) -> None:
-    from epcontact.harness.pictures import theory_densities, write_pictures
-    from epcontact.output.report import report_folder
-
-    for case in verdict.cases:
-        if not case.skipped_because:
-            write_pictures(case.case, case.answers, output / case.id)
-    report_folder(output, theory=theory_densities)
+    write_pictures(case, answers, folder)
 
 
 def _load(path: casefile.CaseText, size: str) -> Case:
@@ -315,7 +307,7 @@ def main() -> None:
 
 
 def _forget_output() -> None:
-    """The reader of a pipe has left: nobody is there to be told, at exit neither."""
+    """Send further output nowhere: the reader of the pipe has left, and exit flushes it again."""
     with contextlib.suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

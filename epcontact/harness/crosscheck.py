@@ -1,9 +1,9 @@
-"""Why the finite and the boundary elements differ on a scene, part by part, each part measured.
+"""The reasons why finite and boundary elements differ on a scene, each measured for itself.
 
 Every comparison of the two is a chain of solves in which one thing changes at a time:
 
     finite elements, law ---- boundary elements on the elements' own surface compliance
-        solver          same law, same discrete body: what is left is rounding
+        solver          same law, same discrete body: only rounding is left
     ---- boundary elements on the exact layer of the elements' depth
         discretisation  same law, same depth: the elements against the continuum's kernel
     ---- boundary elements on the scene's own body
@@ -16,7 +16,7 @@ and, where the finite elements flow by J2, before all of these,
 
 `effective_hardness` (module `model_difference`) turns the last one into a number: the cap, in
 units of the yield stress, at which the capped body has the contact area of the J2 body under the
-same load.  `crosscheck` says all of it of a case, surface by surface and of their ensemble.
+same load.  `crosscheck` reports all of it for a case, surface by surface and for their ensemble.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class ErrorBudget:
-    """The parts of a difference, in the order of the chain; `model` is None but for j2."""
+    """The parts of a difference, in the order of the chain; `model` only if the law is j2."""
 
     law: str
     model: Difference | None
@@ -74,14 +74,19 @@ def error_budget(
     layers: int | None = None,
     report: Callable[[str], None] | None = print,
 ) -> ErrorBudget:
-    """Splits the difference of finite and boundary elements on `scene` into its parts.
+    """Split the difference of finite and boundary elements on a scene into its parts.
 
-    law: of the finite elements.  With j2 the chain continues by the capped law if the scene has
-        a hardness, by the elastic one if not.
-    depth (m), layers: of the elements, chosen from the scene where not given.
-    report: is told the budget in one line; None: nobody.
+    Args:
+        scene: with a single mean pressure.
+        law: of the finite elements.  With j2 the chain continues by the capped law if the scene
+            has a hardness, by the elastic law if not.
+        depth: of the elements in m; None: chosen from the scene.
+        layers: of the elements; None: chosen from the scene.
+        report: called with the budget in one line.
 
-    Raises what the two solvers raise; InvalidScene for a path of loads.
+    Raises:
+        InvalidScene: for a path of loads, and for what the two solvers refuse.
+        NotConverged: if a solver does not converge.
     """
     budget, _ = _budget(scene, law, {"depth": depth, "layers": layers})
     if report is not None:
@@ -92,7 +97,7 @@ def error_budget(
 def _budget(
     scene: Scene, law: str, block: dict[str, Any]
 ) -> tuple[ErrorBudget, ContactResult | None]:
-    """The parts, and the J2 body's answer where that is the law."""
+    """The parts, and the answer of the J2 body if that is the law."""
     if len(scene.load.path) != 1:
         raise InvalidScene(
             f"the scene has a path of {len(scene.load.path)} mean pressures; give a single one"
@@ -122,8 +127,11 @@ def _budget(
 
 @dataclass(frozen=True)
 class Checked:
-    """What is measured on one surface; `effective` and `largest`, the largest pressure over
-    sigma_Y, only where the law is j2."""
+    """The measurements on one surface.
+
+    `effective` and `largest` (the largest pressure over sigma_Y) exist only if the law is j2;
+    `halved` says whether the error of the effective hardness includes a coarser grid.
+    """
 
     budget: ErrorBudget
     halved: bool
@@ -132,15 +140,22 @@ class Checked:
 
 
 def crosscheck(case: Case, seeds: Sequence[int] = ()) -> str:
-    """What makes the finite and the boundary elements of a case differ, surface by surface.
+    """Report why the finite and the boundary elements of a case differ, surface by surface.
 
-    The error budget of the case's finite-element law; for j2 also both contact areas, their
-    overlap, the distance of the pressure distributions, and the effective hardness; of several
-    surfaces their means with standard errors.
+    The report holds the error budget of the case's finite-element law; for j2 also both contact
+    areas, their overlap, the distance of the pressure distributions, and the effective hardness;
+    for several surfaces their means with standard errors.
 
-    seeds: of other random surfaces by the case's recipe, in the place of its own.
+    Args:
+        case: that names both fem and bem.
+        seeds: of other random surfaces by the recipe of the case, in the place of its own.
 
-    Raises InvalidCase where a case has nothing to cross-check, and what the solvers raise.
+    Returns:
+        The report, several lines.
+
+    Raises:
+        InvalidCase: if the case has nothing to cross-check.
+        InvalidScene, NotConverged: as the solvers do.
     """
     _require_checkable(case)
     recipes = case.recipes if not seeds else _other_surfaces(case, seeds)
@@ -150,13 +165,13 @@ def crosscheck(case: Case, seeds: Sequence[int] = ()) -> str:
         seed = getattr(recipe, "seed", None)
         lines.append(f"{case.id}, {case.size}" + ("" if seed is None else f", seed {seed}"))
         found.append(_checked(case.scene(recipe), options))
-        lines += [f"  {line}" for line in _told(found[-1], case.material.hardness)]
+        lines += [f"  {line}" for line in _surface_lines(found[-1], case.material.hardness)]
     if len(found) > 1:
         lines.append(
             f"{case.id}, {case.size}, {len(found)} surfaces: mean +- standard error "
             "(standard deviation of a surface)"
         )
-        lines += [f"  {line}" for line in _ensemble(found)]
+        lines += [f"  {line}" for line in _ensemble_lines(found)]
     return "\n".join(lines)
 
 
@@ -202,7 +217,7 @@ def _checked(scene: Scene, options: Mapping[str, Any]) -> Checked:
     return Checked(budget, halved, effective, largest)
 
 
-def _told(checked: Checked, hardness: float) -> list[str]:
+def _surface_lines(checked: Checked, hardness: float) -> list[str]:
     """The lines on one surface."""
     lines = [str(checked.budget)]
     model = checked.budget.model
@@ -219,17 +234,17 @@ def _told(checked: Checked, hardness: float) -> list[str]:
     return lines
 
 
-def _ensemble(found: Sequence[Checked]) -> list[str]:
+def _ensemble_lines(found: Sequence[Checked]) -> list[str]:
     """The lines on all surfaces."""
-    budgets = [one.budget for one in found]
+    budgets = [item.budget for item in found]
     rows = [("discretisation, area", [b.discretisation.area for b in budgets])]
     models = [b.model for b in budgets if b.model is not None]
     if models:
         rows.append(("model, area", [m.area for m in models]))
         rows.append(("model, overlap", [m.overlap for m in models]))
         rows.append(("model, distance of the pressures", [m.wasserstein for m in models]))
-        rows.append(("largest pressure of j2 over sigma_Y", [one.largest for one in found]))
-    effective = [one.effective for one in found if one.effective is not None]
+        rows.append(("largest pressure of j2 over sigma_Y", [item.largest for item in found]))
+    effective = [item.effective for item in found if item.effective is not None]
     caps = [e.at_cap for e in effective if e.at_cap is not None]
     if caps and len(caps) == len(found):
         rows.append(("effective hardness c_eff", [e.ratio for e in effective]))

@@ -86,7 +86,7 @@ class GateVerdict(BaseModel):
 
     @property
     def holds(self) -> bool:
-        """Whether the gate was judged and held."""
+        """True if the gate was judged and held."""
         return self.status == HOLDS
 
     def __str__(self) -> str:

@@ -23,6 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+import fem_check
 from epcontact.errors import EpcontactError, InvalidCase, nearest
 from epcontact.machine import provide_kernel_cache
 from epcontact.results import ContactResult
@@ -133,12 +134,9 @@ def _bem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> Conta
 
 
 def _fem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
-    provide_kernel_cache()  # fem_check imports no part of the package that could do it
-    import fem_check
-
+    provide_kernel_cache()  # fem_check, which is independent, has no access to it
     del threads
-    result: ContactResult = fem_check.solve(scene, **options)
-    return result
+    return fem_check.solve(scene, **options)
 
 
 def method_of(name: str, source: str, requires: str = "") -> Method:

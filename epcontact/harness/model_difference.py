@@ -33,10 +33,14 @@ _SEARCHED_TO = 1e-4
 class EffectiveHardness:
     """The cap at which the capped body has the contact area of the J2 body.
 
-    ratio: c_eff = hardness/sigma_Y; infinite where even the elastic body has at least that area.
-    error: of the ratio: its change from the twice as coarse grid, which first-order convergence
-        makes the error left on the fine one, and what half a node in the area does to it.
-    severity: E* xi/sigma_Y.  area: raw, of the J2 body.  at_cap: how the two differ there.
+    Attributes:
+        ratio: c_eff = hardness/sigma_Y; infinite if even the elastic body has at least that area.
+        error: of the ratio: its change from the grid that is twice as coarse (under first-order
+            convergence, the error left on the fine grid), plus the effect of half a node in the
+            area.
+        severity: E* xi/sigma_Y.
+        area: raw contact area of the J2 body.
+        at_cap: the difference of the two bodies under that cap.
     """
 
     ratio: float
@@ -64,13 +68,18 @@ def effective_hardness(
     layers: int | None = None,
     j2: ContactResult | None = None,
 ) -> EffectiveHardness:
-    """The effective hardness of a scene's J2 body under its one load; its hardness is not read.
+    """The effective hardness of the J2 body of a scene under its single load.
 
-    coarse: solve on every other grid point too, for the error; else that part of it is missing.
-    depth (m), layers: of the elements, chosen from the scene where not given.
-    j2: the answer of `fem_check.solve` to this scene and block, where it is known already.
+    Args:
+        scene: its hardness is not read.
+        coarse: also solve on every other grid point; otherwise the error lacks the part of the
+            grid.
+        depth: of the elements in m; None: chosen from the scene.
+        layers: of the elements; None: chosen from the scene.
+        j2: the answer of `fem_check.solve` to this scene and block, if it is known already.
 
-    Raises InvalidScene for a path, or a grid of an odd number of points with `coarse`.
+    Raises:
+        InvalidScene: for a path of loads, or for an odd number of grid points with `coarse`.
     """
     if len(scene.load.path) != 1:
         raise InvalidScene(
@@ -93,8 +102,14 @@ def effective_hardness(
 
 
 def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray:
-    """The surface compliance of the very block that gave a finite-element `result`, m/Pa, one
-    value a mode of numpy.fft.rfftn.  Raises InvalidCase if the result knows no block."""
+    """The surface compliance of the block that gave a finite-element result.
+
+    Returns:
+        In m/Pa, one value per mode of numpy.fft.rfftn.
+
+    Raises:
+        InvalidCase: if the result does not say its block.
+    """
     options = result.provenance.options
     # A layer's depth is the scene's own.
     names = ("layers", "first_layer") + (("depth",) if scene.body.kind == "half_space" else ())
@@ -102,8 +117,8 @@ def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray:
         block = {name: options[name] for name in names}
     except KeyError as missing:
         raise InvalidCase(
-            f"the result of {result.method} does not say its block's {missing.args[0]}, so what "
-            "the law alone does cannot be told"
+            f"the result of {result.method} does not say its block's {missing.args[0]}, so the "
+            "difference that the law alone makes cannot be measured"
         ) from None
     return np.asarray(fem_check.surface_compliance(scene, **block))
 

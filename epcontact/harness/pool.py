@@ -1,10 +1,4 @@
-"""Worker processes that die with their parent and leave Ctrl-C to it.
-
-`concurrent.futures` does the work.  What is added here is what it does not do: start the workers
-deaf to Ctrl-C, so that an interrupted command prints no traceback of theirs; end them when the
-parent is killed; and end a running solve, which no exception reaches while it is in compiled code.
-(The pool of loky and joblib was tried: its workers print such tracebacks, and outlive the parent.)
-"""
+"""Worker processes that die with their parent and leave Ctrl-C to it."""
 
 from __future__ import annotations
 

@@ -23,6 +23,7 @@ from epcontact.harness.quantities import measure_all
 from epcontact.harness.store import Answer, Task, keep, kept, summary
 from epcontact.machine import available_cores
 from epcontact.output.files import write_json
+from epcontact.output.vtk import write_fields
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 
@@ -160,9 +161,6 @@ def _solve(task: Task, threads: int) -> Outcome:
             result = task.method.solve(scene, case.options[task.method.name], threads)
         result = _with_measurements(task, scene, result)
         if task.fields is not None and result.fields:
-            # Imported late, with VTK: most tasks write no fields.
-            from epcontact.output.vtk import write_fields
-
             attributes: dict[str, str | float | int]
             attributes = {"case": case.id, "size": case.size, "hardness": case.material.hardness}
             write_fields(task.fields, result, scene.surface, attributes)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import fem_check
 from epcontact.harness.case import Case
 from epcontact.harness.methods import Method
 from epcontact.harness.quantities import QUANTITIES
@@ -85,8 +86,6 @@ class Answer:
 @functools.cache
 def sources_digest() -> str:
     """SHA-256 of the package's own sources: a result of other sources is not reused."""
-    import fem_check
-
     digest = hashlib.sha256()
     for package in (Path(__file__).parents[1], Path(fem_check.__file__ or "").parent):
         for file in sorted(package.rglob("*.py")):
