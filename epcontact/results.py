@@ -222,8 +222,3 @@ def plain(value: Any) -> Any:
 
 def _floats(data: Mapping[str, Any]) -> dict[str, Any]:
     return {key: float(v) if isinstance(v, str) else v for key, v in data.items()}
-
-
-def number_from_json(value: float | str) -> float:
-    """A number that `plain` made, as a float again."""
-    return float(value)

@@ -28,7 +28,7 @@ from epcontact.output.charts.maps import map_of_file, pressure_difference
 from epcontact.output.files import read_bytes, write_text
 from epcontact.output.view import screenshot
 from epcontact.output.vtk import read_fields
-from epcontact.results import ContactResult, number_from_json
+from epcontact.results import ContactResult
 
 Data = Mapping[str, Any]  # the content of a JSON file
 Results = Mapping[str, Sequence[ContactResult]]  # by method, one result a surface
@@ -158,7 +158,7 @@ def number(value: Any, digits: int = 4) -> str:
     if value is None or isinstance(value, jinja2.Undefined):
         return ""
     try:
-        parsed = number_from_json(value)
+        parsed = float(value)
     except (TypeError, ValueError):
         return str(value)
     return "–" if math.isnan(parsed) else f"{parsed:.{digits}g}"
@@ -177,15 +177,13 @@ def _area_rows(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
         areas, spread = answer["areas"], answer["ensemble"]["areas"]
         surfaces = len(answer["members"])
         for part in ("total", "elastic", "plastic"):
-            if not any(number_from_json(kind[part]) for kind in areas.values()):
+            if not any(float(kind[part]) for kind in areas.values()):
                 continue
             raw, corrected = (areas.get(kind, {}).get(part) for kind in ("raw", "corrected"))
             both = raw is not None and corrected is not None
             half_width = spread.get("corrected", {}).get(part, {}).get("half_width_95")
             row = {"method": method, "part": part, "raw": raw, "corrected": corrected}
-            row["correction"] = (
-                number_from_json(corrected) - number_from_json(raw) if both else None
-            )
+            row["correction"] = float(corrected) - float(raw) if both else None
             row["error"] = areas.get("error", {}).get(part)
             row["half_width"] = half_width if surfaces > 1 else None
             rows.append(row | {"surfaces": surfaces})
