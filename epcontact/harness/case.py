@@ -163,6 +163,8 @@ def _build(text: CaseText, size: str) -> Case:
         table = CaseFile.model_validate(at_size(text.tables, size), context=context)
     except ValidationError as error:
         raise InvalidCase(f"{where}: {mistake(error)}") from None
+    except EpcontactError as error:  # a grid that no memory holds; pydantic wraps only ValueErrors
+        raise InvalidCase(f"{where}: [surface] {error}") from None
     try:
         section = "material"
         material = Material(**table.material.model_dump())

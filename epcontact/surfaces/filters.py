@@ -17,9 +17,16 @@ from epcontact.surfaces.spectrum import BAND_TOLERANCE, truncated
 def filtered(surface: Surface, wavenumber_high: float) -> Surface:
     """The surface without its modes of |q| > wavenumber_high (rad/m), on the same grid.
 
-    What the theory sees at the magnification wavenumber_high / q_0.  An analytic spectrum is cut
-    off with it, and dropped where nothing is left of it.
-    Raises InvalidScene unless wavenumber_high is a positive number.
+    This is what the theory sees at the magnification wavenumber_high / q_0.  An analytic spectrum
+    is cut off with the heights, and dropped if nothing is left of it.
+
+    Raises:
+        InvalidScene: unless wavenumber_high is a positive number.
+
+    Example:
+        >>> surface = Surface(np.cos(2 * math.pi * np.arange(8) / 4), (2 * math.pi,))
+        >>> float(abs(filtered(surface, 1.0).heights).max()) < 1e-15
+        True
     """
     good = isinstance(wavenumber_high, int | float) and wavenumber_high > 0
     if not good:

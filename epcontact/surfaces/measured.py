@@ -1,9 +1,9 @@
-"""Measured or computed heights, and what is done with a map that is not periodic.
+"""Measured or computed heights, and the treatment of a map that is not periodic.
 
-Every method here is periodic, a measured map rarely is: across its edge the heights jump.  The
-jump at the edge of an axis is the rms difference of its last and first rows, and stands beside
+Every method here is periodic, but a measured map rarely is: its heights jump across its edge.  The
+jump at the edge of an axis is the rms difference of its last and first rows.  It is compared with
 the largest rms difference of any two neighbouring rows: on a periodic map the edge is a pair of
-rows like any other, so that more than `LARGEST_JUMP` times the largest of the others is no
+rows like any other, so a jump of more than `LARGEST_JUMP` times the largest of the others is no
 accident.
 """
 
@@ -99,7 +99,7 @@ class HeightsFromFile:
 
     Args:
         path: the file; in a case file relative to that file.
-        periods: in m; one length is enough for a square map; not needed where the file knows.
+        periods: in m; one length is enough for a square map, none where the file states its size.
         unit: of the written heights, in m (1e-6 for micrometres); not for files that know theirs.
         treatment, taper: as in HeightsFromArray.
         pixel_size: the spacing of the grid in m, in place of periods.

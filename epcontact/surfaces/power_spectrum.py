@@ -15,6 +15,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import ducc0
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -31,6 +32,11 @@ def surface_moments(surface: Surface) -> Moments:
 
     rms_height is that of the grid points about their mean (Parseval).  On an even grid the mode
     at the Nyquist wave number counts with |q| = pi / dx, as numpy.fft.fftfreq has it.
+
+    Example:
+        >>> line = Surface(np.cos(2 * math.pi * np.arange(8) / 8), (2 * math.pi,))
+        >>> round(surface_moments(line).rms_slope, 12)
+        0.707106781187
     """
     sums = np.zeros(3)
     for q, variance in _mode_variances(surface):
@@ -140,8 +146,6 @@ def _mode_variances(surface: Surface) -> Iterator[tuple[FloatArray, FloatArray]]
 
     A line is one row.  Blocks keep the peak at the heights, their transform and a few MiB.
     """
-    import ducc0
-
     modes = ducc0.fft.r2c(surface.heights)
     modes = modes.reshape(-1, modes.shape[-1])
     n = surface.shape[-1]

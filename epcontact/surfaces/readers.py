@@ -23,7 +23,7 @@ TEXT_ENDINGS = (".txt", ".dat", ".csv", ".tsv")
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """What a file holds.
+    """The heights of a file, as it stores them.
 
     heights: as stored; in_metres: whether they are in m already, the file knowing its unit;
     periods: in m, where the file knows them.

@@ -24,13 +24,16 @@ SMALL = 2**28
 
 
 def as_tuple(value: Any) -> Any:
-    """A number or a list of a TOML file as a tuple; anything else as it is."""
-    if isinstance(value, list):
-        return tuple(value)
-    return (value,) if isinstance(value, int | float) else value
+    """A list of a TOML file as a tuple, as recipes keep it; anything else as it is."""
+    return tuple(value) if isinstance(value, list) else value
 
 
-_PERIOD = BeforeValidator(as_tuple, json_schema_input_type=float | list[float])
+def _lengths(value: Any) -> Any:
+    """One length as a tuple of one; a list as a tuple."""
+    return (value,) if isinstance(value, int | float) else as_tuple(value)
+
+
+_PERIOD = BeforeValidator(_lengths, json_schema_input_type=float | list[float])
 _SHAPE = BeforeValidator(as_tuple, json_schema_input_type=list[int])
 _CENTRE = BeforeValidator(as_tuple, json_schema_input_type=list[float])
 

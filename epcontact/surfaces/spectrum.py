@@ -48,6 +48,12 @@ def density(spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int 
     """C(q) in m^4 of a surface (dimension 2), or the one-sided C1(q) in m^3 of a line.
 
     wavenumber: |q| in rad/m, any shape.  Raises InvalidScene if the band has no width.
+
+    Example:
+        >>> spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, 64.0, rms_slope=1.0)
+        >>> flat, steep = density(spectrum, [2.0, 8.0])
+        >>> round(float(steep / flat), 6) == round(2 ** (-2 * 1.8), 6)
+        True
     """
     factor = spectrum.rms_slope**2 / _shape_moment(spectrum, 2, dimension)
     return factor * amplitude_shape(spectrum, wavenumber, dimension) ** 2
@@ -71,11 +77,6 @@ def spectral_moment(
 def rms_height(spectrum: SelfAffineSpectrum, dimension: int = 2) -> float:
     """h_rms in m of a surface (dimension 2) or a line (1) with this spectrum."""
     return math.sqrt(spectral_moment(spectrum, 0, dimension))
-
-
-def rms_slope(spectrum: SelfAffineSpectrum, dimension: int = 2) -> float:
-    """xi of the whole band, by its integral; equals the spectrum's own `rms_slope`."""
-    return math.sqrt(spectral_moment(spectrum, 2, dimension))
 
 
 def slope_variance_up_to(
@@ -148,7 +149,7 @@ def truncated(
 
 @dataclass(frozen=True)
 class Moments:
-    """Root mean squares of a surface or line, all by its spectrum.
+    """The root mean squares of a surface or line, all taken from its spectrum.
 
     rms_height in m; rms_slope: of the gradient; rms_curvature in 1/m: of the mean curvature, half
     the Laplacian, on a surface, of the second derivative on a line; dimension: 2 or 1.
@@ -161,7 +162,7 @@ class Moments:
 
     @classmethod
     def of(cls, m0: float, m2: float, m4: float, dimension: int) -> Moments:
-        """From the sums m_j of q^j over the height variance."""
+        """Make them from the sums m_j of q^j over the height variance."""
         return cls(math.sqrt(m0), math.sqrt(m2), math.sqrt(m4) / dimension, dimension)
 
     @property
