@@ -1,4 +1,10 @@
-"""Worker processes that die with their parent and leave Ctrl-C to it."""
+"""Worker processes that die with their parent and leave Ctrl-C to it.
+
+`concurrent.futures` does the work.  Three things are added that it does not do.  The workers
+start deaf to Ctrl-C, so that an interrupted command prints no traceback of theirs; they end when
+the parent is killed; and a running solve is ended, which no exception reaches in compiled code.
+(The pool of loky and joblib was tried: its workers print such tracebacks, and outlive the parent.)
+"""
 
 from __future__ import annotations
 

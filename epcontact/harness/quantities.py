@@ -9,7 +9,7 @@ in the process that solved the scene, with plain numpy from the pressure field, 
 scene and the compliance of `reference.layers`, so that no solver can vouch for itself.  A measured
 quantity has a function `measure`; what it needs beside the scene is in `needs`.
 
-To add a quantity, add an entry to `_registry`.
+To add a quantity, add an entry to `_REPORTED` or to `_MEASURED`.
 """
 
 from __future__ import annotations
@@ -327,5 +327,5 @@ _MEASURED = (
     ),
 )
 
-#: Every quantity by its name.
+#: Every quantity by its name, such as `QUANTITIES["area.total.raw"]`.
 QUANTITIES: dict[str, Quantity] = {q.name: q for q in (*_AREAS, *_REPORTED, *_MEASURED)}
