@@ -73,7 +73,7 @@ def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None
 @click.option("--check", is_flag=True, help="Run the plan and say whether its promise held.")
 def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
     """Say what the cheapest model of CASE is that meets a tolerance, why, and what it costs."""
-    from epcontact.planning import plan as planning
+    from epcontact import planning
 
     path = casefile.find_case(case)
     loaded = casefile.load_case(path, size or casefile.case_sizes(path)[-1])
@@ -99,7 +99,12 @@ def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
         answer = checked.answers[chosen.method]
         if answer.errors:
             raise EpcontactError("; ".join(answer.errors))
-        click.echo(f"  {planning.promise_held(chosen, answer).sentence}")
+        error = planning.achieved_error(chosen, answer)
+        verdict = "held" if error <= chosen.tolerance else "was broken"
+        click.echo(
+            f"  {chosen.case}: the promise {verdict}: error {error:.2g}, "
+            f"{chosen.expected_error:.2g} expected, {chosen.tolerance:.2g} allowed"
+        )
 
 
 def _share(text: str) -> float:

@@ -242,7 +242,7 @@ def _load(path: casefile.CaseText, size: str) -> Case:
     """A case at a size; auto: made cheaper by a plan, with a sentence on stderr that says so."""
     if size != "auto":
         return casefile.load_case(path, size)
-    from epcontact.planning.auto_size import load_auto
+    from epcontact.planning import load_auto
 
     case, sentence = load_auto(path)
     if sentence:

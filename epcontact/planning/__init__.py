@@ -1,1 +1,10 @@
-"""The cheapest model of a scene that meets a tolerance."""
+"""The cheapest model of a scene that meets a tolerance.
+
+`plan` chooses it by a few pilot solves, `planned_case` is the case with it, `achieved_error` judges
+its answer; `auto_case` and `load_auto` make a case as cheap as its gates allow.
+"""
+
+from epcontact.planning.auto_size import auto_case, load_auto
+from epcontact.planning.plan import Plan, achieved_error, plan, planned_case
+
+__all__ = ["Plan", "achieved_error", "auto_case", "load_auto", "plan", "planned_case"]

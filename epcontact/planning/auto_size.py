@@ -7,6 +7,7 @@ from dataclasses import replace
 from epcontact.errors import EpcontactError
 from epcontact.harness.case import Case, CaseText, load_case
 from epcontact.harness.gates import Gate
+from epcontact.planning.pilots import PARTS
 from epcontact.planning.plan import plan, planned_case
 
 
@@ -46,7 +47,7 @@ def auto_case(
     return planned_case(case, chosen), f"{case.id}: {'; '.join(chosen.reasons)}"
 
 
-_CORRECTED = tuple(f"area.{part}.corrected" for part in ("total", "elastic", "plastic"))
+_CORRECTED = tuple(f"area.{part}.corrected" for part in PARTS)
 
 
 def _plannable(gate: Gate) -> bool:

@@ -1,71 +1,40 @@
-"""Cheap solves that tell what a scene needs: a ladder of grids, and what each rung is worth.
+"""Pilots: cheap solves that say what a grid is worth, and candidates chosen from them.
 
-A rung is one grid of the case's surfaces.  The lowest rungs are solved; the relative error that
-their areas claim of themselves is carried to finer grids by its observed order, the number of
-transforms by their points.  Only recipes can be put on another grid: measured heights stay on
-their own.
+The lowest rungs of the ladder of grids are solved; the relative error that their areas claim of
+themselves is carried to finer grids by its observed order, the number of transforms by their
+points.  A candidate is a grid with the number of surfaces that it would need.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtri
 
 from epcontact import surfaces
-from epcontact.errors import InvalidScene
 from epcontact.harness.case import Case
 from epcontact.harness.methods import METHODS
+from epcontact.harness.statistics import standard_deviation, student_half_width
+from epcontact.machine import available_cores
+from epcontact.planning.grids import ladder, on_grid
 from epcontact.results import Areas, ContactResult
-from epcontact.scene import Scene, Surface
+from fem_check.mesh import half_space_depth
 
 PARTS = ("total", "elastic", "plastic")
-#: Grid points per shortest wavelength of self-affine roughness; fewer than 3 lose its phases.
-WAVELENGTH_LADDER = (3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 48, 64)
-#: Of the case's own grid, for other shapes.
-SHAPE_LADDER = (1 / 16, 1 / 8, 1 / 4, 3 / 8, 1 / 2, 3 / 4, 1, 3 / 2, 2, 3, 4)
-FEWEST_POINTS = 16
-#: Options of a method that make a pilot cheaper than an answer.
-_PILOT_OPTIONS: dict[str, dict[str, Any]] = {"bem": {"area_tolerance": 1e-4}}
+MOST_SURFACES = 1000
+PILOT_SURFACES = 8
+#: Share of the work of the case as it is that the pilots may cost together.
+PILOT_SHARE = 0.2
+#: Load steps a plastic path is tried with; the last is the reference.
+LOAD_STEPS = (1, 2, 4, 8)
 
-
-@dataclass(frozen=True)
-class Section:
-    """The line that a one-directional surface is: its heights along `axis`, at one place."""
-
-    whole: surfaces.Recipe
-    axis: int
-
-    @property
-    def fingerprint(self) -> str:
-        """That of the whole surface, and the direction."""
-        return f"section/1 axis={self.axis} of {self.whole.fingerprint}"
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Grid points along the line."""
-        return (self.whole.shape[self.axis],)
-
-    @property
-    def periods(self) -> tuple[float, ...]:
-        """Its period in m."""
-        return (self.whole.periods[self.axis],)
-
-    def build(self) -> Surface:
-        """Make the heights; two points across are enough where the recipe can."""
-        across = 1 - self.axis
-        shape = list(self.whole.shape)
-        shape[across] = 2
-        narrow = _with_shape(self.whole, tuple(shape)) or self.whole
-        surface = narrow.build()
-        heights = np.take(surface.heights, 0, axis=across)
-        return replace(
-            surface, heights=heights, periods=self.periods, spectrum=None, recipe=self.fingerprint
-        )
+#: Solves one recipe; further keywords are options of the method.
+Solver = Callable[..., "Pilot"]
 
 
 @dataclass(frozen=True)
@@ -84,87 +53,40 @@ class Pilot:
     seconds: float
 
 
-def one_directional(recipe: surfaces.Recipe) -> int | None:
-    """The axis along which all of the roughness runs, None if it runs along both.
+@dataclass(frozen=True)
+class Candidate:
+    """A grid with the surfaces it needs, the relative errors left, and its cost.
 
-    Judged on a coarse grid, and for measured heights on their own.
+    raw: whether raw areas are as good as corrected ones; work, seconds: of all surfaces.
     """
-    if len(recipe.shape) != 2:
-        return None
-    coarse = _with_shape(recipe, (64, 64)) or recipe
-    heights = coarse.build().heights
-    height = float(np.ptp(heights))
-    for axis in (0, 1):
-        if float(np.ptp(heights, axis=1 - axis).max()) <= 1e-9 * height and height > 0:
-            return axis
-    return None
+
+    shape: tuple[int, ...]
+    surfaces: int
+    grid_error: float
+    scatter: float
+    raw: bool
+    work: float
+    seconds: float
+
+    @property
+    def error(self) -> float:
+        """The error of grid and scatter together."""
+        return math.hypot(self.grid_error, self.scatter)
 
 
-def ladder(recipe: surfaces.Recipe, *, beyond: bool) -> list[tuple[int, ...]]:
-    """Grids from coarse to fine, the recipe's own among them; finer ones only if `beyond`."""
-    own = recipe.shape
-    base = recipe.whole if isinstance(recipe, Section) else recipe
-    if isinstance(base, surfaces.SelfAffine):
-        factors = [p / points_per_wavelength(recipe) for p in WAVELENGTH_LADDER]
-        factors.append(1.0)
-    else:
-        factors = list(SHAPE_LADDER)
-    shapes = {own}
-    for factor in factors:
-        shape = tuple(round(factor * n) for n in own)
-        if (factor < 1 or beyond) and min(shape) >= FEWEST_POINTS and on_grid(recipe, shape):
-            shapes.add(shape)
-    return sorted(shapes, key=math.prod)
-
-
-def points_per_wavelength(recipe: surfaces.Recipe) -> float:
-    """Grid points per shortest wavelength of self-affine roughness; NaN of other surfaces."""
-    base = recipe.whole if isinstance(recipe, Section) else recipe
-    if not isinstance(base, surfaces.SelfAffine):
-        return math.nan
-    shortest = 2 * math.pi / base.spectrum.wavenumber_high
-    return min(
-        shortest * n / period for n, period in zip(recipe.shape, recipe.periods, strict=True)
-    )
-
-
-def on_grid(recipe: surfaces.Recipe, shape: tuple[int, ...]) -> surfaces.Recipe | None:
-    """The same surface on another grid; None where it cannot be, or not on so coarse a one."""
-    if shape == recipe.shape:
-        return recipe
-    if isinstance(recipe, Section):
-        full = list(recipe.whole.shape)
-        full[recipe.axis] = shape[0]
-        whole = _with_shape(recipe.whole, tuple(full))
-        return None if whole is None else Section(whole, recipe.axis)
-    return _with_shape(recipe, shape)
-
-
-def _with_shape(recipe: surfaces.Recipe, shape: tuple[int, ...]) -> surfaces.Recipe | None:
-    if isinstance(recipe, surfaces.HeightsFromArray | surfaces.HeightsFromFile | Section):
-        return None
-    try:
-        changed: surfaces.Recipe = replace(recipe, shape=shape)  # type: ignore[type-var]
-    except InvalidScene:
-        return None
-    return changed
-
-
-def solve(
+def solve_pilot(
     case: Case, recipe: surfaces.Recipe, method: str, threads: int | None, **options: Any
-) -> tuple[Pilot, ContactResult]:
-    """Solve the case on one surface by a method of its own, with further options.
+) -> Pilot:
+    """Solve the case on one surface; boundary elements until the areas are settled to 1e-4.
 
-    The areas of the boundary elements are settled to 1e-4, which is enough for a plan.
-
-    Raises:
-        InvalidScene, NotConverged: as the method does.
+    Raises InvalidScene, NotConverged.
     """
-    scene = Scene(recipe.build(), case.material, case.load, case.body)
-    given = _PILOT_OPTIONS.get(method, {}) | dict(case.options.get(method, {})) | options
     started = time.perf_counter()
-    result = METHODS[method].solve(scene, given, threads)
-    return _pilot(result, recipe.shape, time.perf_counter() - started), result
+    given = dict(case.options.get(method, {})) | options
+    if method == "bem":
+        given = {"area_tolerance": 1e-4} | given
+    result = METHODS[method].solve(case.scene(recipe), given, threads or available_cores())
+    return _pilot(result, recipe.shape, time.perf_counter() - started)
 
 
 def _pilot(result: ContactResult, shape: tuple[int, ...], seconds: float) -> Pilot:
@@ -224,3 +146,106 @@ def carried_cost(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> tuple[float
 
 def _finest(pilots: Sequence[Pilot]) -> int:
     return max(math.prod(p.shape) for p in pilots)
+
+
+def finite_element_options(
+    case: Case, recipe: surfaces.Recipe, solve: Solver, tolerance: float
+) -> tuple[dict[str, Any], list[str]]:
+    """Choose the load steps by pilots on the coarsest grid, and the depth from the layer's
+    compliance; the reasons come with them."""
+    options: dict[str, Any] = {}
+    why = []
+    if case.body.kind == "half_space" and "depth" not in case.options["fem"]:
+        share = tolerance / 4
+        longest = max(case.recipes[0].periods)
+        options["depth"] = half_space_depth(longest, case.material.poisson_ratio, share)
+        why.append(
+            f"a block {options['depth']:.3g} m deep answers the longest wave within {share:.1g} "
+            "of the half-space; its layers grow from the grid spacing as fast as the waves allow"
+        )
+    if case.options["fem"].get("law") == "j2":
+        coarse = on_grid(recipe, ladder(recipe, beyond=False)[0]) or recipe
+        areas = [solve(coarse, steps=steps, **options).areas.total for steps in LOAD_STEPS]
+        off = [abs(area / areas[-1] - 1) for area in areas]
+        at = next(i for i, e in enumerate(off) if e <= tolerance / 4)
+        options["steps"] = LOAD_STEPS[at]
+        why.append(
+            f"{LOAD_STEPS[at]} load steps: on the coarsest grid the area differs from that of "
+            f"{LOAD_STEPS[-1]} steps by {off[at]:.1g}, a quarter of the tolerance at the most"
+        )
+    return options, why
+
+
+def climb(
+    recipes: Sequence[surfaces.Recipe], solve: Solver, tolerance: float, parts: Sequence[str]
+) -> list[Pilot]:
+    """Solve the first surface on finer and finer grids, until one is fine enough or the next too
+    dear."""
+    recipe, pilots = recipes[0], list[Pilot]()
+    rungs = ladder(recipe, beyond=False)
+    for shape in rungs:
+        pilots.append(solve(on_grid(recipe, shape) or recipe))
+        whole = carried_cost(pilots, recipe.shape)[0] * len(recipes)
+        following = rungs[rungs.index(shape) + 1] if shape != rungs[-1] else None
+        if following is None or worst(pilots[-1].errors, parts) <= 0.7 * tolerance:
+            break
+        if len(pilots) > 1 and carried_cost(pilots, following)[0] > PILOT_SHARE * whole / 2:
+            break
+    return pilots
+
+
+def sample_surfaces(recipes: Sequence[surfaces.Recipe], solve: Solver) -> list[Pilot]:
+    """Solve the other surfaces on the coarsest grid, as many as it takes to know the scatter."""
+    shape = ladder(recipes[0], beyond=False)[0]
+    return [solve(on_grid(recipe, shape) or recipe) for recipe in recipes[1:PILOT_SURFACES]]
+
+
+def coarsest(pilots: Sequence[Pilot]) -> list[Pilot]:
+    """The pilots on the coarsest grid, one a surface."""
+    return [p for p in pilots if p.shape == pilots[0].shape]
+
+
+def deviation_of(pilots: Sequence[Pilot], parts: Sequence[str]) -> float:
+    """The largest relative standard deviation of the parts between surfaces; of each the upper
+    80 % bound that follows from the pilots, which are few."""
+    bounds = [0.0]
+    for part in parts:
+        values = np.array([getattr(pilot.areas, part) for pilot in coarsest(pilots)])
+        if values.size > 1 and values.mean() > 0:
+            degrees = values.size - 1
+            bound = math.sqrt(degrees / float(chdtri(degrees, 0.8)))
+            bounds.append(bound * standard_deviation(values.tolist()) / float(values.mean()))
+    return max(bounds)
+
+
+def candidates_for(
+    recipes: Sequence[surfaces.Recipe],
+    pilots: Sequence[Pilot],
+    tolerance: float,
+    parts: Sequence[str],
+    capped: bool,
+) -> list[Candidate]:
+    """Every grid of the ladder with the fewest surfaces that meet the tolerance on it; if
+    `capped`, no finer grid and no more surfaces than the case has."""
+    found = []
+    most = len(recipes) if capped else MOST_SURFACES
+    deviation = deviation_of(pilots, parts)
+    for shape in ladder(recipes[0], beyond=not capped):
+        error, raw = carried_error(pilots, shape, parts)
+        count, scatter = 1, 0.0
+        if len(recipes) > 1 and deviation > 0:
+            room = math.sqrt(max(tolerance**2 - error**2, 0.0))
+            enough = (n for n in range(2, most + 1) if student_half_width(deviation, n) <= room)
+            count = next(enough, most)
+            scatter = student_half_width(deviation, count)
+        work, seconds = carried_cost(pilots, shape)
+        found.append(Candidate(shape, count, error, scatter, raw, work * count, seconds * count))
+    return found
+
+
+def cheapest(candidates: Sequence[Candidate], tolerance: float) -> Candidate:
+    """The cheapest that meets the tolerance; if none does, the one of least error."""
+    good = [c for c in candidates if c.error <= tolerance]
+    if good:
+        return min(good, key=lambda c: c.work)
+    return min(candidates, key=lambda c: (c.error, c.work))

@@ -1,10 +1,10 @@
 """The cheapest model that meets a tolerance on the contact area, and why it is that one.
 
-What is asked: the area, relative, at 95 % confidence.  What is chosen: theory, boundary elements
-or finite elements; a line where the roughness has one direction; the grid; raw or corrected
-areas; the number of surfaces; and for finite elements depth and load steps.  How: cheap pilots
-(`pilots`) give the error e of each grid and the scatter s between surfaces; of all grids with
-e < tolerance the one is taken for which grid cost times the number n of surfaces is least,
+The plan chooses between theory, boundary elements and finite elements; a line where the roughness
+has one direction; the grid; raw or corrected areas; the number of surfaces; and for finite
+elements depth and load steps.  The tolerance is on the area, relative, at 95 % confidence.  Cheap
+pilots (`pilots`) give the error e of each grid and the scatter s between surfaces; of all grids
+with e < tolerance the one is taken whose cost times the number n of surfaces is least,
 
     e^2 + (t s / sqrt(n))^2 <= tolerance^2,
 
@@ -20,64 +20,67 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 import numpy as np
 
+from epcontact import persson
 from epcontact.errors import InvalidCase
 from epcontact.harness.case import Case
-from epcontact.harness.statistics import student_half_width
-from epcontact.planning.candidates import (
+from epcontact.harness.statistics import standard_deviation, student_half_width
+from epcontact.harness.store import Answer
+from epcontact.planning.grids import (
+    Section,
+    on_grid,
+    one_directional,
+    points_per_wavelength,
+)
+from epcontact.planning.pilots import (
     Candidate,
-    Setup,
+    Pilot,
     candidates_for,
+    carried_cost,
     cheapest,
     climb,
     coarsest,
     deviation_of,
     finite_element_options,
     sample_surfaces,
-)
-from epcontact.planning.pilots import (
-    Pilot,
-    Section,
-    carried_cost,
-    on_grid,
-    one_directional,
-    points_per_wavelength,
+    solve_pilot,
     worst,
 )
 from epcontact.surfaces import Recipe, SelfAffine
 
-if TYPE_CHECKING:
-    from epcontact.harness.store import Answer
-
 
 @dataclass(frozen=True)
 class Plan:
-    """What was chosen, what it should cost, and why.
+    """A chosen model, its expected error and cost, and the reasons.
 
-    method: "persson", "bem" or "fem"; dimension: 1 for a line, 2 for a surface; shape: of the
-    grid; points_per_wavelength: of self-affine roughness, else NaN; areas: "raw" or "corrected";
-    surfaces: how many; seeds: theirs, where they are random; options: of the method.
-    expected_error: relative, of the parts' areas at 95 %; grid_error, scatter: what it consists
-    of; meets: whether that is within the tolerance.
-    work: FFT pairs (or solver sweeps) times points of the chosen model; given_work: of the case
-    as it stands; pilot_work: of the pilots; seconds, pilot_seconds: the same as times.
+    Attributes:
+        case: id of the case.
+        tolerance: on the areas of the parts, relative.
+        parts: of the area that have to be within it.
+        method: "persson", "bem" or "fem".
+        areas: "raw" or "corrected".
+        options: of the method.
+        grid_error: relative error by the grid; of the theory, its distance from the pilots with
+            their uncertainty.
+        scatter: half-width of the 95 % interval of the mean over the surfaces, relative.
+        work: FFT pairs (or solver sweeps) times points of the chosen model.
+        given_work: the same of the case as it is.
+        pilot_work: the same of the pilots.
+        seconds, pilot_seconds: times of the chosen model and of the pilots.
+        reasons: sentences.
+        recipes: of the surfaces, on the chosen grid.
     """
 
     case: str
     tolerance: float
     parts: tuple[str, ...]
     method: str
-    dimension: int
-    shape: tuple[int, ...]
-    points_per_wavelength: float
     areas: str
-    surfaces: int
-    seeds: tuple[int, ...]
     options: dict[str, Any]
-    expected_error: float
     grid_error: float
     scatter: float
     work: float
@@ -86,21 +89,32 @@ class Plan:
     seconds: float
     pilot_seconds: float
     reasons: tuple[str, ...]
-    recipes: tuple[Recipe, ...] = field(repr=False, default=())
+    recipes: tuple[Recipe, ...] = field(repr=False)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The grid; of one number if a line stands for the surface."""
+        return self.recipes[0].shape
+
+    @property
+    def surfaces(self) -> int:
+        """How many surfaces are solved; the theory needs one spectrum."""
+        return 1 if self.method == "persson" else len(self.recipes)
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """The seeds of random surfaces."""
+        return tuple(r.seed for r in self.recipes if isinstance(r, SelfAffine))
+
+    @property
+    def expected_error(self) -> float:
+        """Relative error of the areas at 95 % confidence."""
+        return math.hypot(self.grid_error, self.scatter)
 
     @property
     def meets(self) -> bool:
         """Whether the expected error is within the tolerance."""
         return self.expected_error <= self.tolerance
-
-
-@dataclass(frozen=True)
-class Promise:
-    """Whether an answer kept the plan's promise: its error, relative, and a sentence."""
-
-    held: bool
-    error: float
-    sentence: str
 
 
 def plan(
@@ -112,13 +126,20 @@ def plan(
     capped: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Plan:
-    """Choose the cheapest model of a case whose areas are within `tolerance` (relative, 95 %).
+    """Choose the cheapest model of a case whose areas are within the tolerance.
 
-    parts: of the area that must be: total, elastic, plastic.  capped: never a finer grid or more
-    surfaces than the case has, even if the tolerance is then missed (`Plan.meets` says so).
+    Args:
+        case: with boundary or finite elements among its methods.
+        tolerance: on the areas, relative, at 95 % confidence.
+        parts: of the area that must be within it: total, elastic, plastic.
+        threads: of the pilots; None: all cores.
+        capped: never a finer grid or more surfaces than the case has, even if the tolerance is
+            then missed (`Plan.meets` says so).
+        progress: called with a sentence before each pilot.
 
-    Raises InvalidCase for a tolerance out of range or a case without contact to plan, and what
-    the pilots raise.
+    Raises:
+        InvalidCase: the tolerance is out of range, or no pilot can answer the case.
+        EpcontactError: a pilot fails.
     """
     if not 0 < tolerance < 1:
         raise InvalidCase(f"tolerance is {tolerance!r}, but must lie between 0 and 1")
@@ -129,15 +150,40 @@ def plan(
     method = "bem" if "bem" in case.methods else "fem"
     recipes, why = _dimension(case)
     tell = progress or (lambda _: None)
-    setup = Setup(case, method, recipes, {}, tolerance, tuple(parts), threads, tell)
+
+    def solve(recipe: Recipe, **options: Any) -> Pilot:
+        tell(f"plan: pilot by {method} on {' x '.join(map(str, recipe.shape))} points")
+        return solve_pilot(case, recipe, method, threads, **options)
+
+    options: dict[str, Any] = {}
     if method == "fem":
-        options, told = finite_element_options(setup)
-        setup, why = replace(setup, options=options), why + told
-    pilots = climb(setup) + sample_surfaces(setup)
-    chosen = cheapest(candidates_for(setup, pilots, capped), tolerance)
-    why += _why(setup, pilots, chosen, capped)
-    result = _assemble(setup, pilots, chosen, tuple(why))
-    return _theory_instead(setup, pilots, result) if "persson" in case.methods else result
+        options, reasons = finite_element_options(case, recipes[0], solve, tolerance)
+        why += reasons
+    chosen_solve = partial(solve, **options)
+    pilots = climb(recipes, chosen_solve, tolerance, parts)
+    pilots += sample_surfaces(recipes, chosen_solve)
+    chosen = cheapest(candidates_for(recipes, pilots, tolerance, parts, capped), tolerance)
+    why += _reasons(recipes, pilots, chosen, tolerance, deviation_of(pilots, parts), capped)
+    own = recipes[0].shape
+    across = math.prod(case.recipes[0].shape) / math.prod(own)  # more than 1 of a line
+    result = Plan(
+        case=case.id,
+        tolerance=tolerance,
+        parts=tuple(parts),
+        method=method,
+        areas="raw" if chosen.raw else "corrected",
+        options=options,
+        grid_error=chosen.grid_error,
+        scatter=chosen.scatter,
+        work=chosen.work,
+        given_work=carried_cost(pilots, own)[0] * across * len(case.recipes),
+        pilot_work=sum(pilot.work for pilot in pilots),
+        seconds=chosen.seconds,
+        pilot_seconds=sum(pilot.seconds for pilot in pilots),
+        reasons=tuple(why),
+        recipes=_chosen_recipes(recipes, chosen),
+    )
+    return _theory_instead(case, pilots, result) if "persson" in case.methods else result
 
 
 def _dimension(case: Case) -> tuple[tuple[Recipe, ...], list[str]]:
@@ -148,59 +194,37 @@ def _dimension(case: Case) -> tuple[tuple[Recipe, ...], list[str]]:
     return tuple(Section(recipe, axis) for recipe in case.recipes), [sentence]
 
 
-def _why(setup: Setup, pilots: Sequence[Pilot], chosen: Candidate, capped: bool) -> list[str]:
-    resolution = points_per_wavelength(on_grid(setup.recipes[0], chosen.shape) or setup.recipes[0])
+def _reasons(
+    recipes: Sequence[Recipe],
+    pilots: Sequence[Pilot],
+    chosen: Candidate,
+    tolerance: float,
+    deviation: float,
+    capped: bool,
+) -> list[str]:
+    resolution = points_per_wavelength(on_grid(recipes[0], chosen.shape) or recipes[0])
     fine = "" if math.isnan(resolution) else f" ({resolution:.3g} points per shortest wavelength)"
-    how = "said by a pilot" if chosen.shape in [p.shape for p in pilots] else "carried from pilots"
+    how = (
+        "as a pilot found"
+        if chosen.shape in [p.shape for p in pilots]
+        else "carried over from pilots"
+    )
     grid = " x ".join(map(str, chosen.shape))
     kind = "raw areas are as good as corrected ones" if chosen.raw else "corrected areas"
     why = [f"on {grid} points{fine} the grid's error is {chosen.grid_error:.2g}, {how}; {kind}"]
-    if len(setup.recipes) > 1:
-        deviation = max(deviation_of(pilots, part) for part in setup.parts)
+    if len(recipes) > 1:
         why.append(
             f"{chosen.surfaces} surfaces, which scatter by {deviation:.2g} at the most (80 %), "
             f"leave {chosen.scatter:.2g} at 95 %"
         )
     else:
-        why.append("the case names one surface, so that it is its own area that is asked for")
-    if chosen.error > setup.tolerance:
+        why.append("the case names one surface, so that the plan is for the area of that surface")
+    if chosen.error > tolerance:
         limit = "the case's own grid and surfaces" if capped else "the finest grid considered"
         why.append(
-            f"the tolerance of {setup.tolerance:.2g} is not met: with {limit} "
-            f"{chosen.error:.2g} is left"
+            f"the tolerance of {tolerance:.2g} is not met: with {limit} {chosen.error:.2g} is left"
         )
     return why
-
-
-def _assemble(
-    setup: Setup, pilots: Sequence[Pilot], chosen: Candidate, why: tuple[str, ...]
-) -> Plan:
-    own, case = setup.recipes[0], setup.case
-    recipes = _chosen_recipes(setup.recipes, chosen)
-    across = math.prod(case.recipes[0].shape) / math.prod(own.shape)  # more than 1 of a line
-    return Plan(
-        case=case.id,
-        tolerance=setup.tolerance,
-        parts=setup.parts,
-        method=setup.method,
-        dimension=len(chosen.shape),
-        shape=chosen.shape,
-        points_per_wavelength=points_per_wavelength(recipes[0]),
-        areas="raw" if chosen.raw else "corrected",
-        surfaces=chosen.surfaces,
-        seeds=tuple(r.seed for r in recipes if isinstance(r, SelfAffine)),
-        options=setup.options,
-        expected_error=chosen.error,
-        grid_error=chosen.grid_error,
-        scatter=chosen.scatter,
-        work=chosen.work,
-        given_work=carried_cost(pilots, own.shape)[0] * across * len(case.recipes),
-        pilot_work=sum(p.work for p in pilots),
-        seconds=chosen.seconds,
-        pilot_seconds=sum(p.seconds for p in pilots),
-        reasons=why,
-        recipes=recipes,
-    )
 
 
 def _chosen_recipes(given: Sequence[Recipe], chosen: Candidate) -> tuple[Recipe, ...]:
@@ -214,41 +238,36 @@ def _chosen_recipes(given: Sequence[Recipe], chosen: Candidate) -> tuple[Recipe,
     return tuple(recipes)
 
 
-def _theory_instead(setup: Setup, pilots: Sequence[Pilot], found: Plan) -> Plan:
+def _theory_instead(case: Case, pilots: Sequence[Pilot], found: Plan) -> Plan:
     """The plan with the theory in it, where that is near enough to the pilots."""
-    from epcontact import persson
-
-    case, parts = setup.case, setup.parts
+    parts = found.parts
     scene = case.scene(on_grid(case.recipes[0], pilots[0].shape) or case.recipes[0])
     theory = persson.solve(scene, **case.options["persson"]).final.areas["raw"]
     sample, finest = coarsest(pilots), max(pilots, key=lambda p: math.prod(p.shape))
     off = []
     for part in parts:
         mean = float(np.mean([getattr(p.areas, part) for p in sample]))
-        # What the finer grid changed on the first surface, it would on all.
+        # A finer grid would change all surfaces as it changed the first.
         mean *= getattr(finest.areas, part) / getattr(pilots[0].areas, part)
         off.append(abs(getattr(theory, part) / mean - 1))
-    deviation = max(deviation_of(pilots, part) for part in parts)
-    scatter = student_half_width(deviation, len(sample)) if len(sample) > 1 else 0.0
+    scatter = student_half_width(deviation_of(pilots, parts), len(sample))
     doubt = math.hypot(worst(finest.errors, parts), scatter)
-    told = (
-        f"the theory lies {max(off):.2g} from the pilots, which are uncertain by {doubt:.2g} "
+    distance = (
+        f"the theory is {max(off):.2g} from the pilots, which are uncertain by {doubt:.2g} "
         "themselves"
     )
-    if max(off) + doubt > setup.tolerance:
-        return replace(found, reasons=(*found.reasons, f"{told}: too far to stand in"))
+    if max(off) + doubt > found.tolerance:
+        return replace(found, reasons=(*found.reasons, f"{distance}: too far to replace them"))
     return replace(
         found,
         method="persson",
         areas="raw",
-        surfaces=1,
         options=dict(case.options["persson"]),
-        expected_error=max(off) + doubt,
-        grid_error=0.0,
+        grid_error=max(off) + doubt,
         scatter=0.0,
         work=0.0,
         seconds=1e-3,
-        reasons=(f"{told}: within the tolerance, and for nothing",),
+        reasons=(f"{distance}: this is within the tolerance, and the theory costs nothing",),
     )
 
 
@@ -260,34 +279,29 @@ def planned_case(case: Case, chosen: Plan) -> Case:
     return replace(case, size="auto", recipes=chosen.recipes, options=options)
 
 
-def promise_held(chosen: Plan, answer: Answer) -> Promise:
-    """Hold the answer that a plan was carried out with against its tolerance.
+def achieved_error(chosen: Plan, answer: Answer) -> float:
+    """The relative error of the answer that a plan was carried out with, the largest of its parts.
 
-    The error is what the areas claim of themselves and the 95 % interval of their mean.  The
-    theory's answer says nothing of its own error: there the pilots' word stands.
+    The error is that which the areas claim of themselves and the 95 % interval of their mean.  The
+    theory's answer claims none: there it is the expected error, found by the pilots.
+
+    Args:
+        chosen: the plan.
+        answer: of its method to `planned_case`.
+
+    Raises:
+        InvalidCase: the answer has no results.
     """
     if not answer.results:
-        raise InvalidCase(f"{chosen.case}: there is no answer to hold the plan against")
+        raise InvalidCase(f"{chosen.case}: there is no answer to judge the plan by")
     if chosen.method == "persson":
-        error = chosen.expected_error
-    else:
-        error = max(_achieved(answer, part) for part in chosen.parts)
-    held = error <= chosen.tolerance
-    verdict = "held" if held else "was broken"
-    return Promise(
-        held,
-        error,
-        f"{chosen.case}: the promise {verdict}: error {error:.2g}, {chosen.expected_error:.2g} "
-        f"expected, {chosen.tolerance:.2g} allowed",
-    )
-
-
-def _achieved(answer: Answer, part: str) -> float:
-    found = [r.final.areas for r in answer.results]
-    values = np.array([getattr(a["corrected"], part) for a in found])
-    claimed = float(np.mean([getattr(a["error"], part) for a in found])) / float(values.mean())
-    if values.size < 2:
-        return claimed
-    return math.hypot(
-        claimed, student_half_width(float(values.std(ddof=1) / values.mean()), values.size)
-    )
+        return chosen.expected_error
+    areas = [result.final.areas for result in answer.results]
+    errors = []
+    for part in chosen.parts:
+        values = [getattr(a["corrected"], part) for a in areas]
+        mean = float(np.mean(values))
+        claimed = float(np.mean([getattr(a["error"], part) for a in areas])) / mean
+        scatter = student_half_width(standard_deviation(values) / mean, len(values))
+        errors.append(math.hypot(claimed, scatter))
+    return max(errors)
