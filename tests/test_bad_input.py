@@ -540,7 +540,7 @@ def largest_file(size: int) -> Iterator[None]:
 def test_no_room_for_a_file(small, tmp_path, size) -> None:
     with largest_file(size):
         done = invoke("verify", small, "--output", tmp_path / "out", "--jobs", 1)
-    refused(done, "larger than allowed")
+    refused(done, "file too large")
     require_whole(tmp_path / "out")
     assert not (tmp_path / "out" / "junit.xml").exists()
 
