@@ -24,13 +24,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+import fem_check
+from epcontact import bem, persson
 from epcontact.errors import EpcontactError, InvalidCase
+from epcontact.harness.quantities import measure
+from epcontact.output.charts.maps import stability_map as draw_map
+from epcontact.output.files import write_json
 from epcontact.results import package_versions
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
+from epcontact.studies.tables import Progress
 from epcontact.surfaces import SelfAffine
-
-Size = Literal["coarse", "full"]
-Progress = Callable[[str], None]
 
 MAPS = ("capped", "elastic", "theory", "fem")
 #: Largest violation of the contact conditions, by the harness's own transforms, of a solve that
@@ -124,7 +127,7 @@ class StabilityMap:
 
 def stability_map(
     maps: Sequence[str] = MAPS,
-    size: Size = "coarse",
+    size: Literal["coarse", "full"] = "coarse",
     *,
     methods: Sequence[str] | None = None,
     progress: Progress | None = None,
@@ -171,13 +174,11 @@ def rough_surface(shape: tuple[int, ...]) -> Surface:
 
 
 def _boundary_elements(grid: Grid, capped: bool, methods: Sequence[str] | None) -> Iterator[Point]:
-    from epcontact.bem import METHODS
-
     surface = rough_surface((grid.points, grid.points))
     unit = 1e11 * 0.1  # E* xi in Pa, Poisson's ratio being zero
     axes: tuple[Sequence[float], Sequence[float]]
     axes = (grid.load_shares, grid.hardnesses) if capped else (grid.loads, (math.inf,))
-    for method, (x, y) in product(methods or METHODS, product(*axes)):
+    for method, (x, y) in product(methods or bem.METHODS, product(*axes)):
         hardness = y * unit if capped else math.inf
         pressure = x * hardness if capped else x * unit
         scene = Scene(surface, Material(1e11, 0.0, hardness), Load(pressure))
@@ -187,9 +188,6 @@ def _boundary_elements(grid: Grid, capped: bool, methods: Sequence[str] | None) 
 
 
 def _solved_by_bem(scene: Scene, where: tuple[str, str, float, float], steps: int | None) -> Point:
-    from epcontact import bem
-    from epcontact.harness.quantities import measure
-
     try:
         result = bem.solve(scene, method=where[1], threads=1, max_steps=steps)  # type: ignore[arg-type]
     except _FAILURES as error:
@@ -240,9 +238,7 @@ def _relative(a: float, b: float) -> float:
 
 
 def _package_areas(x: float, t: float) -> tuple[float, float, float]:
-    from epcontact.persson.elastoplastic import areas
-
-    found = areas(t, x, 1.0)
+    found = persson.areas(t, x, 1.0)
     return float(found.elastic), float(found.plastic), float(found.separated)
 
 
@@ -279,8 +275,6 @@ _SUMS = {"eigenfunctions": _eigenfunctions, "images": _images}
 
 
 def _finite_elements(grid: Grid) -> Iterator[Point]:
-    import fem_check
-
     surface = rough_surface(grid.fem_points)
     E, slope = 1e11, 0.1
     for nu, x, y in product(grid.poisson_ratios, grid.fem_loads, grid.yield_ratios):
@@ -313,9 +307,6 @@ def write(data: StabilityMap, folder: Path | str) -> tuple[Path, ...]:
 
     Raises OutputError if one cannot be written.
     """
-    from epcontact.output.charts.maps import stability_map as draw
-    from epcontact.output.files import write_json
-
     folder = Path(folder)
     content: dict[str, Any] = {
         "schema": "epcontact-stability-1",
@@ -339,6 +330,6 @@ def write(data: StabilityMap, folder: Path | str) -> tuple[Path, ...]:
         caption = (
             f"{labels[2]} of each method on the {data.size} map; {failed} of {len(points)} failed."
         )
-        chart = draw(tables, x, y, labels=labels[:2], count=labels[2], caption=caption)
+        chart = draw_map(tables, x, y, labels=labels[:2], count=labels[2], caption=caption)
         paths += chart.save(folder / f"stability-{name}")
     return tuple(paths)
