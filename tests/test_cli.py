@@ -11,7 +11,10 @@ import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import click
 import pytest
+
+from epcontact.cli.main import COMMANDS, cli
 
 
 def refused(done, *words: str) -> None:
@@ -235,3 +238,27 @@ def test_schema_is_json(epcontact) -> None:
         done = epcontact("schema", kind)
         assert done.returncode == 0
         assert "$defs" in json.loads(done.stdout)
+
+
+def test_each_command_is_listed_with_the_line_that_it_begins_with() -> None:
+    context = click.Context(cli)
+    for name, (_, line) in COMMANDS.items():
+        command = cli.get_command(context, name)
+        assert command is not None
+        assert command.name == name
+        begins = " ".join((command.help or "").split())
+        assert begins.startswith(line.rstrip(".")), name
+
+
+def test_the_list_of_commands_loads_no_solver() -> None:
+    program = (
+        "import sys; sys.argv = ['epcontact', '--help']\n"
+        "from epcontact.cli.main import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "print(sorted({'numpy', 'numba', 'matplotlib', 'pyvista'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.splitlines()[-1] == "[]"

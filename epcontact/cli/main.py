@@ -1,9 +1,10 @@
-"""The command line: list, keys, run and verify here, the other commands in `commands`.
+"""The command line: the names of the commands, and the end of each as one sentence and a code.
 
 Exit code 0: all gates hold (or the command did what it was asked); 1: a gate fell short; 2: an
 error, with one sentence on stderr; 130: interrupted.
 
-Imports inside functions load what takes long and few commands need: the solvers and the charts.
+A command's module is imported when the command runs, so that the list of commands, and every
+command that solves nothing, need not wait for solvers and charts to load.
 """
 
 from __future__ import annotations
@@ -13,263 +14,68 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from importlib import import_module
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bar
-from rich.table import Table
 
-from epcontact.cli.commands import COMMANDS, write_report
-from epcontact.cli.tables import (
-    STYLES,
-    answers_table,
-    gamma_sentence,
-    print_shortfalls,
-    verdict_table,
-)
-from epcontact.errors import EpcontactError
-from epcontact.harness import case as casefile
-from epcontact.harness.case import Case
-from epcontact.harness.methods import METHODS
-from epcontact.harness.quantities import QUANTITIES
-from epcontact.harness.run import Progress, default_jobs, run_cases
-from epcontact.harness.schema import key_table
-from epcontact.harness.store import Answer
-from epcontact.harness.verdict import cases_to_verify
-from epcontact.harness.verdict import verify as run_gates
+from epcontact.errors import EpcontactError, nearest
+
+#: The place of each command, and the line that `epcontact --help` shows.
+COMMANDS = {
+    "chart": ("figures:chart", "Draw accuracy against cost, by NAME (none: the list)."),
+    "crosscheck": ("plans:crosscheck", "Split the difference of finite and boundary elements."),
+    "keys": ("cases:keys", "Print every key of a case file, and every quantity of a gate."),
+    "list": ("cases:list_cases", "List the cases, one line each."),
+    "plan": ("plans:plan", "Say what the cheapest model of CASE is that meets a tolerance."),
+    "report": ("figures:report", "Make one self-contained page of a verification run."),
+    "run": ("cases:run", "Solve one case and write its results and fields."),
+    "schema": ("cases:schema", "Print the JSON Schema of a case file, or of verdict.json."),
+    "stability": ("figures:stability", "Sweep loads and hardnesses and map the convergence."),
+    "verify": ("cases:verify", "Run the gates of the cases (all, where none is named)."),
+    "view": ("figures:view", "Show the fields of a result in three dimensions."),
+}
 
 #: Raised by click where a command is missing, with the help as its message; since click 8.2.
 _NO_ARGUMENTS: type[click.UsageError] | tuple[()]
 _NO_ARGUMENTS = getattr(click.exceptions, "NoArgsIsHelpError", ())
 
 
-class _Refusal(EpcontactError):
-    """The command line itself refuses what it was asked."""
+class _Commands(click.Group):
+    """The group of `COMMANDS`, each imported when it is asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of the commands."""
+        del ctx
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command."""
+        del ctx
+        if cmd_name not in COMMANDS:
+            return None
+        module, _, function = COMMANDS[cmd_name][0].partition(":")
+        command: click.Command = getattr(import_module(f"epcontact.cli.{module}"), function)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Refuse a command that there is not with the nearest one."""
+        if args[0] not in COMMANDS:
+            raise click.UsageError(f"there is no command {args[0]!r}{nearest(args[0], COMMANDS)}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of commands without importing them."""
+        del ctx
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="epcontact")
 def cli() -> None:
     """Cross-validate rough elastoplastic contact: theory, boundary and finite elements."""
-
-
-def _console() -> Console:
-    """Standard output; piped, it is as wide as a table needs rather than 80 columns."""
-    plain = Console()
-    return plain if plain.is_terminal else Console(width=200)
-
-
-_size = click.option(
-    "--size",
-    type=click.Choice((*casefile.SIZES, "auto")),
-    default="fast",
-    show_default=True,
-    help="Which of a case's sizes to run; auto: the cheapest that its gates allow.",
-)
-_jobs = click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    default=None,
-    help="Worker processes; the cores are shared out among them. "
-    "Default: one a core, and one alone for size large.",
-)
-_output = click.option(
-    "--output",
-    type=click.Path(path_type=Path),
-    default=Path("results"),
-    show_default=True,
-    help="Folder for results; those already there of the same scene and sources are reused.",
-)
-_fresh = click.option("--fresh", is_flag=True, help="Solve again what is already there.")
-_fields = click.option(
-    "--fields",
-    type=click.Choice(["first", "all", "none"]),
-    default="first",
-    show_default=True,
-    help="Write the fields (.vti) of the first surface, of all of them, or of none.",
-)
-
-
-@cli.command("list")
-def list_cases() -> None:
-    """List the cases, one line each."""
-    table = Table(box=None, pad_edge=False)
-    for heading in ("case", "sizes", "methods", "requirement"):
-        table.add_column(heading, overflow="fold")
-    for path in casefile.find_cases():
-        sizes = casefile.case_sizes(path)
-        case = casefile.load_case(path, sizes[0])
-        table.add_row(case.id, " ".join(sizes), " ".join(case.methods), case.requirement)
-    _console().print(table)
-
-
-@cli.command()
-def keys() -> None:
-    """Print every key of a case file, and every quantity of a gate, with unit and meaning."""
-    table = Table("table", "key", "default", "meaning", box=None, pad_edge=False)
-    for row in key_table():
-        table.add_row(*row)
-    quantities = Table("quantity of a gate", "unit", "meaning", box=None, pad_edge=False)
-    for quantity in QUANTITIES.values():
-        quantities.add_row(quantity.name, quantity.unit, quantity.meaning)
-    _console().print(table, "", quantities)
-
-
-@cli.command()
-@click.argument("case")
-@click.option(
-    "--method",
-    "methods",
-    multiple=True,
-    type=click.Choice(list(METHODS)),
-    help="Only this method; may be repeated. Default: all that the case names.",
-)
-@_size
-@_jobs
-@_output
-@_fresh
-@_fields
-def run(
-    case: str,
-    methods: tuple[str, ...],
-    size: str,
-    jobs: int | None,
-    output: Path,
-    fresh: bool,
-    fields: str,
-) -> None:
-    """Solve one case and write its results and fields; no gate is judged."""
-    loaded = _load(casefile.find_case(case), size)
-    absent = [m for m in methods if m not in loaded.methods]
-    if absent:
-        raise click.UsageError(
-            f"{loaded.id} has no method {absent[0]}; it has {', '.join(loaded.methods)}"
-        )
-    if loaded.skip:
-        raise _Refusal(f"{loaded.path}: {loaded.skip}")
-    chosen = replace(loaded, methods=tuple(dict.fromkeys(methods)) or loaded.methods)
-    workers = jobs or default_jobs(size)
-    with _progress() as progress:
-        answers = run_cases(
-            [chosen], output, jobs=workers, fresh=fresh, fields=fields, progress=progress
-        )[loaded.id]
-    _console().print(answers_table(answers))
-    if sentence := gamma_sentence([chosen]):
-        click.echo(sentence)
-    errors = [sentence for answer in answers.values() for sentence in answer.errors]
-    if errors:
-        raise _Refusal(f"{loaded.id}: {'; '.join(errors)}")
-    if fields != "none":
-        _draw(chosen, answers, output / loaded.id)
-    click.echo(f"results in {output / loaded.id}")
-
-
-@cli.command()
-@click.argument("cases", nargs=-1)
-@_size
-@_jobs
-@_output
-@_fresh
-@click.option(
-    "--solver",
-    default="",
-    metavar="[NAME=]MODULE:FUNCTION",
-    help="Hold this function Scene -> ContactResult, or the method of this name, to the gates in "
-    "the place of bem.",
-)
-@click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
-def verify(
-    cases: tuple[str, ...],
-    size: str,
-    jobs: int | None,
-    output: Path,
-    fresh: bool,
-    solver: str,
-    with_report: bool,
-) -> None:
-    """Run the gates of the cases (all, where none is named) and write the verdict.
-
-    Writes verdict.json and junit.xml into the output folder.
-    """
-    given: Sequence[str | Case] = cases
-    if size == "auto":
-        named = [case for name in cases for case in casefile.find_named(name)]
-        given = [_load(case, size) for case in named or cases_to_verify("fast")]
-    with _progress() as progress:
-        verdict = run_gates(
-            given,
-            size=size,
-            jobs=jobs,
-            output=output,
-            solver=solver,
-            fresh=fresh,
-            fields="first" if with_report else "none",
-            progress=progress,
-        )
-    if with_report:
-        for case in verdict.cases:
-            if not case.skipped_because:
-                _draw(case.case, case.answers, output / case.id)
-        write_report(output)
-    console = _console()
-    console.print(verdict_table(verdict.cases, console.width))
-    if sentence := gamma_sentence([case.case for case in verdict.cases]):
-        click.echo(sentence)
-    for case in verdict.cases:
-        print_shortfalls(console, case)
-    counts = [sum(case.status == s for case in verdict.cases) for s in STYLES]
-    summary = ", ".join(f"{n} {s}" for n, s in zip(counts, STYLES, strict=True) if n)
-    console.print(f"{len(verdict.cases)} cases: {summary}; verdict in {output / 'verdict.json'}")
-    sys.exit(verdict.exit_code)
-
-
-for _command in COMMANDS:
-    cli.add_command(_command)
-
-
-def _draw(case: Case, answers: Mapping[str, Answer], folder: Path) -> None:
-    """Draw the charts of a case into its folder of results."""
-    from epcontact.harness.pictures import write_pictures
-
-    write_pictures(case, answers, folder)
-
-
-def _load(path: casefile.CaseText, size: str) -> Case:
-    """A case at a size; auto: made cheaper by a plan, with a sentence on stderr that says so."""
-    if size != "auto":
-        return casefile.load_case(path, size)
-    from epcontact.planning import load_auto
-
-    case, sentence = load_auto(path)
-    if sentence:
-        click.echo(sentence, err=True)
-    return case
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Callable[[Progress], None]]:
-    """A bar on a terminal, a line a solve elsewhere; both on stderr."""
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        row = bar.add_task("solving", total=None)
-
-        def advance(at: Progress) -> None:
-            bar.update(row, completed=at.done, total=at.total, description=at.task)
-            if not console.is_terminal:
-                note = f" ({at.note})" if at.note else ""
-                click.echo(f"[{at.done}/{at.total}] {at.task}{note}", err=True)
-
-        yield advance
 
 
 def main() -> None:

@@ -1,0 +1,254 @@
+"""The commands on case files: list, keys, schema, run and verify."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
+from rich.table import Table
+
+from epcontact.cli.tables import (
+    STYLES,
+    answers_table,
+    gamma_sentence,
+    print_shortfalls,
+    verdict_table,
+)
+from epcontact.errors import EpcontactError
+from epcontact.harness import case as casefile
+from epcontact.harness.case import Case
+from epcontact.harness.methods import METHODS
+from epcontact.harness.quantities import QUANTITIES
+from epcontact.harness.run import Progress, default_jobs, run_cases
+from epcontact.harness.schema import Family, key_table
+from epcontact.harness.verdict import Verdict, cases_to_verify
+from epcontact.harness.verdict import verify as run_gates
+from epcontact.results import plain
+
+
+class _Refusal(EpcontactError):
+    """The command line itself refuses what it was asked."""
+
+
+def _console() -> Console:
+    """Standard output; piped, it is as wide as a table needs rather than 80 columns."""
+    plain = Console()
+    return plain if plain.is_terminal else Console(width=200)
+
+
+_size = click.option(
+    "--size",
+    type=click.Choice((*casefile.SIZES, "auto")),
+    default="fast",
+    show_default=True,
+    help="Which of a case's sizes to run; auto: the cheapest that its gates allow.",
+)
+_jobs = click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=None,
+    help="Worker processes; the cores are shared out among them. "
+    "Default: one a core, and one alone for size large.",
+)
+_output = click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    default=Path("results"),
+    show_default=True,
+    help="Folder for results; those already there of the same scene and sources are reused.",
+)
+_fresh = click.option("--fresh", is_flag=True, help="Solve again what is already there.")
+_fields = click.option(
+    "--fields",
+    type=click.Choice(["first", "all", "none"]),
+    default="first",
+    show_default=True,
+    help="Write the fields (.vti) of the first surface, of all of them, or of none.",
+)
+
+
+@click.command("list")
+def list_cases() -> None:
+    """List the cases, one line each."""
+    table = Table(box=None, pad_edge=False)
+    for heading in ("case", "sizes", "methods", "requirement"):
+        table.add_column(heading, overflow="fold")
+    for path in casefile.find_cases():
+        sizes = casefile.case_sizes(path)
+        case = casefile.load_case(path, sizes[0])
+        table.add_row(case.id, " ".join(sizes), " ".join(case.methods), case.requirement)
+    _console().print(table)
+
+
+@click.command()
+def keys() -> None:
+    """Print every key of a case file, and every quantity of a gate, with unit and meaning."""
+    table = Table("table", "key", "default", "meaning", box=None, pad_edge=False)
+    for row in key_table():
+        table.add_row(*row)
+    quantities = Table("quantity of a gate", "unit", "meaning", box=None, pad_edge=False)
+    for quantity in QUANTITIES.values():
+        quantities.add_row(quantity.name, quantity.unit, quantity.meaning)
+    _console().print(table, "", quantities)
+
+
+@click.command()
+@click.argument("case")
+@click.option(
+    "--method",
+    "methods",
+    multiple=True,
+    type=click.Choice(list(METHODS)),
+    help="Only this method; may be repeated. Default: all that the case names.",
+)
+@_size
+@_jobs
+@_output
+@_fresh
+@_fields
+def run(
+    case: str,
+    methods: tuple[str, ...],
+    size: str,
+    jobs: int | None,
+    output: Path,
+    fresh: bool,
+    fields: str,
+) -> None:
+    """Solve one case and write its results and fields; no gate is judged."""
+    loaded = _load(casefile.find_case(case), size)
+    absent = [m for m in methods if m not in loaded.methods]
+    if absent:
+        raise click.UsageError(
+            f"{loaded.id} has no method {absent[0]}; it has {', '.join(loaded.methods)}"
+        )
+    if loaded.skip:
+        raise _Refusal(f"{loaded.path}: {loaded.skip}")
+    chosen = replace(loaded, methods=tuple(dict.fromkeys(methods)) or loaded.methods)
+    workers = jobs or default_jobs(size)
+    with _progress() as progress:
+        answers = run_cases(
+            [chosen], output, jobs=workers, fresh=fresh, fields=fields, progress=progress
+        )[loaded.id]
+    _console().print(answers_table(answers))
+    if sentence := gamma_sentence([chosen]):
+        click.echo(sentence)
+    errors = [sentence for answer in answers.values() for sentence in answer.errors]
+    if errors:
+        raise _Refusal(f"{loaded.id}: {'; '.join(errors)}")
+    if fields != "none":
+        from epcontact.cli.figures import draw  # charts take long to load
+
+        draw(chosen, answers, output / loaded.id)
+    click.echo(f"results in {output / loaded.id}")
+
+
+@click.command()
+@click.argument("cases", nargs=-1)
+@_size
+@_jobs
+@_output
+@_fresh
+@click.option(
+    "--solver",
+    default="",
+    metavar="[NAME=]MODULE:FUNCTION",
+    help="Hold this function Scene -> ContactResult, or the method of this name, to the gates in "
+    "the place of bem.",
+)
+@click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
+def verify(
+    cases: tuple[str, ...],
+    size: str,
+    jobs: int | None,
+    output: Path,
+    fresh: bool,
+    solver: str,
+    with_report: bool,
+) -> None:
+    """Run the gates of the cases (all, where none is named) and write the verdict.
+
+    Writes verdict.json and junit.xml into the output folder.
+    """
+    given: Sequence[str | Case] = cases
+    if size == "auto":
+        named = [case for name in cases for case in casefile.find_named(name)]
+        given = [_load(case, size) for case in named or cases_to_verify("fast")]
+    with _progress() as progress:
+        verdict = run_gates(
+            given,
+            size=size,
+            jobs=jobs,
+            output=output,
+            solver=solver,
+            fresh=fresh,
+            fields="first" if with_report else "none",
+            progress=progress,
+        )
+    if with_report:
+        from epcontact.cli.figures import draw, write_report  # charts take long to load
+
+        for case in verdict.cases:
+            if not case.skipped_because:
+                draw(case.case, case.answers, output / case.id)
+        write_report(output)
+    console = _console()
+    console.print(verdict_table(verdict.cases, console.width))
+    if sentence := gamma_sentence([case.case for case in verdict.cases]):
+        click.echo(sentence)
+    for case in verdict.cases:
+        print_shortfalls(console, case)
+    counts = [sum(case.status == s for case in verdict.cases) for s in STYLES]
+    summary = ", ".join(f"{n} {s}" for n, s in zip(counts, STYLES, strict=True) if n)
+    console.print(f"{len(verdict.cases)} cases: {summary}; verdict in {output / 'verdict.json'}")
+    sys.exit(verdict.exit_code)
+
+
+@click.command()
+@click.argument("kind", type=click.Choice(["case", "verdict"]))
+def schema(kind: str) -> None:
+    """Print the JSON Schema of a case file, or of verdict.json."""
+    model = Family if kind == "case" else Verdict
+    click.echo(json.dumps(plain(model.model_json_schema()), indent=2, allow_nan=False))
+
+
+def _load(path: casefile.CaseText, size: str) -> Case:
+    """A case at a size; auto: made cheaper by a plan, with a sentence on stderr that says so."""
+    if size != "auto":
+        return casefile.load_case(path, size)
+    from epcontact.planning import load_auto  # no other size needs a plan
+
+    case, sentence = load_auto(path)
+    if sentence:
+        click.echo(sentence, err=True)
+    return case
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[Progress], None]]:
+    """A bar on a terminal, a line a solve elsewhere; both on stderr."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        row = bar.add_task("solving", total=None)
+
+        def advance(at: Progress) -> None:
+            bar.update(row, completed=at.done, total=at.total, description=at.task)
+            if not console.is_terminal:
+                note = f" ({at.note})" if at.note else ""
+                click.echo(f"[{at.done}/{at.total}] {at.task}{note}", err=True)
+
+        yield advance

@@ -1,0 +1,103 @@
+"""The commands on models: plan and crosscheck."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from tempfile import TemporaryDirectory
+
+import click
+
+from epcontact import planning
+from epcontact.errors import EpcontactError, InvalidCase
+from epcontact.harness import case as casefile
+from epcontact.harness.crosscheck import crosscheck as check_models
+from epcontact.harness.verdict import verify
+
+
+@click.command()
+@click.argument("case")
+@click.option(
+    "--tolerance",
+    default="1%",
+    show_default=True,
+    help="On the contact area, relative, at 95 % confidence: 1% or 0.01.",
+)
+@click.option("--size", type=click.Choice(casefile.SIZES), default=None, help="Of the case.")
+@click.option("--check", is_flag=True, help="Run the plan and say whether its promise held.")
+def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
+    """Say what the cheapest model of CASE is that meets a tolerance, why, and what it costs."""
+    path = casefile.find_case(case)
+    loaded = casefile.load_case(path, size or casefile.case_sizes(path)[-1])
+    if loaded.skip:
+        raise InvalidCase(f"{path}: {loaded.skip}")
+    chosen = planning.plan(loaded, _share(tolerance), progress=_tell)
+    surfaces = f"{chosen.surfaces} surface{'s' if chosen.surfaces > 1 else ''}"
+    grid = " x ".join(map(str, chosen.shape))
+    areas = "" if chosen.method == "persson" else f", {grid} points, {surfaces}"
+    click.echo(f"{chosen.case}: {chosen.method}{areas}, {chosen.areas} areas")
+    for reason in chosen.reasons:
+        click.echo(f"  {reason}")
+    click.echo(
+        f"  expected: error {100 * chosen.expected_error:.2g} %, "
+        f"work {chosen.work:.3g} point-transforms against {chosen.given_work:.3g} of the case"
+    )
+    if not chosen.meets:
+        raise InvalidCase(f"{chosen.case}: no model within reach meets {tolerance}")
+    if check:
+        cheaper = replace(planning.planned_case(loaded, chosen), methods=(chosen.method,), gates=())
+        with TemporaryDirectory() as folder:
+            (checked,) = verify(cheaper, size="auto", output=folder).cases
+        answer = checked.answers[chosen.method]
+        if answer.errors:
+            raise EpcontactError("; ".join(answer.errors))
+        error = planning.achieved_error(chosen, answer)
+        verdict = "held" if error <= chosen.tolerance else "was broken"
+        click.echo(
+            f"  {chosen.case}: the promise {verdict}: error {error:.2g}, "
+            f"{chosen.expected_error:.2g} expected, {chosen.tolerance:.2g} allowed"
+        )
+
+
+def _share(text: str) -> float:
+    try:
+        number = text.strip()
+        return float(number[:-1]) / 100 if number.endswith("%") else float(number)
+    except ValueError:
+        raise InvalidCase(
+            f"--tolerance is {text!r}, but must be a share such as 1% or 0.01"
+        ) from None
+
+
+@click.command()
+@click.argument("case")
+@click.option("--size", type=click.Choice(casefile.SIZES), default="fast", show_default=True)
+@click.option(
+    "--seeds", default=None, metavar="FIRST-LAST", help="other random surfaces by the case's recipe"
+)
+def crosscheck(case: str, size: str, seeds: str | None) -> None:
+    """Split the difference of finite and boundary elements on CASE: grid, depth, model."""
+    others = () if seeds is None else _seeds(seeds)
+    found = casefile.load_case(casefile.find_case(case), size)
+    click.echo(check_models(found, others))
+
+
+#: Far more surfaces than any ensemble here needs, and a list of them is still nothing.
+_MOST_SEEDS = 10_000
+
+
+def _seeds(text: str) -> range:
+    """The seeds FIRST to LAST, both included."""
+    first, _, last = text.partition("-")
+    # Digits beyond those of the largest seed, 2**63 - 1, are no number to Python at some length.
+    digits = all(t.isdecimal() and len(t) <= 19 for t in (first, last))
+    if not (digits and int(first) <= int(last) < 2**63):
+        raise click.BadParameter(f"{text!r:.60} is no range of seeds; give such as 101-112")
+    if int(last) - int(first) >= _MOST_SEEDS:
+        raise click.BadParameter(
+            f"{text} asks for {int(last) - int(first) + 1} surfaces; give at most {_MOST_SEEDS}"
+        )
+    return range(int(first), int(last) + 1)
+
+
+def _tell(sentence: str) -> None:
+    click.echo(sentence, err=True)
