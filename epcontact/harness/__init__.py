@@ -1,12 +1,12 @@
 """From case files to a verdict.
 
 case, schema      the tables of a case file, checked, as a Case at one size
-methods           METHODS: every way to answer a scene, a user's own among them
+methods           METHODS: every way to answer a scene, including a user's own
 quantities        QUANTITIES: every scalar that a gate can read (`measurements` computes some)
 gates             comparisons with a band (`statistics`, `distances`)
 run, store, pool  cases to results, over processes, kept on disk
 verdict           `verify`, the main job, and the Verdict that verdict.json holds
-crosscheck        the parts of a difference of finite and boundary elements
+crosscheck        the parts of the difference between finite and boundary elements
                   (`model_difference`: J2 flow against a pressure cap)
 peers             ContactMechanics and tamaas as methods
 pytest_cases      gates as tests of pytest

@@ -1,8 +1,7 @@
-"""From case files to scenes and gates; every mistake is one sentence.
+"""Case files become scenes and gates; every mistake is reported in one sentence.
 
-A case is read once for each size it offers, so that a mistake in its full size shows when the
-fast one is run.  No surface is made here: a case knows its recipes and with them the digest of
-each scene.
+A case is read at every size it offers, so that a mistake in its full size shows when the fast
+one is run.  No surface is made here: a case has recipes, and they give the digest of each scene.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Case:
-    """One case at one size: scenes (one a surface), method options and gates."""
+    """One case at one size: a scene for each surface, method options and gates."""
 
     id: str
     size: str
@@ -65,7 +64,7 @@ class Case:
     skip: str = ""
 
     def digest(self, recipe: Recipe) -> str:
-        """Digest of the scene on that surface, without making the surface."""
+        """Return the digest of the scene on a surface, without making the surface."""
         return scene_digest(
             recipe.fingerprint, recipe.shape, recipe.periods, self.material, self.body, self.load
         )
@@ -77,10 +76,10 @@ class Case:
 
 
 def find_cases() -> list[CaseText]:
-    """The cases in ./cases or, where there are none, those that came with the package.
+    """Return the cases in ./cases or, if there are none, those that came with the package.
 
     Raises:
-        InvalidCase: if one of the files is no case file.
+        InvalidCase: if one of the files is not a case file.
 
     Example:
         >>> "hertz-sphere" in [case.id for case in find_cases()]
@@ -90,13 +89,13 @@ def find_cases() -> list[CaseText]:
 
 
 def find_named(name: str | Path) -> tuple[CaseText, ...]:
-    """The cases that a name stands for: the id of one case, or a file with one or several.
+    """Return the cases that a name refers to: one case by its id, or all cases of a file.
 
     Args:
         name: the id of a case, the name of a file in the folder of cases, or a path.
 
     Raises:
-        InvalidCase: if there is none.
+        InvalidCase: if no case or file has that name.
     """
     path, text = Path(name), str(name)
     known: dict[str, tuple[CaseText, ...]] = {}
@@ -105,7 +104,7 @@ def find_named(name: str | Path) -> tuple[CaseText, ...]:
             if file.stem == text:
                 return read_cases(file)
             known[file.stem] = ()
-            with contextlib.suppress(InvalidCase):  # what else is wrong there does not matter
+            with contextlib.suppress(InvalidCase):  # other mistakes in that file do not matter here
                 known |= {case.id: (case,) for case in read_cases(file)}
     if text in known:
         return known[text]
@@ -117,7 +116,7 @@ def find_named(name: str | Path) -> tuple[CaseText, ...]:
 
 
 def find_case(name: str | Path) -> CaseText:
-    """The one case that a name stands for; see `find_named`.  Raises InvalidCase."""
+    """Return the one case that a name refers to; see `find_named`.  Raises InvalidCase."""
     cases = find_named(name)
     if len(cases) > 1:
         ids = ", ".join(case.id for case in cases)
@@ -126,10 +125,10 @@ def find_case(name: str | Path) -> CaseText:
 
 
 def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
-    """Read a case at one size, checking it at all of them.
+    """Read a case at one size and check it at all of them.
 
     Args:
-        case: from `find_case` or `find_cases`, or what `find_case` takes.
+        case: a case from `find_case` or `find_cases`, or a name or path for `find_case`.
         size: "fast", "full" or "large", if the case has it.
 
     Raises:
@@ -152,7 +151,7 @@ def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
 
 
 def case_sizes(case: CaseText | Path | str) -> tuple[str, ...]:
-    """The sizes that a case offers.  Raises InvalidCase."""
+    """Return the sizes that a case offers.  Raises InvalidCase."""
     return (case if isinstance(case, CaseText) else find_case(case)).sizes
 
 
@@ -163,7 +162,7 @@ def _build(text: CaseText, size: str) -> Case:
         table = CaseFile.model_validate(at_size(text.tables, size), context=context)
     except ValidationError as error:
         raise InvalidCase(f"{where}: {mistake(error)}") from None
-    except EpcontactError as error:  # a grid that no memory holds; pydantic wraps only ValueErrors
+    except EpcontactError as error:  # a grid too large for memory; pydantic wraps only ValueErrors
         raise InvalidCase(f"{where}: [surface] {error}") from None
     try:
         section = "material"

@@ -1,4 +1,4 @@
-"""Gates as a case file states them, checked against what its scene and methods can answer."""
+"""The gates of a case file, checked against what its scene and methods can answer."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from epcontact.reference import CLOSED_FORMS
 
 @functools.cache
 def default_gates() -> tuple[GateTable, ...]:
-    """The gates that every case of a method must hold, as `default_gates.toml` states them.
+    """Return the gates of `default_gates.toml`, which every case of a method must hold.
 
     Example:
         >>> [gate.quantity for gate in default_gates() if gate.of == "bem"][0]
@@ -28,13 +28,13 @@ def default_gates() -> tuple[GateTable, ...]:
 
 
 def gates_of(where: str, table: CaseFile, size: str) -> tuple[Gate, ...]:
-    """The gates of a case that apply to a size: its own, and its methods' default gates.
+    """Return the gates of a case at a size: its own, and the default gates of its methods.
 
-    A gate of the case takes the place of the default gate on the same quantity of the same
-    method, and a table [[omit]] switches that off.
+    A gate of the case replaces the default gate on the same quantity of the same method; a table
+    [[omit]] removes a default gate.
 
     Raises:
-        InvalidCase: for any gate that cannot be judged, or an omission of no default gate.
+        InvalidCase: if a gate cannot be judged, or [[omit]] names no default gate.
     """
     for number, gate in enumerate(table.gate, start=1):
         _require_answerable(f"{where}: gate {number}", gate, table)
@@ -79,7 +79,7 @@ def _require_answerable(where: str, gate: GateTable, table: CaseFile) -> None:
 
 
 def _needs(where: str, gate: GateTable) -> tuple[str, ...]:
-    """The needs of the gate's quantity; a solver of the user's may report others than ours."""
+    """Return the needs of the gate's quantity; a user's solver may report quantities of its own."""
     if gate.quantity in QUANTITIES:
         return QUANTITIES[gate.quantity].needs
     if METHODS[gate.of].source and gate.quantity.startswith(REPORTED_GROUPS):
@@ -104,7 +104,7 @@ def _require_closed_form(where: str, gate: GateTable) -> None:
 
 
 def _require_model(where: str, gate: GateTable, table: CaseFile, needs: tuple[str, ...]) -> None:
-    """Model measures say how J2 flow differs from a cap; a gate holds them against a number."""
+    """Refuse a gate on a model measure (J2 flow against a cap) that the case cannot answer."""
     wrong = ""
     if not METHODS[gate.of].has_model_measures or isinstance(gate.against, str):
         able = " or ".join(m.name for m in METHODS.values() if m.has_model_measures)

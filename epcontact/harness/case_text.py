@@ -1,9 +1,9 @@
 """The text of case files: TOML with variants and with values by size, before its keys are checked.
 
-A file holds one case, called as the file is, or a family of them: each table [[variant]] is a
-partial case file that is laid over the rest of the file.  Its keys replace those of the same
-table, and its gates complete the file's gate of the same quantity or, if there is none, come on
-top.  So a family states once what its cases share.
+A file holds one case, which has the name of the file, or a family of cases.  In a family each
+table [[variant]] is a partial case file that is laid over the rest of the file: its keys replace
+those of the same table.  A gate of a variant completes the file's gate on the same quantity or,
+if there is none, is added.  So a family states once what its cases share.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 from epcontact.errors import InvalidCase, nearest
 
 SIZES = ("fast", "full", "large")
-LARGEST_FILE = 1 << 20  # bytes; a case is a page of text, anything larger is another file
+LARGEST_FILE = 1 << 20  # bytes; a case is a page of text, so a larger file is not one
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class CaseText:
 
     Attributes:
         path: the file.
-        id: of the variant, or the file's name.
-        tables: the TOML.
-        is_variant: the file holds a family of cases.
+        id: the id of the variant, or the file's name.
+        tables: the TOML data.
+        is_variant: True if the file holds a family of cases.
     """
 
     path: Path
@@ -39,18 +39,18 @@ class CaseText:
 
     @property
     def where(self) -> str:
-        """The file, and the variant if it is one of several, for messages."""
+        """The file, and the variant if there is one, for messages."""
         return f"{self.path}: variant {self.id}" if self.is_variant else str(self.path)
 
     @property
     def sizes(self) -> tuple[str, ...]:
-        """The sizes that every value given by size has; fast alone if none is given by size."""
+        """The sizes for which every value is given; only "fast" if no value is given by size."""
         tables = list(_size_tables(self.tables))
         return tuple(s for s in SIZES if all(s in t for t in tables)) if tables else ("fast",)
 
 
 def case_files() -> list[Path]:
-    """The case files in ./cases or, where there are none, those that came with the package."""
+    """Return the case files in ./cases or, if there are none, those of the package."""
     package = Path(str(files("epcontact")))
     # An editable install has the cases beside the package, a wheel inside it.
     for folder in (Path("cases"), package / "_cases", package.parent / "cases"):
@@ -60,10 +60,10 @@ def case_files() -> list[Path]:
 
 
 def read_cases(path: Path) -> tuple[CaseText, ...]:
-    """The case in a file, or the family of them.
+    """Read the case, or the family of cases, in a file.
 
     Raises:
-        InvalidCase: if the file is no TOML, misspells a size, or its variants are not told apart.
+        InvalidCase: if the file is not TOML, misspells a size, or two variants share an id.
     """
     tables = _read(path)
     _require_sizes(str(path), tables)
@@ -87,7 +87,7 @@ def read_cases(path: Path) -> tuple[CaseText, ...]:
 
 
 def at_size(value: Any, size: str) -> Any:
-    """`value` with every table of sizes replaced by its entry for `size`.
+    """Return `value` with every table of sizes replaced by its entry for `size`.
 
     Example:
         >>> at_size({"shape": {"fast": [64, 64], "full": [256, 256]}}, "fast")
@@ -115,7 +115,7 @@ def _size_tables(value: Any) -> Iterator[Mapping[str, Any]]:
 
 
 def _require_sizes(where: str, value: Any) -> None:
-    """Refuse a table of which some keys are sizes and others are not."""
+    """Refuse a table in which only some keys are sizes."""
     if isinstance(value, Mapping):
         wrong = [key for key in value if key not in SIZES]
         if wrong and len(wrong) < len(value):
@@ -162,7 +162,7 @@ def _gates_laid_over(where: str, gates: Sequence[Any], more: Sequence[Any]) -> l
 def _read(path: Path) -> dict[str, Any]:
     try:
         if not path.is_file():
-            path.stat()  # says why, where it is nothing at all
+            path.stat()  # raises, with the reason, if there is no such file
             raise InvalidCase(f"{path}: is no regular file")
         if path.stat().st_size > LARGEST_FILE:
             raise InvalidCase(f"{path}: is larger than a case file can be (1 MiB)")

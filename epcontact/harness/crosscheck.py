@@ -1,22 +1,22 @@
-"""The reasons why finite and boundary elements differ on a scene, each measured for itself.
+"""The reasons why finite and boundary elements differ on a scene, each measured separately.
 
-Every comparison of the two is a chain of solves in which one thing changes at a time:
+A comparison of the two is a chain of solves in which one thing changes at a time:
 
     finite elements, law ---- boundary elements on the elements' own surface compliance
-        solver          same law, same discrete body: only rounding is left
+        solver          same law, same discrete body: the difference is rounding alone
     ---- boundary elements on the exact layer of the elements' depth
-        discretisation  same law, same depth: the elements against the continuum's kernel
+        discretisation  same law, same depth: the elements against the exact kernel
     ---- boundary elements on the scene's own body
-        depth           from the kernel alone
+        depth           same law, both by boundary elements: the depth alone
 
 and, where the finite elements flow by J2, before all of these,
 
     finite elements, j2 ---- boundary elements capped at the hardness, on the elements' compliance
         model           plastic flow against a pressure cap: physics, not error.
 
-`effective_hardness` (module `model_difference`) turns the last one into a number: the cap, in
+`effective_hardness` (module `model_difference`) turns the model part into a number: the cap, in
 units of the yield stress, at which the capped body has the contact area of the J2 body under the
-same load.  `crosscheck` reports all of it for a case, surface by surface and for their ensemble.
+same load.  `crosscheck` reports these for each surface of a case and for their ensemble.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class ErrorBudget:
-    """The parts of a difference, in the order of the chain; `model` only if the law is j2."""
+    """The parts of a difference along the chain; `model` is None unless the law is j2."""
 
     law: str
     model: Difference | None
@@ -74,14 +74,14 @@ def error_budget(
     layers: int | None = None,
     report: Callable[[str], None] | None = print,
 ) -> ErrorBudget:
-    """Split the difference of finite and boundary elements on a scene into its parts.
+    """Split the difference between finite and boundary elements on a scene into its parts.
 
     Args:
-        scene: with a single mean pressure.
-        law: of the finite elements.  With j2 the chain continues by the capped law if the scene
-            has a hardness, by the elastic law if not.
-        depth: of the elements in m; None: chosen from the scene.
-        layers: of the elements; None: chosen from the scene.
+        scene: a scene with a single mean pressure.
+        law: the law of the finite elements.  After j2 the chain continues with the capped law if
+            the scene has a hardness, otherwise with the elastic law.
+        depth: depth of the element block in m; None: chosen from the scene.
+        layers: number of element layers; None: chosen from the scene.
         report: called with the budget in one line.
 
     Raises:
@@ -97,7 +97,7 @@ def error_budget(
 def _budget(
     scene: Scene, law: str, block: dict[str, Any]
 ) -> tuple[ErrorBudget, ContactResult | None]:
-    """The parts, and the answer of the J2 body if that is the law."""
+    """Return the parts, and the J2 answer if the law is j2."""
     if len(scene.load.path) != 1:
         raise InvalidScene(
             f"the scene has a path of {len(scene.load.path)} mean pressures; give a single one"
@@ -130,7 +130,7 @@ class Checked:
     """The measurements on one surface.
 
     `effective` and `largest` (the largest pressure over sigma_Y) exist only if the law is j2;
-    `halved` says whether the error of the effective hardness includes a coarser grid.
+    `halved` is True if the error of the effective hardness includes the effect of the grid.
     """
 
     budget: ErrorBudget
@@ -147,11 +147,11 @@ def crosscheck(case: Case, seeds: Sequence[int] = ()) -> str:
     for several surfaces their means with standard errors.
 
     Args:
-        case: that names both fem and bem.
-        seeds: of other random surfaces by the recipe of the case, in the place of its own.
+        case: a case with the methods fem and bem.
+        seeds: seeds of random surfaces by the case's recipe, which replace the case's own.
 
     Returns:
-        The report, several lines.
+        The report, as several lines of text.
 
     Raises:
         InvalidCase: if the case has nothing to cross-check.
@@ -218,7 +218,7 @@ def _checked(scene: Scene, options: Mapping[str, Any]) -> Checked:
 
 
 def _surface_lines(checked: Checked, hardness: float) -> list[str]:
-    """The lines on one surface."""
+    """Return the lines of the report on one surface."""
     lines = [str(checked.budget)]
     model = checked.budget.model
     if model is not None:
@@ -235,7 +235,7 @@ def _surface_lines(checked: Checked, hardness: float) -> list[str]:
 
 
 def _ensemble_lines(found: Sequence[Checked]) -> list[str]:
-    """The lines on all surfaces."""
+    """Return the lines of the report on all surfaces together."""
     budgets = [item.budget for item in found]
     rows = [("discretisation, area", [b.discretisation.area for b in budgets])]
     models = [b.model for b in budgets if b.model is not None]

@@ -1,4 +1,4 @@
-"""Distances between two answers: of their fields and of their pressure distributions."""
+"""Distances between two answers: between their fields and their pressure distributions."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from epcontact.results import APART, ContactResult, PressureDistribution
 
 
 def distance(norm: str, a: PressureDistribution, b: PressureDistribution, hardness: float) -> float:
-    """The distance of two pressure distributions.
+    """Return the distance between two pressure distributions.
 
-    Between tabulated pressures the distributions are taken as linear, so each should be
-    tabulated finely.
+    The distributions are interpolated linearly between their tabulated pressures, which should
+    therefore be close together.
 
     Args:
         norm: "wasserstein", int |F_a - F_b| dsigma divided by the hardness, with F the
@@ -26,10 +26,10 @@ def distance(norm: str, a: PressureDistribution, b: PressureDistribution, hardne
             area at pressures in (0, sigma].
         a: one distribution.
         b: the other one, which is the reference.
-        hardness: in Pa; where it is infinite, the mean contact pressure of b takes its place.
+        hardness: in Pa; if it is infinite, the mean contact pressure of b replaces it.
 
     Raises:
-        InvalidCase: if one of them has no contact.
+        InvalidCase: if one of the distributions has no contact.
     """
     total_a = float(a.cumulative[-1]) + a.plastic
     total_b = float(b.cumulative[-1]) + b.plastic
@@ -46,25 +46,26 @@ def distance(norm: str, a: PressureDistribution, b: PressureDistribution, hardne
 
 
 def carried_pressure(distribution: PressureDistribution) -> float:
-    """int sigma dF over the elastic contact, in Pa: the load it carries per nominal area."""
+    """Return int sigma dF over the elastic contact, in Pa: its load per nominal area."""
     sigma, F = distribution.pressure, distribution.cumulative
     return float(np.sum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(F)))
 
 
 def l2_distance(found: NDArray[Any], exact: NDArray[Any]) -> float:
-    """||found - exact||_2/||exact||_2 of two fields on one grid."""
+    """Return ||found - exact||_2/||exact||_2 for two fields on one grid."""
     return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
 
 
 @dataclass(frozen=True)
 class Difference:
-    """The difference of one answer from another on the same grid.
+    """The difference between two answers on the same grid.
 
     Attributes:
         area: relative difference of the raw contact areas.
-        pressure: L2 norm of the difference of the nodal pressures over that of the second.
-        overlap: shared contact nodes over all nodes in either contact (Jaccard index).
-        wasserstein: distance of the pressure distributions, see `distance`.
+        pressure: L2 norm of the difference of the nodal pressures, divided by that of the second.
+        overlap: number of shared contact nodes divided by that of nodes in either contact
+            (Jaccard index).
+        wasserstein: distance between the pressure distributions, see `distance`.
         nodes: number of nodes that are in contact in one answer only.
         areas: both raw areas.
     """
@@ -81,7 +82,7 @@ class Difference:
 
 
 def difference(first: ContactResult, second: ContactResult, hardness: float) -> Difference:
-    """The difference of `first` from `second`.
+    """Return the difference of `first` from `second`.
 
     Args:
         first: an answer with fields and a pressure distribution.

@@ -1,17 +1,17 @@
-"""Gates: two answers, or an answer and a reference, held against each other.
+"""Gates: comparisons of two answers, or of an answer with a reference.
 
-A gate reads one quantity of one method, and of another method, a closed form or a published
-number, and judges their difference d by a norm:
+A gate compares one quantity a of a method with the reference b: the same quantity of another
+method, a closed form or a published number.  It judges their difference d by a norm:
 
     relative                 d = (a - b) / b
     absolute                 d = a - b
     wasserstein, supremum    distances of pressure distributions, see `distances.distance`
     l2                       d = ||a - b||_2 / ||b||_2 of a field, over the grid
 
-Ensembles carry their scatter into the verdict.  With n surfaces the interval of the mean is
-Student's at 95 %; a gate holds only if the *whole* interval of the difference lies within its
-band, so that an ensemble too small to tell cannot pass.  Two ensembles over the same seeds are
-compared pair by pair.  A single surface has no interval and is taken at its word.
+The scatter of an ensemble enters the verdict.  The interval of the mean of n surfaces is
+Student's at 95 %.  A gate holds only if the *whole* interval of the difference is within its
+band, so an ensemble that is too small to decide does not pass.  Two ensembles over the same seeds
+are compared pair by pair.  A single surface has an interval of width 0.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ class Gate:
         of: the method that is judged.
         against: a method, the name of a closed form, or a number.
         norm: one of NORMS.
-        low: lower end of the band in which the difference must lie.
+        low: lower end of the band that must contain the difference.
         high: upper end of the band.
-        because: the reason why the band is as wide as it is.
-        source: where a number comes from.
+        because: the reason for the width of the band.
+        source: the source of a number.
     """
 
     quantity: str
@@ -65,7 +65,7 @@ class Gate:
 
 
 class GateVerdict(BaseModel):
-    """One gate, judged: the whole interval of the difference must lie within [low, high]."""
+    """One gate, judged: the whole interval of the difference must be within [low, high]."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -90,7 +90,7 @@ class GateVerdict(BaseModel):
         return self.status == HOLDS
 
     def __str__(self) -> str:
-        """The gate, its figures and its reason in a few lines of text."""
+        """Return one line with the gate, its figures and its reason."""
         if self.value is None or self.reference is None or self.difference is None:
             return f"{self.name}: {self.error}"
         return (
@@ -103,14 +103,14 @@ class GateVerdict(BaseModel):
 def judge(
     gate: Gate, value: Sequence[float], reference: Sequence[float], paired: bool
 ) -> GateVerdict:
-    """Hold the values of a scalar quantity, one a surface, against those of its reference.
+    """Compare the values of a scalar quantity, one for each surface, with those of its reference.
 
     Args:
-        gate: with the norm relative or absolute.
-        value: of the method that is judged.
-        reference: of the method or figure it is held against.
-        paired: whether both are of the same surfaces, in the same order; else they are taken as
-            independent.
+        gate: a gate with the norm relative or absolute.
+        value: the values of the method that is judged.
+        reference: the values of the reference.
+        paired: True if both come from the same surfaces in the same order; otherwise they are
+            taken as independent.
     """
     a, b = estimate(value), estimate(reference)
     if paired:
@@ -126,18 +126,18 @@ def judge(
 
 
 def judge_distance(gate: Gate, distances: Sequence[float]) -> GateVerdict:
-    """Hold distances, one a surface, against the gate's band; the reference is zero distance."""
+    """Compare distances, one for each surface, with the gate's band; the reference is 0."""
     difference = estimate(distances)
     return _judged(gate, difference, estimate([0.0]), difference)
 
 
 def unjudged(gate: Gate, reason: str) -> GateVerdict:
-    """The verdict on a gate that could not be judged, with the sentence that says why."""
+    """Return the verdict on a gate that could not be judged for the given reason."""
     return GateVerdict(**vars(gate), name=gate.name, status=ERROR, error=reason)
 
 
 def deviation(norm: str, value: float, reference: float) -> float:
-    """The difference of a value from its reference by the norm relative or absolute."""
+    """Return the difference of a value from its reference by the norm relative or absolute."""
     if norm == "absolute":
         return value - reference
     if reference == 0:
@@ -146,7 +146,7 @@ def deviation(norm: str, value: float, reference: float) -> float:
 
 
 def _judged(gate: Gate, a: Estimate, b: Estimate, difference: Estimate) -> GateVerdict:
-    # NaN compares false: a difference that is no number never holds.
+    # NaN compares false, so a difference that is NaN never holds.
     holds = gate.low <= difference.low and difference.high <= gate.high
     return GateVerdict(
         **vars(gate),

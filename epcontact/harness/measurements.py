@@ -1,8 +1,8 @@
-"""Quantities that the harness measures itself, with plain numpy: no solver vouches for itself.
+"""Quantities that the harness computes itself with numpy, so that no solver checks itself.
 
-They are taken from the pressure field, the heights of the scene and the compliance of
-`reference.layers`, in the process that solved the scene: fields do not leave it.  The registry
-in `quantities` says what each of them means.
+They are computed from the pressure field, the heights of the scene and the compliance of
+`reference.layers`, in the process that solved the scene, because fields do not leave it.  The
+registry in `quantities` gives the meaning of each.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from epcontact.scene import Scene
 if TYPE_CHECKING:
     from epcontact.harness.model_difference import ModelDifference
 
-# A pressure this close to the hardness counts as at it: scaling by p0 and back rounds.
+# A pressure this close to the hardness counts as equal: scaling by p0 and back rounds.
 _AT_THE_CAP = 1e-12
 
 
 @dataclass(frozen=True)
 class Answered:
-    """A scene with the result of a method, fields included, from which quantities are measured."""
+    """A scene and the result of a method with its fields, to measure quantities of."""
 
     scene: Scene
     result: ContactResult
@@ -53,32 +53,32 @@ class Answered:
 
     @cached_property
     def model(self) -> ModelDifference:
-        """The comparison with a capped body, whose solves several quantities share."""
-        # Imported late: it loads both solvers.
+        """The comparison with a capped body; several quantities share its solves."""
+        # Imported here because it loads both solvers.
         from epcontact.harness.model_difference import ModelDifference
 
         return ModelDifference(self.scene, self.result)
 
 
 def at_the_cap(a: Answered) -> Any:
-    """The grid points at which the body flows."""
+    """Return the mask of the grid points at which the body flows."""
     return a.pressure >= a.scene.material.hardness * (1 - _AT_THE_CAP)
 
 
 def force(a: Answered) -> float:
-    """mean(p)/p0 - 1."""
+    """Return mean(p)/p0 - 1."""
     return float(a.pressure.mean()) / a.scene.load.final - 1
 
 
 def bounds(a: Answered) -> float:
-    """How far p leaves [0, hardness], divided by p0."""
+    """Return the largest distance of p from [0, hardness], divided by p0."""
     p = a.pressure
     beyond = max(-float(p.min()), float(p.max()) - a.scene.material.hardness, 0.0)
     return beyond / a.scene.load.final
 
 
 def gap(a: Answered) -> float:
-    """The largest violation of the contact conditions on the gap, divided by the rms height.
+    """Return the largest violation of the contact conditions on the gap over the rms height.
 
     It is |g| where 0 < p < hardness, -g where p = 0 and g where p = hardness
     (Karush-Kuhn-Tucker).
@@ -98,17 +98,17 @@ def gap(a: Answered) -> float:
 
 
 def raw_total(a: Answered) -> float:
-    """Share of grid points with p > 0, less the raw area that the result claims."""
+    """Return the share of grid points with p > 0, minus the reported raw area."""
     return float((a.pressure > 0).mean()) - a.result.final.areas["raw"].total
 
 
 def raw_plastic(a: Answered) -> float:
-    """Share of grid points at the hardness, less the raw plastic area that is claimed."""
+    """Return the share of grid points at the hardness, minus the reported raw plastic area."""
     return float(at_the_cap(a).mean()) - a.result.final.areas["raw"].plastic
 
 
 def carried(a: Answered) -> float:
-    """(int sigma dF + hardness A_pl)/p0 - 1 of the distribution that the result claims."""
+    """Return (int sigma dF + hardness A_pl)/p0 - 1 of the reported distribution."""
     found, hardness = a.result.distribution, a.scene.material.hardness
     if found is None:
         raise InvalidCase(f"{a.result.method} gives no pressure distribution for a gate")
@@ -119,13 +119,13 @@ def carried(a: Answered) -> float:
 
 
 def smallest_contact_pressure(a: Answered) -> float:
-    """The smallest pressure where there is contact, in Pa."""
+    """Return the smallest pressure in contact, in Pa."""
     p = a.pressure
     return float(p[p > 0].min()) if (p > 0).any() else 0.0
 
 
 def summit_curvature(a: Answered) -> float:
-    """Curvature at the highest point in 1/m, by differences, mean over the axes."""
+    """Return the curvature at the highest point in 1/m, by differences, averaged over the axes."""
     surface, curvatures = a.scene.surface, []
     summit = np.unravel_index(int(np.argmax(surface.heights)), surface.heights.shape)
     for axis, d in enumerate(surface.spacing):

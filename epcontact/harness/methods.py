@@ -1,11 +1,10 @@
 """The registry of methods: every way to answer a scene, by the name that cases and gates use.
 
-`METHODS` is the only place that knows which methods there are.  A method is one entry: a function
-that answers a scene, and what the rest of the package has to know about it.  There are three
-sources of entries:
+`METHODS` is the only list of the methods.  An entry holds a function that answers a scene and
+what the rest of the package needs to know about it.  Entries come from three sources:
 
     the package's own   persson, bem and fem, below
-    other codes         contact_mechanics and tamaas, of the extra `peers`
+    other codes         contact_mechanics and tamaas, with the extra `peers`
     the user's          entry points of the group `epcontact.methods`, and `--solver`
 """
 
@@ -39,7 +38,7 @@ class Table(BaseModel):
 
 
 class TheoryTable(Table):
-    """[theory]: what Persson's theory needs beside the scene."""
+    """[theory]: the parameters of Persson's theory that the scene does not hold."""
 
     energy_reduction: float = Field(gt=0, le=1, description="gamma, elastic energy reduction")
     reduction: Literal["constant", "persson", "wang_muser", "xu"] = Field(
@@ -51,13 +50,13 @@ class TheoryTable(Table):
 
 
 class BemTable(Table):
-    """[bem]: how the boundary elements are solved."""
+    """[bem]: the options of the boundary elements."""
 
     tolerance: float = Field(default=1e-8, gt=0, description="on the KKT residuals, dimensionless")
 
 
 class FemTable(Table):
-    """[fem]: how the finite elements are solved."""
+    """[fem]: the options of the finite elements."""
 
     law: Literal["elastic", "capped", "j2"] = Field(default="j2", description="material law")
     geometry: Literal["gap", "moved"] = Field(
@@ -81,19 +80,19 @@ class Method:
     """One way to answer a scene.
 
     Attributes:
-        name: as cases, gates, files of results and the command line call it.
-        meaning: one line for lists.
+        name: its name in cases, gates, files of results and on the command line.
+        meaning: its description in one line.
         solve: maps (scene, options, threads) to a ContactResult; threads None: all cores.
-        table: name of the table of a case file that holds the options; empty if there are none.
+        table: name of the case file's table that holds the options; empty if there are none.
         options: schema of that table.  If one of its keys has no default, a case that names the
-            method has to give the table.
-        has_fields: the result carries fields on the grid of the surface.
+            method must give the table.
+        has_fields: the result has fields on the grid of the surface.
         follows_unloading: the method can follow a path on which a capped law unloads.
         has_model_measures: gates can ask how the J2 flow of the method differs from a cap.
-        one_answer: tells from the options whether one answer serves all surfaces of a case.
-        source: `module:function` of a solver that is not the package's own.  The harness does
-            not know its sources, so it never reuses a kept result of such a method.
-        requires: a module of the extra `peers` that the method cannot do without.
+        one_answer: maps the options to True if one answer serves all surfaces of a case.
+        source: `module:function` of a solver from outside the package.  The harness does not see
+            changes of its code, so it never reuses a kept result of such a method.
+        requires: a module of the extra `peers` that the method needs.
     """
 
     name: str
@@ -110,7 +109,7 @@ class Method:
 
     @property
     def missing(self) -> str:
-        """One sentence that says why the method cannot run here; empty if it can."""
+        """The sentence that says why the method cannot run here; empty if it can."""
         if not self.requires or importlib.util.find_spec(self.requires):
             return ""
         return f"{self.requires} is not installed; pip install 'epcontact[peers]' brings it"
@@ -134,19 +133,19 @@ def _bem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> Conta
 
 
 def _fem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
-    provide_kernel_cache()  # fem_check, which is independent, has no access to it
+    provide_kernel_cache()  # fem_check must not import it
     del threads
     return fem_check.solve(scene, **options)
 
 
 def method_of(name: str, source: str, requires: str = "") -> Method:
-    """A method that calls a function of the user's.
+    """Make a method that calls a user's function.
 
     Args:
-        name: of the method, for cases and files of results.
+        name: name of the method in cases and files of results.
         source: `package.module:function`; the function maps a Scene to a ContactResult.  It is
             imported by the first solve, so that a broken solver spoils no other method.
-        requires: as in Method.
+        requires: see `Method`.
 
     Returns:
         The method.  Its `solve` raises InvalidCase if the function cannot be imported, raises an
@@ -165,7 +164,7 @@ def _call(
         result = function(scene)
     except EpcontactError:
         raise
-    # A solver that calls sys.exit(0) would end the verification, and end it well.
+    # A solver that calls sys.exit(0) would end the verification with the code of success.
     except (Exception, SystemExit) as error:
         raise InvalidCase(f"solver {source} raised {_one_line(error)}") from error
     if not isinstance(result, ContactResult):
@@ -196,7 +195,7 @@ def _one_line(error: BaseException) -> str:
 
 
 def solver_named(text: str) -> Method:
-    """The method that `--solver` names.
+    """Return the method that `--solver` names.
 
     Args:
         text: the name of a registered method, or `[NAME=]MODULE:FUNCTION`.  Without a NAME the
@@ -261,5 +260,5 @@ def _registry() -> dict[str, Method]:
 #: Every method by its name.
 METHODS: dict[str, Method] = _registry()
 
-#: The method whose place `--solver` takes in the gates.
+#: The method that `--solver` replaces in the gates.
 REPLACED = "bem"

@@ -1,10 +1,10 @@
-"""The difference that the law of the material makes: J2 flow against a pressure cap, on one body.
+"""The difference between J2 flow and a pressure cap on one body.
 
-The boundary elements are solved on the surface compliance of the finite elements themselves, which
-is measured on their block (`fem_check.surface_compliance`).  Both bodies then share the heights,
-the load and the linear answer to every pressure wave; grid and depth drop out of the difference,
-and what is left is physics, not error.  Gates read it as quantity.model_*, quantity.effective_*
-and quantity.elements_area (see `quantities`).
+The boundary elements use the surface compliance of the finite-element block, as measured by
+`fem_check.surface_compliance`.  Both bodies then have the same heights, load and linear answer to
+every pressure wave, so grid and depth cancel and the rest of the difference is physics, not error.
+Gates read it as quantity.model_*, quantity.effective_* and quantity.elements_area (see
+`quantities`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from epcontact.reference.roughness import rms_slope
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Load, Scene, Surface
 
-#: Relative width to which a ratio is searched: the area moves by less than a node.
+#: Relative width at which the search for a ratio stops: the area moves by less than a node.
 _SEARCHED_TO = 1e-4
 
 
@@ -35,10 +35,10 @@ class EffectiveHardness:
 
     Attributes:
         ratio: c_eff = hardness/sigma_Y; infinite if even the elastic body has at least that area.
-        error: of the ratio: its change from the grid that is twice as coarse (under first-order
-            convergence, the error left on the fine grid), plus the effect of half a node in the
+        error: error of the ratio: its change from the grid that is twice as coarse (the error of
+            the fine grid under first-order convergence), plus the effect of half a node in the
             area.
-        severity: E* xi/sigma_Y.
+        severity: E* xi/sigma_Y of the scene.
         area: raw contact area of the J2 body.
         at_cap: the difference of the two bodies under that cap.
     """
@@ -68,15 +68,15 @@ def effective_hardness(
     layers: int | None = None,
     j2: ContactResult | None = None,
 ) -> EffectiveHardness:
-    """The effective hardness of the J2 body of a scene under its single load.
+    """Find the effective hardness of the J2 body of a scene under its single load.
 
     Args:
-        scene: its hardness is not read.
-        coarse: also solve on every other grid point; otherwise the error lacks the part of the
-            grid.
-        depth: of the elements in m; None: chosen from the scene.
-        layers: of the elements; None: chosen from the scene.
-        j2: the answer of `fem_check.solve` to this scene and block, if it is known already.
+        scene: the scene; its hardness is not read.
+        coarse: also solve on every other grid point; otherwise the error does not include the
+            effect of the grid.
+        depth: depth of the element block in m; None: chosen from the scene.
+        layers: number of element layers; None: chosen from the scene.
+        j2: the answer of `fem_check.solve` to this scene and block, if it is already known.
 
     Raises:
         InvalidScene: for a path of loads, or for an odd number of grid points with `coarse`.
@@ -102,13 +102,13 @@ def effective_hardness(
 
 
 def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray:
-    """The surface compliance of the block that gave a finite-element result.
+    """Return the surface compliance of the block of a finite-element result.
 
     Returns:
-        In m/Pa, one value per mode of numpy.fft.rfftn.
+        The compliance in m/Pa, one value for each mode of numpy.fft.rfftn.
 
     Raises:
-        InvalidCase: if the result does not say its block.
+        InvalidCase: if the result does not describe its block.
     """
     options = result.provenance.options
     # A layer's depth is the scene's own.
@@ -124,17 +124,17 @@ def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray:
 
 
 def capped_body(scene: Scene, hardness: float, compliance: FloatArray | None) -> ContactResult:
-    """The boundary elements' answer under that cap (Pa), on that compliance (None: exact)."""
+    """Solve by boundary elements under a cap (Pa) on a compliance (None: the exact one)."""
     material = replace(scene.material, hardness=hardness)
     return bem.solve(replace(scene, material=material), compliance=compliance, threads=1)
 
 
 class ModelDifference:
-    """A J2 answer compared with capped bodies on its own compliance; each is solved once.
+    """Comparisons of a J2 answer with capped bodies on its compliance, each solved once.
 
     Args:
         scene: the scene that was solved.
-        j2: the answer of the finite elements to it, under J2 and with its fields.
+        j2: the J2 answer of the finite elements to it, with its fields.
 
     Raises:
         InvalidCase: if the result is not that of a J2 block.
@@ -178,14 +178,14 @@ class ModelDifference:
     def elements_area(self) -> float:
         """A_cap/A - 1, with A_cap on the compliance of the elements and A on the exact one.
 
-        It is the share of the grid, an error that falls with the spacing.
+        It is the effect of the finite-element grid, an error that falls with the spacing.
         """
         hardness = self.scene.material.hardness
         return difference(self._capped, capped_body(self.scene, hardness, None), hardness).area
 
 
 def _equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
-    """The cap of equal area by bisection; its error is what half a node in the area does."""
+    """Find the cap of equal area by bisection; its error is the effect of half a node."""
     wanted = j2.final.areas["raw"].total
     compliance = elements_compliance(scene, j2)
     material = scene.material
@@ -197,17 +197,17 @@ def _equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
 
     if area_at(math.inf) >= wanted:
         return EffectiveHardness(math.inf, 0.0, severity, wanted, None)
-    # Under the least cap that bears the load every node touches.
+    # Under the smallest cap that can carry the load every node touches.
     areas = {scene.load.final / material.yield_stress * 1.001: 1.0}
     high = 8.0
-    while (found := area_at(high)) >= wanted:
-        areas[high] = found
+    while (area := area_at(high)) >= wanted:
+        areas[high] = area
         high *= 2
-    areas[high] = found
+    areas[high] = area
     count = scene.surface.heights.size
     edges = []
-    # The area jumps by nodes: the ratios between which it passes the wanted count, each way. The
-    # area falls with the ratio, so the second search starts from all that the first one knows.
+    # The area jumps by whole nodes, so both ends of the interval of ratios with the wanted area are
+    # searched.  The area falls with the ratio: the second search reuses the areas of the first.
     for target in (wanted + 0.5 / count, wanted - 0.5 / count):
         a = max((r for r, area in areas.items() if area > target), default=min(areas))
         b = min((r for r, area in areas.items() if area <= target and r > a), default=high)
@@ -223,7 +223,7 @@ def _equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
 
 
 def _half(scene: Scene) -> Scene:
-    """The scene on every other grid point."""
+    """Return the scene on every other grid point."""
     heights = scene.surface.heights[(slice(None, None, 2),) * scene.surface.heights.ndim]
     surface = Surface(heights, scene.surface.periods)
     return replace(scene, surface=surface, load=Load(scene.load.final))

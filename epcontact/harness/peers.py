@@ -1,15 +1,15 @@
-"""Other people's solvers as methods: ContactMechanics and tamaas, of the extra `peers`.
+"""Public solvers as methods: ContactMechanics and tamaas, with the extra `peers`.
 
     ContactMechanics   constrained conjugate gradients of Polonsky and Keer with a hardness
     tamaas             the same without one (PolonskyKeerRey), Kato's method with a saturation
                        pressure (KatoSaturated)
 
-A peer gives a pressure field; everything else of the result (gap, residuals, areas, energy) is
-taken from that field here, the same way for all of them, so that a gate judges the pressure and
-not its author's bookkeeping.
+A peer gives a pressure field.  This module computes everything else of the result (gap, residuals,
+areas, energy) from that field in the same way for every peer, so that a gate judges the pressure
+alone.
 
-Both are given the problem in units of E* and the period, as absolute tolerances inside them
-assume numbers near 1; they are not given lines or layers.
+Both get the problem in units of E* and the period, because their absolute tolerances assume
+numbers near 1.  Lines and layers are refused.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from epcontact.scene import Scene
 
 Pressure = Callable[..., FloatArray]
 
-#: The tightest settings that the catalogue's scenes allow: ContactMechanics' tolerance on the
-#: penetration over the rms height, tamaas' tolerance, and the iterations of its saturated solver,
-#: which reports no error to stop by.
+#: The tightest settings with which the package's cases can be solved: the tolerance of
+#: ContactMechanics on the penetration over the rms height, that of tamaas, and the number of
+#: iterations of its saturated solver, which reports no error to stop at.
 TOLERANCE, ITERATIONS = 1e-6, 3200
 
 
@@ -52,7 +52,7 @@ def _contact_mechanics_pressure(
     tolerance: float | None,
     lengths: tuple[float, float] = (1.0, 1.0),
 ) -> FloatArray:
-    """Pressure over E* by ContactMechanics on periods near 1; tolerance: its `pentol`."""
+    """Return pressure/E* by ContactMechanics on periods near 1; `tolerance` is its `pentol`."""
     from ContactMechanics import PeriodicFFTElasticHalfSpace
     from ContactMechanics.Optimization import constrained_conjugate_gradients
 
@@ -76,9 +76,9 @@ def _tamaas_pressure(
     effort: float | int | None,
     lengths: tuple[float, float] = (1.0, 1.0),
 ) -> FloatArray:
-    """Pressure over E* by tamaas on periods near 1.
+    """Return pressure/E* by tamaas on periods near 1.
 
-    effort: the tolerance without a hardness, the number of iterations with one.
+    `effort` is the tolerance without a hardness and the number of iterations with one.
     """
     import tamaas as tm
 
@@ -94,7 +94,7 @@ def _tamaas_pressure(
     return np.array(model.traction)
 
 
-#: By name of the package: pressure over E* of (heights, load, hardness, effort, lengths).
+#: By package: the function that maps (heights, load, hardness, effort, lengths) to pressure/E*.
 PEERS: dict[str, Pressure] = {
     "ContactMechanics": _contact_mechanics_pressure,
     "tamaas": _tamaas_pressure,
@@ -102,13 +102,13 @@ PEERS: dict[str, Pressure] = {
 
 
 def contact_mechanics(scene: Scene) -> ContactResult:
-    """The scene by ContactMechanics.  Raises InvalidScene, StudyUnavailable, NotConverged."""
+    """Solve a scene by ContactMechanics.  Raises InvalidScene, StudyUnavailable, NotConverged."""
     effort = TOLERANCE * float(np.std(scene.surface.heights)) / scene.surface.periods[0]
     return _answer(scene, "ContactMechanics", effort)
 
 
 def tamaas(scene: Scene) -> ContactResult:
-    """The scene by tamaas.  Raises InvalidScene, StudyUnavailable, NotConverged."""
+    """Solve a scene by tamaas.  Raises InvalidScene, StudyUnavailable, NotConverged."""
     elastic = math.isinf(scene.material.hardness)
     return _answer(scene, "tamaas", TOLERANCE if elastic else ITERATIONS)
 
@@ -136,10 +136,10 @@ def _answer(scene: Scene, name: str, effort: float) -> ContactResult:
 
 
 def result_of(scene: Scene, pressure: FloatArray, name: str, seconds: float = 0.0) -> ContactResult:
-    """All that follows from a pressure field (Pa, of the heights' shape) on a half-space.
+    """Compute the result that follows from a pressure field (Pa) on a half-space.
 
-    The flat stands where the mean gap of the elastic points vanishes.  Residuals: the largest gap
-    of an elastic point over the rms height, and the force missing over the nominal one.
+    The flat is placed where the mean gap of the elastic points vanishes.  The residuals are the
+    largest gap of an elastic point over the rms height, and the missing force over the nominal one.
     """
     surface, hardness = scene.surface, scene.material.hardness
     q = rfft_wavenumbers(surface.shape, surface.periods)

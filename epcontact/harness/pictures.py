@@ -38,15 +38,15 @@ def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> l
     """Draw the charts that the answers allow.
 
     Args:
-        case: Of the answers.
-        answers: By method.
-        folder: For the files.
+        case: The case that was answered.
+        answers: The answers by method.
+        folder: The folder for the files.
 
     Returns:
         The files written.
 
     Raises:
-        OutputError: If one cannot be written.
+        OutputError: If a file cannot be written.
     """
     scene = case.scene(case.recipes[0])
     results = {method: answer.results for method, answer in answers.items() if answer.results}
@@ -74,15 +74,15 @@ def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> l
 
 
 def theory_densities(results: Results, hardness: float) -> list[Series]:
-    """The densities of the theory by formula, for the chart of all methods' pressures.
+    """Return the theory's densities by formula, for the chart of all methods' pressures.
 
     Args:
-        results: By method.
-        hardness: In Pa; where it is finite, the density without hardness is added, at the same
+        results: The results by method.
+        hardness: In Pa; if it is finite, the density without hardness is added, at the same
             diffusion.
 
     Returns:
-        One or two series, or none where the theory has no result or meets no roughness.
+        One or two series, or none if the theory has no result or the surface has no roughness.
 
     Example:
         >>> theory_densities({}, hardness=1.0)
@@ -103,7 +103,7 @@ def theory_densities(results: Results, hardness: float) -> list[Series]:
 
 
 def _spectrum_chart(surface: Surface) -> Chart:
-    """The spectrum of the surface, over the one that it was drawn from."""
+    """Chart the spectrum of the surface and the analytic one that it was drawn from."""
     found = radial_spectrum(surface)
     shown = found.density > 1e-12 * found.density.max()
     series = [Series("surface", found.wavenumber[shown], found.density[shown])]
@@ -115,10 +115,10 @@ def _spectrum_chart(surface: Surface) -> Chart:
 
 
 def _magnification_chart(case: Case, areas: persson.MagnificationCurve, results: Results) -> Chart:
-    """The theory's areas, with the mean areas of the boundary elements as points."""
+    """Chart the theory's areas, with the mean areas of the boundary elements as points."""
     parts = {"total": areas.total, "elastic": areas.elastic, "plastic": areas.plastic}
     steps = [result.final for result in results.get("bem", ())]
-    # A user's solver in the place of bem need not have corrected areas.
+    # A user's solver that replaces bem need not have corrected areas.
     corrected = [step.areas["corrected"] for step in steps if "corrected" in step.areas]
     means = {p: float(np.mean([getattr(a, p) for a in corrected] or [0.0])) for p in parts}
     gamma = case.options["persson"]["energy_reduction"]

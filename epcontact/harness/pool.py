@@ -1,9 +1,9 @@
-"""Worker processes that die with their parent and leave Ctrl-C to it.
+"""Worker processes that end with their parent and leave Ctrl-C to it.
 
-`concurrent.futures` does the work.  Three things are added that it does not do.  The workers
-start deaf to Ctrl-C, so that an interrupted command prints no traceback of theirs; they end when
-the parent is killed; and a running solve is ended, which no exception reaches in compiled code.
-(The pool of loky and joblib was tried: its workers print such tracebacks, and outlive the parent.)
+`concurrent.futures` does the work.  This module adds three things.  The workers ignore Ctrl-C from
+the start, so that an interrupted command prints none of their tracebacks.  They end when the
+parent is killed.  A running solve is ended too, because no exception reaches compiled code.  (The
+pool of loky and joblib was tried: its workers print such tracebacks and outlive the parent.)
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ def spread(
     """Yield (item, function(item, threads)) as the calls finish.
 
     Args:
-        function: of the module level, so that a process can import it.
-        items: arguments, one a call.
-        jobs: processes; with one, the calls are made in this process.
+        function: a function at module level, so that a process can import it.
+        items: the arguments, one for each call.
+        jobs: number of processes; with 1, the calls are made in this process.
 
     Returns:
-        Pairs in any order.  If a worker process dies, a sentence takes the result's place.
+        Pairs in any order.  If a worker process dies, a sentence replaces its result.
     """
     jobs = min(jobs, len(items))
     threads = max(1, available_cores() // max(1, jobs))
@@ -56,7 +56,7 @@ def spread(
                 yield futures[future], "a worker process died, most likely out of memory"
         pool.shutdown()
     except BaseException:
-        # A solve in C cannot be interrupted politely; nothing of it is on disk yet.
+        # A solve in C can only be killed; nothing of it is on disk yet.
         for process in list((getattr(pool, "_processes", None) or {}).values()):
             process.terminate()
         pool.shutdown(wait=False, cancel_futures=True)
@@ -67,10 +67,10 @@ def spread(
 def _interrupts_held() -> Iterator[None]:
     """Hold Ctrl-C and termination back while workers start, and answer them afterwards.
 
-    Workers inherit the mask: deaf to Ctrl-C from their first instruction, they print no traceback
-    of an import that was cut short.  The mask alone is not enough, as a thread of a library may
-    take the signal; interrupted while it hands a worker its task, the parent would leave one that
-    reads half of it.
+    Workers inherit the signal mask, so they ignore Ctrl-C from their first instruction and print
+    no traceback of an interrupted import.  The mask alone is not enough, because a thread of a
+    library may take the signal: a parent that is interrupted while it sends a task would leave a
+    worker with half of it.
     """
     main = threading.current_thread() is threading.main_thread()
     if not (main and hasattr(signal, "pthread_sigmask")):
@@ -91,13 +91,13 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _set_up_worker() -> None:
-    """Leave Ctrl-C, which reaches the whole process group, to the parent, and end with it."""
+    """Leave Ctrl-C, which reaches the whole process group, to the parent; end with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """A parent that is killed cannot stop its workers, who would wait for tasks for ever."""
+    """End this worker with its parent: a killed parent cannot stop workers that wait for tasks."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         multiprocessing.connection.wait([parent.sentinel])

@@ -1,4 +1,4 @@
-"""pytest collects case files: one item a gate, so that any CI shows them as tests.
+"""pytest collects case files with one item for each gate, so that any CI shows them as tests.
 
 A folder of cases opts in with a conftest.py that holds
 `from epcontact.harness.pytest_cases import pytest_addoption, pytest_collect_file  # noqa: F401`.
@@ -18,7 +18,7 @@ from epcontact.harness.verdict import CaseVerdict, verify
 
 
 class GateFellShort(Exception):
-    """A gate that does not hold, or could not be judged."""
+    """A gate does not hold or could not be judged."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -36,10 +36,10 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
 
 
 class CaseModule(pytest.File):
-    """A case file; the methods of a case run once, when the first of its gates does."""
+    """A case file.  The methods of a case run once, with the first of its gates."""
 
     def collect(self) -> Iterator[pytest.Item]:
-        """One item a gate, called by its case, too, in a file of several cases."""
+        """Yield one item for each gate; in a file of several cases its name includes the case."""
         size = self.config.getoption("--case-size")
         self.verdicts: dict[str, CaseVerdict] = {}
         for text in find_named(self.path):
@@ -51,13 +51,13 @@ class CaseModule(pytest.File):
                 yield GateItem.from_parent(self, name=name, case=case, number=number)
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
-        """A case file that cannot be read says so in its one sentence."""
+        """Return the one sentence of an unreadable case file instead of a traceback."""
         if isinstance(excinfo.value, EpcontactError):
             return str(excinfo.value)
         return super().repr_failure(excinfo)
 
     def judged(self, case: Case) -> CaseVerdict:
-        """The verdict on a case, which is solved at the first call."""
+        """Return the verdict on a case, which is solved at the first call."""
         if case.id not in self.verdicts:
             config: Any = self.config
             folder = config.getoption("--case-output")
@@ -86,11 +86,11 @@ class GateItem(pytest.Item):
             raise GateFellShort(str(gate))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
-        """The gate's sentence rather than a traceback."""
+        """Return the gate's sentence instead of a traceback."""
         if isinstance(excinfo.value, GateFellShort | EpcontactError):
             return str(excinfo.value)
         return super().repr_failure(excinfo, style)
 
     def reportinfo(self) -> tuple[Path, None, str]:
-        """Where the gate stands."""
+        """Return the file and the name of the gate."""
         return self.path, None, f"{self.path.stem}: {self.name}"

@@ -1,13 +1,13 @@
 """The registry of quantities: every scalar that a gate can read, with its unit and meaning.
 
-`QUANTITIES` is the only place that knows them: the schema of case files, the check of gates, the
-key of a kept result and the measurements all take them from there.  There are two kinds.
+`QUANTITIES` is the only list of them: the schema of case files, the check of gates, the key of a
+kept result and the measurements all use it.  There are two kinds.
 
 Most quantities are reported by the method: the areas, and the entries of `quantities`,
-`residuals`, `iterations` and `cost` of a result.  The others are *measured* by the harness itself
-in the process that solved the scene, with plain numpy from the pressure field, the heights of the
-scene and the compliance of `reference.layers`, so that no solver can vouch for itself.  A measured
-quantity has a function `measure`; what it needs beside the scene is in `needs`.
+`residuals`, `iterations` and `cost` of a result.  The harness itself *measures* the others with
+numpy, in the process that solved the scene, from the pressure field, the heights of the scene and
+the compliance of `reference.layers`, so that no solver checks itself.  A measured quantity has a
+function `measure`; `needs` lists what it needs beside the scene.
 
 To add a quantity, add an entry to `_REPORTED` or to `_MEASURED`.
 """
@@ -32,12 +32,12 @@ class Quantity:
     """A scalar that a gate can read.
 
     Attributes:
-        name: as gates call it, such as area.total.raw or quantity.mean_gap.
+        name: its name in gates, such as area.total.raw or quantity.mean_gap.
         unit: its unit; "–" if it has none.
-        meaning: one line.
-        needs: for a measured quantity: "fields" of the result, its "distribution", the "J2 flow"
-            of a method that has it, and a finite "hardness".
-        measure: computes a measured quantity; None if the method reports it.
+        meaning: its meaning in one line.
+        needs: what a measured quantity needs: "fields" or "distribution" of the result, a method
+            with "J2 flow", a finite "hardness".
+        measure: the function that measures the quantity; None if the method reports it.
     """
 
     name: str
@@ -47,15 +47,15 @@ class Quantity:
     measure: Callable[[Answered], float] | None = None
 
 
-#: A method that is not the package's may report quantities of these groups that are not listed.
+#: A method from outside the package may report unlisted quantities of these groups.
 REPORTED_GROUPS = ("quantity.", "residual.", "iterations.", "cost.")
 
 
 def quantity_named(name: str) -> Quantity:
-    """The quantity of that name.
+    """Return the quantity of a name.
 
     Raises:
-        InvalidCase: if there is none, with the nearest name.
+        InvalidCase: if there is none; the message gives the nearest name.
 
     Example:
         >>> quantity_named("quantity.mean_gap").unit
@@ -67,7 +67,7 @@ def quantity_named(name: str) -> Quantity:
 
 
 def read_quantity(result: ContactResult, name: str) -> float:
-    """The scalar called `name` at the last load step of a result.
+    """Return the scalar called `name` at the last load step of a result.
 
     Raises:
         InvalidCase: if the result has no such scalar.
@@ -81,7 +81,7 @@ def read_quantity(result: ContactResult, name: str) -> float:
 
 
 def scalar_quantities(result: ContactResult) -> dict[str, float]:
-    """Every scalar of the last load step by the name that gates use."""
+    """Return every scalar of the last load step by its name in gates."""
     final = result.final
     known = {"mean_pressure": final.mean_pressure}
     for kind, areas in final.areas.items():
@@ -94,16 +94,16 @@ def scalar_quantities(result: ContactResult) -> dict[str, float]:
 
 
 def measure(name: str, scene: Scene, result: ContactResult) -> float:
-    """The measured quantity called `name`; see `measure_all`."""
+    """Measure the quantity called `name`; see `measure_all`."""
     return measure_all([name], scene, result)[name]
 
 
 def measure_all(names: Collection[str], scene: Scene, result: ContactResult) -> dict[str, float]:
-    """Measured quantities of a result with its fields; those that share a solve share it.
+    """Measure quantities of a result with its fields; common solves run once.
 
     Args:
-        names: of measured quantities, or "l2.<closed form>.<field>" for the distance of a field
-            from its closed form.
+        names: names of measured quantities, or "l2.<closed form>.<field>" for the distance of a
+            field from its closed form.
         scene: the scene that was solved.
         result: the answer to it, with fields.
 
@@ -124,7 +124,7 @@ def measure_all(names: Collection[str], scene: Scene, result: ContactResult) -> 
         if quantity.measure is None:
             raise InvalidCase(f"{name} is reported by the methods, not measured")
         if "fields" in quantity.needs:
-            answered.field("pressure")  # or a sentence that says that it is missing
+            answered.field("pressure")  # raises InvalidCase if it is missing
         values[name] = quantity.measure(answered)
     return values
 

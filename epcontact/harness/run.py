@@ -1,8 +1,8 @@
-"""From cases to answers: one task per surface and method, spread over processes.
+"""Cases become answers: one task per surface and method, spread over processes.
 
-A task is solved in one process from recipe to result: the surface is made there, the fields are
-written or measured there, and nothing large travels between processes.  Results are on disk as
-soon as they exist (see `store`), so that an interrupted run resumes where it stopped.
+One process does a whole task: it makes the surface, solves, and writes or measures the fields, so
+nothing large passes between processes.  Each result is written to disk at once (see `store`), so
+that an interrupted run resumes where it stopped.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from epcontact.output.vtk import write_fields
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 
-Outcome = ContactResult | str  # the result of a task, or the sentence why there is none
+Outcome = ContactResult | str  # the result of a task, or the sentence that says why there is none
 
 
 @dataclass(frozen=True)
 class Progress:
-    """One more task is done.
+    """A report that one more task is done.
 
     Attributes:
         done: tasks done so far, this one included.
-        total: tasks in all.
+        total: number of tasks.
         task: the case, the method and the surface, in words.
         note: "reused", "failed" or empty.
     """
@@ -60,12 +60,12 @@ def run_cases(
     """Answer each case by each of its methods.
 
     Args:
-        cases: of different ids.
+        cases: cases with different ids.
         output: folder for the results.
-        jobs: worker processes; the cores are shared out among them.
-        fresh: solve even what is already in the output folder.
+        jobs: number of worker processes, which share the cores.
+        fresh: solve again what is already in the output folder.
         fields: write the fields of each surface ("all"), of the first ("first") or none ("none").
-        methods: the registry that the methods of the cases are looked up in.
+        methods: the registry of the cases' methods.
         progress: called after every task.
 
     Returns:
@@ -108,9 +108,9 @@ def run_cases(
 
 
 def default_jobs(size: str) -> int:
-    """Worker processes for cases of a size: one a core, and a single one for size large.
+    """Return the number of worker processes: one for each core, or a single one for size large.
 
-    Large grids are solved one by one, each with all cores: two would not fit into memory.
+    Large grids are solved one by one, each with all cores, because two would not fit into memory.
     """
     return 1 if size == "large" else available_cores()
 
@@ -153,7 +153,7 @@ def _collect(tasks: Sequence[Task], outcomes: Mapping[Task, Outcome], reused: in
 
 
 def _solve(task: Task, threads: int) -> Outcome:
-    """Solve one task; an error that is raised on purpose comes back as its sentence."""
+    """Solve one task; return the sentence of an error that is raised on purpose."""
     try:
         case = task.case
         with _limited(case.time_limit):
@@ -170,7 +170,7 @@ def _solve(task: Task, threads: int) -> Outcome:
 
 
 def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
-    """Add the measured quantities that the gates ask for, while the fields are at hand."""
+    """Add the measured quantities that the gates need, while the fields are in memory."""
     measured = measure_all(task.measured, scene, result)
     if not measured:
         return result
@@ -181,7 +181,7 @@ def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> Conta
 
 @contextlib.contextmanager
 def _limited(seconds: float) -> Iterator[None]:
-    """Raise NotConverged after `seconds`, where the platform and the thread allow an alarm."""
+    """Raise NotConverged after `seconds` if the platform and the thread allow an alarm."""
     main = threading.current_thread() is threading.main_thread()
     if not (main and hasattr(signal, "SIGALRM")):
         yield

@@ -1,7 +1,7 @@
-"""The keys of a case file: their names, types, units and meaning, and what is wrong with them.
+"""The keys of a case file: names, types, units and meaning, and the messages about mistakes.
 
 There is one class for each table; those of [surface] are the recipes of `epcontact.surfaces`.  Any
-value may be given by size instead, as in `shape = { fast = [256, 256], full = [1024, 1024] }`;
+value may be given by size, as in `shape = { fast = [256, 256], full = [1024, 1024] }`;
 sizes are resolved before these classes see the values.  `epcontact keys` prints these keys.
 """
 
@@ -42,7 +42,7 @@ Size = Literal["fast", "full", "large"]
 
 
 class CaseTable(Table):
-    """[case]: what is required, and why anyone should believe it."""
+    """[case]: the requirement, its source, and the methods."""
 
     id: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]*$", max_length=80)] = Field(
         description="name of the case, of its folder of results and on the command line"
@@ -59,7 +59,7 @@ class CaseTable(Table):
 
 
 def _or_absent(table: Any, validate: Any) -> Any:
-    """The recipe of a table [surface], or the error of an optional file that is not here."""
+    """Return the recipe of a table [surface], or the error of an absent optional file."""
     try:
         return validate(table)
     except ValidationError as error:
@@ -83,7 +83,7 @@ class MaterialTable(Table):
 
 
 class BodyTable(Table):
-    """[body]: what lies under the surface."""
+    """[body]: the body under the surface."""
 
     kind: Literal["half_space", "bonded_layer", "sliding_layer"] = Field(
         default="half_space", description="half-space, or layer on a rigid base"
@@ -92,7 +92,7 @@ class BodyTable(Table):
 
 
 class LoadTable(Table):
-    """[load]: force over the nominal area."""
+    """[load]: the force over the nominal area."""
 
     mean_pressure: float | list[float] = Field(description="Pa; one, or a path of them")
 
@@ -149,7 +149,7 @@ class GateTable(Table):
 
 
 class OmitTable(Table):
-    """[[omit]]: one default gate of a method that the case does not have to hold."""
+    """[[omit]]: a default gate of a method that does not apply to the case."""
 
     quantity: str = Field(description="quantity of the default gate")
     of: MethodName = Field(description="the method whose default gate it is")
@@ -159,7 +159,7 @@ class OmitTable(Table):
 class _Sections(Table):
     """The sections of a case file that do not depend on its methods."""
 
-    # Tables are strict each for itself; a strict recipe would refuse to be made from a table.
+    # Each table is strict by itself; a strict recipe could not be made from a table.
     model_config = ConfigDict(strict=False)
 
     case: CaseTable
@@ -172,7 +172,7 @@ class _Sections(Table):
 
 
 def _method_sections() -> dict[str, Any]:
-    """The table of each method's options; None unless every key has a default."""
+    """Return the table of each method's options; its default is None if a key has none."""
     sections: dict[str, Any] = {}
     for method in METHODS.values():
         needed = any(field.is_required() for field in method.options.model_fields.values())
@@ -184,7 +184,7 @@ def _method_sections() -> dict[str, Any]:
 
 
 def _partial(name: str) -> tuple[Any, Any]:
-    """The field of a variant that is laid over the section `name`."""
+    """Return the field of a variant that is laid over the section `name`."""
     form = list[dict[str, Any]] if name in ("gate", "omit") else dict[str, Any]
     return form, Field(default={}, description=f"keys of [{name}] that differ in this variant")
 
@@ -205,7 +205,7 @@ class Family(CaseFile):
 
 @functools.cache
 def _tables() -> dict[str, dict[str, Any]]:
-    """The JSON Schema of each table by its name, such as "case" or "surface, sinusoid"."""
+    """Return the JSON Schema of each table by name, such as "case" or "surface, sinusoid"."""
     schema = Family.model_json_schema()
     tables = {}
     for name, entry in schema["properties"].items():
@@ -220,7 +220,7 @@ def _tables() -> dict[str, dict[str, Any]]:
 
 
 def key_table() -> list[tuple[str, str, str, str]]:
-    """Every key of a case file as (table, key, default, meaning with unit).
+    """Return every key of a case file as (table, key, default, meaning with unit).
 
     Example:
         >>> [row for row in key_table() if row[1] == "young_modulus"]
@@ -236,8 +236,8 @@ def key_table() -> list[tuple[str, str, str, str]]:
 
 
 def mistake(error: ValidationError) -> str:
-    """The first of pydantic's errors as one sentence that names the key and the remedy."""
-    # A misspelt key is both unknown and missing: the former says more.
+    """Return the first of pydantic's errors as a sentence that names the key and the remedy."""
+    # A misspelt key is both unknown and missing; the error of the unknown key says more.
     unknown = ("extra_forbidden", "unexpected_keyword_argument")
     errors = sorted(error.errors(), key=lambda e: e["type"] not in unknown)
     first, more = errors[0], len(errors) - 1
@@ -265,12 +265,12 @@ def mistake(error: ValidationError) -> str:
 
 
 def _kinds() -> list[str]:
-    """The kinds of [surface]."""
+    """Return the kinds of [surface]."""
     return [name.partition(", ")[2] for name in _tables() if name.startswith("surface, ")]
 
 
 def _where(location: tuple[Any, ...]) -> str:
-    """The key as it stands in the file: gates counted from 1, no names of types or kinds."""
+    """Return the key as written in the file: gates count from 1, no names of types or kinds."""
     parts = [str(part) for part in location if part not in (*_kinds(), "float", "str")]
     parts = [part for part in parts if not part.startswith("list[")]
     if parts[:1] == ["gate"] and len(parts) > 1:
@@ -279,7 +279,7 @@ def _where(location: tuple[Any, ...]) -> str:
 
 
 def _keys_beside(location: tuple[Any, ...]) -> dict[str, Any]:
-    """The JSON Schema of each key of the table that holds the key at `location`."""
+    """Return the JSON Schema of each key of the table that holds the key at `location`."""
     if len(location) == 1:
         return {key: {} for key in Family.model_fields}
     name = str(location[0])

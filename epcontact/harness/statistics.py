@@ -1,4 +1,4 @@
-"""Means of ensembles and Student's interval, the one place where it is computed."""
+"""Means of ensembles and Student's interval, which is computed only here."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Estimate(BaseModel):
     half_width: Number = Field(
         alias="half_width_95", description="half the width of Student's interval; 0 for one"
     )
-    count: int = Field(alias="surfaces", ge=0, description="how many values the mean was taken of")
+    count: int = Field(alias="surfaces", ge=0, description="number of averaged values")
 
     @property
     def low(self) -> float:
@@ -44,7 +44,7 @@ class Estimate(BaseModel):
 
 
 def estimate(values: Sequence[float]) -> Estimate:
-    """The mean of independent values with its 95 % interval.
+    """Return the mean of independent values with its 95 % interval.
 
     Args:
         values: one or more; a single value has an interval of width 0.
@@ -60,19 +60,19 @@ def estimate(values: Sequence[float]) -> Estimate:
 
 
 def standard_deviation(values: Sequence[float]) -> float:
-    """The standard deviation of a single value, estimated from a sample; 0 for one value."""
+    """Return the standard deviation of a single value, estimated from a sample; 0 for one."""
     array = np.asarray(values, dtype=float)
     return float(array.std(ddof=1)) if array.size > 1 else 0.0
 
 
 def student_half_width(deviation: float, count: int) -> float:
-    """Half the width of Student's 95 % interval of a mean; 0 for one value.
+    """Return half the width of Student's 95 % interval of a mean; 0 for one value.
 
     Args:
         deviation: standard deviation of a single value.
-        count: how many values the mean is taken of.
+        count: number of averaged values.
     """
-    # Loading scipy.special takes a third of the time that `epcontact --help` takes.
+    # Imported here: scipy.special takes a third of the time of `epcontact --help`.
     from scipy.special import stdtrit
 
     if count == 1:

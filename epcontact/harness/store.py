@@ -1,9 +1,9 @@
-"""Tasks and their results on disk: kept in a file each, found again by their key, summed up.
+"""Tasks and their results on disk: one file for each result, found again by its key.
 
-`<output>/<case>/members/<method>-<surface>.json` holds one result and its key: scene, size,
-options and the package's own sources, and the hash of the fields written with it.  A task of the
-same key need not run again, as long as the fields it asks for are those very ones.  A solver that
-is not the package's always runs, because its sources are not known here.
+`<output>/<case>/members/<method>-<surface>.json` holds one result, its key (scene, size, options
+and the package's own sources) and the hash of the fields written with it.  A task of the same key
+is not run again if the fields it asks for have that hash.  A solver from outside the package
+always runs, because its sources are not known here.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Task:
     """One solve: a method on one surface of a case.
 
     Attributes:
-        case: with its recipes, which are small.
+        case: the case with its recipes, which are small.
         method: the method that solves it.
         member: index of the recipe in the case.
         label: the name of the surface in files.
@@ -52,7 +52,7 @@ class Task:
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """The quantities that gates on this method have the harness measure, sorted."""
+        """The quantities that the harness measures for gates on this method, sorted."""
         names = set()
         for gate in self.case.gates:
             if self.method.name not in (gate.of, gate.against):
@@ -64,18 +64,18 @@ class Task:
         return tuple(sorted(names))
 
     def fields_path(self, output: Path) -> Path:
-        """The file of its fields, if they are kept: `<output>/<case>/<method>[-<surface>].vti`."""
+        """Return the file for its fields: `<output>/<case>/<method>[-<surface>].vti`."""
         name = self.method.name + ("" if self.label == "single" else f"-{self.label}")
         return output / self.case.id / f"{name}.vti"
 
     def result_path(self, output: Path) -> Path:
-        """The file of its result."""
+        """Return the file for its result."""
         return output / self.case.id / "members" / f"{self.method.name}-{self.label}.json"
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer of a method to a case: one result a surface, and the sentences of failures."""
+    """The answer of a method to a case: one result for each surface, and sentences on failures."""
 
     results: tuple[ContactResult, ...] = ()
     labels: tuple[str, ...] = ()
@@ -85,7 +85,7 @@ class Answer:
 
 @functools.cache
 def sources_digest() -> str:
-    """SHA-256 of the package's own sources: a result of other sources is not reused."""
+    """Return the SHA-256 of the package's sources; results of other sources are not reused."""
     digest = hashlib.sha256()
     for package in (Path(__file__).parents[1], Path(fem_check.__file__ or "").parent):
         for file in sorted(package.rglob("*.py")):
@@ -108,7 +108,7 @@ def _key(task: Task) -> str:
 def keep(task: Task, output: Path, result: ContactResult) -> None:
     """Write the result of a task.  Raises OutputError.
 
-    Fields of an earlier, other result would pass for those of this one: they are removed.
+    Fields of an earlier, different result are removed, because they would pass for this one's.
     """
     about = {"case": task.case.id, "size": task.case.size, "key": _key(task)}
     fields_digest = _digest(task.fields)
@@ -125,7 +125,7 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
 
 
 def kept(task: Task, output: Path) -> ContactResult | None:
-    """The result of an earlier run of just this task, if it is there and whole."""
+    """Return the result of an earlier run of the same task, if it is there and whole."""
     if task.method.source:
         return None
     data = _read_member(task, output)
@@ -140,7 +140,7 @@ def kept(task: Task, output: Path) -> ContactResult | None:
 
 
 def _read_member(task: Task, output: Path) -> dict[str, Any]:
-    """The file that `keep` wrote for a task; empty if there is none."""
+    """Read the file that `keep` wrote for a task; empty if there is none."""
     try:
         data = json.loads(task.result_path(output).read_bytes())
     except (OSError, ValueError):
@@ -149,7 +149,7 @@ def _read_member(task: Task, output: Path) -> dict[str, Any]:
 
 
 def _digest(fields: Path | None) -> str | None:
-    """SHA-256 of a file of fields; empty where there is none, None where none was asked for."""
+    """Return the SHA-256 of a file of fields; empty if it is absent, None without a path."""
     if fields is None:
         return None
     try:
@@ -160,7 +160,7 @@ def _digest(fields: Path | None) -> str | None:
 
 
 def summary(case: Case, answer: Answer) -> dict[str, Any]:
-    """A method's answer as JSON: means over the surfaces, their scatter, and every member."""
+    """Return a method's answer as JSON: means over surfaces, their scatter, every member."""
     members = [result.to_json() for result in answer.results]
     first = answer.results[0]
     ensemble = {

@@ -1,10 +1,10 @@
-"""The verdict: `verify` runs cases and judges their gates; a Verdict is what verdict.json holds.
+"""The verdict: `verify` runs cases and judges their gates; verdict.json holds a Verdict.
 
-A case *holds* if all its gates do, *falls short* if one does not, is *skipped* if its surface or
-a solver is not here, and is in *error* if a method gave no answer that a gate needs.
+A case *holds* if all its gates hold, *falls short* if one does not, is *skipped* if its surface or
+a solver is missing, and is in *error* if a method gave no answer that a gate needs.
 
 `Verdict` and the classes of its parts are the schema of verdict.json (`epcontact schema verdict`).
-Keys may be added within version 1 of the schema; none is renamed, removed or given another meaning.
+Version 1 of the schema may gain keys; no key is renamed, removed or given another meaning.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class CaseVerdict(BaseModel):
 
     @property
     def answers(self) -> Mapping[str, Answer]:
-        """The answer of each method; empty if this was read from a file, or if it was skipped."""
+        """The answer of each method; empty if this was read from a file or skipped."""
         return self._answers
 
 
@@ -95,9 +95,11 @@ class Verdict(BaseModel):
 
     @classmethod
     def on(cls, cases: Sequence[CaseVerdict], size: str) -> Verdict:
-        """The verdict on judged cases: 0 if all gates hold, 1 if one falls short, 2 if an error."""
-        found = {case.status for case in cases}
-        exit_code: Literal[0, 1, 2] = 2 if ERROR in found else 1 if FALLS_SHORT in found else 0
+        """Make the verdict: exit code 0 if all gates hold, 1 if one falls short, 2 on an error."""
+        statuses = {case.status for case in cases}
+        exit_code: Literal[0, 1, 2] = (
+            2 if ERROR in statuses else 1 if FALLS_SHORT in statuses else 0
+        )
         return cls(
             schema="epcontact-verdict-1",
             passed=exit_code == 0,
@@ -122,13 +124,14 @@ def verify(  # noqa: PLR0913 - the options of the command
     """Solve cases, judge their gates, and write verdict.json and junit.xml.
 
     Args:
-        cases: a name, a path or a loaded case, or several of them; None or nothing: all that a
-            bare `epcontact verify` runs.  A file with variants stands for all of them.
+        cases: a name, a path or a loaded case, or several of them; None or empty: the cases of a
+            bare `epcontact verify`.  A file with variants means all of them.
         size: the size at which names and paths are loaded.
-        jobs: worker processes; None: one a core, and a single one for size large.
-        output: folder for results, which are reused if nothing that decides them has changed.
-        solver: a registered method or `[NAME=]MODULE:FUNCTION`, which takes the place of the
-            boundary elements in every gate, under its own name.
+        jobs: number of worker processes; None: one for each core, or one for size large.
+        output: folder for results; an old result is reused if its scene, options and sources
+            have not changed.
+        solver: a registered method or `[NAME=]MODULE:FUNCTION`, which replaces the boundary
+            elements in every gate, under its own name.
         fresh: solve again what is already in the output folder.
         fields: write the fields (.vti) of the "first" surface, of "all" or of "none".
         progress: called after every solve.
@@ -176,10 +179,10 @@ def _loaded(case: str | Path | CaseText | Case, size: str) -> list[Case]:
 
 
 def cases_to_verify(size: str) -> list[CaseText]:
-    """The cases that a bare verify runs at a size.
+    """Return the cases that `epcontact verify` runs at a size if none is named.
 
     Raises:
-        InvalidCase: if there are none, or there is no such size.
+        InvalidCase: if there are no cases, or no such size.
     """
     if size not in SIZES:
         raise InvalidCase(f"no size is called {size!r}{nearest(size, SIZES)}")
@@ -190,9 +193,9 @@ def cases_to_verify(size: str) -> list[CaseText]:
 
 
 def _in_place(case: Case, name: str) -> Case:
-    """The case with another method in the place of the boundary elements.
+    """Return the case with another method instead of the boundary elements.
 
-    A case that names the method already holds it against something of its own accord.
+    A case that already names the method is left as it is.
     """
     if name in case.methods:
         return case
@@ -266,9 +269,9 @@ def _references(case: Case, gate: Gate, against: Answer | None) -> list[float]:
 
 
 def _joined(sentences: Sequence[str]) -> str:
-    """Errors of many surfaces as one line; what they share is said once.
+    """Join the errors of many surfaces in one line that states each reason once.
 
-    Each is "method, surface: reason", as `run_cases` makes them.
+    Each sentence is "method, surface: reason", as `run_cases` makes it.
     """
     by_reason: dict[str, list[str]] = {}
     for sentence in dict.fromkeys(sentences):

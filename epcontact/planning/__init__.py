@@ -1,7 +1,8 @@
 """The cheapest model of a scene that meets a tolerance.
 
-`plan` chooses it by a few pilot solves, `planned_case` is the case with it, `achieved_error` judges
-its answer; `auto_case` and `load_auto` make a case as cheap as its gates allow.
+`plan` chooses the model by a few pilot solves, `planned_case` applies it to the case, and
+`achieved_error` judges its answer.  `auto_case` and `load_auto` make a case as cheap as its gates
+allow.
 """
 
 from epcontact.planning.auto_size import auto_case, load_auto

@@ -12,9 +12,9 @@ from epcontact.planning.plan import plan, planned_case
 
 
 def load_auto(text: CaseText) -> tuple[Case, str]:
-    """A case at its full size, or its only one, made cheaper by `auto_case`.
+    """Load a case at its full or only size and make it cheaper by `auto_case`.
 
-    The sentence is empty where the case is skipped.
+    The sentence is empty if the case is skipped.
     """
     sizes = [size for size in text.sizes if size != "large"]
     given = load_case(text, (sizes or ["large"])[-1])
@@ -24,12 +24,12 @@ def load_auto(text: CaseText) -> tuple[Case, str]:
 def auto_case(
     case: Case, tolerance: float | None = None, *, threads: int | None = None
 ) -> tuple[Case, str]:
-    """A case at its largest size made cheaper where its gates allow, and a sentence that says so.
+    """Make a case cheaper if its gates allow, and return it with a sentence that says so.
 
-    tolerance: on the area; None: a third of the narrowest band of its gates on corrected areas.
-    Grids are chosen from the pilots' errors of corrected areas, so a gate that reads anything
-    else a grid decides (fields, distributions, raw areas, gaps) keeps the case as it is, and so
-    do finite elements beside boundary elements.  Never dearer than the case given.
+    `tolerance` is on the area; None: a third of the narrowest band of its gates on corrected areas.
+    Grids are chosen by the errors of corrected areas.  So a case stays as it is if a gate reads
+    anything else that depends on the grid (fields, distributions, raw areas, gaps), or if it has
+    finite elements beside boundary elements.  The result is never dearer than the given case.
     """
     blocking = [g.name for g in case.gates if not _plannable(g)]
     bands = [g.high - g.low for g in case.gates if g.quantity.endswith(".corrected")]
@@ -51,7 +51,7 @@ _CORRECTED = tuple(f"area.{part}.corrected" for part in PARTS)
 
 
 def _plannable(gate: Gate) -> bool:
-    """Whether a gate's outcome is decided by the error of corrected areas, or by no grid."""
+    """True if a gate depends on the grid only through corrected areas, or not at all."""
     free = ("residual.", "iterations.", "quantity.measured_")
     return (
         gate.of == "persson"

@@ -1,4 +1,4 @@
-"""Recipes on other grids: a ladder of them, and the line of a surface that has one direction.
+"""Recipes on other grids: a ladder of grids, and the line of a one-directional surface.
 
 Only recipes can be put on another grid: measured heights stay on their own.
 """
@@ -16,21 +16,21 @@ from epcontact.scene import Surface
 
 #: Grid points per shortest wavelength of self-affine roughness; fewer than 3 lose its phases.
 WAVELENGTH_LADDER = (3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 48, 64)
-#: Of the case's own grid, for other shapes.
+#: Grids for other shapes, as fractions of the case's own grid.
 SHAPE_LADDER = (1 / 16, 1 / 8, 1 / 4, 3 / 8, 1 / 2, 3 / 4, 1, 3 / 2, 2, 3, 4)
 FEWEST_POINTS = 16
 
 
 @dataclass(frozen=True)
 class Section:
-    """The line that a one-directional surface is: its heights along `axis`, at one place."""
+    """The line that stands for a one-directional surface: its heights along `axis`."""
 
     whole: surfaces.Recipe
     axis: int
 
     @property
     def fingerprint(self) -> str:
-        """That of the whole surface, and the direction."""
+        """The fingerprint of the whole surface, and the direction."""
         return f"section/1 axis={self.axis} of {self.whole.fingerprint}"
 
     @property
@@ -40,11 +40,11 @@ class Section:
 
     @property
     def periods(self) -> tuple[float, ...]:
-        """Its period in m."""
+        """The period in m."""
         return (self.whole.periods[self.axis],)
 
     def build(self) -> Surface:
-        """Make the heights; two points across are enough where the recipe can."""
+        """Make the heights, from two points across the line if the recipe allows."""
         across = 1 - self.axis
         shape = list(self.whole.shape)
         shape[across] = 2
@@ -57,9 +57,9 @@ class Section:
 
 
 def one_directional(recipe: surfaces.Recipe) -> int | None:
-    """The axis along which all of the roughness runs, None if it runs along both.
+    """Return the only axis along which the heights vary, or None if they vary along both.
 
-    Judged on a coarse grid, and for measured heights on their own.
+    A coarse grid decides; for measured heights their own.
     """
     if len(recipe.shape) != 2:
         return None
@@ -73,7 +73,7 @@ def one_directional(recipe: surfaces.Recipe) -> int | None:
 
 
 def ladder(recipe: surfaces.Recipe, *, beyond: bool) -> list[tuple[int, ...]]:
-    """Grids from coarse to fine, the recipe's own among them; finer ones only if `beyond`."""
+    """Return grids from coarse to fine, including the recipe's own; finer ones if `beyond`."""
     own = recipe.shape
     base = recipe.whole if isinstance(recipe, Section) else recipe
     if isinstance(base, surfaces.SelfAffine):
@@ -90,7 +90,7 @@ def ladder(recipe: surfaces.Recipe, *, beyond: bool) -> list[tuple[int, ...]]:
 
 
 def points_per_wavelength(recipe: surfaces.Recipe) -> float:
-    """Grid points per shortest wavelength of self-affine roughness; NaN of other surfaces."""
+    """Return the points per shortest wavelength of self-affine roughness; else NaN."""
     base = recipe.whole if isinstance(recipe, Section) else recipe
     if not isinstance(base, surfaces.SelfAffine):
         return math.nan
@@ -101,7 +101,7 @@ def points_per_wavelength(recipe: surfaces.Recipe) -> float:
 
 
 def on_grid(recipe: surfaces.Recipe, shape: tuple[int, ...]) -> surfaces.Recipe | None:
-    """The same surface on another grid; None where it cannot be, or not on so coarse a one."""
+    """Return the surface on another grid; None if that is impossible or the grid too coarse."""
     if shape == recipe.shape:
         return recipe
     if isinstance(recipe, Section):

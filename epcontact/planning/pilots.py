@@ -1,7 +1,7 @@
-"""Pilots: cheap solves that say what a grid is worth, and candidates chosen from them.
+"""Pilots: cheap solves that estimate the error and cost of every candidate grid.
 
-The lowest rungs of the ladder of grids are solved; the relative error that their areas claim of
-themselves is carried to finer grids by its observed order, the number of transforms by their
+The coarsest grids of the ladder are solved.  The relative error that their areas claim is
+extrapolated to finer grids by its observed order, and the number of transforms by the number of
 points.  A candidate is a grid with the number of surfaces that it would need.
 """
 
@@ -28,12 +28,12 @@ from fem_check.mesh import half_space_depth
 PARTS = ("total", "elastic", "plastic")
 MOST_SURFACES = 1000
 PILOT_SURFACES = 8
-#: Share of the work of the case as it is that the pilots may cost together.
+#: Largest work of all pilots together, as a share of the work of the given case.
 PILOT_SHARE = 0.2
-#: Load steps a plastic path is tried with; the last is the reference.
+#: Numbers of load steps that are tried on a plastic path; the last is the reference.
 LOAD_STEPS = (1, 2, 4, 8)
 
-#: Solves one recipe; further keywords are options of the method.
+#: A function that solves one recipe; further keywords are options of the method.
 Solver = Callable[..., "Pilot"]
 
 
@@ -41,8 +41,10 @@ Solver = Callable[..., "Pilot"]
 class Pilot:
     """One solve of one surface.
 
-    errors, raw_errors: of the corrected and the raw areas, relative, by part; NaN where there is
-    no such area.  work: FFT pairs, or sweeps over the unknowns, times points.
+    Attributes:
+        errors, raw_errors: relative errors of the corrected and the raw areas, by part; NaN if
+            the area is zero.
+        work: FFT pairs, or sweeps over the unknowns, times points.
     """
 
     shape: tuple[int, ...]
@@ -55,9 +57,11 @@ class Pilot:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A grid with the surfaces it needs, the relative errors left, and its cost.
+    """A grid with the number of surfaces it needs, its relative errors and its cost.
 
-    raw: whether raw areas are as good as corrected ones; work, seconds: of all surfaces.
+    Attributes:
+        raw: True if raw areas are as good as corrected ones.
+        work, seconds: the cost of all surfaces.
     """
 
     shape: tuple[int, ...]
@@ -70,14 +74,14 @@ class Candidate:
 
     @property
     def error(self) -> float:
-        """The error of grid and scatter together."""
+        """The combined error of grid and scatter."""
         return math.hypot(self.grid_error, self.scatter)
 
 
 def solve_pilot(
     case: Case, recipe: surfaces.Recipe, method: str, threads: int | None, **options: Any
 ) -> Pilot:
-    """Solve the case on one surface; boundary elements until the areas are settled to 1e-4.
+    """Solve the case on one surface; boundary elements stop when the areas settle to 1e-4.
 
     Raises InvalidScene, NotConverged.
     """
@@ -107,18 +111,18 @@ def _pilot(result: ContactResult, shape: tuple[int, ...], seconds: float) -> Pil
 
 
 def worst(errors: dict[str, float], parts: Sequence[str]) -> float:
-    """The largest relative error of the parts that exist; NaN if none does."""
-    found = [errors[part] for part in parts if not math.isnan(errors[part])]
-    return max(found, default=math.nan)
+    """Return the largest relative error of the parts that exist; NaN if none does."""
+    return max((errors[p] for p in parts if not math.isnan(errors[p])), default=math.nan)
 
 
 def carried_error(
     pilots: Sequence[Pilot], shape: tuple[int, ...], parts: Sequence[str]
 ) -> tuple[float, bool]:
-    """The relative error on a grid, and whether raw areas have no more of it.
+    """Return the relative error on a grid, and True if raw areas have no larger error.
 
-    Solved grids say it themselves.  To finer ones it is carried by the order between the two
-    finest solved, taken to be between 1 and 2, the orders of a rim's chance and of its curvature.
+    A solved grid has its own error.  The error on a finer grid follows from the order between the
+    two finest solved grids, limited to 1 to 2: a rim's random position has the order 1, its
+    curvature 2.
     """
     by_shape: dict[tuple[int, ...], list[Pilot]] = {}
     for pilot in pilots:
@@ -136,7 +140,7 @@ def carried_error(
 
 
 def carried_cost(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> tuple[float, float]:
-    """(work, seconds) of one solve on a grid, by points from the finest grid solved below it."""
+    """Return (work, seconds) of a solve on a grid, scaled by points from the finest solved grid."""
     known = [p for p in pilots if p.shape == shape]
     base = known or [p for p in pilots if math.prod(p.shape) == _finest(pilots)]
     ratio = math.prod(shape) / math.prod(base[0].shape)
@@ -151,8 +155,11 @@ def _finest(pilots: Sequence[Pilot]) -> int:
 def finite_element_options(
     case: Case, recipe: surfaces.Recipe, solve: Solver, tolerance: float
 ) -> tuple[dict[str, Any], list[str]]:
-    """Choose the load steps by pilots on the coarsest grid, and the depth from the layer's
-    compliance; the reasons come with them."""
+    """Choose the load steps by pilots on the coarsest grid and the depth by the layer's compliance.
+
+    Returns:
+        The options and the reasons.
+    """
     options: dict[str, Any] = {}
     why = []
     if case.body.kind == "half_space" and "depth" not in case.options["fem"]:
@@ -179,8 +186,7 @@ def finite_element_options(
 def climb(
     recipes: Sequence[surfaces.Recipe], solve: Solver, tolerance: float, parts: Sequence[str]
 ) -> list[Pilot]:
-    """Solve the first surface on finer and finer grids, until one is fine enough or the next too
-    dear."""
+    """Solve the first surface on ever finer grids until one suffices or the next costs too much."""
     recipe, pilots = recipes[0], list[Pilot]()
     rungs = ladder(recipe, beyond=False)
     for shape in rungs:
@@ -195,19 +201,21 @@ def climb(
 
 
 def sample_surfaces(recipes: Sequence[surfaces.Recipe], solve: Solver) -> list[Pilot]:
-    """Solve the other surfaces on the coarsest grid, as many as it takes to know the scatter."""
+    """Solve other surfaces on the coarsest grid, enough to estimate the scatter."""
     shape = ladder(recipes[0], beyond=False)[0]
     return [solve(on_grid(recipe, shape) or recipe) for recipe in recipes[1:PILOT_SURFACES]]
 
 
 def coarsest(pilots: Sequence[Pilot]) -> list[Pilot]:
-    """The pilots on the coarsest grid, one a surface."""
+    """Return the pilots on the coarsest grid, one for each surface."""
     return [p for p in pilots if p.shape == pilots[0].shape]
 
 
 def deviation_of(pilots: Sequence[Pilot], parts: Sequence[str]) -> float:
-    """The largest relative standard deviation of the parts between surfaces; of each the upper
-    80 % bound that follows from the pilots, which are few."""
+    """Return the largest relative standard deviation of the parts between surfaces.
+
+    For each part it is the upper 80 % bound, because the pilots are few.
+    """
     bounds = [0.0]
     for part in parts:
         values = np.array([getattr(pilot.areas, part) for pilot in coarsest(pilots)])
@@ -225,9 +233,11 @@ def candidates_for(
     parts: Sequence[str],
     capped: bool,
 ) -> list[Candidate]:
-    """Every grid of the ladder with the fewest surfaces that meet the tolerance on it; if
-    `capped`, no finer grid and no more surfaces than the case has."""
-    found = []
+    """Return each grid of the ladder with the fewest surfaces that meet the tolerance on it.
+
+    If `capped`, no grid is finer and no ensemble larger than that of the case.
+    """
+    candidates = []
     most = len(recipes) if capped else MOST_SURFACES
     deviation = deviation_of(pilots, parts)
     for shape in ladder(recipes[0], beyond=not capped):
@@ -239,12 +249,14 @@ def candidates_for(
             count = next(enough, most)
             scatter = student_half_width(deviation, count)
         work, seconds = carried_cost(pilots, shape)
-        found.append(Candidate(shape, count, error, scatter, raw, work * count, seconds * count))
-    return found
+        candidates.append(
+            Candidate(shape, count, error, scatter, raw, work * count, seconds * count)
+        )
+    return candidates
 
 
 def cheapest(candidates: Sequence[Candidate], tolerance: float) -> Candidate:
-    """The cheapest that meets the tolerance; if none does, the one of least error."""
+    """Return the cheapest candidate that meets the tolerance, or else the most accurate one."""
     good = [c for c in candidates if c.error <= tolerance]
     if good:
         return min(good, key=lambda c: c.work)

@@ -1,18 +1,18 @@
-"""The cheapest model that meets a tolerance on the contact area, and why it is that one.
+"""The cheapest model that meets a tolerance on the contact area, and the reasons for it.
 
-The plan chooses between theory, boundary elements and finite elements; a line where the roughness
-has one direction; the grid; raw or corrected areas; the number of surfaces; and for finite
-elements depth and load steps.  The tolerance is on the area, relative, at 95 % confidence.  Cheap
-pilots (`pilots`) give the error e of each grid and the scatter s between surfaces; of all grids
-with e < tolerance the one is taken whose cost times the number n of surfaces is least,
+The plan chooses the method (theory, boundary or finite elements), a line if the roughness has one
+direction, the grid, raw or corrected areas, the number of surfaces and, for finite elements, depth
+and load steps.  The tolerance is on the area, relative, at 95 % confidence.  Cheap pilots
+(`pilots`) give the error e of each grid and the scatter s between surfaces.  Of all grids with
+e < tolerance the plan takes the one with the least cost times number n of surfaces, where
 
     e^2 + (t s / sqrt(n))^2 <= tolerance^2,
 
-t being Student's 97.5 % quantile.  s is the upper 80 % bound of what few pilots can say.  A
-case that names one surface asks for that surface's area: n = 1, no scatter.
+with Student's 97.5 % quantile t.  s is an upper 80 % bound, because the pilots are few.  A case
+with one surface asks for the area of that surface, so n = 1 and there is no scatter.
 
-The theory is chosen where it lies so near to the pilots' mean that difference and uncertainty
-together stay within the tolerance.
+The theory is chosen if its difference from the pilots' mean and their uncertainty together are
+within the tolerance.
 """
 
 from __future__ import annotations
@@ -60,19 +60,19 @@ class Plan:
     Attributes:
         case: id of the case.
         tolerance: on the areas of the parts, relative.
-        parts: of the area that have to be within it.
+        parts: the parts of the area that must be within it.
         method: "persson", "bem" or "fem".
         areas: "raw" or "corrected".
-        options: of the method.
-        grid_error: relative error by the grid; of the theory, its distance from the pilots with
-            their uncertainty.
+        options: options of the method.
+        grid_error: relative error from the grid; for the theory, its distance from the pilots
+            plus their uncertainty.
         scatter: half-width of the 95 % interval of the mean over the surfaces, relative.
         work: FFT pairs (or solver sweeps) times points of the chosen model.
-        given_work: the same of the case as it is.
-        pilot_work: the same of the pilots.
+        given_work: the work of the given case.
+        pilot_work: the work of the pilots.
         seconds, pilot_seconds: times of the chosen model and of the pilots.
-        reasons: sentences.
-        recipes: of the surfaces, on the chosen grid.
+        reasons: the reasons, as sentences.
+        recipes: recipes of the surfaces on the chosen grid.
     """
 
     case: str
@@ -93,12 +93,12 @@ class Plan:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The grid; of one number if a line stands for the surface."""
+        """The grid; a single number if a line stands for the surface."""
         return self.recipes[0].shape
 
     @property
     def surfaces(self) -> int:
-        """How many surfaces are solved; the theory needs one spectrum."""
+        """The number of surfaces that are solved; the theory needs one spectrum."""
         return 1 if self.method == "persson" else len(self.recipes)
 
     @property
@@ -113,7 +113,7 @@ class Plan:
 
     @property
     def meets(self) -> bool:
-        """Whether the expected error is within the tolerance."""
+        """True if the expected error is within the tolerance."""
         return self.expected_error <= self.tolerance
 
 
@@ -129,12 +129,12 @@ def plan(
     """Choose the cheapest model of a case whose areas are within the tolerance.
 
     Args:
-        case: with boundary or finite elements among its methods.
-        tolerance: on the areas, relative, at 95 % confidence.
-        parts: of the area that must be within it: total, elastic, plastic.
-        threads: of the pilots; None: all cores.
-        capped: never a finer grid or more surfaces than the case has, even if the tolerance is
-            then missed (`Plan.meets` says so).
+        case: a case with boundary or finite elements among its methods.
+        tolerance: tolerance on the areas, relative, at 95 % confidence.
+        parts: the parts of the area that must be within it: total, elastic, plastic.
+        threads: number of threads of the pilots; None: all cores.
+        capped: if True, the grid is no finer and the surfaces no more than those of the case,
+            even if the plan then misses the tolerance (see `Plan.meets`).
         progress: called with a sentence before each pilot.
 
     Raises:
@@ -149,10 +149,10 @@ def plan(
         )
     method = "bem" if "bem" in case.methods else "fem"
     recipes, why = _dimension(case)
-    tell = progress or (lambda _: None)
+    report = progress or (lambda _: None)
 
     def solve(recipe: Recipe, **options: Any) -> Pilot:
-        tell(f"plan: pilot by {method} on {' x '.join(map(str, recipe.shape))} points")
+        report(f"plan: pilot by {method} on {' x '.join(map(str, recipe.shape))} points")
         return solve_pilot(case, recipe, method, threads, **options)
 
     options: dict[str, Any] = {}
@@ -165,7 +165,7 @@ def plan(
     chosen = cheapest(candidates_for(recipes, pilots, tolerance, parts, capped), tolerance)
     why += _reasons(recipes, pilots, chosen, tolerance, deviation_of(pilots, parts), capped)
     own = recipes[0].shape
-    across = math.prod(case.recipes[0].shape) / math.prod(own)  # more than 1 of a line
+    across = math.prod(case.recipes[0].shape) / math.prod(own)  # more than 1 for a line
     result = Plan(
         case=case.id,
         tolerance=tolerance,
@@ -228,7 +228,7 @@ def _reasons(
 
 
 def _chosen_recipes(given: Sequence[Recipe], chosen: Candidate) -> tuple[Recipe, ...]:
-    """The first surfaces of the case on the chosen grid, and more of their kind if need be."""
+    """Return the case's first surfaces on the chosen grid, and new ones if it has too few."""
     recipes = [on_grid(r, chosen.shape) or r for r in given[: chosen.surfaces]]
     seeded = [r for r in recipes if isinstance(r, SelfAffine)]
     fresh = max((r.seed for r in seeded), default=0) + 1
@@ -238,16 +238,16 @@ def _chosen_recipes(given: Sequence[Recipe], chosen: Candidate) -> tuple[Recipe,
     return tuple(recipes)
 
 
-def _theory_instead(case: Case, pilots: Sequence[Pilot], found: Plan) -> Plan:
-    """The plan with the theory in it, where that is near enough to the pilots."""
-    parts = found.parts
+def _theory_instead(case: Case, pilots: Sequence[Pilot], numerical: Plan) -> Plan:
+    """Return the plan with the theory as its method if that is close enough to the pilots."""
+    parts = numerical.parts
     scene = case.scene(on_grid(case.recipes[0], pilots[0].shape) or case.recipes[0])
     theory = persson.solve(scene, **case.options["persson"]).final.areas["raw"]
     sample, finest = coarsest(pilots), max(pilots, key=lambda p: math.prod(p.shape))
     off = []
     for part in parts:
         mean = float(np.mean([getattr(p.areas, part) for p in sample]))
-        # A finer grid would change all surfaces as it changed the first.
+        # A finer grid is assumed to change all surfaces as it changed the first.
         mean *= getattr(finest.areas, part) / getattr(pilots[0].areas, part)
         off.append(abs(getattr(theory, part) / mean - 1))
     scatter = student_half_width(deviation_of(pilots, parts), len(sample))
@@ -256,10 +256,12 @@ def _theory_instead(case: Case, pilots: Sequence[Pilot], found: Plan) -> Plan:
         f"the theory is {max(off):.2g} from the pilots, which are uncertain by {doubt:.2g} "
         "themselves"
     )
-    if max(off) + doubt > found.tolerance:
-        return replace(found, reasons=(*found.reasons, f"{distance}: too far to replace them"))
+    if max(off) + doubt > numerical.tolerance:
+        return replace(
+            numerical, reasons=(*numerical.reasons, f"{distance}: too far to replace them")
+        )
     return replace(
-        found,
+        numerical,
         method="persson",
         areas="raw",
         options=dict(case.options["persson"]),
@@ -272,7 +274,7 @@ def _theory_instead(case: Case, pilots: Sequence[Pilot], found: Plan) -> Plan:
 
 
 def planned_case(case: Case, chosen: Plan) -> Case:
-    """The case with the plan's grid, surfaces and options, of size "auto"; gates as they are."""
+    """Return the case with the plan's grid, surfaces and options, as size "auto"."""
     options = {m: dict(given) for m, given in case.options.items()}
     if chosen.method in options and chosen.method != "persson":
         options[chosen.method] |= chosen.options
@@ -280,14 +282,14 @@ def planned_case(case: Case, chosen: Plan) -> Case:
 
 
 def achieved_error(chosen: Plan, answer: Answer) -> float:
-    """The relative error of the answer that a plan was carried out with, the largest of its parts.
+    """Return the relative error of the answer to a planned case, the largest of its parts.
 
-    The error is that which the areas claim of themselves and the 95 % interval of their mean.  The
-    theory's answer claims none: there it is the expected error, found by the pilots.
+    It combines the error that the areas claim and the 95 % interval of their mean.  The theory
+    claims no error, so there it is the expected error from the pilots.
 
     Args:
         chosen: the plan.
-        answer: of its method to `planned_case`.
+        answer: the answer of the plan's method to `planned_case`.
 
     Raises:
         InvalidCase: the answer has no results.

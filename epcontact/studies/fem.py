@@ -38,7 +38,6 @@ from fem_check.linear_solver import eliminate, substitute
 
 YIELD_STRESS = HARDNESS / 3  # Tabor's ratio, as the paper takes it
 DEPTHS, WAVES = (0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0), (1, 2, 4)
-_ERROR = ("relative_error", "relative error (–)")
 
 
 def plastic_scene(points_per_wavelength: int, seed: int, bandwidth: int) -> Scene:
