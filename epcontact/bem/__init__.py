@@ -1,13 +1,13 @@
 """Boundary elements on a periodic grid: rough contact with the pressure capped at the hardness.
 
-`solve` answers a scene; `solve_pressure` is the same on plain arrays.  The way of a scene through
-the package:
+`solve` solves a scene; `solve_pressure` does the same on plain arrays.  The modules, in the order
+in which a scene passes through them:
 
     driver      scene -> problem (GridProblem, Options)  -> result
-    solver      coarse grids first (cascade), each one a level
-    newton      the method: sets, steps (descent, bounds); baselines: classic methods instead
-    inner/      the linear problem within a step: cg, its operators and preconditioner
-    transforms  convolutions with the compliance (kernel), by blocks shared out by workers
+    solver      solves on coarse grids first (cascade); each grid is a level
+    newton      the Newton method (with descent, bounds); baselines has classic methods
+    inner/      the linear problem of a step: conjugate gradients, operators, preconditioner
+    transforms  convolutions with the compliance (kernel), in blocks on threads (workers)
     areas/      contact areas in the continuum limit (the rim correction), pressure distributions
 """
 

@@ -1,13 +1,12 @@
-"""The classic methods of rough contact, small and readable, to measure others against.
+"""Classic methods of rough contact, with which the Newton method is compared.
 
-They start from a uniform pressure on the grid itself, know nothing of coarser grids, and are
-judged by the same Karush-Kuhn-Tucker residuals as the Newton method; where they do not meet the
-tolerance within their steps, that is what the caller is told.
+They start from a uniform pressure, use no coarser grids, and are judged by the same
+Karush-Kuhn-Tucker residuals as the Newton method.
 
-relaxation         the pressure is relaxed against the gap, p <- clip(p - omega K g), with the
-                   offset moved by the error of the force: the method by which the boundary
-                   elements of Almqvist, Sahlin, Larsson and Glavatskih, Tribology International
-                   40 (2007) 574 are solved, the pressure cut at the hardness
+relaxation         the pressure is relaxed against the gap, p <- clip(p - omega K g), and the
+                   offset moves with the error of the force; this is the method of Almqvist,
+                   Sahlin, Larsson and Glavatskih, Tribology International 40 (2007) 574, with
+                   the pressure cut at the hardness
 polonsky_keer      constrained conjugate gradients of Polonsky and Keer, Wear 231 (1999) 206;
                    points at the hardness leave the set on which directions are conjugate
 projected_gradient p <- P(p - lambda (u - h)), P the projection on bounds and mean, lambda the
@@ -28,12 +27,12 @@ from epcontact.results import FloatArray
 
 Baseline = Callable[[Level, FloatArray, Options], Iterate]
 
-#: Unless the caller says otherwise; each step costs one or two pairs of transforms.
+#: Default limit on the steps; each step costs one or two pairs of transforms.
 _MAX_STEPS = 5000
 
 
 def _finished(level: Level, it: Iterate, options: Options) -> bool:
-    """Note the offset and residual of an iterate; whether to stop there."""
+    """Record the offset and residual of an iterate; return True if the method stops there."""
     it.z, _, _ = measured(level, it.p, it.u)
     it.history.append(max(kkt_residuals(level, it).values()))
     it.pairs = level.convolution.pairs
@@ -44,7 +43,7 @@ def _finished(level: Level, it: Iterate, options: Options) -> bool:
 
 
 def projected_gradient(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve from a feasible p (units of the mean), which is overwritten."""
+    """Solve from a feasible p in units of the mean pressure; p is overwritten."""
     it = first_iterate(level, p)
     length = level.step
     while not _finished(level, it, options):
@@ -53,9 +52,9 @@ def projected_gradient(level: Level, p: FloatArray, options: Options) -> Iterate
 
 
 def relaxation(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve from a feasible p (units of the mean), which is overwritten.
+    """Solve from a feasible p in units of the mean pressure; p is overwritten.
 
-    K is the stiffness of the longest wave, the largest that relaxes every wave stably.
+    K is the stiffness of the longest wave, the largest factor that relaxes every wave stably.
     """
     it = first_iterate(level, p)
     symbol = level.convolution.symbol
@@ -69,7 +68,7 @@ def relaxation(level: Level, p: FloatArray, options: Options) -> Iterate:
 
 
 def polonsky_keer(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve from a feasible p (units of the mean), which is overwritten."""
+    """Solve from a feasible p in units of the mean pressure; p is overwritten."""
     it = first_iterate(level, p)
     cap, count = level.cap, float(p.size)
     direction, image = np.zeros_like(p), np.empty_like(p)
@@ -100,7 +99,7 @@ def polonsky_keer(level: Level, p: FloatArray, options: Options) -> Iterate:
 
 
 def _rescale(p: FloatArray, cap: float, total: float) -> None:
-    """Scale what is below the cap so that the sum is kept; what exceeds the cap is cut."""
+    """Scale the pressures below the cap so that their sum is kept; cut those above the cap."""
     below = p < cap
     wanted = total - cap * float(np.count_nonzero(~below)) if np.isfinite(cap) else total
     carried = float(p[below].sum())

@@ -1,7 +1,7 @@
-"""How a pressure is moved into its bounds 0 <= p <= cap with its mean kept.
+"""Move a pressure into its bounds 0 <= p <= cap and keep its mean.
 
-`project` finds the nearest feasible pressure.  `put` writes the outcome of a Newton step and
-makes good, neighbourhood by neighbourhood, the force that the bounds cut off.
+`project` finds the nearest feasible pressure.  `put` writes the result of a Newton step and
+restores, cell by cell, the force that the bounds cut off.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from epcontact.bem.transforms import Points
 from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
 
-_BLOCK_POINTS = 262144  # that a thread takes at once in a projection
-# The largest share of the distance to its bounds that a point is moved by to restore the force, so
-# that none is put on a bound by it.  0.5 to 0.999 took the same number of pairs to 0.4 %.
+_BLOCK_POINTS = 262144  # points that a thread takes at once in a projection
+# To restore the force, a point moves by at most this share of its distance to its bounds, so that
+# it reaches neither.  The numbers of transform pairs with 0.5 to 0.999 agree to 0.4 %.
 _LARGEST_SHARE = 0.9
 
 
@@ -29,15 +29,15 @@ def project(
     workers: Workers | None = None,
     out: FloatArray | None = None,
 ) -> FloatArray:
-    """The point nearest to w with 0 <= p <= cap and sum(p) = total: clip(w + z, 0, cap).
+    """Return clip(w + z, 0, cap), the p nearest to w with 0 <= p <= cap and sum(p) = total.
 
-    The sum is piecewise linear and increasing in z; Newton's steps on it are kept in a bracket.
+    The sum is piecewise linear and increasing in z; Newton steps within a bracket find z.
 
     Args:
         w: array of any shape.
         cap: upper bound, may be infinite.
-        total: the sum wanted, at most cap times the number of points.
-        workers: threads to use; None: the calling one.
+        total: the wanted sum, at most cap times the number of points.
+        workers: threads to use; None: the calling thread.
         out: where to write the result; it may be w itself.
 
     Example:
@@ -71,12 +71,11 @@ def project(
 def put(
     level: Level, p: FloatArray, points: Points, cells: Cells, pressure: FloatArray, x: FloatArray
 ) -> None:
-    """Write pressure + x at the points of p, moved into the bounds, with its force restored.
+    """Write pressure + x at the points of p, move it into the bounds and restore its force.
 
-    What the bounds cut off differs from place to place.  Were it made good by all points in
-    equal measure, it would leave a long-wave imbalance of forces, whose displacement is large,
-    and steps would overshoot.  So each cell keeps its force where its points can carry it; the
-    rest is shared out over all points.
+    The force that the bounds cut off varies over the surface.  If all points shared it equally,
+    a long-wave imbalance of forces, whose displacement is large, would be left, and steps would
+    overshoot.  So each cell keeps its force if its points can carry it; all points share the rest.
     """
     flat, cap, target = p.reshape(-1), level.cap, float(pressure.sum())
     index, pressures, steps = points.split(points.index, pressure, x)
@@ -98,7 +97,7 @@ def put(
 
 @compiled
 def clipped_sum(w: Any, z: float, cap: float) -> tuple[float, int]:
-    """Sum of clip(w + z, 0, cap) and the number of points strictly between."""
+    """Sum of clip(w + z, 0, cap), and the number of points strictly between the bounds."""
     total = 0.0
     inside = 0
     for i in range(w.size):
@@ -122,9 +121,9 @@ def shift_clip(w: Any, z: float, cap: float, out: Any) -> None:
 def put_clipped(
     cell: Any, sums: Any, p: Any, index: Any, pressure: Any, x: Any, cap: float
 ) -> None:
-    """p = pressure + x at the listed points, moved into [0, cap].
+    """p = clip(pressure + x, 0, cap) at the listed points.
 
-    sums: by cell, of what the bounds cut off, and of p (1 - p/cap).
+    sums: for each cell the sum of the parts cut off, and that of p (1 - p/cap).
     """
     sums[:] = 0.0
     for k in range(index.size):
@@ -139,7 +138,7 @@ def put_clipped(
 def spread(p: Any, index: Any, cell: Any, factor: Any, cap: float) -> tuple[float, float]:
     """p += factor[cell] p (1 - p/cap) at the listed points.
 
-    Returns the sums of p and of p (1 - p/cap) after it.
+    Returns the sums of the new p and of the new p (1 - p/cap).
     """
     total = 0.0
     weight = 0.0

@@ -1,9 +1,9 @@
-"""From coarse to fine: the same problem on half as many points a direction starts the finer one.
+"""Start each grid from the solution on a grid of half as many points in each direction.
 
 Coarse heights are the fine ones without the modes that the coarse grid cannot hold.  The coarse
-grid does not hand down its pressure but p - c g, interpolated by cubics: positive in contact,
-negative outside and beyond the cap where the pressure is capped, it crosses its bounds where the
-fronts are, so the fine grid starts with fronts placed to a fraction of a coarse cell.
+solution is passed on as p - c g, interpolated by cubics.  It is positive in contact, negative
+outside it and above the cap where the pressure is capped.  It crosses these bounds at the fronts,
+so the fine grid starts with fronts that are right to a fraction of a coarse cell.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ COARSEST = 32
 
 
 def coarser(shape: tuple[int, ...]) -> tuple[int, int] | None:
-    """Half as many points in each direction that has enough, rounded up; None: coarse enough.
+    """Halve the points, rounded up, of each direction with more than COARSEST; None: none has.
 
     Example:
         >>> coarser((65, 20)), coarser((32, 32))
@@ -39,7 +39,7 @@ def coarser(shape: tuple[int, ...]) -> tuple[int, int] | None:
 
 
 def coarsened_heights(heights: FloatArray, shape: tuple[int, int], workers: Workers) -> FloatArray:
-    """`heights` on a coarser grid of the same periods, without the modes beyond that grid.
+    """Return `heights` on a coarser grid of the same periods, without the modes it cannot hold.
 
     The unpaired mode of an even number of points is left out too.
     """
@@ -68,7 +68,7 @@ def coarsened_heights(heights: FloatArray, shape: tuple[int, int], workers: Work
 
 
 def interpolated(coarse: FloatArray, shape: tuple[int, ...], workers: Workers) -> FloatArray:
-    """A periodic grid on a finer one of `shape`, by cubics through four neighbours a direction."""
+    """Interpolate a periodic field to a finer grid, by cubics through four points a direction."""
     index, weights = _stencil(coarse.shape[0], shape[0])
     columns, column_weights = _stencil(coarse.shape[1], shape[1])
     out = np.empty(shape)
@@ -103,7 +103,7 @@ def _stencil(coarse: int, fine: int) -> tuple[NDArray[np.int32], FloatArray]:
 def interpolate(
     coarse: Any, rows: Any, row_weights: Any, columns: Any, column_weights: Any, out: Any
 ) -> None:
-    """out[i, j] = sum of the 4 x 4 coarse neighbours with their weights."""
+    """out[i, j] = the weighted sum of the 4 x 4 coarse neighbours."""
     line = np.empty(coarse.shape[1])
     for i in range(out.shape[0]):
         a, b, c, d = rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3]

@@ -1,9 +1,9 @@
-"""Going down the energy 1/2 <p, S p> - <p, h> from a feasible pressure: cut steps, gradient steps.
+"""Steps that lower the energy 1/2 <p, S p> - <p, h> of a feasible pressure.
 
-The energy along a step is a parabola, known from its two ends and the slope at one: a step that
-raised it is cut where it is least.  A projected gradient step is p <- P(p - lambda (u - h)), P
-the projection on bounds and mean, lambda the spectral length of Barzilai and Borwein, with an
-exact line search.
+The energy along a step is a parabola, known from its values at both ends and its slope at the
+start; a step that raised the energy is cut at the minimum of the parabola.  A projected gradient
+step is p <- P(p - lambda (u - h)), P the projection on bounds and mean, lambda the spectral length
+of Barzilai and Borwein, with an exact line search.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
 # Differences of the energy below this share of (points x mean pressure x gap scale) are rounding.
-# Without it, 53 scenes took 17 % more pairs: full steps near the end were cut.
+# Without this limit full steps near the end were cut, and 53 scenes took 17 % more pairs.
 _ENERGY_NOISE = 1e-12
 
 
@@ -29,9 +29,9 @@ class Step:
     """A Newton step that was taken.
 
     Attributes:
-        points: the points that it changed.
-        before, gap: their pressures and gaps before it.
-        energy: the energy before it.
+        points: the points that the step changed.
+        before, gap: their pressures and gaps before the step.
+        energy: the energy before the step.
     """
 
     points: Points
@@ -41,9 +41,9 @@ class Step:
 
 
 def best_share(level: Level, it: Iterate, step: Step, energy: float) -> float:
-    """The share of the step, at most 1, at which the energy is least; `energy`: that after it.
+    """Return the share of the step, at most 1, at which the energy is least.
 
-    1 where the step is so small that rounding hides what it did to the energy.
+    `energy` is the energy after the step.  The share is 1 if rounding hides its change.
     """
     p = it.p.reshape(-1)
     slope: float = step_product(p, step.points.index, step.before, step.gap)
@@ -55,7 +55,7 @@ def best_share(level: Level, it: Iterate, step: Step, energy: float) -> float:
 
 
 def cut_back(level: Level, it: Iterate, step: Step, share: float) -> None:
-    """Go back along the step to a share of it."""
+    """Undo all but a share of the step."""
     p, index = it.p.reshape(-1), step.points.index
     p[index] = step.before + share * (p[index] - step.before)
     level.convolution.apply(it.p, it.u)
@@ -99,7 +99,7 @@ def step_product(p: Any, index: Any, before: Any, gap: Any) -> float:
 
 @compiled
 def descent_products(p: Any, u: Any, h: Any, p_old: Any, u_old: Any) -> tuple[float, float, float]:
-    """With d = p - p_old: (u_old - h).d, d.(u - u_old) and d.d."""
+    """(u_old - h).d, d.(u - u_old) and d.d for d = p - p_old."""
     slope = 0.0
     curvature = 0.0
     square = 0.0

@@ -1,6 +1,6 @@
-"""A scene solved by boundary elements: input checked, memory estimated, result put together.
+"""Solve a scene by boundary elements: check input and memory, and put the result together.
 
-The scene goes no further than this module.  Below it are one `GridProblem` a load and one
+The modules below this one do not know the scene: they take a `GridProblem` for each load, and
 `Options`.
 """
 
@@ -35,8 +35,8 @@ from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Scene
 
 _DISTRIBUTION_BINS = 1024
-# Along a load path the last answer is the better start up to this ratio of loads; beyond it the
-# coarse grids are.
+# Along a load path the last solution is the better start up to this ratio of loads; beyond it,
+# coarse grids give the better one.
 _WARM_RATIO = 1.03
 
 
@@ -58,23 +58,23 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         scene: surface, material, body and load.
         tolerance: on the Karush-Kuhn-Tucker residuals, dimensionless.
         area_tolerance: stop as soon as the areas are settled to this relative change (the
-            residuals reached are in the result); None: not before the residuals meet
+            residuals reached are in the result); None: stop only when the residuals meet
             `tolerance`.
-        threads: of the transforms and passes; None: all cores of the process.
-        compliance: surface compliance in m/Pa per mode of `numpy.fft.rfftn(heights)`, in the
-            place of the body's own.
+        threads: number of threads; None: all cores of the process.
+        compliance: surface compliance in m/Pa for each mode of `numpy.fft.rfftn(heights)`,
+            instead of the body's own.
         method: "newton", or the name of a baseline.
         start: pressure field in Pa to start the first load from, instead of coarser grids.
-        max_steps: of the method; None: its own limit.
+        max_steps: most steps of the method; None: its own limit.
         progress: called with a sentence now and then.
 
     Returns:
         The areas and other quantities at each load, and the fields at the last one.
 
     Raises:
-        InvalidScene: the scene or an option makes no problem.
+        InvalidScene: the scene or an option is not valid.
         NotConverged: the tolerance was not met within the steps allowed.
-        NotEnoughMemory: the solve is estimated not to fit.
+        NotEnoughMemory: the solve is estimated not to fit into memory.
 
     Example:
         >>> from epcontact import Load, Material, Scene, Surface
@@ -130,9 +130,9 @@ def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
 def _warm_start(
     problem: GridProblem, last: PressureSolution, mean_pressure: float
 ) -> FloatArray | None:
-    """p - c g of the last answer, in Pa, scaled to the next load; None where that is too far.
+    """Return p - c g of the last solution in Pa, scaled to the next load; None for a distant load.
 
-    Unlike p, it tells where the pressure vanishes how far away contact is.
+    Where p is 0, p - c g still shows how far away contact is.
     """
     ratio = mean_pressure / problem.mean_pressure
     if not 1 / _WARM_RATIO <= ratio <= _WARM_RATIO:

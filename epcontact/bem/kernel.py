@@ -1,7 +1,7 @@
 """Surface compliance of elastic bodies, mode by mode: the displacement that a pressure causes.
 
 A pressure mode p_q exp(i q.x) on the top of a body displaces the surface downward by
-u_q = C(|q|) p_q, in plane strain and in three dimensions alike, with x = q d:
+u_q = C(|q|) p_q, in plane strain as well as in three dimensions.  With x = q d:
 
     half-space      C = 2/(E* q)
     bonded layer    C = 2/(E* q) [k sinh 2x - 2x] / [k cosh 2x + 2x^2 + 5 - 12 nu + 8 nu^2],
@@ -9,9 +9,9 @@ u_q = C(|q|) p_q, in plane strain and in three dimensions alike, with x = q d:
     sliding layer   C = 2/(E* q) [cosh 2x - 1] / [sinh 2x + 2x]
 
 For q -> 0+ the bonded layer tends to d/M and the sliding one to d/E*; at exactly q = 0 no
-lateral strain is possible, so both have d/M.  The half-space has no displacement at q = 0: 0.
-The hyperbolic functions are scaled by exp(-2x), so that no depth overflows; where x is small
-the leading digits cancel and the first terms of the series stand in.
+lateral strain is possible, so both have d/M.  The half-space's C is set to 0 at q = 0.
+The hyperbolic functions are scaled by exp(-2x), so that no depth overflows.  Where x is small,
+the leading digits would cancel, and the first terms of the series are summed instead.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from epcontact.moduli import effective_modulus, oedometric_modulus
 from epcontact.results import FloatArray
 from epcontact.scene import Body, Material
 
-# Below this q d the numerators k sinh 2x - 2x and cosh 2x - 1 are summed as series: the closed
-# forms would lose more than ten digits for nu -> 1/2, the series is exact to rounding.
+# Below this q d the numerator k sinh 2x - 2x is summed as a series: the closed form would lose
+# more than ten digits for nu -> 1/2, the series is exact to rounding.
 _SERIES_BELOW = 0.1
-# Beyond this q d a layer is the half-space to the last digit.
+# Beyond this q d a layer's compliance is the half-space's to the last digit.
 _DEEP = 300.0
 
 
@@ -102,7 +102,7 @@ def quarter_compliance(
 ) -> FloatArray:
     """C(q) on the non-negative quarter of the modes, (nx//2 + 1, ny//2 + 1), in m/Pa.
 
-    An isotropic body needs no more: the row of a negative wave number equals its mirror image.
+    This is enough for an isotropic body: the row of a negative wave number equals its mirror image.
     The grid is filled row by row, so that no temporary of the grid's size is made.
     """
     nx, ny = shape

@@ -3,7 +3,7 @@
 Inside the solver a pressure is in units of the mean pressure, a height or gap in metres.  With
 g = u + z - h (u the displacement, z the offset of the flat) the Karush-Kuhn-Tucker conditions
 are g >= 0 where p = 0, g = 0 where 0 < p < cap, g <= 0 where p = cap.  z is the multiplier of the
-mean: the value that makes g vanish on average over the points between their bounds.
+prescribed mean; it makes g vanish on average over the points between their bounds.
 """
 
 from __future__ import annotations
@@ -21,18 +21,19 @@ from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
 StateArray = NDArray[np.uint8]
 
-#: First length of a projected gradient step, in stiffnesses of the shortest wave along an axis.
+#: First length of a projected gradient step, in units of the stiffness of the shortest wave along
+#: an axis.
 #: It is also the factor c of the pressures p - c g that start a finer grid or the next load.
 GRADIENT_STEP = 0.3
 
 
 class Level:
-    """A grid problem with what its iterations need.
+    """A grid problem with the data of its iterations.
 
     Attributes:
         heights: (nx, ny) in m.
         cap: hardness / mean pressure.
-        gap_scale: in m; the gap residuals are divided by it.  It is that of the finest grid.
+        gap_scale: in m, that of the finest grid; gap residuals are divided by it.
         convolution: from pressures in units of the mean pressure to displacements in m.
         step: first length c of a gradient step p - c g, in mean pressures per m.
         parts: the flat range of each block of rows.
@@ -47,20 +48,20 @@ class Level:
         self.parts = [slice(a.start * ny, a.stop * ny) for a in self.convolution.rows]
 
     def split(self, *fields: NDArray[Any]) -> list[list[NDArray[Any]]]:
-        """For each field of the grid, its flat views by block."""
+        """Return the flat views of each field's blocks."""
         return [split(field.reshape(-1), self.parts) for field in fields]
 
 
 @dataclass
 class Iterate:
-    """Where the iteration on a grid has come to, and what it has cost.
+    """The current state of the iteration on a grid, and its cost so far.
 
     Attributes:
         p, u, z: a feasible pressure (units of the mean), its displacement (m), the offset (m).
         settled: whether the goal is met.
         history: the largest residual after each step.
         newton, cg, gradient, cut: numbers of steps; cut: Newton steps that were cut short.
-        pairs: pairs of transforms, in pairs of this grid.
+        pairs: cost of all transforms, in pairs of transforms of this grid.
     """
 
     p: FloatArray
@@ -85,8 +86,8 @@ def first_iterate(level: Level, p: FloatArray) -> Iterate:
 def measured(level: Level, p: FloatArray, u: FloatArray) -> tuple[float, float, float]:
     """(offset z in m, mean of p, energy) of a pressure and its displacement.
 
-    The energy is in mean pressures times m, summed over the points.  Where no point is between
-    its bounds, the offset lies midway between what the two other sets allow.
+    The energy is in mean pressures times m, summed over the points.  If no point is between its
+    bounds, the offset is the middle of the range that the other two sets allow.
     """
     sums = level.workers.total(measure, *level.split(p, u, level.heights), level.cap)
     needed, number, force, energy = sums
@@ -131,10 +132,10 @@ def kkt_residuals(level: Level, it: Iterate) -> dict[str, float]:
 
 
 def put_on_bounds(p: FloatArray, cap: float) -> bool:
-    """Put on a bound the pressures that are within rounding of it; whether there were any.
+    """Move pressures that are within rounding of a bound onto it; return True if there were any.
 
-    Where bound points carry all of the load, what is left for the others is the rounding error
-    of the sum, and whether it shows at a point depends on the order of the sum.
+    If points on the bounds carry all of the load, the pressures of the others are only the
+    rounding error of a sum, which depends on the order of summation.
     """
     rounding = 8 * p.size * np.finfo(np.float64).eps
     low, high = (p > 0) & (p < rounding), (p < cap) & (p > cap - rounding)
@@ -144,8 +145,8 @@ def put_on_bounds(p: FloatArray, cap: float) -> bool:
 
 @compiled
 def measure(p: Any, u: Any, h: Any, cap: float) -> tuple[float, int, float, float]:
-    """Over points with 0 < p < cap the sum of h - u and their number; over all, the sums of p
-    and of p (u/2 - h)."""
+    """The sum of h - u over the points with 0 < p < cap and their number, and the sums of p and
+    of p (u/2 - h) over all points."""
     total = 0.0
     number = 0
     force = 0.0

@@ -1,4 +1,4 @@
-"""The memory that a solve takes, estimated before it begins."""
+"""Estimate the memory of a solve before it begins."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from epcontact.results import FloatArray
 def estimated_memory(
     heights: FloatArray, spacing: Sequence[float], pressure: float, effective_modulus: float
 ) -> int:
-    """Bytes that a solve needs beside the heights, by the arrays it keeps.
+    """Estimate the bytes that a solve needs beside the heights, from the arrays that it keeps.
 
-    Per point: pressure, displacement and modes (8 each), the compliance (2), the sets (1), the
-    cheap operator and the preconditioner (6), and two arrays of a gradient step (16), in whose
-    place the gap and its areas come afterwards; and 68 for each elastic point, of which rough
-    contact has about 2 p/(E* xi), 3 to be safe.
+    Every point takes pressure, displacement and modes (8 each), the compliance (2), the sets (1),
+    the cheap operator and the preconditioner (6), and two arrays of a gradient step (16), whose
+    place the gap and its areas take afterwards.  An elastic point takes 68 more.  In rough contact
+    their share is about 2 p/(E* xi); 3 p/(E* xi) is assumed, to be safe.
 
     Args:
         heights: (nx, ny) or (nx,), in m.
         spacing: of the points in each direction, in m.
-        pressure: p in Pa: the mean pressure, or, near full plasticity, where gaps and plastic
-            points change places, what the hardness exceeds it by.
+        pressure: p in Pa, the smaller of the mean pressure and the hardness less the mean
+            pressure (near full plasticity gaps and plastic points change places).
         effective_modulus: E* in Pa.
 
     Example:

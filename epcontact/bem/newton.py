@@ -2,18 +2,18 @@
 
 One outer step, from a pressure p that keeps its bounds and its mean:
 
-1. solve on the elastic set F all points between their bounds, and those on a bound where the gap
-   has the wrong sign: (S p)_F + z = h_F, the mean of p kept, by conjugate gradients in the space
-   of zero mean, preconditioned cell by cell; only as far as the sets are worth;
-2. move the outcome into the bounds, restore the force of each neighbourhood and the mean, and
-   find the displacement of all points.
+1. solve (S p)_F + z = h_F with the mean of p kept, where the elastic set F holds the points between
+   their bounds and those on a bound where the gap has the wrong sign; this is done by conjugate
+   gradients in the space of zero mean, preconditioned cell by cell, and no more accurately than
+   the present sets deserve;
+2. move the result into the bounds, restore the force of each cell and the mean, and find the
+   displacement of all points.
 
-So a step costs one pair of transforms and a cheap one for each inner iteration, and the
-Karush-Kuhn-Tucker residuals of every iterate are known.  So is its energy 1/2 <p, S p> - <p, h>,
-which decides (`descent`): the full step is taken if it lowers the energy; else the step is cut at
-the minimum of the energy along it, and projected gradient steps follow.  The energy of the
-iterates never rises, which rules out the cycles that the plain method falls into once the pressure
-is capped.
+So a step costs one pair of transforms, and a cheap one for each inner iteration.  The
+Karush-Kuhn-Tucker residuals and the energy 1/2 <p, S p> - <p, h> of every iterate are known.  The
+full step is taken if it lowers the energy; otherwise it is cut at the minimum of the energy along
+it, and projected gradient steps follow (`descent`).  The energy of the iterates never rises, which
+rules out the cycles of the plain method with a capped pressure.
 """
 
 from __future__ import annotations
@@ -34,38 +34,40 @@ from epcontact.bem.transforms import Points
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
-_MAX_STEPS = 500  # unless the caller says otherwise
-# Most gradient steps after a step that was cut: none at first, one the second time, and four
-# times as many each time that it happens again.  With one at most, 561 hard scenes (white noise,
-# plateaus, spikes) took 9 % more pairs and one of them did not converge; none asked for over 16.
+_MAX_STEPS = 500  # default limit on the Newton steps
+# Most gradient steps after a Newton step that was cut.  The first cut is followed by none, the
+# second by one, and each further one by four times as many.  With one at most, 561 hard scenes
+# (white noise, plateaus, spikes) took 9 % more pairs and one of them did not converge; no scene
+# asked for more than 16.
 _GRADIENT_STEPS = 16
 # The areas count as settled only if fewer points changed sets in the last step than this times
-# `area_tolerance` times the contact.  A step leaves a fifth of the changes of the one before or
-# less, so the changes still to come are then within the tolerance.
+# `area_tolerance` times the contact.  A step leaves at most a fifth of the changes of the one
+# before, so the changes still to come are then within the tolerance.
 _CHANGES_PER_ERROR = 5
-# ... only if the residual has fallen to this share of the first one.  Without it, 24 of 81 scenes
-# of 8 to 64 points a wavelength stopped sooner, with areas up to 3 % off,
+# They count as settled only if the residual has fallen to this share of the first one.  Without
+# this, 24 of 81 scenes of 8 to 64 points a wavelength stopped sooner, with areas up to 3 % off.
 _CALM = 0.2
-# ... and only if the tolerance is worth at least one point of the smallest area, or the residual
-# is below this one, at which no point changes sets any more.  On 256 x 256 points with a
-# tolerance of 1e-4 it saves the last steps.
+# They count as settled only if the tolerance is worth at least one point of the smallest area, or
+# the residual is below this value, at which no point changes sets any more.  On 256 x 256 points
+# with a tolerance of 1e-4 this value saves the last steps.
 _UNSEEN = 1e-5
-# A full step is taken if the energy along it is least beyond this share of it.  The energy is a
-# parabola along the step, so from 1/2 on the full step lowers it.
+# The full step is taken if the minimum of the energy is beyond this share of it.  Along the step
+# the energy is a parabola, so the full step lowers it if the minimum is at 1/2 or beyond.
 _FULL_STEP = 0.5
 # A gradient step is added where the residual has not halved within this number of steps; as a rule
 # one step halves it.  Needed by test_almost_rigid_bodies_take_no_more_steps_than_others; on 53
 # scenes, five of them nearly rigid, it saved 8 % of all pairs.
 _SLOW = 4
-# The inner iterations reduce the 2-norm of the residual by this factor; by the second one, with
-# the exact operator, once no point changes sets, which saved 2 % of all pairs on the same scenes.
+# The inner iterations reduce the 2-norm of the residual by the first factor.  With the exact
+# operator, once no point changes sets, they reduce it by the second one, which saved 2 % of all
+# pairs on the same scenes.
 _REDUCTION = 0.1
 _LAST_REDUCTION = 1e-3
 
 
 @dataclass(frozen=True)
 class _Sets:
-    """Numbers of points by set; elastic ones by block; the worst violation of the gap in m."""
+    """Numbers of points by set, and the worst violation of the conditions on the gap in m."""
 
     changed: int
     plastic: int
@@ -85,12 +87,12 @@ class _Sets:
         return self.elastic + self.plastic
 
     def least(self) -> int:
-        """The points of the smallest area that has any."""
+        """Points of the elastic or plastic area: of the smaller one that is not empty."""
         return min((n for n in (self.elastic, self.plastic) if n), default=0)
 
     def unsettled(self) -> float:
-        """How far the areas are from those of the sets: what comes into contact and what ceases
-        to be plastic, as a share of the smallest area that it changes."""
+        """The largest relative change of an area by the points that come into contact and those
+        that cease to be plastic."""
         shares = (
             (self.entering, self.contact),
             (self.unloading, self.plastic),
@@ -138,20 +140,20 @@ def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
 
 
 def _slow(history: list[float]) -> bool:
-    """Whether steps lower the energy, but hardly bring the end nearer.
+    """True if the residual has not halved within the last steps, although the energy falls.
 
-    Where elastic displacements are small beside the heights, almost all points lie on a bound and
-    trade places by way of a few elastic ones; a gradient step trades all of them at once.
+    If elastic displacements are small beside the heights, almost all points are on a bound.  Newton
+    steps exchange them only by way of a few elastic points; a gradient step exchanges all at once.
     """
     return len(history) > _SLOW and history[-1] > 0.5 * history[-1 - _SLOW]
 
 
 def _settled(it: Iterate, sets: _Sets, options: Options, full_step: bool) -> bool:
-    """Whether the residual, or else the areas, meet their tolerance.
+    """True if the residual or the areas meet their tolerance.
 
-    After a step that was cut, while many points still change, or as long as the residual is near
-    the first one, sets at rest mean nothing: with many points a wavelength fronts move less than
-    a point while forces are still out of balance.
+    The areas do not count after a step that was cut, while many points still change, or while the
+    residual is near the first one: with many points a wavelength, fronts move by less than a point
+    while forces are still out of balance.
     """
     first, residual, aim = it.history[0], it.history[-1], options.area_tolerance
     if residual <= options.tolerance:
@@ -164,7 +166,7 @@ def _settled(it: Iterate, sets: _Sets, options: Options, full_step: bool) -> boo
 
 
 def _update_sets(level: Level, it: Iterate, state: StateArray) -> _Sets:
-    """Overwrite `state` by the sets that the iterate calls for, and count them."""
+    """Overwrite `state` with the sets that the iterate calls for, and count them."""
     parts = level.workers.each(
         update_states, *level.split(it.p, it.u, level.heights, state), it.z, level.cap
     )
@@ -185,7 +187,7 @@ def _newton_step(
     """Take one outer step, which moves the iterate; None if there is nothing to solve for."""
     points, pressure, r = _elastic_points(level, it, state, sets)
     if r.size < 2:
-        # One point carries what the others leave: only a gradient step can change the sets.
+        # A single point carries the rest of the load: only a gradient step can change the sets.
         gradient_steps(level, it, 1)
         return None
     step = Step(points, pressure, -r, energy)
@@ -222,12 +224,12 @@ def _elastic_points(
 def update_states(
     p: Any, u: Any, h: Any, state: Any, z: float, cap: float
 ) -> tuple[int, int, int, int, int, float]:
-    """Overwrite `state` by the sets to solve on, given the offset z.
+    """Overwrite `state` with the sets to solve on, given the offset z.
 
-    Elastic are the points between their bounds, and those on a bound where the gap g = u + z - h
-    has the wrong sign.  Returns the number of changes, of elastic and of plastic points, of
-    points that come into contact and that cease to be plastic, and the largest violation of the
-    conditions on g.
+    The elastic set holds the points between their bounds, and those on a bound where the gap
+    g = u + z - h has the wrong sign.  Returns the numbers of changes, of elastic points, of plastic
+    points, of points that come into contact and of points that cease to be plastic, and the largest
+    violation of the conditions on g.
     """
     changed = 0
     elastic = 0
@@ -269,7 +271,7 @@ def collect(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by
     pressure: Any,
     residual: Any,
 ) -> None:
-    """List the elastic points of a block whose first is `first`: pressure and h - u - z."""
+    """List index, pressure and h - u - z of the elastic points in a block from `first` on."""
     k = 0
     for i in range(p.size):
         if state[i] == 1:

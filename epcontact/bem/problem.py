@@ -51,11 +51,11 @@ class GridProblem:
         return self.symbol.shape
 
     def gap_scale(self) -> float:
-        """The length in m that gaps are compared with: the rms height.
+        """The length in m by which gap residuals are divided: the rms height.
 
-        For a surface so flat that pressures hide it, it is p0 dx / E*.  With p = p0 + a
-        fluctuation, p keeps the fluctuation to eps p0 only, so gaps below eps p0 dx / E* are
-        rounding; where the rms height is below a millionth of p0 dx / E*, the latter takes over.
+        If the rms height is below a millionth of p0 dx / E*, the length is p0 dx / E* instead:
+        p resolves its fluctuation about p0 to eps p0 only, so gaps below eps p0 dx / E* are
+        rounding.
         """
         floor = self.mean_pressure * self.symbol.shortest() * math.pi / 2
         rms = float(np.std(self.heights))
@@ -70,9 +70,9 @@ class Options:
         tolerance: on the Karush-Kuhn-Tucker residuals, dimensionless.
         area_tolerance: stop as soon as the areas are settled to this relative change; None: stop
             only when the residuals meet `tolerance`.
-        threads: of the transforms and passes.
+        threads: number of threads.
         method: "newton", or the name of a baseline.
-        max_steps: of the method; None: the method's own limit.
+        max_steps: most steps of the method; None: the method's own limit.
         progress: called with a sentence now and then.
 
     Raises:
@@ -112,7 +112,7 @@ class Options:
                 raise InvalidScene(message)
 
     def steps(self, default: int) -> int:
-        """The most steps that a method may take whose own limit is `default`."""
+        """The most steps that a method may take; its own limit is `default`."""
         return default if self.max_steps is None else self.max_steps
 
 
@@ -143,7 +143,7 @@ class PressureSolution:
 def checked_symbol(compliance: NDArray[np.floating], shape: tuple[int, ...]) -> Symbol:
     """A user's compliance per mode of `numpy.fft.rfftn` as a Symbol; a line becomes (1, n).
 
-    Raises InvalidScene unless it has the modes' shape, is finite, positive but for mode zero,
+    Raises InvalidScene unless it has the modes' shape, is finite, is positive except in mode zero,
     and belongs to a real symmetric operator.
     """
     values = np.atleast_2d(np.array(compliance, dtype=np.float64))

@@ -1,7 +1,7 @@
-"""The solution of a grid problem, from coarse grids to the finest one.
+"""Solve a grid problem, from coarse grids to the finest one.
 
-`solve_pressure` takes plain arrays; `solve_problem` a `GridProblem`, which the driver makes of a
-scene.
+`solve_pressure` takes plain arrays; `solve_problem` takes a `GridProblem`, which the driver makes
+from a scene.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from epcontact.bem.workers import Workers
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.results import FloatArray
 
-# Tolerances on the coarse grids.  Finer grids took as many steps from areas to 1e-4, and more
-# from 1e-2 where there are many points a wavelength.
+# Tolerances on the coarse grids.  With 1e-4 for the areas, finer grids took as many steps; with
+# 1e-2 they took more where there are many points a wavelength.
 _COARSE_AREAS, _COARSE_RESIDUAL = 1e-3, 1e-4
 
 
@@ -57,11 +57,11 @@ def solve_pressure(
         Fields of the shape of the heights.
 
     Raises:
-        InvalidScene: the input makes no problem.
+        InvalidScene: the input is not valid.
         NotConverged: the tolerance was not met within the steps allowed.
 
     Example:
-        Half of the load that flattens a wave of E* = 1 keeps half of its length in contact.
+        Under half of the load that flattens a wave, half of its length is in contact (E* = 1).
 
         >>> h = np.cos(2 * np.pi * np.arange(8) / 8)
         >>> q = 2 * np.pi * np.arange(5) / 8
@@ -103,7 +103,7 @@ def solve_problem(
     with Workers(options.threads) as workers:
         coarse_work: list[float] = []
         if start is not None:
-            # No point can carry more than all of the load: beyond that, digits would be lost.
+            # No point can carry more than the whole load, and larger values would cost digits.
             guess = np.clip(start / problem.mean_pressure, -size, min(cap, size))
         elif options.method == "newton":
             guess, coarse_work = _coarse_guess(problem, scale, options, workers)
@@ -133,9 +133,9 @@ def solve_problem(
 
 
 def _lowered(problem: GridProblem) -> tuple[GridProblem, float]:
-    """Heights measured from a datum among them where they lie far from zero, and the datum.
+    """Subtract a datum from heights that are far from zero; return the problem and the datum.
 
-    A gap is the difference of heights: a common part would cost it digits.
+    A gap is a difference of heights, and a large common part would cost it digits.
     """
     heights = problem.heights
     datum = float(heights[0, 0])
@@ -149,8 +149,8 @@ def _coarse_guess(
 ) -> tuple[FloatArray, list[float]]:
     """A start for a grid from the next coarser one, and the work done for it.
 
-    The start is p - c g of the coarser grid, interpolated; uniform where there is no coarser
-    grid.  The work is pairs of transforms times points, one number a grid.
+    The start is p - c g of the coarser grid, interpolated; it is uniform if there is no coarser
+    grid.  The work of each grid is its pairs of transforms times its points.
     """
     below = coarser(problem.shape)
     if below is None:

@@ -2,12 +2,12 @@
 
 One application transforms the rows; then, for each block of columns while it is in cache, it
 transforms the columns, multiplies by the symbol and transforms them back; then it transforms the
-rows back.  Where a convolution starts from or ends in the values at listed points (the elastic
-set), the rows are made and read in a small buffer of each thread, and the only array of the
-grid's size that is touched is the one of the modes.
+rows back.  If a convolution is from values at listed points (the elastic set) to values at these
+points, each thread makes and reads the rows in a small buffer, and the array of modes is the only
+one of the grid's size.
 
-All transforms of the solver go by fixed blocks and one thread each: the threads of the library
-itself group lines by their number, and the last digits of a result would depend on it.
+Each transform handles a fixed block on one thread.  The library's own threads would group lines by
+the number of threads, and the last digits of a result would depend on it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _FILTER_POINTS = 65536
 
 
 def to_modes(values: RealArray, modes: ComplexArray) -> None:
-    """Transform each row of `values`; `modes` takes as many modes as it has columns."""
+    """Transform each row of `values`, and keep as many modes as `modes` has columns."""
     if modes.shape[1] == values.shape[1] // 2 + 1:
         ducc0.fft.r2c(values, axes=(1,), out=modes, nthreads=1)
     else:
@@ -60,8 +60,8 @@ def through_columns(
 ) -> None:
     """Transform the columns of `modes` in place, `change` them and transform them back.
 
-    step: columns of a block.  change(block, columns): returns the modes to transform back, the
-    block itself or another array.
+    step: columns in a block.  change(block, columns) returns the modes to transform back, in the
+    block itself or in another array.
     """
 
     def through(columns: slice) -> None:
@@ -107,7 +107,7 @@ class Symbol:
         return cls(values, np.minimum(i, shape[0] - i).astype(np.int32), shape)
 
     def coarsened(self, shape: tuple[int, int]) -> Symbol:
-        """The same body on a coarser grid of the same periods."""
+        """The symbol of the same body on a coarser grid of the same periods."""
         i = np.fft.fftfreq(shape[0], 1 / shape[0]).astype(int)
         return Symbol(self.values[:, : shape[1] // 2 + 1], self.rows[i], shape)
 
@@ -126,7 +126,7 @@ class Points:
     parts: list[slice]
 
     def split(self, *arrays: NDArray[Any]) -> list[list[NDArray[Any]]]:
-        """For each array with one value a point, its views by block."""
+        """The views by block of each array, which has one value for each point."""
         return [split(array, self.parts) for array in arrays]
 
 
@@ -165,7 +165,7 @@ class Convolution:
         other: FloatArray,
         inverse: bool = False,
     ) -> tuple[float, float]:
-        """Apply S, or its inverse, to `values` at the points and 0 elsewhere.
+        """Apply S, or its inverse, to a field that is `values` at the points and 0 elsewhere.
 
         out: the result at the points, overwritten.  Returns sum(out) and sum(out other).
         """
@@ -192,7 +192,7 @@ class Convolution:
         return gather_dot(block.reshape(-1), first, index, out, other)
 
     def _buffer(self, rows: int) -> RealArray:
-        """Room for some rows of the grid; each thread has its own."""
+        """This thread's buffer for some rows of the grid."""
         if not hasattr(self._local, "buffer"):
             self._local.buffer = np.empty((self.row_step, self.shape[1]), dtype=self._dtype)
         buffer: RealArray = self._local.buffer[:rows]
@@ -241,7 +241,7 @@ def divide_rows(modes: Any, symbol: Any, rows: Any, factor: float) -> None:
 
 @compiled
 def scatter(block: Any, first: int, index: Any, values: Any) -> None:
-    """block = 0 but for block[index - first] = values."""
+    """block[index - first] = values, and block = 0 elsewhere."""
     block[:] = 0.0
     for k in range(index.size):
         block[index[k] - first] = values[k]

@@ -26,7 +26,7 @@ compiled = numba.njit(nogil=True, cache=True, fastmath={"reassoc", "contract", "
 
 
 def ranges(size: int, step: int) -> list[slice]:
-    """0 to `size` cut into ranges of `step` (the last one may be shorter).
+    """Cut 0 to `size` into ranges of `step`; the last one may be shorter.
 
     Example:
         >>> ranges(5, 2)
@@ -41,7 +41,7 @@ def split(array: NDArray[Any], parts: list[slice]) -> list[NDArray[Any]]:
 
 
 class Workers:
-    """The threads that share out the blocks of one solve; use it as a context.
+    """The threads that share the blocks of one solve, to be used as a context manager.
 
     A list among the arguments of `each` and `total` has one item for each block; any other
     argument is passed to every call.
