@@ -1,7 +1,7 @@
 """epcontact: one rough elastoplastic contact scene, answered by three methods and compared.
 
-Conventions, written once and shared by every module
------------------------------------------------------
+Conventions of every module
+---------------------------
 axes          arrays are [x, y], row index first; lines are [x]; z points up, out of the body
 body          the rough elastoplastic body lies below, its heights h measured upward; the rigid
               flat comes from above
@@ -19,13 +19,13 @@ lines         C1(q) is the one-dimensional density in m^3 over positive q, with
 wave numbers  rad/m; q_0 = 2 pi / L of a period L
 moduli        E* = E / (1 - nu^2), the counterface being rigid
 strength      hardness (sigma_P, caps the contact pressure) and yield_stress (sigma_Y, J2) are
-              separate; their ratio stands in a case with its source
-tolerances    dimensionless: gap by h_rms, pressure by the mean pressure, force by the nominal
-              force; a flat surface: gap by p0 dx / E*
+              separate; a case gives their ratio with its source
+tolerances    dimensionless: gap over h_rms (on a flat surface over p0 dx / E*), pressure over the
+              mean pressure, force over the nominal force
 areas         fractions of the nominal area, raw (share of grid points) and corrected (in the
               limit of a vanishing grid spacing)
 units         SI
-similarity    small-slope contact depends on p0/(E* xi) and hardness/(E* xi) alone
+similarity    small-slope contact depends only on p0/(E* xi) and hardness/(E* xi)
 """
 
 from __future__ import annotations

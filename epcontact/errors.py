@@ -1,7 +1,7 @@
 """The errors that epcontact raises on purpose.
 
-Each message is one sentence for the person who gave the input: what is wrong, where, and what
-would be right.  The command line prints it as it stands and exits with 2.
+Each message is one sentence for the person who gave the input: it says what is wrong, where, and
+what would be right.  The command line prints it unchanged and exits with 2.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class InvalidScene(EpcontactError, ValueError):
 
 
 class InvalidCase(EpcontactError, ValueError):
-    """A case file that cannot be read or means nothing."""
+    """A case file that cannot be read or is inconsistent."""
 
 
 class OutputError(EpcontactError, OSError):
@@ -48,11 +48,11 @@ class NotConverged(EpcontactError, RuntimeError):
 
 
 class StudyUnavailable(EpcontactError):
-    """A study that needs what is not installed here."""
+    """A study that needs a package that is not installed."""
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """The end of a sentence about an unknown name: the closest known name, or all of them.
+    """Return the end of a sentence on an unknown name: the closest known name, or all of them.
 
     Example:
         >>> "no method is called 'bme'" + nearest("bme", ["bem", "fem"])

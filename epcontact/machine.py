@@ -1,9 +1,9 @@
-"""What this machine gives a process: cores, memory, and a folder for compiled kernels.
+"""The cores and the memory of this process, and a folder for compiled kernels.
 
-Numba keeps compiled code beside its source or else in the user's cache, and where it can write to
-neither it refuses to define the function at all.  A package installed by the administrator and
-run by a service without a home is such a case; a private folder, removed with the process that
-made it, then takes their place.
+Numba keeps compiled code beside its source or in the user's cache.  If it can write to neither, it
+refuses to define the function, for example when an administrator installed the package and a
+service without a home runs it.  A private folder then replaces them; it is removed with the process
+that made it.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ _CACHE_VARIABLE = "NUMBA_CACHE_DIR"
 
 
 def available_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def available_memory() -> int:
-    """Bytes that this process may still take."""
+    """Return the bytes of memory that this process may still take."""
     return int(psutil.virtual_memory().available)
 
 
 def peak_memory() -> int:
-    """The largest resident memory of this process so far, in bytes."""
+    """Return the largest resident memory of this process so far, in bytes."""
     if sys.platform == "win32":
         return int(psutil.Process().memory_info().peak_wset)
-    import resource  # which Windows lacks
+    import resource  # does not exist on Windows
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak
 
 
 def provide_kernel_cache() -> None:
-    """Name a folder that numba can write its compiled kernels to, if it would find none itself.
+    """Set a folder for numba's compiled kernels if numba could write to none of its own.
 
-    Processes started from this one inherit it.  To be called before kernels are defined.
+    Child processes inherit it.  Call this before kernels are defined.
     """
     here = Path(__file__).parent
     named = os.environ.get(_CACHE_VARIABLE)
@@ -53,7 +53,7 @@ def provide_kernel_cache() -> None:
         return
     if all(_writable(p / "__pycache__") for p in (here / "bem", here.parent / "fem_check")):
         return
-    # Where numba looks next: see numba.core.caching.
+    # Numba's next choice, see numba.core.caching.
     if _writable(_user_cache()):
         return
     try:
@@ -67,7 +67,7 @@ def provide_kernel_cache() -> None:
 
 
 def _writable(folder: Path) -> bool:
-    """Whether a file can be made in `folder`, which is made first where it is missing."""
+    """Make `folder` if it is missing; return True if files can be made in it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -1,8 +1,8 @@
 """The result of a method: areas, residuals, pressure distribution, fields, cost and provenance.
 
-The theory, the boundary elements and the finite elements share this one shape, so that a gate
-need not know which of them it reads.  Results are frozen; their JSON form is `to_json`, read
-back by `from_json` without the fields, which live in VTK files.
+All methods return the same class, so that a gate need not know which of them it reads.  Results
+are frozen.  `to_json` gives their JSON form, which `from_json` reads back, both without the fields,
+which are kept in VTK files.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-#: Contact state of a grid point, in every field and picture.
+#: The contact states of a grid point, in every field and picture.
 APART, ELASTIC, PLASTIC = 0, 1, 2
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of this package, of Python and of the libraries that decide the numbers."""
+    """Return the versions of this package, Python and the libraries that affect the numbers."""
     return dict(_versions())
 
 
-@functools.cache  # reading the packages' metadata takes longer than a solve of the theory
+@functools.cache  # reading package metadata takes longer than a solve of the theory
 def _versions() -> dict[str, str]:
     versions = {"python": platform.python_version()}
     for name in ("epcontact", "numpy", "scipy", "ducc0", "numba", "scikit-fem"):
@@ -77,10 +77,10 @@ class LoadStep:
     """The answer at one mean pressure of the load path.
 
     Attributes:
-        mean_pressure: In Pa.
+        mean_pressure: The mean pressure in Pa.
         areas: "raw" (share of the grid points; the exact areas of a method without a grid),
             "corrected" (continuum limit) and "error" (estimated error of the corrected areas).
-        residuals: Dimensionless residuals by name, by which convergence was judged.
+        residuals: The dimensionless residuals by name that decided convergence.
         iterations: Counts by name (newton, cg, fft_pairs, ...).
         quantities: Further figures by name in SI units, for example mean_gap.
     """
@@ -109,15 +109,15 @@ class ContactResult:
     Attributes:
         method: The name of the method; its options are in provenance.options.
         steps: One LoadStep for each mean pressure; gates read the last one.
-        provenance: Where the result comes from.
+        provenance: The origin of the result.
         distribution: The distribution of the pressures at the last step.
         fields: Arrays on the surface's grid at the last step: heights, pressure, gap,
             displacement (SI units) and state (APART, ELASTIC, PLASTIC); empty for a method
             without fields.
         cost: seconds, unknowns, peak_memory_bytes and the method's own counts over the path.
-        history: The deciding residual, one value for each iteration of the last step.
+        history: The residual that decides convergence, for each iteration of the last step.
         notes: Sentences that the reader should see, for example about a fallback.
-        converged: Whether the residuals met the tolerance.
+        converged: True if the residuals met the tolerance.
     """
 
     method: str
@@ -139,7 +139,7 @@ class ContactResult:
         return self.steps[-1]
 
     def to_json(self) -> dict[str, Any]:
-        """Everything but the fields, in the types that JSON has; infinities become words."""
+        """Return everything except the fields in JSON types; infinities become strings."""
         final = self.final
         data: dict[str, Any] = plain(
             {
@@ -162,10 +162,10 @@ class ContactResult:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> ContactResult:
-        """The inverse of `to_json`, without the fields.
+        """Read back the data of `to_json`, without the fields.
 
         Raises:
-            KeyError, TypeError, ValueError: `data` is no such result.
+            KeyError, TypeError, ValueError: `data` is not such a result.
         """
         steps = tuple(
             LoadStep(
@@ -198,10 +198,10 @@ class ContactResult:
 
 
 def plain(value: Any) -> Any:
-    """`value` in the types that JSON has: no arrays, no tuples, no paths, no infinities.
+    """Return `value` in JSON types, without arrays, tuples, paths and infinities.
 
-    A number that JSON has no word for becomes one of the strings "inf", "-inf" and "nan", which
-    `float` reads back.
+    A number that JSON cannot hold becomes one of the strings "inf", "-inf" and "nan", which `float`
+    reads back.
 
     Example:
         >>> plain({"hardness": math.inf, "pressure": np.array([1.0, 2.0])})

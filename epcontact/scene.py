@@ -1,8 +1,8 @@
 """The scene: one periodic rough surface, a material, a body and a load, frozen and checked once.
 
-This module holds everything that a method may know of the problem, and nothing of any method: no
-kernel, no spectrum estimate, not even a formula for the effective modulus.  `fem_check` can
-therefore import it and stay independent of the boundary-element solver.  Units are SI throughout.
+This module holds everything that a method may know of the problem, and no part of any method: no
+kernel, no spectrum estimate, no formula for the effective modulus.  So `fem_check` can import it
+and stay independent of the boundary-element solver.  All units are SI.
 
 A scene's `digest` identifies it in results.  Heights that a generator made are identified by
 the generator's recipe rather than by their bytes, so that a case file's digest is known before
@@ -130,7 +130,7 @@ class Surface:
         )
         for period in self.periods:
             _require_positive("periods", period, "m")
-        # One pass without a temporary: an infinity or a NaN survives the extremes.
+        # One pass without a temporary array: min and max propagate infinities and NaN.
         extremes = (heights.min(), heights.max())
         _require(
             bool(np.all(np.isfinite(extremes))),
@@ -154,7 +154,7 @@ class Surface:
 
     @property
     def fingerprint(self) -> str:
-        """What identifies the heights: their recipe, or the hash of their bytes."""
+        """The text that identifies the heights: their recipe, or the hash of their bytes."""
         return self.recipe or hashlib.sha256(self.heights.data).hexdigest()
 
 
@@ -162,8 +162,7 @@ class Surface:
 class Material:
     """The elastoplastic solid; the counterface is rigid.
 
-    The two strengths are separate on purpose: their ratio is a question that the methods answer,
-    and not a rule.
+    The two strengths are separate because their ratio is a result of the methods, not an input.
 
     Attributes:
         young_modulus: E in Pa.
@@ -249,7 +248,7 @@ class Load:
 
     @property
     def non_decreasing(self) -> bool:
-        """Whether the path never unloads."""
+        """True if the path never unloads."""
         return all(a <= b for a, b in itertools.pairwise(self.path))
 
 
@@ -277,7 +276,7 @@ class Scene:
         check_load(self.material, self.load)
 
     def require_loading(self) -> None:
-        """Refuse a path that unloads where the law has no memory; see `check_loading`."""
+        """Refuse a path that unloads a law without memory; see `check_loading`."""
         check_loading(self.material, self.load)
 
     @property
@@ -320,7 +319,7 @@ def scene_digest(
     body: Body,
     load: Load,
 ) -> str:
-    """The digest of a scene whose surface need not exist yet; see `Scene.digest`."""
+    """Return the digest of a scene whose surface need not exist yet; see `Scene.digest`."""
     content: dict[str, Any] = {
         "surface": fingerprint,
         "shape": list(shape),

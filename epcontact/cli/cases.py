@@ -35,11 +35,11 @@ from epcontact.results import plain
 
 
 class _Refusal(EpcontactError):
-    """The command line itself refuses what it was asked."""
+    """The command line cannot do what it was asked to."""
 
 
 def _console() -> Console:
-    """Standard output; piped, it is as wide as a table needs rather than 80 columns."""
+    """Open standard output; in a pipe it is as wide as a table needs, not 80 columns."""
     plain = Console()
     return plain if plain.is_terminal else Console(width=200)
 
@@ -55,17 +55,17 @@ _jobs = click.option(
     "--jobs",
     type=click.IntRange(min=1),
     default=None,
-    help="Worker processes; the cores are shared out among them. "
-    "Default: one a core, and one alone for size large.",
+    help="Number of worker processes, which share the cores. "
+    "Default: one for each core, or one for size large.",
 )
 _output = click.option(
     "--output",
     type=click.Path(path_type=Path),
     default=Path("results"),
     show_default=True,
-    help="Folder for results; those already there of the same scene and sources are reused.",
+    help="Folder for results; existing results of the same scene and sources are reused.",
 )
-_fresh = click.option("--fresh", is_flag=True, help="Solve again what is already there.")
+_fresh = click.option("--fresh", is_flag=True, help="Solve again even if a result exists.")
 _fields = click.option(
     "--fields",
     type=click.Choice(["first", "all", "none"]),
@@ -161,8 +161,8 @@ def run(
     "--solver",
     default="",
     metavar="[NAME=]MODULE:FUNCTION",
-    help="Hold this function Scene -> ContactResult, or the method of this name, to the gates in "
-    "the place of bem.",
+    help="Judge this function Scene -> ContactResult, or the method of this name, by the gates "
+    "instead of bem.",
 )
 @click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
 def verify(
@@ -221,7 +221,7 @@ def schema(kind: str) -> None:
 
 
 def _load(path: casefile.CaseText, size: str) -> Case:
-    """A case at a size; auto: made cheaper by a plan, with a sentence on stderr that says so."""
+    """Load a case at a size; "auto" makes it cheaper by a plan and says so on stderr."""
     if size != "auto":
         return casefile.load_case(path, size)
     from epcontact.planning import load_auto  # no other size needs a plan
@@ -234,7 +234,7 @@ def _load(path: casefile.CaseText, size: str) -> Case:
 
 @contextlib.contextmanager
 def _progress() -> Iterator[Callable[[Progress], None]]:
-    """A bar on a terminal, a line a solve elsewhere; both on stderr."""
+    """Show progress on stderr: a bar on a terminal, elsewhere a line for each solve."""
     console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}"),

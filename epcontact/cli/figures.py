@@ -29,7 +29,7 @@ def draw(case: Case, answers: Mapping[str, Answer], folder: Path) -> None:
 
 
 def write_report(folder: Path, output: Path | None = None) -> Path:
-    """Write the page of a verification run from its folder; returns the file."""
+    """Write the page of a verification run from its folder; return the file."""
     return report_folder(folder, output, theory=theory_densities)
 
 
@@ -39,7 +39,7 @@ def write_report(folder: Path, output: Path | None = None) -> Path:
 @click.option("--peers", is_flag=True, help="Add the comparison with other solvers (extra peers).")
 @click.option("--output", type=_folder, default=Path("charts"), show_default=True)
 def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None:
-    """Draw accuracy against cost, by NAME (none: the list); each with its data and a caption."""
+    """Draw charts of accuracy against cost by NAME (none: the list), with data and captions."""
     wanted = (*names, "peers") if peers else names
     unknown = [name for name in wanted if name not in STUDIES]
     if unknown:
@@ -72,7 +72,7 @@ def stability(maps: tuple[str, ...], full: bool, output: Path) -> None:
 
 
 def _stability_table(data: StabilityMap) -> Table:
-    """Points, failures and the largest effort of each method; the map's CSV tells each point."""
+    """Tabulate points, failures and the largest effort of each method."""
     table = Table(box=None, pad_edge=False)
     for heading in ("map", "method", "points", "failures", "largest effort"):
         table.add_column(heading, justify="left" if heading in ("map", "method") else "right")

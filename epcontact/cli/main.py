@@ -1,10 +1,10 @@
-"""The command line: the names of the commands, and the end of each as one sentence and a code.
+"""The command line: the names of the commands, their exit codes and error sentences.
 
-Exit code 0: all gates hold (or the command did what it was asked); 1: a gate fell short; 2: an
-error, with one sentence on stderr; 130: interrupted.
+The exit code is 0 if all gates hold (or the command did its work), 1 if a gate fell short, 2 after
+an error, with one sentence on stderr, and 130 after an interrupt.
 
-A command's module is imported when the command runs, so that the list of commands, and every
-command that solves nothing, need not wait for solvers and charts to load.
+The module of a command is imported when the command runs, so that the list of commands, and every
+command that solves nothing, does not wait for solvers and charts to load.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ import click
 
 from epcontact.errors import EpcontactError, nearest
 
-#: The place of each command, and the line that `epcontact --help` shows.
+#: The module and function of each command, and its line in `epcontact --help`.
 COMMANDS = {
-    "chart": ("figures:chart", "Draw accuracy against cost, by NAME (none: the list)."),
+    "chart": ("figures:chart", "Draw charts of accuracy against cost by NAME (none: the list)."),
     "crosscheck": ("plans:crosscheck", "Split the difference of finite and boundary elements."),
     "keys": ("cases:keys", "Print every key of a case file, and every quantity of a gate."),
     "list": ("cases:list_cases", "List the cases, one line each."),
-    "plan": ("plans:plan", "Say what the cheapest model of CASE is that meets a tolerance."),
+    "plan": ("plans:plan", "Find the cheapest model of CASE that meets a tolerance."),
     "report": ("figures:report", "Make one self-contained page of a verification run."),
     "run": ("cases:run", "Solve one case and write its results and fields."),
     "schema": ("cases:schema", "Print the JSON Schema of a case file, or of verdict.json."),
@@ -35,13 +35,13 @@ COMMANDS = {
     "view": ("figures:view", "Show the fields of a result in three dimensions."),
 }
 
-#: Raised by click where a command is missing, with the help as its message; since click 8.2.
+#: Click (from 8.2) raises it if no command is given; its message is the help.
 _NO_ARGUMENTS: type[click.UsageError] | tuple[()]
 _NO_ARGUMENTS = getattr(click.exceptions, "NoArgsIsHelpError", ())
 
 
 class _Commands(click.Group):
-    """The group of `COMMANDS`, each imported when it is asked for."""
+    """The group of `COMMANDS`; each is imported when it runs."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the commands."""
@@ -60,7 +60,7 @@ class _Commands(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Refuse a command that there is not with the nearest one."""
+        """Refuse an unknown command and name the nearest one."""
         if args[0] not in COMMANDS:
             raise click.UsageError(f"there is no command {args[0]!r}{nearest(args[0], COMMANDS)}")
         return super().resolve_command(ctx, args)
@@ -79,7 +79,7 @@ def cli() -> None:
 
 
 def main() -> None:
-    """Entry point: whatever goes wrong on purpose is one sentence on stderr and exit code 2."""
+    """Run the command line; an intended error is one sentence on stderr and exit code 2."""
     signal.signal(signal.SIGTERM, _terminated)
     try:
         sys.exit(cli.main(prog_name="epcontact", standalone_mode=False))
@@ -93,7 +93,7 @@ def main() -> None:
     except click.ClickException as error:
         code, sentence = 2, f"{error.format_message()} (see epcontact --help)"
     except SystemExit as end:
-        # click and rich turn a closed pipe into exit code 1, which says that a gate fell short.
+        # click and rich turn a closed pipe into exit code 1, which means that a gate fell short.
         if not isinstance(end.__context__, BrokenPipeError):
             raise
         _forget_output()
@@ -102,18 +102,18 @@ def main() -> None:
         _forget_output()
         code, sentence = 2, ""
     except Exception:
-        # A bug: its traceback is wanted, Python's exit code 1 for it is not.
+        # A bug: print its traceback, but do not exit with Python's code 1.
         traceback.print_exc()
         code, sentence = 2, "this is a mistake of epcontact's own; please report it"
     if sentence:
-        # A name may hold any character; one that moves the cursor is shown, not obeyed.
+        # A name may hold any character; control characters are shown as escapes.
         shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in sentence)
         click.echo(f"epcontact: {shown}", err=True)
     sys.exit(code)
 
 
 def _forget_output() -> None:
-    """Send further output nowhere: the reader of the pipe has left, and exit flushes it again."""
+    """Discard further output: the pipe is closed, and exit would flush into it again."""
     with contextlib.suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

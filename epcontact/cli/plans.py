@@ -20,12 +20,12 @@ from epcontact.harness.verdict import verify
     "--tolerance",
     default="1%",
     show_default=True,
-    help="On the contact area, relative, at 95 % confidence: 1% or 0.01.",
+    help="Tolerance on the contact area, relative, at 95 % confidence: 1% or 0.01.",
 )
-@click.option("--size", type=click.Choice(casefile.SIZES), default=None, help="Of the case.")
-@click.option("--check", is_flag=True, help="Run the plan and say whether its promise held.")
+@click.option("--size", type=click.Choice(casefile.SIZES), default=None, help="Size of the case.")
+@click.option("--check", is_flag=True, help="Run the plan and judge its error.")
 def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
-    """Say what the cheapest model of CASE is that meets a tolerance, why, and what it costs."""
+    """Find the cheapest model of CASE that meets a tolerance; print its reasons and cost."""
     path = casefile.find_case(case)
     loaded = casefile.load_case(path, size or casefile.case_sizes(path)[-1])
     if loaded.skip:
@@ -72,23 +72,23 @@ def _share(text: str) -> float:
 @click.argument("case")
 @click.option("--size", type=click.Choice(casefile.SIZES), default="fast", show_default=True)
 @click.option(
-    "--seeds", default=None, metavar="FIRST-LAST", help="other random surfaces by the case's recipe"
+    "--seeds", default=None, metavar="FIRST-LAST", help="Other seeds for the case's recipe."
 )
 def crosscheck(case: str, size: str, seeds: str | None) -> None:
-    """Split the difference of finite and boundary elements on CASE: grid, depth, model."""
+    """Split the difference of finite and boundary elements on CASE into grid, depth, model."""
     others = () if seeds is None else _seeds(seeds)
     found = casefile.load_case(casefile.find_case(case), size)
     click.echo(check_models(found, others))
 
 
-#: Far more surfaces than any ensemble here needs, and a list of them is still nothing.
+#: Largest number of seeds: far more than an ensemble needs, and still a short list.
 _MOST_SEEDS = 10_000
 
 
 def _seeds(text: str) -> range:
-    """The seeds FIRST to LAST, both included."""
+    """Return the seeds FIRST to LAST, both included."""
     first, _, last = text.partition("-")
-    # Digits beyond those of the largest seed, 2**63 - 1, are no number to Python at some length.
+    # The largest seed, 2**63 - 1, has 19 digits; Python refuses to read very long numbers.
     digits = all(t.isdecimal() and len(t) <= 19 for t in (first, last))
     if not (digits and int(first) <= int(last) < 2**63):
         raise click.BadParameter(f"{text!r:.60} is no range of seeds; give such as 101-112")

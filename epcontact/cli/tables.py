@@ -13,13 +13,13 @@ from epcontact.harness.statistics import Estimate, estimate
 from epcontact.harness.store import Answer
 from epcontact.harness.verdict import CaseVerdict
 
-#: Columns of a terminal from which on every figure of a gate stands in its row.
+#: Smallest terminal width, in columns, at which a row shows every figure of a gate.
 WIDE = 150
 STYLES = {"holds": "green", "falls short": "bold red", "error": "bold red", "skipped": "yellow"}
 
 
 def answers_table(answers: Mapping[str, Answer]) -> Table:
-    """The areas of each method, with the interval of their mean."""
+    """Tabulate the areas of each method, with the interval of their mean."""
     table = Table(box=None, pad_edge=False)
     headings = ("method", "areas", "total", "elastic", "plastic", "surfaces", "reused")
     for heading in headings:
@@ -38,10 +38,10 @@ def answers_table(answers: Mapping[str, Answer]) -> Table:
 
 
 def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:
-    """One row a gate.
+    """Tabulate the gates, one in each row.
 
-    On a terminal narrower than WIDE the values are left out, as nobody can read columns of a few
-    letters; verdict.json holds them.
+    A terminal narrower than WIDE omits the values, which would not be legible in so few columns;
+    verdict.json holds them.
     """
     table = Table(box=None, pad_edge=False)
     wide = width >= WIDE
@@ -88,7 +88,7 @@ def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
     if gate.low == -gate.high:
         band = f"± {show(gate.high)[1:]}"
     else:
-        # As many digits as tell the ends of a narrow band apart.
+        # The fewest digits that distinguish the ends of a narrow band.
         apart = (n for n in range(2, 12) if show(gate.low, n) != show(gate.high, n))
         digits = next(apart, 2)
         band = f"{show(gate.low, digits)} … {show(gate.high, digits)}"
@@ -97,7 +97,7 @@ def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
 
 
 def gamma_sentence(cases: Sequence[Case]) -> str:
-    """The energy reduction behind every figure of the theory; empty if no case has such figures."""
+    """Return the sentence on the theory's energy reduction; empty if no case uses the theory."""
     by_gamma: dict[float, list[str]] = {}
     for case in cases:
         options = [case.options[method] for method in case.methods]

@@ -1,12 +1,12 @@
 """Drawing into pyvista plotters: surfaces in contact, two pressures compared, cut blocks.
 
 A .vti is drawn as the surface under the rigid flat, a .vtu as a finite-element block that is cut
-open.  The fields of a block are recognised by words in their names, as finite-element programs
-differ: a vector `displacement` (or `u`) at the points, a scalar with `mises` in its name (Pa), and
-one with both `plastic` and `strain` in it, at points or cells.  The coordinates are taken to be
-those of the deformed body, so that a factor of 1 shows them as they are.
+open.  The fields of a block are recognised by words in their names, because finite-element
+programs differ: a vector `displacement` (or `u`) at the points, a scalar with `mises` in its name
+(Pa), and a scalar with both `plastic` and `strain` in its name, at points or cells.  The
+coordinates must be those of the deformed body, which a factor of 1 shows unchanged.
 
-Only the worker imports this module, because pyvista takes a second to import.
+Only the worker imports this module, because importing pyvista takes a second.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from epcontact.output.charts.style import (
 from epcontact.output.vtk import FieldFile
 from epcontact.results import ELASTIC, PLASTIC
 
-#: Points along the longer side of a drawn surface; finer grids are drawn with a stride.
+#: Largest number of points along a drawn surface; finer grids are drawn with a stride.
 POINTS = 900
-#: Depth of the valleys as a share of the period, where no factor is given.
+#: Drawn depth of the valleys as a share of the period, if no factor is given.
 RELIEF = 0.08
-#: Largest displacement of a block as a share of its width, where no factor is given.
+#: Largest drawn displacement of a block as a share of its width, if no factor is given.
 SHOWN = 0.04
-#: Faces of a block up to which the edges of the elements are drawn; more would blacken it.
+#: Largest number of faces of a block with drawn element edges; more edges would blacken it.
 EDGES = 20_000
 TEXT = {"color": "black", "font": "arial"}
 
@@ -45,7 +45,7 @@ Limits = tuple[float, ...]
 
 
 def round_factor(value: float) -> float:
-    """`value` rounded down to 1, 2 or 5 times a power of ten; 1 between 0.7 and 2."""
+    """Round `value` down to 1, 2 or 5 times a power of ten; between 0.7 and 2 return 1."""
     if not np.isfinite(value) or value <= 0 or 0.7 <= value < 2:
         return 1.0
     power = 10.0 ** np.floor(np.log10(value))
@@ -53,7 +53,7 @@ def round_factor(value: float) -> float:
 
 
 def surface_scale(file: FieldFile) -> tuple[float, Limits]:
-    """A factor that shows valleys of ordinary depth, and the upper end of the pressure scale."""
+    """Return a factor that shows typical valleys, and the upper end of the pressure scale."""
     depth = float(np.quantile(file.field("gap")[::4], 0.98))
     factor = round_factor(RELIEF * max(file.periods) / depth) if depth > 0 else 1.0
     hardness = file.attributes.get("hardness", np.inf)
@@ -63,17 +63,17 @@ def surface_scale(file: FieldFile) -> tuple[float, Limits]:
 
 
 def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -> None:
-    """The contact state and the pressure on the deformed surface, under the flat at z = 0."""
+    """Draw the contact state and the pressure on the deformed surface, under the flat at z = 0."""
     small = _strided(file)
     scale, unit = unit_for(max(file.periods), "m")
-    # Contact touches the flat, also where the peaks were cut off by flow.
+    # Points in contact touch the flat, also where flow has cut off the peaks.
     height = -np.maximum(np.asarray(small.field("gap"), dtype=np.float64), 0.0) / scale
     axes = [np.arange(n) * d / scale for n, d in zip(small.shape, small.spacing, strict=True)]
     mesh = pv.StructuredGrid(*np.meshgrid(*axes, indexing="ij"), height * factor)
     mesh["state"] = np.asarray(small.field("state"), dtype=np.intp).ravel(order="F")
     top_scale, top_unit = unit_for(limits[0], "Pa")
     pressure = np.asarray(small.field("pressure"), dtype=np.float64) / top_scale
-    # Points without contact are NaN rather than zero, and so white.
+    # Points without contact are NaN, not zero, so that they are white.
     mesh["pressure"] = np.where(pressure > 0, pressure, np.nan).ravel(order="F")
     shares = {kind: np.mean(file.field("state") == kind) for kind in (ELASTIC, PLASTIC)}
     mean = float(np.mean(file.field("pressure"), dtype=np.float64)) / top_scale
@@ -81,8 +81,8 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         "scalars": "state",
         "cmap": list(STATE_COLOURS.values()),
         "clim": (-0.5, 2.5),
-        # Colours are blended along an edge, not states: there is no elastic rim between apart
-        # and plastic.
+        # The colours are interpolated, not the states: otherwise an elastic rim would appear
+        # between apart and plastic.
         "interpolate_before_map": False,
         "annotations": {k: f"{STATE_NAMES[k]} {100 * share:.2f} %" for k, share in shares.items()},
         "scalar_bar_args": _bar("contact state, white: apart")
@@ -106,7 +106,7 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
 
 
 def _look_down(plotter: Any, mesh: Any) -> None:
-    """Draw the frame of the rigid flat, and look and shine on it from above the near corner."""
+    """Draw the frame of the rigid flat, with camera and light above the near corner."""
     x0, x1, y0, y1, *_ = mesh.bounds
     corners = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0], [x0, y0, 0]])
     plotter.add_mesh(pv.lines_from_points(corners), color="#555555", line_width=2)
@@ -115,7 +115,7 @@ def _look_down(plotter: Any, mesh: Any) -> None:
     direction = np.array([-1.0, -0.5, 1.0])
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
     position = middle + 10 * max(x1 - x0, y1 - y0) * direction
-    # At this intensity the flat contact shows its colours as they are.
+    # At this intensity the flat contact shows its true colours.
     intensity = float(np.linalg.norm(direction) / direction[2])
     plotter.add_light(
         pv.Light(
@@ -125,7 +125,7 @@ def _look_down(plotter: Any, mesh: Any) -> None:
 
 
 def draw_comparison(plotter: Any, files: Sequence[FieldFile], names: Sequence[str]) -> None:
-    """Two pressures in one scale and their difference, from above."""
+    """Draw two pressures in one scale and their difference, from above."""
     small = [_strided(file) for file in files]
     first, second = (np.asarray(f.field("pressure"), dtype=np.float64) for f in small)
     top = max(float(first.max()), float(second.max()))
@@ -145,7 +145,7 @@ def draw_comparison(plotter: Any, files: Sequence[FieldFile], names: Sequence[st
 def _draw_flat(
     plotter: Any, column: int, file: FieldFile, values: NDArray[Any], look: Any, title: str
 ) -> None:
-    """One cell for each grid point, so that no colour is interpolated."""
+    """Draw one cell for each grid point, so that no colour is interpolated."""
     scale, unit = unit_for(max(file.periods), "m")
     spacing = [d / scale for d in file.spacing]
     image = pv.ImageData(
@@ -166,7 +166,7 @@ def _draw_flat(
 
 
 def read_block(source: str) -> Any:
-    """The mesh of a .vtu that holds a stress or a strain."""
+    """Read the mesh of a .vtu that holds a stress or a strain."""
     if not Path(source).is_file():
         raise OutputError(f"cannot read {source}: there is no such file")
     try:
@@ -183,7 +183,7 @@ def read_block(source: str) -> Any:
 
 
 def _field_names(mesh: Any) -> tuple[str, str, str]:
-    """Names of displacement, von Mises stress and plastic strain; empty where there is none."""
+    """Return the names of displacement, von Mises stress and plastic strain; empty if absent."""
     points, names = mesh.point_data, [*mesh.point_data.keys(), *mesh.cell_data.keys()]
     moves = (n for n in names if n.lower() in ("displacement", "u") and n in points)
     return (
@@ -194,12 +194,12 @@ def _field_names(mesh: Any) -> tuple[str, str, str]:
 
 
 def _data(mesh: Any, name: str) -> Any:
-    """The data that hold the field: those at the points, where it is at points and cells."""
+    """Return the data that hold the field; if points and cells hold it, those of the points."""
     return mesh.point_data if name in mesh.point_data else mesh.cell_data
 
 
 def block_scale(mesh: Any) -> tuple[float, Limits]:
-    """A factor that shows the deformed shape, and the largest stress (Pa) and plastic strain."""
+    """Return a factor that shows the deformation, the largest stress (Pa) and plastic strain."""
     displacement, *shown = _field_names(mesh)
     limits = tuple(float(np.max(_data(mesh, n)[n], initial=0.0)) if n else 0.0 for n in shown)
     largest = float(np.abs(mesh.point_data[displacement]).max()) if displacement else 0.0
@@ -209,10 +209,10 @@ def block_scale(mesh: Any) -> tuple[float, Limits]:
 
 
 def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
-    """Von Mises stress and plastic strain on the block without its front quarter."""
+    """Draw von Mises stress and plastic strain on the block without its front quarter."""
     x0, x1, y0, y1, *_ = mesh.bounds
     centres = np.asarray(mesh.cell_centers().points)
-    # Whole elements are taken away, those on the cut stay, whatever the rounding of their centres.
+    # Whole elements are removed.  The shift keeps those on the cut despite rounding.
     x, y = (x0 + x1) / 2 - 1e-6 * (x1 - x0), (y0 + y1) / 2 - 1e-6 * (y1 - y0)
     opened = mesh.extract_cells(np.flatnonzero((centres[:, 0] >= x) | (centres[:, 1] >= y)))
     displacement, stress, strain = _field_names(mesh)
@@ -251,7 +251,7 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
 
 
 def _strided(file: FieldFile) -> FieldFile:
-    """The file with every so many points left out, so that few enough remain to be drawn."""
+    """Thin out the points of the file until few enough remain to be drawn."""
     step = max(1, -(-max(file.shape) // POINTS))
     cut = (slice(None, None, step),) * len(file.shape)
     fields = {name: field[cut] for name, field in file.fields.items()}
@@ -263,7 +263,7 @@ def _size(lengths: Sequence[float], scale: float) -> str:
 
 
 def _bar(title: str) -> dict[str, Any]:
-    """Settings of a colour bar below the picture."""
+    """Return the settings of a colour bar below the picture."""
     return {
         "title": title + "\n",
         "color": "black",

@@ -1,12 +1,12 @@
 """Files that appear whole or not at all.
 
 A file is written under a temporary name in the folder of its destination, flushed to the disk and
-then renamed over the destination, which the system does in one step.  A reader, a second run into
-the same folder or a crash therefore never meets half a file.  The temporary file is removed on
-every exception, a keyboard interrupt included; only a killed process can leave one behind, under
-a name that begins with `.epcontact-`.
+then renamed over the destination, which the system does in one step.  So a reader, a second run
+into the same folder or a crash never sees half a file.  The temporary file is removed on every
+exception, a keyboard interrupt included.  Only a killed process can leave one behind, with a name
+that begins with `.epcontact-`.
 
-`tempfile` is not used, because its files could be read by their owner alone.
+`tempfile` is not used, because only their owner could read its files.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from epcontact.results import plain
 
 @contextlib.contextmanager
 def whole_file(path: Path | str) -> Iterator[Path]:
-    """Lend a temporary path, whose file takes the place of `path` when the block ends well.
+    """Yield a temporary path, whose file replaces `path` if the block ends without an error.
 
-    Missing folders are made, a symbolic link keeps pointing where it points, and the file has
-    the permissions of any new file.
+    Missing folders are made, a symbolic link keeps its target, and the file has the permissions
+    of any new file.
 
     Args:
         path: The destination; the temporary path has its suffix.
@@ -47,7 +47,7 @@ def whole_file(path: Path | str) -> Iterator[Path]:
     if not Path(path).name:
         raise OutputError(f"cannot write {str(path)!r}: it names no file")
     try:
-        # A link that leads nowhere is refused here, because it exists and its end does not.
+        # A dangling symbolic link is refused here: the link exists, its target does not.
         final = Path(os.path.realpath(path, strict=os.path.lexists(path)))
         final.parent.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
@@ -72,13 +72,13 @@ def whole_file(path: Path | str) -> Iterator[Path]:
 
 
 def write_bytes(path: Path | str, content: bytes) -> None:
-    """Write `content` to `path`, whole or not at all; an OutputError says why not."""
+    """Write `content` to `path`, whole or not at all.  Raises OutputError."""
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Write `text` in UTF-8 with its line ends as they are; otherwise as `write_bytes`."""
+    """Write `text` in UTF-8 with unchanged line ends, as `write_bytes` does."""
     write_bytes(path, text.encode())
 
 
@@ -87,8 +87,8 @@ def write_json(path: Path | str, data: Any) -> None:
 
     Args:
         path: The destination.
-        data: What `epcontact.results.plain` can turn into JSON types, arrays and infinities
-            included.
+        data: Anything that `epcontact.results.plain` can turn into JSON types, arrays and
+            infinities included.
 
     Raises:
         OutputError: If the system refuses.
@@ -98,7 +98,7 @@ def write_json(path: Path | str, data: Any) -> None:
 
 
 def read_bytes(path: Path | str, count: int = -1) -> bytes:
-    """The first `count` bytes of a file, or all of them; an OutputError says why not."""
+    """Read the first `count` bytes of a file, or all of them.  Raises OutputError."""
     try:
         with Path(path).open("rb") as file:
             return file.read(count)
@@ -107,7 +107,7 @@ def read_bytes(path: Path | str, count: int = -1) -> bytes:
 
 
 def refusal(verb: str, path: Path | str, error: OSError | ValueError) -> OutputError:
-    """One sentence on what the system refused to do with `path`."""
+    """Return the error that says what the system refused to do with `path`."""
     reason = (getattr(error, "strerror", None) or str(error)).lower()
     culprit = str(getattr(error, "filename", None) or path)
     known = culprit == str(path) or Path(culprit).name.startswith(".epcontact-")

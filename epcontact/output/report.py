@@ -1,9 +1,9 @@
 """The report of a verification run: one self-contained HTML page of verdict, answers, pictures.
 
-The page is the template `report.html.jinja` beside this file, filled with the content of
-`verdict.json` and of the methods' JSON files; jinja2 escapes all of it.  The page asks no other
-host for anything, which its content-security policy makes the browser enforce.  It needs no
-script, follows the reader's choice of light or dark, and fits a phone.
+The template `report.html.jinja` beside this file is filled with the content of `verdict.json` and
+of the methods' JSON files; jinja2 escapes all of it.  The page loads nothing from other hosts, and
+its content-security policy makes the browser enforce that.  It needs no script, follows the
+reader's choice of light or dark, and fits a phone.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Picture:
     Args:
         content: Its bytes.
         kind: "svg" or "png".
-        caption: Shown below it and read to those who cannot see it.
+        caption: The text below the picture, which screen readers read out.
     """
 
     content: bytes
@@ -67,10 +67,11 @@ def report_folder(
     and finite-element blocks (.pvd) where three-dimensional pictures can be drawn.
 
     Args:
-        folder: Holds verdict.json and a folder for each case.
-        path: Of the page, by default report.html in the folder.
-        theory: Gives the densities of the theory by formula from results and hardness (Pa).
-            Without it the theory's pressures are binned as those of the other methods.
+        folder: The folder with verdict.json and a folder for each case.
+        path: The path of the page, by default report.html in the folder.
+        theory: A function that returns the theory's densities by formula from results and
+            hardness (Pa).  Without it the theory's pressures are binned like those of the other
+            methods.
 
     Returns:
         The path of the page.
@@ -114,10 +115,10 @@ def write_report(
     """Write the page, whole or not at all.
 
     Args:
-        path: Of the page.
+        path: The path of the page.
         verdict: The content of verdict.json.
         results: The content of the methods' JSON files, by case and method.
-        pictures: By case.
+        pictures: The pictures by case.
         notes: Sentences for the top of the page.
 
     Raises:
@@ -149,7 +150,7 @@ def write_report(
 
 
 def number(value: Any, digits: int = 4) -> str:
-    """A number of a JSON file as text; other text as it is; nothing for a missing value.
+    """Return a number of a JSON file as text, other text unchanged, '' for a missing value.
 
     Example:
         >>> number(0.123456), number("inf"), number("nan"), number(None), number("bem")
@@ -165,13 +166,13 @@ def number(value: Any, digits: int = 4) -> str:
 
 
 def _counts(values: Data, digits: int, without: Sequence[str] = ()) -> str:
-    """Names and numbers in one line."""
+    """Return names and numbers in one line."""
     shown = {k.replace("_", " "): v for k, v in values.items() if k not in without}
     return ", ".join(f"{name} {number(value, digits)}" for name, value in shown.items())
 
 
 def _area_rows(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
-    """The error budget: what the grid, its correction and the few surfaces each contribute."""
+    """Return the error budget: the parts of the grid, its correction and the few surfaces."""
     rows = []
     for method, answer in answers.items():
         areas, spread = answer["areas"], answer["ensemble"]["areas"]
@@ -191,7 +192,7 @@ def _area_rows(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
 
 
 def _charts_of(answers: Mapping[str, Data], theory: Theory | None) -> list[Picture]:
-    """The pressure distributions of all methods on one axis, and the solvers' residuals."""
+    """Draw the pressure distributions of all methods on one axis, and the residuals."""
     results = {
         method: [ContactResult.from_json(member) for member in answer["members"]]
         for method, answer in answers.items()
@@ -203,7 +204,7 @@ def _charts_of(answers: Mapping[str, Data], theory: Theory | None) -> list[Pictu
         hardness = max((float(t.pressure[-1]) for t in tables if t.plastic > 0), default=math.inf)
         curves = theory(results, hardness) if theory else ()
         charts.append(pressure_distribution(results, hardness=hardness, theory=curves))
-    # The surface that took longest stands for a method; all surfaces would hide each other.
+    # Only the longest history of each method is drawn; all of them would hide each other.
     longest = {m: max((r.history for r in found), key=len) for m, found in results.items()}
     histories = {m: np.array(h) for m, h in longest.items() if h}
     if any(np.any(np.isfinite(h) & (h > 0)) for h in histories.values()):
@@ -212,7 +213,7 @@ def _charts_of(answers: Mapping[str, Data], theory: Theory | None) -> list[Pictu
 
 
 def _saved_charts(folder: Path) -> list[Picture]:
-    """The charts in a case's folder; the distributions are those of `_charts_of`."""
+    """Return the charts in a case's folder except the distributions, which `_charts_of` draws."""
     captions = {chart: chart.with_suffix(".txt") for chart in sorted(folder.glob("*.svg"))}
     return [
         Picture(chart.read_bytes(), "svg", caption.read_text("utf-8").strip())
@@ -222,7 +223,7 @@ def _saved_charts(folder: Path) -> list[Picture]:
 
 
 def _maps(folder: Path, methods: Sequence[str]) -> list[Picture]:
-    """The contact of each method's first surface, and the differences on a common grid."""
+    """Draw the contact of each method's first surface, and the differences on a common grid."""
     pictures, fields = [], {}
     for method in methods:
         candidates = [folder / f"{method}.vti", *sorted(folder.glob(f"{method}-*.vti"))]
@@ -241,7 +242,7 @@ def _maps(folder: Path, methods: Sequence[str]) -> list[Picture]:
 
 
 def _blocks(folder: Path, methods: Sequence[str]) -> tuple[list[Picture], list[str]]:
-    """The body of each method that has one, cut open, and why a body could not be drawn."""
+    """Draw each method's body, cut open; also return the reasons why some could not be drawn."""
     pictures, complaints = [], []
     for method in methods:
         collections = [*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")]

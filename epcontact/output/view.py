@@ -3,10 +3,10 @@
 The kind of a file follows from its name: .vti holds fields on the surface's grid, .vtu a
 finite-element block, .pvd a list of .vtu load steps.
 
-Everything is drawn by `epcontact.output.worker` in a process of its own.  Without a display, VTK
-falls back from one way of drawing to another with warnings at each, and where a library is
-missing the process may simply die.  The worker's output stays off the terminal, and its death is
-one sentence to the caller.
+`epcontact.output.worker` draws everything in a separate process.  Without a display, VTK tries one
+way of drawing after another with warnings at each, and if a library is missing the process may
+crash.  The worker's output does not reach the terminal, and the caller gets a crash as one
+sentence.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from epcontact.output.charts.maps import map_of_file
 from epcontact.output.files import read_bytes, whole_file, write_bytes
 from epcontact.output.vtk import read_fields
 
-#: Before the sentence that a worker prints, and its exit code where no other window can help.
+#: The mark before the sentence that a worker prints, and its exit code if no window can help.
 MARK, REFUSED = "epcontact: ", 3
-#: Seconds for each frame until a worker is taken to hang; large grids take ten.
+#: Seconds for each frame after which a worker counts as hanging; large grids take ten.
 PATIENCE = 300.0
-#: VTK's own choice of a window, then its two ways to draw without a display, tried in turn.
+#: VTK's default window, then its two ways to draw without a display; they are tried in turn.
 WINDOWS = ("", "vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 
 
@@ -51,17 +51,17 @@ def screenshot(
     Args:
         result: The file, or a method's .json beside it.
         picture: A name that ends in .png.
-        factor: Stretches the heights of a surface, or the displacements of a block.  By default
-            one is chosen that shows the shape.  The picture names it.
+        factor: Stretches the heights of a surface, or the displacements of a block.  The default
+            shows the shape.  The picture states the factor.
         size: Width and height in pixels.
 
     Raises:
-        OutputError: If the result cannot be read, shown or drawn, or the PNG not be written.
+        OutputError: If the result cannot be read or drawn, or the PNG cannot be written.
     """
     source = find_result(result)
     if Path(picture).suffix.lower() != ".png":
         raise OutputError(f"cannot write {picture}: a screenshot must be named .png")
-    if _is_line(source):  # needs no third dimension
+    if _is_line(source):  # drawn by matplotlib
         write_bytes(picture, map_of_file(source).png())
         return
     with whole_file(picture) as temporary:
@@ -72,7 +72,7 @@ def show(result: Path | str, *, factor: float | None = None) -> None:
     """Open a result file in a window and return when it is closed; see `screenshot`.
 
     Raises:
-        OutputError: If the result cannot be shown, or where there is no display.
+        OutputError: If the result cannot be shown, or there is no display.
     """
     source = find_result(result)
     displays = ("DISPLAY", "WAYLAND_DISPLAY")
@@ -100,7 +100,7 @@ def compare(
         size: Width and height in pixels.
 
     Raises:
-        OutputError: If the two do not lie on one grid, or as for `screenshot`.
+        OutputError: If the two have different grids, or as for `screenshot`.
     """
     sources = [find_result(path) for path in (first, second)]
     files = [read_fields(source) for source in sources]
@@ -133,7 +133,7 @@ def animate(
         size: Width and height in pixels.
 
     Raises:
-        OutputError: If the steps cannot be read or drawn, or the film not be written.
+        OutputError: If the steps cannot be read or drawn, or the film cannot be written.
     """
     if Path(film).suffix.lower() not in (".gif", ".mp4"):
         raise OutputError(f"cannot write {film}: a film must be named .gif or .mp4")
@@ -147,7 +147,7 @@ def animate(
 
 
 def find_result(path: Path | str) -> Path:
-    """The file of fields meant by `path`.
+    """Return the file of fields that `path` means.
 
     Args:
         path: The file itself, or a method's .json with fields beside it.
@@ -163,7 +163,7 @@ def find_result(path: Path | str) -> Path:
     if given.suffix != ".json":
         raise OutputError(f"cannot show {path}: a .vti, .vtu, .pvd or a method's .json is needed")
     for end in ("pvd", "vtu", "vti"):
-        # Of several surfaces, the fields of the first are shown.
+        # If there are several surfaces, the first one is shown.
         several = sorted(given.parent.glob(f"{given.stem}-*.{end}"))
         for beside in (given.with_suffix(f".{end}"), *several):
             if beside.is_file():
@@ -172,13 +172,13 @@ def find_result(path: Path | str) -> Path:
 
 
 def load_steps(collection: Path | str) -> list[Path]:
-    """The files of a ParaView collection (.pvd), in the order of their times.
+    """Return the files of a ParaView collection (.pvd) in the order of their times.
 
     Args:
-        collection: Its path; its files are named relative to its folder.
+        collection: The path; the collection names its files relative to its folder.
 
     Raises:
-        OutputError: If it cannot be read, is no collection or names no file.
+        OutputError: If it cannot be read, is not a collection or names no file.
 
     Example:
         >>> import tempfile
@@ -205,7 +205,7 @@ def _last_step(source: Path) -> Path:
 
 
 def _is_line(source: Path) -> bool:
-    """Read from the head of the file alone, because the fields may be large."""
+    """True if the file holds a line; only its head is read, because the fields may be large."""
     if source.suffix != ".vti":
         return False
     extent = re.search(rb'WholeExtent="0 \d+ 0 (\d+) ', read_bytes(source, 512))
@@ -215,13 +215,13 @@ def _is_line(source: Path) -> bool:
 def _task(
     sources: Sequence[Path], target: Path | None, size: tuple[int, int], **options: Any
 ) -> dict[str, Any]:
-    """The arguments of `epcontact.output.worker.draw`, as JSON has them."""
+    """Return the arguments of `epcontact.output.worker.draw` in JSON types."""
     names = [str(source) for source in sources]
     return {"sources": names, "target": target and str(target), "size": list(size), **options}
 
 
 def _draw(task: Mapping[str, Any]) -> None:
-    """Have a worker draw, in one way after the other until one works."""
+    """Let a worker draw, trying each kind of window until one works."""
     failures = []
     chosen = "VTK_DEFAULT_OPENGL_WINDOW" in os.environ or not sys.platform.startswith("linux")
     for window in WINDOWS[:1] if chosen or task["target"] is None else WINDOWS:
@@ -235,9 +235,9 @@ def _draw(task: Mapping[str, Any]) -> None:
 
 
 def _work(task: Mapping[str, Any], window: str) -> tuple[str, bool]:
-    """Run a worker.  Returns why it failed, if it did, and whether another window cannot help."""
+    """Run a worker; return the reason of a failure, and True if no other window can help."""
     environment = {**os.environ} | ({"VTK_DEFAULT_OPENGL_WINDOW": window} if window else {})
-    # The worker imports this very package, and nothing from the folder that it happens to run in.
+    # The worker must import this package, and nothing from its working folder.
     home = str(Path(__file__).parents[2])
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, [home, environment.get("PYTHONPATH")]))
     patience = None if task["target"] is None else PATIENCE * len(task["sources"])

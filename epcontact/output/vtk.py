@@ -1,23 +1,22 @@
 """Field results as VTK image files (.vti) that pyvista and ParaView open at once.
 
-A surface is a plane of nx by ny points, a line a row of nx; point (i, j) lies at (i dx, j dy, 0).
-The point one period further equals the first one and is not stored.  Point data, all in SI units
-(each array carries its unit, as VTK's UNITS_LABEL and in the field data `unit.<name>`):
+A surface is a plane of nx by ny points, a line a row of nx; point (i, j) is at (i dx, j dy, 0).
+The point one period further equals the first one and is not stored.  The point data are in SI units
+(each array has its unit, as VTK's UNITS_LABEL and in the field data `unit.<name>`):
 
     heights, pressure, gap, displacement    32-bit floats
     state                                   8-bit integers: 0 apart, 1 elastic, 2 plastic
 
-Numbers of 32 bits keep seven digits at half the size; zeros stay exactly zero.  As the rounding
-may lift a capped pressure above the hardness by one part in 10^7, the state decides what is
-plastic.  `precision="double"` keeps every bit.  The data are compressed by zlib, which every
-reader of the format knows.  VTK runs through x fastest where arrays here are [x, y], so fields are
-transposed.
+Numbers of 32 bits keep seven digits at half the size; zeros stay exactly zero.  Rounding may lift
+a capped pressure above the hardness by one part in 10^7, so use the state to find plastic points.
+`precision="double"` keeps every bit.  The data are compressed by zlib, which every reader of the
+format knows.  VTK stores x fastest, so the arrays [x, y] are transposed.
 
-The field data say where the file comes from: method, scene digest, seed, versions, mean pressure,
-areas, residuals, and whatever the caller adds, such as the hardness.
+The field data give the origin of the file: method, scene digest, seed, versions, mean pressure,
+areas, residuals, and anything that the caller adds, such as the hardness.
 
-Memory: writing takes half the fields' own size on top of them in single precision, and the same
-size in double.  pyvista is imported where it is used, because its import takes a second.
+Writing needs extra memory of half the size of the fields in single precision, and of their size in
+double.  pyvista is imported where it is used, because its import takes a second.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ from epcontact.output.files import read_bytes, whole_file
 from epcontact.results import ContactResult
 from epcontact.scene import Surface
 
-#: Units of the fields every method may give; other fields are written without a unit.
+#: Units of the standard fields; other fields are written without a unit.
 UNITS = {"heights": "m", "pressure": "Pa", "gap": "m", "displacement": "m", "state": "1"}
 
 Attribute = str | float | int
@@ -46,10 +45,10 @@ class FieldFile:
     """The content of a .vti file.
 
     Args:
-        fields: Arrays [x, y] or [x] by name, of the precision in the file.
+        fields: Arrays [x, y] or [x] by name, in the precision of the file.
         spacing: Distance of grid points along each direction, in m.
         attributes: The field data: strings, integers and floats by name.
-        units: Of the fields, by name, where the file names them.
+        units: The units of the fields by name, if the file gives them.
     """
 
     fields: Mapping[str, NDArray[Any]]
@@ -68,7 +67,7 @@ class FieldFile:
         return tuple(n * d for n, d in zip(self.shape, self.spacing, strict=True))
 
     def field(self, name: str) -> NDArray[Any]:
-        """The field called `name`; an OutputError if the file holds none."""
+        """Return the field called `name`.  Raises OutputError if the file holds none."""
         if name not in self.fields:
             names = ", ".join(sorted(self.fields))
             raise OutputError(f"the file holds no field {name}, only {names}")
@@ -86,16 +85,17 @@ def write_fields(
     """Write the fields of a result to a .vti file.
 
     Args:
-        path: Of the file, named .vti.
-        result: Its figures at the last load step, its residuals and its provenance become field
-            data.
-        surface: On whose grid the fields lie.  Its heights are added where the result has none.
-        attributes: Further field data, which win over those of the result.
-        precision: Of the numbers in the file.
+        path: The path of the file, which must end in .vti.
+        result: The result.  Its figures and residuals at the last load step and its provenance
+            become field data.
+        surface: The surface on whose grid the fields are.  Its heights are added if the result
+            has none.
+        attributes: Further field data, which override those of the result.
+        precision: The precision of the numbers in the file.
 
     Raises:
         OutputError: If the result has no fields or the file cannot be written.
-        ValueError: If a field does not lie on the surface's grid.
+        ValueError: If a field is not on the surface's grid.
     """
     if not result.fields:
         raise OutputError(f"cannot write {path}: the method {result.method} gives no fields")
@@ -115,15 +115,15 @@ def write_image(
     """Write arrays on one grid to a .vti file.
 
     Args:
-        path: Of the file, named .vti.
+        path: The path of the file, which must end in .vti.
         fields: Arrays [x, y] or [x] of one shape, by name.
         spacing: Distance of grid points along each direction, in m.
         attributes: The field data.
-        precision: Of the numbers in the file.
+        precision: The precision of the numbers in the file.
 
     Raises:
         OutputError: If the file cannot be written or is not named .vti.
-        ValueError: If the arrays do not share one shape of as many directions as `spacing` has.
+        ValueError: If the arrays differ in shape, or their dimension is not that of `spacing`.
 
     Example:
         >>> import tempfile
@@ -161,10 +161,10 @@ def read_fields(path: Path | str) -> FieldFile:
     """Read a file that `write_fields` or `write_image` has written.
 
     Args:
-        path: Of the file.
+        path: The path of the file.
 
     Raises:
-        OutputError: If there is no such file or it is no whole image file.
+        OutputError: If there is no such file or it is not a whole image file.
     """
     import pyvista as pv
     from vtkmodules.vtkIOXML import vtkXMLImageDataReader
@@ -194,7 +194,7 @@ def read_fields(path: Path | str) -> FieldFile:
 
 
 def _result_attributes(result: ContactResult) -> dict[str, Attribute]:
-    """The field data on the result: its last load step's figures and its provenance."""
+    """Return the field data of a result: figures of its last load step and its provenance."""
     final, provenance = result.final, result.provenance
     attributes: dict[str, Attribute] = {
         "method": result.method,
@@ -222,7 +222,7 @@ def _result_attributes(result: ContactResult) -> dict[str, Attribute]:
 
 
 def _image(fields: Mapping[str, NDArray[Any]], spacing: tuple[float, ...], real: type) -> Any:
-    """The pyvista image of the fields; its arrays are copies, x running fastest."""
+    """Return the pyvista image of the fields; its arrays are copies with x fastest."""
     import pyvista as pv
     from vtkmodules.vtkCommonCore import vtkDataArray
 
@@ -234,7 +234,7 @@ def _image(fields: Mapping[str, NDArray[Any]], spacing: tuple[float, ...], real:
                 f"the field {name} has shape {array.shape}, but {shape} on a grid of "
                 f"{len(spacing)} directions is needed"
             )
-    # A direction of one point has no spacing; the other one's keeps the cells from collapsing.
+    # A direction of one point has no spacing; that of the other one keeps cells from collapsing.
     missing = 3 - len(shape)
     image = pv.ImageData(
         dimensions=(*shape, *(1,) * missing), spacing=(*spacing, *(spacing[0],) * missing)
@@ -250,7 +250,7 @@ def _image(fields: Mapping[str, NDArray[Any]], spacing: tuple[float, ...], real:
 
 
 def _add_field_data(image: Any, attributes: Mapping[str, Attribute]) -> None:
-    """Add arrays of one value; pyvista refuses text beyond ASCII, so VTK takes the texts."""
+    """Add arrays of one value; VTK adds the texts, because pyvista refuses non-ASCII text."""
     from vtkmodules.vtkCommonCore import vtkStringArray
 
     for name, value in attributes.items():
@@ -264,7 +264,7 @@ def _add_field_data(image: Any, attributes: Mapping[str, Attribute]) -> None:
 
 
 def _reason(caught: Any, code: int) -> str:
-    """Why VTK did not write: its error code, or the last line of its first complaint."""
+    """Return why VTK did not write: its error code, or the last line of its first message."""
     from vtkmodules.vtkCommonMisc import vtkErrorCode
 
     if code:

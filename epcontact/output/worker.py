@@ -1,7 +1,7 @@
 """The worker that draws three-dimensional pictures: run as a module by `epcontact.output.view`.
 
 It reads one task from its standard input and draws it.  It ends with 0, or prints one marked
-sentence and ends with another code; anything else that VTK may do to it stays in this process.
+sentence and ends with another code.  Crashes and other output of VTK stay in this process.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from epcontact.output.vtk import read_fields
 
 Frame = NDArray[np.uint8]
 
-#: By the ending of a file: how it is read, scaled and drawn.
+#: The functions that read, scale and draw a file, by its ending.
 KINDS: dict[str, tuple[Callable[..., Any], ...]] = {
     ".vti": (read_fields, surface_scale, draw_surface),
     ".vtu": (read_block, block_scale, draw_block),
@@ -51,12 +51,12 @@ def draw(
     """Draw files to a picture, a film or a window.
 
     Args:
-        sources: .vti or .vtu files, one a frame; or two .vti to be compared.
+        sources: .vti or .vtu files, one for each frame; or two .vti files to compare.
         target: A .png, .gif or .mp4, or None for a window.
         size: Width and height in pixels.
         factor: Stretches the heights or the displacements; None chooses one.
-        frames_per_second: Of a film.
-        names: Of the two methods to be compared.
+        frames_per_second: The speed of a film.
+        names: The names of the two compared methods.
     """
     frames = []
     if names:
@@ -65,7 +65,7 @@ def draw(
         frames.append(_finished(plotter, target))
     else:
         read_file, scale, paint = KINDS[Path(sources[0]).suffix]
-        # A single file is read once, but a film of large grids must not need them all at once.
+        # A single file is read once; a film reads each file again, to save memory.
         read = functools.lru_cache(maxsize=1)(read_file)
         scales = [scale(read(source)) for source in sources]
         chosen = factor or min(each for each, _ in scales)
@@ -83,7 +83,7 @@ def draw(
 
 
 def _window(target: str | None, size: Sequence[int], columns: int) -> Any:
-    """A white window of that many panels, off the screen where there is a target."""
+    """Make a white window with a number of panels, off the screen if there is a target."""
     plotter = pv.Plotter(
         off_screen=target is not None, window_size=list(size), shape=(1, columns), border=False
     )
@@ -92,7 +92,7 @@ def _window(target: str | None, size: Sequence[int], columns: int) -> Any:
 
 
 def _finished(plotter: Any, target: str | None) -> Frame:
-    """The picture; without a target, the window is shown until the user closes it."""
+    """Return the picture; without a target, show the window until the user closes it."""
     if target is None:
         if plotter.render_window.GetClassName() in WINDOWS:
             raise OutputError(
@@ -111,10 +111,10 @@ def _write_png(path: str, frames: Sequence[Frame], _: float) -> None:
 
 
 def _write_gif(path: str, frames: Sequence[Frame], frames_per_second: float) -> None:
-    """Not by pyvista's `open_gif`, which gives each frame a palette of its own.
+    """Write a GIF with one palette for all frames.
 
-    Unchanged parts of the picture then differ by up to 79 of 255 between the frames of a block's
-    film, so that it flickers.  Here one palette serves all frames.
+    pyvista's `open_gif` gives each frame its own palette, so that unchanged parts of the picture
+    differ by up to 79 of 255 between the frames of a block's film, and it flickers.
     """
     strip = Image.fromarray(np.concatenate([frame[::4, ::4] for frame in frames]))
     palette = strip.quantize(256, dither=Image.Dither.NONE)

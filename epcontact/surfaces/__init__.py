@@ -1,14 +1,14 @@
-"""Rough surfaces: recipes that make them, their spectra, and filters.
+"""Rough surfaces: their recipes, spectra and filters.
 
-A recipe is frozen and cheap: it has the `fingerprint`, `shape` and `periods` that identify its
-surface in a scene's digest before any heights exist, and `build()` makes the `Surface`.  The same
-classes are the checked forms of the table [surface] of a case file, by their `kind`.
+A recipe is frozen and cheap.  Its `fingerprint`, `shape` and `periods` identify the surface in a
+scene's digest before any heights exist, and `build()` makes the `Surface`.  The same classes check
+the table [surface] of a case file, which selects one by its `kind`.
 
     self_affine     random phases on an analytic spectrum
     shapes          sinusoids, paraboloid, sphere, flat punch
     measured        heights from an array or a file, and the treatment of maps that do not repeat
     readers         the file formats
-    filters         the same surface without its short waves
+    filters         surfaces without their short waves
     spectrum        analytic spectra: densities and moments in closed form
     power_spectrum  the spectrum and the moments of any surface's heights
 """
@@ -19,12 +19,12 @@ from epcontact.surfaces.recipe import Recipe, SurfaceAbsent, require_room
 from epcontact.surfaces.self_affine import SelfAffine, SelfAffineEnsemble, grid_shape
 from epcontact.surfaces.shapes import FlatPunch, Paraboloid, Sinusoid, Sphere
 
-#: The registry: every form that the table [surface] of a case file can have, told by its `kind`.
+#: The registry: every form of the table [surface] of a case file, selected by its `kind`.
 CaseSurface = SelfAffineEnsemble | Sinusoid | Paraboloid | Sphere | FlatPunch | HeightsFromFile
 
 
 def recipes_of(surface: CaseSurface) -> tuple[Recipe, ...]:
-    """The recipes that a table [surface] stands for: one a seed, or the table itself.
+    """Return the recipes of a table [surface]: one for each seed, or the table itself.
 
     Example:
         >>> len(recipes_of(Paraboloid((1e-3,), (8,), radius=1e-2)))

@@ -1,4 +1,4 @@
-"""The same surface without its short waves."""
+"""Surfaces without their short waves."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from epcontact.surfaces.spectrum import BAND_TOLERANCE, truncated
 
 
 def filtered(surface: Surface, wavenumber_high: float) -> Surface:
-    """The surface without its modes of |q| > wavenumber_high (rad/m), on the same grid.
+    """Remove the modes of |q| > wavenumber_high (rad/m) from a surface, on the same grid.
 
-    This is what the theory sees at the magnification wavenumber_high / q_0.  An analytic spectrum
-    is cut off with the heights, and dropped if nothing is left of it.
+    The result is the surface that the theory sees at the magnification wavenumber_high / q_0.  An
+    analytic spectrum is cut off with the heights, and dropped if nothing of it remains.
 
     Raises:
         InvalidScene: unless wavenumber_high is a positive number.

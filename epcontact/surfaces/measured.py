@@ -1,10 +1,9 @@
 """Measured or computed heights, and the treatment of a map that is not periodic.
 
-Every method here is periodic, but a measured map rarely is: its heights jump across its edge.  The
-jump at the edge of an axis is the rms difference of its last and first rows.  It is compared with
-the largest rms difference of any two neighbouring rows: on a periodic map the edge is a pair of
-rows like any other, so a jump of more than `LARGEST_JUMP` times the largest of the others is no
-accident.
+Every method here is periodic, but a measured map rarely is: its heights jump across its edges.  The
+jump at the edge of an axis is the rms difference of its last and first rows.  On a periodic map
+these two are neighbours like any others.  So a map counts as not periodic if the jump is more than
+`LARGEST_JUMP` times the largest rms difference of two neighbouring rows.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ Treatment = Literal["refuse", "periodic", "detrend_and_window"]
 
 
 def _beside_the_case(value: Any, info: ValidationInfo) -> Any:
-    """A path of a case file, which is relative to the folder of that file."""
+    """Resolve a path of a case file, which is relative to the folder of that file."""
     if not isinstance(value, str) or not value:
         raise ValueError("must be the path of a file")
     return (info.context or {}).get("folder", Path()) / value
@@ -47,12 +46,13 @@ class HeightsFromArray:
     Args:
         heights: (nx, ny), or (nx,) for a line, in m.
         periods: (Lx, Ly) or (L,) in m.
-        treatment: "refuse" refuses a map that is not periodic; "periodic" takes it as it is;
+        treatment: "refuse" refuses a map that is not periodic; "periodic" uses it as it is;
             "detrend_and_window" makes it periodic.
-        taper: share of each period over which the window rises, and falls again; 0.5 is Hann's.
+        taper: share of each period over which the window rises, and over which it falls; 0.5 is
+            Hann's window.
 
     Raises:
-        InvalidScene: if the heights are no grid of finite real numbers.
+        InvalidScene: if the heights are not a grid of finite real numbers.
 
     Example:
         >>> recipe = HeightsFromArray([0.0, 1e-6, 0.0, -1e-6], periods=(1e-3,))
@@ -80,7 +80,7 @@ class HeightsFromArray:
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of the heights, and what is done with them."""
+        """The SHA-256 of the heights, and their treatment."""
         digest = hashlib.sha256(np.ascontiguousarray(self.heights).data).hexdigest()
         return f"array/1 {digest} {_treatment_words(self.treatment, self.taper)}"
 
@@ -93,20 +93,20 @@ class HeightsFromArray:
 class HeightsFromFile:
     """Heights from a file; also the table [surface] of kind file.
 
-    .npy files are numpy's; .txt, .dat, .csv and .tsv are plain tables of numbers, one row of the
-    grid a line; anything else is read by SurfaceTopography (`epcontact[instruments]`).  The file
-    is looked at here and read by `build`; its content identifies it, not its place.
+    .npy files are numpy's; .txt, .dat, .csv and .tsv are plain tables of numbers with one row of
+    the grid in each line; SurfaceTopography (`epcontact[instruments]`) reads all other files.  The
+    recipe opens the file and `build` reads it.  Its content identifies it, not its path.
 
     Args:
-        path: the file; in a case file relative to that file.
-        periods: in m; one length is enough for a square map, none where the file states its size.
-        unit: of the written heights, in m (1e-6 for micrometres); not for files that know theirs.
+        path: the file; in a case file, relative to the case file.
+        periods: in m; one length is enough for a square map, none is needed if the file gives it.
+        unit: unit of the stored heights in m (1e-6 for micrometres), unless the file gives it.
         treatment, taper: as in HeightsFromArray.
-        pixel_size: the spacing of the grid in m, in place of periods.
-        optional: raise SurfaceAbsent where there is no such file, so that a case is skipped.
+        pixel_size: the spacing of the grid in m, instead of periods.
+        optional: raise SurfaceAbsent if there is no such file, so that a case is skipped.
 
     Raises:
-        InvalidScene: if the file holds no grid of finite real numbers.
+        InvalidScene: if the file does not hold a grid of finite real numbers.
     """
 
     path: Annotated[
@@ -146,7 +146,7 @@ class HeightsFromFile:
             if not good and (name, value) != ("pixel_size", None):
                 raise InvalidScene(f"{name} is {value!r}, but must be a positive length in m")
         object.__setattr__(self, "periods", checked_grid(self.shape, self._periods())[1])
-        # Read now: the identity is that of the content whose shape was just seen.
+        # Read now, so that the fingerprint belongs to the content whose shape was just read.
         _ = self.fingerprint
 
     @cached_property
@@ -155,7 +155,7 @@ class HeightsFromFile:
         return replace(stored, heights=checked_heights(stored.heights, str(self.path)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the heights: another process reads them from the file again."""
+        """Pickle without the heights; another process reads them from the file again."""
         return {name: value for name, value in self.__dict__.items() if name != "_map"}
 
     def _periods(self) -> tuple[float, ...]:
@@ -186,7 +186,7 @@ class HeightsFromFile:
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of the file's content, the unit, and what is done with the heights."""
+        """The SHA-256 of the file's content, the unit, and the treatment of the heights."""
         words = _treatment_words(self.treatment, self.taper)
         return f"file/1 {file_digest(self.path)} unit={float(self.unit)!r} {words}"
 
@@ -202,7 +202,7 @@ class HeightsFromFile:
 
 
 def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
-    """Heights as an array of real numbers on a line or grid.  Raises InvalidScene."""
+    """Return heights as an array of real numbers on a line or grid.  Raises InvalidScene."""
     try:
         heights = np.asanyarray(given)
     except ValueError:
@@ -219,9 +219,9 @@ def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
 
 
 def edge_jumps(heights: FloatArray) -> list[tuple[float, float]]:
-    """For each axis the rms jump at the edge, and the largest between neighbouring rows.
+    """Return for each axis the rms jump at the edge and the largest between neighbouring rows.
 
-    heights: (nx, ny) or (nx,); both in its unit.
+    `heights` has the shape (nx, ny) or (nx,); the jumps are in its unit.
     """
     return [_axis_jumps(heights, axis) for axis in range(heights.ndim)]
 
@@ -235,17 +235,17 @@ def _axis_jumps(heights: FloatArray, axis: int) -> tuple[float, float]:
 
 
 def detrended_and_windowed(heights: FloatArray, taper: float) -> tuple[FloatArray, float]:
-    """Take the least-squares plane off, in place, and bring the heights down to it at the edges.
+    """Subtract the least-squares plane in place and taper the heights to zero at the edges.
 
     The window rises as (1 - cos) / 2 over `taper` of each period and falls likewise (Tukey's
-    window; Hann's for taper = 0.5).  It takes roughness away, so that all heights are then
-    multiplied by one factor that restores the rms height of the detrended map.  Returns the
-    heights, of zero mean, and the factor.
+    window; Hann's for taper = 0.5).  It reduces the roughness, so all heights are then multiplied
+    by a factor that restores the rms height of the detrended map.  Returns the heights, with zero
+    mean, and the factor.
     """
     heights -= heights.mean()
     axes = [np.linspace(-0.5, 0.5, n) for n in heights.shape]
     other = tuple(range(heights.ndim))
-    # On a full grid the coordinates are orthogonal: the plane is one slope after the other.
+    # On a full grid the coordinates are orthogonal, so the slopes can be fitted one by one.
     for axis, x in enumerate(axes):
         profile = heights.mean(axis=tuple(a for a in other if a != axis))
         slope = float(profile @ x) / float(x @ x)
@@ -266,7 +266,7 @@ def _rms(heights: FloatArray) -> float:
 
 
 def _window(n: int, taper: float) -> FloatArray:
-    """Tukey's window at n points; its zero lies midway between the last and the first of them."""
+    """Return Tukey's window at n points; its zero is midway between the last and the first."""
     distance = (np.arange(n) + 0.5) / n
     rise = np.minimum(np.minimum(distance, 1 - distance) / taper, 1.0)
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * rise))
@@ -306,7 +306,7 @@ def _jump_words(jumps: list[tuple[float, float]]) -> str:
 
 
 def _treated(heights: FloatArray, recipe: Any, where: str) -> Surface:
-    """The surface of a recipe's own, writable heights after its treatment."""
+    """Treat a recipe's own writable heights and return the surface."""
     _require_measurable(heights, where)
     jumps = edge_jumps(heights)
     words = f"rms jump at the edges: {_jump_words(jumps)}"

@@ -1,12 +1,11 @@
 """The power spectrum of any surface or line: moments, densities, and slope up to a cut-off.
 
-The modes h_q = FFT(h) / N share out the variance, h_rms^2 = sum_{q != 0} |h_q|^2
-(Parseval), and likewise xi^2 = sum q^2 |h_q|^2, the mean square of the spectral derivative.  On
-even grids the Nyquist mode keeps its |q| = pi / dx: derivatives that set it to zero there differ
-by just that mode, which band-limited surfaces do not have.
+With the modes h_q = FFT(h) / N, h_rms^2 = sum_{q != 0} |h_q|^2 (Parseval), and likewise
+xi^2 = sum q^2 |h_q|^2, the mean square of the spectral derivative.  On even grids the Nyquist mode
+has |q| = pi / dx.  Derivatives that set this mode to zero differ by it alone; band-limited surfaces
+do not have it.
 
-Conventions of the densities: C(q) of a surface in m^4, C1(q) >= 0 of a line in m^3 and one-sided;
-see `epcontact`.
+Densities: C(q) of a surface in m^4, and the one-sided C1(q) of a line in m^3; see `epcontact`.
 """
 
 from __future__ import annotations
@@ -23,15 +22,15 @@ from epcontact.results import FloatArray
 from epcontact.scene import Surface
 from epcontact.surfaces.spectrum import BAND_TOLERANCE, Moments
 
-#: Modes handled at once: bounds the temporaries to a few MiB.
+#: Number of modes handled at once, which limits temporary arrays to a few MiB.
 _BLOCK = 1 << 16
 
 
 def surface_moments(surface: Surface) -> Moments:
-    """Moments of a surface's or line's own spectrum: exact sums over its Fourier modes.
+    """Return the moments of a surface's or line's spectrum: exact sums over its Fourier modes.
 
-    rms_height is that of the grid points about their mean (Parseval).  On an even grid the mode
-    at the Nyquist wave number counts with |q| = pi / dx, as numpy.fft.fftfreq has it.
+    rms_height is that of the grid points about their mean (Parseval).  On an even grid the Nyquist
+    mode counts with |q| = pi / dx, as in numpy.fft.fftfreq.
 
     Example:
         >>> line = Surface(np.cos(2 * math.pi * np.arange(8) / 8), (2 * math.pi,))
@@ -49,9 +48,9 @@ def surface_moments(surface: Surface) -> Moments:
 
 
 def power_spectral_density(surface: Surface) -> FloatArray:
-    """The power spectral density on the half grid of a real transform, q = 0 set to 0.
+    """Return the power spectral density on the half grid of a real transform; 0 at q = 0.
 
-    surface: C at (qx, qy) in m^4, shape (nx, ny // 2 + 1), to be summed over both half planes:
+    surface: C at (qx, qy) in m^4, shape (nx, ny // 2 + 1); over both half planes,
         h_rms^2 = sum C (2 pi)^2 / (Lx Ly).
     line: the one-sided C1 in m^3, shape (nx // 2 + 1,): h_rms^2 = sum C1 2 pi / L.
     """
@@ -67,10 +66,10 @@ class RadialSpectrum:
 
     wavenumber: (m,) mean |q| of the ring's modes, in rad/m.
     density: (m,) mean of C in m^4 over the ring's modes (a line: C1 in m^3).
-    modes: (m,) how many modes lie in the ring, both half planes counted (a line: 1).
-    upper_edge: (m,) the largest |q| that the ring takes in.
-    height_variance, slope_variance: (m,) what the ring adds to h_rms^2 and to xi^2; they add up
-        to the surface's exactly, and to the partial ones at each upper edge.
+    modes: (m,) number of modes in the ring, in both half planes (a line: 1).
+    upper_edge: (m,) the largest |q| in the ring.
+    height_variance, slope_variance: (m,) contribution of the ring to h_rms^2 and to xi^2; their
+        sums up to a ring are exact for all modes up to its upper edge.
     """
 
     wavenumber: FloatArray
@@ -82,10 +81,10 @@ class RadialSpectrum:
 
 
 def radial_spectrum(surface: Surface) -> RadialSpectrum:
-    """The radially averaged spectrum, in rings as wide as the finest spacing of modes.
+    """Return the radially averaged spectrum, in rings as wide as the finest spacing of modes.
 
-    Ring k holds (k - 1/2) w < |q| <= (k + 1/2) w, w = 2 pi / max(Lx, Ly); empty ones are left out,
-    and so is q = 0.  Square or oblong, even or odd.
+    Ring k holds (k - 1/2) w < |q| <= (k + 1/2) w, w = 2 pi / max(Lx, Ly), without q = 0.  Empty
+    rings are left out.
     """
     width = 2 * math.pi / max(surface.periods)
     highest = math.hypot(*(math.pi / d for d in surface.spacing))
@@ -112,10 +111,10 @@ def radial_spectrum(surface: Surface) -> RadialSpectrum:
 
 
 def cumulative_slope_variance(surface: Surface, wavenumber: ArrayLike) -> FloatArray:
-    """xi^2(q) of a surface's own modes with |q| <= wavenumber, an exact sum over them.
+    """Return xi^2(q), the exact sum over a surface's modes with |q| <= wavenumber.
 
-    wavenumber: (m,) in rad/m, any order; the counterpart of `slope_variance_up_to`.  Modes that
-    lie on a wave number within rounding (`BAND_TOLERANCE`) are counted in.
+    `wavenumber`, (m,) in rad/m, may have any order.  Modes that equal a wave number within rounding
+    (`BAND_TOLERANCE`) are included.  `slope_variance_up_to` is the same for an analytic spectrum.
     """
     q_given = np.asarray(wavenumber, dtype=np.float64)
     limits, place = np.unique(q_given.ravel(), return_inverse=True)
@@ -127,12 +126,12 @@ def cumulative_slope_variance(surface: Surface, wavenumber: ArrayLike) -> FloatA
 
 
 def _cell(surface: Surface) -> float:
-    """The measure of one mode: (2 pi)^2 / (Lx Ly), or 2 pi / L of a line."""
+    """Return the measure of one mode: (2 pi)^2 / (Lx Ly), or 2 pi / L for a line."""
     return math.prod(2 * math.pi / p for p in surface.periods)
 
 
 def _multiplicity(surface: Surface) -> FloatArray:
-    """How many modes of the whole plane each column of the half grid stands for."""
+    """Return the number of modes of the whole plane for each column of the half grid."""
     n = surface.shape[-1]
     weight = np.full(n // 2 + 1, 2.0)
     weight[0] = 1.0
@@ -142,9 +141,9 @@ def _multiplicity(surface: Surface) -> FloatArray:
 
 
 def _mode_variances(surface: Surface) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """|q| and the share of h_rms^2 of each mode of the half grid, by blocks of rows.
+    """Yield |q| and the share of h_rms^2 of each mode of the half grid, by blocks of rows.
 
-    A line is one row.  Blocks keep the peak at the heights, their transform and a few MiB.
+    A line is one row.  Blocks limit the memory to the heights, their transform and a few MiB.
     """
     modes = ducc0.fft.r2c(surface.heights)
     modes = modes.reshape(-1, modes.shape[-1])

@@ -1,7 +1,7 @@
 """Heights from files: numpy's .npy, tables of numbers, and instruments' formats.
 
-Nothing is executed and nothing unchecked is allocated: no pickles, and a .npy file is mapped, so
-that a header that promises more than the file holds is found out before any memory is taken.
+Nothing is executed, so pickles are refused.  A .npy file is memory-mapped, so that a header that
+promises more than the file holds is detected before memory is allocated.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
 
-#: Endings that are read as plain tables of numbers.
+#: Endings of files that are read as plain tables of numbers.
 TEXT_ENDINGS = (".txt", ".dat", ".csv", ".tsv")
 
 
@@ -25,8 +25,10 @@ TEXT_ENDINGS = (".txt", ".dat", ".csv", ".tsv")
 class HeightMap:
     """The heights of a file, as it stores them.
 
-    heights: as stored; in_metres: whether they are in m already, the file knowing its unit;
-    periods: in m, where the file knows them.
+    Attributes:
+        heights: the stored heights.
+        in_metres: True if they are in m because the file gives its unit.
+        periods: in m, if the file gives them.
     """
 
     heights: NDArray[Any]
@@ -35,7 +37,7 @@ class HeightMap:
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a file's content.  Raises InvalidScene if it cannot be read."""
+    """Return the SHA-256 of a file's content.  Raises InvalidScene if it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -78,20 +80,20 @@ def _read_npy(path: Path) -> NDArray[Any]:
         return np.lib.format.open_memmap(path, mode="r")
     except OSError:
         raise
-    except Exception as error:  # a spoilt header lets errors of Python's tokenizer through
+    except Exception as error:  # a damaged header raises errors of Python's tokenizer
         raise InvalidScene(
             f"{path}: is no complete .npy file of numbers ({_first_line(error)})"
         ) from None
 
 
 def _read_table(path: Path) -> NDArray[Any]:
-    """A table of numbers; comments after #; separated by semicolons, commas or white space."""
+    """Read a table of numbers separated by semicolons, commas or white space; # comments."""
     try:
         with path.open(encoding="utf-8") as file:
             lines = (line.split("#")[0].strip() for line in file)
             first = next((line for line in lines if line), "")
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # numpy only warns of a table without data
+            warnings.simplefilter("error")  # numpy only warns if a table has no data
             table = np.loadtxt(path, delimiter=_delimiter(first), encoding="utf-8", ndmin=2)
     except UnicodeDecodeError:
         raise InvalidScene(f"{path}: is no text in UTF-8, so no table of numbers") from None
@@ -101,7 +103,7 @@ def _read_table(path: Path) -> NDArray[Any]:
 
 
 def _delimiter(line: str) -> str | None:
-    """The separator of a line of numbers; None stands for white space."""
+    """Return the separator of a line of numbers; None means white space."""
     return next((mark for mark in ";," if mark in line), None)
 
 
@@ -127,7 +129,7 @@ def _read_instrument(path: Path) -> HeightMap:
             periods = topography.physical_sizes if in_metres else None
     except InvalidScene:
         raise
-    except Exception as error:  # a hundred parsers, each with errors of its own
+    except Exception as error:  # many parsers, each with its own errors
         raise InvalidScene(
             f"{path}: SurfaceTopography cannot read it ({_first_line(error)})"
         ) from None

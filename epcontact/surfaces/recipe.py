@@ -1,8 +1,8 @@
 """The interface of all surface recipes, and the fields and checks that they share.
 
 A recipe is a frozen dataclass.  It is also the checked form of the table [surface] of a case file:
-pydantic reads the annotations of its fields for their types, units and meaning, and its
-`__post_init__` checks what they mean together, for a case file and for a Python user alike.
+pydantic reads types, units and meaning from the annotations of its fields, and `__post_init__`
+checks that they fit together, both for a case file and for a Python user.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from epcontact.errors import InvalidScene, NotEnoughMemory
 from epcontact.machine import available_memory
 from epcontact.scene import Surface
 
-#: Points beyond which no array can be addressed.
+#: Largest number of points that an array can address.
 LARGEST_GRID = 2**56
-#: Bytes that any machine has.
+#: Bytes of memory that every machine has.
 SMALL = 2**28
 
 
 def as_tuple(value: Any) -> Any:
-    """A list of a TOML file as a tuple, as recipes keep it; anything else as it is."""
+    """Turn a list of a TOML file into a tuple; return anything else unchanged."""
     return tuple(value) if isinstance(value, list) else value
 
 
 def _lengths(value: Any) -> Any:
-    """One length as a tuple of one; a list as a tuple."""
+    """Turn one length or a list of lengths into a tuple."""
     return (value,) if isinstance(value, int | float) else as_tuple(value)
 
 
@@ -37,11 +37,11 @@ _PERIOD = BeforeValidator(_lengths, json_schema_input_type=float | list[float])
 _SHAPE = BeforeValidator(as_tuple, json_schema_input_type=list[int])
 _CENTRE = BeforeValidator(as_tuple, json_schema_input_type=list[float])
 
-# A case file's numbers are what they look like: neither texts nor true and false are converted.
+# Numbers of a case file are strict: text and booleans are not converted.
 Real = Annotated[float, Strict()]
 Whole = Annotated[int, Strict()]
 
-# The fields that several recipes have.  A case file calls the periods `period`, as it has one.
+# The fields of several recipes.  A case file calls the periods `period`.
 Periods = Annotated[
     tuple[Real, ...],
     _PERIOD,
@@ -58,7 +58,7 @@ Centre = Annotated[
 
 
 class Recipe(Protocol):
-    """What every recipe offers; `build` sets `Surface.recipe` to `fingerprint`."""
+    """The interface of every recipe; `build` sets `Surface.recipe` to `fingerprint`."""
 
     @property
     def fingerprint(self) -> str:
@@ -77,13 +77,13 @@ class Recipe(Protocol):
 
 
 class SurfaceAbsent(InvalidScene):
-    """A surface whose file is not here and which its user called optional."""
+    """The file of a surface is absent, and the user called it optional."""
 
 
 def normalise_grid(recipe: Any) -> None:
     """Check a frozen recipe's `shape` and `periods` and set them to what `checked_grid` returns.
 
-    One period stands for both directions of a surface.
+    A single period is used for both directions of a surface.
     """
     periods = recipe.periods
     if isinstance(periods, tuple) and len(periods) == 1 and isinstance(recipe.shape, tuple):
@@ -94,7 +94,7 @@ def normalise_grid(recipe: Any) -> None:
 
 
 def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Shape and periods as tuples of int and float that fit together.  Raises InvalidScene."""
+    """Return matching shape and periods as tuples of int and float.  Raises InvalidScene."""
     try:
         shape = tuple(int(n) for n in given_shape)
         periods = tuple(float(p) for p in given_periods)
@@ -120,8 +120,8 @@ def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...],
 def require_room(shape: tuple[int, ...]) -> None:
     """Raise NotEnoughMemory if heights and their modes would not fit into memory.
 
-    The check comes before any array is made, because a system that promises more memory than it
-    has kills the process that takes it.
+    The check comes before any array is made, because a system that overcommits memory kills the
+    process that uses it.
     """
     needed = 16 * math.prod(shape)
     if needed >= SMALL and needed > available_memory():
@@ -129,13 +129,13 @@ def require_room(shape: tuple[int, ...]) -> None:
 
 
 def described(name: str, recipe: Any) -> str:
-    """A fingerprint: `name` (with a version) and every field, equal numbers in equal words."""
+    """Return a fingerprint: `name` (with a version) and every field; equal numbers read equal."""
     return f"{name} {_words(recipe)}"
 
 
 def _words(value: Any) -> str:
     if is_dataclass(value):
-        names = [f.name for f in fields(value) if f.name != "kind"]  # `name` says the kind
+        names = [f.name for f in fields(value) if f.name != "kind"]  # `name` gives the kind
         return " ".join(f"{name}={_words(getattr(value, name))}" for name in names)
     if isinstance(value, tuple):
         return "(" + ",".join(map(_words, value)) + ")"
@@ -145,7 +145,7 @@ def _words(value: Any) -> str:
 
 
 def out_of_memory(shape: tuple[int, ...], arrays: int) -> NotEnoughMemory:
-    """The error of a grid that does not fit into memory."""
+    """Return the error for a grid that does not fit into memory."""
     size = math.prod(shape) * 8 * arrays / 2**30
     grid = " x ".join(map(str, shape))
     return NotEnoughMemory(

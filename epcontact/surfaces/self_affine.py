@@ -6,10 +6,9 @@ The height is the band-limited real field
 
 over all modes of the period with q_0 <= |q| <= q_1; on a line B(q) = sqrt(pi C1(q) / L).
 
-phi_q is a function of the seed and of the mode's two integers alone (a counter-based generator:
-a 64-bit mixer over mode and seed), so the surface depends neither on the grid it is sampled on
-nor on the order of the modes: a finer grid shows the same surface, a wider band adds roughness
-to it without touching what was there (up to the factor that keeps the rms slope).
+phi_q depends only on the seed and the mode's two integers (a counter-based generator: a 64-bit
+mixer over mode and seed).  So a finer grid samples the same surface, and a wider band only adds
+roughness to it (up to the factor that keeps the rms slope).
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ from epcontact.surfaces.spectrum import BAND_TOLERANCE, amplitude_shape
 
 ComplexArray = NDArray[np.complex128]
 
-#: Modes handled at once: bounds the temporaries to a few MiB.
+#: Number of modes handled at once, which limits temporary arrays to a few MiB.
 _BLOCK = 1 << 16
 
 
@@ -49,10 +48,10 @@ def grid_shape(
     periods: tuple[float, ...],
     points_per_shortest_wavelength: float,
 ) -> tuple[int, ...]:
-    """Grid points along each direction for so many points per wavelength 2 pi / q_1.
+    """Return the grid with a given number of points per shortest wavelength 2 pi / q_1.
 
     Args:
-        spectrum: gives q_1, its `wavenumber_high`.
+        spectrum: the spectrum, whose `wavenumber_high` is q_1.
         periods: (Lx, Ly), or (L,) for a line, in m.
         points_per_shortest_wavelength: more than 2; 4 or 8 are usual.
 
@@ -60,7 +59,7 @@ def grid_shape(
         The grid's shape, for `SelfAffine`.
 
     Raises:
-        InvalidScene: if a period is no positive length.
+        InvalidScene: if a period is not a positive length.
 
     Example:
         >>> spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, 64.0, rms_slope=1.0)
@@ -75,7 +74,7 @@ def grid_shape(
 
 @dataclass(frozen=True)
 class SelfAffine:
-    """Self-affine roughness by random phases, of exact rms slope on the grid.
+    """Self-affine roughness by random phases, with the exact rms slope on the grid.
 
     Args:
         spectrum: the analytic power spectrum.
@@ -121,11 +120,11 @@ class SelfAffine:
 
     @property
     def fingerprint(self) -> str:
-        """Spectrum, seed, periods and shape, and the version of the generator."""
+        """The spectrum, seed, periods, shape and the version of the generator."""
         return described("self_affine/1", self)
 
     def build(self) -> Surface:
-        """Make the heights: two real arrays of the grid at the peak, one of them returned.
+        """Make the heights; the peak memory is two real arrays of the grid.
 
         Raises NotEnoughMemory if they cannot be allocated.
         """
@@ -148,8 +147,8 @@ class SelfAffine:
 class SelfAffineEnsemble:
     """Several surfaces of one self-affine spectrum: the table [surface] of kind self_affine.
 
-    Either `shape` or `points_per_shortest_wavelength` gives the grid.  One period stands for both
-    directions of a surface; a line has to give its shape.
+    Either `shape` or `points_per_shortest_wavelength` gives the grid.  A single period is used for
+    both directions of a surface; a line must give its shape.
 
     Raises:
         InvalidScene: if the grid is given twice or not at all, or a seed is given twice.
@@ -187,10 +186,10 @@ class SelfAffineEnsemble:
             raise InvalidScene("give either points_per_shortest_wavelength or shape")
         if len(set(self.seeds)) != len(self.seeds):
             raise InvalidScene("seeds repeat a surface; give each seed once")
-        self.recipes()  # whatever is wrong with the spectrum or the grid shows here
+        self.recipes()  # raises if the spectrum or the grid is wrong
 
     def recipes(self) -> tuple[SelfAffine, ...]:
-        """One recipe a seed."""
+        """Return one recipe for each seed."""
         spectrum = SelfAffineSpectrum(
             self.hurst,
             self.wavenumber_low,
@@ -207,15 +206,15 @@ class SelfAffineEnsemble:
 
 
 def _highest_index(wavenumber: float, period: float) -> int:
-    """The largest k with 2 pi k / period <= wavenumber."""
+    """Return the largest k with 2 pi k / period <= wavenumber."""
     return math.floor(wavenumber * period / (2 * math.pi) * (1 + BAND_TOLERANCE))
 
 
 def _phases(seed: int, kx: NDArray[np.int64], ky: NDArray[np.int64]) -> FloatArray:
-    """Uniform phases in [0, 2 pi) of the modes (kx, ky), broadcast; |k| < 2^31.
+    """Return uniform phases in [0, 2 pi) of the modes (kx, ky), broadcast; |k| < 2^31.
 
-    The mixer is the finaliser of SplitMix64 (Steele, Lea and Flood 2014), once over the mode and
-    once over that and the seed's key.
+    The mixer is the finaliser of SplitMix64 (Steele, Lea and Flood 2014), applied to the mode and
+    then to the result and the seed's key.
     """
     key = np.random.SeedSequence(seed).generate_state(1, np.uint64)[0]
     low = ky.astype(np.uint64) & np.uint64(0xFFFFFFFF)
@@ -252,12 +251,12 @@ def _surface(recipe: SelfAffine) -> FloatArray:
     modes = np.zeros((nx, ny // 2 + 1), np.complex128)
     slope_variance = _fill_modes(recipe, modes)
     scale = recipe.spectrum.rms_slope / math.sqrt(slope_variance)
-    # Only the columns that hold anything need the transform along x, which is done in place.
+    # Only columns with nonzero modes need the transform along x, which is done in place.
     columns = _highest_index(recipe.spectrum.wavenumber_high, recipe.periods[1]) + 1
     filled = modes[:, :columns]
     filled *= scale
     ducc0.fft.c2c(filled, axes=(0,), forward=False, out=filled)
-    heights = np.empty((nx, ny))  # an array of the library's own making would be copied later
+    heights = np.empty((nx, ny))  # an array made by the FFT library would be copied later
     ducc0.fft.c2r(modes, (1,), ny, forward=False, out=heights)
     return heights
 
@@ -265,17 +264,17 @@ def _surface(recipe: SelfAffine) -> FloatArray:
 def _fill_modes(recipe: SelfAffine, modes: ComplexArray) -> float:
     """Fill in the modes of equation (7) of the paper; return the sum of q^2 f over all of them.
 
-    Their amplitudes are equation (8) of the paper, their phases those of `_phases`: the height is
+    The amplitudes are equation (8) of the paper, the phases come from `_phases`: the height is
     h = sum_q B(q) exp(i (q.x + phi_q)) with B(q) = (2 pi / sqrt(Lx Ly)) sqrt(C(q)).
 
-    This function writes sqrt(f) exp(i phi), where C = C_0 f, into the half plane ky >= 0.  A sum
-    over modes is no integral, so the common factor is set afterwards, from the returned sum, such
-    that the rms slope of the *grid*, sqrt(sum q^2 B^2), is exact.
+    This function writes sqrt(f) exp(i phi), where C = C_0 f, into the half plane ky >= 0.  The sum
+    over modes differs from the integral, so the caller sets the common factor from the returned
+    sum such that the rms slope of the *grid*, sqrt(sum q^2 B^2), is exact.
     """
     qx, qy = (2 * math.pi / p for p in recipe.periods)
     kx_max, ky_max = (_highest_index(recipe.spectrum.wavenumber_high, p) for p in recipe.periods)
     ky = np.arange(ky_max + 1)[None, :]
-    paired = np.where(ky == 0, 1.0, 2.0)  # the other half plane mirrors every column but the first
+    paired = np.where(ky == 0, 1.0, 2.0)  # columns ky > 0 count twice: for -ky, too
     slope_variance = 0.0
     rows = max(1, _BLOCK // (ky_max + 1))
     for first in range(-kx_max, kx_max + 1, rows):
@@ -283,7 +282,7 @@ def _fill_modes(recipe: SelfAffine, modes: ComplexArray) -> float:
         q = np.hypot(qx * kx, qy * ky)
         amplitude = amplitude_shape(recipe.spectrum, q, dimension=2)
         slope_variance += float(np.sum(paired * (q * amplitude) ** 2))
-        # Of a pair of opposite modes in the first column the one with kx > 0 owns the phase.
+        # In the first column, the mode with kx > 0 sets the phase of its opposite mode.
         mirrored = (ky == 0) & (kx < 0)
         phase = _phases(recipe.seed, np.where(mirrored, -kx, kx), ky)
         phase = np.where(mirrored, -phase, phase)

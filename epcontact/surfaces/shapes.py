@@ -1,10 +1,10 @@
 """Surfaces with closed-form contact solutions: sinusoids, paraboloid, sphere, flat punch.
 
-The grid point i of a direction lies at x = i L / n.  Heights are measured upward and the rigid
-flat comes from above, so each shape touches first at its summit.  Only the sinusoids are
-band-limited: the others have kinks or walls, whose area converges with the grid spacing.
+Grid point i along a direction is at x = i L / n.  Heights are measured upward and the rigid flat
+comes from above, so each shape touches first at its summit.  Only the sinusoids are band-limited.
+The others have kinks or walls, so their area converges with the grid spacing.
 
-A new shape is a frozen dataclass like these, with a `kind` of its own, and one more name in the
+To add a shape, write a frozen dataclass like these with its own `kind`, and add its name to the
 union `CaseSurface` of `epcontact.surfaces`.
 """
 
@@ -31,7 +31,7 @@ from epcontact.surfaces.recipe import (
     out_of_memory,
 )
 
-#: Rounding of r^2, relative; without it a rim that meets grid points loses some of them.
+#: Relative rounding of r^2; without it a rim through grid points would lose some of them.
 _ON_THE_RIM = 1e-9
 
 _Radius = Annotated[Real, Field(gt=0, description="m; radius of curvature at the summit")]
@@ -43,19 +43,19 @@ class Sinusoid:
 
     h = amplitude cos X, or amplitude cos X cos Y, with X = 2 pi waves x / Lx and Y likewise: the
     gap under the summits is amplitude (1 - cos) or amplitude (1 - cos cos), the convention of
-    Westergaard (1939) and of Johnson, Greenwood and Higginson (1985).  So with the wavelength
-    lambda = L / waves the pressures of complete contact are p* = pi E* amplitude / lambda and,
-    for the product on a square period, p* = sqrt(2) pi E* amplitude / lambda.
+    Westergaard (1939) and of Johnson, Greenwood and Higginson (1985).  With the wavelength
+    lambda = L / waves, complete contact needs the pressure p* = pi E* amplitude / lambda or, for
+    the product on a square period, p* = sqrt(2) pi E* amplitude / lambda.
 
     Args:
         periods: (Lx, Ly), or (L,) for a line, in m.
         shape: grid points (nx, ny), or (nx,) for a line.
         amplitude: in m, from the mean plane to a crest.
-        waves: whole waves in a period.
+        waves: number of waves in a period.
         direction: "x", "y" or "both".
 
     Raises:
-        InvalidScene: also if a wave has two grid points or fewer.
+        InvalidScene: if a value is out of its range, or a wave has two grid points or fewer.
 
     Example:
         >>> surface = Sinusoid((1e-3, 1e-3), (8, 8), amplitude=1e-6, direction="both").build()
@@ -104,7 +104,7 @@ class Sinusoid:
         heights[...] = self.amplitude
         for axis in self._axes:
             n = self.shape[axis]
-            # Whole turns are taken off as integers, so that equal phases have equal heights.
+            # Whole turns are removed as integers, so that equal phases have equal heights.
             turns = (self.waves * np.arange(n)) % n / n
             heights *= _along(np.cos(2 * math.pi * turns), axis, len(self.shape))
         shortest = min(self.periods[axis] for axis in self._axes) / self.waves
@@ -115,15 +115,14 @@ class Sinusoid:
 class Paraboloid:
     """One bump h = -r^2 / (2 radius) (on a line a parabolic cylinder), summit at h = 0.
 
-    r is the distance to the nearest periodic image.  Hertz's theory is exact for this shape, but
-    for the images.
+    r is the distance to the nearest periodic image.  Hertz's theory is exact for this shape except
+    for the effect of the images.
 
     Args:
         periods: (Lx, Ly), or (L,) for a line, in m.
         shape: grid points (nx, ny), or (nx,) for a line.
         radius: radius of curvature at the summit, in m.
-        centre: place of the summit as fractions of the periods, by default the middle; anything
-            else shifts the bump against the grid.
+        centre: position of the summit as fractions of the periods, by default the middle.
 
     Raises:
         InvalidScene: if a length is not positive or the sizes do not fit.
@@ -204,9 +203,9 @@ class FlatPunch:
     Args:
         periods: (Lx, Ly), or (L,) for a line, in m.
         shape: grid points (nx, ny), or (nx,) for a line.
-        radius: of the plateau, or half the width of a strip, in m.
+        radius: radius of the plateau, or half the width of a strip, in m.
         depth: height of the plateau over the floor, in m.
-        centre: of the plateau as fractions of the periods, by default the middle.
+        centre: centre of the plateau as fractions of the periods, by default the middle.
 
     Raises:
         InvalidScene: if a length is not positive or the sizes do not fit.
@@ -258,7 +257,7 @@ def _normalise_centre(recipe: Any) -> None:
 
 
 def _squared_distance(recipe: Any) -> FloatArray:
-    """r^2 from each grid point to the nearest image of the centre, in m^2."""
+    """Return r^2 from each grid point to the nearest image of the centre, in m^2."""
     squared = _empty(recipe.shape)
     squared[...] = 0.0
     grid = zip(recipe.shape, recipe.periods, recipe.centre, strict=True)

@@ -6,9 +6,9 @@ The moments are
 
     surface   m_j = 2 pi int q^(j+1) C dq        line   m_j = int q^j C1 dq
 
-m_0 = h_rms^2, m_2 = xi^2.  Both pieces of each integral are powers of q, so with
-int_a^b q^(n-1) dq = a^n L exprel(n L), L = ln(b/a), exprel(t) = (e^t - 1)/t, every exponent,
-n = 0 included, is evaluated without cancellation.
+with m_0 = h_rms^2 and m_2 = xi^2.  Both pieces of each integral are powers of q.  Their integral
+int_a^b q^(n-1) dq = a^n L exprel(n L), with L = ln(b/a) and exprel(t) = (e^t - 1)/t, has no
+cancellation at any exponent, n = 0 included.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum
 
-#: A wave number this close (relatively) to a band's limit counts as inside.  A period typed with
-#: seven digits otherwise loses the modes that lie on the limits themselves.
+#: A wave number this close (relatively) to a band's limit counts as inside.  Otherwise a period of
+#: seven digits would lose the modes at the limits.
 BAND_TOLERANCE = 1e-6
 
 
 def amplitude_shape(
     spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int
 ) -> FloatArray:
-    """sqrt(f(q)), the shape of the amplitudes without their common factor; 0 outside the band.
+    """Return sqrt(f(q)), the amplitudes without their common factor; 0 outside the band.
 
     wavenumber: |q| in rad/m, any shape; dimension: 2 for a surface, 1 for a line.
     """
@@ -45,7 +45,7 @@ def amplitude_shape(
 
 
 def density(spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int = 2) -> FloatArray:
-    """C(q) in m^4 of a surface (dimension 2), or the one-sided C1(q) in m^3 of a line.
+    """Return C(q) in m^4 of a surface (dimension 2), or the one-sided C1(q) in m^3 of a line.
 
     wavenumber: |q| in rad/m, any shape.  Raises InvalidScene if the band has no width.
 
@@ -65,9 +65,10 @@ def spectral_moment(
     dimension: int = 2,
     wavenumber: ArrayLike = math.inf,
 ) -> FloatArray:
-    """m_order of the part of the spectrum up to `wavenumber`, in m^(2 - order).
+    """Return m_order of the spectrum up to `wavenumber`, in m^(2 - order).
 
-    surface: 2 pi int q^(order+1) C dq; line: int q^order C1 dq.  Any real order.
+    It is 2 pi int q^(order+1) C dq for a surface and int q^order C1 dq for a line; the order may be
+    any real number.
     Raises InvalidScene if the band has no width.
     """
     factor = spectrum.rms_slope**2 / _shape_moment(spectrum, 2, dimension)
@@ -75,17 +76,17 @@ def spectral_moment(
 
 
 def rms_height(spectrum: SelfAffineSpectrum, dimension: int = 2) -> float:
-    """h_rms in m of a surface (dimension 2) or a line (1) with this spectrum."""
+    """Return h_rms in m of a surface (dimension 2) or a line (1) with this spectrum."""
     return math.sqrt(spectral_moment(spectrum, 0, dimension))
 
 
 def slope_variance_up_to(
     spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int = 2
 ) -> FloatArray:
-    """xi^2(q), the slope variance of all roughness with wave numbers up to `wavenumber`.
+    """Return xi^2(q), the slope variance of all roughness with wave numbers up to `wavenumber`.
 
-    2 pi int_{q_0}^q q'^3 C dq' on a surface, int q'^2 C1 dq' on a line; 0 below the band, xi^2
-    beyond it.  It sets the diffusion in Persson's theory.
+    It is 2 pi int_{q_0}^q q'^3 C dq' on a surface and int q'^2 C1 dq' on a line, 0 below the band
+    and xi^2 above it.  It sets the diffusion in Persson's theory.
     """
     return spectral_moment(spectrum, 2, dimension, wavenumber)
 
@@ -96,7 +97,7 @@ def _shape_moment(
     dimension: int,
     wavenumber: ArrayLike = math.inf,
 ) -> FloatArray:
-    """The moment of f(q), that is with C_0 = 1."""
+    """Return the moment of f(q), that is of C with C_0 = 1."""
     if dimension not in (1, 2):
         raise InvalidScene(f"dimension is {dimension!r}, but must be 1 (a line) or 2 (a surface)")
     q0, qr, q1 = (
@@ -119,7 +120,7 @@ def _shape_moment(
 
 
 def _power_integral(n: float, a: float, b: FloatArray) -> FloatArray:
-    """int_a^b q^(n-1) dq, for any n and b >= a > 0."""
+    """Return int_a^b q^(n-1) dq, for any n and b >= a > 0."""
     log_ratio = np.log1p((b - a) / a)
     t = n * log_ratio
     safe = np.where(t == 0, 1.0, t)
@@ -129,9 +130,9 @@ def _power_integral(n: float, a: float, b: FloatArray) -> FloatArray:
 def truncated(
     spectrum: SelfAffineSpectrum, wavenumber_high: float, dimension: int = 2
 ) -> SelfAffineSpectrum:
-    """The same density with nothing beyond `wavenumber_high` (rad/m), which lies in the band.
+    """Cut a spectrum off at `wavenumber_high` (rad/m), which is within the band.
 
-    Its rms slope is what is left.  Raises InvalidScene if nothing is.
+    The rms slope decreases accordingly.  Raises InvalidScene if nothing remains.
     """
     high = min(wavenumber_high, spectrum.wavenumber_high)
     if not high > spectrum.wavenumber_low:
@@ -149,10 +150,14 @@ def truncated(
 
 @dataclass(frozen=True)
 class Moments:
-    """The root mean squares of a surface or line, all taken from its spectrum.
+    """The root mean squares of a surface or line, computed from its spectrum.
 
-    rms_height in m; rms_slope: of the gradient; rms_curvature in 1/m: of the mean curvature, half
-    the Laplacian, on a surface, of the second derivative on a line; dimension: 2 or 1.
+    Attributes:
+        rms_height: in m.
+        rms_slope: that of the gradient.
+        rms_curvature: in 1/m; that of the mean curvature (half the Laplacian) of a surface, or of
+            the second derivative of a line.
+        dimension: 2 or 1.
     """
 
     rms_height: float
@@ -162,15 +167,15 @@ class Moments:
 
     @classmethod
     def of(cls, m0: float, m2: float, m4: float, dimension: int) -> Moments:
-        """Make them from the sums m_j of q^j over the height variance."""
+        """Make the moments from the sums m_j of q^j over the height variance."""
         return cls(math.sqrt(m0), math.sqrt(m2), math.sqrt(m4) / dimension, dimension)
 
     @property
     def nayak(self) -> float:
         """Nayak's bandwidth alpha = m0 m4 / m2^2 of profile moments (1971); isotropic surfaces.
 
-        A profile of an isotropic surface has xi^2 / 2 and, for q^4, 3/8 of the surface's; a line's
-        own are used as they stand.  NaN where there is no slope.
+        A profile of an isotropic surface has the slope variance xi^2 / 2 and 3/8 of the surface's
+        moment of q^4; for a line its own moments are used.  NaN without slope.
         """
         if self.rms_slope == 0:
             return math.nan
@@ -180,6 +185,6 @@ class Moments:
 
 
 def spectrum_moments(spectrum: SelfAffineSpectrum, dimension: int = 2) -> Moments:
-    """Moments of an analytic spectrum, in closed form.  Raises InvalidScene."""
+    """Return the moments of an analytic spectrum, in closed form.  Raises InvalidScene."""
     m0, m2, m4 = (float(spectral_moment(spectrum, order, dimension)) for order in (0, 2, 4))
     return Moments.of(m0, m2, m4, dimension)
