@@ -1,8 +1,8 @@
 """Persson's theory of elastic and elastoplastic contact of isotropic rough surfaces.
 
-`solve` answers a scene.  `Theory` gives curves against magnification and pressure.  Below them:
-`elastoplastic` (the equations for areas and pressures), `series` (how their sums are evaluated),
-`reduction` (the energy reduction S and the diffusion), `roughness` (what the theory reads of a
+`solve` solves a scene.  `Theory` gives curves against magnification and pressure.  The other
+modules are `elastoplastic` (the equations for areas and pressures), `series` (the evaluation of
+their sums), `reduction` (the energy reduction S and the diffusion), `roughness` (the moments of a
 spectrum), `separation` (mean gap and elastic energy) and `hardness` (a hardness that depends on
 the magnification, by `moving_wall`).
 """

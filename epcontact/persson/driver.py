@@ -1,4 +1,4 @@
-"""A scene answered by the theory: areas, distribution and separation at every mean pressure."""
+"""Solve a scene by the theory: areas, distribution and separation at every mean pressure."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def solve(
     Args:
         scene: An isotropic surface on a half-space under non-decreasing loads.
         energy_reduction: gamma, between 0 (excluded) and 1.
-        spectrum: "analytic" for the one that the surface was drawn from, "surface" for the
+        spectrum: "analytic" for the spectrum that the surface was drawn from, "surface" for the
             surface's own.
         reduction: The rule by which gamma enters, see `persson.reduction`.
-        points: How many pressures the distribution of the last load is tabulated at.
+        points: Number of pressures at which the distribution of the last load is tabulated.
 
     Returns:
         One step for each mean pressure of the load, with areas, residuals of area and force, and
@@ -72,8 +72,8 @@ def solve(
         notes=(
             f"energy reduction gamma = {energy_reduction:g}, rule {reduction!r}, "
             f"{spectrum} spectrum",
-            "the areas are those of the theory's equations, right to 1e-10 of themselves: there "
-            "is no grid to correct for, and their error says nothing of the theory's own",
+            "the areas solve the theory's equations to a relative error of 1e-10, without a grid "
+            "to correct for; the error of the theory itself is not included",
         ),
     )
 

@@ -10,9 +10,10 @@ reduction of elastic energy, in Pa^2), p_0 = mean_pressure, sigma_P = hardness, 
 in units of sigma_P: s = p_0, x = sigma, t = G.  Every function broadcasts its arguments like a
 numpy function, returns float64 and raises InvalidScene unless 0 < p_0 < sigma_P and 0 <= G < inf.
 
-Accuracy, for p_0 / sigma_P above 1e-140: each area is right to 1e-10 of itself (and underflows to
-zero where the true value does), P(sigma) to 1e-12 of the larger of 1/sigma_P and 1/sqrt(4 pi G),
-the cumulative distribution to 1e-12 of the elastic area.
+Accuracy, for p_0 / sigma_P above 1e-140: the relative error of each area is below 1e-10 (and the
+area underflows to zero where the true value does); the error of P(sigma) is below 1e-12 of the
+larger of 1/sigma_P and 1/sqrt(4 pi G), that of the cumulative distribution below 1e-12 of the
+elastic area.
 
 Sources: Persson, J. Chem. Phys. 115, 3840 (2001); Almqvist and Persson, "Multiscale contact
 mechanics for elastoplastic contacts", called "the paper" in this package.

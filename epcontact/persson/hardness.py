@@ -53,18 +53,18 @@ def hardness_curve(
     """Areas against magnification for a hardness that depends on it.
 
     Args:
-        theory: The rough body, with a constant reduction; its own hardness is not read.
+        theory: The rough body, with a constant reduction; its own hardness is not used.
         mean_pressure: In Pa.
         hardness: Function from magnifications (m,) to sigma_P in Pa, which must not decrease.
-        magnifications: (n,), ascending, from 1 to the highest of the roughness; by default 200 of
-            equal ratio.
+        magnifications: (n,), ascending, from 1 to the highest of the roughness; by default 200 in
+            a geometric sequence.
         resolution: Cells of the pressure and steps of the magnification.  The areas are of second
             order in both; with the default they are right to 1e-6 at a constant hardness.
 
     Raises:
-        InvalidScene: The hardness falls, is reached by the mean pressure or is no positive number;
-            a magnification is out of order or range; the cells are too few; or the reduction is
-            not constant.
+        InvalidScene: The hardness decreases, is not above the mean pressure or is not a positive
+            number; a magnification is out of order or range; the cells are too few; or the
+            reduction is not constant.
 
     Example:
         >>> from epcontact import SelfAffineSpectrum
@@ -123,7 +123,7 @@ def _magnifications(roughness: Roughness, given: ArrayLike | None) -> FloatArray
 
 
 def _continuous_slope_variance(roughness: Roughness) -> Callable[[FloatArray], FloatArray]:
-    """xi^2(q) without steps: those of a surface's own modes are spread over their rings."""
+    """xi^2(q) as a continuous function: the steps at a surface's modes are spread over rings."""
     edges = np.concatenate([[roughness.lowest], roughness.upper_edge])
     edges = edges[np.concatenate([[True], np.diff(edges) > 0])]
     exact = roughness.slope_variance_up_to
@@ -149,7 +149,7 @@ def _nodes(
 ) -> FloatArray:
     """Magnifications of the steps, `zeta` among them; empty if no point reaches the hardness.
 
-    The first is where the upper wall is just not felt; ln G + 2 ln Y grows evenly between them.
+    At the first of them the upper wall is just not felt; ln G + 2 ln Y grows in equal steps.
     """
     samples = np.geomspace(1.0, zeta[-1], _SAMPLES)
     G, Y = diffusion(samples), _checked_hardness(hardness, samples)

@@ -64,7 +64,7 @@ class StressState:
 
     @property
     def separated(self) -> float:
-        """The rest of the nominal area."""
+        """The separated area, share of the nominal area."""
         return 1 - self.elastic - self.plastic
 
     @property
@@ -111,8 +111,8 @@ def evolve(
         hardness: (n,) Pa, not decreasing.
 
     Raises:
-        InvalidScene: One of them is out of order.  The force could not be conserved where the
-            hardness falls, nor where it grows without more roughness.
+        InvalidScene: The diffusion or the hardness is out of order.  The force is not conserved
+            where the hardness falls, nor where it grows without more roughness.
     """
     G, Y = np.asarray(diffusion, dtype=np.float64), np.asarray(hardness, dtype=np.float64)
     _check(G, Y)
@@ -140,7 +140,7 @@ def _check(G: FloatArray, Y: FloatArray) -> None:
 
 
 def _step(state: StressState, G: FloatArray, log_Y: FloatArray, rate: FloatArray) -> StressState:
-    """One step of the two-stage method, in U = (R_1 .. R_n, B); the pairs are at its ends."""
+    """Take a step of the two-stage method in U = (R_1 .. R_n, B), given the pairs at its ends."""
     n = state.density.size
     dG = _GAMMA * (G[1] - G[0])
     U = math.exp(log_Y[0]) * np.append(state.density, state.plastic)
@@ -153,10 +153,10 @@ def _step(state: StressState, G: FloatArray, log_Y: FloatArray, rate: FloatArray
 
 
 def _stage_change(known: FloatArray, dG: float, Y: float, v: float) -> FloatArray:
-    """U - known with U - dG L U = known, L the operator of the semi-discrete equations at one G.
+    """U - known, where U - dG L U = known and L is the semi-discrete operator at one G.
 
-    dR_i/dG = -(J_{i+1/2} - J_{i-1/2}) / h + v R_i and dB/dG = J_{n+1/2} + v B, J formed with R
-    and B; the bands are of the matrix 1 - dG L.
+    L is dR_i/dG = -(J_{i+1/2} - J_{i-1/2}) / h + v R_i and dB/dG = J_{n+1/2} + v B, with J formed
+    from R and B; the bands are those of the matrix 1 - dG L.
     """
     n = known.size - 1
     h = 1.0 / n

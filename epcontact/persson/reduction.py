@@ -14,7 +14,7 @@ plastic) at the magnification:
 A depends on the spectrum through G alone, so the differential equation separates:
 tau(G) = int_0^G dG' / S(A(G')).  It is integrated in steps of constant ratio of G by Gauss's
 three-point rule, whose error falls with the sixth power of the step, and inverted step by step by
-Newton's method; as S > 0, tau(G) is monotone and has one root.
+Newton's method; as S > 0, tau(G) is monotone and the root is unique.
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ def reduced_diffusion(
 def _integrate(
     factor: Callable[[FloatArray], FloatArray], tau: FloatArray, edges: FloatArray
 ) -> FloatArray:
-    """G with int dG / S = tau; edges: (n,) of the steps of G, and tau = G up to the first."""
+    """G with int dG / S = tau; edges: (n,) of the steps of G; up to the first edge tau = G."""
 
     def integral(low: FloatArray, high: FloatArray) -> FloatArray:
         points = low[:, None] + (high - low)[:, None] * _NODES
@@ -178,9 +178,9 @@ def _newton(
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
-    """The roots of an increasing function with its derivative, in brackets, to 1e-14 of them.
+    """Find the roots of an increasing function in brackets by its derivative, to 1e-14 of `high`.
 
-    scipy.optimize.elementwise.find_root, which takes no derivative, needs half as much time again.
+    scipy.optimize.elementwise.find_root, which takes no derivative, needs 1.5 times as long.
     """
     x, scale = 0.5 * (low + high), high
     for _ in range(100):

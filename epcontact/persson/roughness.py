@@ -1,6 +1,6 @@
-"""The roughness of a surface as the theory reads it: its slope variance by wave number.
+"""The roughness of a surface as the theory uses it: its slope variance by wave number.
 
-The theory reads a spectrum only through xi^2(q) = 2 pi int_{q_0}^q q^3 C dq, which sets the
+A spectrum enters the theory only through xi^2(q) = 2 pi int_{q_0}^q q^3 C dq, which sets the
 diffusion, and through m_1 = 2 pi int q^2 C dq = int dxi^2 / q, which weighs elastic energies.
 Both are known in bands: in closed form for an analytic spectrum, and as sums over the modes of
 each ring for a surface's own.
@@ -62,7 +62,7 @@ def analytic_roughness(spectrum: SelfAffineSpectrum, bands: int = 512) -> Roughn
 
     Args:
         spectrum: The spectrum that surfaces are drawn from.
-        bands: How many bands.
+        bands: Number of bands.
 
     Raises:
         InvalidScene: The spectrum has no width.
@@ -103,7 +103,7 @@ def surface_roughness(surface: Surface) -> Roughness:
 
 
 def roughness_of(surface: Surface, spectrum: SpectrumKind = "analytic") -> Roughness:
-    """The roughness of a surface as the theory reads it.
+    """The roughness of a surface as the theory uses it.
 
     Args:
         surface: Heights over two directions.

@@ -8,8 +8,8 @@ In full contact (S = A_el = 1) this is exact.  A_el is the area at the diffusion
 contact: gamma enters the energy once, by S, and not again by the area.  (With the reduced G the
 energy of small elastic contacts is 1.6 to 2.2 times that of boundary elements.)  S follows the
 rule of the areas where that rule is "persson" or "wang_muser".  "constant" is the limit of small
-contacts, wrong for the long waves in full contact, and "xu" describes no single wave number: with
-these the energy takes "persson" with the same gamma.
+contacts, wrong for the long waves in full contact, and "xu" describes no single wave number: for
+these two the energy uses "persson" with the same gamma.
 
 The formula holds for plastic flow as well, because the diffusion equation with both walls still
 has d<p^2> = 2 A_el dG for <p^2> = int sigma^2 P dsigma + sigma_P^2 A_pl: roughness of wave
@@ -51,7 +51,7 @@ from epcontact.persson.roughness import Roughness
 from epcontact.persson.theory import Theory
 from epcontact.results import FloatArray
 
-#: Steps to a factor e of the pressure in the integral over the load; halved once more.
+#: Steps to a factor e of the pressure in the integral over the load; each is halved once more.
 STEPS_PER_E_FOLD = 8
 _FLATTENING_EXPONENT = 6
 

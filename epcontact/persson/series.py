@@ -62,7 +62,7 @@ class Walk:
     bounded: NDArray[np.bool_]
 
     def rows(self, chosen: NDArray[np.bool_]) -> Walk:
-        """The elements of a mask, in one dimension; without copies where it holds all of them."""
+        """The elements that a mask chooses, in one dimension; not copied if it chooses all."""
         arrays = [getattr(self, field.name) for field in fields(self)]
         return Walk(*(a.ravel() if chosen.all() else a[chosen] for a in arrays))
 
@@ -78,7 +78,7 @@ class Walk:
         )
 
     def image_numbers(self, count: int) -> range:
-        """1 to count; none without an upper wall, which then holds for all rows."""
+        """1 to count, or none if there is no upper wall (for any of the rows)."""
         return range(1, count + 1) if self.bounded.all() else range(0)
 
     def sum_modes(self, weight: Callable[[FloatArray], FloatArray]) -> FloatArray:
@@ -94,7 +94,7 @@ Formula = Callable[[Walk], FloatArray]
 
 
 def evaluate(walk: Walk, *, images: Formula, modes: Formula) -> FloatArray:
-    """A quantity of the walk, by the sum that is short for each element."""
+    """Evaluate a quantity of the walk by the shorter of the two sums for each element."""
     values = np.empty(walk.c.shape)
     wide = walk.bounded & (walk.c >= SWITCH)
     near = walk.bounded & ~wide
@@ -112,8 +112,8 @@ def sine(n: FloatArray, s: FloatArray, r: FloatArray) -> FloatArray:
 def gaussian_mass(centre: FloatArray, half_width: FloatArray, lower: FloatArray) -> FloatArray:
     """(erf(centre + half_width) - erf(lower)) / 2 with lower = centre - half_width.
 
-    The result is right to rounding of itself for centre, half_width >= 0, however narrow or far
-    out the interval is.  `lower` is an argument because callers know it without cancellation.
+    For centre, half_width >= 0 the relative error is that of rounding, however narrow or far out
+    the interval is.  `lower` is an argument because callers know it without cancellation.
     """
     upper = centre + half_width
     across = lower < 0

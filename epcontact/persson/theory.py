@@ -87,14 +87,14 @@ def pressure_curve(
 ) -> PressureCurve:
     """The distribution at equally spaced pressures, from 0 to the hardness.
 
-    An elastic distribution is tabulated to where it has ended.  Without roughness (no diffusion)
-    all of the area is at the mean pressure, and the density is infinite there.
+    An elastic distribution is tabulated up to where it has vanished.  Without roughness (no
+    diffusion) all of the area is at the mean pressure, and the density is infinite there.
 
     Args:
         diffusion: G in Pa^2.
         mean_pressure: In Pa.
         hardness: In Pa; infinite for an elastic body.
-        points: How many pressures are tabulated.
+        points: Number of pressures that are tabulated.
 
     Raises:
         InvalidScene: A pressure or the diffusion is out of range.
@@ -161,8 +161,8 @@ class Theory:
         Args:
             scene: An isotropic surface on a half-space under non-decreasing loads.
             energy_reduction: gamma, between 0 (excluded) and 1.
-            spectrum: "analytic" for the one that the surface was drawn from, "surface" for the
-                surface's own.
+            spectrum: "analytic" for the spectrum that the surface was drawn from, "surface" for
+                the surface's own.
             reduction: The rule by which gamma enters, see `persson.reduction`.
 
         Raises:
@@ -207,8 +207,8 @@ class Theory:
 
         Args:
             mean_pressure: In Pa.
-            magnifications: (n,), at least 1; by default 1000 of equal ratio, from 1 to the highest
-                wave number of the roughness.
+            magnifications: (n,), at least 1; by default 1000 in a geometric sequence, from 1 to the
+                highest wave number of the roughness.
 
         Raises:
             InvalidScene: A magnification or the mean pressure is out of range.

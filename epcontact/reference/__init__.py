@@ -1,9 +1,9 @@
-"""Exact solutions: formulas, and the closed forms by which gates name them.
+"""Exact solutions: formulas, and the closed forms that gates use.
 
 Each file holds one theme: `waves`, `bumps`, `posts`, `layers` and `roughness`.  Its formulas work
-on plain numbers; its closed forms read them off a scene's own heights, material and load.  A closed
-form refuses a scene that it does not describe.  What it needs of the geometry (an amplitude, a
-radius) it measures on the heights, so that it shares nothing with the recipe that made them.
+on plain numbers; its closed forms apply them to a scene's own heights, material and load.  A closed
+form refuses a scene that it does not describe.  It measures an amplitude or a radius on the
+heights, so that it shares nothing with the recipe that made them.
 """
 
 from __future__ import annotations

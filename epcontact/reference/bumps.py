@@ -1,7 +1,7 @@
-"""One round bump a period, by Hertz: formulas, and the closed forms that gates name.
+"""Hertzian contact of one round bump a period: formulas, and the closed form that gates use.
 
-A parabola, of height -r^2/(2 R), is pressed by a rigid flat; in the mirrored problem, a rigid
-parabola on a flat elastic body, every formula is the same.  Symbols: F = force (N), P' = force
+A parabola, of height -r^2/(2 R), is pressed by a rigid flat.  The formulas also hold for a rigid
+parabola on a flat elastic body.  Symbols: F = force (N), P' = force
 per length (N/m), R = radius (m), E* = effective_modulus (Pa), a = contact radius or half-width
 (m), L = period (m).
 
@@ -15,8 +15,8 @@ sphere    A neighbour at distance d presses the surface down by F/(pi E* d) ther
           B r^4 takes the further force (64/15) E* B a^5 (Sneddon 1965).  To leading order
               1/R_eff = (1/R) (1 + 1.917 (a/L)^3).
 cylinder  The kernel of a periodic row is -(2/(pi E*)) ln|2 sin(pi x/L)|; building the contact
-          up from periodic flat punches gives an Abel equation in sin^2(pi x/L) whose solution
-          is closed: P' = -(E* L^2/(2 pi R)) ln cos(pi a/L).  To leading order
+          up from periodic flat punches gives an Abel equation in sin^2(pi x/L) with the closed
+          solution P' = -(E* L^2/(2 pi R)) ln cos(pi a/L).  To leading order
               1/R_eff = (1/R) (1 + (pi^2/6) (a/L)^2).
 """
 
@@ -63,7 +63,7 @@ def sphere_force(contact_radius: float, radius: float, effective_modulus: float)
 def sphere_contact_radius_periodic(
     force: float, radius: float, effective_modulus: float, period: float
 ) -> float:
-    """Contact radius a of one of a square lattice of spheres `period` apart.
+    """Contact radius a of each sphere of a square lattice, `period` apart.
 
     The smallest root of F = (4/3) E* a^3 K + (64/15) E* B a^5 with
         K = 1/R + F/(pi E*) [S_3/(2 L^3) + (9/20) S_5 a^2/L^5],  B = F/(pi E*) (9/64) S_5/L^5.
@@ -158,7 +158,7 @@ def cylinder_pressure_periodic(
     return np.asarray(effective_modulus * period / (2 * math.pi * radius) * np.arctanh(ratio))
 
 
-# --- what gates read ------------------------------------------------------------------------------
+# --- the closed form ------------------------------------------------------------------------------
 
 
 def _bump(scene: Scene) -> tuple[float, FloatArray, float, float]:
@@ -215,7 +215,7 @@ def _bump_pressure(scene: Scene) -> FloatArray:
     """Pressure on the grid.
 
     On a surface it is the semi-ellipse that carries the load on the area of the periodic problem;
-    the images bend it by less than (a/L)^5.
+    the images change it by less than (a/L)^5.
     """
     radius, distance, force, E = _bump(scene)
     a, period = _size(scene), scene.surface.periods[0]

@@ -1,4 +1,4 @@
-"""A closed form as a gate reads it: named scalars, fields and a pressure distribution."""
+"""A closed form for gates: named scalars, fields and a pressure distribution."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Scalar = Callable[[Scene], float]
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """An exact solution as gates read it.
+    """An exact solution in the form that gates use.
 
     Attributes:
         name: The name that gates use.
@@ -68,7 +68,7 @@ class ClosedForm:
         return (*self.scalars, *fields, *(["distribution"] if self.distribution else []))
 
     def knows(self, quantity: str) -> bool:
-        """Whether a gate can read `quantity` of this form."""
+        """True if a gate can read `quantity` of this form."""
         return quantity in self.quantities
 
     def _find(self, known: Mapping[str, Any], name: str) -> Any:
@@ -96,7 +96,7 @@ def refuse_unless(condition: bool, name: str, needs: str) -> None:
 
 
 def elastic_half_space(scene: Scene, name: str) -> float:
-    """E*, where the scene is an elastic half-space."""
+    """Return E* of an elastic half-space; raise InvalidCase for another scene."""
     elastic = scene.material.hardness == math.inf and scene.body.kind == "half_space"
     refuse_unless(elastic, name, "an elastic half-space")
     return effective_modulus(scene.material)

@@ -1,8 +1,8 @@
 """Contacts without a rim: full contact of half-space and layers, and the flat surface.
 
-The compliance of an elastic layer on a rigid base is not taken from a closed form but solved for,
-mode by mode, from the plane strain boundary-value problem, so that a closed form elsewhere can be
-held against it.
+The compliance of an elastic layer on a rigid base is computed mode by mode from the plane strain
+boundary-value problem, and not from a closed form, so that it can check the closed form of another
+module.
 
 Derivation.  With depth z downward, Airy's function phi = f(z) cos(q x) and
     f = (A + B q z) e^(-q z) + (C + D q (d - z)) e^(-q (d - z))
@@ -129,10 +129,10 @@ _DEEP = 20.0
 def compliance(scene: Scene) -> FloatArray:
     """Surface compliance of a scene's body for each mode of numpy.fft.fftn.
 
-    A layer's is solved for from its boundary-value problem, wave by wave (`surface_compliance`).
+    That of a layer follows from its boundary-value problem, wave by wave (`surface_compliance`).
 
     Args:
-        scene: The surface gives the grid, the body and the material the compliance.
+        scene: Its surface gives the grid; its body and material give the compliance.
 
     Returns:
         Compliance in m/Pa, of the shape of the grid; for the mean 0 (half-space) or d/M (layer).
@@ -184,7 +184,7 @@ def _none(scene: Scene) -> float:
 
 
 def _full_energy(scene: Scene) -> float:
-    """Half of the pressure times the displacement, by Parseval, the mean's included."""
+    """Half of the mean of pressure times displacement, by Parseval, with the mean mode."""
     modes = np.fft.fftn(_full_pressure(scene)) / scene.surface.heights.size
     return float(np.sum(compliance(scene) * np.abs(modes) ** 2)) / 2
 
@@ -212,10 +212,11 @@ def _unit(_: Scene) -> float:
 
 
 def _compression(scene: Scene) -> float:
-    """Sinking of a layer's top under the load path: the approach from the first touch, in m.
+    """The approach of a layer since the first touch, at the end of the load path, in m.
 
-    Uniaxial strain: p d/M up to the yield pressure Y (1 - nu)/(1 - 2 nu), then the tangent is
-    the bulk modulus; unloading is elastic while the pressure falls by less than twice that.
+    In uniaxial strain the top sinks by p d/M up to the yield pressure Y (1 - nu)/(1 - 2 nu); beyond
+    it the tangent is the bulk modulus.  Unloading is elastic while the pressure falls by less than
+    twice the yield pressure.
     """
     material, depth, path = scene.material, scene.body.depth, scene.load.path
     refuse_unless(math.isfinite(depth), "flat", "a layer, to be compressed")

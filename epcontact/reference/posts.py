@@ -1,11 +1,11 @@
-"""One flat post a period, pressed without friction: formulas, and the closed forms of gates.
+"""One flat post a period, pressed without friction: formulas, and the closed forms for gates.
 
 Symbols: F = force (N), P' = force per length (N/m), a = radius or half-width (m), E* =
 effective_modulus (Pa), L = period (m), p0 = mean pressure (Pa), sigma_P = hardness (Pa).
 
 Sources: Johnson, Contact Mechanics (1985), sections 2.8 and 3.4.  The periodic strip is
-Westergaard's stress function for a row of cracks (1939); capped, it is a row of cracks with
-Dugdale's zones (Smith 1965), turned round.
+Westergaard's stress function for a row of cracks (1939); the capped strip is the counterpart of a
+row of cracks with Dugdale's zones (Smith 1965).
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def strip_pressure_periodic(
 def _post(scene: Scene, name: str) -> float:
     """Half-width or radius of the post in m.
 
-    On a line the post ends half a cell beyond its outermost points; on a surface the points of
-    a disc count its area, up to the noise of counting.
+    On a line the post ends half a cell beyond its outermost points; on a surface the number of
+    points gives the area of a disc, up to the noise of counting.
     """
     refuse_unless(scene.body.kind == "half_space", name, "a half-space")
     heights = scene.surface.heights
@@ -87,7 +87,7 @@ def _middle_pressure(scene: Scene) -> float:
 
 
 def _yielded_rim(scene: Scene) -> float:
-    """Plastic share of a capped strip: a row of cracks with Dugdale's zones, turned round.
+    """Plastic share of a capped strip, the counterpart of a row of cracks with Dugdale's zones.
 
     The elastic middle |x| < e ends where no singularity is left,
     cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)).

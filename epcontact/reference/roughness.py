@@ -1,6 +1,6 @@
 """Closed forms of a rough surface: its slope, the contact at light load, and the bearing area.
 
-They need the heights alone, and share nothing with the recipe or the spectrum behind them.
+They use only the heights, not the recipe or the spectrum behind them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from epcontact.moduli import effective_modulus
 from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
 from epcontact.scene import Scene
 
-#: Largest area at which `light_load` is offered.  There the elastic area of the theory lies 0.6 %
+#: Largest area at which `light_load` is offered.  There the elastic area of the theory is 0.6 %
 #: below its straight line (test_closed_forms.py).
 _LIGHT = 0.15
 
@@ -64,7 +64,7 @@ def rms_slope(scene: Scene) -> float:
 def _half_variance(scene: Scene) -> float:
     """Half the variance that the pressure would have in full contact, E*^2 xi^2/8, in Pa^2.
 
-    It is written here anew, so that a gate can hold the theory's own against it.
+    It does not call the theory, so that a gate can check the theory with it.
     """
     return effective_modulus(scene.material) ** 2 * rms_slope(scene) ** 2 / 8
 

@@ -1,9 +1,9 @@
-"""Sinusoidal waviness against a rigid flat: formulas, and the closed forms that gates name.
+"""Sinusoidal waviness against a rigid flat: formulas, and the closed forms that gates use.
 
 One wave along x, h(x) = h (1 + cos(2 pi x/lambda)) up to a constant: Westergaard (1939), in the
 form of Johnson, International Journal of Solids and Structures 32 (1995) 423.  Exact.
 The product of two waves, h (1 + cos cos): the asymptotes of Johnson, Greenwood and Higginson,
-International Journal of Mechanical Sciences 27 (1985) 383; no closed form is known between.
+International Journal of Mechanical Sciences 27 (1985) 383; between them no closed form is known.
 
 Symbols: h = amplitude (m; half the distance from valley to crest of the line), lambda =
 wavelength (m), E* = effective_modulus (Pa), p* = pressure of complete contact (Pa),
@@ -133,7 +133,7 @@ def surface_contact_fraction_heavy(load: float) -> float:
     return 1 - 3 / (2 * math.pi) * (1 - load)
 
 
-# --- what gates read ------------------------------------------------------------------------------
+# --- the closed forms -----------------------------------------------------------------------------
 
 #: Pressures at which Westergaard's distribution is tabulated.
 _TABULATED = 4097
@@ -208,8 +208,7 @@ def _on_grid(profile: FloatArray, scene: Scene) -> FloatArray:
 
 
 def _wave_distribution(scene: Scene) -> PressureDistribution:
-    """p falls from crest to rim: the share at pressures below sigma lies between sigma's place and
-    the rim.
+    """p falls from crest to rim, so the share below sigma is that from its place to the rim.
 
     (p/p*)^2 = 4 (1 - y)(s - y), y = sin^2 psi, is solved for y without cancellation at p -> 0.
     """
@@ -218,7 +217,7 @@ def _wave_distribution(scene: Scene) -> PressureDistribution:
     sigma = np.linspace(0, 2 * math.sqrt(load), _TABULATED)
     root = np.sqrt((1 - load) ** 2 + sigma**2)
     y = (load - sigma**2 / 4) * 2 / (1 + load + root)
-    y[-1] = 0.0  # at the crest; rounding would leave a root of it
+    y[-1] = 0.0  # exactly 0 at the crest: the square root below would magnify rounding
     rim = math.asin(math.sqrt(load))
     cumulative = 2 / np.pi * (rim - np.arcsin(np.sqrt(np.clip(y, 0, load))))
     return PressureDistribution(wave.complete * sigma, cumulative)

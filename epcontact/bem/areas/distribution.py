@@ -2,11 +2,11 @@
 
 P(sigma) is the share of the nominal area per pressure.  Near a rim the pressure rises as the
 square root of the distance, p = K sqrt(s), so in the continuum P(sigma) = slope sigma -> 0 at
-sigma -> 0, slope = 2 x the integral of K^-2 along the rims; at the hardness the same by
-particle-hole symmetry.  On a grid the points next to the rim, with pressures of the order
+sigma -> 0, with slope = 2 x the integral of K^-2 along the rims; by particle-hole symmetry the same
+holds at the hardness.  On a grid the points next to the rim, with pressures of the order
 K sqrt(dx), fill the ends: P(0+) > 0 falls as dx^(1/2).
 
-`end_fits` measures both, `extrapolated` takes limits for ever more points per wavelength.
+`end_fits` measures both ends; `extrapolated` takes limits for ever more points per wavelength.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import numpy as np
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray, PressureDistribution
 
-# A pressure above this share of the hardness is plastic: what is left is rounding.
+# A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
-_CHUNK = 1 << 20  # points at a time: no temporary of the grid's size
+_CHUNK = 1 << 20  # points taken at a time, so that no temporary has the grid's size
 
 
 def graded_pressures(largest: float, bins: int, *, both_ends: bool) -> FloatArray:
@@ -45,9 +45,9 @@ def pressure_distribution(
     Args:
         pressure: any shape, in Pa.
         hardness: in Pa, may be infinite.
-        bins: their number, or their ascending edges in Pa, beginning at 0.  A number of bins is
-            graded towards 0 and the hardness, or, without hardness, towards 0 up to the largest
-            pressure.
+        bins: number of bins, or their ascending edges in Pa, beginning at 0.  If it is a number,
+            bins are finer towards 0 and the hardness; if the hardness is infinite, they are
+            finer towards 0 and end at the largest pressure.
 
     Raises:
         InvalidScene: the edges do not ascend from 0, or there is no bin.
@@ -84,10 +84,10 @@ class EndFit:
     """P(sigma) within `window` (Pa) of an end, as a function of the distance from it (Pa).
 
     Attributes:
-        density, slope: of the straight line with the area and the mean pressure of the points
-            there, per Pa and per Pa^2; both include the effect of the grid.
-        continuum_slope: of the straight line through zero with the corrected area there, per
-            Pa^2.
+        density, slope: of the straight line that has the area and the mean pressure of the points
+            in the window, in 1/Pa and 1/Pa^2; both include the effect of the grid.
+        continuum_slope: of the straight line through zero that has the corrected area in the
+            window, in 1/Pa^2.
         window: in Pa.
     """
 
@@ -100,13 +100,13 @@ class EndFit:
 def end_fits(
     pressure: FloatArray, hardness: float, window: float, areas: tuple[Areas, Areas]
 ) -> tuple[EndFit, EndFit | None]:
-    """P(sigma) near 0 and near the hardness; the latter is None where the hardness is infinite.
+    """Fit P(sigma) near 0 and near the hardness; the second fit is None for an infinite hardness.
 
     Args:
         pressure: any shape, in Pa.
         hardness: in Pa, may be infinite.
-        window: in Pa, some times the pressure of the points next to the rim, yet small beside
-            the width of P.  The surplus area of the counted rims lies within the window.
+        window: in Pa, several times the pressure of the points next to the rim, but small beside
+            the width of P.  The surplus area of the counted rims is within the window.
         areas: (raw, corrected) of `rim_correction.estimate_areas`.
 
     Raises:
@@ -146,7 +146,7 @@ def extrapolated(
     values: Sequence[float] | FloatArray,
     order: float = 1.0,
 ) -> tuple[float, float]:
-    """The limit of values for ever more points n per wavelength, v = limit + c n^-order.
+    """Fit the limit of values for ever more points n per wavelength, v = limit + c n^-order.
 
     Args:
         points_per_wavelength: n of each value.

@@ -1,8 +1,8 @@
-"""Where a front crosses between two grid points, exact for a straight one along the grid.
+"""Locate a front between two grid points, exactly for a straight front along the grid.
 
 At a front between apart and elastic points the discrete problem on the half-line is solved by a
-Wiener-Hopf factorisation of the compliance 2/(E* |q|), |q| < pi/dx.  With q(x) = alpha + beta x +
-... the polynomial that the continuum has for its square root times p, the pressure inside is
+Wiener-Hopf factorisation of the compliance 2/(E* |q|), |q| < pi/dx.  Let q(x) = alpha + beta x +
+... be the polynomial that sqrt(distance) p is in the continuum.  The pressure inside is
 (1/S_+) q and the gap outside is -S_- q.  The leading coefficients of S give, in units of
 c = pi E*/(2 e dx), with b = Si(pi)/pi and points counted from the last in contact outwards,
 
@@ -25,7 +25,7 @@ from epcontact.results import FloatArray
 
 #: Offset of a front along an axis, in dx: 1/4 - (1/2 pi) int_0^{pi/2} (cot t/t - cot^2 t) dt.
 AXIS_OFFSET = 0.190009285925947
-#: c in E*/dx, and b.
+#: STIFFNESS is c in E*/dx, and MIX is b.
 STIFFNESS = math.pi / (2 * math.e)
 MIX = 0.5894898722360835  # Si(pi)/pi
 
@@ -34,7 +34,7 @@ _jit = numba.njit(cache=True, nogil=True)
 
 @_jit
 def kind(p: float, hardness: float) -> int:
-    """APART, ELASTIC or PLASTIC."""
+    """The state of a point with the pressure p: APART, ELASTIC or PLASTIC."""
     return int(p > 0) + int(p >= hardness)
 
 
@@ -50,7 +50,7 @@ def field(p: float, g: float, hardness: float, c: float) -> float:
 
 @_jit
 def _cubic_shift(q: FloatArray, before: bool, after: bool) -> float:
-    """How far the root of a polynomial is from the root of the straight line.
+    """The root of a polynomial less the root of a straight line.
 
     The line goes through (0, q[1]) and (1, q[2]) with q[1] > 0 >= q[2]; the polynomial also
     through (-1, q[0]) if `before` and (2, q[3]) if `after`.
@@ -85,9 +85,9 @@ def _cubic_shift(q: FloatArray, before: bool, after: bool) -> float:
 
 @_jit
 def crossing(v: FloatArray, hardness: float, front: int) -> float:
-    """Where between the middle two of four points in line, 0 to 1, v crosses 0 or the hardness.
+    """The place, 0 to 1, between the middle two of four points where v crosses 0 or the hardness.
 
-    v: (4,), of `field`, overwritten.
+    v: (4,) values of `field`, which are overwritten.  front: 0, or 1 for the hardness.
     """
     if front:
         for k in range(4):

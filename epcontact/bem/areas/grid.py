@@ -3,16 +3,16 @@
 A front crosses the links between neighbouring points, where `front` locates it.  Straight
 segments between the crossings of a cell bound the area.
 
-Besides the area, the pass adds up over each front what the corrections of `rim_correction` need:
+Besides the area, the pass adds up over each front the sums that `rim_correction` needs:
 
 OFFSET    segment length times the tabulated offset at u = hardness/|grad v| (grad per spacing).
           u is the width of the elastic strip in spacings where both fronts pass the cell, and
           large where there is one front only.
-LENGTH    segment length; STRIP, that of narrow strips; HARMONIC, length times cos 4 theta
-TURN      how far the front turns: a quarter for each corner cut off.  Over a whole front this
-          adds up to its Euler number.
-TIPS      points apart (or plastic) of whose eight neighbours at most two are in the same state
-DIPS      squares of the areas that may hide between points that all touch
+LENGTH    segment length; STRIP, the same for narrow strips; HARMONIC, length times cos 4 theta
+TURN      turn of the front, a quarter for each corner cut off.  Over a whole front this adds up
+          to its Euler number.
+TIPS      points apart (or plastic) with at most two of their eight neighbours in the same state
+DIPS      squares of the areas of gaps that may be hidden between points that all touch
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from epcontact.results import ELASTIC, FloatArray
 
 #: Values of u at which the offset is tabulated.
 U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
-#: Curvature of a wave over its second difference between points a quarter of its length apart.
+#: A wave's curvature divided by its second difference between points a quarter wavelength apart.
 SEEN = 1.25
 #: A tip has at most this number of neighbours in its own state.
 TIP_NEIGHBOURS = 2
 
 _jit = numba.njit(cache=True, nogil=True)
-# Places in the vector of sums: the contact's value, and after it that of the plastic part.
+# Indices into the vector of sums; the value of the plastic part follows that of the contact.
 AREA, OFFSET, LENGTH, STRIP, HARMONIC, TURN, TIPS, DIPS = range(0, 16, 2)
 SUMS = 16
-#: A front with a smaller u is that of a narrow strip.
+#: A front with a smaller u belongs to a narrow strip.
 STRIP_BELOW = 0.9
 
 
@@ -70,8 +70,8 @@ def _polygon(inside: NDArray[np.int64], cut: FloatArray, joined: bool) -> tuple[
         s, t = cut[first + 1], 1 - cut[(first + 3) % 4]
         area = (s + t) / 2
         return (area if inside[first] == 1 else 1 - area), math.sqrt(1 + (s - t) ** 2)
-    # The corners to cut off: the single one, or, of two opposite pairs, the outside one where the
-    # inside is connected.
+    # Cut off the single corner or, of two opposite pairs, the outside one if the inside is
+    # connected and else the inside one.
     kind = 1 if n == 1 or (n == 2 and not joined) else 0
     area = length = 0.0
     for k in range(4):
@@ -84,12 +84,12 @@ def _polygon(inside: NDArray[np.int64], cut: FloatArray, joined: bool) -> tuple[
 
 @_jit
 def workspace() -> tuple[NDArray[np.int64], FloatArray]:
-    """Room for `add_cell`, so that not every cell allocates its own."""
+    """Allocate the arrays of `add_cell` once for all cells."""
     return np.empty((2, 4), np.int64), np.empty((4, 4))
 
 
 @_jit
-def add_cell(  # noqa: PLR0913, PLR0917 - the problem, where, and what to add to
+def add_cell(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by one
     pressure: FloatArray,
     gap: FloatArray,
     hardness: float,
@@ -99,11 +99,11 @@ def add_cell(  # noqa: PLR0913, PLR0917 - the problem, where, and what to add to
     sums: FloatArray,
     work: tuple[NDArray[np.int64], FloatArray],
 ) -> None:
-    """Add to the sums what a cell with a front has; its corners are (i - 1, j - 1) and (i, j)."""
+    """Add a cell with a front to the sums; its corners are (i - 1, j - 1) and (i, j)."""
     (i, j), (nx, ny) = place, pressure.shape
     kinds, inside = work[0][0], work[0][1]
-    # v with the stiffness of links along x, the same along y; crossings of the four sides; v at
-    # the four points in line with one side.
+    # along, across: v with the stiffness of links along x and along y; cut: crossings of the four
+    # sides; v: its values at the four points in line with one side.
     along, across, cut, v = work[1][0], work[1][1], work[1][2], work[1][3]
     for k in range(4):
         a = i if k in (1, 2) else i - 1
@@ -159,7 +159,7 @@ def add_cell(  # noqa: PLR0913, PLR0917 - the problem, where, and what to add to
 
 @_jit
 def is_tip(pressure: FloatArray, hardness: float, i: int, j: int, state: int) -> bool:
-    """Whether at most two of a point's eight neighbours are in its state."""
+    """True if at most two of a point's eight neighbours are in its state."""
     nx, ny = pressure.shape
     like = -1
     for a in range(i - 1, i + 2):
@@ -170,11 +170,11 @@ def is_tip(pressure: FloatArray, hardness: float, i: int, j: int, state: int) ->
 
 @_jit
 def _dip(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> float:
-    """Square of the area of a gap that may hide next to a point whose pressure is a minimum.
+    """Square of the area of a gap that may be hidden next to a minimum of the pressure.
 
-    Between the points p may fall to 0 (front 1: hardness - p).  Where contact is full, p is a
-    smooth wave.  Where it would fall to -p1 + p2 s^2 at the distance s from its lowest place, a
-    gap of radius sqrt(3 p1/(2 p2)) opens, as a penny-shaped crack that closes smoothly.  The
+    Between the points p may fall to 0 (front 1: hardness - p).  In full contact p is a smooth
+    wave.  If it would fall to -p1 + p2 s^2 at the distance s from its lowest place, a gap of
+    radius sqrt(3 p1/(2 p2)) opens, like a penny-shaped crack that closes smoothly.  The
     lowest place is at most half of a cell's diagonal away, so p1 is at most p2/2 - p with p the
     pressure at the point.  The second difference of a wave with four points to its length is p2
     divided by SEEN.

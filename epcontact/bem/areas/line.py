@@ -6,8 +6,8 @@ The middle of an elastic strip narrower than a spacing follows from the force, b
 pressure rises antisymmetrically about it, p = (2 H/pi) arcsin sqrt(s/w): it is half a spacing
 beyond the last plastic point plus the sum of p/H over the elastic points.
 
-Gaps (or plastic spots) narrower than a spacing are met by chance.  A gap that is met shows as a
-single point between points in contact.  For each such point the count misses LONE of a spacing,
+Chance decides whether a gap (or plastic spot) narrower than a spacing contains a grid point.  If it
+does, it shows as a single point between points in contact, and the count misses LONE of a spacing,
 which was fitted to rough lines.  On smooth lines with gaps whose widths are equally likely, it
 would miss STRAIGHT_LONE.
 """
@@ -110,9 +110,9 @@ def _located(p: FloatArray, g: FloatArray, hardness: float, c: float) -> tuple[f
 def _front(
     p: FloatArray, g: FloatArray, hardness: float, c: float, i: int, d: int, front: int
 ) -> tuple[float, float]:
-    """Place of a front between i and i + d, and how far it is from where a straight line has it.
+    """Place of a front between i and i + d, and its distance from the root of a straight line.
 
-    Both in spacings, from i towards i + d.
+    Both are in spacings, from i towards i + d.
     """
     n, v = p.size, np.empty(4)
     for m in range(4):
@@ -129,7 +129,7 @@ def _front(
 def _strip(
     p: FloatArray, g: FloatArray, hardness: float, c: float, i: int, d: int, outer: float
 ) -> tuple[float, float]:
-    """Width of the elastic strip behind a front between i and i + d, and where its middle is.
+    """Width of the elastic strip behind a front between i and i + d, and the place of its middle.
 
     The middle follows from the force and is counted from the edge of the points in contact.  The
     width is 9 if there is no narrow strip.
@@ -149,9 +149,9 @@ def _strip(
 
 @_jit
 def _dip(before: float, here: float, after: float) -> float:
-    """Width of a gap that may hide next to a point whose pressure is a minimum.
+    """Width of a gap that may be hidden next to a minimum of the pressure.
 
-    Where contact is full, p is a smooth wave.  Where it would fall to -p1 + p2 s^2 at the
+    In full contact p is a smooth wave.  If it would fall to -p1 + p2 s^2 at the
     distance s from its lowest place, a gap of half-width sqrt(2 p1/p2) opens.  The lowest place
     is at most half a spacing away, so p1 is at most p2/4 - p.  The second difference of a wave
     with four points to its length is p2 divided by SEEN.

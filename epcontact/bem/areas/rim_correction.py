@@ -14,7 +14,7 @@ area A_located that they enclose.  In cells, with a front's length L in spacings
     A = A_located - (integral of offset(u) + HARMONIC cos 4 theta along the front)
         + CORNER * (Euler number) - TIP * (number of tips)
 
-and for the plastic part the offset and the tips count to the other side.
+and for the plastic part the offset and the tips have the opposite sign.
 
 * First order: the offset of a located front is that of the discrete problem at a straight one, of
   any direction theta, with an elastic strip of any width u beside it.
@@ -22,10 +22,10 @@ and for the plastic part the offset and the tips count to the other side.
   over which the pressure departs from its square root.  The cubic of `front` takes care of the
   latter; the former integrates to the Euler number of the front's inside, so that CORNER,
   measured on a sphere (and, of the other sign, on a penny-shaped gap) holds for any shape.
-* Not resolved: gaps (or plastic spots) narrower than a spacing are met by chance.  Those that are
-  met show as tips.  A straight gap whose width is equally likely to have any value calls for
-  STRAIGHT_TIP a tip, a round one for nothing; TIP, between them, is the only figure that was
-  fitted to rough surfaces.
+* Not resolved: chance decides whether a gap (or plastic spot) narrower than a spacing contains a
+  grid point.  If it does, it shows as tips.  Straight gaps whose widths are equally likely need
+  STRAIGHT_TIP for each tip, round ones need nothing; TIP, between the two, is the only figure that
+  was fitted to rough surfaces.
 
 `epcontact.studies.rim` measures the constants and prints them.
 """
@@ -55,7 +55,7 @@ OFFSETS = np.array(
 )
 #: Amplitude of the offset's change with the direction of a front (`rim.calibrate_directions`).
 HARMONIC = 0.0127
-#: Cells that a spot lacks by the curvature of its front (`rim.calibrate_corner`).
+#: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).
 CORNER = 0.6
 #: Cells missed for each tip: by straight gaps (`rim.calibrate_straight_tip`), and as fitted to
 #: rough surfaces (`rim.calibrate_rough_tip`).
@@ -63,9 +63,9 @@ STRAIGHT_TIP, TIP = 0.277, 0.24
 #: The mean offset on oblong cells is 1 + OBLONG ln^2(dx/dy) times that on square ones; needed by
 #: test_oblong_cells.
 OBLONG = 0.057
-#: Where narrow strips make more than this share of the fronts, the load decides where they are.
+#: If narrow strips make up more than this share of the fronts, the load determines their place.
 PLACED_FROM = 0.7
-# A pressure above this share of the hardness is plastic: what is left is rounding.
+# A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
 
 
@@ -112,11 +112,11 @@ def estimate_areas(
         gap: of the same shape, in m.
         hardness: in Pa, may be infinite.
         spacing: (dx, dy) or (dx,), in m.
-        effective_modulus: E* in Pa, also of a layer, because a rim is a matter of short waves.
+        effective_modulus: E* in Pa, also for a layer, because short waves determine a rim.
 
     Returns:
         (raw, corrected, error).  The error is the estimated absolute error of the corrected
-        areas; it is meant to cover nine errors of ten.
+        areas; it is meant to cover nine out of ten errors.
 
     Raises:
         InvalidScene: the shapes do not fit.
@@ -178,11 +178,11 @@ def count(pressure: FloatArray, hardness: float) -> tuple[int, int, int, int]:
 def _possible(
     areas: tuple[float, float], errors: tuple[float, float], share: float
 ) -> tuple[Areas, Areas]:
-    """Total and plastic area, moved to the nearest that can carry the load, and their errors.
+    """Move the total and plastic area to the nearest values that carry the load; add to the errors.
 
-    share = p0/hardness: a plastic area larger than that carries too much, and a contact smaller
-    than that too little.  The distance moved adds to the error: where nothing of a contact is
-    resolved, the estimate is worth no more than the bound.
+    A plastic area above share = p0/hardness carries too much, and a contact below it too little.
+    The distance moved adds to the error: if nothing of a contact is resolved, the estimate is worth
+    no more than the bound.
     """
     bounds = ((share, 1.0), (0.0, share))
     moved = [min(max(a, low), high) for a, (low, high) in zip(areas, bounds, strict=True)]
@@ -210,10 +210,11 @@ def corrected(sums: FloatArray, front: int, oblong: float) -> float:
 
 
 def _placed(areas: list[float], sums: FloatArray, share: float) -> tuple[float, float]:
-    """Total and plastic area with the middle of the strips where the load puts it.
+    """Shift the total and plastic area so that the middle of the strips agrees with the load.
 
     Across a narrow strip the pressure rises antisymmetrically, so that strips alone have
-    (A + A_pl)/2 = p0/hardness.  Used as far as more than PLACED_FROM of the fronts are strips.
+    (A + A_pl)/2 = p0/hardness.  The weight of the shift grows from 0 where strips are PLACED_FROM
+    of the fronts to 1 where they are all.
     """
     length = sums[grid.LENGTH] + sums[grid.LENGTH + 1]
     strips = (sums[grid.STRIP] + sums[grid.STRIP + 1]) / length if length else 0.0
@@ -227,11 +228,11 @@ def _uncertainty(sums: FloatArray, front: int, area: float, oblong: float) -> fl
 
     area: cells inside the front or outside of it, whichever are fewer.
 
-    Errors by chance grow as the square root of a front's length: its position in its cells, the
-    tips that happen to be met, and the dips, which are a bound.  Errors common to a whole front
-    grow as its length: how well its offset, its corners and its tips are known, a remainder of
-    the second order that grows as fronts come closer, and the change of the offset where a front
-    runs in one direction.  The factors are measured on rough surfaces.
+    Random errors grow as the square root of a front's length; they are its position in its cells,
+    the tips found by chance, and the dips, which are a bound.  Errors common to a whole front grow
+    as its length; they are the errors of its offset, corners and tips, a remainder of the second
+    order that grows as fronts come closer, and the change of the offset where a front runs in one
+    direction.  The factors are measured on rough surfaces.
     """
     length, strip = sums[grid.LENGTH + front], sums[grid.STRIP + front]
     tips, others = sums[grid.TIPS + front], sums[grid.TIPS + 1 - front]

@@ -1,7 +1,6 @@
-"""The square cells of some points a side that the elastic points are counted and summed in.
+"""Square cells of the grid, in which the elastic points are counted and summed.
 
-They make the neighbourhoods of the preconditioner and those in which a Newton step keeps the
-force (`bounds.put`).
+The preconditioner works on these cells, and a Newton step keeps the force of each (`bounds.put`).
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from epcontact.results import FloatArray
 
 #: Points a side of a cell.
 CELL = 16
-# Points that each direction, unless it has only one, needs to be worth cutting into cells.
+# A grid is cut into cells only if each direction has at least this number of points, or just one.
 _FEWEST = 32
 
 

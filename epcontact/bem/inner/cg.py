@@ -1,8 +1,8 @@
-"""The linear problem within a Newton step, on the elastic set alone.
+"""The linear problem of a Newton step, on the elastic set F.
 
-(S p)_F + z = h_F with the mean of p kept: conjugate gradients in the space of zero mean, with the
-exact compliance or a cheap one (`split`), preconditioned cell by cell (`preconditioner`), or by
-the inverse of S restricted to F where a grid has no cells.
+Conjugate gradients in the space of zero mean solve (S p)_F + z = h_F with the mean of p kept, with
+the exact compliance or a cheap one (`split`).  They are preconditioned cell by cell
+(`preconditioner`), or by the inverse of S restricted to F if a grid has no cells.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from epcontact.bem.transforms import Convolution, Points
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
-# Share of elastic points up to which the stencil of the cheap operator beats transforms.
+# Share of elastic points up to which the stencil of the cheap operator is faster than transforms.
 _FEW = 0.4
 
 Operator = Convolution | SplitOperator
@@ -48,8 +48,8 @@ class InnerOperators:
     def choose(self, changed: int, elastic: int, residual: float) -> Operator:
         """The cheap operator or the exact one for the next step.
 
-        The cheap one serves while the sets change or the residual falls, and while the elastic
-        points are few, because its stencil costs by the point.
+        The cheap one is used while the sets change or the residual falls, and while the elastic
+        points are few, because the cost of its stencil is proportional to their number.
         """
         if not changed and residual > 0.5 * self._last_residual:
             self._split_serves = False
@@ -61,7 +61,7 @@ class InnerOperators:
         return self._split
 
     def preconditioner(self, cells: Cells) -> Preconditioner:
-        """By cells, or by the inverse of the whole compliance, which is exact in full contact."""
+        """The preconditioner by cells, or the inverse compliance (exact in full contact)."""
         if self._body is not None and cells.points.index.size < self._points:
             return CellPreconditioner(self._body, cells, self._masked).apply
 

@@ -1,4 +1,4 @@
-"""The preconditioner of the inner iterations: a stencil within cells, one small problem of cells.
+"""The preconditioner of the inner iterations: a stencil within cells, and a small problem of cells.
 
 Restricted to scattered contacts, the inverse of the compliance S is a poor inverse of S
 restricted to them: it answers the collective displacement of many contacts, which is long-range,
@@ -10,13 +10,14 @@ the indicators of square cells of some points a side, and Pi = Z (Z^T Z)^-1 Z^T 
 
 an additive two-level preconditioner whose fine part sees no collective displacement.  K need only
 be right within a cell: a stencil of 3 x 3 points, fitted to 1/S over the wavelengths up to two
-cells.  E stands for Z^T S Z, the cells' forces and displacements: with c the points of each cell,
+cells.  E approximates Z^T S Z, which gives the cells' displacements from their forces: with c the
+number of points of each cell,
 
     E ~ c (B + delta(c)) c,   delta(c) = 0.6 [b(square of c points) - b(cell)],
 
-B is the kernel averaged over pairs of cells, b the mean displacement that a unit force on a
-square gives it: contact within a cell is denser than the cell.  Neither part takes a transform of
-the fine grid; the cells' problem is solved by conjugate gradients of its own.
+B is the kernel averaged over pairs of cells, and b the mean displacement of a square under a unit
+force on it; delta is needed because contact within a cell is denser than the cell.  Neither part
+takes a transform of the fine grid; the cells' problem is solved by conjugate gradients of its own.
 """
 
 from __future__ import annotations
@@ -32,11 +33,11 @@ from epcontact.bem.transforms import Symbol, filtered
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
-# The factor 0.6 of delta: contacts are no squares.  0.5 to 1 took the same number of iterations.
+# The factor 0.6 of delta: contacts are not squares.  0.5 to 1 took the same number of iterations.
 _DENSITY = 0.6
-_SAMPLE = 128  # modes a direction that the stencil and the squares are found from
-# The stencil serves while it is within this factor of 1/S on every wave up to two cells; bodies
-# and oblong grids beyond it are preconditioned by transforms (`cg`).
+_SAMPLE = 128  # modes in each direction from which the stencil and the squares are computed
+# The stencil is used if it is within this factor of 1/S on every wave up to two cells.  Otherwise
+# (some bodies and oblong grids) the preconditioner uses transforms (`cg`).
 _WORST_FIT = 5.0
 _LEAST_DELTA = 0.05  # of b(square): keeps the cells' problem definite where cells are full
 _REDUCTION = 1e-2  # of the residual of the cells' problem
@@ -79,7 +80,7 @@ def cell_body(symbol: Symbol, scale: float) -> CellBody | None:
 
 
 class CellPreconditioner:
-    """P for the points of some cells."""
+    """The preconditioner P for the points of given cells."""
 
     def __init__(self, body: CellBody, cells: Cells, masked: MaskedGrid) -> None:
         self._body, self._cells, self._masked = body, cells, masked
@@ -141,7 +142,7 @@ def _phases(sample: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _stencil(sample: FloatArray, lowest: float) -> FloatArray | None:
-    """Taps (3, 3) nearest to 1/S, relatively, over the phases a point from `lowest` on."""
+    """Fit (3, 3) taps to 1/S in relative terms, over the phases per point from `lowest` on."""
     x, y = _phases(sample)
     one = np.ones(sample.shape)
     parts = [one, 2 * np.cos(y) * one]

@@ -1,4 +1,4 @@
-"""A cheap stand-in for the compliance of a grid on the elastic set.
+"""A cheap approximation of the compliance of a grid on the elastic set.
 
 The kernel is split by a Gaussian, as in Ewald's sums: the short-range part becomes a stencil of a
 few points around each elastic one, the long-range part is smooth and is applied on the grid of
@@ -7,7 +7,7 @@ half as many points a direction, with cubic interpolation from it and its transp
     S ~ stencil + P G P^T,    G = [S phi + (S (1 - phi) - sigma) sqrt(phi)] / T^2
 
 phi = exp(-(a theta)^2/4), theta the phase per grid point, sigma the symbol of the stencil and T
-that of P; the second term of G hands to the coarse grid what the stencil's cut left out.  An
+that of P; the second term of G adds to the coarse grid the part that the cut stencil lacks.  An
 application costs a quarter of a pair of transforms, in single precision.  It is off by a few per
 cent, which is enough for inner iterations: the displacement of every outer iterate is exact, so
 each outer step corrects what the last one left.
@@ -23,12 +23,12 @@ from epcontact.bem.transforms import Convolution, Points, Symbol
 from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
 
-_WIDTH = 2.0  # a: the alias of the interpolation falls with it, the stencil grows
+_WIDTH = 2.0  # a: a larger one lowers the alias of the interpolation, but the stencil grows
 _SIDE = 3  # grid points that a stencil reaches to each side
-_SAMPLE = 128  # modes a direction that the stencil is found from
+_SAMPLE = 128  # modes in each direction from which the stencil is computed
 
-#: Columns that a masked grid repeats on its left and right, and points that a stencil handles at
-#: once: a register of single precision.
+#: Columns that a masked grid repeats on its left and right, and the number of points that a stencil
+#: handles at once (a register of single precision).
 HALO_LEFT, HALO_RIGHT, RUN = 3, 20, 16
 # Points of the half grid along a run with their neighbours, and the midpoints between them:
 # constants, so that the loops over them are unrolled.
@@ -39,12 +39,12 @@ _INNER, _OUTER = np.float32(9 / 16), np.float32(-1 / 16)
 
 
 def splittable(shape: tuple[int, int]) -> bool:
-    """Whether a grid has an exact half, and enough points for it to pay."""
+    """True if a grid has an exact half, and enough points for the split to pay."""
     return min(shape) >= 64 and shape[0] % 2 == 0 and shape[1] % 2 == 0
 
 
 class MaskedGrid:
-    """A grid in single precision that is 0 but for values at listed points.
+    """A grid in single precision that is 0 except at listed points.
 
     Attributes:
         array: (nx, HALO_LEFT + ny + HALO_RIGHT), the columns at its sides repeated.
@@ -56,7 +56,7 @@ class MaskedGrid:
         self._points: Points | None = None
 
     def put(self, points: Points, values: FloatArray) -> None:
-        """The values at the points, 0 elsewhere."""
+        """Set the values at the points, and 0 elsewhere."""
         if self._points is not points:
             if self._points is not None:
                 self._write(self._points, np.zeros(self._points.index.size))
@@ -91,7 +91,7 @@ class SplitOperator:
     def apply_on(
         self, points: Points, values: FloatArray, out: FloatArray, other: FloatArray
     ) -> tuple[float, float]:
-        """Apply S approximately to `values` at the points and 0 elsewhere.
+        """Apply S approximately to a field that is `values` at the points and 0 elsewhere.
 
         out: the result at the points, overwritten.  Returns sum(out) and sum(out other).
         """
@@ -152,7 +152,8 @@ def _stencil_symbol(taps: FloatArray, tx: FloatArray, ty: FloatArray) -> FloatAr
 
 
 def _interpolation_symbol(theta: FloatArray) -> FloatArray:
-    """Of cubic interpolation to twice as many points: weights 1 and -1/16, 9/16, 9/16, -1/16."""
+    """Symbol of cubic interpolation to twice as many points, whose weights are 1 and -1/16, 9/16,
+    9/16, -1/16."""
     return np.asarray(1 + 9 / 8 * np.cos(theta) - 1 / 8 * np.cos(3 * theta), dtype=np.float64)
 
 
@@ -195,8 +196,8 @@ def restrict(masked: Any, half: Any, first: int) -> None:
             )
 
 
-# Unsigned indices cannot count from the end, which spares the loops below a test that would keep
-# them from vectorising; flat arrays spare them views.
+# Unsigned indices cannot count from the end, so the loops below need no test for it, which would
+# keep them from vectorising; flat arrays save views.
 _UINT = np.uint64
 
 
@@ -204,8 +205,9 @@ _UINT = np.uint64
 def _around_the_edge(
     half: Any, my: int, rows: tuple[int, int, int, int], first: int, line: Any
 ) -> None:
-    """The rows of the half grid (flat indices of their first points) interpolated midway, at
-    columns from `first` on that reach beyond the grid and are repeated."""
+    """Interpolate the half grid midway between rows, at periodic columns from `first` on.
+
+    rows: flat indices of the first points of the four rows."""
     a, b, c, d = rows
     for t in range(line.size):
         k = (first + t) % my
@@ -216,7 +218,7 @@ def _around_the_edge(
 def gather_split(  # noqa: PLR0912, PLR0915 - one loop: cut into functions it took a third longer
     masked: Any, half: Any, taps: Any, index: Any, out: Any, other: Any
 ) -> tuple[float, float]:
-    """At the listed points, the 7 x 7 stencil on `masked` plus `half` interpolated.
+    """out = the 7 x 7 stencil on `masked` plus `half` interpolated, at the listed points.
 
     Listed points among RUN neighbours of a row are handled together.  Returns sum(out) and
     sum(out other).
@@ -252,7 +254,7 @@ def gather_split(  # noqa: PLR0912, PLR0915 - one loop: cut into functions it to
                     + c2 * (fine[at + _UINT(1)] + fine[at + _UINT(5)])
                     + c3 * (fine[at] + fine[at + _UINT(6)])
                 )
-        # The half grid's rows around this one, interpolated to it: line, and midway: middle.
+        # line: the half grid interpolated to this row; middle: line interpolated between columns.
         first = j // 2 - 1
         r = i // 2
         b = r * my
