@@ -12,6 +12,7 @@ from epcontact.errors import InvalidCase
 from epcontact.harness.case import case_sizes, find_case, find_cases, find_named, load_case
 from epcontact.harness.case_gates import default_gates
 from epcontact.harness.case_text import at_size
+from epcontact.harness.quantities import QUANTITIES
 from epcontact.harness.verdict import verify
 
 
@@ -316,3 +317,16 @@ def test_shipped_families_are_found_by_the_ids_of_their_cases() -> None:
     assert len(ids) == len(set(ids))
     with pytest.raises(InvalidCase, match="did you mean 'fem-model-50-nu0'"):
         find_case("fem-modl-50-nu0")
+
+
+def test_a_measured_quantity_of_a_method_without_fields_is_refused(write_case) -> None:
+    gate = 'quantity = "area.total.corrected"\nof = "bem"\nagainst = "persson"'
+    measured = 'quantity = "quantity.measured_force"\nof = "persson"\nagainst = 0.0\nsource = "0"'
+    with pytest.raises(InvalidCase, match=r"gate 1: quantity\.measured_force .* persson has none"):
+        load_case(write_case((gate, measured)))
+
+
+def test_the_registry_of_quantities_says_what_is_checked() -> None:
+    for quantity in QUANTITIES.values():
+        assert set(quantity.needs) <= {"fields", "J2 flow", "hardness"}
+        assert quantity.measure is None or quantity.name.startswith("quantity.")

@@ -65,6 +65,10 @@ def _require_answerable(where: str, gate: GateTable, table: CaseFile) -> None:
                 f"{where} reads {method}, which case.methods does not name; add it there"
             )
     needs = _needs(where, gate)
+    if "fields" in needs and not METHODS[gate.of].has_fields:
+        raise InvalidCase(
+            f"{where}: {gate.quantity} is read of the fields of a method, but {gate.of} has none"
+        )
     if "J2 flow" in needs:
         _require_model(where, gate, table, needs)
     if isinstance(gate.against, str) and gate.against not in METHODS:

@@ -32,11 +32,12 @@ class Quantity:
     """A scalar that a gate can read.
 
     Attributes:
-        name: its name in gates, such as area.total.raw or quantity.mean_gap.
+        name: its name in gates, such as area.total.raw or quantity.mean_gap; a measured quantity
+            is added to the `quantities` of the result, so that its name begins with "quantity.".
         unit: its unit; "–" if it has none.
         meaning: its meaning in one line.
-        needs: what a measured quantity needs: "fields" or "distribution" of the result, a method
-            with "J2 flow", a finite "hardness".
+        needs: its requirements, checked before anything is solved: "fields" of the method,
+            "J2 flow" by the method, and for that a finite "hardness" of the scene.
         measure: the function that measures the quantity; None if the method reports it.
     """
 
@@ -144,10 +145,10 @@ _REPORTED = (
     Quantity(
         "distribution", "–", "distribution of the contact pressures, by wasserstein or supremum"
     ),
-    Quantity("field.heights", "m", "heights of the surface, by the norm l2"),
-    Quantity("field.pressure", "Pa", "contact pressure, by the norm l2"),
-    Quantity("field.gap", "m", "gap, negative where the body flows, by the norm l2"),
-    Quantity("field.displacement", "m", "displacement of the surface, by the norm l2"),
+    Quantity("field.heights", "m", "heights of the surface, by the norm l2", ("fields",)),
+    Quantity("field.pressure", "Pa", "contact pressure, by the norm l2", ("fields",)),
+    Quantity("field.gap", "m", "gap, negative where the body flows, by the norm l2", ("fields",)),
+    Quantity("field.displacement", "m", "displacement of the surface, by the norm l2", ("fields",)),
     Quantity("quantity.mean_gap", "m", "mean of the gap where it is open, over the nominal area"),
     Quantity("quantity.mean_separation", "m", "mean of the gap, plastic displacements included"),
     Quantity(
@@ -272,7 +273,7 @@ _MEASURED = (
         "quantity.measured_carried",
         "–",
         "(int sigma dF + hardness A_pl)/p0 - 1 of the reported distribution",
-        ("fields", "distribution"),
+        ("fields",),
         measurements.carried,
     ),
     Quantity(
