@@ -33,7 +33,7 @@ def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
     chosen = planning.plan(loaded, _share(tolerance), progress=_tell)
     surfaces = f"{chosen.surfaces} surface{'s' if chosen.surfaces > 1 else ''}"
     grid = " x ".join(map(str, chosen.shape))
-    areas = "" if chosen.method == "persson" else f", {grid} points, {surfaces}"
+    areas = f", {grid} points, {surfaces}" if chosen.on_grid else ""
     click.echo(f"{chosen.case}: {chosen.method}{areas}, {chosen.areas} areas")
     for reason in chosen.reasons:
         click.echo(f"  {reason}")

@@ -14,7 +14,7 @@ import importlib
 import importlib.util
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import entry_points
 from typing import Any, Literal
@@ -89,6 +89,7 @@ class Method:
         has_fields: the result has fields on the grid of the surface.
         follows_unloading: the method can follow a path on which a capped law unloads.
         has_model_measures: gates can ask how the J2 flow of the method differs from a cap.
+        pilot: options of a quick solve, which only has to show the areas.
         one_answer: maps the options to True if one answer serves all surfaces of a case.
         source: `module:function` of a solver from outside the package.  The harness does not see
             changes of its code, so it never reuses a kept result of such a method.
@@ -103,9 +104,15 @@ class Method:
     has_fields: bool = True
     follows_unloading: bool = False
     has_model_measures: bool = False
+    pilot: Mapping[str, Any] = field(default_factory=dict, hash=False)
     one_answer: Callable[[Mapping[str, Any]], bool] = _never
     source: str = ""
     requires: str = ""
+
+    @property
+    def plannable(self) -> bool:
+        """True if a grid makes the method exact and its areas come with errors of their own."""
+        return self.has_fields and not self.source
 
     @property
     def missing(self) -> str:
@@ -169,10 +176,10 @@ def _call(
         raise InvalidCase(f"solver {source} raised {_one_line(error)}") from error
     if not isinstance(result, ContactResult):
         raise InvalidCase(f"solver {source} returned no epcontact.ContactResult")
-    for field, values in result.fields.items():
+    for name_of_field, values in result.fields.items():
         if np.shape(values) != scene.surface.shape:
             raise InvalidCase(
-                f"solver {source} returned the field {field} of shape {np.shape(values)}, "
+                f"solver {source} returned the field {name_of_field} of shape {np.shape(values)}, "
                 f"but the scene's grid is {scene.surface.shape}"
             )
     made_by = dict(result.provenance.options) | {"solver": source}
@@ -238,7 +245,14 @@ def _registry() -> dict[str, Method]:
             has_fields=False,
             one_answer=_analytic,
         ),
-        Method("bem", "FFT boundary elements with a pressure cap", _bem, "bem", BemTable),
+        Method(
+            "bem",
+            "FFT boundary elements with a pressure cap",
+            _bem,
+            "bem",
+            BemTable,
+            pilot={"area_tolerance": 1e-4},
+        ),
         Method(
             "fem",
             "finite elements, elastic, with a pressure cap or with J2 flow",

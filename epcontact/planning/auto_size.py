@@ -7,8 +7,9 @@ from dataclasses import replace
 from epcontact.errors import EpcontactError
 from epcontact.harness.case import Case, CaseText, load_case
 from epcontact.harness.gates import Gate
+from epcontact.harness.methods import METHODS
 from epcontact.planning.pilots import PARTS
-from epcontact.planning.plan import plan, planned_case
+from epcontact.planning.plan import methods_on_grids, plan, planned_case
 
 
 def load_auto(text: CaseText) -> tuple[Case, str]:
@@ -33,7 +34,7 @@ def auto_case(
     """
     blocking = [g.name for g in case.gates if not _plannable(g)]
     bands = [g.high - g.low for g in case.gates if g.quantity.endswith(".corrected")]
-    if blocking or not bands or {"bem", "fem"} <= set(case.methods):
+    if blocking or not bands or len(methods_on_grids(case)) > 1:
         reason = f"its gate on {blocking[0]} asks for its grid" if blocking else "as it stands"
         return replace(case, size="auto"), f"{case.id}: {reason}"
     wanted = min(bands) / 2 / 3 if tolerance is None else tolerance
@@ -42,7 +43,7 @@ def auto_case(
         chosen = plan(case, min(wanted, 0.5), parts=parts, threads=threads, capped=True)
     except EpcontactError as error:
         return replace(case, size="auto"), f"{case.id}: as it stands, as {error}"
-    if chosen.method == "persson" or not chosen.meets or chosen.work > chosen.given_work:
+    if not chosen.on_grid or not chosen.meets or chosen.work > chosen.given_work:
         return replace(case, size="auto"), f"{case.id}: as it stands; {chosen.reasons[-1]}"
     return planned_case(case, chosen), f"{case.id}: {'; '.join(chosen.reasons)}"
 
@@ -54,7 +55,7 @@ def _plannable(gate: Gate) -> bool:
     """True if a gate depends on the grid only through corrected areas, or not at all."""
     free = ("residual.", "iterations.", "quantity.measured_")
     return (
-        gate.of == "persson"
+        not METHODS[gate.of].has_fields
         or gate.quantity in _CORRECTED
         or (gate.quantity.startswith(free) and not gate.quantity.endswith("carried"))
     )

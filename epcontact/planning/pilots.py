@@ -81,14 +81,12 @@ class Candidate:
 def solve_pilot(
     case: Case, recipe: surfaces.Recipe, method: str, threads: int | None, **options: Any
 ) -> Pilot:
-    """Solve the case on one surface; boundary elements stop when the areas settle to 1e-4.
+    """Solve the case on one surface, no more exactly than a pilot of the method needs.
 
     Raises InvalidScene, NotConverged.
     """
     started = time.perf_counter()
-    given = dict(case.options.get(method, {})) | options
-    if method == "bem":
-        given = {"area_tolerance": 1e-4} | given
+    given = dict(METHODS[method].pilot) | dict(case.options.get(method, {})) | options
     result = METHODS[method].solve(case.scene(recipe), given, threads or available_cores())
     return _pilot(result, recipe.shape, time.perf_counter() - started)
 

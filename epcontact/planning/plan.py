@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from epcontact import persson
 from epcontact.errors import InvalidCase
 from epcontact.harness.case import Case
+from epcontact.harness.methods import METHODS
 from epcontact.harness.statistics import standard_deviation, student_half_width
 from epcontact.harness.store import Answer
 from epcontact.planning.grids import (
@@ -61,7 +61,7 @@ class Plan:
         case: id of the case.
         tolerance: on the areas of the parts, relative.
         parts: the parts of the area that must be within it.
-        method: "persson", "bem" or "fem".
+        method: the name of the method.
         areas: "raw" or "corrected".
         options: options of the method.
         grid_error: relative error from the grid; for the theory, its distance from the pilots
@@ -99,7 +99,12 @@ class Plan:
     @property
     def surfaces(self) -> int:
         """The number of surfaces that are solved; the theory needs one spectrum."""
-        return 1 if self.method == "persson" else len(self.recipes)
+        return len(self.recipes) if self.on_grid else 1
+
+    @property
+    def on_grid(self) -> bool:
+        """True unless a theory answers without a grid."""
+        return METHODS[self.method].has_fields
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -143,11 +148,11 @@ def plan(
     """
     if not 0 < tolerance < 1:
         raise InvalidCase(f"tolerance is {tolerance!r}, but must lie between 0 and 1")
-    if case.skip or not {"bem", "fem"} & set(case.methods):
+    if case.skip or not (methods := methods_on_grids(case)):
         raise InvalidCase(
-            f"{case.id}: {case.skip or 'only the theory answers it, and needs no plan'}"
+            f"{case.id}: {case.skip or 'no method on a grid answers it, so it needs no plan'}"
         )
-    method = "bem" if "bem" in case.methods else "fem"
+    method, *_ = methods
     recipes, why = _dimension(case)
     report = progress or (lambda _: None)
 
@@ -156,7 +161,7 @@ def plan(
         return solve_pilot(case, recipe, method, threads, **options)
 
     options: dict[str, Any] = {}
-    if method == "fem":
+    if "depth" in METHODS[method].options.model_fields:
         options, reasons = finite_element_options(case, recipes[0], solve, tolerance)
         why += reasons
     chosen_solve = partial(solve, **options)
@@ -183,7 +188,16 @@ def plan(
         reasons=tuple(why),
         recipes=_chosen_recipes(recipes, chosen),
     )
-    return _theory_instead(case, pilots, result) if "persson" in case.methods else result
+    theories = [m for m in case.methods if not METHODS[m].has_fields]
+    return _theory_instead(case, theories[0], pilots, result) if theories else result
+
+
+def methods_on_grids(case: Case) -> list[str]:
+    """Return the case's methods that a grid makes exact, the cheapest first, as METHODS has them.
+
+    Solvers of the user's are left out: their claimed errors are not known.
+    """
+    return [m for m, method in METHODS.items() if m in case.methods and method.plannable]
 
 
 def _dimension(case: Case) -> tuple[tuple[Recipe, ...], list[str]]:
@@ -238,11 +252,11 @@ def _chosen_recipes(given: Sequence[Recipe], chosen: Candidate) -> tuple[Recipe,
     return tuple(recipes)
 
 
-def _theory_instead(case: Case, pilots: Sequence[Pilot], numerical: Plan) -> Plan:
+def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical: Plan) -> Plan:
     """Return the plan with the theory as its method if that is close enough to the pilots."""
     parts = numerical.parts
     scene = case.scene(on_grid(case.recipes[0], pilots[0].shape) or case.recipes[0])
-    theory = persson.solve(scene, **case.options["persson"]).final.areas["raw"]
+    theory = METHODS[method].solve(scene, case.options[method], 1).final.areas["raw"]
     sample, finest = coarsest(pilots), max(pilots, key=lambda p: math.prod(p.shape))
     off = []
     for part in parts:
@@ -262,9 +276,9 @@ def _theory_instead(case: Case, pilots: Sequence[Pilot], numerical: Plan) -> Pla
         )
     return replace(
         numerical,
-        method="persson",
+        method=method,
         areas="raw",
-        options=dict(case.options["persson"]),
+        options=dict(case.options[method]),
         grid_error=max(off) + doubt,
         scatter=0.0,
         work=0.0,
@@ -276,7 +290,7 @@ def _theory_instead(case: Case, pilots: Sequence[Pilot], numerical: Plan) -> Pla
 def planned_case(case: Case, chosen: Plan) -> Case:
     """Return the case with the plan's grid, surfaces and options, as size "auto"."""
     options = {m: dict(given) for m, given in case.options.items()}
-    if chosen.method in options and chosen.method != "persson":
+    if chosen.method in options and chosen.on_grid:
         options[chosen.method] |= chosen.options
     return replace(case, size="auto", recipes=chosen.recipes, options=options)
 
@@ -296,7 +310,7 @@ def achieved_error(chosen: Plan, answer: Answer) -> float:
     """
     if not answer.results:
         raise InvalidCase(f"{chosen.case}: there is no answer to judge the plan by")
-    if chosen.method == "persson":
+    if not chosen.on_grid:
         return chosen.expected_error
     areas = [result.final.areas for result in answer.results]
     errors = []
