@@ -208,16 +208,16 @@ FAULTS: dict[str, Caught] = {
     "coarse": Caught("rough-elastic", "quantity.measured_gap", 0.0),
     "amplitude from valley to crest": Caught(
         "westergaard-line", "quantity.surface_rms_height", 7.071067811865476e-7,
-        changed("epcontact.surfaces.shapes._surface", _double_amplitude),
+        changed("epcontact.surfaces.shapes.surface_with", _double_amplitude),
     ),
     "radius for diameter": Caught(
         "hertz-sphere", "quantity.surface_curvature", 100.0,
-        changed("epcontact.surfaces.shapes._squared_distance", lambda f: lambda r: 2 * f(r)),
+        changed("epcontact.surfaces.shapes.squared_distance", lambda f: lambda r: 2 * f(r)),
     ),
     # spectrum
     "slope of the band 5 % off": Caught(
         "rough-elastic", "quantity.surface_rms_slope", 0.02,
-        scaled("epcontact.surfaces.self_affine._surface", 1.05),
+        scaled("epcontact.surfaces.self_affine.grid_heights", 1.05),
     ),
     "Hurst exponent of the surface": Caught(
         "rough-elastic", "quantity.surface_rms_height", 5.892907742410429e-7,

@@ -129,7 +129,7 @@ class SelfAffine:
         Raises NotEnoughMemory if they cannot be allocated.
         """
         try:
-            heights = _line(self) if len(self.shape) == 1 else _surface(self)
+            heights = _line(self) if len(self.shape) == 1 else grid_heights(self)
         except MemoryError:
             raise out_of_memory(self.shape, arrays=2) from None
         heights.flags.writeable = False
@@ -246,7 +246,8 @@ def _line(recipe: SelfAffine) -> FloatArray:
     return np.asarray(ducc0.fft.c2r(modes, lastsize=n, forward=False))
 
 
-def _surface(recipe: SelfAffine) -> FloatArray:
+def grid_heights(recipe: SelfAffine) -> FloatArray:
+    """Return the heights (nx, ny) of a recipe in m."""
     nx, ny = recipe.shape
     modes = np.zeros((nx, ny // 2 + 1), np.complex128)
     slope_variance = _fill_modes(recipe, modes)

@@ -108,7 +108,7 @@ class Sinusoid:
             turns = (self.waves * np.arange(n)) % n / n
             heights *= _along(np.cos(2 * math.pi * turns), axis, len(self.shape))
         shortest = min(self.periods[axis] for axis in self._axes) / self.waves
-        return _surface(self, heights, shortest_wavelength=shortest)
+        return surface_with(self, heights, shortest_wavelength=shortest)
 
 
 @dataclass(frozen=True)
@@ -151,9 +151,9 @@ class Paraboloid:
 
     def build(self) -> Surface:
         """Make the heights."""
-        heights = _squared_distance(self)
+        heights = squared_distance(self)
         heights *= -0.5 / self.radius
-        return _surface(self, heights)
+        return surface_with(self, heights)
 
 
 @dataclass(frozen=True)
@@ -188,10 +188,10 @@ class Sphere:
     def build(self) -> Surface:
         """Make the heights."""
         # -r^2 / (R + sqrt(R^2 - r^2)) is sqrt(R^2 - r^2) - R without cancellation at the summit.
-        heights = _squared_distance(self)
+        heights = squared_distance(self)
         np.minimum(heights, self.radius**2, out=heights)
         heights /= -(self.radius + np.sqrt(self.radius**2 - heights))
-        return _surface(self, heights)
+        return surface_with(self, heights)
 
 
 @dataclass(frozen=True)
@@ -235,11 +235,11 @@ class FlatPunch:
 
     def build(self) -> Surface:
         """Make the heights."""
-        heights = _squared_distance(self)
+        heights = squared_distance(self)
         outside = heights > self.radius**2 * (1 + _ON_THE_RIM)
         heights[...] = 0.0
         heights[outside] = -self.depth
-        return _surface(self, heights)
+        return surface_with(self, heights)
 
 
 def _require_length(name: str, value: float) -> None:
@@ -256,7 +256,7 @@ def _normalise_centre(recipe: Any) -> None:
     object.__setattr__(recipe, "centre", tuple(float(c) % 1.0 for c in centre))
 
 
-def _squared_distance(recipe: Any) -> FloatArray:
+def squared_distance(recipe: Any) -> FloatArray:
     """Return r^2 from each grid point to the nearest image of the centre, in m^2."""
     squared = _empty(recipe.shape)
     squared[...] = 0.0
@@ -279,7 +279,10 @@ def _empty(shape: tuple[int, ...]) -> FloatArray:
         raise out_of_memory(shape, arrays=1) from None
 
 
-def _surface(recipe: Any, heights: FloatArray, shortest_wavelength: float | None = None) -> Surface:
+def surface_with(
+    recipe: Any, heights: FloatArray, shortest_wavelength: float | None = None
+) -> Surface:
+    """Make the surface of a recipe from its heights, which become read-only."""
     heights.flags.writeable = False
     return Surface(
         heights,
