@@ -177,13 +177,13 @@ class ContactResult:
             )
             for step in data["steps"]
         )
-        found = data["distribution"]
+        saved = data["distribution"]
         distribution = None
-        if found is not None:
+        if saved is not None:
             distribution = PressureDistribution(
-                np.array(found["pressure"], dtype=float),
-                np.array(found["cumulative"], dtype=float),
-                float(found["plastic"]),
+                np.array(saved["pressure"], dtype=float),
+                np.array(saved["cumulative"], dtype=float),
+                float(saved["plastic"]),
             )
         return cls(
             method=data["method"],

@@ -77,8 +77,8 @@ def _share(text: str) -> float:
 def crosscheck(case: str, size: str, seeds: str | None) -> None:
     """Split the difference of finite and boundary elements on CASE into grid, depth, model."""
     others = () if seeds is None else _seeds(seeds)
-    found = casefile.load_case(casefile.find_case(case), size)
-    click.echo(check_models(found, others))
+    loaded = casefile.load_case(casefile.find_case(case), size)
+    click.echo(check_models(loaded, others))
 
 
 #: Largest number of seeds: far more than an ensemble needs, and still a short list.

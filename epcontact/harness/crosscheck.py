@@ -160,18 +160,18 @@ def crosscheck(case: Case, seeds: Sequence[int] = ()) -> str:
     _require_checkable(case)
     recipes = case.recipes if not seeds else _other_surfaces(case, seeds)
     options = case.options["fem"]
-    lines, found = [], []
+    lines, checks = [], []
     for recipe in recipes:
         seed = getattr(recipe, "seed", None)
         lines.append(f"{case.id}, {case.size}" + ("" if seed is None else f", seed {seed}"))
-        found.append(_checked(case.scene(recipe), options))
-        lines += [f"  {line}" for line in _surface_lines(found[-1], case.material.hardness)]
-    if len(found) > 1:
+        checks.append(_checked(case.scene(recipe), options))
+        lines += [f"  {line}" for line in _surface_lines(checks[-1], case.material.hardness)]
+    if len(checks) > 1:
         lines.append(
-            f"{case.id}, {case.size}, {len(found)} surfaces: mean +- standard error "
+            f"{case.id}, {case.size}, {len(checks)} surfaces: mean +- standard error "
             "(standard deviation of a surface)"
         )
-        lines += [f"  {line}" for line in _ensemble_lines(found)]
+        lines += [f"  {line}" for line in _ensemble_lines(checks)]
     return "\n".join(lines)
 
 
@@ -234,19 +234,19 @@ def _surface_lines(checked: Checked, hardness: float) -> list[str]:
     return lines
 
 
-def _ensemble_lines(found: Sequence[Checked]) -> list[str]:
+def _ensemble_lines(checks: Sequence[Checked]) -> list[str]:
     """Return the lines of the report on all surfaces together."""
-    budgets = [item.budget for item in found]
+    budgets = [item.budget for item in checks]
     rows = [("discretisation, area", [b.discretisation.area for b in budgets])]
     models = [b.model for b in budgets if b.model is not None]
     if models:
         rows.append(("model, area", [m.area for m in models]))
         rows.append(("model, overlap", [m.overlap for m in models]))
         rows.append(("model, distance of the pressures", [m.wasserstein for m in models]))
-        rows.append(("largest pressure of j2 over sigma_Y", [item.largest for item in found]))
-    effective = [item.effective for item in found if item.effective is not None]
+        rows.append(("largest pressure of j2 over sigma_Y", [item.largest for item in checks]))
+    effective = [item.effective for item in checks if item.effective is not None]
     caps = [e.at_cap for e in effective if e.at_cap is not None]
-    if caps and len(caps) == len(found):
+    if caps and len(caps) == len(checks):
         rows.append(("effective hardness c_eff", [e.ratio for e in effective]))
         rows.append(("its error from the grid", [e.error for e in effective]))
         rows.append(("overlap at c_eff", [cap.overlap for cap in caps]))

@@ -87,9 +87,9 @@ def effective_hardness(
         )
     block: dict[str, Any] = {"depth": depth, "layers": layers}
     j2 = j2 or fem_check.solve(scene, law="j2", certified=False, **block)
-    found = _equal_area(scene, j2)
-    error = found.error
-    if coarse and math.isfinite(found.ratio):
+    fine = _equal_area(scene, j2)
+    error = fine.error
+    if coarse and math.isfinite(fine.ratio):
         if any(n % 2 or n < 8 for n in scene.surface.shape):
             raise InvalidScene(
                 f"the grid of {scene.surface.shape} points has no half; give even numbers of at "
@@ -97,8 +97,8 @@ def effective_hardness(
             )
         half = _half(scene)
         rough = fem_check.solve(half, law="j2", certified=False, **block)
-        error += abs(_equal_area(half, rough).ratio - found.ratio)
-    return replace(found, error=error)
+        error += abs(_equal_area(half, rough).ratio - fine.ratio)
+    return replace(fine, error=error)
 
 
 def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray:

@@ -104,9 +104,9 @@ def theory_densities(results: Results, hardness: float) -> list[Series]:
 
 def _spectrum_chart(surface: Surface) -> Chart:
     """Chart the spectrum of the surface and the analytic one that it was drawn from."""
-    found = radial_spectrum(surface)
-    shown = found.density > 1e-12 * found.density.max()
-    series = [Series("surface", found.wavenumber[shown], found.density[shown])]
+    spectrum = radial_spectrum(surface)
+    shown = spectrum.density > 1e-12 * spectrum.density.max()
+    series = [Series("surface", spectrum.wavenumber[shown], spectrum.density[shown])]
     analytic, dimension = surface.spectrum, surface.heights.ndim
     if analytic is not None:
         q = np.geomspace(analytic.wavenumber_low, analytic.wavenumber_high, 300)

@@ -221,8 +221,8 @@ def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
     if case.skip:
         answers = {}
     gates = [] if case.skip else [_judged(case, gate, answers) for gate in case.gates]
-    found = {gate.status for gate in gates}
-    worst = next((status for status in (ERROR, FALLS_SHORT) if status in found), HOLDS)
+    statuses = {gate.status for gate in gates}
+    worst = next((status for status in (ERROR, FALLS_SHORT) if status in statuses), HOLDS)
     judged = CaseVerdict(
         id=case.id,
         size=case.size,

@@ -1,10 +1,10 @@
-"""Studies: what accuracy costs, and what the theory and its checks say of each other, as charts.
+"""Studies: charts of accuracy against cost, and of the theory against the numerical methods.
 
-A study is a module of this package.  Its functions make tidy tables (pandas, one row a point);
-its function `charts(size, progress)` draws them, each by a `Plot` that says which columns are
-shown.  `STUDIES` names the studies; the module of a study is imported when it runs.  The size
-"fast" takes seconds, "full" minutes.  Times that a chart shows were taken in that one run: their
-ratios mean something, they themselves belong to the machine.
+A study is a module of this package.  Its functions make tidy tables (pandas, one row for each
+point), and its function `charts(size, progress)` draws them by a `Plot` that selects columns.
+`STUDIES` names the studies; the module of a study is imported when it runs.  The size "fast" takes
+seconds, "full" minutes.  The times in a chart come from one run on one machine, so only their
+ratios are comparable.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from epcontact.output.charts.figures import Chart
 
 @dataclass(frozen=True)
 class Study:
-    """A study by its name, which is that of its module."""
+    """A study with the name of its module."""
 
     name: str
     description: str
@@ -32,7 +32,7 @@ class Study:
 
         Args:
             size: "fast" takes seconds, "full" minutes.
-            progress: called with a sentence now and then.
+            progress: called with a sentence before each longer piece of work.
 
         Raises:
             EpcontactError: a solver does not converge, or another code is not installed.
@@ -46,12 +46,12 @@ def save_charts(name: str, charts: tuple[Chart, ...], folder: Path) -> list[Path
     """Write the charts of a study as <name>-1, <name>-2, ... (a single one as <name>).
 
     Args:
-        name: of the study.
-        charts: as `Study.run` makes them.
-        folder: is made if it is not there.
+        name: name of the study.
+        charts: the charts of `Study.run`.
+        folder: the folder, which is made if it is missing.
 
     Returns:
-        The files written, four a chart.
+        The files written, four for each chart.
 
     Raises:
         OutputError: a file cannot be written.
@@ -73,7 +73,7 @@ _DESCRIPTIONS = {
     "speed": "FFT pairs, time in bare FFT pairs, area errors and memory on the paper's scene",
     "pressures": "P(sigma) at 0 and at the hardness, raw and extrapolated, beside the theory",
     "gap": "mean gap against pressure, its elastic and plastic part, by all methods",
-    "fem": "what elements, meshes, depth, linear solvers and load paths of finite elements cost",
+    "fem": "errors and costs of finite elements: element, mesh, depth, linear solver, load path",
     "hardness": "the cap, in yield stresses, that gives a J2 body's contact area, with error bars",
     "master": "error of the contact area against time for all three methods on one scene",
     "peers": "time to the same areas beside public codes, where they are installed",

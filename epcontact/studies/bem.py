@@ -1,10 +1,10 @@
-"""What the solvers of the boundary elements cost: residual and area error against work and time.
+"""The cost of the boundary-element solvers: residual and area error against work and time.
 
-One capped scene, one grid, every method with the tolerances 1e-1, 1e-2, ...: the residual of the
-Karush-Kuhn-Tucker conditions it reached, the error of its areas against the same problem solved
-to 1e-10, the FFT pairs it took (those of coarser grids by their points) and its time, the latter
-in bare FFT pairs of the same grid timed in the same run.  A method that does not reach a
-tolerance within its steps has no more points.
+Every method solves one capped scene on one grid to the tolerances 1e-1, 1e-2, ...  Its figures are
+the residual of the Karush-Kuhn-Tucker conditions, the error of its areas against the same problem
+solved to 1e-10, its FFT pairs (those of coarser grids count by their points) and its time in bare
+FFT pairs of the same grid, timed in the same run.  A method that misses a tolerance within its
+steps has no further points.
 """
 
 from __future__ import annotations
@@ -31,11 +31,10 @@ TOLERANCES = tuple(10.0**-k for k in range(1, 11))
 
 
 def bare_pair_times(shape: tuple[int, ...], threads: int, repeats: int = 5) -> tuple[float, float]:
-    """The least wall-clock and the least processor time (all threads together), in s, of one real
-    FFT pair of that shape, into arrays that are there already.
+    """Time one real FFT pair of a shape into existing arrays.
 
-    Fresh arrays would have their pages cleared while the clock runs, and make the unit of every
-    relative time longer than the transforms are.
+    Returns the least wall-clock time and the least processor time of all threads, in s.  New
+    arrays would add the time for clearing their pages.
     """
     field, times = np.random.default_rng(1).random(shape), []
     modes = np.zeros((*shape[:-1], shape[-1] // 2 + 1), dtype=np.complex128)
@@ -67,17 +66,17 @@ def solver_costs(
     """Solve the scene by every method at every tolerance, from loose to tight, on one thread.
 
     Args:
-        scene: with a hardness and a load under which it is elastic and plastic somewhere.
-        methods: of `bem.solve`.
-        tolerances: on the residuals, falling.
-        max_steps: after which a method has not converged.
+        scene: a scene whose contact is partly elastic and partly plastic.
+        methods: methods of `bem.solve`.
+        tolerances: tolerances on the residuals, in falling order.
+        max_steps: number of steps after which a method has not converged.
         progress: called with a sentence before each method.
 
     Returns:
-        One row a method and tolerance: method, tolerance, residual (the largest), fft_pairs
+        One row for each method and tolerance: method, tolerance, residual (the largest), fft_pairs
         (of the finest grid, coarser ones by their points), relative_error (of the raw areas, the
-        largest) and seconds.  A method that fails has a last row, with the residual that it
-        reached and its steps; there fft_pairs and what follows is NaN.
+        largest) and seconds.  A method that fails has a last row with its residual
+        and its steps, in which fft_pairs and the later columns are NaN.
     """
     bem.solve(scene, tolerance=0.5, threads=1)  # compiled and cached before it is timed
     exact = bem.solve(scene, tolerance=1e-10, threads=1)
@@ -109,7 +108,7 @@ def solver_costs(
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """Residual against FFT pairs, area error against FFT pairs, area error against time."""
+    """Chart residual and area error against FFT pairs, and area error against time."""
     points, bandwidth, steps = (8, 32, 1000) if size == "fast" else (8, 64, 2000)
     scene = rough_scene(points, 7, bandwidth)
     costs = solver_costs(scene, METHODS, max_steps=steps, progress=progress)
@@ -120,11 +119,11 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
 def draw_costs(
     costs: pd.DataFrame, shape: tuple[int, ...], pair_seconds: float
 ) -> tuple[Chart, Chart, Chart]:
-    """The three charts of a table of costs.
+    """Draw the three charts of a table of costs.
 
     Args:
-        costs: as `solver_costs` makes it.
-        shape: of the grid.
+        costs: the table of `solver_costs`.
+        shape: shape of the grid.
         pair_seconds: time of a bare FFT pair on it.
     """
     solved = costs.dropna(subset="fft_pairs")

@@ -1,4 +1,4 @@
-"""What the finite elements need: elements, meshes, depth, load steps and linear solvers.
+"""The error and cost of finite elements: elements, meshes, depth, load steps, linear solvers.
 
 elements        a smooth strip punch in plane strain on bricks with and without mean dilatation,
                 against Prandtl's limit (2 + pi) k: elements that lock do not find it
@@ -36,7 +36,7 @@ from fem_check.driver import problem_of
 from fem_check.element import elastic_stiffness
 from fem_check.linear_solver import eliminate, substitute
 
-YIELD_STRESS = HARDNESS / 3  # Tabor's ratio, as the paper takes it
+YIELD_STRESS = HARDNESS / 3  # Tabor's ratio, as in the paper
 DEPTHS, WAVES = (0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0), (1, 2, 4)
 
 
@@ -48,7 +48,7 @@ def plastic_scene(points_per_wavelength: int, seed: int, bandwidth: int) -> Scen
 
 
 def flat_scene(points: int) -> Scene:
-    """That body without roughness, on points x points nodes."""
+    """The J2 body without roughness, on points x points nodes."""
     scene = plastic_scene(4, 7, 4)
     return replace(scene, surface=Surface(np.zeros((points, points)), scene.surface.periods))
 
@@ -62,10 +62,10 @@ def punch_errors(counts: Sequence[int]) -> pd.DataFrame:
     """Errors of the limit load of a strip punch.
 
     Args:
-        counts: elements to the half-width of the punch.
+        counts: numbers of elements in the half-width of the punch.
 
     Returns:
-        One row a formulation ("mean dilatation", "full integration") and count: formulation,
+        One row for each formulation ("mean dilatation", "full integration") and count: formulation,
         elements, relative_error; NaN where the solver does not converge, as on elements that lock.
     """
     rows = []
@@ -92,7 +92,7 @@ def mesh_errors(
         progress: called with a sentence before each surface.
 
     Returns:
-        One row a kind and mesh but the finest: kind ("raw", "corrected", "uncertainty of the
+        One row for each kind and mesh but the finest: kind ("raw", "corrected", "uncertainty of the
         reference"), nodes_per_wavelength, relative_error (root mean square over the surfaces; of
         the uncertainty the mean).
     """
@@ -124,8 +124,8 @@ def step_errors(
         progress: called with a sentence before each surface.
 
     Returns:
-        One row a quantity ("contact area", "mean gap") and number of increments but the last:
-        quantity, load_steps, relative_error (root mean square over the surfaces) and
+        One row for each quantity ("contact area", "mean gap") and number of increments but the
+        last: quantity, load_steps, relative_error (root mean square over the surfaces) and
         cg_iterations (mean).
     """
     rows = []
@@ -153,7 +153,7 @@ def depth_errors(depths: Sequence[float], waves: Sequence[int], points: int) -> 
         points: nodes a period.
 
     Returns:
-        One row a wave and depth: waves, depth_over_period, relative_error.
+        One row for each wave and depth: waves, depth_over_period, relative_error.
     """
     scene = flat_scene(points)
     period = scene.surface.periods[0]
@@ -168,12 +168,12 @@ def depth_errors(depths: Sequence[float], waves: Sequence[int], points: int) -> 
 
 
 def linear_solves(points: int) -> pd.DataFrame:
-    """Solve an elastic block of points x points nodes a level under random forces.
+    """Solve an elastic block with points x points nodes in each level under random forces.
 
     Returns:
-        One row a solver: solver (the Fourier elimination of `fem_check`, a sparse factorisation
-        by SuperLU, conjugate gradients with the diagonal to 1e-8), unknowns, time_in_products
-        (of the assembled matrix with a vector) and residual (relative).
+        One row for each solver: solver (the Fourier elimination of `fem_check`, a sparse
+        factorisation by SuperLU, conjugate gradients with the diagonal to 1e-8), unknowns,
+        time_in_products (of the assembled matrix with a vector) and residual (relative).
     """
     problem = problem_of(flat_scene(points), law="elastic")
     shape = problem.block.field_shape
@@ -228,7 +228,7 @@ def path_costs(
         progress: called with a sentence before each mesh.
 
     Returns:
-        One row a mesh, means over the surfaces: nodes, the iterations of the whole path as
+        One row for each mesh, means over the surfaces: nodes, the iterations of the whole path as
         "conjugate gradients" and "Newton", and time_in_fft_pairs (of 2048 x 2048 points).
     """
     pair, rows = fft_pair_seconds(), []
@@ -244,7 +244,7 @@ def path_costs(
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """Elements, meshes, depths, load steps, linear solvers, load paths."""
+    """Chart elements, meshes, depths, load steps, linear solvers and load paths."""
     fast = size == "fast"
     progress("fem: elements")
     punch = punch_errors([2, 3] if fast else [2, 3, 4, 6, 8])

@@ -1,9 +1,9 @@
-"""Which energy reduction gamma fits: areas of the theory against it, beside boundary elements.
+"""The energy reduction gamma that fits: the theory's areas against gamma and boundary elements.
 
 The theory has one parameter, a constant gamma in G = gamma E*^2 xi^2 / 8.  Boundary elements, in
 the continuum limit and averaged over surfaces, give four areas of one roughness: total, elastic
-and plastic of the capped body, and the contact of the elastic one.  Each is met by the theory at
-a gamma of its own; where those intervals have nothing in common, no single gamma fits.
+and plastic of the capped body, and the contact of the elastic body.  The theory has each of them
+at a gamma of its own.  If the intervals of these gammas do not overlap, no single gamma fits.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _COLOURS = dict(
 
 
 def theory_areas() -> pd.DataFrame:
-    """Areas of the paper's scene by the theory: columns gamma and AREAS, one row a gamma."""
+    """Areas of the paper's scene by the theory: columns gamma and AREAS, one row for each gamma."""
     diffusion = float(persson.full_contact_diffusion(MODULUS, 1.0))  # the rms slope is 1
     table = pd.DataFrame(persson.gamma_columns(diffusion, MEAN_PRESSURE, HARDNESS))
     return table.rename(columns={f"{area.replace(' ', '_')}_area": area for area in AREAS})
@@ -49,7 +49,7 @@ def boundary_element_areas(
     """Solve the capped and the elastic body on every surface.
 
     Returns:
-        One row an area: area (of AREAS) and area_fraction with its interval.
+        One row for each area: area (of AREAS) and area_fraction with its interval.
     """
     rows = []
     for seed in seeds:
@@ -63,20 +63,20 @@ def boundary_element_areas(
     return means[means["area"].isin(AREAS)]
 
 
-def fit_gamma(theory: pd.DataFrame, found: pd.DataFrame) -> pd.DataFrame:
-    """The gamma at which the theory has each area.
+def fit_gamma(theory: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
+    """Find the gamma at which the theory has each area.
 
     Args:
         theory: a column gamma, and a column an area.
-        found: one row an area: area, area_fraction, area_fraction_low, area_fraction_high.
+        measured: one row for each area: area, area_fraction, area_fraction_low, area_fraction_high.
 
     Returns:
-        One row an area: area, gamma and, for the ends of its interval, gamma_low and gamma_high
-        (NaN where the theory has the area at no gamma, or at several), and deviation_percent,
-        that of the theory at the gamma of the paper.
+        One row for each area: area, gamma and, for the ends of its interval, gamma_low and
+        gamma_high (NaN where the theory has the area at no gamma, or at several), and
+        deviation_percent, that of the theory at the gamma of the paper.
     """
     gamma, rows = theory["gamma"].to_numpy(), []
-    for row in found.to_dict("records"):
+    for row in measured.to_dict("records"):
         areas = theory[row["area"]].to_numpy()
         middle, *ends = (
             _crossing(gamma, areas, row[key])
@@ -89,13 +89,13 @@ def fit_gamma(theory: pd.DataFrame, found: pd.DataFrame) -> pd.DataFrame:
 
 
 def one_gamma_fits(fits: pd.DataFrame) -> bool:
-    """Whether one gamma lies in the intervals of all areas."""
+    """True if one gamma is within the intervals of all areas."""
     ends = fits[["gamma_low", "gamma_high"]]
     return bool(ends.notna().all(axis=None) and ends["gamma_low"].max() <= ends["gamma_high"].min())
 
 
 def _crossing(x: FloatArray, y: FloatArray, level: float) -> float:
-    """The only x at which y, interpolated linearly, has the level; NaN if there is not just one."""
+    """Return the only x at which y, interpolated linearly, has the level; NaN if not unique."""
     above = y > level
     crossings = np.flatnonzero(above[1:] != above[:-1])
     if crossings.size != 1:
@@ -105,31 +105,31 @@ def _crossing(x: FloatArray, y: FloatArray, level: float) -> float:
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """Areas against gamma, and their deviation from the boundary elements."""
+    """Chart areas against gamma, and their deviation from the boundary elements."""
     points, bandwidth = (4, 128) if size == "fast" else (8, 256)
     seeds = range(7, 15)
-    found = boundary_element_areas(points, bandwidth, seeds, progress)
+    measured = boundary_element_areas(points, bandwidth, seeds, progress)
     surfaces = (
         f"{len(seeds)} surfaces, {points} points per shortest wavelength, which is 1/{bandwidth} "
         "of the longest"
     )
-    return draw_gamma(theory_areas(), found, surfaces)
+    return draw_gamma(theory_areas(), measured, surfaces)
 
 
-def draw_gamma(theory: pd.DataFrame, found: pd.DataFrame, surfaces: str) -> tuple[Chart, Chart]:
-    """The two charts; `surfaces` says over what the areas of `found` are means."""
+def draw_gamma(theory: pd.DataFrame, measured: pd.DataFrame, surfaces: str) -> tuple[Chart, Chart]:
+    """The two charts; `surfaces` says over what the areas of `measured` are means."""
     curves = theory.melt("gamma", list(AREAS), "area", "area_fraction")
-    levels = found.merge(theory["gamma"].iloc[[0, -1]], how="cross")
+    levels = measured.merge(theory["gamma"].iloc[[0, -1]], how="cross")
     areas = pd.concat([curves.assign(method="theory"), levels.assign(method="bem")])
     areas = areas.sort_values("area", key=lambda area: area.map(AREAS.index), kind="stable")
-    deviations = curves.merge(found, on="area", suffixes=("", "_bem"))
+    deviations = curves.merge(measured, on="area", suffixes=("", "_bem"))
     for end, bound in (("", "_bem"), ("_low", "_low"), ("_high", "_high")):
-        # The interval of the mean is one of the ratio, as the theory has none of its own.
+        # The interval of the mean gives that of the ratio, because the theory has no interval.
         ratio = deviations["area_fraction"] / deviations["area_fraction_bem"] ** 2
         deviations[f"deviation_percent{end}"] = 100 * (
             ratio * deviations[f"area_fraction{bound}"] - 1
         )
-    fits = fit_gamma(theory, found)
+    fits = fit_gamma(theory, measured)
     caption = (
         f"boundary elements in the continuum limit, mean with its 95 % interval of {surfaces}; "
         "p0/(E* xi) = 0.05, hardness/(E* xi) = 0.6 (capped body) or infinite (elastic body). Gamma "

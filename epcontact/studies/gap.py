@@ -4,7 +4,7 @@ The gap g is that between the flat and the elastically deformed surface; it is n
 flat is below that surface because the surface has flowed:
 
     open gap              <max(g, 0)>   the gap that is left open between the surfaces
-    plastic displacement  <max(-g, 0)>  by how much flow has lowered the surface
+    plastic displacement  <max(-g, 0)>  the distance by which flow has lowered the surface
     separation            <g> = open gap - plastic displacement, the distance of the flat from
                           the mean plane of the elastically deformed surface
 
@@ -13,8 +13,8 @@ spent on flow, -p d<g> = dU_el + sigma_P d<max(-g, 0)>, so that the share of the
 plastic is sigma_P w/(U_el + sigma_P w) with the plastic displacement w.  The theory's mean
 separation is the open gap, that of the surface as the flow has left it (`persson.separation`).
 
-Finite elements answer one small scene by the same laws on the same grid, and by J2 flow, whose
-displacement of the surface holds the plastic one: there the gap is nowhere negative.
+Finite elements solve one small scene by the same laws on the same grid, and by J2 flow.  With J2
+the displacement of the surface includes the plastic part, so the gap is nowhere negative.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from epcontact.scene import Load, Scene
 from epcontact.studies.paper_scene import GAMMA, HARDNESS, LAWS, MODULUS, rough_scene
 from epcontact.studies.tables import Progress, Size, listed, mean_with_interval
 
-#: Mean pressures over E*, in units of which the hardness is 0.6; the paper has 0.05.
+#: Mean pressures over E*; the hardness is 0.6 E*, and the paper's mean pressure 0.05 E*.
 LOADS = tuple(0.00625 * 2.0**k for k in range(7))
-#: Points of the theory's curve to each of LOADS.
+#: Points of the theory's curve for each of LOADS.
 STEPS = 4
-#: J2 carries the last of LOADS on all of the surface.
+#: LOADS without the last one, at which the J2 body is in full contact.
 BLOCK_LOADS = LOADS[:-1]
 #: Hardness over yield stress, as in the paper.
 CONSTRAINT = 3.0
@@ -59,7 +59,7 @@ def boundary_element_gaps(
     """Solve surfaces along LOADS, capped and elastic.
 
     Returns:
-        One row a law, surface and load: law, seed, pressure_over_modulus, the lengths of
+        One row for each law, surface and load: law, seed, pressure_over_modulus, the lengths of
         QUANTITIES over the rms height, and plastic_share, that of the load's work.
     """
     tables = []
@@ -94,8 +94,8 @@ def block_gaps(
     """Solve one surface along BLOCK_LOADS by boundary and finite elements, on several grids.
 
     Returns:
-        One row a method ("bem", "fem"), law, grid and load: method, law, points_per_wavelength,
-        pressure_over_modulus and OPEN over the rms height.
+        One row for each method ("bem", "fem"), law, grid and load: method, law,
+        points_per_wavelength, pressure_over_modulus and OPEN over the rms height.
     """
     tables = []
     for n in points:
@@ -116,15 +116,15 @@ def block_gaps(
 
 
 def block_deviations(blocks: pd.DataFrame) -> pd.DataFrame:
-    """Finite over boundary elements on the same grid, less 1; J2 over the capped law.
+    """Return finite over boundary elements on the same grid, minus 1; J2 over the capped law.
 
     Returns:
-        One row a law, grid and load: law, points_per_wavelength, pressure_over_modulus and
+        One row for each law, grid and load: law, points_per_wavelength, pressure_over_modulus and
         deviation_percent.
     """
-    found, reference = (blocks[blocks["method"] == method] for method in ("fem", "bem"))
-    found = found.assign(reference_law=found["law"].replace("j2", "capped"))
-    both = found.merge(
+    measured, reference = (blocks[blocks["method"] == method] for method in ("fem", "bem"))
+    measured = measured.assign(reference_law=measured["law"].replace("j2", "capped"))
+    both = measured.merge(
         reference.rename(columns={"law": "reference_law"}),
         on=["reference_law", "points_per_wavelength", "pressure_over_modulus"],
         suffixes=("", "_bem"),
@@ -147,17 +147,17 @@ def _loaded(scene: Scene, loads: Sequence[float]) -> Scene:
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """Open gaps, their parts, the theory's deviation; the same of finite elements."""
+    """Chart open gaps, their parts and the theory's deviation, and those of finite elements."""
     points, bandwidth, seeds, grids = (
         (4, 64, range(7, 11), (3, 6)) if size == "fast" else (8, 128, range(7, 15), (4, 8))
     )
-    found = boundary_element_gaps(points, bandwidth, seeds, progress)
+    measured = boundary_element_gaps(points, bandwidth, seeds, progress)
     fine = boundary_element_gaps(2 * points, bandwidth, seeds[:1], progress)
     loads = np.geomspace(LOADS[0], LOADS[-1], STEPS * (len(LOADS) - 1) + 1).tolist()
     theory = theory_gaps(points, bandwidth, seeds[-1], loads)
     surfaces = f"{len(seeds)} surfaces, 1/{bandwidth} of the longest wave being the shortest"
     return (
-        *draw_gaps(found, theory, fine, surfaces),
+        *draw_gaps(measured, theory, fine, surfaces),
         *draw_blocks(block_gaps(grids, 8, 7, progress)),
     )
 
@@ -178,50 +178,53 @@ _MATERIAL = (
 _DEVIATION = "{law} {deviation_percent:+.1f} % at {pressure_over_modulus:g}"
 
 
-def theory_deviations(found: pd.DataFrame, theory: pd.DataFrame) -> pd.DataFrame:
+def theory_deviations(measured: pd.DataFrame, theory: pd.DataFrame) -> pd.DataFrame:
     """The theory's open gap over that of boundary elements, less 1.
 
     Args:
-        found: as `boundary_element_gaps` makes it.
-        theory: as `theory_gaps` makes it, with more than the loads of `found`.
+        measured: the table of `boundary_element_gaps`.
+        theory: the table of `theory_gaps`, with more than the loads of `measured`.
 
     Returns:
-        One row a law and load: law, pressure_over_modulus, deviation_percent with its interval.
+        One row for each law and load: law, pressure_over_modulus, deviation_percent with its
+        interval.
     """
     place = theory.groupby("law").cumcount()
     exact = theory.assign(load=place // STEPS)[place % STEPS == 0]
-    both = found.assign(load=found.groupby(["law", "seed"]).cumcount())
+    both = measured.assign(load=measured.groupby(["law", "seed"]).cumcount())
     both = both.merge(exact[["law", "load", OPEN]], on=["law", "load"], suffixes=("", "_theory"))
     both["deviation_percent"] = 100 * (both[f"{OPEN}_theory"] / both[OPEN] - 1)
     return mean_with_interval(both, "deviation_percent", ["law", "pressure_over_modulus"])
 
 
 def draw_gaps(
-    found: pd.DataFrame, theory: pd.DataFrame, fine: pd.DataFrame, surfaces: str
+    measured: pd.DataFrame, theory: pd.DataFrame, fine: pd.DataFrame, surfaces: str
 ) -> tuple[Chart, Chart, Chart]:
     """Open gap of theory and boundary elements, parts of the capped one, deviation.
 
     Args:
-        found: as `boundary_element_gaps` makes it.
-        theory: as `theory_gaps` makes it.
-        fine: as `found`, its first surface on a grid twice as fine.
+        measured: the table of `boundary_element_gaps`.
+        theory: the table of `theory_gaps`.
+        fine: as `measured`, its first surface on a grid twice as fine.
         surfaces: how many, and their spectrum.
     """
     by = ["law", "pressure_over_modulus"]
     both = pd.concat(
         [
             theory.assign(method="persson", style="curve"),
-            mean_with_interval(found, OPEN, by).assign(method="bem", style="marks"),
+            mean_with_interval(measured, OPEN, by).assign(method="bem", style="marks"),
         ]
     )
-    lengths = found[found["law"] == "capped"].melt(
+    lengths = measured[measured["law"] == "capped"].melt(
         "pressure_over_modulus", list(QUANTITIES), "part", "length_over_rms_height"
     )
     parts = mean_with_interval(lengths, "length_over_rms_height", ["part", "pressure_over_modulus"])
-    deviations = theory_deviations(found, theory)
-    change = fine.merge(found, on=["law", "seed", "pressure_over_modulus"], suffixes=("_fine", ""))
+    deviations = theory_deviations(measured, theory)
+    change = fine.merge(
+        measured, on=["law", "seed", "pressure_over_modulus"], suffixes=("_fine", "")
+    )
     change = 100 * (change[f"{OPEN}_fine"] / change[OPEN] - 1).abs().max()
-    shares = found[found["law"] == "capped"].groupby("pressure_over_modulus")["plastic_share"]
+    shares = measured[measured["law"] == "capped"].groupby("pressure_over_modulus")["plastic_share"]
     shares = 100 * shares.mean().reset_index()
     of_scene = f"of {surfaces}, {_MATERIAL}"
     return (

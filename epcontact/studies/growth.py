@@ -1,9 +1,9 @@
-"""How the cost of the boundary elements grows with the grid.
+"""The growth of the cost of boundary elements with the grid.
 
-Twice: with the roughness fixed, so that a larger grid has more points per wavelength, and with
-the points per wavelength fixed, so that it has more roughness.  FFT pairs are counted, those of
-the finest grid and of all grids by their points; times are in bare FFT pairs of the same grid,
-timed in the same run, so that a flat line means growth as N log N.
+The grid grows in two ways: with fixed roughness, so that a larger grid has more points per
+wavelength, and with fixed points per wavelength, so that it has more roughness.  FFT pairs are
+counted, those of the finest grid and of all grids by their points; times are in bare FFT pairs of
+the same grid, timed in the same run, so that a flat line means growth as N log N.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from epcontact.studies.paper_scene import rough_scene
 from epcontact.studies.tables import Progress, Size
 
 FIXED_ROUGHNESS, FIXED_POINTS = "roughness fixed", "points per wavelength fixed"
-#: Each time is the least of so many solves.
+#: Number of solves, of which the least time is taken.
 REPEATS = 2
 
 
@@ -36,8 +36,8 @@ def grid_costs(
         tolerance: on the residuals.
 
     Returns:
-        One row a grid: fixed, points_a_side, FFT pairs of the "finest grid" and of "all grids"
-        by their points, time_in_fft_pairs (of the finest grid).
+        One row for each grid: fixed, points_a_side, FFT pairs of the "finest grid" and of
+        "all grids" by their points, time_in_fft_pairs (of the finest grid).
     """
     bem.solve(rough_scene(4, 7, 8), threads=1)  # compiled and cached before it is timed
     rows = []
@@ -45,7 +45,7 @@ def grid_costs(
         n = points * bandwidth
         progress(f"growth: {n} x {n} points, {points} per wavelength")
         scene = rough_scene(points, 7, bandwidth)
-        # Timed before and after: on a busy machine the lesser is the truer.
+        # Timed before and after, because on a busy machine the smaller time is the better one.
         before, _ = bare_pair_times((n, n), 1)
         costs = [bem.solve(scene, tolerance=tolerance, threads=1).cost for _ in range(REPEATS)]
         after, _ = bare_pair_times((n, n), 1)
@@ -56,7 +56,7 @@ def grid_costs(
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """FFT pairs and time in bare pairs against the grid, for both ways to grow."""
+    """Chart FFT pairs and time in bare pairs against the grid, for both ways to grow."""
     sides = [128, 256, 512, 1024] + ([2048, 4096] if size == "full" else [])
     grids = [(FIXED_ROUGHNESS, n // 16, 16) for n in sides]
     return draw_growth(grid_costs(grids + [(FIXED_POINTS, 4, n // 4) for n in sides], progress))
@@ -73,8 +73,8 @@ def draw_growth(costs: pd.DataFrame) -> tuple[Chart, Chart]:
     )
     caption = (
         "for the paper's roughness, material and load, capped, to KKT residuals of 1e-8: with 16 "
-        "wavelengths a side and more and more points, and with 4 points per shortest wavelength "
-        "and more and more of them."
+        "wavelengths a side and a growing number of points, and with 4 points per shortest "
+        "wavelength and a growing number of wavelengths."
     )
     side = ("points_a_side", "grid points a side (–)")
     ticks = sorted(costs["points_a_side"].unique())

@@ -1,8 +1,8 @@
-"""The effective hardness of a J2 body: at which cap the capped body has its contact area.
+"""The effective hardness of a J2 body: the cap at which a capped body has its contact area.
 
 The scenes are those of the cases fem-model-*: 4 of the shortest waves in a period, a bonded layer
-as deep as the period, pressed with a twelfth of 3 sigma_Y.  By similarity E* xi/sigma_Y and
-Poisson's ratio are all that is left.  Every figure is a mean over surfaces with its 95 %
+as deep as the period, pressed with a twelfth of 3 sigma_Y.  By similarity they depend only on
+E* xi/sigma_Y and Poisson's ratio.  Every figure is a mean over surfaces with its 95 %
 interval, J2 and cap on the elements' own compliance (`model_difference`).
 """
 
@@ -22,7 +22,7 @@ from epcontact.studies.tables import Progress, Size, mean_with_interval
 from epcontact.surfaces import SelfAffine
 
 PERIOD = 1e-3  # m
-WAVES = 4  # the shortest ones in a period
+WAVES = 4  # number of shortest waves in a period
 SLOPE = 0.05
 YOUNG = 210e9  # Pa
 TABOR = 3.0  # hardness/sigma_Y
@@ -54,7 +54,7 @@ MEASURES = {
 
 
 def model_scene(severity: float, nu: float, seed: int, nodes: int, waves: int = WAVES) -> Scene:
-    """A scene at E* xi/sigma_Y = `severity` on nodes x nodes points, with so many of the shortest
+    """A scene at E* xi/sigma_Y = `severity` on nodes x nodes points; `waves` of the shortest
     waves in a period."""
     q = 2 * math.pi / PERIOD
     spectrum = SelfAffineSpectrum(0.8, q, q, waves * q, SLOPE)
@@ -79,7 +79,8 @@ def measured(
     """Compare J2 flow and cap on each surface, at each severity and Poisson's ratio.
 
     Returns:
-        One row a scene: nu, severity, seed, nodes_per_wavelength, wavelength_ratio and MEASURES.
+        One row for each scene: nu, severity, seed, nodes_per_wavelength, wavelength_ratio and
+        MEASURES.
     """
     rows = []
     for nu in nus:

@@ -1,9 +1,9 @@
 """Theory against boundary elements at every magnification of one roughness.
 
 A surface filtered at the wave number zeta q_0 is what the theory sees at the magnification zeta.
-Each filtered surface is solved, and its areas in the continuum limit are laid over the theory's
-curves, read from the very modes of the surface (all surfaces of random phases have the same
-ones); at five cut-offs the distributions of the pressure too.
+Each filtered surface is solved, and its areas in the continuum limit are drawn over the theory's
+curves for the modes of the same surface (surfaces of random phases share their amplitudes).  At
+five cut-offs the pressure distributions are compared, too.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from epcontact.surfaces import filtered
 
 BINS = 40
 _COLOURS = {"total": CYCLE[0], "elastic": STATE_COLOURS[ELASTIC], "plastic": STATE_COLOURS[PLASTIC]}
-#: A ratio of areas below this share of the nominal area would be one of rare grid points.
+#: Smallest area, over the nominal one, for a ratio: smaller areas are a few grid points.
 _SMALLEST_AREA = 0.01
 
 
@@ -48,9 +48,9 @@ def boundary_element_tables(
         progress: called with a sentence before each solve.
 
     Returns:
-        Areas, one row a part and magnification: part, magnification and area_fraction with its
-        interval.  Densities of the pressure at five of the magnifications, one row a bin:
-        magnification, pressure_GPa and density_per_GPa, means over the surfaces.
+        Areas, one row for each part and magnification: part, magnification and area_fraction with
+        its interval.  Densities of the pressure at five of the magnifications, one row for each
+        bin: magnification, pressure_GPa and density_per_GPa, means over the surfaces.
 
     Raises:
         InvalidScene: a magnification is beyond the band.
@@ -92,7 +92,7 @@ def theory_tables(
 
 
 def five_of(count: int) -> list[int]:
-    """Five of `count` indices, evenly chosen, the last one always; all, if there are no more.
+    """Return five of `count` indices, evenly spaced up to the last; all if there are fewer.
 
     Example:
         >>> five_of(13)
@@ -129,11 +129,11 @@ def draw_magnification(
     every = np.geomspace(1, zeta[-1], 1000).tolist()
     curves, _ = theory_tables(scene, every, distributed)
     theory, theory_densities = theory_tables(scene, zeta, distributed)
-    found = areas.assign(area_fraction_low=areas["area_fraction_low"].clip(lower=1e-12))
+    measured = areas.assign(area_fraction_low=areas["area_fraction_low"].clip(lower=1e-12))
     both = pd.concat(
         [
             curves.assign(method="theory", style="curve"),
-            found.assign(method="bem", style="marks"),
+            measured.assign(method="bem", style="marks"),
         ]
     )
     deviations = areas.merge(theory, on=["part", "magnification"], suffixes=("", "_theory"))
@@ -178,9 +178,12 @@ def draw_magnification(
     )
 
 
-def _draw_densities(found: pd.DataFrame, theory: pd.DataFrame, of_scene: str) -> Chart:
+def _draw_densities(measured: pd.DataFrame, theory: pd.DataFrame, of_scene: str) -> Chart:
     table = pd.concat(
-        [theory.assign(method="theory", style="curve"), found.assign(method="bem", style="marks")]
+        [
+            theory.assign(method="theory", style="curve"),
+            measured.assign(method="bem", style="marks"),
+        ]
     )
     table = table.sort_values("magnification", kind="stable")
     table["zeta"] = table["magnification"].map("zeta = {:.3g}".format)

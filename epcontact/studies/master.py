@@ -1,10 +1,10 @@
 """One scene, three methods: error of the contact area against time, with the Pareto front.
 
-The scene is the paper's with a narrow band of roughness, so that finite elements can be refined
-too, on a few surfaces, so that no error is small by chance.  Theory answers from the spectrum
-alone, boundary and finite elements on finer and finer grids, with raw and with corrected areas;
-the finite elements take the same capped law on a block so deep that the half-space is answered
-within 1e-3.  The reference is the corrected area of the boundary elements on a grid finer than
+The scene is the paper's with a narrow band of roughness, so that finite elements can be refined,
+too.  Several surfaces keep an error from being small by chance.  The theory uses the spectrum
+alone; boundary and finite elements use ever finer grids, with raw and with corrected areas.  The
+finite elements have the same capped law on a block so deep that it matches the half-space within
+1e-3.  The reference is the corrected area of the boundary elements on a grid finer than
 any other; its claimed error is drawn.  Times are the least of two on one thread, in one run.
 """
 
@@ -46,8 +46,8 @@ def solved_areas(
         progress: called with a sentence before each grid.
 
     Returns:
-        One row a surface, method, kind of area and grid: method ("persson", "bem", "fem"), kind
-        ("raw", "corrected"; empty of the theory), points_per_wavelength, seed, seconds,
+        One row for each surface, method, kind of area and grid: method ("persson", "bem", "fem"),
+        kind ("raw", "corrected"; empty of the theory), points_per_wavelength, seed, seconds,
         area_fraction, and reference and reference_error (relative) of the surface.
     """
     references = {seed: _bem(rough_scene(finest, seed, bandwidth)) for seed in seeds}
@@ -72,8 +72,10 @@ def solved_areas(
 
 
 def area_errors(solved: pd.DataFrame) -> pd.DataFrame:
-    """Errors and times of `solved_areas`: one row a method, kind and grid, with relative_error
-    (root mean square over the surfaces) and seconds (their mean)."""
+    """Return errors and times of `solved_areas`, one row for each method, kind and grid.
+
+    relative_error is the root mean square over the surfaces, seconds their mean.
+    """
     by = ["method", "kind", "points_per_wavelength"]
     table = solved.assign(relative_error=solved["area_fraction"] / solved["reference"] - 1)
     seconds = table.groupby(by, sort=False)["seconds"].mean().reset_index()
@@ -119,10 +121,10 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
 
 
 def draw_methods(solved: pd.DataFrame, reference: str) -> Chart:
-    """Error against time, the front, and what the reference is worth.
+    """Draw error against time, the Pareto front and the uncertainty of the reference.
 
     Args:
-        solved: as `solved_areas` makes it.
+        solved: the table of `solved_areas`.
         reference: its name in the caption.
     """
     errors = area_errors(solved)
@@ -145,8 +147,8 @@ def draw_methods(solved: pd.DataFrame, reference: str) -> Chart:
         f"{len(surfaces)} surfaces (root mean square, mean time) of the paper's roughness (in a "
         "narrower band), material and load, capped. Grid points per shortest wavelength rise from "
         f"left to right. Reference: {reference}, {surfaces['reference'].mean():.5f}, uncertain by "
-        f"{worth:.1e} of itself. The theory knows the spectrum alone, no surface, so that its "
-        "error holds the scatter of surfaces. Least errors: "
+        f"{worth:.1e} of itself. The theory knows only the spectrum, not the surface, so its "
+        "error includes the scatter of surfaces. Least errors: "
         f"{listed(least, '{method} {kind} {percent:.2g} % in {seconds:.2g} s')}. Times are the "
         f"least of {REPEATS} on the machine that drew this.",
     )

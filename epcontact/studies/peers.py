@@ -1,10 +1,10 @@
 """Public codes side by side: the same surface, the same areas, one run, ratios of time.
 
 The codes and their adapters are those of `harness.peers`.  Each is run at rising effort (a tighter
-tolerance, or more iterations: Kato's method reports an error of zero whatever it did) and stopped
-as soon as its raw areas agree with those of `epcontact.bem` within AGREEMENT.  The time to the
-right answer, stopped by someone who knows it, is the best that a code can do.  A code whose areas
-never agree gets no time.
+tolerance, or more iterations, because Kato's method always reports an error of zero) until its raw
+areas agree with those of `epcontact.bem` within AGREEMENT.  This time is a
+code's best, because only someone who knows the answer can stop there.  A code whose areas never
+agree has no time.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def efforts(code: str, heights: FloatArray, hardness: float) -> list[Any]:
 
 
 def agree(areas: Sequence[float], exact: Sequence[float]) -> bool:
-    """Whether areas are the same within AGREEMENT."""
+    """True if areas are the same within AGREEMENT."""
     return all(abs(a - b) <= AGREEMENT * b for a, b in zip(areas, exact, strict=True))
 
 
@@ -58,8 +58,8 @@ def race(points: int, bandwidth: int, law: str, peers: dict[str, Pressure]) -> p
         peers: solvers by the name of their code.
 
     Returns:
-        One row a code: law, code, points_a_side, seconds, total and plastic (raw areas), agrees,
-        and setting, the one that agreed or the last one tried.
+        One row for each code: law, code, points_a_side, seconds, total and plastic (raw areas),
+        agrees, and setting, the one that agreed or the last one tried.
     """
     hardness = LAWS[law] / MODULUS
     scene = rough_scene(points, 7, bandwidth, LAWS[law])
@@ -75,7 +75,7 @@ def race(points: int, bandwidth: int, law: str, peers: dict[str, Pressure]) -> p
             started = time.perf_counter()
             pressure = solver(heights, LOAD, hardness, effort)
             seconds = time.perf_counter() - started
-            # Codes reach the hardness but for rounding.
+            # Codes reach the hardness up to rounding.
             at_hardness = pressure >= hardness * (1 - 1e-9)
             areas = float((pressure > 0).mean()), float(at_hardness.mean())
             agrees = agree(areas, exact)
@@ -89,19 +89,19 @@ def race(points: int, bandwidth: int, law: str, peers: dict[str, Pressure]) -> p
 
 def installed() -> dict[str, Pressure]:
     """The peers that can be imported.  Raises StudyUnavailable if none can."""
-    found = {}
+    solvers = {}
     for name, solver in PEERS.items():
         try:
             importlib.import_module(name)
         except ImportError:
             continue
-        found[name] = solver
-    if not found:
+        solvers[name] = solver
+    if not solvers:
         raise StudyUnavailable(
             "no other code is installed to compare with; install ContactMechanics or tamaas "
             "(pip install ContactMechanics tamaas)"
         )
-    return found
+    return solvers
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:

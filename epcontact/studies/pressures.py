@@ -1,6 +1,6 @@
 """P(sigma) at both its ends: does it vanish at 0+ and at hardness-, and how steep is it there?
 
-The paper's scene with a narrow band of roughness on finer and finer grids.  The points next to
+The scene is the paper's with a narrow band of roughness, on ever finer grids.  The points next to
 the rims fill the ends of a grid's P(sigma), so that no raw density is zero there.  Measured at
 each end, in units of the hardness, as functions of the distance from the end:
 
@@ -13,8 +13,8 @@ each end, in units of the hardness, as functions of the distance from the end:
                 is straight there and vanishes at it
 
 Each is extrapolated, surface by surface, to ever finer grids: density and raw slope as the root
-of the spacing, the mean slope as the spacing.  Beside them stands the theory's distribution in
-the elastic contact, its slopes taken within the same windows.
+of the spacing, the mean slope as the spacing.  They are compared with the theory's distribution
+in elastic contact, with slopes in the same windows.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from epcontact.studies.paper_scene import GAMMA, HARDNESS, rough_scene
 from epcontact.studies.tables import Progress, Size, listed, mean_with_interval
 
 ENDS = ("0+", "hardness-")
-#: Of the hardness.
+#: Windows as shares of the hardness.
 WINDOW, COARSEST = 0.2, 4
 WINDOWS = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
 DENSITY, RAW_SLOPE, MEAN_SLOPE = "density", "raw slope", "mean slope"
-#: The power of the spacing with which a figure nears its limit.
+#: The power of the spacing with which a figure approaches its limit.
 ORDERS = {DENSITY: 0.5, RAW_SLOPE: 0.5, MEAN_SLOPE: 1.0}
 BINS = 40
 
@@ -52,9 +52,9 @@ def boundary_element_tables(
     """Solve surfaces on grids of so many points per shortest wavelength.
 
     Returns:
-        The figures of both ends, one row a surface, grid and figure: seed, points_per_wavelength
-        and the columns of `end_figures`; and the densities, one row a bin, means over the
-        surfaces: points_per_wavelength, relative_pressure, relative_density.
+        The figures of both ends, one row for each surface, grid and figure: seed,
+        points_per_wavelength and the columns of `end_figures`; and the densities, one row for each
+        bin, means over the surfaces: points_per_wavelength, relative_pressure, relative_density.
     """
     figures, densities = [], []
     for seed in seeds:
@@ -72,8 +72,8 @@ def end_figures(result: ContactResult, points_per_wavelength: float) -> pd.DataF
     """The figures of a solution on a grid, in units of the hardness.
 
     Returns:
-        One row an end, figure (DENSITY, RAW_SLOPE, MEAN_SLOPE) and window (over the hardness; of
-        the density, that at COARSEST points): end, figure, window, value.
+        One row for each end, figure (DENSITY, RAW_SLOPE, MEAN_SLOPE) and window (over the hardness;
+        of the density, that at COARSEST points): end, figure, window, value.
     """
     relative = result.fields["pressure"] / HARDNESS
     areas = result.final.areas["raw"], result.final.areas["corrected"]
@@ -121,12 +121,12 @@ def grid_limits(figures: pd.DataFrame) -> pd.DataFrame:
     """Extrapolate figures to ever finer grids, surface by surface.
 
     Args:
-        figures: as `boundary_element_tables` makes it.  Slopes are taken without the coarsest
+        figures: the table of `boundary_element_tables`.  Slopes are taken without the coarsest
             grid, whose rims fill the window.
 
     Returns:
-        One row an end, figure and window: end, figure, window, and the limit as value with its
-        error, of scatter and of fit together, as value_low and value_high.
+        One row for each end, figure and window: end, figure, window, and the limit as value with
+        its error, of scatter and of fit together, as value_low and value_high.
     """
     rows = []
     for (end, figure, window), group in figures.groupby(["end", "figure", "window"], sort=False):
@@ -135,7 +135,7 @@ def grid_limits(figures: pd.DataFrame) -> pd.DataFrame:
             table = table.iloc[:, 1:]
         n, order = table.columns.to_numpy(), ORDERS[figure]
         limit = estimate([extrapolated(n, row, order)[0] for row in table.to_numpy()])
-        # Surfaces share what the fit leaves out: its error does not fall with their number.
+        # The error of the fit is common to all surfaces: it does not fall with their number.
         error = math.hypot(limit.half_width, extrapolated(n, table.mean().to_numpy(), order)[1])
         rows.append((end, figure, window, limit.mean, limit.mean - error, limit.mean + error))
     names = ["end", "figure", "window", "value", "value_low", "value_high"]
@@ -184,10 +184,10 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     )
 
 
-def draw_densities(found: pd.DataFrame, theory: pd.DataFrame, of_scene: str) -> Chart:
+def draw_densities(measured: pd.DataFrame, theory: pd.DataFrame, of_scene: str) -> Chart:
     """P(sigma) on every grid, beside the theory's."""
-    names = found["points_per_wavelength"].map("{:g} points a wavelength".format)
-    both = pd.concat([theory.assign(series="persson"), found.assign(series=names)])
+    names = measured["points_per_wavelength"].map("{:g} points a wavelength".format)
+    both = pd.concat([theory.assign(series="persson"), measured.assign(series=names)])
     return draw_table(
         both.assign(style="curve"),
         Plot(

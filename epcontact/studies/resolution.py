@@ -1,11 +1,10 @@
-"""What a grid point buys: errors of raw and corrected areas against resolution and against cost.
+"""The benefit of resolution: errors of raw and corrected areas against resolution and cost.
 
-One roughness on finer and finer grids.  The reference is the corrected area of the finest grid;
-its own estimated error is drawn with it, and no error below it means anything.  Four figures of
-each grid are judged: the raw areas (share of grid points), these extrapolated to a vanishing
-spacing from two grids (2 A(n) - A(n/2), as their error is of first order), the published
-perimeter correction, and the corrected areas; beside them the error the latter claim of
-themselves.
+One roughness is solved on ever finer grids.  The reference is the corrected area of the finest
+grid; its own estimated error is drawn with it, and no error below it means anything.  Four figures
+of each grid are judged: the raw areas (share of grid points), these extrapolated to a vanishing
+spacing from two grids (2 A(n) - A(n/2), because their error is of first order), the published
+perimeter correction, and the corrected areas, with the error that these claim.
 """
 
 from __future__ import annotations
@@ -35,9 +34,10 @@ def solved_areas(
     """Solve surfaces on grids of so many points per shortest wavelength.
 
     Returns:
-        One row a surface, grid and part of the area: seed, part, points_per_wavelength, the areas
-        raw, perimeter correction and corrected, claimed by the corrected (as a share of them),
-        and work_points_transformed (FFT pairs times points, the sum over all grids of the solve).
+        One row for each surface, grid and part of the area: seed, part, points_per_wavelength, the
+        areas raw, perimeter correction and corrected, claimed by the corrected (as a share of
+        them), and work_points_transformed (FFT pairs times points, the sum over all grids of the
+        solve).
     """
     rows = []
     for seed in seeds:
@@ -62,7 +62,7 @@ def area_errors(solved: pd.DataFrame) -> pd.DataFrame:
     """Errors of the areas of `solved_areas` against the corrected ones on the finest grid.
 
     Returns:
-        One row a part, kind (KINDS, CLAIMED and REFERENCE) and grid but the finest:
+        One row for each part, kind (KINDS, CLAIMED and REFERENCE) and grid but the finest:
         relative_error, root mean square over the surfaces (of REFERENCE the mean), and
         work_points_transformed, mean over them.
     """
@@ -113,7 +113,9 @@ def draw_errors(errors: pd.DataFrame, part: str, surfaces: str) -> tuple[Chart, 
     raw = table[table["kind"] == "raw"]
     order = -observed_order(raw["points_per_wavelength"], raw["relative_error"])
     at_four = table[(table["points_per_wavelength"] == 4) & table["kind"].isin(KINDS)].dropna()
-    told = listed(at_four.assign(percent=100 * at_four["relative_error"]), "{kind} {percent:.2g} %")
+    percentages = listed(
+        at_four.assign(percent=100 * at_four["relative_error"]), "{kind} {percent:.2g} %"
+    )
     caption = (
         f"Error of the {part} contact area of the capped body, root mean square over {surfaces} "
         f"per shortest wavelength, which is uncertain by {worth:.1e}"
@@ -137,7 +139,7 @@ def draw_errors(errors: pd.DataFrame, part: str, surfaces: str) -> tuple[Chart, 
         draw_table(
             table,
             points,
-            f"{caption}. At 4 points: {told}. Observed order of the raw area: {order:.2f}.",
+            f"{caption}. At 4 points: {percentages}. Observed order of the raw area: {order:.2f}.",
         ),
         draw_table(
             table[table["kind"].isin(KINDS)],

@@ -44,7 +44,7 @@ from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum
 from epcontact.surfaces import SelfAffine
 
-#: Lattice directions of the fronts, spread over the eighth of the circle that symmetry leaves.
+#: Lattice directions of the fronts over an eighth of the circle; symmetry gives the rest.
 DIRECTIONS = ((1, 0), (23, 1), (17, 3), (15, 4), (13, 5), (11, 7), (13, 9), (11, 9), (1, 1))
 #: Period of the waviness in grid spacings, and hardnesses in units of E* h/dx, which give strips
 #: of widths from 0 to 4 dx.
@@ -60,14 +60,14 @@ SMOOTHING = 0.003
 
 
 def fold(x: FloatArray) -> FloatArray:
-    """x less the multiple of 2 pi that brings it into [-pi, pi)."""
+    """Return x minus the multiple of 2 pi that brings it into [-pi, pi)."""
     return np.asarray((x + np.pi) % (2 * np.pi) - np.pi)
 
 
 def front_offset(angle: float, limit: float = 400 * math.pi, points: int = 2_000_000) -> float:
     """delta/dx of a counted front with its normal at `angle` (rad) to a row, by the integral.
 
-    Beyond `limit` the mean of ln|q| over the zone, ln pi + ln(2)/2 - 3/2 + pi/4, stands in.
+    Beyond `limit` ln|q| is replaced by its mean over the zone, ln pi + ln(2)/2 - 3/2 + pi/4.
     """
     c, s = math.cos(angle), math.sin(angle)
     begin = math.pi / max(abs(c), abs(s))
@@ -81,7 +81,7 @@ def front_offset(angle: float, limit: float = 400 * math.pi, points: int = 2_000
 def solved(
     heights: FloatArray, compliance: FloatArray, load: float, hardness: float = math.inf
 ) -> tuple[FloatArray, FloatArray]:
-    """(pressure, gap) of heights on a line or grid of that compliance."""
+    """Return (pressure, gap) of heights on a line or grid with a compliance."""
     options = Options(tolerance=1e-7)
     solution = solve_pressure(heights, compliance, load, hardness, options=options)
     return solution.pressure, solution.displacement + solution.offset - heights
@@ -121,7 +121,7 @@ def front_sums(
     folded = np.hypot(fold(q * a), fold(q * b))
     folded[0] = np.inf
     p, g = solved(wave(n, phase), 2 / folded, load, hardness)
-    column = (a * np.arange(n)[:, None] + b * (np.arange(6) - 2)) % n  # it meets every row
+    column = (a * np.arange(n)[:, None] + b * (np.arange(6) - 2)) % n  # this strip meets every row
     out = np.zeros((len(grid.U_NODES), grid.SUMS))
     _add_column(p[column], g[column], hardness * (1 - 1e-12), np.eye(len(out)), out)
     scale = length / 2 / n
@@ -307,9 +307,9 @@ def calibrate_rough_tip(seeds: Sequence[int] = range(2000, 2004), high: int = 32
         fronts = 1 if math.isinf(hardness) else 2
         areas = np.array([[corrected(sums, k, 0.0) for k in range(fronts)] for sums in found])
         tips = found[1][grid.TIPS : grid.TIPS + fronts] * np.array([1, -1])[:fronts]
-        if fronts == 2:  # and the elastic area
+        if fronts == 2:  # the elastic area, too
             areas, tips = np.c_[areas, areas[:, 0] - areas[:, 1]], np.r_[tips, tips[0] - tips[1]]
-        # `corrected` has taken TIP for each already.
+        # `corrected` already includes TIP for each.
         products += float(np.sum((areas[1] - areas[0] + TIP * tips) * tips / areas[0]))
         squares += float(np.sum(tips**2 / areas[0]))
     return products / squares

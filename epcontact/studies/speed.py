@@ -1,13 +1,13 @@
-"""What a solve by boundary elements costs, in counts and in bare FFT pairs.
+"""The cost of a solve by boundary elements, in counts and in bare FFT pairs.
 
-The paper's scene, capped and elastic, on finer and finer grids, each solved to residuals and to
-areas.  Counted are the FFT pairs of the finest grid and those of all grids by their points.
-Timed is the whole solve, coarse grids, symbol and areas included, against one bare pair (r2c and
-c2r by ducc0 into arrays that are there already) of the same grid on the same threads, between
-the solves: by the wall clock, which a busy machine slows more for a solve than for the best
-of many pairs, and by the processor time of all threads, which does not see a core that waits or
-belongs to others.  Areas are judged by those of the solve to residuals on the same grid; memory is
-the largest resident set of a solve, beyond what the process held before the first.
+The paper's scene, capped and elastic, is solved on ever finer grids, both to small residuals and to
+settled areas.  FFT pairs are counted on the finest grid, and on all grids by their points.  The
+time of the whole solve, with coarse grids, symbol and areas, is divided by that of one bare pair
+(r2c and c2r by ducc0 into existing arrays) of the same grid on the same threads, timed between the
+solves.  Two clocks are used: the wall clock, which a busy machine slows more for a solve than for
+the best of many pairs, and the processor time of all threads, which does not count cores that wait
+or work for others.  Areas are compared with the solve to residuals on the same grid.  Memory is the
+largest resident set of a solve minus that of the process before the first solve.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ RESIDUAL, AREA = 1e-8, 1e-4
 #: The accuracies to which each grid is solved, by name, as options of `bem.solve`.
 TIGHT, LOOSE = f"residuals {RESIDUAL:g}", f"areas {AREA:g}"
 AIMS = {TIGHT: {"tolerance": RESIDUAL}, LOOSE: {"area_tolerance": AREA}}
-#: FFT pairs of the finest grid, and time in bare pairs, that the capped solve on GOAL_SIDE points
-#: a side shall not exceed.
+#: Upper limits of FFT pairs on the finest grid and of time in bare pairs, for the capped solve on
+#: GOAL_SIDE points a side.
 GOAL_SIDE = 2048
 GOALS = {"finest_pairs": {TIGHT: 60, LOOSE: 30}, "time": {TIGHT: 120, LOOSE: 60}}
 BANDWIDTH, FEWEST_POINTS = 256, 4
-#: Each time is the least of so many solves; of the most where a grid is solved in no time.
+#: Number of solves, of which the least time is taken; the most on small grids.
 FEWEST_SOLVES, MOST_SOLVES = 3, 10
 
 _Run = tuple[ContactResult, tuple[float, float], int]
@@ -64,9 +64,9 @@ def solve_costs(
         most_solves: of which the least time is taken.
 
     Returns:
-        One row a law, grid and aim: law, points_a_side, points_per_wavelength, aim; finest_pairs
-        and all_pairs (by their points); time and processor_time, in those of a bare pair;
-        area_error, the largest relative difference of an area from that of the solve to
+        One row for each law, grid and aim: law, points_a_side, points_per_wavelength, aim;
+        finest_pairs and all_pairs (by their points); time and processor_time, in those of a bare
+        pair; area_error, the largest relative difference of an area from that of the solve to
         residuals; bytes_per_point.
     """
     threads = threads or available_cores()
@@ -85,7 +85,7 @@ def solve_costs(
 
 
 def _costs(scene: Scene, threads: int, held: int, count: int) -> list[dict[str, Any]]:
-    """The costs of one scene, one row an aim; `held` is the memory before the first solve."""
+    """The costs of one scene, one row for each aim; `held` is the memory before the first solve."""
     shape, points = scene.surface.shape, scene.surface.heights.size
     pairs = [bare_pair_times(shape, threads)]
     runs: dict[str, list[_Run]] = {aim: [] for aim in AIMS}
@@ -123,8 +123,8 @@ def _watched(scene: Scene, options: Mapping[str, Any], threads: int) -> _Run:
 
 
 def _peak_since(work: Callable[[], None]) -> int:
-    """Largest resident memory of this process during `work`, in bytes; where the system cannot
-    begin to count anew, since the process began."""
+    """Return the largest resident memory during `work`, in bytes (or since the process began, if
+    the system cannot reset the count)."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
     work()
@@ -147,7 +147,7 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
     return draw_speed(solve_costs(sides, progress))
 
 
-#: The label and the caption of each chart; "area_error" is told of the solves to areas alone.
+#: The label and the caption of each chart; "area_error" is drawn only for solves to areas.
 _CHARTS = {
     "finest_pairs": (
         "FFT pairs of the finest grid (–)",

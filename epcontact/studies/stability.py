@@ -1,4 +1,4 @@
-"""The map of where each method converges: swept over the groups that decide, failures kept.
+"""Maps of the parameters at which each method converges, with its failures.
 
 capped   boundary elements, p0/hardness against hardness/(E* xi): the Newton solver, each baseline
 elastic  the same for an infinite hardness, against p0/(E* xi) alone
@@ -6,8 +6,8 @@ theory   p0/hardness against G/hardness^2: the eigenfunctions, the images, and w
          makes of them; effort is the number of terms, residual the relative error of the areas
 fem      p0/(E* xi) against E* xi/yield_stress: J2 half-blocks, one panel a Poisson's ratio
 
-A point counts as converged only if the answer also stands an examination that the method has no
-part in: the contact conditions measured on the pressure field by other transforms (capped,
+A point counts as converged only if the answer also passes a check that is independent of the
+method: the contact conditions measured on the pressure field by other transforms (capped,
 elastic), the conservation of force and the particle-hole symmetry of the areas (theory), the
 balance as scikit-fem's assembly finds it (fem).
 """
@@ -36,19 +36,19 @@ from epcontact.studies.tables import Progress
 from epcontact.surfaces import SelfAffine
 
 MAPS = ("capped", "elastic", "theory", "fem")
-#: Largest violation of the contact conditions, by the harness's own transforms, of a solve that
+#: Largest allowed violation of the contact conditions, measured by the harness, of a solve that
 #: claims 1e-8; see `epcontact.harness.quantities`.
 EXAMINED = 1e-6
 #: Relative error of an area up to which a sum of the theory counts as converged.
 AREA_ERROR = 1e-9
 _TERMS = 200
-#: A solver that divides by zero has failed as much as one that says it did not converge.
+#: A division by zero counts as a failure like a report that the solver did not converge.
 _FAILURES = (EpcontactError, ArithmeticError, np.linalg.LinAlgError)
 
 
 @dataclass(frozen=True)
 class Grid:
-    """What is swept at one size: the axes of the maps, grid points and step limits."""
+    """The sweep at one size: the axes of the maps, grid points and step limits."""
 
     points: int
     load_shares: tuple[float, ...]
@@ -92,7 +92,7 @@ GRIDS: dict[str, Grid] = {
 
 @dataclass(frozen=True)
 class Point:
-    """One solve: where, by what, whether it converged, at what effort, how well, and why not.
+    """One solve: its parameters, method, convergence, effort, residual and reason of failure.
 
     x, y: the groups of the map's axes; effort: transform pairs (bem), terms (theory) or Newton
     steps (fem); residual: dimensionless, of the examination.
@@ -121,7 +121,7 @@ class StabilityMap:
 
     @property
     def failures(self) -> tuple[Point, ...]:
-        """Those that did not converge."""
+        """The points that did not converge."""
         return tuple(p for p in self.points if not p.converged)
 
 
@@ -132,7 +132,7 @@ def stability_map(
     methods: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> StabilityMap:
-    """Sweep the maps of those names.
+    """Sweep the named maps.
 
     size: coarse (seconds) or full (minutes).  methods: of the boundary elements; None: all.
     progress: called with a sentence a point.
@@ -152,14 +152,14 @@ def stability_map(
         "theory": _theory,
         "fem": _finite_elements,
     }
-    found = []
+    points = []
     for name in maps:
         for point in sweeps[name](GRIDS[size]):
-            found.append(point)
+            points.append(point)
             if progress is not None:
                 what = f"{point.effort:g}" if point.converged else "failed"
                 progress(f"{name} {point.method} at {point.x:g}, {point.y:g}: {what}")
-    return StabilityMap(size, tuple(found))
+    return StabilityMap(size, tuple(points))
 
 
 # --- boundary elements ---------------------------------------------------------------------------
@@ -192,7 +192,7 @@ def _solved_by_bem(scene: Scene, where: tuple[str, str, float, float], steps: in
         result = bem.solve(scene, method=where[1], threads=1, max_steps=steps)  # type: ignore[arg-type]
     except _FAILURES as error:
         residual = max(getattr(error, "residuals", {}).values(), default=math.nan)
-        return Point(*where, False, math.nan, float(residual), _told(error))
+        return Point(*where, False, math.nan, float(residual), _message(error))
     effort = float(result.cost["equivalent_fft_pairs"])
     names = [f"quantity.measured_{name}" for name in ("gap", "force", "bounds")]
     residual = max(abs(measure(name, scene, result)) for name in names)
@@ -201,7 +201,7 @@ def _solved_by_bem(scene: Scene, where: tuple[str, str, float, float], steps: in
     return Point(*where, good, effort, residual, reason)
 
 
-def _told(error: Exception) -> str:
+def _message(error: Exception) -> str:
     return str(error) if isinstance(error, EpcontactError) else f"{type(error).__name__}: {error}"
 
 
@@ -233,17 +233,17 @@ def _summed(method: str, x: float, t: float, terms: int, error: float) -> Point:
 
 
 def _relative(a: float, b: float) -> float:
-    # An area below 1e-280 is one that nobody can tell from zero.
+    # An area below 1e-280 counts as zero.
     return abs(a - b) / max(abs(b), 1e-280)
 
 
 def _package_areas(x: float, t: float) -> tuple[float, float, float]:
-    found = persson.areas(t, x, 1.0)
-    return float(found.elastic), float(found.plastic), float(found.separated)
+    areas = persson.areas(t, x, 1.0)
+    return float(areas.elastic), float(areas.plastic), float(areas.separated)
 
 
 def _eigenfunctions(s: float, t: float) -> tuple[int, tuple[float, float, float]]:
-    """Elastic, plastic and separated area by the sine series, summed until nothing changes."""
+    """Elastic, plastic and separated area by the sine series, summed until it is constant."""
     elastic = force = 0.0
     for n in range(1, _TERMS + 1):
         decay = math.exp(-((n * math.pi) ** 2) * t)
@@ -256,7 +256,7 @@ def _eigenfunctions(s: float, t: float) -> tuple[int, tuple[float, float, float]
 
 
 def _images(s: float, t: float) -> tuple[int, tuple[float, float, float]]:
-    """The same by the images of the start in the two walls."""
+    """The same areas by the images of the start in the two walls."""
     c = 2 * math.sqrt(t)
     plastic = apart = 0.0
     for m in range(_TERMS):
@@ -286,7 +286,7 @@ def _finite_elements(grid: Grid) -> Iterator[Point]:
             result = fem_check.solve(scene, law="j2")
         except _FAILURES as error:
             residual = max(getattr(error, "residuals", {}).values(), default=math.nan)
-            yield Point(*where, False, math.nan, float(residual), _told(error))
+            yield Point(*where, False, math.nan, float(residual), _message(error))
             continue
         residual = max(abs(r) for r in result.final.residuals.values())
         yield Point(*where, True, float(result.cost["newton_steps"]), float(residual))
@@ -305,7 +305,7 @@ _LABELS = {
 def write(data: StabilityMap, folder: Path | str) -> tuple[Path, ...]:
     """Write stability.json and, for each map, stability-<map>.png, .svg, .csv and .txt.
 
-    Raises OutputError if one cannot be written.
+    Raises OutputError if a file cannot be written.
     """
     folder = Path(folder)
     content: dict[str, Any] = {

@@ -1,7 +1,6 @@
-"""Tables of studies: one row a point, columns named with their units.
+"""Tables of studies: one row for each point, columns named with their units.
 
-Studies solve many surfaces and show means over them; how these means, their intervals and their
-words are made is the same for all.
+Studies share these functions for means over surfaces, their intervals and their captions.
 """
 
 from __future__ import annotations
@@ -25,14 +24,14 @@ def mean_with_interval(
     """Average a column over the rows of each group, with the 95 % interval of the mean.
 
     Args:
-        table: one row a surface and group.
+        table: one row for each surface and group.
         value: the column that is averaged.
         by: the columns that name a group.
         shared_error: a column of errors that the rows of a group have in common, so that they do
             not average out; their mean is added to the half-width in quadrature.
 
     Returns:
-        One row a group, in the order of their first rows: `by`, `<value>`, `<value>_low` and
+        One row for each group, in the order of their first rows: `by`, `<value>`, `<value>_low` and
         `<value>_high`.  The interval is Student's; of a single row it has no width.
 
     Example:
@@ -63,7 +62,7 @@ def root_mean_square(table: pd.DataFrame, value: str, by: list[str]) -> pd.DataF
 
 
 def listed(table: pd.DataFrame, form: str) -> str:
-    """The rows of a table as a caption lists them: `form` with the columns filled in.
+    """List the rows of a table for a caption: `form` with the columns filled in.
 
     Example:
         >>> table = pd.DataFrame({"points": [4, 8], "error": [0.1, 0.05]})

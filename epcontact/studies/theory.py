@@ -1,4 +1,4 @@
-"""What the theory's exact answers cost: terms of its two series, and cells of its numerical form.
+"""The cost of the theory's exact answers: terms of its two series, and finite-volume cells.
 
 With x = p0/sigma_P, c = 2 sqrt(G)/sigma_P and the smaller of x and 1 - x as s, the elastic area
 of the capped body has two exact series,
@@ -6,9 +6,9 @@ of the capped body has two exact series,
     eigenfunctions   (4/pi) sum_{n = 1, 3, ...} sin(n pi s) exp(-(n pi c / 2)^2) / n
     images           erf(s/c) + sum_{k = 1, 2, ...} (-1)^k [erfc((k - s)/c) - erfc((k + s)/c)].
 
-The reference is `persson.areas`, which takes the shorter one and is right to 1e-10 of the area,
-mostly to rounding.  Where the hardness depends on the magnification finite volumes solve the
-same diffusion; with a constant hardness the closed form judges them.
+The reference is `persson.areas`, which uses the shorter one and is accurate to 1e-10 of the area,
+mostly to rounding.  If the hardness depends on the magnification, finite volumes solve the same
+diffusion; they are tested against the closed form at a constant hardness.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def series_errors(
     """Relative error of the elastic area by the first 1, 2, ... terms of each series.
 
     Returns:
-        One row a diffusion, series and number of terms: relative_diffusion, series
+        One row for each diffusion, series and number of terms: relative_diffusion, series
         (eigenfunctions or images), terms, relative_error.
     """
     tables = []
@@ -86,11 +86,11 @@ def terms_needed(errors: pd.DataFrame, target: float = TARGET) -> pd.DataFrame:
     """The terms after which each series stays within the target; NaN where it does not.
 
     Args:
-        errors: as `series_errors` makes it.
+        errors: the table of `series_errors`.
         target: relative error.
 
     Returns:
-        One row a diffusion and series: relative_diffusion, series, terms.
+        One row for each diffusion and series: relative_diffusion, series, terms.
 
     Example:
         >>> needed = terms_needed(series_errors([1e-3])).set_index("series")["terms"]
@@ -110,7 +110,7 @@ def finite_volume_errors(cells: Sequence[int]) -> pd.DataFrame:
         cells: of the pressure; as many steps of the magnification are taken.
 
     Returns:
-        One row a number of cells: cells, relative_error.
+        One row for each number of cells: cells, relative_error.
     """
     spectrum = SelfAffineSpectrum(0.8, LOWEST, 4 * LOWEST, 256 * LOWEST, 1.0)
     roughness = persson.analytic_roughness(spectrum)
@@ -130,7 +130,7 @@ def finite_volume_errors(cells: Sequence[int]) -> pd.DataFrame:
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """Error against terms, terms needed against G, finite volumes against cells."""
+    """Chart error against terms, terms needed against G, and finite volumes against cells."""
     progress("theory: series")
     first, second = _draw_terms(), _draw_needed()
     progress("theory: finite volumes")

@@ -1,8 +1,7 @@
 """Charts of results as curves: spectra, areas, pressure distributions, residuals.
 
-Every function takes results or plain numbers in SI units and returns a `Chart`, which is saved
-as PNG, SVG, CSV and caption by its `save`.  A chart without a single point to draw is refused
-with a ValueError.
+Every function takes results or plain numbers in SI units and returns a `Chart`, whose `save` writes
+PNG, SVG, CSV and caption.  A chart without any point to draw raises ValueError.
 """
 
 from __future__ import annotations
@@ -108,10 +107,10 @@ def pressure_distribution(
     the area at the hardness.
 
     Args:
-        results: The results of each method, one a surface.  Drawn is the mean of the surfaces.
+        results: The results of each method, one for each surface; their mean is drawn.
         hardness: In Pa.
-        theory: Densities by formula, in Pa and 1/Pa.  One that has the name of a method is drawn
-            in the place of that method's binned pressures.
+        theory: Densities by formula, in Pa and 1/Pa.  A density with the name of a method replaces
+            that method's binned pressures.
 
     Raises:
         ValueError: If no result has a distribution.
@@ -180,11 +179,11 @@ def pressure_density(
 ) -> tuple[FloatArray, FloatArray]:
     """The mean density P(sigma) of the elastic contact in intervals of one width.
 
-    The densities are differences of the cumulative areas, so that they sum up to the elastic
-    area exactly.
+    The densities are differences of the cumulative areas, so that their sum is exactly the elastic
+    area.
 
     Args:
-        distribution: Of the pressures of one result.
+        distribution: The pressure distribution of a result.
         bins: Number of intervals.
         largest: Pressure in Pa at which the last interval ends, to give several distributions
             the same intervals.  By default the largest pressure of this one.
@@ -202,12 +201,12 @@ def pressure_density(
     cumulative = np.concatenate([[0.0], distribution.cumulative])
     area = np.interp(edges, pressure, cumulative)
     area[0] = 0.0
-    # Equal pressures make a step, which belongs to the interval below it.
+    # Equal pressures make a step, which counts in the interval below it.
     return 0.5 * (edges[1:] + edges[:-1]), np.diff(area) / np.diff(edges)
 
 
 def observed_order(x: ArrayLike, y: ArrayLike) -> float:
-    """Slope of log y against log x by least squares; NaN with fewer than two positive points.
+    """Return the least-squares slope of log y against log x; NaN with fewer than two points.
 
     Example:
         >>> round(observed_order([0.1, 0.2, 0.4], [0.01, 0.04, 0.16]), 12)
@@ -221,7 +220,7 @@ def observed_order(x: ArrayLike, y: ArrayLike) -> float:
 
 
 def pareto_front(cost: ArrayLike, error: ArrayLike) -> FloatArray:
-    """The points (m, 2) that no other point beats in both, by rising cost; ties are kept once.
+    """Return the points (m, 2) that no other point beats in both, by rising cost; of ties one.
 
     Example:
         >>> pareto_front([1, 2, 3], [0.3, 0.5, 0.1]).tolist()
@@ -237,7 +236,7 @@ def pareto_front(cost: ArrayLike, error: ArrayLike) -> FloatArray:
 def draw_front(axes: Any, series: Sequence[Series]) -> None:
     """Draw the Pareto front of the points (cost, error) of the series as steps behind them.
 
-    An error of zero beats every dearer point; it has no place on the axis, but ends the front.
+    An error of zero is not on the axis, but it beats every dearer point and ends the front.
     """
     cost, error = (np.concatenate([getattr(s, key) for s in series]) for key in "xy")
     cheapest_exact = cost[error == 0].min(initial=np.inf)

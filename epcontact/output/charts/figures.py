@@ -1,8 +1,8 @@
 """A chart is a picture, its data and a caption, which are saved together or not at all.
 
-Figures are made without pyplot: nothing is registered anywhere, no window can open, and threads
-or a user's own matplotlib session are left alone.  Matplotlib is imported where it is used,
-because its import takes longer than most commands.
+Figures are made without pyplot, so that no window can open, and threads or a user's own matplotlib
+session are not affected.  Matplotlib is imported where it is used, because its import takes longer
+than most commands.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Chart:
         figure: A matplotlib Figure that belongs to no pyplot session.
         header: Names of the columns of the data, with their units.
         rows: The data that are drawn.
-        caption: Sentences that say what is seen.
+        caption: Sentences that describe the picture.
     """
 
     figure: Figure
@@ -79,8 +79,8 @@ class Chart:
     caption: str
 
     def __post_init__(self) -> None:
-        # The layout is found once and kept: found again at every drawing, it creeps, and the
-        # same chart would give other bytes.
+        # The layout is computed once: repeated at every drawing it shifts, and the same chart
+        # would give different bytes.
         with styled():
             self.figure.draw_without_rendering()
             self.figure.set_layout_engine("none")
@@ -118,7 +118,7 @@ class Chart:
         }
         paths = {end: Path(f"{stem}{end}") for end in contents}
         with contextlib.ExitStack() as stack:
-            # All four are on the disk before the first one takes its place.
+            # All four are on the disk before the first one is renamed.
             for end, content in contents.items():
                 stack.enter_context(whole_file(paths[end])).write_bytes(content)
         return tuple(paths.values())
@@ -137,7 +137,7 @@ def styled() -> Iterator[None]:
     """Apply the style's settings within a block, and restore the caller's after it."""
     import matplotlib as mpl
 
-    # The user's own settings file is left out, and the backend: asking for it imports pyplot.
+    # The user's settings file is ignored, and so is the backend: reading it imports pyplot.
     defaults: Any = {k: v for k, v in mpl.rcParamsDefault.items() if not k.startswith("backend")}
     with mpl.rc_context(defaults | dict(SETTINGS)):
         yield
@@ -146,7 +146,7 @@ def styled() -> Iterator[None]:
 def new_figure(
     width: float = 5.2, height: float = 3.6, columns: int = 1
 ) -> tuple[Figure, NDArray[Any]]:
-    """A figure and its `columns` axes side by side; sizes in inches.  Call it inside `styled()`."""
+    """Make a figure with `columns` axes side by side, in inches.  Call it inside `styled()`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -183,10 +183,10 @@ def draw(
     """Draw the series, each with its own look.
 
     Args:
-        axes: Of matplotlib.
-        series: To be drawn.
-        labels: Entries of the legend by the names of series, where they differ from the names.
-        colours: By the names of series, where they differ from the usual ones.
+        axes: Axes of matplotlib.
+        series: The series to draw.
+        labels: Entries of the legend by series, if they differ from the names.
+        colours: Colours by series, if they differ from the usual ones.
         positive: Leave out values that a logarithmic axis cannot show.
 
     Raises:
@@ -218,8 +218,8 @@ def draw(
 def logarithmic(axes: Any, name: str) -> None:
     """Make the axis called `name` ("x" or "y") logarithmic; call it once the data are drawn.
 
-    It has ticks at 1, 2 and 5 where it spans little and at whole decades elsewhere, because the
-    labels of all minor ticks would overlap.
+    It has ticks at 1, 2 and 5 on a short range and at decades otherwise, because the labels of all
+    minor ticks would overlap.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

@@ -1,6 +1,6 @@
 """Charts of fields: contact from above, two methods compared, a line in profile, convergence maps.
 
-They need matplotlib alone, so that they exist where nothing can be rendered in three dimensions.
+They need only matplotlib, so they work on machines that cannot draw in three dimensions.
 It is imported where it is used, because its import takes longer than most commands.  Arrays are
 [x, y]; pictures show x to the right and y upward.
 """
@@ -46,7 +46,7 @@ def contact_map(
         state: APART, ELASTIC or PLASTIC at each point, of shape (nx, ny).
         pressure: In Pa, of the same shape.
         spacing: Distance of grid points (dx, dy) in m.
-        hardness: In Pa; ends the colour scale where it is finite.
+        hardness: In Pa; if it is finite, the colour scale ends there.
         caption: Replaces the general caption.
 
     Example:
@@ -77,7 +77,7 @@ def map_of_file(path: Path | str, caption: str = "") -> Chart:
     """The contact map of the fields in a .vti file, or the profile of a line.
 
     Args:
-        path: Of the file.
+        path: The path of the file.
         caption: Replaces the general caption.
 
     Raises:
@@ -123,7 +123,7 @@ def pressure_difference(
     Args:
         first, second: Pressures in Pa, of one shape (nx, ny).
         spacing: Distance of grid points (dx, dy) in m.
-        names: Of the two methods.
+        names: The names of the two methods.
 
     Raises:
         ValueError: If the shapes differ.
@@ -171,7 +171,7 @@ def contact_profile(
     Args:
         state: APART, ELASTIC or PLASTIC at each point, of shape (nx,).
         pressure: In Pa, of the same shape.
-        gap: Between the body and the flat in m, of the same shape.
+        gap: The gap between the body and the flat in m, of the same shape.
         spacing: Distance of grid points (dx,) in m.
         caption: Replaces the general caption.
     """
@@ -221,15 +221,15 @@ def stability_map(
     """A map for each method of the parameters at which it converges, and of its effort.
 
     Args:
-        effort: Counts by method, of shape (len(x), len(y)).  NaN says that the method failed
-            there, and is drawn as a cross.
+        effort: Counts by method, of shape (len(x), len(y)).  NaN means that the method failed
+            there; it is drawn as a cross.
         x, y: The parameters, drawn in equal steps.
         labels: Names of the parameters, with units.
         count: Name of the effort.
         caption: Replaces the general caption.
 
     Raises:
-        ValueError: If the shape of an effort is another one.
+        ValueError: If an effort has another shape.
     """
     across, up = (np.asarray(v, dtype=np.float64).ravel() for v in (x, y))
     tables = {name: np.asarray(e, dtype=np.float64) for name, e in effort.items()}

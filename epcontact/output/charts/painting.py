@@ -1,4 +1,4 @@
-"""Fields as images whose colours are averaged, so that a large field makes a picture of its size.
+"""Fields as images with averaged colours, so that a large field makes a small picture.
 
 matplotlib is imported where it is used, because its import takes longer than most commands.
 """
@@ -27,7 +27,7 @@ def show_field(
     """Draw a field (nx, ny), x to the right and y upward, in the colours that `paint` gives."""
     periods = [n * d for n, d in zip(field.shape, spacing, strict=True)]
     scale, unit = unit_for(max(periods), "m")
-    # The first grid point lies at the origin: each point is the middle of its pixel.
+    # The first grid point is at the origin; each point is the centre of its pixel.
     extent = [
         edge * d / scale
         for n, d in zip(field.shape, spacing, strict=True)
@@ -42,14 +42,14 @@ def show_field(
 def shrunk(
     field: NDArray[Any], paint: Callable[[NDArray[Any]], NDArray[Any]], pixels: int = PIXELS
 ) -> NDArray[np.float32]:
-    """The colours of a field, averaged to at most `pixels` a side.
+    """Return the colours of a field, averaged to at most `pixels` along a side.
 
-    Colours are averaged rather than values, because a state has no mean and a thin contact keeps
-    its share of ink.  The rows are painted a few at a time, so that a large field needs no more
+    Colours are averaged, not values, because a state has no mean and a thin contact must remain
+    visible.  The rows are painted a few at a time, so that a large field needs no more
     memory than the picture.
 
     Args:
-        field: Of shape (nx, ny).
+        field: Values of shape (nx, ny).
         paint: Maps values of any shape to colours of that shape and three or four channels.
         pixels: Most pixels along a side.
 
@@ -80,10 +80,10 @@ def paint_states(states: NDArray[Any]) -> NDArray[Any]:
 def colour_bar(
     name: str, low: float, high: float, scale: float, *, blank: bool = False
 ) -> tuple[Any, Callable[[NDArray[Any]], NDArray[Any]]]:
-    """The colours between two limits.
+    """Return the colours between two limits.
 
     Args:
-        name: Of a colour map.
+        name: Name of a colour map.
         low, high: Limits, in the unit of the colour bar.
         scale: Divides the values to give them that unit.
         blank: Leave values of zero white.

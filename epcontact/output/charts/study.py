@@ -1,8 +1,8 @@
 """One way to draw the table of a study: a `Plot` says which columns are shown, and how.
 
-A table is tidy: one row a point, the columns named with their units.  A column `style` says how
-the points of a series are drawn: "points" (marks joined by lines; the default), "marks" (marks
-alone), "open" (open marks alone) or "curve" (a line without marks).
+A table is tidy: it has one row for each point, and the columns are named with their units.  A
+column `style` says how the points of a series are drawn: "points" (marks joined by lines; the
+default), "marks" (marks alone), "open" (open marks alone) or "curve" (a line without marks).
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ _GUIDE = {"color": "#7f7f7f", "linewidth": 0.9, "linestyle": ":"}
 class Plot:
     """How a table is drawn.
 
-    x, y: the columns of the two axes, each with its label.  Where the table has `<y>_low` and
-        `<y>_high`, these are drawn as error bars, along curves as bands.
+    x, y: the columns of the two axes, each with its label.  Columns `<y>_low` and `<y>_high`
+        are drawn as error bars, along curves as bands.
     series: columns whose values name a series, joined by commas (an empty one is left out); the
         legend has the series in the order of their first rows.
     colour: the column whose values share a colour, with `colours` from value to colour, or in
@@ -44,8 +44,8 @@ class Plot:
     log: the axes that are logarithmic, "x", "y" or "xy".
     ticks: places along x that are labelled; limits: of the axes, as keywords of `Axes.set`.
     level: height of a dotted line; upright: places of dotted upright lines, by their labels.
-    orders: series whose observed order is told in the legend; it is taken to be positive.
-    front: draw the Pareto front of all series but curves, x being a cost and y an error.
+    orders: series whose observed order is shown in the legend as a positive number.
+    front: draw the Pareto front of all series except curves; x is a cost and y an error.
     """
 
     x: tuple[str, str]
@@ -66,11 +66,11 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
     """Draw a table as series on one pair of axes, with the legend beside it.
 
     Args:
-        table: one row a point.  Points that are not finite, or not positive on a logarithmic
+        table: one row for each point.  Points that are not finite, or not positive on a logarithmic
             axis, are left out of the picture; values of zero of joined points are drawn as open
             marks at its lower edge.
         plot: the columns and their look.
-        caption: what is seen, with its parameters.
+        caption: a description of the picture with its parameters.
 
     Returns:
         The chart; its CSV has the columns series, x, y, low and high.

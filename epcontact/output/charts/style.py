@@ -60,11 +60,11 @@ _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, 
 
 
 def unit_for(largest: float, unit: str) -> tuple[float, str]:
-    """A unit with a prefix in which a quantity reads well.
+    """Choose a unit with a prefix that suits a quantity.
 
     Args:
         largest: Largest value of the quantity, in `unit`.
-        unit: Without prefix, such as "Pa".
+        unit: The unit without prefix, such as "Pa".
 
     Returns:
         The scale by which values are to be divided, and the unit with its prefix.
@@ -83,15 +83,14 @@ def unit_for(largest: float, unit: str) -> tuple[float, str]:
 
 
 def series_looks(names: Sequence[str], lines: Sequence[bool]) -> list[dict[str, Any]]:
-    """Colour, mark and dashes of each series of a chart.
+    """Return the colour, mark and dashes of each series of a chart.
 
-    A series that is named for a method has its colour, also where more words follow the name; the
-    others share the remaining colours of the cycle.
+    A series whose name begins with a method's name has the colour of the method; the others share
+    the remaining colours of the cycle.
 
     Args:
-        names: Of the series.
-        lines: For each series, whether it is a curve, which has no marks and differs from the
-            other curves in its dashes.
+        names: Names of the series.
+        lines: True for each series that is a curve, which has dashes of its own but no marks.
 
     Returns:
         Keyword arguments of matplotlib's `plot` for each series.
