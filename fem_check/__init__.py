@@ -1,11 +1,10 @@
 """fem_check: a finite-element half-block that answers epcontact's scenes independently.
 
-It imports from epcontact the scene, the results and the errors alone: no kernel, no spectrum,
-no area correction, not even a formula for a modulus.
+It imports only the scene, the results and the errors from epcontact: no kernel, spectrum, area
+correction or formula for a modulus.
 
-`solve` answers a scene, and `solve_path` does so with the finite-element states; the
-`surface_compliance` of the block lets a comparison give the very same body to the boundary
-elements.
+`solve` solves a scene, and `solve_path` returns the finite-element states.  With the block's
+`surface_compliance` the boundary elements can solve exactly the same body.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 `certify` hands the stresses at the Gauss points to scikit-fem, which assembles the internal
 force  int sigma : grad(v) dV  layer by layer and compares it with the contact forces.  With
 stresses whose mean part is constant in an element, this standard form is the B-bar element's
-internal force.  Of the solver's own loops only the stresses are used.
+internal force.  Only the stresses come from the solver's own loops.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def certify(problem: Problem, state: State, history: History) -> dict[str, float
 
     certified_balance: norm of (assembled internal force + contact forces) over the total contact
     force, without the held base.  certified_load: relative difference of the base's reaction and
-    the sum of the contact forces.  Where nothing touches, both are forces in N, as the solver's
-    own residuals are.
+    the sum of the contact forces.  If nothing touches, both are forces in N, like the solver's own
+    residuals.
     """
     u, past = state.displacement.reshape(-1, 3), history if problem.plastic else None
     stress = plasticity.stresses(u, problem.bricks, problem.law, past)

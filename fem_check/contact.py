@@ -26,8 +26,8 @@ from fem_check.vectors import dot, norm
 
 States = NDArray[np.int8]
 
-#: A gap predicts a force by this share of the stiffness of the shortest wave.  With larger shares
-#: nodes jump between apart and capped, and the sets can cycle.
+#: A gap times this share of the stiffness of the shortest wave predicts a force.  With larger
+#: shares nodes jump between apart and capped, and the sets can cycle.
 PREDICTION = 0.3
 
 
@@ -92,7 +92,7 @@ def solve_contact_forces(
     answered = displacement(forces)
     raw = wanted - answered
     residual = project(raw)
-    # Where all that is wanted is the mean that load control leaves free, only rounding is left.
+    # If `wanted` is uniform, load control, which leaves the mean free, leaves only rounding.
     rounding = 8 * np.finfo(float).eps * (norm(wanted) + norm(answered))
     enough = max(tolerance * (norm(project(wanted)) + norm(residual)), rounding)
     direction = np.zeros_like(residual)
@@ -114,7 +114,7 @@ def solve_contact_forces(
 
 
 def predicted_states(forces: FloatArray, gap: FloatArray, cap: float, stiffness: float) -> States:
-    """The state of each node, predicted from its force less a share of the gap's force."""
+    """Predict the state of each node from its force and its gap (see `PREDICTION`)."""
     predicted = forces - PREDICTION * stiffness * gap
     states = np.full(forces.shape, ELASTIC, dtype=np.int8)
     states[predicted <= 0] = APART
@@ -212,8 +212,8 @@ def _first_states(heights: FloatArray, load: float | None, approach: float, cap:
 def _with_load(states: States, heights: FloatArray, load: float, cap: float) -> States:
     """The states, changed so that they can carry the load.
 
-    Elastic nodes are added where the contact could not carry it, and capped ones made elastic
-    where they alone would carry more.
+    Elastic nodes are added if the contact could not carry the load, and capped nodes become elastic
+    if they alone would carry more.
     """
     capped, contact = states == PLASTIC, states == ELASTIC
     if np.isinf(cap):
@@ -229,7 +229,7 @@ def _with_load(states: States, heights: FloatArray, load: float, cap: float) -> 
     order = np.argsort(heights.ravel())[::-1]
     rank = np.where(capped.ravel()[order], 0, np.where(contact.ravel()[order], 1, 2))
     order = order[np.argsort(rank, kind="stable")]
-    full = int(load / cap)  # as many as can be capped, and as many again left free
+    full = int(load / cap)  # the most nodes that can be capped
     flat = out.ravel()
     keep = max(0, full - max(1, full // 4))
     flat[order[keep : full + max(2, full // 4)]] = ELASTIC

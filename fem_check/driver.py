@@ -1,11 +1,11 @@
-"""Answers a scene with finite elements: `solve`, and `solve_path` for its finite-element states.
+"""Solve a scene with finite elements: `solve`, and `solve_path` for its finite-element states.
 
-Laws.  elastic;  capped, the elastic body whose nodal pressures stay below the hardness (the
-problem of the boundary elements, discretised in another way);  j2, small-strain plasticity of the
-solid itself, without any cap on the pressure.
+Laws.  "elastic" is linear elasticity.  "capped" is an elastic body whose nodal pressures do not
+exceed the hardness (the problem of the boundary elements, discretised in another way).  "j2" is
+small-strain plasticity of the solid itself, without any cap on the pressure.
 
-Geometries.  gap, where the roughness is the initial gap over a flat block, as small slopes
-allow;  moved, where the top nodes are moved to the real heights.
+Geometries.  With "gap" the roughness is the initial gap over a flat block, as small slopes allow.
+With "moved" the top nodes are moved to the real heights.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def solve(  # noqa: PLR0913 - every option of the method, by keyword
             for each mean pressure.
         tolerance: on every residual: forces over the total force, lengths over the rms height.
         approach: of the flat since it touched the highest point, in m; one value or a path of
-            them, which takes the place of the mean pressures.
+            them, used instead of the mean pressures.
         hardening: H of linear isotropic hardening, in Pa.
         certified: whether scikit-fem's own assembly must confirm the last state (`certify`).
         progress: called with the share of the path that is done and a sentence.
@@ -81,7 +81,7 @@ def solve(  # noqa: PLR0913 - every option of the method, by keyword
 
     Raises:
         InvalidScene: the options contradict each other or the scene.
-        NotConverged: an increment failed; holds the residuals of its iterations.
+        NotConverged: an increment failed; the error holds the residuals of its iterations.
         NotEnoughMemory: the block would not fit.
         OutputError: a file could not be written.
 
@@ -191,7 +191,7 @@ def surface_compliance(
 ) -> FloatArray:
     """The compliance of the flat block's surface: its displacement under a wave of pressure.
 
-    A comparison hands it to the boundary elements, so that both solve the very same body.
+    With it the boundary elements can solve exactly the same body.
 
     Args:
         scene: the surface's grid, the material and the body.

@@ -8,7 +8,7 @@ dilatation (Nagtegaal, Parks and Rice 1974; Hughes 1980):
 
 so that plastic flow, which keeps volume, does not lock the element.  An element is therefore given
 by the gradients of its eight basis functions at its eight Gauss points, their mean and the
-weights.  Elements of one shape share one set of them; `Elements.shape_of` says which.
+weights.  Elements of one shape share one set of them, whose index is in `Elements.shape_of`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The elastic flat block, inverted exactly: lateral Fourier transforms and one sweep over levels.
+"""The exact inverse of the elastic flat block: lateral Fourier transforms and sweeps over levels.
 
-Flat layers of equal bricks make a stiffness that a lateral transform splits, wave by wave, into a
+A lateral transform splits the stiffness of flat layers of equal bricks, wave by wave, into a
 block-tridiagonal matrix of 3 x 3 blocks A_k (level k with itself) and C_k (with level k + 1).
 Mirror symmetry makes every block real once u_z is replaced by i u_z.  Elimination from the base
 to the top,
@@ -11,9 +11,9 @@ leaves S_0 on the top level, whose normal entry is the layer's own surface compl
 back is u_{k+1} = S_{k+1} (f_{k+1} - C_k^T u_k).  Contact forces act on the top level, which is
 eliminated last: they can be found between the two sweeps, on the surface alone (`contact`).
 
-Here this is a preconditioner, and the answer of an elastic flat block; convergence is judged by
-the internal force of the assembled elements.
-Half of the spectrum is kept along x, so that a line (ny = 1) costs half of a surface's.
+The inverse is used as a preconditioner, and as the solution of an elastic flat block; convergence
+is judged by the internal force of the assembled elements.  Half of the spectrum is kept along x, so
+that the spectrum of a line (ny = 1) is halved, too.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ def inverse(spectrum: ComplexArray, nx: int) -> FloatArray:
 def eliminate(factor: Factor, force: FloatArray) -> ComplexArray:
     """The transformed `force` (levels, nx, ny, 3) after the sweep to the top.
 
-    No force acts below the levels given, and the sweeps leave the levels below out.
+    No force acts below the given levels, and the sweeps leave out the levels below them.
     """
     spectrum = transform(force)
     _down(_flat(spectrum), factor.compliances, factor.couplings)
@@ -238,7 +238,7 @@ def top_descent(factor: Factor, eliminated: ComplexArray) -> FloatArray:
 def substitute(factor: Factor, eliminated: ComplexArray, contact_forces: FloatArray) -> FloatArray:
     """The displacement under the eliminated force and the downward `contact_forces` (nx, ny).
 
-    To save a copy in every iteration, it works in the memory of `eliminated`.
+    It overwrites `eliminated`, which saves a copy in every iteration.
     """
     eliminated[0, :, :, 2] -= transform(contact_forces)
     _up(_flat(eliminated), factor.compliances, factor.couplings)
@@ -246,9 +246,9 @@ def substitute(factor: Factor, eliminated: ComplexArray, contact_forces: FloatAr
 
 
 def extend_to_base(factor: Factor, level: FloatArray, above: int) -> FloatArray:
-    """The displacement of all levels but the first `above`, of which the last has the given one.
+    """The displacement of all levels below the first `above`, given that of the last of these.
 
-    `level` is (nx, ny, 3); no force acts below it.
+    `level` (nx, ny, 3) is the given displacement; no force acts below it.
     """
     spectrum = transform(level[None])
     below = np.empty((len(factor.compliances) - above, *spectrum.shape[1:]), dtype=complex)

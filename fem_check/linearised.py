@@ -1,11 +1,11 @@
-"""The contact problem of the body whose material's tangent is frozen.
+"""The contact problem of a body with a frozen material tangent.
 
-Equality-constrained solves on a guessed contact set, which then changes until its forces press
-and its gaps are open (a primal-dual active set).  The solves are conjugate gradients in the null
+A primal-dual active set method solves the equalities on a guessed contact set, which it then
+changes until forces press and gaps are open.  The solves are conjugate gradients in the null
 space of the constraints.  Their preconditioner is the elastic flat block with the same
 constraints met exactly (a constraint preconditioner; Gould, Hribar and Nocedal 2001), between two
 sweeps over the flowing nodes (`smoother`), which resolve the slip lines that the elastic block
-knows nothing of.  Without the sweeps, iterations grow as the flowing zones gain elements.
+cannot represent.  Without the sweeps, iterations grow as the flowing zones gain elements.
 
 On the flat block the elastic stiffness times a preconditioned residual is that residual, so a
 product with the tangent touches the flowing elements only.  After the first elastic solve all
@@ -33,7 +33,7 @@ from fem_check.vectors import axpy, dot, norm, xpay
 #: The contact set is accepted when the share of its nodes that still change is below this factor
 #: times the reduction of the residual that the linear solve aims at: the next Newton iteration
 #: moves more nodes than that.  A node in the wrong set shows in the residuals of tension and
-#: penetration, so this decides on the work and not on the answer.
+#: penetration, so this affects the work and not the answer.
 UNSETTLED = 0.1
 
 #: A solve that reduces the residual by less than this factor takes so few iterations that
@@ -113,7 +113,7 @@ def linear_contact(
         tangent: the frozen body.
         control: the load or the approach to reach.
         forcing: reduction of the residual at which the linear solves stop.
-        sweeps: the most changes of the contact set.
+        sweeps: the largest number of changes of the contact set.
 
     Returns:
         The solution and the iterations spent.
@@ -144,8 +144,8 @@ def _elastic_solve(
     tolerance: float,
     start: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """(z, forces, approach) with K_elastic z = r - forces, z descending by `target` + approach
-    on the contact nodes."""
+    """(z, forces, approach) with K_elastic z = r - forces, where z moves the contact nodes down by
+    `target` + approach."""
     spectrum = eliminate(problem.factor, r)
     descent = top_descent(problem.factor, spectrum)
     solved = solve_contact_forces(
@@ -200,14 +200,14 @@ def precondition(
 def _solve_on_set(
     state: State, linear: LinearSolution, tangent: Tangent, control: Control, goal: float
 ) -> tuple[LinearSolution, int]:
-    """Solve on the present contact set to a residual of `goal`, in N; and the iterations."""
+    """Solve on the present contact set to a residual of `goal` in N; also count the iterations."""
     problem, states, R = tangent.problem, linear.states, linear.reaction
     load = control.load
     if load is not None and problem.capped:
         load -= float((problem.cap * (states == PLASTIC)).sum())
     offset = 0.0 if load is not None else control.approach
     target = problem.heights + offset + state.displacement[0, ..., 2] + linear.step[0, ..., 2]
-    # R still contains the contact forces, so this solve finds them anew as a whole.
+    # R still contains the contact forces, so this solve finds the whole of them again.
     start = np.where(states == ELASTIC, R[0, ..., 2], 0.0)
     z, forces, d = _elastic_solve(problem, R, states, target, load, 1e-11, start)
     elastic = R.copy()
@@ -221,7 +221,7 @@ def _solve_on_set(
 def _conjugate_gradients(
     linear: LinearSolution, tangent: Tangent, control: Control, goal: float
 ) -> tuple[LinearSolution, int]:
-    """Iterate on the levels that flow until the residual is below `goal`; and the iterations."""
+    """Iterate on the levels that flow until the residual is below `goal`; count the iterations."""
     problem, states, levels = tangent.problem, linear.states, tangent.levels
     whole, approach = linear.reaction.copy(), linear.approach
     R, spent, rho_before = whole[:levels], 0, 0.0

@@ -1,4 +1,4 @@
-"""Memory: the estimate for a block before it is made, and what the process took."""
+"""The estimated memory of a block before it is made, and the peak memory of the process."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from fem_check.mesh import PeriodicBlock
 def bytes_needed(block: PeriodicBlock, *, plastic: bool) -> float:
     """An estimate of a solve's memory, in bytes, from the arrays kept for elements and nodes.
 
-    An element keeps its connectivity and shape (36 bytes), the history (448) and, where it flows,
-    which is taken to be one element in ten, its tangent correction and matrix rows (2700); in the
-    moved geometry its own gradients (1800, and as much again while scikit-fem makes them).  A node
-    keeps about sixteen displacement fields (24 each) and its half of the factor (15 numbers a
-    wave).
+    An element keeps its connectivity and shape (36 bytes) and the history (448).  One element in
+    ten is assumed to flow; it keeps its tangent correction and matrix rows (2700).  In the moved
+    geometry an element keeps its own gradients (1800, and as much again while scikit-fem makes
+    them).  A node keeps about sixteen displacement fields (24 each) and its half of the factor (15
+    numbers a wave).
     """
     nodes = float(np.prod(block.field_shape[:3]))
     element = 36 + (448 + 270 if plastic else 0) + (3600 if block.moved is not None else 0)
@@ -41,7 +41,7 @@ def peak_memory() -> float:
     """The largest resident memory of this process so far, in bytes."""
     if sys.platform == "win32":
         return float(psutil.Process().memory_info().peak_wset)
-    import resource  # which Windows does not have
+    import resource  # not available on Windows
 
     peak = float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
     return peak if sys.platform == "darwin" else 1024 * peak

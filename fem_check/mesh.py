@@ -1,10 +1,10 @@
-"""The periodic block: its nodes, its layers, and how deep and how fine a scene needs it.
+"""The periodic block: its nodes and layers, and the depth and grading that a scene needs.
 
-Nodes are numbered level by level from the top: node (k nx + i) ny + j stands at x = i hx,
+Nodes are numbered level by level from the top: node (k nx + i) ny + j is at x = i hx,
 y = j hy and level k, level 0 being the rough top and level nz the base.  A line becomes a block
 with one node along y, joined to itself: no field can vary along y, which is plane strain.
 
-Depth.  The block stands for a half-space if its base does not matter to the longest wave.  The
+Depth.  The block replaces a half-space if its base does not affect the longest wave.  The
 compliance of a bonded layer of depth d differs from the half-space's 2/(E* q), for a wave
 exp(i q x), by a share that falls as exp(-2 q d) (Carbone and Mangialardi 2008).
 `half_space_depth` returns the smallest depth at which the share is `tolerance` for the longest
@@ -28,7 +28,7 @@ from epcontact.results import FloatArray
 from epcontact.scene import Scene
 from fem_check.element import CORNERS, Elements, elements
 
-#: Ratio of neighbouring layers.  Against equal layers as thin as the first, no wave's compliance
+#: Ratio of neighbouring layers.  Compared with equal layers as thin as the first, no compliance
 #: changes by more than 0.7 % (tests/test_fem_mesh.py); on a rough J2 scene of 64 x 64 nodes,
 #: going from 1.08 to 1.2 changed the pressure quantiles by 0.2 % and no node's contact.
 GROWTH = 1.2
@@ -42,7 +42,7 @@ class PeriodicBlock:
     spacing: (hx, hy) in m.
     layers: (nz,) thicknesses from the top, in m.
     sliding: whether the base slides without friction; it is bonded otherwise.
-    moved: (nx, ny) heights the top nodes are moved to, in m, or None for a flat top.
+    moved: (nx, ny) heights to which the top nodes are moved, in m, or None for a flat top.
     """
 
     shape: tuple[int, int]
@@ -53,12 +53,12 @@ class PeriodicBlock:
 
     @property
     def depth(self) -> float:
-        """From the reference top to the base, in m."""
+        """Distance from the reference top to the base, in m."""
         return float(np.sum(self.layers))
 
     @property
     def node_area(self) -> float:
-        """Nominal area of a top node, in m^2 (per m of a line's width: times hy)."""
+        """Nominal area of a top node, in m^2; a line has the width hy."""
         return self.spacing[0] * self.spacing[1]
 
     @property
@@ -128,7 +128,7 @@ def moved_elements(block: PeriodicBlock) -> Elements:
 
 
 def half_space_depth(longest: float, poisson_ratio: float, tolerance: float = 1e-3) -> float:
-    """The smallest depth at which a bonded layer stands for a half-space.
+    """The smallest depth at which a bonded layer can replace a half-space.
 
     Args:
         longest: the longest wavelength of the surface, in m.
@@ -204,7 +204,7 @@ def block_for(
     Args:
         scene: the surface and the body; the depth of a layer cannot be overridden.
         depth: in m, chosen from the longest wave by default.
-        layers: their number.
+        layers: number of layers.
         first_layer: thickness of the top layer in m, the grid spacing by default.
         moved: whether the top nodes are moved to the heights.
 

@@ -2,12 +2,11 @@
 
 Each iteration freezes the material's consistent tangent and solves the contact problem of that
 linear body (`linearised`).  The step to that solution is taken whole unless the energy's slope
-along it shows that it overshoots.  Where the two loops were merged into one, or cold starts took
-full steps, the contact set jumped between a few nodes and all of them
-(tests/test_fem_breaks.py).
+along it shows that it overshoots.  With the two loops merged into one, or with full steps from a
+cold start, the contact set jumped between a few nodes and all of them (tests/test_fem_breaks.py).
 
 Far from the solution the tangent is blended with the elastic stiffness, by a tenth of the relative
-residual: a fully plastic contact has next to no stiffness of its own to aim with.
+residual, because a fully plastic contact has almost no stiffness.
 """
 
 from __future__ import annotations
@@ -148,7 +147,7 @@ def _line_search(
     control: Control,
     whole: _Trial,
 ) -> tuple[_Trial, int]:
-    """The whole step, or the part of it up to where the energy stops falling; and the cuts."""
+    """The whole step, or its part up to where the energy stops falling; also the number of cuts."""
     work = (control.load or 0.0) * (linear.approach - state.approach)
     before = dot(internal, linear.step) - work
     trial, cuts = whole, 0

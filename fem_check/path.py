@@ -50,11 +50,11 @@ class PathPoint:
 class SolvedPath:
     """A solved load path: what `solve_path` returns.
 
-    scene, problem: what was solved, and the finite-element problem made of it.
+    scene, problem: the scene, and the finite-element problem made from it.
     history: of the material at the end of the path.
     points: one for each mean pressure, or each approach.
     seconds: wall time.
-    options: the keywords of `solve`, with the block's measures that were chosen.
+    options: the keywords of `solve`, with the chosen dimensions of the block.
     certificate: residuals of scikit-fem's own assembly at the last point; empty if not certified.
     """
 
@@ -81,7 +81,7 @@ def path_targets(
 
 
 def increments(targets: Sequence[float], steps: int | None) -> list[list[float]]:
-    """For each target the values at the ends of the increments that lead to it.
+    """List for each target the end values of the increments that lead to it.
 
     steps: number of increments from zero to the largest target; None: one for each target.
     """
@@ -103,9 +103,9 @@ def follow_path(
     by_approach: bool,
     tolerance: float,
 ) -> Iterator[tuple[PathPoint, History]]:
-    """Solve the path point by point, and give each with the material's history at it.
+    """Solve the path point by point, and yield each point with the material's history there.
 
-    The history moves on with the path: read it before the next point is asked for.
+    The history changes in place along the path: read it before you ask for the next point.
 
     Args:
         problem: the finite-element problem.
@@ -137,9 +137,9 @@ def _advance(
     by_approach: bool,
     tolerance: float,
 ) -> tuple[tuple[State, ...], SolvedIncrement, Counts]:
-    """Go on from the last of `states` to `target`, in halves where that does not converge.
+    """Advance from the last of `states` to `target`, and halve increments that do not converge.
 
-    Commits the history after each increment that does, and returns the last two states, the last
+    Commits the history after each converged increment, and returns the last two states, the last
     increment and the counts.
     """
     begin = _position(problem, states, by_approach)

@@ -165,8 +165,8 @@ def _stress_update(  # type: ignore[no-untyped-def]  # noqa: PLR0912, PLR0913, P
     """Radial return at every Gauss point of all elements, or of `which`.
 
     Without a history the law is elastic.  Each of the outputs may be None, and numba then leaves
-    its part out of the compiled loop: nodal = (force, flowing), to which the internal force is
-    added; stress (m, 6, 8); updated, the history itself; terms, the correction's.
+    its part out of the compiled loop: nodal = (force, flowing), where the internal force is added
+    to `force`; stress (m, 6, 8); updated, the history to change; terms, those of the correction.
     """
     ue, s = np.empty((8, 3)), np.empty((6, 8))
     conn, shape_of, G, Gm, w = bricks

@@ -26,8 +26,8 @@ from fem_check.vectors import norm
 class Problem:
     """The data that do not change along a load path.
 
-    bricks: the elements of the true geometry; `flat` says that the factor's block has the same.
-    heights: (nx, ny) of the top, in m.  cap: the largest nodal force, in N.
+    bricks: the elements of the true geometry.  flat: True if the factor's block has the same
+    geometry.  heights: (nx, ny) of the top, in m.  cap: the largest nodal force, in N.
     """
 
     block: PeriodicBlock
@@ -73,7 +73,7 @@ class State:
 
 @dataclass(frozen=True)
 class Counts:
-    """Iterations of one increment; the sum of two is that of the path they make up.
+    """Iterations of one increment, or of several, whose counts are added.
 
     most_newton and most_cg are the largest numbers in one increment and in one linear solve.
     """
@@ -113,7 +113,7 @@ def gap(problem: Problem, u: FloatArray, approach: float) -> FloatArray:
 def without_base(problem: Problem, force: FloatArray) -> FloatArray:
     """The force without the reactions of the base, changed in place.
 
-    A force that is cut off above the base has none.
+    A force on upper levels only, without the base, stays as it is.
     """
     if len(force) > len(problem.block.layers):
         if problem.block.sliding:
@@ -150,9 +150,9 @@ def residuals(
 ) -> dict[str, float]:
     """Dimensionless residuals of a state with its `internal` force.
 
-    balance: norm of the unbalanced nodal forces over the total force; load: its missing share;
-    gap: largest gap on the elastic contact, penetration: deepest node elsewhere, both over the
-    rms height; tension: largest pull of a contact node, over the total force.
+    balance: norm of the unbalanced nodal forces over the total force; load: missing share of the
+    total force; gap: largest gap on the elastic contact, penetration: deepest node elsewhere, both
+    over the rms height; tension: largest pull of a contact node, over the total force.
     """
     R = reaction(problem, state.states, internal)
     contact, capped = state.states == ELASTIC, state.states == PLASTIC

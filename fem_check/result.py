@@ -1,21 +1,21 @@
 """From finite-element states to a ContactResult: areas, pressures, fields, notes.
 
-Areas.  raw counts nodes in contact.  The count overestimates the area: the rim lies inside the
+Areas.  `raw` counts nodes in contact.  The count overestimates the area: the rim is inside the
 last node in contact, and elements as large as the waves they carry are softer than the solid, so
 that contacts grow beyond their true rim.  Both errors are a fixed share of a spacing.  Measured
 with these elements against Westergaard (lines) and periodic Hertz (spheres), averaged over shifts
-of the grid (tests/test_fem_elastic.py), a straight rim lies
+of the grid (tests/test_fem_elastic.py), a straight rim is
 
     rim(nu) = 0.25 + 0.21 nu          (+- 0.02)
 
-spacings inside the count.  `corrected` subtracts that for every end of a contact on a line, and
+spacings inside the count.  `corrected` subtracts this for every end of a contact on a line, and
 pi/4 of it for every switch along rows and columns of a surface, because a rim of any direction
 crosses 4/pi as many rows and columns as its length.  The front between elastic and capped contact
 is corrected in the same way, with the other sign.  `error` is a quarter of the correction.
 
-Plastic area.  capped: nodes at the hardness.  j2: contact nodes that touch an element of the top
-layer in which some Gauss point has flowed, now or earlier.  It says where the surface has
-yielded; a contact that flows below the surface alone does not count.
+Plastic area.  For the law "capped" it counts the nodes at the hardness; for "j2", the contact nodes
+that touch an element of the top layer in which some Gauss point has flowed, now or earlier.  A
+contact that flows only below the surface does not count.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ _DISTRIBUTION_POINTS = 1025
 #: Largest rms slope at which the gap geometry and small strains are trusted: at slope 0.1 and
 #: E* xi/sigma_Y = 50, moving the nodes changed the load by 11 to 13 %.
 LARGEST_SLOPE = 0.1
-#: Fewest nodes across the median contact: with under 2 nodes to the rim the place of the grid
-#: changes a sphere's area by more than a quarter (tests/test_fem_breaks.py).
+#: Fewest nodes across the median contact: with a radius below 2 nodes, a shift of the grid changes
+#: a sphere's area by more than a quarter (tests/test_fem_breaks.py).
 FEWEST_NODES = 4
 #: Largest plastic strain at which small strains are trusted.
 LARGEST_STRAIN = 0.2
@@ -59,7 +59,7 @@ LARGEST_STRAIN = 0.2
 def contact_result(path: SolvedPath, peak_memory: float) -> ContactResult:
     """The result of a solved path; `peak_memory` is in bytes.
 
-    The certificate joins the residuals of the last step.
+    The certificate is added to the residuals of the last step.
     """
     problem, points = path.problem, path.points
     certificates: list[Mapping[str, float]] = [{}] * (len(points) - 1) + [path.certificate]
@@ -173,7 +173,7 @@ def areas(
 
 
 def count_switches(inside: NDArray[np.bool_]) -> int:
-    """Number of neighbours along rows and columns of which one is inside and the other is not."""
+    """Number of pairs of neighbours along rows and columns of which only one is inside."""
     return sum(
         int((inside != np.roll(inside, 1, axis)).sum()) for axis in (0, 1) if inside.shape[axis] > 1
     )
@@ -214,7 +214,7 @@ def _warnings(path: SolvedPath) -> tuple[str, ...]:
     if nodes < FEWEST_NODES:
         out.append(
             f"the median contact is {nodes:.1f} nodes across, fewer than {FEWEST_NODES}: areas "
-            "and pressures are those of the grid"
+            "and pressures depend on the grid"
         )
     if last.plastic_zone.get("plastic_depth", 0.0) >= block.depth * (1 - 1e-9):
         out.append("the plastic zone reaches the base; give a deeper block")
@@ -236,8 +236,8 @@ def rms_slope(heights: FloatArray, spacing: tuple[float, float]) -> float:
 def nodes_across(touching: NDArray[np.bool_]) -> float:
     """The number of nodes across the median contact.
 
-    Half of the contact nodes lie in smaller contacts than the median one.  On a line its width is
-    counted, on a surface the diameter of the disc of its area.  Contacts join over corners and
+    Half of the contact nodes are in contacts smaller than the median one.  On a line the result is
+    its width, on a surface the diameter of a disc of its area.  Contacts join over corners and
     over the periodic edges.
 
     Args:

@@ -27,8 +27,8 @@ from epcontact.results import FloatArray
 from fem_check.element import CORNERS, Elements, elastic_stiffness
 from fem_check.plasticity import Law, TangentCorrection
 
-#: Sweeps on either side of the elastic block.  tests/test_fem_smoother.py: they nearly halve the
-#: iterations.
+#: Sweeps on either side of the elastic block.  They nearly halve the iterations
+#: (tests/test_fem_smoother.py).
 SWEEPS = 3
 
 _FAST = {"contract", "reassoc", "nsz"}
@@ -67,7 +67,7 @@ class Smoother:
         return self._swept(residual, [k % 2 == 0 for k in range(SWEEPS)])
 
     def post_smooth(self, residual: FloatArray) -> FloatArray:
-        """The transpose of `pre_smooth`: each sweep the other way, and the last one first."""
+        """The transpose of `pre_smooth`: the sweeps run the other way and in reverse order."""
         return self._swept(residual, [k % 2 == 1 for k in reversed(range(SWEEPS))])
 
     def _swept(self, residual: FloatArray, ascending: list[bool]) -> FloatArray:
@@ -148,7 +148,7 @@ def _slots(nx: int, ny: int) -> NDArray[np.int64]:
     return out
 
 
-_SELF = 13
+_SELF = 13  # the slot of a node in its own row
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
@@ -233,10 +233,10 @@ def _invert(rows, held, out):  # type: ignore[no-untyped-def]
         out[r, 0, 2] = out[r, 2, 0] = (e * f - b * g) / det
 
 
-# Sums in order: reassociated, they would be gathered into slow vectors of neighbours.
+# The sums keep their order: reassociated, they would be gathered into slow vectors of neighbours.
 @njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
 def _sweep(rows, inverses, right, x, ascending):  # type: ignore[no-untyped-def]
-    """One Gauss-Seidel sweep that goes on from x."""
+    """Make one Gauss-Seidel sweep, which starts from x and changes it."""
     count = rows.nodes.size
     for k in range(count):
         r = k if ascending else count - 1 - k

@@ -1,4 +1,4 @@
-"""The finite-element body as files: a .vtu for each point of the load path, a .pvd over them.
+"""Write the finite-element body: a .vtu file for each point of the load path, a .pvd over them.
 
 Points carry displacement (m), the equivalent plastic strain and the nodal stress (means of the
 Gauss points around a node, volume-weighted), its von Mises norm, contact_pressure, gap and state
@@ -33,7 +33,7 @@ _VTK_CORNERS = np.array(
 
 
 def step_name(number: int) -> str:
-    """The file of one point of the path."""
+    """The file name of one point of the path."""
     return f"step-{number:04d}.vtu"
 
 

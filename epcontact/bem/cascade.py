@@ -28,7 +28,7 @@ COARSEST = 32
 
 
 def coarser(shape: tuple[int, ...]) -> tuple[int, int] | None:
-    """Halve the points, rounded up, of each direction with more than COARSEST; None: none has.
+    """Halve each direction of more than COARSEST points, rounding up; None if there is none.
 
     Example:
         >>> coarser((65, 20)), coarser((32, 32))

@@ -1,1 +1,1 @@
-"""Problems with known answers, and what solving them costs."""
+"""Problems with known answers, and their cost."""

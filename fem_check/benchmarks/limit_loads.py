@@ -1,9 +1,9 @@
-"""Limit loads of small bodies of the same bricks and the same return mapping, solved directly.
+"""Limit loads of small bodies: the same bricks and return mapping, but a direct solver.
 
 Symmetry makes the bodies small: every nodal displacement is a linear function of a few unknowns,
 u = T q.  An axisymmetric or plane-strain body is one slice of bricks whose faces stay in their
-planes.  Axisymmetric slices subtend a small angle; the error of their flat facets is of its
-square.
+planes.  Axisymmetric slices subtend a small angle; the error of their flat facets is of second
+order in it.
 
 `push` prescribes some of the unknowns step by step and finds the forces this takes, by Newton's
 method with the consistent tangent, blended with the elastic stiffness by a tenth of the relative
@@ -51,7 +51,7 @@ def slice_body(
     """A slice of bricks, in plane strain of unit width or axisymmetric about z.
 
     Unknown 2 n is the displacement across of node n = i * len(down) + k, 2 n + 1 the one along z.
-    Held are x = 0 and the far side across, and the lowest level along z.
+    The nodes at x = 0 and on the far side are held across, those of the lowest level along z.
 
     Args:
         across: coordinates x or r of the nodes, ascending from 0.
@@ -116,7 +116,7 @@ def push(
         max_newton: largest number of iterations a step.
 
     Raises:
-        NotConverged: a step failed; holds its residuals.
+        NotConverged: a step failed; the error holds its residuals.
     """
     history = plasticity.initial_history(body.bricks.number)
     strain = np.stack(
@@ -167,7 +167,7 @@ def _push_step(
         q = q + (change if iteration == 0 else 0.0)
         q[free] += splu(K[free][:, free]).solve(right[free])
     raise NotConverged(
-        f"the body did not come to rest in {limits[1]} Newton iterations: relative residual "
+        f"the body is not in equilibrium after {limits[1]} Newton iterations: relative residual "
         f"{residuals[-1]:.1e} instead of {limits[0]:.0e}",
         history=residuals,
     )
@@ -179,7 +179,7 @@ def _force(
     """(nodes, 3) internal force at `u`, and the correction of the elastic tangent there."""
     bricks = body.bricks
     force, flowing = plasticity.internal_force(u, bricks, law, history)
-    if not body.mean_dilatation:  # the local dilatation in the place of the mean one
+    if not body.mean_dilatation:  # use the local dilatation instead of the mean one
         B, weights = strain[bricks.shape_of], bricks.weights[bricks.shape_of]
         stress = plasticity.stresses(u, bricks, law, history)
         local = np.einsum("egia,ea->egi", B, u[bricks.connectivity].reshape(-1, 24))[..., :3]
@@ -224,7 +224,7 @@ def sparse_matrix(bricks: Elements, per_element: FloatArray, nodes: int) -> sp.c
 
 @dataclass(frozen=True)
 class Curve:
-    """A computed quantity beside its exact one, along a path; `newton`: residuals by step."""
+    """A computed quantity and its exact value along a path; `newton`: residuals of each step."""
 
     computed: FloatArray
     exact: FloatArray
@@ -271,9 +271,9 @@ def punch(
     exact: float,
     area: float = 1.0,
 ) -> Curve:
-    """Push a punch of unit half-width, on `elements` of the `grid`, into a body; `area` is its own.
+    """Push a punch of unit half-width, which covers `elements` of the `grid`, into a body.
 
-    The yield stress is 1; the last step is far beyond the limit load.
+    `area` is the punch's.  The yield stress is 1; the last step is far beyond the limit load.
     """
     Y, E = 1.0, 1000.0
     top = np.arange(elements + 1) * grid.size  # the nodes (i, level 0) under the punch
