@@ -35,7 +35,7 @@ from fem_check.vectors import dot
 
 @dataclass(frozen=True)
 class NewtonOptions:
-    """How an increment is solved; tests/test_fem_breaks.py shows that the last three are needed.
+    """Options of an increment; tests/test_fem_breaks.py shows that the last three are needed.
 
     line_search: shorten steps that overshoot.  regularise: blend the tangent with the elastic
     stiffness far from the solution.  sweeps: changes of the contact set within one iteration.

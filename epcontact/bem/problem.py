@@ -64,7 +64,7 @@ class GridProblem:
 
 @dataclass(frozen=True)
 class Options:
-    """How to solve a problem.
+    """The options of a solve.
 
     Attributes:
         tolerance: on the Karush-Kuhn-Tucker residuals, dimensionless.

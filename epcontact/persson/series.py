@@ -67,7 +67,7 @@ class Walk:
         return Walk(*(a.ravel() if chosen.all() else a[chosen] for a in arrays))
 
     def mirrored(self) -> Walk:
-        """The same problem measured from the upper wall."""
+        """The mirror image of the problem, measured from the upper wall."""
         return Walk(self.r, self.s, self.c, self.y, self.x, -self.d, self.bounded)
 
     def in_lower_half(self) -> Walk:

@@ -1,4 +1,4 @@
-"""The load path whose cost is charted, and the unit of its time.
+"""The scene whose cost is charted, and the unit of its time.
 
 The unit is the time of a bare 2048 x 2048 real FFT pair on the same core: it makes the times of
 different machines comparable.

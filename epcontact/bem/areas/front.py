@@ -8,7 +8,7 @@ c = pi E*/(2 e dx), with b = Si(pi)/pi and points counted from the last in conta
 
     q(0) = p_0,  q(-1) = p_1 + b p_0 (to a common factor),  q(1) = -c g_1,  q(2) = -c g_2 + b c g_1.
 
-The front lies AXIS_OFFSET dx short of the root of q between 0 and 1.  The root is that of the
+The front is AXIS_OFFSET dx short of the root of q between 0 and 1.  The root is that of the
 polynomial through the four values (three or two where the contact or the gap has one point only):
 the offset is exact up to the third order in dx, as the magnitude of S has no further terms.
 
