@@ -3,7 +3,7 @@
 Conventions of every module
 ---------------------------
 axes          arrays are [x, y], row index first; lines are [x]; z points up, out of the body
-body          the rough elastoplastic body lies below, its heights h measured upward; the rigid
+body          the rough elastoplastic body is below, with heights h measured upward; the rigid
               flat comes from above
 pressure      compression positive; 0 <= p <= hardness where the pressure is capped
 displacement  u of the surface, downward positive, of zero mean on the half-space

@@ -104,7 +104,7 @@ def main() -> None:
     except Exception:
         # A bug: print its traceback, but do not exit with Python's code 1.
         traceback.print_exc()
-        code, sentence = 2, "this is a mistake of epcontact's own; please report it"
+        code, sentence = 2, "this is a bug in epcontact; please report it"
     if sentence:
         # A name may hold any character; control characters are shown as escapes.
         shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in sentence)

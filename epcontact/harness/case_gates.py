@@ -77,7 +77,7 @@ def _require_answerable(where: str, gate: GateTable, table: CaseFile) -> None:
         gate.quantity == "distribution" and not isinstance(gate.against, str)
     ):
         raise InvalidCase(
-            f"{where}: {gate.quantity} is held against {gate.against!r}, but needs a closed "
+            f"{where}: {gate.quantity} is compared with {gate.against!r}, but needs a closed "
             "form that has it" + (" or a method" if gate.norm != "l2" else "")
         )
 
@@ -112,7 +112,9 @@ def _require_model(where: str, gate: GateTable, table: CaseFile, needs: tuple[st
     wrong = ""
     if not METHODS[gate.of].has_model_measures or isinstance(gate.against, str):
         able = " or ".join(m.name for m in METHODS.values() if m.has_model_measures)
-        wrong = f"is read of {able} against a number, not of {gate.of} against {gate.against!r}"
+        wrong = (
+            f"needs a gate of {able} against a number, not of {gate.of} against {gate.against!r}"
+        )
     elif table.fem.law != "j2":
         wrong = f"needs fem.law = 'j2', but it is {table.fem.law!r}"
     elif table.fem.geometry != "gap":
@@ -120,7 +122,7 @@ def _require_model(where: str, gate: GateTable, table: CaseFile, needs: tuple[st
     elif not math.isfinite(table.material.yield_stress):
         wrong = "needs a finite material.yield_stress, at which J2 flows"
     elif not math.isfinite(table.material.hardness) and "hardness" in needs:
-        wrong = "needs a finite material.hardness, the cap that J2 is held against"
+        wrong = "needs a finite material.hardness, the cap that J2 is compared with"
     elif isinstance(table.load.mean_pressure, list) and len(table.load.mean_pressure) > 1:
         wrong = "needs a single load.mean_pressure, but it is a path"
     if wrong:

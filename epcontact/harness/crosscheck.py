@@ -178,7 +178,7 @@ def crosscheck(case: Case, seeds: Sequence[int] = ()) -> str:
 def _other_surfaces(case: Case, seeds: Sequence[int]) -> list[SelfAffine]:
     first = case.recipes[0]
     if not isinstance(first, SelfAffine):
-        raise InvalidCase(f"{case.path}: its surface is not random, so seeds make no other of it")
+        raise InvalidCase(f"{case.path}: its surface is not random, so it has no seeds")
     if len(set(seeds)) != len(seeds) or min(seeds) < 0:
         raise InvalidCase(f"seeds are {list(seeds)}, but must be different numbers from 0 on")
     return [replace(first, seed=seed) for seed in seeds]
@@ -202,7 +202,7 @@ def _require_checkable(case: Case) -> None:
     if options["geometry"] != "gap":
         raise InvalidCase(
             f"{case.path}: fem.geometry is {options['geometry']!r}, but must be 'gap': the "
-            "boundary elements know no other, so a cross-check could not tell slope from error"
+            "boundary elements have no other, so slope and error could not be separated"
         )
 
 

@@ -243,7 +243,7 @@ _MEASURED = (
     Quantity(
         "quantity.measured_bounds",
         "–",
-        "how far p leaves [0, hardness], over p0",
+        "largest distance of p from [0, hardness], over p0",
         ("fields",),
         measurements.bounds,
     ),

@@ -188,7 +188,7 @@ def _limited(seconds: float) -> Iterator[None]:
         return
 
     def expire(*_: object) -> None:
-        raise NotConverged(f"not done after the case's time limit of {seconds:g} s")
+        raise NotConverged(f"not finished within the case's time limit of {seconds:g} s")
 
     previous = signal.signal(signal.SIGALRM, expire)
     signal.setitimer(signal.ITIMER_REAL, min(seconds, math.floor(1e8)))

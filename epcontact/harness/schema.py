@@ -48,7 +48,7 @@ class CaseTable(Table):
         description="name of the case, of its folder of results and on the command line"
     )
     requirement: str = Field(min_length=1, description="the requirement, one English sentence")
-    source: str = Field(min_length=1, description="where the requirement or its figures stand")
+    source: str = Field(min_length=1, description="the source of the requirement and its figures")
     methods: list[MethodName] = Field(min_length=1, description="the methods that answer the scene")
     time_limit: float = Field(
         default=900.0, gt=0, description="seconds after which one solve is given up"
@@ -113,13 +113,13 @@ class GateTable(Table):
         default=None,
         gt=0,
         allow_inf_nan=False,
-        description="the difference lies within +- tolerance",
+        description="the difference must be within +- tolerance",
     )
     between: list[float] | None = Field(
         default=None,
         min_length=2,
         max_length=2,
-        description="or the difference lies in [low, high]",
+        description="or the difference must be within [low, high]",
     )
     because: str = Field(min_length=1, description="why the band is as wide as it is")
     source: str = Field(default="", description="where a number comes from; needed for one")
@@ -134,17 +134,23 @@ class GateTable(Table):
         if self.between is not None and not self.between[0] <= self.between[1]:
             raise ValueError("between is out of order; give [low, high]")
         if self.between is not None and all(map(math.isinf, self.between)):
-            raise ValueError("between holds whatever the difference is, or never; give it an end")
+            raise ValueError(
+                "between holds whatever the difference is, or never; give it a finite end"
+            )
         if isinstance(self.against, float | int) and not math.isfinite(self.against):
             raise ValueError(f"against is {self.against}, but must be a finite number")
         if self.against == self.of:
-            raise ValueError(f"{self.of} is held against itself, which tells nothing")
+            raise ValueError(
+                f"{self.of} is compared with itself; name another method, a closed form or a number"
+            )
         if isinstance(self.against, float | int) and not self.source:
             raise ValueError("against is a number without a source; say where it comes from")
         if (self.quantity == "distribution") != (self.norm in ("wasserstein", "supremum")):
-            raise ValueError("a distribution is measured by wasserstein or supremum, and only it")
+            raise ValueError(
+                "only a distribution has the norm wasserstein or supremum, and no other norm"
+            )
         if self.quantity.startswith("field.") != (self.norm == "l2"):
-            raise ValueError("a field is measured by the norm l2, and only it")
+            raise ValueError("only a field has the norm l2, and no other norm")
         return self
 
 

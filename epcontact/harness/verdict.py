@@ -294,7 +294,9 @@ def _distances(case: Case, gate: Gate, of: Answer, against: Answer | None) -> li
     if len(others) == 1:
         others *= len(of.results)
     if len(others) != len(of.results):
-        raise EpcontactError("distributions can be compared with one answer, or one a surface")
+        raise EpcontactError(
+            "distributions can be compared with one answer, or with one for each surface"
+        )
     distances: list[float] = []
     for mine, other in zip(of.results, others, strict=True):
         if mine.distribution is None or other is None:

@@ -35,16 +35,16 @@ def auto_case(
     blocking = [g.name for g in case.gates if not _plannable(g)]
     bands = [g.high - g.low for g in case.gates if g.quantity.endswith(".corrected")]
     if blocking or not bands or len(methods_on_grids(case)) > 1:
-        reason = f"its gate on {blocking[0]} asks for its grid" if blocking else "as it stands"
+        reason = f"its gate on {blocking[0]} asks for its grid" if blocking else "unchanged"
         return replace(case, size="auto"), f"{case.id}: {reason}"
     wanted = min(bands) / 2 / 3 if tolerance is None else tolerance
     parts = sorted({g.quantity.split(".")[1] for g in case.gates if g.quantity in _CORRECTED})
     try:
         chosen = plan(case, min(wanted, 0.5), parts=parts, threads=threads, capped=True)
     except EpcontactError as error:
-        return replace(case, size="auto"), f"{case.id}: as it stands, as {error}"
+        return replace(case, size="auto"), f"{case.id}: unchanged, because {error}"
     if not chosen.on_grid or not chosen.meets or chosen.work > chosen.given_work:
-        return replace(case, size="auto"), f"{case.id}: as it stands; {chosen.reasons[-1]}"
+        return replace(case, size="auto"), f"{case.id}: unchanged; {chosen.reasons[-1]}"
     return planned_case(case, chosen), f"{case.id}: {'; '.join(chosen.reasons)}"
 
 

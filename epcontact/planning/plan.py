@@ -221,22 +221,23 @@ def _reasons(
     how = (
         "as a pilot found"
         if chosen.shape in [p.shape for p in pilots]
-        else "carried over from pilots"
+        else "extrapolated from pilots"
     )
     grid = " x ".join(map(str, chosen.shape))
     kind = "raw areas are as good as corrected ones" if chosen.raw else "corrected areas"
     why = [f"on {grid} points{fine} the grid's error is {chosen.grid_error:.2g}, {how}; {kind}"]
     if len(recipes) > 1:
         why.append(
-            f"{chosen.surfaces} surfaces, which scatter by {deviation:.2g} at the most (80 %), "
-            f"leave {chosen.scatter:.2g} at 95 %"
+            f"the mean of {chosen.surfaces} surfaces is within {chosen.scatter:.2g} at 95 %, as a "
+            f"surface scatters by at most {deviation:.2g} (80 %)"
         )
     else:
-        why.append("the case names one surface, so that the plan is for the area of that surface")
+        why.append("the case has one surface, so the plan is for the area of that surface")
     if chosen.error > tolerance:
         limit = "the case's own grid and surfaces" if capped else "the finest grid considered"
         why.append(
-            f"the tolerance of {tolerance:.2g} is not met: with {limit} {chosen.error:.2g} is left"
+            f"the tolerance of {tolerance:.2g} is not met: with {limit} the error is "
+            f"{chosen.error:.2g}"
         )
     return why
 
@@ -267,8 +268,7 @@ def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical:
     scatter = student_half_width(deviation_of(pilots, parts), len(sample))
     doubt = math.hypot(worst(finest.errors, parts), scatter)
     distance = (
-        f"the theory is {max(off):.2g} from the pilots, which are uncertain by {doubt:.2g} "
-        "themselves"
+        f"the theory differs from the pilots by {max(off):.2g}; they are uncertain by {doubt:.2g}"
     )
     if max(off) + doubt > numerical.tolerance:
         return replace(

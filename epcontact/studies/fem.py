@@ -145,7 +145,7 @@ def step_errors(
 
 
 def depth_errors(depths: Sequence[float], waves: Sequence[int], points: int) -> pd.DataFrame:
-    """The block's compliance of a wave over the half-space's 2/(E* q), less 1.
+    """Return the block's compliance of a wave over the half-space's 2/(E* q), minus 1.
 
     Args:
         depths: over the period.
@@ -274,7 +274,7 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
 
 
 def draw_punch(errors: pd.DataFrame) -> Chart:
-    """Error of the limit load against elements to the punch's half-width."""
+    """Draw the error of the limit load against the elements in the punch's half-width."""
     lost = sorted(errors["formulation"][errors["relative_error"].isna()].unique())
     missing = f" Not converged where no point is: {', '.join(lost)}." if lost else ""
     return draw_table(
@@ -295,7 +295,7 @@ def draw_punch(errors: pd.DataFrame) -> Chart:
 
 
 def draw_meshes(errors: pd.DataFrame, sample: str) -> Chart:
-    """Error of the J2 contact area against nodes per wavelength; `sample` names the surfaces."""
+    """Draw the error of the J2 contact area against nodes per wavelength."""
     claimed = errors["kind"] == "uncertainty of the reference"
     return draw_table(
         errors.assign(style=np.where(claimed, "curve", "points")),
@@ -307,13 +307,13 @@ def draw_meshes(errors: pd.DataFrame, sample: str) -> Chart:
             ticks=errors["nodes_per_wavelength"].unique().tolist(),
             orders=("raw", "corrected"),
         ),
-        "Contact area of the J2 body against the mesh, which is as fine at the surface in depth: "
+        "Contact area of the J2 body against the mesh, as fine in depth at the surface: "
         f"{sample}, uncertain by {errors['relative_error'][claimed].iloc[0]:.1e} of itself.",
     )
 
 
 def draw_depths(errors: pd.DataFrame) -> Chart:
-    """Departure of the block's compliance from the half-space's against its depth."""
+    """Draw the difference between block and half-space compliance against the depth."""
     names = errors["waves"].map("{} waves a period".format)
     return draw_table(
         errors.assign(series=names.replace("1 waves a period", "one wave a period")),
@@ -330,7 +330,7 @@ def draw_depths(errors: pd.DataFrame) -> Chart:
 
 
 def draw_steps(errors: pd.DataFrame, sample: str) -> Chart:
-    """Errors of the J2 body against load increments; `sample` names the surfaces."""
+    """Draw the errors of the J2 body against load increments."""
     gaps = errors[errors["quantity"] == "mean gap"]
     return draw_table(
         errors,
@@ -343,7 +343,7 @@ def draw_steps(errors: pd.DataFrame, sample: str) -> Chart:
             orders=("mean gap",),
         ),
         "Raw contact area and mean gap of the J2 body, 6 nodes per shortest wavelength, against "
-        f"the number of load increments: {sample}, a path of its own and no exact value: "
+        f"the number of load increments: {sample}, which is a path of its own and not exact: "
         "differences of its order mean nothing. CG iterations of the whole path, mean: "
         f"{listed(gaps, '{load_steps}: {cg_iterations:.0f}')}. An error of zero (no node changed) "
         "is drawn as an open mark at the bottom.",
@@ -351,7 +351,7 @@ def draw_steps(errors: pd.DataFrame, sample: str) -> Chart:
 
 
 def draw_linear_solves(solves: pd.DataFrame) -> Chart:
-    """Time of a linear solve in products with the matrix, against unknowns."""
+    """Draw the time of a linear solve, in products with the matrix, against unknowns."""
     worst = solves.groupby("solver", sort=False)["residual"].max().reset_index()
     return draw_table(
         solves,
@@ -370,7 +370,7 @@ def draw_linear_solves(solves: pd.DataFrame) -> Chart:
 
 
 def draw_paths(costs: pd.DataFrame, surfaces: int) -> Chart:
-    """Iterations of a whole load path against the mesh, its times in the caption."""
+    """Draw the iterations of a load path against the mesh, with times in the caption."""
     growth = costs["conjugate gradients"].iloc[-1] / costs["conjugate gradients"].iloc[0]
     return draw_table(
         costs.melt("nodes", ["conjugate gradients", "Newton"], "solver", "iterations"),

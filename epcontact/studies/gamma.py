@@ -117,7 +117,7 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
 
 
 def draw_gamma(theory: pd.DataFrame, measured: pd.DataFrame, surfaces: str) -> tuple[Chart, Chart]:
-    """The two charts; `surfaces` says over what the areas of `measured` are means."""
+    """Draw the two charts; `surfaces` describes the surfaces of the means in `measured`."""
     curves = theory.melt("gamma", list(AREAS), "area", "area_fraction")
     levels = measured.merge(theory["gamma"].iloc[[0, -1]], how="cross")
     areas = pd.concat([curves.assign(method="theory"), levels.assign(method="bem")])

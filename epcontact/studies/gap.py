@@ -133,7 +133,7 @@ def block_deviations(blocks: pd.DataFrame) -> pd.DataFrame:
 
 
 def gaps(result: ContactResult, scene: Scene, name: str) -> list[float]:
-    """One of QUANTITIES at each load step, over the rms height."""
+    """Return one of QUANTITIES at each load step, over the rms height."""
     rms_height = float(scene.surface.heights.std())
     return [length / rms_height for length in _along(result, QUANTITIES[name])]
 
@@ -179,7 +179,7 @@ _DEVIATION = "{law} {deviation_percent:+.1f} % at {pressure_over_modulus:g}"
 
 
 def theory_deviations(measured: pd.DataFrame, theory: pd.DataFrame) -> pd.DataFrame:
-    """The theory's open gap over that of boundary elements, less 1.
+    """Return the theory's open gap over that of boundary elements, minus 1.
 
     Args:
         measured: the table of `boundary_element_gaps`.
@@ -200,13 +200,13 @@ def theory_deviations(measured: pd.DataFrame, theory: pd.DataFrame) -> pd.DataFr
 def draw_gaps(
     measured: pd.DataFrame, theory: pd.DataFrame, fine: pd.DataFrame, surfaces: str
 ) -> tuple[Chart, Chart, Chart]:
-    """Open gap of theory and boundary elements, parts of the capped one, deviation.
+    """Draw the open gap by theory and boundary elements, its parts and the deviation.
 
     Args:
         measured: the table of `boundary_element_gaps`.
         theory: the table of `theory_gaps`.
         fine: as `measured`, its first surface on a grid twice as fine.
-        surfaces: how many, and their spectrum.
+        surfaces: the number of surfaces and their spectrum, in words.
     """
     by = ["law", "pressure_over_modulus"]
     both = pd.concat(
@@ -268,8 +268,7 @@ def draw_gaps(
 
 
 def draw_blocks(blocks: pd.DataFrame) -> tuple[Chart, Chart]:
-    """Open gaps of boundary and finite elements, and the deviation of the latter; `blocks` as
-    `block_gaps` makes it."""
+    """Draw open gaps of boundary and finite elements from `block_gaps`, and their deviation."""
     finest = blocks["points_per_wavelength"].max()
     shown = blocks[blocks["points_per_wavelength"] == finest]
     shown = shown.assign(style=np.where(shown["method"] == "bem", "curve", "points"))
@@ -287,7 +286,7 @@ def draw_blocks(blocks: pd.DataFrame) -> tuple[Chart, Chart]:
             plot,
             f"Mean open gap against mean pressure by boundary and finite elements {of_scene}, "
             f"{finest} grid points a shortest wave for both. Finite elements, of small strain on a "
-            "flat block so deep that the half-space is answered within 1e-3, have the same law; "
+            "flat block so deep that it matches the half-space within 1e-3, have the same law; "
             "with J2 the body itself flows, no pressure is capped, and the gap is that to the "
             "surface as the flow has left it.",
         ),

@@ -63,7 +63,7 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
 
 
 def draw_growth(costs: pd.DataFrame) -> tuple[Chart, Chart]:
-    """Counts and times against the points a side; `costs` as `grid_costs` makes it."""
+    """Draw counts and times against the points a side; `costs` is the table of `grid_costs`."""
     pairs = costs.melt(
         ["fixed", "points_a_side"], ["finest grid", "all grids"], "grids", "fft_pairs"
     )

@@ -117,7 +117,7 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
 
 
 def draw_severities(table: pd.DataFrame, surfaces: str) -> tuple[Chart, ...]:
-    """Each of MEASURES against the severity; `surfaces` says over what they are means."""
+    """Draw each of MEASURES against the severity; `surfaces` describes the averaged surfaces."""
     table = table.assign(series=table["nu"].map("nu = {:g}".format))
     drawn = []
     for name, (label, meaning) in MEASURES.items():
@@ -139,7 +139,7 @@ def draw_severities(table: pd.DataFrame, surfaces: str) -> tuple[Chart, ...]:
 
 
 def draw_grids(table: pd.DataFrame) -> Chart:
-    """The effective hardness less that on the finest grid of the table."""
+    """Draw the effective hardness minus that on the finest grid of the table."""
     finest = table["nodes_per_wavelength"].max()
     key = ["severity", "seed"]
     reference = table[table["nodes_per_wavelength"] == finest][[*key, "effective_hardness"]]
@@ -159,7 +159,7 @@ def draw_grids(table: pd.DataFrame) -> Chart:
 
 
 def draw_breadths(table: pd.DataFrame) -> Chart:
-    """The effective hardness against the ratio of the longest to the shortest wavelength."""
+    """Draw the effective hardness against the ratio of longest to shortest wavelength."""
     return _draw_by_severity(
         table,
         ("wavelength_ratio", "longest over shortest wavelength (–)"),

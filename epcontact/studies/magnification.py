@@ -77,7 +77,7 @@ def boundary_element_tables(
 def theory_tables(
     scene: Scene, magnifications: Sequence[float], distributed: Sequence[float]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Areas of the theory at the magnifications, and densities at those of `distributed`, with
+    """Return the theory's areas at the magnifications, and its densities at `distributed`, with
     the columns of `boundary_element_tables` (without intervals)."""
     theory = persson.Theory.of_scene(scene, energy_reduction=GAMMA, spectrum="surface")
     curve = theory.magnification_curve(scene.load.final, magnifications)
@@ -111,7 +111,7 @@ def _binned(distribution: PressureDistribution | None, zeta: float) -> pd.DataFr
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """Areas against magnification, their deviation, and P(sigma) at five magnifications."""
+    """Chart areas against magnification, their deviation, and P(sigma) at five of them."""
     points, bandwidth, count = (4, 64, 13) if size == "fast" else (8, 256, 10)
     zeta, seeds = np.geomspace(1.5, bandwidth, count).round(1).tolist(), range(7, 11)
     areas, densities = boundary_element_tables(points, bandwidth, zeta, seeds, progress)
@@ -122,8 +122,7 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
 def draw_magnification(
     scene: Scene, areas: pd.DataFrame, densities: pd.DataFrame, surfaces: int
 ) -> tuple[Chart, Chart, Chart]:
-    """The three charts of areas and densities by boundary elements, beside the theory's of the
-    scene's spectrum."""
+    """Draw the three charts of areas and densities by boundary elements and by the theory."""
     zeta = areas["magnification"].unique().tolist()
     distributed = densities["magnification"].unique().tolist()
     every = np.geomspace(1, zeta[-1], 1000).tolist()

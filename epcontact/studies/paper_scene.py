@@ -35,7 +35,7 @@ def rough_surface(points_per_wavelength: float, seed: int, bandwidth: int = 256)
 def rough_scene(
     points_per_wavelength: float, seed: int, bandwidth: int = 256, hardness: float = HARDNESS
 ) -> Scene:
-    """The paper's scene on such a surface.
+    """The paper's scene on a surface of `rough_surface`.
 
     Args:
         points_per_wavelength: grid points per shortest wavelength.
@@ -62,7 +62,7 @@ def area_rows(result: ContactResult, **columns: Any) -> list[dict[str, Any]]:
 
     Args:
         result: an answer with corrected areas.
-        columns: what else stands in each row, such as the seed.
+        columns: further columns of each row, such as the seed.
     """
     return [
         columns

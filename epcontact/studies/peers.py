@@ -35,7 +35,7 @@ LOAD = 0.05  # over E*, as in all studies of the paper's scene
 
 
 def efforts(code: str, heights: FloatArray, hardness: float) -> list[Any]:
-    """The settings with which a code is tried, from loose to tight."""
+    """Return the settings to try for a code, from loose to tight."""
     if code == "tamaas" and not math.isinf(hardness):
         return [50, 100, 200, 400, 800, 1600, 3200]
     if code == "tamaas":
@@ -105,7 +105,7 @@ def installed() -> dict[str, Pressure]:
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """Time against the grid, capped and elastic."""
+    """Chart time against the grid, capped and elastic."""
     peers = installed()
     widths = (8, 16) if size == "fast" else (32, 64, 128, 256)
     drawn = []
@@ -120,7 +120,7 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
 
 
 def draw_races(races: pd.DataFrame) -> Chart:
-    """Times of the codes that agree; the caption names those that do not."""
+    """Draw the times of the codes that agree; the caption names the others."""
     own = races[races["code"] == "epcontact"].set_index("points_a_side")["seconds"]
     races = races.assign(ratio=races["seconds"] / races["points_a_side"].map(own))
     peers = races[races["code"] != "epcontact"]
@@ -141,7 +141,7 @@ def draw_races(races: pd.DataFrame) -> Chart:
             ticks=sorted(races["points_a_side"].unique()),
         ),
         f"Time to the raw areas of the paper's roughness and load, {races['law'].iloc[0]}, 8 "
-        f"points per shortest wavelength. Every point stands for areas that agree within "
+        f"points per shortest wavelength. At every point the areas agree within "
         f"{AGREEMENT:g}. Times over those of epcontact: {ratios or 'none'}."
         + (f" Without agreement: {lost}." if lost else "")
         + " Each code was given the loosest of its settings whose areas agree, all in one run on "

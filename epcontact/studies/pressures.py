@@ -1,19 +1,19 @@
 """P(sigma) at both its ends: does it vanish at 0+ and at hardness-, and how steep is it there?
 
 The scene is the paper's with a narrow band of roughness, on ever finer grids.  The points next to
-the rims fill the ends of a grid's P(sigma), so that no raw density is zero there.  Measured at
-each end, in units of the hardness, as functions of the distance from the end:
+the rims fill the ends of a grid's P(sigma), so that no raw density is zero there.  Three
+figures are measured at each end, in units of the hardness, by the distance from the end:
 
-    density     of the line with the area and the mean pressure of the points within a window of
-                the end, at the end.  The window is WINDOW at COARSEST points per shortest
-                wavelength and shrinks as the pressure next to a rim does, as the root of the
-                spacing: P bends within a fixed one, whose line would not tend to P at the end
-    raw slope   of that line, within WINDOW on every grid
+    density     the value at the end of a straight line that has the area and the mean pressure of
+                the points within a window.  The window is WINDOW at COARSEST points per shortest
+                wavelength and shrinks as the root of the spacing, like the pressure next to a rim.
+                P bends within a fixed window, so its line would not tend to P at the end
+    raw slope   the slope of such a line, within WINDOW on every grid
     mean slope  2 F(w)/w^2 of the corrected area F(w) within a window w: the slope at the end if P
-                is straight there and vanishes at it
+                is straight there and vanishes at the end
 
-Each is extrapolated, surface by surface, to ever finer grids: density and raw slope as the root
-of the spacing, the mean slope as the spacing.  They are compared with the theory's distribution
+Each is extrapolated for every surface to ever finer grids: density and raw slope with the root of
+the spacing, the mean slope with the spacing.  They are compared with the theory's distribution
 in elastic contact, with slopes in the same windows.
 """
 
@@ -90,7 +90,7 @@ def end_figures(result: ContactResult, points_per_wavelength: float) -> pd.DataF
 
 
 def theory_tables(scene: Scene) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The theory's figures and density, for the spectrum of the scene's own surface.
+    """Return the theory's figures and density for the spectrum of the scene's surface.
 
     Returns:
         The columns of `end_figures`, with the slope at the very end as the mean slope within a
@@ -143,7 +143,7 @@ def grid_limits(figures: pd.DataFrame) -> pd.DataFrame:
 
 
 def binned(distribution: PressureDistribution | None) -> pd.DataFrame:
-    """The density of the pressure in BINS bins, over the hardness."""
+    """Return the density of the pressure in BINS bins, over the hardness."""
     assert distribution is not None
     pressure, density = pressure_density(distribution, BINS, HARDNESS)
     columns = {"relative_pressure": pressure / HARDNESS, "relative_density": density * HARDNESS}
@@ -151,7 +151,7 @@ def binned(distribution: PressureDistribution | None) -> pd.DataFrame:
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """P(sigma), its ends and its slopes there against the grid, its slopes against the window."""
+    """Chart P(sigma), its ends and end slopes against the grid, and its slopes by window."""
     points, bandwidth, seeds = (4, 8, 16, 32), 32 if size == "fast" else 128, range(7, 15)
     figures, densities = boundary_element_tables(points, bandwidth, seeds, progress)
     theory, density = theory_tables(rough_scene(points[0], seeds[0], bandwidth))
@@ -185,7 +185,7 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
 
 
 def draw_densities(measured: pd.DataFrame, theory: pd.DataFrame, of_scene: str) -> Chart:
-    """P(sigma) on every grid, beside the theory's."""
+    """Draw P(sigma) on every grid, and the theory's."""
     names = measured["points_per_wavelength"].map("{:g} points a wavelength".format)
     both = pd.concat([theory.assign(series="persson"), measured.assign(series=names)])
     return draw_table(
@@ -241,7 +241,7 @@ def draw_limits(
 
 
 def draw_windows(figures: pd.DataFrame, theory: pd.DataFrame, of_scene: str) -> Chart:
-    """Mean slopes on the finest grid against the window, beside the theory's."""
+    """Draw mean slopes on the finest grid against the window, and the theory's."""
     finest = figures["points_per_wavelength"].max()
     own = figures[(figures["figure"] == MEAN_SLOPE) & (figures["points_per_wavelength"] == finest)]
     means = mean_with_interval(own, "value", ["end", "window"])

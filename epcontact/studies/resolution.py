@@ -96,7 +96,7 @@ def area_errors(solved: pd.DataFrame) -> pd.DataFrame:
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """Errors against points per wavelength and against work, of the total and the plastic area."""
+    """Chart errors of total and plastic area against points per wavelength and against work."""
     points = (3, 4, 6, 8, 12, 16, 32)
     bandwidth, seeds = (32, range(7, 13)) if size == "fast" else (64, range(7, 15))
     errors = area_errors(solved_areas(points, bandwidth, seeds, progress))
@@ -105,8 +105,8 @@ def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
 
 
 def draw_errors(errors: pd.DataFrame, part: str, surfaces: str) -> tuple[Chart, Chart]:
-    """Error of one part against grid spacing with its order, and against work; `surfaces` says
-    over what the errors are taken, and against which grid."""
+    """Error of one part against grid spacing with its order, and against work; `surfaces` describes
+    the surfaces and the reference grid."""
     table = errors[errors["part"] == part]
     table = table.assign(style=np.where(table["kind"].isin(KINDS), "points", "curve"))
     worth = table.loc[table["kind"] == REFERENCE, "relative_error"].iloc[0]

@@ -1,25 +1,24 @@
 """The laboratory of the rim correction: it measures the constants of `bem.areas`.
 
-Rows.  A straight front meets a square grid as rows: with the normal along the lattice direction
-(a, b) they are h = dx/sqrt(a^2 + b^2) apart, each at one pressure.  Their compliance at the wave
-number q is that of the grid at q n folded into its first Brillouin zone, 2/(E* |fold(q n)|), so
-that a problem on a line answers for fronts of any direction.
+Rows.  A straight front with its normal n along the lattice direction (a, b) divides a square grid
+into rows of one pressure each, h = dx/sqrt(a^2 + b^2) apart.  Their compliance at the wave number
+q is that of the grid at q n folded into its first Brillouin zone, 2/(E* |fold(q n)|).  So a problem
+on a line gives the answer for fronts of any direction.
 
-One front.  A Wiener-Hopf factorisation on the half-line of rows solves it: fronts of every
-position are reached by the pressures (1/S_+) (alpha n + beta), 0 <= beta <= alpha, and far inside
-these are the continuum's K sqrt(s) with the front shifted by
+One front.  A Wiener-Hopf factorisation on the half-line of rows solves the problem.  Fronts of
+every position have the pressures (1/S_+) (alpha n + beta), 0 <= beta <= alpha.  Far inside, these
+are the continuum's K sqrt(s) with the front shifted by
     delta(n)/dx = -(1/pi) int_0^inf ln(|fold(t n)|/t) dt/t^2
 behind the edge of the counted cells, averaged over positions: 0.190 along the grid's axes, 0.134
 along the diagonals.  A front located by `bem.areas.grid` is 0.190 dx off along the axes at any
 position, and 0.164 along the diagonals.
 
-Two fronts.  Where apart and plastic points are close to each other, with an elastic strip of
-width w between them, the offset vanishes with w, overshoots and settles at a spacing's width.
-Solutions over all w, directions and positions give it by u = hardness/|grad v|, which a cell can
-see.
+Two fronts.  If an elastic strip of width w separates apart and plastic points, the offset vanishes
+with w, overshoots and settles at a spacing's width.  Solutions over all w, directions and positions
+give it as a function of u = hardness/|grad v|, which is known in each cell.
 
-Gaps that are narrower than a spacing appear near full contact as Westergaard's.  The area that
-they lack for each tip that they show, were every width equally likely, is STRAIGHT_TIP.
+Tips.  Near full contact there are gaps narrower than a spacing, like Westergaard's.  STRAIGHT_TIP
+is the area that they lack for each visible tip if every width is equally likely.
 
 `python -m epcontact.studies.rim` prints the constants and tables, in some ten seconds.
 """
@@ -177,12 +176,12 @@ Fronts = list[tuple[tuple[int, int], float, list[float]]]
 
 
 def along_axis(count: int = 60) -> Fronts:
-    """Fronts along the grid only, as on a line."""
+    """Return fronts along the grid only, as on a line."""
     return [((1, 0), 1 / count, [(k + 0.5) / count for k in range(count)])]
 
 
 def all_directions(along: int = 40, across: int = 2) -> Fronts:
-    """Fronts of all directions; those along the grid or its diagonal need many phases."""
+    """Return fronts of all directions; those along the grid or its diagonal need many phases."""
     angles = np.array([math.atan2(b, a) for a, b in DIRECTIONS])
     weights = np.diff(np.r_[angles[0], (angles[1:] + angles[:-1]) / 2, angles[-1]])
     weights /= weights.sum()
@@ -291,7 +290,7 @@ def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, floa
 
 
 def calibrate_rough_tip(seeds: Sequence[int] = range(2000, 2004), high: int = 32) -> float:
-    """Cells that a tip stands for on rough surfaces at four points to their shortest wave.
+    """Fit the cells that a tip represents on rough surfaces with four points per shortest wave.
 
     Least squares over the areas against grids of 24 points, each relative to its area; hurst
     0.8, roll-off at twice the period, `high` shortest waves a period.

@@ -142,7 +142,7 @@ def area_difference(result: ContactResult, exact: ContactResult) -> float:
 
 
 def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """FFT pairs, time in bare pairs, error of the areas and memory against the grid."""
+    """Chart FFT pairs, time in bare pairs, error of the areas and memory against the grid."""
     sides = [512, 1024] if size == "fast" else [512, 1024, 2048, 4096]
     return draw_speed(solve_costs(sides, progress))
 

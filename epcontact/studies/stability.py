@@ -166,7 +166,7 @@ def stability_map(
 
 
 def rough_surface(shape: tuple[int, ...]) -> Surface:
-    """Self-affine roughness of slope 0.1, four points or more to its shortest wave."""
+    """Self-affine roughness of slope 0.1 with at least four points per shortest wave."""
     period, waves = 1e-3, max(4, min(shape) // 4)
     q0 = 2 * math.pi / period
     spectrum = SelfAffineSpectrum(0.8, q0, 2 * q0, waves * q0, 0.1)

@@ -38,12 +38,12 @@ TARGET = 1e-12
 
 
 def eigenfunction_sums(relative_diffusion: float, load_share: float, terms: int) -> FloatArray:
-    """(terms,): the elastic area by the first 1, 2, ... eigenfunctions.
+    """Return the elastic area by the first 1, 2, ... eigenfunctions, of shape (terms,).
 
     Args:
         relative_diffusion: G/sigma_P^2.
         load_share: p0/sigma_P.
-        terms: how many.
+        terms: number of terms.
 
     Example:
         >>> eigenfunction_sums(1.0, 1 / 12, 3).round(9)
@@ -56,7 +56,7 @@ def eigenfunction_sums(relative_diffusion: float, load_share: float, terms: int)
 
 
 def image_sums(relative_diffusion: float, load_share: float, terms: int) -> FloatArray:
-    """(terms,): the elastic area by the first 1, 2, ... pairs of images; arguments as above."""
+    """Return the same for pairs of images; see `eigenfunction_sums` for the arguments."""
     s, c = min(load_share, 1 - load_share), 2 * math.sqrt(relative_diffusion)
     k = np.arange(1, terms)
     pairs = (-1.0) ** k * (erfc((k - s) / c) - erfc((k + s) / c))
@@ -83,7 +83,7 @@ def series_errors(
 
 
 def terms_needed(errors: pd.DataFrame, target: float = TARGET) -> pd.DataFrame:
-    """The terms after which each series stays within the target; NaN where it does not.
+    """Return the terms after which each series stays within the target; NaN if it never does.
 
     Args:
         errors: the table of `series_errors`.

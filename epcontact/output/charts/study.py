@@ -33,7 +33,7 @@ _GUIDE = {"color": "#7f7f7f", "linewidth": 0.9, "linestyle": ":"}
 
 @dataclass(frozen=True)
 class Plot:
-    """How a table is drawn.
+    """The look of the chart of a table.
 
     x, y: the columns of the two axes, each with its label.  Columns `<y>_low` and `<y>_high`
         are drawn as error bars, along curves as bands.
