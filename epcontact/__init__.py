@@ -7,10 +7,10 @@ body          the rough elastoplastic body is below, with heights h measured upw
               flat comes from above
 pressure      compression positive; 0 <= p <= hardness where the pressure is capped
 displacement  u of the surface, downward positive, of zero mean on the half-space
-gap           g = z_flat - (h - u): >= 0 where p = 0, = 0 in elastic contact, <= 0 where the
-              pressure is capped; -g is the plastic displacement there
-mode q = 0    half-space: undefined, set to 0, never reported; layer of depth d: d / M with
-              M = E (1 - nu) / ((1 + nu)(1 - 2 nu))
+gap           g = z - (h - u), with z the height of the rigid flat: g >= 0 where p = 0, g = 0 in
+              elastic contact, g <= 0 where the pressure is capped; -g is the plastic displacement
+compliance    u_q = C(q) p_q of each mode; C(0) of a half-space is undefined, set to 0 and never
+              reported; of a layer of depth d it is d / M, M = E (1 - nu) / ((1 + nu)(1 - 2 nu))
 Fourier       numpy.fft's sign, forward unscaled
 surfaces      C(q) is the two-dimensional power spectral density in m^4, with
               h_rms^2 = 2 pi int q C dq and xi^2 = 2 pi int q^3 C dq (xi: rms slope)
@@ -19,13 +19,14 @@ lines         C1(q) is the one-dimensional density in m^3 over positive q, with
 wave numbers  rad/m; q_0 = 2 pi / L of a period L
 moduli        E* = E / (1 - nu^2), the counterface being rigid
 strength      hardness (sigma_P, caps the contact pressure) and yield_stress (sigma_Y, J2) are
-              separate; a case gives their ratio with its source
-tolerances    dimensionless: gap over h_rms (on a flat surface over p0 dx / E*), pressure over the
-              mean pressure, force over the nominal force
+              two inputs; a case gives both and says where their ratio comes from
+tolerances    dimensionless: a gap is divided by h_rms (by p0 dx / E* for a flat surface), a
+              pressure by the mean pressure, a force by the nominal force
 areas         fractions of the nominal area, raw (share of grid points) and corrected (in the
               limit of a vanishing grid spacing)
 units         SI
-similarity    small-slope contact depends only on p0/(E* xi) and hardness/(E* xi)
+similarity    for one shape of the spectrum, small-slope contact with a pressure cap depends only on
+              p0/(E* xi) and hardness/(E* xi)
 """
 
 from __future__ import annotations

@@ -184,6 +184,8 @@ def test_interrupt_is_clean(write_case, tmp_path, how) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "epcontact", "verify", str(case), "--output", str(out)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        # Tests that run in the background may ignore Ctrl-C, and a child inherits that.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     )  # fmt: skip
     deadline = time.monotonic() + 120
     while not list(out.rglob("bem-*.json")) and time.monotonic() < deadline:

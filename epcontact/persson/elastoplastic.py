@@ -92,13 +92,15 @@ def _plastic_area(walk: Walk) -> FloatArray:
 
     A_pl = s + (2/pi) sum_n (-1)^n/n sin(n pi s) e^(-n^2 pi^2 t)
 
-    The mirror image of the walk gives the separated area.
+    The mirror image of the walk gives the separated area.  For small t, `series.plastic_images`
+    computes the same area as a sum of images, which then needs fewer terms.
     """
-    return evaluate(
-        walk,
-        modes=lambda w: w.s + w.sum_modes(lambda n: 2 / np.pi * (-1) ** n / n),
-        images=series.plastic_images,
-    )
+    return evaluate(walk, modes=lambda w: w.s + _plastic_modes(w), images=series.plastic_images)
+
+
+def _plastic_modes(w: Walk) -> FloatArray:
+    """The sum in the plastic area; the elastic force is its negative in units of the hardness."""
+    return w.sum_modes(lambda n: 2 / np.pi * (-1) ** n / n)
 
 
 def elastic_force(
@@ -117,11 +119,7 @@ def elastic_force(
         3.922
     """
     walk, unit = _scaled(diffusion, mean_pressure, hardness)
-    return unit * evaluate(
-        walk,
-        modes=lambda w: -w.sum_modes(lambda n: 2 / np.pi * (-1) ** n / n),
-        images=series.force_images,
-    )
+    return unit * evaluate(walk, modes=lambda w: -_plastic_modes(w), images=series.force_images)
 
 
 def pressure_density(
