@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from epcontact.harness.statistics import Estimate, Number, estimate
 
-NORMS = ("relative", "absolute", "wasserstein", "supremum", "l2")
+Norm = Literal["relative", "absolute", "wasserstein", "supremum", "l2"]
 DISTRIBUTION_NORMS = ("wasserstein", "supremum")
 
 HOLDS: Literal["holds"] = "holds"
@@ -41,7 +41,7 @@ class Gate:
         quantity: name in `quantities.QUANTITIES`, such as area.plastic.corrected.
         of: the method that is judged.
         against: a method, the name of a closed form, or a number.
-        norm: one of NORMS.
+        norm: one of `Norm`.
         low: lower end of the band that must contain the difference.
         high: upper end of the band.
         because: the reason for the width of the band.

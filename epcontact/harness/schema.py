@@ -23,6 +23,7 @@ from pydantic import (
 
 from epcontact.errors import nearest
 from epcontact.harness.case_text import SIZES
+from epcontact.harness.gates import Norm
 from epcontact.harness.methods import METHODS, Table
 from epcontact.surfaces import CaseSurface, SurfaceAbsent
 
@@ -106,9 +107,7 @@ class GateTable(Table):
     )
     of: MethodName = Field(description="the method that is judged")
     against: str | float = Field(description="a method, a closed form's name, or a number")
-    norm: Literal["relative", "absolute", "wasserstein", "supremum", "l2"] = Field(
-        default="relative", description="how the difference is measured"
-    )
+    norm: Norm = Field(default="relative", description="how the difference is measured")
     tolerance: float | None = Field(
         default=None,
         gt=0,
