@@ -131,16 +131,29 @@ def kkt_residuals(level: Level, it: Iterate) -> dict[str, float]:
     return worst | {"force": abs(total / it.p.size - 1)}
 
 
-def put_on_bounds(p: FloatArray, cap: float) -> bool:
+def put_on_bounds(level: Level, p: FloatArray) -> bool:
     """Move pressures that are within rounding of a bound onto it; return True if there were any.
 
     If points on the bounds carry all of the load, the pressures of the others are only the
     rounding error of a sum, which depends on the order of summation.
     """
     rounding = 8 * p.size * np.finfo(np.float64).eps
-    low, high = (p > 0) & (p < rounding), (p < cap) & (p > cap - rounding)
-    p[low], p[high] = 0.0, cap
-    return bool(low.any() or high.any())
+    (moved,) = level.workers.total(move_to_bounds, *level.split(p), level.cap, rounding)
+    return bool(moved)
+
+
+@compiled
+def move_to_bounds(p: Any, cap: float, rounding: float) -> tuple[int]:
+    """Move pressures within `rounding` of a bound onto it, in place; return their number."""
+    moved = 0
+    for i in range(p.size):
+        if 0.0 < p[i] < rounding:
+            p[i] = 0.0
+            moved += 1
+        elif cap - rounding < p[i] < cap:
+            p[i] = cap
+            moved += 1
+    return (moved,)
 
 
 @compiled

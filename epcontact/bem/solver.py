@@ -112,7 +112,7 @@ def solve_problem(
         level = Level(problem, scale, workers)
         p = project(guess, cap, float(size), workers, out=guess)
         it = BASELINES.get(options.method, solve_level)(level, p, options)
-        if put_on_bounds(it.p, cap):
+        if put_on_bounds(level, it.p):
             it.z, _, _ = measured(level, it.p, it.u)
         residuals = kkt_residuals(level, it)
     if not it.settled:
