@@ -252,13 +252,14 @@ def test_each_command_is_listed_with_the_line_that_it_begins_with() -> None:
         assert begins.startswith(line.rstrip(".")), name
 
 
-def test_the_list_of_commands_loads_no_solver() -> None:
+@pytest.mark.parametrize("argument", ["--help", "list"])
+def test_lists_load_no_solver(argument: str) -> None:
     program = (
-        "import sys; sys.argv = ['epcontact', '--help']\n"
+        f"import sys; sys.argv = ['epcontact', '{argument}']\n"
         "from epcontact.cli.main import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "print(sorted({'numpy', 'numba', 'matplotlib', 'pyvista'} & set(sys.modules)))"
+        "print(sorted({'numpy', 'numba', 'pydantic', 'pyvista'} & set(sys.modules)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60

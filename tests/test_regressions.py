@@ -14,11 +14,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba.core import event
 from rich.console import Console
 
-from epcontact import bem
+from epcontact import bem, machine
 from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
-from epcontact.errors import InvalidCase
+from epcontact.errors import InvalidCase, NotConverged
+from epcontact.harness import run
 from epcontact.harness.case import find_case, load_case
 from epcontact.harness.run import run_cases
 from epcontact.harness.store import Answer
@@ -290,6 +292,18 @@ assert Path(os.environ["NUMBA_CACHE_DIR"]).is_dir()
         assert done.returncode == 0, done.stderr
         assert done.stdout.startswith(str(tmp_path))
         assert list(tmp_path.iterdir()) == []  # gone with the process
+
+
+def test_time_limit_leaves_the_compilation_of_kernels_out() -> None:
+    machine.provide_kernel_cache()
+    before = machine.compile_seconds()
+    with run._limited(0.3), event.trigger_event("numba:compile"):
+        time.sleep(0.7)  # as long as two alarms and more
+    taken = machine.compile_seconds() - before
+    assert taken >= 0.7
+    with pytest.raises(NotConverged, match="time limit"), run._limited(0.3):
+        time.sleep(20)
+    assert machine.compile_seconds() - before == taken
 
 
 def test_broken_case_is_collected_as_its_sentence(write_case) -> None:

@@ -1,4 +1,4 @@
-"""The commands on case files: list, keys, schema, run and verify."""
+"""The commands on case files: keys, schema, run and verify."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bar
 from rich.table import Table
 
+from epcontact.cli.listing import open_console
 from epcontact.cli.tables import (
     STYLES,
     answers_table,
@@ -36,12 +37,6 @@ from epcontact.results import plain
 
 class _Refusal(EpcontactError):
     """The command line cannot do what it was asked to."""
-
-
-def _console() -> Console:
-    """Open standard output; in a pipe it is as wide as a table needs, not 80 columns."""
-    plain = Console()
-    return plain if plain.is_terminal else Console(width=200)
 
 
 _size = click.option(
@@ -75,19 +70,6 @@ _fields = click.option(
 )
 
 
-@click.command("list")
-def list_cases() -> None:
-    """List the cases, one line each."""
-    table = Table(box=None, pad_edge=False)
-    for heading in ("case", "sizes", "methods", "requirement"):
-        table.add_column(heading, overflow="fold")
-    for path in casefile.find_cases():
-        sizes = casefile.case_sizes(path)
-        case = casefile.load_case(path, sizes[0])
-        table.add_row(case.id, " ".join(sizes), " ".join(case.methods), case.requirement)
-    _console().print(table)
-
-
 @click.command()
 def keys() -> None:
     """Print every key of a case file, and every quantity of a gate, with unit and meaning."""
@@ -97,7 +79,7 @@ def keys() -> None:
     quantities = Table("quantity of a gate", "unit", "meaning", box=None, pad_edge=False)
     for quantity in QUANTITIES.values():
         quantities.add_row(quantity.name, quantity.unit, quantity.meaning)
-    _console().print(table, "", quantities)
+    open_console().print(table, "", quantities)
 
 
 @click.command()
@@ -138,7 +120,7 @@ def run(
         answers = run_cases(
             [chosen], output, jobs=workers, fresh=fresh, fields=fields, progress=progress
         )[loaded.id]
-    _console().print(answers_table(answers))
+    open_console().print(answers_table(answers))
     if sentence := gamma_sentence([chosen]):
         click.echo(sentence)
     errors = [sentence for answer in answers.values() for sentence in answer.errors]
@@ -200,7 +182,7 @@ def verify(
             if not case.skipped_because:
                 draw(case.case, case.answers, output / case.id)
         write_report(output)
-    console = _console()
+    console = open_console()
     console.print(verdict_table(verdict.cases, console.width))
     if sentence := gamma_sentence([case.case for case in verdict.cases]):
         click.echo(sentence)

@@ -25,7 +25,7 @@ COMMANDS = {
     "chart": ("figures:chart", "Draw charts of accuracy against cost by NAME (none: the list)."),
     "crosscheck": ("plans:crosscheck", "Split the difference of finite and boundary elements."),
     "keys": ("cases:keys", "Print every key of a case file, and every quantity of a gate."),
-    "list": ("cases:list_cases", "List the cases, one line each."),
+    "list": ("listing:list_cases", "List the cases, one line each."),
     "plan": ("plans:plan", "Find the cheapest model of CASE that meets a tolerance."),
     "report": ("figures:report", "Make one self-contained page of a verification run."),
     "run": ("cases:run", "Solve one case and write its results and fields."),

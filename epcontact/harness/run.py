@@ -21,7 +21,7 @@ from epcontact.harness.methods import METHODS, Method
 from epcontact.harness.pool import spread
 from epcontact.harness.quantities import measure_all
 from epcontact.harness.store import Answer, Task, keep, kept, summary
-from epcontact.machine import available_cores
+from epcontact.machine import available_cores, compile_seconds
 from epcontact.output.files import write_json
 from epcontact.output.vtk import write_fields
 from epcontact.results import ContactResult
@@ -181,13 +181,23 @@ def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> Conta
 
 @contextlib.contextmanager
 def _limited(seconds: float) -> Iterator[None]:
-    """Raise NotConverged after `seconds` if the platform and the thread allow an alarm."""
+    """Raise NotConverged after `seconds` if the platform and the thread allow an alarm.
+
+    The time that kernels take to compile is given on top.
+    """
     main = threading.current_thread() is threading.main_thread()
     if not (main and hasattr(signal, "SIGALRM")):
         yield
         return
 
+    compiled = compile_seconds()
+
     def expire(*_: object) -> None:
+        nonlocal compiled
+        compiling, compiled = compile_seconds() - compiled, compile_seconds()
+        if compiling > 0:
+            signal.setitimer(signal.ITIMER_REAL, compiling)
+            return
         raise NotConverged(f"not finished within the case's time limit of {seconds:g} s")
 
     previous = signal.signal(signal.SIGALRM, expire)
