@@ -37,6 +37,8 @@ class Elements(NamedTuple):
     gradients: (shapes, 3, 8, 8) dN_a/dx_j as [shape, j, a, Gauss point], in 1/m.
     mean_gradients: (shapes, 3, 8) their volume averages.
     weights: (shapes, 8) volumes of the Gauss points, in m^3.
+    sides: (shapes, 3) edges along x, y and z in m, if every shape is a box with its corners in the
+        order of CORNERS; None otherwise.
     """
 
     connectivity: IntArray
@@ -44,6 +46,7 @@ class Elements(NamedTuple):
     gradients: FloatArray
     mean_gradients: FloatArray
     weights: FloatArray
+    sides: FloatArray | None = None
 
     @property
     def number(self) -> int:

@@ -103,7 +103,7 @@ def flat_elements(block: PeriodicBlock) -> Elements:
     sizes = np.stack(np.broadcast_arrays(hx, hy, block.layers), axis=-1)
     corners = CORNERS[None] * sizes[:, None, :]
     shape_of = np.repeat(np.arange(len(block.layers)), per_layer)
-    return elements(connectivity(block), shape_of, corners)
+    return elements(connectivity(block), shape_of, corners)._replace(sides=sizes.copy())
 
 
 def moved_elements(block: PeriodicBlock) -> Elements:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fem_scenes import rough_scene
 
 from fem_check import plasticity
+from fem_check.driver import problem_of
 from fem_check.element import CORNERS, elastic_stiffness, elements
 from fem_check.plasticity import Law, law
 from fem_check.vtu import von_mises
@@ -122,3 +124,29 @@ def test_an_element_turned_inside_out_is_refused() -> None:
     corners = np.stack([CORNERS.astype(float), CORNERS * [1.0, 1.0, -1.0]])
     with pytest.raises(ValueError, match="inside out"):
         elements(np.arange(16).reshape(2, 8), np.arange(2), corners)
+
+
+def test_a_box_answers_as_a_brick_of_any_shape() -> None:
+    """The short cut for boxes against the gradients that scikit-fem gives, in a body that flows."""
+    scene = rough_scene(8, 2)
+    problem = problem_of(scene, law="j2", layers=3)
+    rng, boxes = np.random.default_rng(11), problem.bricks
+    assert boxes.sides is not None
+    bricks, histories = boxes._replace(sides=None), []
+    u = 0.01 * rng.standard_normal((int(np.prod(problem.block.field_shape[:3])), 3))
+    for shape in (boxes, bricks):
+        histories.append(plasticity.initial_history(boxes.number))
+        plasticity.commit(u, shape, problem.law, histories[-1])
+    np.testing.assert_allclose(*[h.plastic_strain for h in histories], atol=1e-15)
+    history = histories[0]
+    v = u + 0.01 * rng.standard_normal(u.shape)
+    found = [plasticity.internal_force(v, b, problem.law, history) for b in (boxes, bricks)]
+    assert 0 < found[0][1].sum() == found[1][1].sum()
+    scale = np.abs(found[1][0]).max()
+    np.testing.assert_allclose(found[0][0], found[1][0], atol=1e-13 * scale)
+    products = []
+    for b, (_, flowing) in zip((boxes, bricks), found, strict=True):
+        correction = plasticity.tangent_correction(v, b, problem.law, history, flowing)
+        plasticity.add_correction(u, b, correction, 0.9, out := np.zeros_like(u))
+        products.append(out)
+    np.testing.assert_allclose(*products, atol=1e-13 * np.abs(products[1]).max())
