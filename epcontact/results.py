@@ -94,12 +94,21 @@ class LoadStep:
 
 @dataclass(frozen=True)
 class Provenance:
-    """The scene's digest, the seed, the options and the versions: enough to make a result again."""
+    """The scene's digest, the seed, the options and the versions: enough to make a result again.
+
+    Attributes:
+        scene: The digest of the scene.
+        seed: The seed of the surface, if it has one.
+        options: The options of the method.
+        versions: The versions of the libraries that affect the numbers.
+        about: The scene in words and figures: by name a `value`, its `unit` and its `meaning`.
+    """
 
     scene: str
     seed: int | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=package_versions)
+    about: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

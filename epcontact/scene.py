@@ -11,6 +11,7 @@ any surface is made.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import itertools
 import json
@@ -22,6 +23,9 @@ import numpy as np
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
+
+#: Rows of a grid that are differentiated at once.
+_ROWS = 64
 
 BodyKind = Literal["half_space", "bonded_layer", "sliding_layer"]
 
@@ -151,6 +155,17 @@ class Surface:
     def spacing(self) -> tuple[float, ...]:
         """Grid spacing along each direction, in m."""
         return tuple(p / n for p, n in zip(self.periods, self.shape, strict=True))
+
+    @functools.cached_property
+    def rms_slope(self) -> float:
+        """Root mean square of the gradient in m/m, from differences of neighbours."""
+        heights, total = self.heights, 0.0
+        for start in range(0, len(heights), _ROWS):  # few rows at a time, without large arrays
+            rows = heights[start : start + _ROWS + 1]
+            for axis, step in enumerate(self.spacing):
+                steps = np.diff(rows if axis == 0 else rows[:_ROWS], axis=axis).ravel()
+                total += float(steps @ steps) / step**2
+        return math.sqrt(total / heights.size)
 
     @property
     def fingerprint(self) -> str:

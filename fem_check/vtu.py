@@ -10,8 +10,9 @@ and renamed, so that no half-written file is left.
 
 from __future__ import annotations
 
+import contextlib
 import os
-import tempfile
+import secrets
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -77,19 +78,17 @@ def write_collection(folder: Path, mean_pressures: Sequence[float]) -> Path:
 
 def _write_atomically(target: Path, write: Callable[[str], object]) -> None:
     """Call `write` with a temporary name beside `target`, and rename the file at the end."""
-    temporary = ""
+    # Not `tempfile`, because only their owner could read its files.
+    temporary = target.with_name(f".{secrets.token_hex(6)}{target.suffix}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=".", suffix=target.suffix)
-        os.close(handle)
-        write(temporary)
+        write(str(temporary))
         os.replace(temporary, target)
-        temporary = ""
     except OSError as error:
         raise OutputError(f"{target} could not be written: {error.strerror or error}") from None
     finally:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def _mesh(

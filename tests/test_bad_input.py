@@ -492,7 +492,7 @@ def small(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    "in_the_way", ["out", "out/small", "out/small/members", "out/small/bem-seed3.vti"]
+    "in_the_way", ["out", "out/small", "out/small/fast/members", "out/small/fast/bem-seed3.vti"]
 )
 def test_file_or_folder_in_the_way(small, tmp_path, in_the_way) -> None:
     obstacle = tmp_path / in_the_way
@@ -566,7 +566,7 @@ def test_full_disk(small, tmp_path) -> None:
 def test_spoilt_result_is_not_reused(small, tmp_path) -> None:
     out = tmp_path / "out"
     assert invoke("verify", small, "--output", out, "--jobs", 1).code == 0
-    member = out / "small" / "members" / "bem-seed3.json"
+    member = out / "small" / "fast" / "members" / "bem-seed3.json"
     whole = member.read_bytes()
     changed = json.loads(whole)
     changed["steps"][-1]["areas"]["corrected"]["total"] = "nonsense"
@@ -596,7 +596,7 @@ def test_two_runs_into_one_folder(small, tmp_path) -> None:
         _, stderr = run.communicate(timeout=300)
         assert run.returncode == 0, stderr
     require_whole(out)
-    assert len(list((out / "small" / "members").glob("bem-*.json"))) == 6
+    assert len(list((out / "small" / "fast" / "members").glob("bem-*.json"))) == 6
 
 
 @pytest.mark.slow

@@ -13,7 +13,9 @@ from pathlib import Path
 
 import click
 import pytest
+from rich.console import Console
 
+from epcontact.cli import listing
 from epcontact.cli.main import COMMANDS, cli
 
 
@@ -36,6 +38,29 @@ def test_keys_tells_units(epcontact) -> None:
     done = epcontact("keys")
     assert done.returncode == 0
     assert "rad/m" in done.stdout
+    assert "m; one length, or [x, y]" in done.stdout  # rich would take [x, y] for markup
+    assert "within [low, high]" in done.stdout
+    for words in ("refuse, periodic, detrend_and_window", "elastic, capped, j2", "gap, moved",
+                  "relative, absolute, wasserstein, supremum, l2", "persson, bem, fem",
+                  "constant, persson, wang_muser, xu", "analytic, surface"):  # fmt: skip
+        assert words in " ".join(done.stdout.split()), words
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+def test_list_shows_a_requirement_as_it_is_written(
+    write_case, tmp_path, monkeypatch, columns, capsys
+) -> None:
+    requirement = "Everything in [0, 1] holds [/tag] as [bold]written."
+    (tmp_path / "cases").mkdir()
+    write_case(("The boundary elements and the theory answer a small scene.", requirement))
+    (tmp_path / "small.toml").rename(tmp_path / "cases" / "small.toml")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(listing, "open_console", lambda: Console(width=columns))
+    listing.list_cases.main([], standalone_mode=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert requirement in " ".join(lines)
+    assert max(map(len, lines)) <= columns
+    assert [line.split()[0] for line in lines if line[0] != " "][-1] == "small"
 
 
 def test_verify_holds_and_writes_the_verdict(epcontact, write_case, tmp_path) -> None:
@@ -83,7 +108,7 @@ def test_run_writes_results_and_fields(epcontact, write_case, tmp_path) -> None:
 
     done = epcontact("run", write_case(), "--method", "bem", "--output", tmp_path / "out")
     assert done.returncode == 0, done
-    folder = tmp_path / "out" / "small"
+    folder = tmp_path / "out" / "small" / "fast"
     summary = json.loads((folder / "bem.json").read_text())
     assert summary["case"] == "small"
     assert summary["method"] == "bem"
@@ -94,7 +119,10 @@ def test_run_writes_results_and_fields(epcontact, write_case, tmp_path) -> None:
     assert {"seconds", "fft_pairs", "unknowns", "peak_memory_bytes"} <= set(summary["cost"])
     assert summary["members"][1]["provenance"]["seed"] == 5
     fields = read_fields(folder / "bem-seed3.vti")
-    assert {"heights", "pressure", "gap", "displacement", "state"} <= set(fields.fields)
+    assert set(fields.fields) == {"heights", "pressure", "gap", "state"}
+    assert fields.attributes["young_modulus"] == 100e9
+    assert fields.attributes["body"] == "half-space"
+    assert fields.units["hardness"] == fields.units["quantity.largest_pressure"] == "Pa"
     assert not (folder / "bem-seed5.vti").exists()
     assert not (folder / "persson.json").exists()
 

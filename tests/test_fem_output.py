@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,10 @@ def test_pyvista_opens_the_path_with_its_fields(
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
         "path.pvd", "step-0000.vtu", "step-0001.vtu",
     ]  # fmt: skip
+    umask = os.umask(0)
+    os.umask(umask)
+    for path in (tmp_path / "out").iterdir():
+        assert path.stat().st_mode & 0o777 == 0o666 & ~umask  # as of any new file
     reader = pyvista.get_reader(tmp_path / "out" / "path.pvd")
     assert len(reader.time_values) == 2
     reader.set_active_time_point(1)

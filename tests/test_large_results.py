@@ -1,8 +1,8 @@
 """Results of the large cases, run by hand and kept, are whole and hold the gates of their cases.
 
 They are regression values of this package's own, not references.  `epcontact run CASE --size large`
-makes each of them again as `results/CASE/METHOD.json`; here that file has one entry a line, so that
-the thousand values of a pressure distribution take one line and not a thousand.
+makes each of them again as `results/CASE/large/METHOD.json`; here that file has one entry a line,
+so that the thousand values of a pressure distribution take one line and not a thousand.
 """
 
 from __future__ import annotations

@@ -161,16 +161,16 @@ def folder(tmp_path: Path) -> Path:
     home = tmp_path / "results"
     write_json(home / "verdict.json", verdict())
     for method in ("persson", "bem", "fem"):
-        write_json(home / "paper" / f"{method}.json", answer(method))
+        write_json(home / "paper" / "fast" / f"{method}.json", answer(method))
     told = verdict()
     told["cases"][0]["methods"]["fem"] = {"surfaces": 2, "reused": 0, "errors": []}
     write_json(home / "verdict.json", told)
-    (home / "paper" / "areas.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'/>")
-    (home / "paper" / "areas.txt").write_text("Areas against <magnification>.\n")
+    (home / "paper" / "fast" / "areas.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'/>")
+    (home / "paper" / "fast" / "areas.txt").write_text("Areas against <magnification>.\n")
     pressure = np.random.default_rng(5).random((20, 12)) * 1e9
     for method, factor in (("bem-seed7", 1.0), ("fem-seed7", 1.1)):
         fields = {"pressure": pressure * factor, "state": pressure > 5e8, "gap": 0 * pressure}
-        write_image(home / "paper" / f"{method}.vti", fields, (1e-6, 1e-6), {})
+        write_image(home / "paper" / "fast" / f"{method}.vti", fields, (1e-6, 1e-6), {})
     return home
 
 

@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 import pyvista
 
 from epcontact.errors import OutputError
+from epcontact.output import vtk
 from epcontact.output.vtk import read_fields, write_fields, write_image
 from epcontact.results import APART, ELASTIC, PLASTIC, Areas, ContactResult, LoadStep, Provenance
 from epcontact.scene import Surface
@@ -142,6 +144,62 @@ def test_a_line_is_a_row(tmp_path: Path) -> None:
     assert read.shape == (7,)
     assert np.array_equal(read.fields["gap"], result.fields["gap"].astype(np.float32))
     assert read.periods == pytest.approx((7e-6,), rel=1e-15)
+
+
+def consistent(shape: tuple[int, ...]) -> ContactResult:
+    """Fields whose displacement follows from gap and heights, under a flat at 3e-7 m."""
+    result = asymmetric(shape)
+    fields = dict(result.fields)
+    fields["displacement"] = fields["gap"] + fields["heights"] - 3e-7
+    return replace(result, fields=fields)
+
+
+def test_a_displacement_that_follows_from_the_rest_is_left_out(tmp_path: Path) -> None:
+    result = consistent((6, 4))
+    surface = surface_of(result, 6e-6, 8e-6)
+    write_fields(tmp_path / "single.vti", result, surface)
+    write_fields(tmp_path / "double.vti", result, surface, precision="double")
+    single, double = read_fields(tmp_path / "single.vti"), read_fields(tmp_path / "double.vti")
+    assert set(single.fields) == {"heights", "pressure", "gap", "state"}
+    assert single.units["flat_height"] == "m"
+    restored = single.fields["gap"] + single.fields["heights"] - single.attributes["flat_height"]
+    scale = np.ptp(result.fields["heights"])
+    assert restored == pytest.approx(result.fields["displacement"], abs=1e-6 * scale)
+    assert np.array_equal(double.fields["displacement"], result.fields["displacement"])
+
+
+def test_pieces_make_one_grid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    result = asymmetric((13, 11))
+    surface = surface_of(result, 1.0, 1.0)
+    write_fields(tmp_path / "one.vti", result, surface, {"hardness": HARDNESS})
+    monkeypatch.setattr(vtk, "PIECE", 20)
+    write_fields(tmp_path / "many.vti", result, surface, {"hardness": HARDNESS})
+    assert (tmp_path / "many.vti").read_bytes().count(b"<Piece") >= 8
+    one, many = read_fields(tmp_path / "one.vti"), read_fields(tmp_path / "many.vti")
+    assert many.attributes == one.attributes
+    assert many.units == one.units
+    for name, field in one.fields.items():
+        assert np.array_equal(many.fields[name], field)
+
+
+def test_the_file_says_what_was_computed(tmp_path: Path) -> None:
+    result = asymmetric((6, 4))
+    about = {
+        "young_modulus": {"value": 2e11, "unit": "Pa", "meaning": "E"},
+        "periods": {"value": [6e-6, 8e-6], "unit": "m", "meaning": "period"},
+        "body": {"value": "half-space", "unit": "", "meaning": "body"},
+    }
+    told = replace(result, notes=("one", "two"), provenance=replace(result.provenance, about=about))
+    units = {"quantity.mean_gap": "m", "area.total.raw": "–", "quantity.absent": "Pa"}
+    path = tmp_path / "x.vti"
+    write_fields(path, told, surface_of(result, 6e-6, 8e-6), units=units)
+    read = read_fields(path)
+    assert read.attributes["young_modulus"] == 2e11
+    assert read.attributes["periods"] == "6e-06, 8e-06"
+    assert read.attributes["body"] == "half-space"
+    assert read.attributes["notes"] == "one; two"
+    own = {n: unit for n, unit in read.units.items() if n not in read.fields}
+    assert own == {"young_modulus": "Pa", "periods": "m", "quantity.mean_gap": "m"}
 
 
 def test_heights_are_added_where_the_result_has_none(tmp_path: Path) -> None:

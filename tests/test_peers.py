@@ -95,8 +95,8 @@ def test_solver_takes_the_place_of_bem_under_its_own_name(write_case, tmp_path) 
     assert set(case.methods) == {"persson", "own"}
     assert {gate.of for gate in case.gates} == {"own"}
     assert verdict.passed
-    assert (tmp_path / "small" / "own.json").is_file()
-    assert not (tmp_path / "small" / "bem.json").exists()
+    assert (tmp_path / "small" / "fast" / "own.json").is_file()
+    assert not (tmp_path / "small" / "fast" / "bem.json").exists()
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def test_results_of_the_users_solver_do_not_pass_for_the_packages(write_case, tm
 def test_fields_of_another_load_do_not_pass_for_those_of_this_one(write_case, tmp_path) -> None:
     out = tmp_path / "out"
     answer(write_case(ONE), out, fields="first")
-    fields = out / "small" / "bem-seed3.vti"
+    fields = out / "small" / "fast" / "bem-seed3.vti"
     assert fields.is_file()
     other = write_case(ONE, (LOAD, "mean_pressure = 6.0e8"))
     answer(other, out)  # as verify runs it: without fields

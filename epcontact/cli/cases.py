@@ -13,9 +13,8 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
-from rich.table import Table
 
-from epcontact.cli.listing import open_console
+from epcontact.cli.listing import open_console, plain_table
 from epcontact.cli.tables import (
     STYLES,
     answers_table,
@@ -73,13 +72,12 @@ _fields = click.option(
 @click.command()
 def keys() -> None:
     """Print every key of a case file, and every quantity of a gate, with unit and meaning."""
-    table = Table("table", "key", "default", "meaning", box=None, pad_edge=False)
-    for row in key_table():
-        table.add_row(*row)
-    quantities = Table("quantity of a gate", "unit", "meaning", box=None, pad_edge=False)
-    for quantity in QUANTITIES.values():
-        quantities.add_row(quantity.name, quantity.unit, quantity.meaning)
-    open_console().print(table, "", quantities)
+    quantities = [(one.name, one.unit, one.meaning) for one in QUANTITIES.values()]
+    open_console().print(
+        plain_table(("table", "key", "default", "meaning"), key_table()),
+        "",
+        plain_table(("quantity of a gate", "unit", "meaning"), quantities),
+    )
 
 
 @click.command()
@@ -129,8 +127,8 @@ def run(
     if fields != "none":
         from epcontact.cli.figures import draw  # charts take long to load
 
-        draw(chosen, answers, output / loaded.id)
-    click.echo(f"results in {output / loaded.id}")
+        draw(chosen, answers, chosen.folder(output))
+    click.echo(f"results in {chosen.folder(output)}")
 
 
 @click.command()
@@ -180,7 +178,7 @@ def verify(
 
         for case in verdict.cases:
             if not case.skipped_because:
-                draw(case.case, case.answers, output / case.id)
+                draw(case.case, case.answers, case.case.folder(output))
         write_report(output)
     console = open_console()
     console.print(verdict_table(verdict.cases, console.width))

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import click
 from rich.console import Console
+from rich.padding import Padding
 from rich.table import Table
+from rich.text import Text
 
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_text import CaseText, at_size, case_files, read_cases
@@ -19,13 +23,22 @@ def open_console() -> Console:
 @click.command("list")
 def list_cases() -> None:
     """List the cases, one line each."""
-    table = Table(box=None, pad_edge=False)
-    for heading in ("case", "sizes", "methods", "requirement"):
-        table.add_column(heading, overflow="fold")
-    for path in case_files():
-        for case in read_cases(path):
-            table.add_row(*_row(case))
-    open_console().print(table)
+    rows = [_row(case) for path in case_files() for case in read_cases(path)]
+    console = open_console()
+    if console.width >= 150:
+        console.print(plain_table(("case", "sizes", "methods", "requirement"), rows))
+        return
+    for name, sizes, methods, requirement in rows:
+        console.print(Text(name, "bold"), Text(f" {sizes}; {methods}"))
+        console.print(Padding(Text(requirement), (0, 0, 0, 2)))
+
+
+def plain_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    """Tabulate texts as they are: brackets in them are no markup."""
+    table = Table(*headings, box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return table
 
 
 def _row(case: CaseText) -> tuple[str, str, str, str]:

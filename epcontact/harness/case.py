@@ -69,6 +69,10 @@ class Case:
             recipe.fingerprint, recipe.shape, recipe.periods, self.material, self.body, self.load
         )
 
+    def folder(self, output: Path) -> Path:
+        """Return the folder of its results: one for each size, `<output>/<case>/<size>`."""
+        return output / self.id / self.size
+
     def scene(self, recipe: Recipe) -> Scene:
         """Make the surface and the scene on it.  Raises InvalidScene, NotEnoughMemory."""
         require_room(recipe.shape)

@@ -17,15 +17,19 @@ from pathlib import Path
 
 from epcontact.errors import EpcontactError, InvalidCase, NotConverged
 from epcontact.harness.case import Case
+from epcontact.harness.description import described
 from epcontact.harness.methods import METHODS, Method
 from epcontact.harness.pool import spread
-from epcontact.harness.quantities import measure_all
+from epcontact.harness.quantities import QUANTITIES, measure_all
 from epcontact.harness.store import Answer, Task, keep, kept, summary
 from epcontact.machine import available_cores, compile_seconds
 from epcontact.output.files import write_json
 from epcontact.output.vtk import write_fields
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
+
+#: The unit of each quantity in the field data of a .vti.
+_UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
 
 Outcome = ContactResult | str  # the result of a task, or the sentence that says why there is none
 
@@ -103,7 +107,7 @@ def run_cases(
             answer = _collect(mine, outcomes, len(reused & set(mine)))
             answers[case.id][method] = answer
             if answer.results:
-                write_json(output / case.id / f"{method}.json", summary(case, answer))
+                write_json(case.folder(output) / f"{method}.json", summary(case, answer))
     return answers
 
 
@@ -159,11 +163,12 @@ def _solve(task: Task, threads: int) -> Outcome:
         with _limited(case.time_limit):
             scene = case.scene(task.recipe)
             result = task.method.solve(scene, case.options[task.method.name], threads)
+        about = described(scene, task.recipe)
+        result = replace(result, provenance=replace(result.provenance, about=about))
         result = _with_measurements(task, scene, result)
         if task.fields is not None and result.fields:
-            attributes: dict[str, str | float | int]
-            attributes = {"case": case.id, "size": case.size, "hardness": case.material.hardness}
-            write_fields(task.fields, result, scene.surface, attributes)
+            attributes = {"case": case.id, "size": case.size}
+            write_fields(task.fields, result, scene.surface, attributes, units=_UNITS)
         return replace(result, fields={})
     except EpcontactError as error:
         return str(error)

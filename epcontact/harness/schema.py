@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -225,19 +226,32 @@ def _tables() -> dict[str, dict[str, Any]]:
 
 
 def key_table() -> list[tuple[str, str, str, str]]:
-    """Return every key of a case file as (table, key, default, meaning with unit).
+    """Return every key of a case file as (table, key, default, meaning with unit and words).
 
     Example:
         >>> [row for row in key_table() if row[1] == "young_modulus"]
         [('material', 'young_modulus', 'required', 'Pa')]
+        >>> [row[3] for row in key_table() if row[:2] == ("fem", "law")]
+        ['material law: elastic, capped, j2']
     """
     rows = []
     for name, table in _tables().items():
         for key, entry in table["properties"].items():
             needed = key in table.get("required", ()) or "const" in entry
-            default = "required" if needed else str(entry.get("default"))
-            rows.append((name, key, default, entry.get("description", "kind of surface")))
+            given = entry.get("default")
+            default = "required" if needed else "–" if given in (None, "", [], {}) else str(given)
+            rows.append((name, key, default, _meaning(entry)))
     return rows
+
+
+def _meaning(entry: Mapping[str, Any]) -> str:
+    """Return the description of a key and the words that its schema allows."""
+    forms = [entry, *entry.get("anyOf", ()), entry.get("items", {})]
+    text = next((form["description"] for form in forms if "description" in form), "")
+    words: list[str] = next((form["enum"] for form in forms if "enum" in form), [])
+    if "const" in entry:
+        text, words = "kind of surface", [entry["const"]]
+    return f"{text}: {', '.join(words)}" if words else text
 
 
 def mistake(error: ValidationError) -> str:

@@ -1,9 +1,9 @@
 """Tasks and their results on disk: one file for each result, found again by its key.
 
-`<output>/<case>/members/<method>-<surface>.json` holds one result, its key (scene, size, options
-and the package's own sources) and the hash of the fields written with it.  A task of the same key
-is not run again if the fields it asks for have that hash.  A solver from outside the package
-always runs, because its sources are not known here.
+`<output>/<case>/<size>/members/<method>-<surface>.json` holds one result, its key (scene, size,
+options and the package's own sources) and the hash of the fields written with it.  A task of the
+same key is not run again if the fields it asks for have that hash.  A solver from outside the
+package always runs, because its sources are not known here.
 """
 
 from __future__ import annotations
@@ -64,13 +64,13 @@ class Task:
         return tuple(sorted(names))
 
     def fields_path(self, output: Path) -> Path:
-        """Return the file for its fields: `<output>/<case>/<method>[-<surface>].vti`."""
+        """Return the file for its fields: `<method>[-<surface>].vti` in the case's folder."""
         name = self.method.name + ("" if self.label == "single" else f"-{self.label}")
-        return output / self.case.id / f"{name}.vti"
+        return self.case.folder(output) / f"{name}.vti"
 
     def result_path(self, output: Path) -> Path:
         """Return the file for its result."""
-        return output / self.case.id / "members" / f"{self.method.name}-{self.label}.json"
+        return self.case.folder(output) / "members" / f"{self.method.name}-{self.label}.json"
 
 
 @dataclass(frozen=True)

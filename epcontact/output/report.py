@@ -67,7 +67,7 @@ def report_folder(
     and finite-element blocks (.pvd) where three-dimensional pictures can be drawn.
 
     Args:
-        folder: The folder with verdict.json and a folder for each case.
+        folder: The folder with verdict.json, and for each case a folder with one for each size.
         path: The path of the page, by default report.html in the folder.
         theory: A function that returns the theory's densities by formula from results and
             hardness (Pa).  Without it the theory's pressures are binned like those of the other
@@ -85,7 +85,7 @@ def report_folder(
     pictures: dict[str, list[Picture]] = {}
     notes: list[str] = []
     for case in verdict["cases"]:
-        here = home / case["id"]
+        here = home / case["id"] / case["size"]
         answers = {
             method: _read_json(here / f"{method}.json")
             for method in case["methods"]

@@ -1,0 +1,108 @@
+"""A scene in words and figures: what was computed, for the reader of its result.
+
+`described` returns one entry for each figure of the scene, with its unit and its meaning.  A
+result carries them in its provenance, so that its JSON, its .vti and the report need no case file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from pydantic.fields import FieldInfo
+
+from epcontact.moduli import effective_modulus
+from epcontact.scene import Body, Scene, Surface
+from epcontact.surfaces import Recipe
+
+#: The bodies in words.
+BODIES = {
+    "half_space": "half-space",
+    "bonded_layer": "layer bonded to a rigid base",
+    "sliding_layer": "layer sliding on a rigid base",
+}
+_UNITS = ("m", "rad/m")
+
+
+def described(scene: Scene, recipe: Recipe) -> dict[str, dict[str, Any]]:
+    """Return the figures of a scene by name, each with `value`, `unit` and `meaning`.
+
+    Args:
+        scene: the scene that is solved.
+        recipe: the recipe of its surface.
+
+    Returns:
+        Values are numbers, lists of numbers or words, the units "" for words and "–" for numbers
+        without a unit.  What the scene does not have, such as a hardness, is left out or infinite.
+
+    Example:
+        >>> from epcontact import Load, Material
+        >>> from epcontact.surfaces import Sphere
+        >>> ball = Sphere((1e-3, 1e-3), (8, 8), radius=1e-2)
+        >>> told = described(Scene(ball.build(), Material(91e9, 0.3), Load(1e8)), ball)
+        >>> told["surface"]["value"]
+        'sphere: radius 0.01 m, centre (0.5, 0.5)'
+        >>> told["effective_modulus"]["value"] / 1e9, told["effective_modulus"]["unit"]
+        (100.0, 'Pa')
+    """
+    surface, material = scene.surface, scene.material
+    modulus, slope = effective_modulus(material), surface.rms_slope
+    rows: list[tuple[str, Any, str, str]] = [
+        ("surface", _surface_in_words(surface, recipe), "", "surface"),
+        ("points", list(surface.shape), "–", "grid points along each direction"),
+        ("periods", list(surface.periods), "m", "period"),
+        ("spacing", list(surface.spacing), "m", "distance of grid points"),
+        ("rms_height", float(surface.heights.std()), "m", "rms height"),
+        ("rms_slope", slope, "–", "rms slope ξ, from differences of neighbours"),
+        ("young_modulus", material.young_modulus, "Pa", "Young's modulus E"),
+        ("poisson_ratio", material.poisson_ratio, "–", "Poisson's ratio ν"),
+        ("effective_modulus", modulus, "Pa", "effective modulus E* = E / (1 − ν²)"),
+        ("hardness", material.hardness, "Pa", "hardness σ_P, the largest contact pressure"),
+        ("yield_stress", material.yield_stress, "Pa", "yield stress σ_Y of the J2 solid"),
+        ("body", _body_in_words(scene.body), "", "body"),
+        ("load_path", list(scene.load.path), "Pa", "mean pressure p₀ (force / nominal area)"),
+    ]
+    if surface.shortest_wavelength is not None:
+        resolved = surface.shortest_wavelength / max(surface.spacing)
+        rows.insert(4, ("resolution", resolved, "–", "grid points per shortest wavelength"))
+    if slope > 0:
+        rows.append(("load_group", scene.load.final / (modulus * slope), "–", "p₀ / (E* ξ)"))
+        rows.append(("hardness_group", material.hardness / (modulus * slope), "–", "σ_P / (E* ξ)"))
+    return {
+        name: {"value": value, "unit": unit, "meaning": meaning}
+        for name, value, unit, meaning in rows
+    }
+
+
+def _surface_in_words(surface: Surface, recipe: Recipe) -> str:
+    spectrum = surface.spectrum
+    if spectrum is not None:
+        return (
+            f"self-affine roughness: Hurst exponent {spectrum.hurst:g}, flat spectrum from "
+            f"{spectrum.wavenumber_low:.5g} to {spectrum.wavenumber_roll_off:.5g} rad/m, power law "
+            f"up to {spectrum.wavenumber_high:.5g} rad/m, rms slope {spectrum.rms_slope:g}, "
+            f"seed {surface.seed}"
+        )
+    kind = str(getattr(recipe, "kind", type(recipe).__name__)).replace("_", " ")
+    return f"{kind}: {', '.join(_parameters(recipe))}"
+
+
+def _parameters(recipe: Any) -> list[str]:
+    """Return the parameters of a recipe as "radius 0.01 m", with the units of its annotations."""
+    hints = get_type_hints(type(recipe), include_extras=True)
+    told = []
+    for parameter in fields(recipe):
+        name, value = parameter.name, getattr(recipe, parameter.name)
+        if name in ("kind", "periods", "shape", "heights") or value in (None, (), False):
+            continue
+        parts = get_args(hints[name]) if get_origin(hints[name]) is Annotated else ()
+        words = [part.description or "" for part in parts if isinstance(part, FieldInfo)]
+        unit = next((unit for unit in _UNITS if words and words[0].startswith(f"{unit};")), "")
+        shown = f"{value:g}" if isinstance(value, float) else str(value)
+        told.append(f"{name.replace('_', ' ')} {shown} {unit}".rstrip())
+    return told
+
+
+def _body_in_words(body: Body) -> str:
+    words = BODIES[body.kind]
+    return words if body.kind == "half_space" else f"{words}, {body.depth:g} m deep"
