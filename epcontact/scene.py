@@ -237,6 +237,8 @@ class Body:
 class Load:
     """The mean pressure in Pa (force over nominal area), or a path of mean pressures in order.
 
+    After the first pressure, a path may unload to zero.
+
     Raises:
         InvalidScene: A pressure is not a positive number, or the path is empty.
     """
@@ -246,8 +248,9 @@ class Load:
     def __post_init__(self) -> None:
         path = self.path
         _require(len(path) > 0, "mean_pressure is an empty path; give at least one pressure")
-        for pressure in path:
-            _require_positive("mean_pressure", pressure, "Pa")
+        for i, pressure in enumerate(path):
+            if i == 0 or pressure != 0:
+                _require_positive("mean_pressure", pressure, "Pa")
         object.__setattr__(self, "mean_pressure", tuple(float(p) for p in path))
 
     @property
@@ -318,11 +321,16 @@ def check_load(material: Material, load: Load) -> None:
 
 
 def check_loading(material: Material, load: Load) -> None:
-    """Raise InvalidScene if the path unloads a capped law, which keeps no plastic displacement."""
+    """Raise InvalidScene if the path unloads a method that keeps no memory of plastic flow."""
     _require(
         load.non_decreasing or material.hardness == math.inf,
-        "mean_pressure decreases along the path, which the capped law cannot follow: it "
-        "keeps no plastic displacement; give a non-decreasing path or an infinite hardness",
+        "mean_pressure decreases along the path, but this method keeps no memory of the plastic "
+        "flow; give a non-decreasing path, an infinite hardness or the method bem",
+    )
+    _require(
+        min(load.path) > 0,
+        "mean_pressure falls to 0 along the path, but this method needs a load; end the path above "
+        "0 or give the method bem",
     )
 
 

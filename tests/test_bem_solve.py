@@ -393,12 +393,6 @@ def test_wrong_options_are_refused(options, message):
         bem.solve(scene(rough()), **options)
 
 
-def test_unloading_is_refused_where_it_needs_memory():
-    with pytest.raises(InvalidScene, match="decreases"):
-        bem.solve(scene(rough(), (LOAD, LOAD / 2)))
-    bem.solve(scene(rough(), (LOAD, LOAD / 2), math.inf), threads=1)
-
-
 def test_memory_is_estimated_before_it_is_taken(monkeypatch):
     monkeypatch.setattr("epcontact.bem.memory.available_memory", lambda: 1000)
     with pytest.raises(NotEnoughMemory, match="64 x 64 needs about"):

@@ -6,6 +6,7 @@ The modules below this one do not know the scene: they take a `GridProblem` for 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,6 +17,12 @@ from numpy.typing import NDArray
 
 from epcontact.bem.areas.distribution import pressure_distribution
 from epcontact.bem.areas.rim_correction import estimate_areas
+from epcontact.bem.flow import (
+    at_hardness_again,
+    checked_plastic_displacement,
+    flowed,
+    unloaded,
+)
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.level import GRADIENT_STEP, states
 from epcontact.bem.memory import estimated_memory, require_memory
@@ -49,10 +56,14 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     compliance: NDArray[np.floating] | None = None,
     method: Method = "newton",
     start: NDArray[np.floating] | None = None,
+    plastic_displacement: NDArray[np.floating] | None = None,
     max_steps: int | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> ContactResult:
     """Solve the capped contact problem of a scene at each mean pressure of its load path.
+
+    The path may go down and up again.  Each load meets the surface that the loads before it have
+    left behind: where the pressure reached the hardness, flow has lowered it (`bem.flow`).
 
     Args:
         scene: surface, material, body and load.
@@ -65,11 +76,15 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
             instead of the body's own.
         method: "newton", or the name of a baseline.
         start: pressure field in Pa to start the first load from, instead of coarser grids.
+        plastic_displacement: how far earlier flow has lowered the surface, in m, of the heights'
+            shape: the field of this name of an earlier result, whose path this one continues.
         max_steps: most steps of the method; None: its own limit.
         progress: called with a sentence now and then.
 
     Returns:
-        The areas and other quantities at each load, and the fields at the last one.
+        The areas and other quantities at each load, and the fields at the last one.  The fields
+        gap and heights refer to the surface before any flow, so that the open gap is gap +
+        plastic_displacement.
 
     Raises:
         InvalidScene: the scene or an option is not valid.
@@ -83,38 +98,74 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         >>> round(solve(scene).final.areas["corrected"].total, 4)
         0.3816
     """
-    scene.require_loading()
     cores = available_cores() if threads is None else threads
     options = Options(tolerance, area_tolerance, cores, method, max_steps, progress)
     started, compiled = time.perf_counter(), compile_seconds()
     surface, material = scene.surface, scene.material
-    lightest = min(scene.load.final, material.hardness - scene.load.final)
+    mean_pressure = scene.load.final or max(scene.load.path)
+    lightest = min(mean_pressure, material.hardness - mean_pressure)
     modulus = effective_modulus(material)
     needed = estimated_memory(surface.heights, surface.spacing, lightest, modulus)
     require_memory(needed, surface.shape)
     symbol = _symbol(scene, compliance)
-    heights = surface.heights.reshape(symbol.shape)
     warm = None if start is None else checked_start(start, surface.shape).reshape(symbol.shape)
-    steps: list[LoadStep] = []
-    totals = dict.fromkeys(("fft_pairs", "equivalent_fft_pairs"), 0.0)
-    for i, mean_pressure in enumerate(scene.load.path):
-        problem = GridProblem(heights, symbol, mean_pressure, material.hardness)
-        solution = solve_problem(problem, options, warm)
-        steps.append(_load_step(scene, problem, solution))
-        totals = {name: count + solution.counts[name] for name, count in totals.items()}
-        if i + 1 < len(scene.load.path):
-            warm = _warm_start(problem, solution, scene.load.path[i + 1])
-            del solution  # its fields would stay in memory beside those of the next load
+    sunk: FloatArray | None = None
+    if plastic_displacement is not None:
+        sunk = checked_plastic_displacement(plastic_displacement, surface.shape)
+        sunk = sunk.reshape(symbol.shape)
+    steps, solution, sunk, totals = _walk(scene, symbol, options, warm, sunk)
     cost = totals | {
         "seconds": time.perf_counter() - started - (compile_seconds() - compiled),
-        "unknowns": float(heights.size),
+        "unknowns": float(surface.heights.size),
         "peak_memory_bytes": float(peak_memory()),
     }
-    result = _result(scene, options, tuple(steps), solution, cost)
+    result = _result(scene, options, steps, solution, sunk, cost)
     if compliance is None:
         return result
     given = {**result.provenance.options, "compliance": "given"}
     return replace(result, provenance=replace(result.provenance, options=given))
+
+
+def _walk(
+    scene: Scene,
+    symbol: Symbol,
+    options: Options,
+    warm: FloatArray | None,
+    sunk: FloatArray | None,
+) -> tuple[tuple[LoadStep, ...], PressureSolution, FloatArray | None, dict[str, float]]:
+    """Solve at each load of the path, on the surface that the loads before it have left.
+
+    Args:
+        scene, symbol, options: the scene, its compliance and the options.
+        warm: pressure in Pa to start the first load from.
+        sunk: plastic displacement before the first load, in m.
+
+    Returns:
+        The load steps, the solution at the last load, the plastic displacement on which that load
+        was solved, and the pairs of transforms of all loads.
+    """
+    heights, hardness = scene.surface.heights.reshape(symbol.shape), scene.material.hardness
+    left = heights if sunk is None else heights - sunk
+    steps: list[LoadStep] = []
+    totals = dict.fromkeys(("fft_pairs", "equivalent_fft_pairs"), 0.0)
+    loads = iter(scene.load.path)
+    mean_pressure = next(loads)
+    while True:
+        problem = GridProblem(left, symbol, mean_pressure, hardness)
+        solution = solve_problem(problem, options, warm) if mean_pressure else unloaded(problem)
+        if sunk is not None:
+            at_hardness_again(problem, solution, sunk)
+        steps.append(_load_step(scene, problem, solution, sunk))
+        totals = {name: count + solution.counts[name] for name, count in totals.items()}
+        following = next(loads, None)
+        if following is None:
+            return tuple(steps), solution, sunk, totals
+        if following < mean_pressure and math.isfinite(hardness):
+            sunk = flowed(problem, solution, sunk)
+            left = heights - sunk
+        warm = _warm_start(replace(problem, heights=left), solution, following)
+        del solution  # its fields would stay in memory beside those of the next load
+        mean_pressure = following
 
 
 def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
@@ -134,6 +185,8 @@ def _warm_start(
 
     Where p is 0, p - c g still shows how far away contact is.
     """
+    if not problem.mean_pressure:
+        return None
     ratio = mean_pressure / problem.mean_pressure
     if not 1 / _WARM_RATIO <= ratio <= _WARM_RATIO:
         return None
@@ -141,9 +194,22 @@ def _warm_start(
     return np.asarray(last.pressure * ratio - GRADIENT_STEP / problem.symbol.shortest() * gap)
 
 
-def _load_step(scene: Scene, problem: GridProblem, solution: PressureSolution) -> LoadStep:
+def _load_step(
+    scene: Scene, problem: GridProblem, solution: PressureSolution, before: FloatArray | None
+) -> LoadStep:
+    """The step of a solution on the surface that the plastic displacement `before` has left."""
     shape, hardness = scene.surface.shape, problem.hardness
     pressure, gap = solution.pressure, solution.displacement + (solution.offset - problem.heights)
+    plastic = pressure >= hardness
+    separation = float(gap.mean())
+    sunk = 0.0
+    if before is not None:
+        separation -= float(before.mean())
+        sunk = float(before.mean(where=~plastic)) * float(np.mean(~plastic))
+        # Fronts of plastic flow are placed by the whole depth of the flow.
+        np.subtract(gap, before, out=gap, where=plastic)
+    if plastic.any():
+        sunk -= float(gap.mean(where=plastic)) * float(plastic.mean())
     raw, corrected, error = estimate_areas(
         pressure.reshape(shape),
         gap.reshape(shape),
@@ -153,12 +219,11 @@ def _load_step(scene: Scene, problem: GridProblem, solution: PressureSolution) -
     )
     compression = _compression(scene, problem.mean_pressure)
     fluctuation = float(np.vdot(pressure, solution.displacement)) / gap.size
-    plastic = pressure >= hardness
-    sunk = -gap.mean(where=plastic) * float(plastic.mean()) if plastic.any() else 0.0
     quantities = {
         "mean_gap": float(np.maximum(gap, 0).mean()),
-        "mean_plastic_displacement": float(sunk),
-        "mean_separation": float(gap.mean()),
+        "mean_plastic_displacement": sunk,
+        "plastic_work": hardness * sunk if sunk else 0.0,
+        "mean_separation": separation,
         "elastic_energy": (fluctuation + compression * problem.mean_pressure) / 2,
         "largest_pressure": float(pressure.max()),
     }
@@ -183,6 +248,7 @@ def _result(
     options: Options,
     steps: tuple[LoadStep, ...],
     solution: PressureSolution,
+    before: FloatArray | None,
     cost: dict[str, float],
 ) -> ContactResult:
     shape, hardness = scene.surface.shape, scene.material.hardness
@@ -190,6 +256,19 @@ def _result(
     displacement = solution.displacement.reshape(shape)
     gap = displacement + (solution.offset - scene.surface.heights)
     displacement += _compression(scene, steps[-1].mean_pressure)
+    fields: dict[str, NDArray[Any]] = {
+        "heights": scene.surface.heights,
+        "pressure": pressure,
+        "gap": gap,
+        "displacement": displacement,
+        "state": states(pressure, hardness),
+    }
+    if math.isfinite(hardness):
+        deeper = np.maximum(-gap, 0.0, out=np.zeros(shape), where=pressure >= hardness)
+        # On the hardness -gap is all of the plastic displacement, the earlier one included.
+        fields["plastic_displacement"] = (
+            deeper if before is None else np.maximum(deeper, before.reshape(shape), out=deeper)
+        )
     chosen: dict[str, Any] = {"method": options.method, "tolerance": options.tolerance}
     if options.area_tolerance:
         chosen["area_tolerance"] = options.area_tolerance
@@ -198,13 +277,7 @@ def _result(
         steps=steps,
         provenance=Provenance(scene.digest, scene.surface.seed, chosen),
         distribution=pressure_distribution(pressure, hardness, _DISTRIBUTION_BINS),
-        fields={
-            "heights": scene.surface.heights,
-            "pressure": pressure,
-            "gap": gap,
-            "displacement": displacement,
-            "state": states(pressure, hardness),
-        },
+        fields=fields,
         cost=cost,
         history=solution.history,
         notes=scene.surface.notes + solution.notes,

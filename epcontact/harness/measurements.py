@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from epcontact.errors import InvalidCase
+from epcontact.harness import interface
 from epcontact.harness.distances import carried_pressure
 from epcontact.reference.layers import compliance
-from epcontact.results import ContactResult, FloatArray
+from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult, FloatArray
 from epcontact.scene import Scene
 
 if TYPE_CHECKING:
@@ -65,36 +66,44 @@ def at_the_cap(a: Answered) -> Any:
     return a.pressure >= a.scene.material.hardness * (1 - _AT_THE_CAP)
 
 
+def _load_scale(a: Answered) -> float:
+    """The last mean pressure p0 in Pa, or the largest of the path if it ends without load."""
+    return a.scene.load.final or max(a.scene.load.path)
+
+
 def force(a: Answered) -> float:
-    """Return mean(p)/p0 - 1."""
-    return float(a.pressure.mean()) / a.scene.load.final - 1
+    """Return mean(p)/p0 - 1; after a path to zero, mean(p) over the largest mean pressure."""
+    return (float(a.pressure.mean()) - a.scene.load.final) / _load_scale(a)
 
 
 def bounds(a: Answered) -> float:
     """Return the largest distance of p from [0, hardness], divided by p0."""
     p = a.pressure
     beyond = max(-float(p.min()), float(p.max()) - a.scene.material.hardness, 0.0)
-    return beyond / a.scene.load.final
+    return beyond / _load_scale(a)
 
 
 def gap(a: Answered) -> float:
     """Return the largest violation of the contact conditions on the gap over the rms height.
 
     It is |g| where 0 < p < hardness, -g where p = 0 and g where p = hardness
-    (Karush-Kuhn-Tucker).
+    (Karush-Kuhn-Tucker).  After a path that unloads, the surface is the one that the reported
+    plastic displacement has left, on which every contact is elastic.
     """
     p, heights = a.pressure, a.scene.surface.heights
+    apart, flowing = p <= 0, at_the_cap(a)
+    if math.isfinite(a.scene.material.hardness) and not a.scene.load.non_decreasing:
+        heights, flowing = heights - a.field("plastic_displacement"), np.zeros_like(apart)
     C = compliance(a.scene)
     C.flat[0] = 0.0
     gap = np.fft.ifftn(C * np.fft.fftn(p)).real - heights
-    apart, flowing = p <= 0, at_the_cap(a)
     between = ~apart & ~flowing
     if between.any():
         gap -= gap[between].mean()
     elif flowing.any():
         gap -= gap[flowing].max()
     wrong = np.where(apart, -gap, np.where(flowing, gap, np.abs(gap)))
-    return float(wrong.max()) / float(heights.std())
+    return float(wrong.max()) / float(a.scene.surface.heights.std())
 
 
 def raw_total(a: Answered) -> float:
@@ -115,13 +124,39 @@ def carried(a: Answered) -> float:
     carried = carried_pressure(found)
     if math.isfinite(hardness):
         carried += hardness * found.plastic
-    return carried / a.scene.load.final - 1
+    return (carried - a.scene.load.final) / _load_scale(a)
 
 
 def smallest_contact_pressure(a: Answered) -> float:
     """Return the smallest pressure in contact, in Pa."""
     p = a.pressure
     return float(p[p > 0].min()) if (p > 0).any() else 0.0
+
+
+def stiffness(a: Answered, branch: interface.Branch) -> float:
+    """Return the stiffness of the interface on a branch of the load, in Pa/m."""
+    return interface.interface_stiffness(a.scene, a.result, branch)
+
+
+def conductance(a: Answered, branch: interface.Branch) -> float:
+    """Return the contact conductance per area times the sum of the resistivities, in 1/m."""
+    return interface.contact_conductance(a.scene, stiffness(a, branch), resistivity=1.0)
+
+
+def patches_of(a: Answered, part: str, what: str) -> float:
+    """Return the number of the patches of a part of the contact, or the area of the largest."""
+    state = a.field("state")
+    mask = state != APART if part == "total" else state == {"elastic": ELASTIC}.get(part, PLASTIC)
+    areas = interface.patches(mask).areas
+    return float(areas.size) if what == "number" else float(areas.max(initial=0.0))
+
+
+def percolation(a: Answered, sign: float) -> float:
+    """Return the share of the area, by closeness times `sign`, that first percolates."""
+    closeness = np.where(a.pressure > 0, a.pressure / a.pressure.max(), 0.0)
+    apart = a.pressure <= 0
+    closeness[apart] = -a.field("gap")[apart] / np.ptp(a.scene.surface.heights)
+    return interface.percolation_share(sign * closeness)
 
 
 def summit_curvature(a: Answered) -> float:

@@ -254,6 +254,7 @@ def _registry() -> dict[str, Method]:
             _bem,
             "bem",
             BemTable,
+            follows_unloading=True,
             pilot={"area_tolerance": 1e-4},
         ),
         Method(

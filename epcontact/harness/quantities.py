@@ -16,10 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 
 from epcontact.errors import InvalidCase, nearest
 from epcontact.harness import measurements
 from epcontact.harness.distances import l2_distance
+from epcontact.harness.interface import Branch
 from epcontact.harness.measurements import Answered
 from epcontact.reference import CLOSED_FORMS
 from epcontact.reference.roughness import rms_slope
@@ -217,6 +219,9 @@ _REPORTED = (
     ),
 )
 
+# What the load does next, by the branch of the load path.
+_BRANCHES: tuple[tuple[Branch, str], ...] = (("loading", "grows"), ("unloading", "falls"))
+
 _MEASURED = (
     Quantity(
         "quantity.surface_rms_height",
@@ -275,6 +280,58 @@ _MEASURED = (
         "(int sigma dF + hardness A_pl)/p0 - 1 of the reported distribution",
         ("fields",),
         measurements.carried,
+    ),
+    *(
+        Quantity(
+            f"quantity.{name}_{branch}",
+            unit,
+            f"{meaning}, if the load {change} next",
+            ("fields",),
+            partial(function, branch=branch),
+        )
+        for name, unit, meaning, function in (
+            (
+                "stiffness",
+                "Pa/m",
+                "d(mean pressure)/d(approach of the mean planes)",
+                measurements.stiffness,
+            ),
+            (
+                "conductance",
+                "1/m",
+                "contact conductance per nominal area times the sum of the bodies' resistivities",
+                measurements.conductance,
+            ),
+        )
+        for branch, change in _BRANCHES
+    ),
+    *(
+        Quantity(
+            f"quantity.{part}_patches{suffix}",
+            "–",
+            f"{meaning} of {part} contact",
+            ("fields",),
+            partial(measurements.patches_of, part=part, what=what),
+        )
+        for part in ("total", "elastic", "plastic")
+        for suffix, what, meaning in (
+            ("", "number", "number of connected patches"),
+            ("_largest", "largest", "share of the nominal area in the largest patch"),
+        )
+    ),
+    Quantity(
+        "quantity.contact_percolation",
+        "–",
+        "share of the nominal area, the closest points first, that first connects across a period",
+        ("fields",),
+        partial(measurements.percolation, sign=1.0),
+    ),
+    Quantity(
+        "quantity.gap_percolation",
+        "–",
+        "share of the nominal area, the widest gaps first, that first connects across a period",
+        ("fields",),
+        partial(measurements.percolation, sign=-1.0),
     ),
     Quantity(
         "quantity.smallest_contact_pressure",

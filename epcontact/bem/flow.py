@@ -1,0 +1,81 @@
+"""Plastic flow as the memory of a capped contact: what a load leaves behind for the next one.
+
+Where the pressure is at the hardness the surface has flowed, and the gap g = u + z - h, which the
+solver leaves negative there, says how far.  The plastic displacement
+
+    w = -g  where the pressure is at the hardness,  0 elsewhere
+
+is what the flow has lowered the surface by.  On the surface h - w that is left, the same pressures
+solve the *elastic* contact problem at the same load: the gap g + w is nowhere negative, and is zero
+wherever there is pressure.  So a smaller load meets an elastic contact on h - w, which is the
+unloading branch; a larger one meets the capped contact on h - w and adds to w.  The idea is that of
+Almqvist, Sahlin, Larsson and Glavatskih, Tribology International 40 (2007) 574.
+
+While the load grows, no pressure of a half-space falls, hence w only grows, and one solve on the
+surface from which the loading began gives the same answer as many on the way.  So the flow needs to
+be taken over only where the path turns down.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.bem.problem import GridProblem, PressureSolution
+from epcontact.errors import InvalidScene
+from epcontact.results import FloatArray
+
+
+def checked_plastic_displacement(given: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
+    """A plastic displacement as a finite float64 array of the grid's shape, nowhere negative.
+
+    Raises:
+        InvalidScene: it is not that.
+    """
+    w = np.array(given, dtype=np.float64)
+    if w.shape != shape or not (np.isfinite(w).all() and w.min() >= 0):
+        raise InvalidScene(
+            f"plastic_displacement has shape {w.shape}, but finite lengths of at least 0 m in an "
+            f"array of shape {shape} are needed"
+        )
+    return w
+
+
+def unloaded(problem: GridProblem) -> PressureSolution:
+    """The answer at no load: no pressure, and the flat on the highest point."""
+    nothing = np.zeros(problem.shape)
+    residuals = dict.fromkeys(("gap_elastic", "gap_sign", "bounds", "force"), 0.0)
+    counts = dict.fromkeys(("newton", "cg", "gradient", "fft_pairs", "equivalent_fft_pairs"), 0.0)
+    return PressureSolution(
+        nothing, nothing.copy(), float(problem.heights.max()), residuals, counts, ()
+    )
+
+
+def flowed(
+    problem: GridProblem, solution: PressureSolution, before: FloatArray | None
+) -> FloatArray:
+    """The plastic displacement in m after a load.
+
+    Args:
+        problem: the problem that was solved, on the heights that `before` has left.
+        solution: its solution.
+        before: the plastic displacement before the load; None: there was none.
+    """
+    gap = solution.displacement + (solution.offset - problem.heights)
+    gap[solution.pressure < problem.hardness] = 0.0
+    more = np.abs(np.minimum(gap, 0.0, out=gap), out=gap)
+    return more if before is None else np.add(before, more, out=more)
+
+
+def at_hardness_again(problem: GridProblem, solution: PressureSolution, before: FloatArray) -> None:
+    """Put pressures on the hardness, in place, that have come back to it within their error.
+
+    When a load returns to the largest one before it, both the gap and the distance of the pressure
+    from the hardness vanish where the surface has flowed, so that rounding would decide which of
+    these points count as plastic.  The error of a pressure is that of the gap, divided by the
+    compliance of the shortest wave.
+    """
+    pressure = solution.pressure
+    error = max(solution.residuals.values()) * problem.gap_scale() / problem.symbol.shortest()
+    back = (before > 0) & (pressure >= problem.hardness - error)
+    pressure[back] = problem.hardness

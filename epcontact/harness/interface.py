@@ -1,0 +1,222 @@
+"""The interface under load: its stiffness, its conductance, and the patches of contact and of gap.
+
+They are computed from the fields of a result by any method, with the compliance of
+`reference.layers`, so they check a solver as well as describe a contact.
+
+Stiffness.  While no point changes its state, a change of the load is carried by the contact that
+is not flowing, on which the gap stays zero:
+
+    S dp + dz = 0 on F,   dp = 0 elsewhere,   k = d(mean p)/d(-z),
+
+z being the separation of the flat from the mean of the surface.  On the *loading* branch F is the
+elastic contact, because the points at the hardness carry no more; on the *unloading* branch all of
+the contact is elastic, so the interface is stiffer.
+
+Conductance.  By the analogy of Barber (Proc. R. Soc. Lond. A 459, 53 (2003)), the current through
+the contact of two half-spaces follows the same equations as the change of the pressure:
+
+    conductance per nominal area = 2 k/(E* rho),
+
+rho being the sum of the resistivities of the two bodies (electrical in ohm m, thermal in m K/W).
+For one circle of radius a, k times the area is 2 a E*, and the resistance is rho/(4 a) (Holm).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import LinearOperator, cg
+
+from epcontact.errors import InvalidCase, NotConverged
+from epcontact.moduli import effective_modulus
+from epcontact.reference.layers import compliance
+from epcontact.results import APART, ELASTIC, ContactResult
+from epcontact.scene import Scene
+
+Branch = Literal["loading", "unloading"]
+Mask = NDArray[np.bool_]
+
+_REDUCTION = 1e-12  # of the residual of the linear solve
+
+
+def carrying(result: ContactResult, branch: Branch) -> Mask:
+    """Return the mask of the points that carry a change of the load.
+
+    Raises:
+        InvalidCase: the result has no states, or the branch is unknown.
+    """
+    state = result.fields.get("state")
+    if state is None:
+        raise InvalidCase(f"{result.method} gives no field 'state' to find the contact by")
+    if branch not in ("loading", "unloading"):
+        raise InvalidCase(f"branch is {branch!r}, but must be loading or unloading")
+    return np.asarray(state == ELASTIC if branch == "loading" else state != APART)
+
+
+def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> float:
+    """Return the stiffness of the interface at the last load, per nominal area.
+
+    Args:
+        scene: the scene.
+        result: the answer to it, with the field state.
+        branch: "loading" if the load grows next, "unloading" if it falls.
+
+    Returns:
+        d(mean pressure)/d(approach of the mean planes) in Pa/m.  The uniform compression of a layer
+        is not part of it.  Zero if nothing can carry more; infinite in full contact.
+
+    Raises:
+        InvalidCase: the result has no states, or the branch is unknown.
+        NotConverged: the linear solve did not converge.
+
+    Example:
+        Flat strips over half of each period L approach by (2 p L/(pi E*)) ln(1/sin(pi/4)).
+
+        >>> from epcontact import Load, Material, Surface, bem
+        >>> heights = np.where(np.arange(1024) < 512, 0.0, -1.0)
+        >>> scene = Scene(Surface(heights, (1.0,)), Material(1.0, 0.0), Load(0.01))
+        >>> k = interface_stiffness(scene, bem.solve(scene), "loading")
+        >>> round(k * 2 / math.pi * math.log(1 / math.sin(math.pi / 4)), 2)
+        1.0
+    """
+    mask = carrying(result, branch)
+    n = int(mask.sum())
+    if n == 0:
+        return 0.0
+    if n == mask.size:
+        return math.inf
+    columns = mask.shape[-1] // 2 + 1
+    C = compliance(scene)[..., :columns].copy()
+    C.flat[0] = 0.0
+    with np.errstate(divide="ignore"):
+        inverse = np.where(C > 0, 1 / C, 0.0)
+
+    def times(modes: NDArray[np.floating], x: NDArray[np.floating]) -> NDArray[np.floating]:
+        """The symbol `modes` applied to forces on F, on F and without its mean."""
+        field = np.zeros(mask.shape)
+        field[mask] = x - x.mean()
+        answer = np.fft.irfftn(modes * np.fft.rfftn(field), mask.shape, axes=range(mask.ndim))
+        return np.asarray(answer[mask] - answer[mask].mean())
+
+    uniform = np.where(mask, mask.size / n, 0.0)  # a unit of mean pressure
+    displaced = np.fft.irfftn(C * np.fft.rfftn(uniform), mask.shape, axes=range(mask.ndim))
+    right = displaced[mask].mean() - displaced[mask]
+    S = LinearOperator((n, n), matvec=lambda x: times(C, x), dtype=np.float64)
+    M = LinearOperator((n, n), matvec=lambda r: times(inverse, r), dtype=np.float64)
+    x, failed = cg(S, right, rtol=_REDUCTION, atol=0.0, maxiter=2000, M=M)
+    if failed:
+        raise NotConverged("the stiffness of the interface did not converge in 2000 iterations")
+    change = uniform
+    change[mask] += x - x.mean()
+    displaced = np.fft.irfftn(C * np.fft.rfftn(change), mask.shape, axes=range(mask.ndim))
+    return 1 / float(displaced[mask].mean())
+
+
+def contact_conductance(scene: Scene, stiffness: float, resistivity: float) -> float:
+    """Return the conductance of the contact per nominal area, by Barber's analogy.
+
+    Args:
+        scene: the scene; the analogy holds for half-spaces.
+        stiffness: of the interface in Pa/m, on the branch of interest.
+        resistivity: sum of the resistivities of the two bodies, in ohm m (electrical) or m K/W
+            (thermal).
+
+    Returns:
+        In S/m^2 or W/(K m^2).
+
+    Raises:
+        InvalidCase: the body is a layer, or the resistivity is not positive.
+
+    Example:
+        >>> from epcontact import Load, Material, Surface
+        >>> scene = Scene(Surface(np.zeros(4), (1.0,)), Material(2.0, 0.0), Load(1.0))
+        >>> contact_conductance(scene, stiffness=3.0, resistivity=0.5)
+        6.0
+    """
+    if scene.body.kind != "half_space":
+        raise InvalidCase("Barber's analogy gives the conductance of half-spaces, not of a layer")
+    if not 0 < resistivity < math.inf:
+        raise InvalidCase(f"resistivity is {resistivity!r}, but must be a positive number")
+    return 2 * stiffness / (effective_modulus(scene.material) * resistivity)
+
+
+@dataclass(frozen=True)
+class Patches:
+    """The connected patches of a mask on a periodic grid.
+
+    Attributes:
+        areas: (n,) their areas over the nominal area, the largest first.
+        spans: True if a patch connects with its own periodic image: it percolates.
+    """
+
+    areas: NDArray[np.float64]
+    spans: bool
+
+
+def patches(mask: Mask) -> Patches:
+    """Find the patches of a mask; points join over their four sides, periodically.
+
+    Args:
+        mask: (nx, ny) or (nx,).
+
+    Example:
+        >>> found = patches(np.array([True, False, True, True]))
+        >>> found.areas.tolist(), found.spans
+        ([0.75], False)
+    """
+    labels, number = label(mask)
+    if number == 0:
+        return Patches(np.zeros(0), spans=False)
+    points = np.bincount(_joined(labels, number)[labels[labels > 0]])
+    areas = np.sort(points[points > 0])[::-1] / mask.size
+    # A patch that is connected with its own image is one patch of two periods; others are two.
+    doubled = (np.concatenate([mask, mask], axis) for axis in range(mask.ndim))
+    return Patches(areas, spans=any(_number(mask) < 2 * areas.size for mask in doubled))
+
+
+def percolation_share(closeness: NDArray[np.floating]) -> float:
+    """Return the smallest share of the nominal area, the closest points first, that percolates.
+
+    Args:
+        closeness: (nx, ny), larger where the surfaces are closer: for example minus the gap.  With
+            its sign changed, the same function gives the share at which the open gap percolates.
+
+    Example:
+        >>> percolation_share(np.array([[3.0, 2.0, 1.0], [0.0, -1.0, -2.0]]))
+        0.5
+    """
+    order = np.argsort(-closeness, axis=None, kind="stable")
+    fewest, most = 0, closeness.size  # all points percolate, none does not
+    while most - fewest > 1:
+        middle = (fewest + most) // 2
+        mask = np.zeros(closeness.size, dtype=bool)
+        mask[order[:middle]] = True
+        if patches(mask.reshape(closeness.shape)).spans:
+            most = middle
+        else:
+            fewest = middle
+    return most / closeness.size
+
+
+def _number(mask: Mask) -> int:
+    labels, number = label(mask)
+    return len(np.unique(_joined(labels, number)[1:]))
+
+
+def _joined(labels: NDArray[np.intp], number: int) -> NDArray[np.intp]:
+    """The number of the periodic patch of each label, (number + 1,)."""
+    pairs = []
+    for axis in range(labels.ndim):
+        first, last = np.take(labels, 0, axis).ravel(), np.take(labels, -1, axis).ravel()
+        both = (first > 0) & (last > 0)
+        pairs.append(np.stack([first[both], last[both]]))
+    i, j = np.concatenate(pairs, axis=1)
+    graph = coo_array((np.ones(i.size), (i, j)), shape=(number + 1, number + 1))
+    return np.asarray(connected_components(graph, directed=False)[1])

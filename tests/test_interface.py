@@ -1,0 +1,132 @@
+"""Stiffness, conductance and patches of an interface under load."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from epcontact import (
+    Body,
+    InvalidCase,
+    Load,
+    Material,
+    Scene,
+    SelfAffineSpectrum,
+    Surface,
+    bem,
+    results,
+)
+from epcontact.harness.interface import (
+    contact_conductance,
+    interface_stiffness,
+    patches,
+    percolation_share,
+)
+from epcontact.surfaces import SelfAffine
+
+
+def strips(n: int, share: float = 0.5) -> Scene:
+    """Flat strips of a half-space of E* = 1 over a share of each unit period."""
+    heights = np.where(np.arange(n) < round(share * n), 0.0, -1.0)
+    return Scene(Surface(heights, (1.0,)), Material(1.0, 0.0), Load(0.01))
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5, 0.75])
+def test_the_stiffness_of_flat_strips_converges_to_the_closed_form(share: float) -> None:
+    """p L/(pi E*) 2 ln(1/sin(pi a/L)), a being half of the strip: first order in the spacing."""
+    exact = math.pi / 2 / math.log(1 / math.sin(math.pi * share / 2))
+    errors = []
+    for n in (64, 256, 1024):
+        scene = strips(n, share)
+        errors.append(interface_stiffness(scene, bem.solve(scene), "loading") / exact - 1)
+    assert abs(errors[-1]) < 0.004
+    assert abs(errors[1] / errors[0]) < 0.3
+    assert abs(errors[2] / errors[1]) < 0.3
+
+
+ROUGH = SelfAffine(
+    SelfAffineSpectrum(0.8, 2 * math.pi, 8 * math.pi, 32 * math.pi, rms_slope=0.1),
+    (1.0, 1.0),
+    (64, 64),
+    seed=31,
+).build()
+
+
+@pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 0.2)], ids=lambda b: b.kind)
+def test_the_stiffness_is_the_derivative_of_the_load_on_both_branches(body: Body) -> None:
+    """Finite differences over load changes that move no front are exact to 1e-6."""
+    p, change = 0.005, 2e-6
+    flowing = Material(1.0, 0.3, hardness=0.06)
+
+    def separation(*path: float) -> float:
+        scene = Scene(ROUGH, flowing, Load(path), body)
+        return bem.solve(scene, tolerance=1e-13).final.quantities["mean_separation"]
+
+    scene = Scene(ROUGH, flowing, Load(p), body)
+    at = bem.solve(scene, tolerance=1e-13)
+    here = at.final.quantities["mean_separation"]
+    found = {branch: interface_stiffness(scene, at, branch) for branch in ("loading", "unloading")}
+    up = change * p / (here - separation(p * (1 + change)))
+    down = change * p / (separation(p, p * (1 - change)) - here)
+    assert found["loading"] == pytest.approx(up, rel=1e-6)
+    assert found["unloading"] == pytest.approx(down, rel=1e-6)
+    assert found["unloading"] > 1.02 * found["loading"]
+
+
+def test_conductance_is_for_half_spaces_and_needs_a_resistivity() -> None:
+    scene = strips(16)
+    assert contact_conductance(scene, 3.0, 0.5) == pytest.approx(12.0)
+    with pytest.raises(InvalidCase, match="resistivity is -1"):
+        contact_conductance(scene, 3.0, -1.0)
+    layer = replace(scene, body=Body("sliding_layer", 1.0))
+    with pytest.raises(InvalidCase, match="half-spaces, not of a layer"):
+        contact_conductance(layer, 3.0, 0.5)
+
+
+def test_nothing_that_can_carry_has_no_stiffness_and_full_contact_is_rigid() -> None:
+    scene = strips(16)
+    result = bem.solve(scene)
+    nothing = replace(result, fields={"state": np.full(16, results.APART)})
+    assert interface_stiffness(scene, nothing, "unloading") == 0.0
+    full = replace(result, fields={"state": np.full(16, results.ELASTIC)})
+    assert interface_stiffness(scene, full, "loading") == math.inf
+    with pytest.raises(InvalidCase, match="branch is 'up'"):
+        interface_stiffness(scene, result, "up")  # type: ignore[arg-type]
+    with pytest.raises(InvalidCase, match="no field 'state'"):
+        interface_stiffness(scene, replace(result, fields={}), "loading")
+
+
+def picture(*rows: str) -> np.ndarray:
+    return np.array([[c == "x" for c in row] for row in rows])
+
+
+@pytest.mark.parametrize(
+    ("mask", "areas", "spans"),
+    [
+        (picture("x..x", "....", "....", "x..x"), [4], False),  # one patch over the corner
+        (picture("xxxx", "....", "....", "...."), [4], True),
+        (picture("x...", "xx..", ".xx.", "..xx"), [7], False),
+        (picture("xx..", ".xx.", "..xx", "x..x"), [8], True),  # winds around both periods once
+        (picture("x.x.", "....", "x.x.", "...."), [1, 1, 1, 1], False),
+        (picture("....", "....", "....", "...."), [], False),
+        (picture("xxxx", "xxxx", "xxxx", "xxxx"), [16], True),
+    ],
+)
+def test_patches_join_over_the_period(mask: np.ndarray, areas: list[int], spans: bool) -> None:
+    for turned in (mask, mask.T, np.roll(mask, (1, 2), (0, 1))):
+        found = patches(turned)
+        np.testing.assert_array_equal(found.areas * 16, areas)
+        assert found.spans == spans
+
+
+def test_a_line_percolates_only_if_all_of_it_touches() -> None:
+    assert percolation_share(np.arange(8.0)) == 1.0
+    assert not patches(np.arange(8) > 0).spans
+
+
+def test_the_closest_and_the_widest_points_percolate_at_complementary_shares_on_noise() -> None:
+    """On independent sites of a square lattice joined over their sides the threshold is .5927."""
+    field = np.random.default_rng(4).normal(size=(128, 128))
+    assert percolation_share(field) == pytest.approx(0.5927, abs=0.02)
+    assert percolation_share(-field) == pytest.approx(0.5927, abs=0.02)
