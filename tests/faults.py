@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from epcontact import bem
+from epcontact.bem import driver
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.errors import NotConverged
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution
@@ -22,7 +22,7 @@ from epcontact.scene import Body, Load, Scene
 
 def honest(scene: Scene) -> ContactResult:
     """No fault: what the others are measured against."""
-    return bem.solve(scene, threads=1)
+    return driver.solve(scene, threads=1)
 
 
 # --- material and load ---------------------------------------------------------------------------
@@ -176,7 +176,7 @@ def no_compression(scene: Scene) -> ContactResult:
 
 def impatient(scene: Scene) -> ContactResult:
     """Stops as soon as the areas move by less than a tenth, and calls it converged."""
-    return bem.solve(scene, threads=1, area_tolerance=0.1)
+    return driver.solve(scene, threads=1, area_tolerance=0.1)
 
 
 def tensile(scene: Scene) -> ContactResult:
@@ -296,7 +296,7 @@ def _with_heights(scene: Scene, heights: np.ndarray) -> Scene:
 def _with_compliance(scene: Scene, change: Any) -> ContactResult:
     q = rfft_wavenumbers(scene.surface.shape, scene.surface.periods)
     C = surface_compliance(q, scene.body, scene.material)
-    return bem.solve(scene, threads=1, compliance=change(q, C))
+    return driver.solve(scene, threads=1, compliance=change(q, C))
 
 
 def _with_pressure(result: ContactResult, pressure: np.ndarray) -> ContactResult:

@@ -1,0 +1,244 @@
+"""Faults of the boundary elements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import faults
+import numpy as np
+
+from breaking.fault import Fault, at, changed, given, on_result, quantity, solver
+from epcontact.results import APART, ELASTIC, PLASTIC, Areas, PressureDistribution
+
+B = "epcontact.bem."
+
+
+def _wrong(what: str, wrong: Callable[..., Any], *seen: Any) -> Fault:
+    return Fault(what, "bem", solver(wrong), *seen)
+
+
+def _reported(what: str, name: str, change: Callable[[float], float], *seen: Any) -> Fault:
+    return Fault(what, "bem", quantity(B + "solve", name, change), *seen)
+
+
+def _with_field(name: str, change: Callable[..., Any]) -> Any:
+    def wrong(result: Any) -> Any:
+        return replace(result, fields=dict(result.fields) | {name: change(result.fields[name])})
+
+    return on_result(B + "solve", wrong)
+
+
+def _turned_state(state: Any) -> Any:
+    out = np.full_like(state, APART)
+    out[state == ELASTIC], out[state == PLASTIC] = PLASTIC, ELASTIC
+    return out
+
+
+def _layer_with(**changes: float) -> Any:
+    return lambda q, body, material: (q, body, replace(material, **changes))
+
+
+def _estimated(change: Callable[..., Any]) -> Any:
+    return on_result(B + "driver.estimate_areas", lambda found: change(*found))
+
+
+def _total_alone(raw: Areas, good: Areas, error: Areas) -> tuple[Areas, Areas, Areas]:
+    return raw, Areas(good.total, good.total - raw.plastic, raw.plastic), error
+
+
+def _largest_rows_first(original: Any) -> Any:
+    def wrong(values: Any, shape: Any) -> Any:
+        symbol = original(values, shape)
+        return replace(symbol, rows=np.roll(symbol.rows, 1))
+
+    return wrong
+
+
+def _longest_first(path: tuple[float, ...]) -> tuple[float, ...]:
+    return path[::-1]
+
+
+FAULTS = (
+    # material, load and cap
+    _wrong("the modulus 5 % too high", faults.stiff, "westergaard-line", "quantity.mean_gap"),
+    _wrong("E for E*", faults.plane_stress, "hertz-sphere", "area.total.corrected"),
+    _wrong("2 % of the load lost", faults.light, "rough-elastic", "quantity.measured_force"),
+    _wrong("half the load", faults.first_load, "punch-strip", "quantity.measured_force"),
+    _wrong("the cap lost", faults.no_cap, "rough-capped", "quantity.measured_bounds"),
+    _wrong("the cap 3 % too low", faults.low_cap, "punch-capped", "area.plastic.corrected"),
+    _wrong("the cap 3 % too high", faults.high_cap, "punch-capped", "area.plastic.corrected"),
+    _wrong("pressures clipped at the cap", faults.clipped, "rough-capped",
+        "quantity.measured_force"),
+    _wrong(
+        "pressures clipped and scaled", faults.clipped_and_scaled,
+        "rough-capped", "quantity.measured_gap",
+    ),
+    # heights
+    _wrong("the surface upside down", faults.upside_down, "full-contact", "field.pressure"),
+    _wrong("periods exchanged", faults.transposed, "westergaard-surface", "field.pressure"),
+    _wrong("heights half a cell off", faults.half_cell, "full-contact", "field.pressure"),
+    _wrong("fields an eighth of the grid off", faults.shifted, "westergaard-line",
+        "field.pressure"),
+    _wrong("every second point solved", faults.coarse, "rough-elastic", "quantity.measured_gap"),
+    Fault(
+        "rows for columns in the pressure", "bem",
+        _with_field("pressure", lambda p: p.T.reshape(p.shape)),
+        "full-contact", "field.pressure",
+    ),
+    Fault(
+        "the first axis turned round", "bem", _with_field("pressure", lambda p: p[::-1]),
+        "full-contact", "field.pressure",
+    ),
+    # kernel
+    _wrong("half the compliance", faults.half_compliance, "hertz-cylinder", "area.total.corrected"),
+    _wrong(
+        "cycles for radians", faults.cycles_for_radians, "waviness-light", "area.total.corrected"
+    ),
+    _wrong("a difference kernel", faults.difference_kernel, "full-contact", "field.pressure"),
+    _wrong("no depth", faults.no_depth, "layer-bonded", "field.pressure"),
+    _wrong("bonded for sliding", faults.wrong_base, "layer-sliding", "field.pressure"),
+    _wrong("no compression", faults.no_compression, "layer-bonded", "quantity.elastic_energy"),
+    Fault(
+        "1 - nu for 1 - nu^2 in the kernel", "bem",
+        at(B + "kernel.effective_modulus", lambda m: m.young_modulus / (1 - m.poisson_ratio)),
+        "hertz-cylinder", "area.total.corrected",
+    ),
+    Fault(
+        "nu of the layer off by a tenth", "bem",
+        given(B + "kernel.surface_compliance", _layer_with(poisson_ratio=0.33)),
+        "layer-bonded", "field.pressure",
+    ),
+    Fault(
+        "half the depth of a layer", "bem",
+        given(
+            B + "kernel.surface_compliance",
+            lambda q, body, m: (q, replace(body, depth=body.depth / 2), m),
+        ),
+        "layer-sliding", "field.pressure",
+    ),
+    Fault(
+        "the sides of the grid exchanged in the kernel", "bem",
+        given(B + "driver.quarter_compliance", lambda n, L, *rest: (n, L[::-1], *rest)),
+        "full-contact", "field.pressure",
+    ),
+    Fault(
+        "E for the modulus of uniaxial strain", "bem",
+        at(B + "driver.oedometric_modulus", lambda m: m.young_modulus),
+        "layer-bonded", "quantity.elastic_energy",
+    ),
+    Fault(
+        "the rows of the modes off by one", "bem",
+        changed(B + "transforms.Symbol.from_quarter", _largest_rows_first),
+        "full-contact", "field.pressure",
+    ),
+    Fault(
+        "the compliance of a wave twice as long", "bem",
+        given(B + "kernel.surface_compliance", lambda q, *rest: (q / 2, *rest)),
+        "westergaard-light", "quantity.mean_gap",
+    ),
+    # solver
+    _wrong("impatient", faults.impatient, "rough-capped", "quantity.measured_gap"),
+    _wrong("gaps closed by tension", faults.tensile, "rough-elastic", "quantity.measured_bounds"),
+    _wrong(
+        "single precision", faults.single_precision, "rough-elastic", "quantity.measured_force"
+    ),
+    Fault(
+        "a tolerance a thousand times too large", "bem",
+        changed(B + "solve",
+            lambda f: lambda scene, **options: f(scene, **options | {"tolerance": 1e-5})),
+        "rough-elastic", "quantity.measured_gap",
+    ),
+    Fault(
+        "the force of a projection a thousandth too large", "bem",
+        given(B + "solver.project", lambda w, cap, total, *rest: (w, cap, 1.001 * total, *rest)),
+        "rough-capped", "quantity.measured_force", status="error",
+    ),
+    # area estimate
+    _wrong(
+        "raw called corrected", faults.raw_called_corrected, "hertz-sphere", "area.total.corrected"
+    ),
+    _wrong(
+        "corrected called raw", faults.corrected_called_raw,
+        "rough-elastic", "quantity.measured_raw_total",
+    ),
+    _wrong(
+        "corrected the wrong way", faults.corrected_the_wrong_way,
+        "hertz-sphere-dense", "area.total.corrected",
+    ),
+    _wrong(
+        "elastic called total", faults.elastic_called_total, "bearing-area", "area.total.raw"
+    ),
+    _wrong(
+        "plastic points counted by the gap", faults.plastic_from_gap,
+        "rough-capped", "quantity.measured_raw_plastic",
+    ),
+    Fault(
+        "the plastic area not corrected", "bem", _estimated(_total_alone),
+        "paper-elastoplastic", "area.plastic.corrected", "persson", surfaces=1,
+    ),
+    Fault(
+        "elastic and plastic area exchanged", "bem",
+        _estimated(lambda *areas: tuple(Areas(a.total, a.plastic, a.elastic) for a in areas)),
+        "punch-capped", "area.plastic.corrected",
+    ),
+    Fault(
+        "E for E* in the area estimate", "bem",
+        given(B + "driver.estimate_areas", lambda p, g, H, d, E: (p, g, H, d, 0.91 * E)),
+        "hertz-cylinder", "area.total.corrected",
+    ),
+    Fault(
+        "gap of the wrong sign in the area estimate", "bem",
+        given(B + "driver.estimate_areas", lambda p, g, *rest: (p, -g, *rest)),
+        "hertz-cylinder", "area.total.corrected",
+    ),
+    Fault(
+        "half the offset of a front", "bem",
+        changed(B + "areas.rim_correction.OFFSETS", lambda table: table / 2),
+        "hertz-sphere", "area.total.corrected",
+    ),
+    # distribution
+    _wrong("the plastic part lost", faults.lost_delta, "rough-capped", "quantity.measured_carried"),
+    _wrong(
+        "normalised by the contact", faults.of_the_contact,
+        "rough-capped", "quantity.measured_carried",
+    ),
+    Fault(
+        "a distribution of 64 bins", "bem",
+        given(B + "driver.pressure_distribution", lambda p, H, bins: (p, H, 64)),
+        "westergaard-line", "distribution",
+    ),
+    Fault(
+        "pressures of the distribution in units of p0", "bem",
+        on_result(
+            B + "driver.pressure_distribution",
+            lambda d: PressureDistribution(d.pressure / 1e8, d.cumulative, d.plastic),
+        ),
+        "westergaard-line", "distribution",
+    ),
+    Fault(
+        "a distribution of the density, not cumulative", "bem",
+        on_result(
+            B + "driver.pressure_distribution",
+            lambda d: PressureDistribution(
+                d.pressure, np.concatenate([[0.0], np.diff(d.cumulative)]), d.plastic
+            ),
+        ),
+        "rough-elastic", "quantity.measured_carried",
+    ),
+    # further quantities and fields
+    _wrong("the gap of the wrong sign", faults.gap_sign, "westergaard-line", "field.gap"),
+    _reported(
+        "energy not halved", "elastic_energy", lambda U: 2 * U,
+        "westergaard-line", "quantity.elastic_energy",
+    ),
+    _reported(
+        "mean gap over the open area", "mean_gap", lambda g: g / 0.63,
+        "westergaard-line", "quantity.mean_gap",
+    ),
+    _reported(
+        "largest pressure in GPa", "largest_pressure", lambda p: p / 1e9,
+        "westergaard-line", "quantity.largest_pressure",
+    ),
+)  # fmt: skip

@@ -1,0 +1,180 @@
+"""A deliberate fault: what is wrong, the patch that makes it so, and what must see it."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib
+import io
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from epcontact.harness.case import Case, load_case
+from epcontact.harness.gates import FALLS_SHORT, GateVerdict
+from epcontact.harness.methods import METHODS
+from epcontact.harness.verdict import verify
+
+Patch = Callable[[pytest.MonkeyPatch], None]
+TESTS = Path(__file__).parents[1]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault.
+
+    Attributes:
+        what: the mistake in words.
+        room: the package in which it is made.
+        patch: makes it.
+        case, quantity, against: the gate that must turn red; against None: the only gate on the
+            quantity, or all of them.
+        norm: of the gate, where there are gates of several norms on the quantity.
+        test: the test that must fail instead, if no gate sees the fault.
+        surfaces: so many of the case's are solved; None: all.  One surface has no interval, but a
+            band that holds eight of them also holds any one within 2.5 standard deviations.
+        status: what becomes of the gate.
+    """
+
+    what: str
+    room: str
+    patch: Patch
+    case: str = ""
+    quantity: str = ""
+    against: str | float | None = None
+    norm: str = ""
+    test: str = ""
+    surfaces: int | None = None
+    status: str = FALLS_SHORT
+
+    @property
+    def seen_by(self) -> str:
+        """What shows the fault: a bare "verify", "cases" (pytest cases) or a "test"."""
+        if self.test:
+            return "test"
+        return "verify" if honest_case(self.case).verify else "cases"
+
+
+honest_case = functools.cache(load_case)
+
+
+def gate_under(fault: Fault, output: Path) -> GateVerdict:
+    """Judge the fault's gate alone, with the methods that it needs; the first if there are several.
+
+    With the fault's patch in place this is what `epcontact verify` finds under the fault.
+    """
+    case = _only(honest_case(fault.case), fault)
+    return verify(case, jobs=1, output=output, fresh=True).cases[0].gates[0]
+
+
+def _only(case: Case, fault: Fault) -> Case:
+    gates = tuple(
+        gate for gate in case.gates
+        if gate.quantity == fault.quantity and fault.against in (None, gate.against)
+        and fault.norm in ("", gate.norm)
+    )  # fmt: skip
+    assert gates, f"{fault.case} has no gate {fault.quantity} against {fault.against}"
+    needed = {gates[0].of, gates[0].against}
+    methods = tuple(name for name in case.methods if name in needed)
+    return replace(case, gates=gates[:1], methods=methods, recipes=case.recipes[: fault.surfaces])
+
+
+# --- patches -------------------------------------------------------------------------------------
+
+
+def changed(path: str, change: Callable[[Any], Any]) -> Patch:
+    """Patch `module.attribute`, or `module.Class.attribute`, by `change(original)`."""
+
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        owner, attribute = _owner(path)
+        monkeypatch.setattr(owner, attribute, change(getattr(owner, attribute)))
+
+    return patch
+
+
+def _owner(path: str) -> tuple[Any, str]:
+    """Return the module, or the class in it, that has the last name of a path."""
+    above, _, attribute = path.rpartition(".")
+    try:
+        importlib.import_module(above)
+    except ModuleNotFoundError:
+        module, _, name = above.rpartition(".")
+        importlib.import_module(module)
+        return getattr(sys.modules[module], name), attribute
+    # Some packages shadow a module by a function of its name: ask the table of modules.
+    return sys.modules[above], attribute
+
+
+def at(path: str, value: Any) -> Patch:
+    """Patch `module.attribute` with a value."""
+    return changed(path, lambda original: value)
+
+
+def scaled(path: str, factor: float) -> Patch:
+    """The result of a function multiplied by a factor."""
+    return on_result(path, lambda result: result * factor)
+
+
+def on_result(path: str, wrong: Callable[[Any], Any]) -> Patch:
+    """What a function returns, passed through `wrong`."""
+
+    def change(original: Callable[..., Any]) -> Callable[..., Any]:
+        return functools.wraps(original)(lambda *args, **kwargs: wrong(original(*args, **kwargs)))
+
+    return changed(path, change)
+
+
+def given(path: str, wrong: Callable[..., Any]) -> Patch:
+    """A function called with the arguments (a tuple) that `wrong` makes of its own."""
+
+    def change(original: Callable[..., Any]) -> Callable[..., Any]:
+        return functools.wraps(original)(lambda *args, **kwargs: original(*wrong(*args), **kwargs))
+
+    return changed(path, change)
+
+
+def solver(wrong: Callable[[Any], Any]) -> Patch:
+    """A solver in the place of the boundary elements."""
+
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        answer = replace(METHODS["bem"], solve=lambda scene, options, threads: wrong(scene))
+        monkeypatch.setitem(METHODS, "bem", answer)
+
+    return patch
+
+
+def quantity(path: str, name: str, change: Callable[[float], float]) -> Patch:
+    """A quantity of a solver's last step, changed."""
+
+    def wrong(result: Any) -> Any:
+        last = result.final
+        values = dict(last.quantities) | {name: change(last.quantities[name])}
+        return replace(result, steps=(*result.steps[:-1], replace(last, quantities=values)))
+
+    return on_result(path, wrong)
+
+
+# --- faults that a test sees ---------------------------------------------------------------------
+
+
+def fails_under(fault: Fault, folder: Path) -> bool:
+    """True if the fault's test fails while the patch is in place.
+
+    The test's module is imported anew, so that its own names are those of the patched package.
+    """
+    name = Path(fault.test.partition("::")[0]).stem
+    kept = sys.modules.pop(name, None)
+    arguments = ["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", ""]
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            code = pytest.main([*arguments, f"--basetemp={folder}", str(TESTS.parent / fault.test)])
+    finally:
+        sys.modules.pop(name, None)
+        if kept is not None:
+            sys.modules[name] = kept
+    assert code in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED), code
+    return code == pytest.ExitCode.TESTS_FAILED

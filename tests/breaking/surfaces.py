@@ -1,0 +1,107 @@
+"""Faults of surfaces, spectra, filters and readers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from breaking.fault import Fault, changed, given, on_result, scaled
+
+S = "epcontact.surfaces."
+
+
+def _spectrum(**changes: Any) -> Any:
+    def wrong(spectrum: Any, *rest: Any) -> tuple[Any, ...]:
+        return (replace(spectrum, **{k: f(spectrum) for k, f in changes.items()}), *rest)
+
+    return wrong
+
+
+def _shape(what: str, patch: Any, *seen: Any, **more: Any) -> Fault:
+    return Fault(what, "surfaces", patch, *seen, **more)
+
+
+FAULTS = (
+    _shape(
+        "amplitude from valley to crest",
+        given(S + "shapes.surface_with",
+            lambda recipe, h, *rest: (recipe, 2 * np.asarray(h), *rest)),
+        "westergaard-line", "quantity.surface_rms_height",
+    ),
+    _shape(
+        "waves along y for waves along x",
+        on_result(
+            S + "shapes.Sinusoid.build",
+            lambda s: s if s.heights.ndim == 1 else replace(s,
+                heights=np.ascontiguousarray(s.heights.T.reshape(s.heights.shape))),
+        ),
+        "westergaard-surface", "field.pressure", status="error",
+    ),
+    _shape(
+        "radius for diameter", scaled(S + "shapes.squared_distance", 2.0),
+        "hertz-sphere", "quantity.surface_curvature",
+    ),
+    _shape(
+        "spherical cap for parabola",
+        changed(S + "shapes.Paraboloid.build",
+            lambda f: lambda r: f(replace(r, radius=0.99 * r.radius))),
+        "hertz-sphere", "quantity.surface_curvature",
+    ),
+    _shape(
+        "a punch four points too wide",
+        changed(
+            S + "shapes.FlatPunch.build",
+            lambda f: lambda r: f(replace(r, radius=r.radius + 2 * r.periods[0] / r.shape[0])),
+        ),
+        "punch-strip", "area.total.raw", 0.6,
+    ),
+    _shape(
+        "slope of the band 5 % off", scaled(S + "self_affine.grid_heights", 1.05),
+        "rough-elastic", "quantity.surface_rms_slope",
+    ),
+    _shape(
+        "Hurst exponent of the surface",
+        given(S + "self_affine.amplitude_shape", _spectrum(hurst=lambda s: s.hurst - 0.1)),
+        "rough-elastic", "quantity.surface_rms_height",
+    ),
+    _shape(
+        "no roll-off",
+        given(S + "self_affine.amplitude_shape",
+            _spectrum(wavenumber_roll_off=lambda s: s.wavenumber_low)),
+        "rough-elastic", "quantity.surface_rms_height",
+    ),
+    _shape(
+        "the band cut at half its highest wave number",
+        given(S + "self_affine.amplitude_shape",
+            _spectrum(wavenumber_high=lambda s: s.wavenumber_high / 2)),
+        "rough-elastic", "quantity.surface_rms_height",
+    ),
+    _shape(
+        "the longest waves left out",
+        given(S + "self_affine.amplitude_shape",
+            _spectrum(wavenumber_low=lambda s: 1.2 * s.wavenumber_low)),
+        "rough-elastic", "quantity.surface_rms_height",
+    ),
+    _shape(
+        "amplitudes of a line on a surface",
+        changed(S + "self_affine.amplitude_shape", lambda f: lambda s, q, dimension: f(s, q, 1)),
+        "rough-elastic", "quantity.surface_rms_height",
+    ),
+    _shape(
+        "the power spectrum for the amplitudes",
+        changed(S + "self_affine.amplitude_shape",
+            lambda f: lambda s, q, dimension: f(s, q, dimension) ** 2),
+        "rough-elastic", "quantity.surface_rms_height",
+    ),
+    _shape(
+        "the shortest ring of waves left out",
+        on_result("epcontact.persson.roughness.radial_spectrum",
+            lambda r: replace(r,
+                slope_variance=np.where(
+                    r.wavenumber < 0.95 * r.wavenumber[r.slope_variance > 1e-9].max(),
+                    r.slope_variance, 0))),
+        "theory-surface", "quantity.rms_slope",
+    ),
+)  # fmt: skip

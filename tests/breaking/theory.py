@@ -1,0 +1,164 @@
+"""Faults of Persson's theory."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.special import erf
+
+from breaking.fault import Fault, at, changed, given, on_result, scaled
+from epcontact.persson.elastoplastic import ContactAreas
+
+P = "epcontact.persson."
+
+
+def _without_hardness(G: Any, p0: Any, hardness: Any = np.inf) -> tuple[Any, ...]:
+    return G, p0, np.inf
+
+
+def _a_third(G: Any, p0: Any, hardness: Any = np.inf) -> tuple[Any, ...]:
+    return G, p0, hardness / 3
+
+
+def _with_rule(rule: str) -> Any:
+    return lambda reduction, *rest: (replace(reduction, rule=rule), *rest)
+
+
+FAULTS = (
+    Fault(
+        "factor 2 pi in the spectrum", "persson",
+        scaled(P + "roughness.slope_variance_up_to", 2 * math.pi),
+        "theory-elastoplastic", "quantity.rms_slope", 1.0,
+    ),
+    Fault(
+        "one half of the modes", "persson",
+        on_result(
+            P + "roughness.radial_spectrum",
+            lambda rings: replace(rings, slope_variance=rings.slope_variance / 2),
+        ),
+        "theory-surface", "quantity.rms_slope", "heights",
+    ),
+    Fault(
+        "gamma forgotten", "persson",
+        changed(P + "theory.reduced_diffusion", lambda f: lambda rule, tau, *rest: tau),
+        "theory-surface", "quantity.diffusion", "heights",
+    ),
+    Fault(
+        "gamma squared", "persson",
+        changed(
+            P + "theory.reduced_diffusion",
+            lambda f: lambda rule, tau, *rest: rule.gamma * f(rule, tau, *rest),
+        ),
+        "theory-surface", "quantity.diffusion", "heights",
+    ),
+    Fault(
+        "the variance of the pressure for half of it", "persson",
+        scaled(P + "theory.full_contact_diffusion", 2.0),
+        "theory-surface", "quantity.diffusion", "heights",
+    ),
+    Fault(
+        "E* for E*^2 in the diffusion", "persson",
+        given(P + "theory.full_contact_diffusion", lambda E, v: (math.sqrt(E), v)),
+        "theory-surface", "quantity.diffusion", "heights",
+    ),
+    Fault(
+        "E for E* in the theory", "persson",
+        at(P + "theory.effective_modulus", lambda material: material.young_modulus),
+        "theory-surface", "quantity.diffusion", "heights",
+    ),
+    Fault(
+        "another rule of the reduction than asked for", "persson",
+        given(P + "theory.reduced_diffusion", _with_rule("persson")),
+        "theory-surface", "quantity.diffusion", "heights",
+    ),
+    Fault(
+        "modes beyond the first forgotten", "persson", at(P + "series.MODES", np.ones((1, 1))),
+        "theory-elastoplastic", "area.elastic.raw",
+    ),
+    Fault(
+        "modes counted from 2", "persson",
+        at(P + "series.MODES", np.arange(2.0, 9.0)[:, None]),
+        "theory-elastoplastic", "area.elastic.raw",
+    ),
+    Fault(
+        "modes beyond the second forgotten", "persson",
+        at(P + "series.MODES", np.arange(1.0, 3.0)[:, None]),
+        "theory-elastoplastic", "area.elastic.raw",
+    ),
+    Fault(
+        "cosines for sines", "persson",
+        at(P + "series.sine", lambda n, s, r: np.cos(n * np.pi * s)),
+        "theory-elastoplastic", "area.plastic.raw",
+    ),
+    Fault(
+        "images beyond the first forgotten", "persson",
+        at(P + "series.elastic_images", lambda walk: np.asarray(erf(walk.s / walk.c))),
+        "theory-hard", "area.elastic.raw",
+    ),
+    Fault(
+        "plastic wall as far as the hardness twice", "persson",
+        given(P + "series.plastic_images", lambda walk: (replace(walk, r=2 * walk.r),)),
+        "theory-hard", "area.plastic.raw",
+    ),
+    Fault(
+        "the mass of a Gaussian over half its interval", "persson",
+        given(P + "series.gaussian_mass", lambda c, h, low: (c, h / 2, c - h / 2)),
+        "theory-hard", "area.plastic.raw",
+    ),
+    Fault(
+        "plastic and separated area swapped", "persson",
+        on_result(
+            P + "driver.areas", lambda a: ContactAreas(a.elastic, a.separated, a.plastic)
+        ),
+        "theory-hard", "area.plastic.raw",
+    ),
+    Fault(
+        "hardness ignored by the theory", "persson",
+        given(P + "driver.areas", _without_hardness), "theory-elastoplastic", "area.plastic.raw",
+    ),
+    Fault(
+        "yield stress for hardness in the theory", "persson",
+        given(P + "driver.areas", _a_third), "theory-elastoplastic", "area.plastic.raw",
+    ),
+    Fault(
+        "force not conserved by the theory", "persson",
+        scaled(P + "driver.elastic_force", 1.001), "theory-elastoplastic", "residual.force",
+    ),
+    Fault(
+        "force of the images of the wrong half", "persson",
+        given(P + "series.force_images", lambda walk: (walk.mirrored(),)),
+        "theory-hard", "residual.force",
+    ),
+    Fault(
+        "erfc for erf", "persson", changed(P + "series.erf", lambda f: lambda x: 1 - f(x)),
+        "theory-elastic", "area.total.raw",
+    ),
+    Fault(
+        "half the load in the theory", "persson",
+        given(P + "driver.areas", lambda G, p0, *rest: (G, p0 / 2, *rest)),
+        "theory-elastic", "area.total.raw",
+    ),
+    Fault(
+        "the separation of the theory a tenth too large", "persson",
+        scaled(P + "driver.mean_separation", 1.1),
+        "paper-elastic", "quantity.mean_gap", surfaces=1,
+    ),
+    Fault(
+        "first moment of the roughness for the zeroth", "persson",
+        given(P + "roughness.spectral_moment", lambda s, order, *rest: (s, 0, *rest)),
+        "paper-elastic", "quantity.mean_gap", surfaces=1,
+    ),
+    Fault(
+        "the distribution of the theory at half the load", "persson",
+        given(P + "driver.pressure_curve", lambda G, p0, *rest: (G, p0 / 2, *rest)),
+        "paper-elastoplastic", "distribution", norm="supremum", surfaces=1,
+    ),
+    Fault(
+        "the distribution of the theory without its plastic part", "persson",
+        on_result(P + "driver.pressure_curve", lambda curve: replace(curve, plastic=0.0)),
+        "paper-elastoplastic", "distribution", surfaces=1,
+    ),
+)  # fmt: skip
