@@ -1,4 +1,4 @@
-"""The load path: increments, halved where they do not converge, and the history between them."""
+"""The load path: its points, and the material's history between them."""
 
 from __future__ import annotations
 
@@ -10,18 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.errors import InvalidScene, NotConverged
-from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
+from epcontact.errors import InvalidScene
+from epcontact.results import APART, PLASTIC, FloatArray
 from epcontact.scene import Scene
 from fem_check import plasticity
-from fem_check.contact import States, rigid_contact
-from fem_check.linear_solver import eliminate, substitute
-from fem_check.newton import NewtonOptions, SolvedIncrement, solve_increment
+from fem_check.contact import States
+from fem_check.increments import Along, Rule, advance
+from fem_check.newton import SolvedIncrement
 from fem_check.plasticity import History
-from fem_check.problem import Control, Counts, Problem, State
-
-#: An increment that does not converge is halved at most this often.
-MOST_HALVINGS = 6
+from fem_check.problem import Counts, Problem, State
 
 
 @dataclass(frozen=True)
@@ -35,6 +32,9 @@ class PathPoint:
     history: the largest residual after each Newton iteration of the last increment.
     surface_states: (nx, ny) APART, ELASTIC or PLASTIC in the sense of `result`.
     plastic_zone: measures of the plastic zone, by name; empty for an elastic material.
+    step_error: largest error of a pair of increments up to here (`increments`); 0 where their
+        number is given.
+    peak: the largest force of the path up to here, in N.
     """
 
     mean_pressure: float
@@ -44,6 +44,8 @@ class PathPoint:
     history: tuple[float, ...]
     surface_states: States
     plastic_zone: dict[str, float]
+    step_error: float
+    peak: float
 
 
 @dataclass(frozen=True)
@@ -80,28 +82,8 @@ def path_targets(
     return given
 
 
-def increments(targets: Sequence[float], steps: int | None) -> list[list[float]]:
-    """List for each target the end values of the increments that lead to it.
-
-    steps: number of increments from zero to the largest target; None: one for each target.
-    """
-    largest, before, out = max(targets), 0.0, []
-    for target in targets:
-        count = 1
-        if steps is not None:
-            count = max(1, math.ceil(abs(target - before) / largest * steps - 1e-9))
-        out.append([before + (target - before) * (i + 1) / count for i in range(count)])
-        before = target
-    return out
-
-
 def follow_path(
-    problem: Problem,
-    targets: Sequence[float],
-    *,
-    steps: int | None,
-    by_approach: bool,
-    tolerance: float,
+    problem: Problem, targets: Sequence[float], rule: Rule
 ) -> Iterator[tuple[PathPoint, History]]:
     """Solve the path point by point, and yield each point with the material's history there.
 
@@ -110,129 +92,40 @@ def follow_path(
     Args:
         problem: the finite-element problem.
         targets: from `path_targets`.
-        steps: number of increments from zero to the largest target; None: one for each target.
-        by_approach: whether the targets are approaches.
-        tolerance: on every residual.
+        rule: how the increments are chosen.
 
     Raises:
-        NotConverged: an increment failed even after it was halved `MOST_HALVINGS` times.
+        NotConverged: an increment failed, however short.
     """
     area = problem.block.node_area * problem.heights.size
     history = plasticity.initial_history(problem.bricks.number if problem.plastic else 0)
-    states: tuple[State, ...] = ()
-    for target, ends in zip(targets, increments(targets, steps), strict=True):
-        counts = Counts()
-        for end in ends:
-            states, solved, spent = _advance(problem, states, history, end, by_approach, tolerance)
-            counts += spent
-        pressure = (float(states[-1].forces.sum()) if by_approach else target) / area
-        yield _path_point(problem, pressure, solved, counts, history), history
-
-
-def _advance(
-    problem: Problem,
-    states: tuple[State, ...],
-    history: History,
-    target: float,
-    by_approach: bool,
-    tolerance: float,
-) -> tuple[tuple[State, ...], SolvedIncrement, Counts]:
-    """Advance from the last of `states` to `target`, and halve increments that do not converge.
-
-    Commits the history after each converged increment, and returns the last two states, the last
-    increment and the counts.
-    """
-    begin = _position(problem, states, by_approach)
-    end, counts = target, Counts()
-    while True:
-        control = _control(problem, end, by_approach)
-        try:
-            if not states:
-                start = _elastic_state(problem, control)
-            else:
-                start = states[-1] if by_approach else _extrapolated(problem, states, end)
-            solved = solve_increment(problem, start, history, control, NewtonOptions(tolerance))
-        except NotConverged:
-            counts += Counts(halvings=1)
-            if counts.halvings > MOST_HALVINGS:
-                raise
-            end = (begin + end) / 2
-            continue
-        states, counts = (*states[-1:], solved.state), counts + solved.counts
-        if problem.plastic:
-            u = solved.state.displacement.reshape(-1, 3)
-            plasticity.commit(u, problem.bricks, problem.law, history)
-        if end == target:
-            return states, solved, counts
-        begin, end = end, target
-
-
-def _control(problem: Problem, target: float, by_approach: bool) -> Control:
-    if by_approach:
-        return Control(approach=target - float(problem.heights.max()))
-    return Control(load=target, scale=target)
-
-
-def _position(problem: Problem, states: tuple[State, ...], by_approach: bool) -> float:
-    """The total force, or the approach since the first touch, of the last state."""
-    if not states:
-        return 0.0
-    if by_approach:
-        return states[-1].approach + float(problem.heights.max())
-    return float(states[-1].forces.sum())
-
-
-def _elastic_state(problem: Problem, control: Control) -> State:
-    """The contact of the flat elastic block, from which every path starts."""
-    solved = rigid_contact(
-        problem.factor.surface,
-        problem.heights,
-        load=control.load,
-        approach=control.approach,
-        cap=problem.cap,
-    )
-    spectrum = eliminate(problem.factor, np.zeros(problem.block.field_shape))
-    u = substitute(problem.factor, spectrum, solved.forces)
-    return State(u, solved.approach, solved.states, solved.forces)
-
-
-def _extrapolated(problem: Problem, states: tuple[State, ...], load: float) -> State:
-    """The first guess of the state at `load`: on the secant through the last two states.
-
-    The contact area grows about in proportion to the load, so it is extrapolated, too, and filled
-    with the nodes nearest to the flat.  Unloading, an increment much longer than the last, and
-    capped forces do not follow the secant: their guess is the last state.
-    """
-    state = states[-1]
-    forces, count = float(state.forces.sum()), int((state.states == ELASTIC).sum())
-    # Before the first state there is no force and no contact.
-    earlier = states[-2] if len(states) > 1 else None
-    grown = forces - (0.0 if earlier is None else float(earlier.forces.sum()))
-    ratio = (load - forces) / grown if grown > 0 else 0.0
-    if not 0 < ratio <= 1.5 or problem.capped:
-        return state
-    u, d, contact, count_before = state.displacement, state.approach, state.states == ELASTIC, 0
-    if earlier is not None:
-        u = u + ratio * (u - earlier.displacement)
-        d += ratio * (d - earlier.approach)
-        contact &= state.forces + ratio * (state.forces - earlier.forces) > 0
-        count_before = int((earlier.states == ELASTIC).sum())
-    wanted = max(round(count + ratio * (count - count_before)), int(contact.sum()))
-    order = np.where(contact, -np.inf, -u[0, ..., 2] - problem.heights - d)
-    touching = np.full(contact.shape, APART, dtype=np.int8)
-    touching.ravel()[np.argsort(order, axis=None, kind="stable")[:wanted]] = ELASTIC
-    return State(u, d, touching, state.forces)
+    along = Along()
+    for target in targets:
+        along = advance(problem, along, history, target, rule)
+        assert along.solved is not None
+        pressure = (float(along.states[-1].forces.sum()) if rule.by_approach else target) / area
+        yield _path_point(problem, pressure, along.solved, along, history), history
 
 
 def _path_point(
-    problem: Problem, pressure: float, solved: SolvedIncrement, counts: Counts, history: History
+    problem: Problem, pressure: float, solved: SolvedIncrement, along: Along, history: History
 ) -> PathPoint:
     states, zone = solved.state.states, {}
     if problem.plastic:
         yielded = _yielded_surface(problem, history.accumulated)
         states = np.where((states != APART) & yielded, PLASTIC, states).astype(np.int8)
         zone = _plastic_zone(problem, history.accumulated)
-    return PathPoint(pressure, solved.state, counts, solved.residuals, solved.history, states, zone)
+    return PathPoint(
+        pressure,
+        solved.state,
+        along.counts,
+        solved.residuals,
+        solved.history,
+        states,
+        zone,
+        along.step_error,
+        along.peak,
+    )
 
 
 def _yielded_surface(problem: Problem, accumulated: FloatArray) -> NDArray[np.bool_]:

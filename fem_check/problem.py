@@ -53,7 +53,7 @@ class Problem:
 class Control:
     """The prescribed total force `load` in N or, where that is None, the `approach` in m.
 
-    scale: the force that residuals are divided by; 0 means the force that was reached.
+    scale: the path's largest force so far, in N.
     """
 
     load: float | None = None
@@ -150,17 +150,20 @@ def residuals(
 ) -> dict[str, float]:
     """Dimensionless residuals of a state with its `internal` force.
 
-    balance: norm of the unbalanced nodal forces over the total force; load: missing share of the
-    total force; gap: largest gap on the elastic contact, penetration: deepest node elsewhere, both
-    over the rms height; tension: largest pull of a contact node, over the total force.
+    Forces are divided by the total force, or by the path's largest where that is larger: balance,
+    the norm of the unbalanced nodal forces; load, the missing load; tension, the largest pull of a
+    contact node.  Lengths are divided by the rms height, or by the uniform compression of a flat
+    surface: gap, the largest on the elastic contact; penetration, the deepest node elsewhere.
     """
     R = reaction(problem, state.states, internal)
     contact, capped = state.states == ELASTIC, state.states == PLASTIC
     apart = ~contact & ~capped
     r, missing, forces = split_reaction(problem, R, state.states, control)
     pressed = float(forces.sum()) + (problem.cap * int(capped.sum()) if capped.any() else 0.0)
-    total = control.scale or pressed or 1.0
-    rms = float(np.std(problem.heights)) or float(np.abs(state.approach)) or 1.0
+    # Where nothing has ever pressed, all forces are exactly zero.
+    total = max(control.scale, pressed) or 1.0
+    uniform = total / problem.heights.size * float(problem.factor.surface[0, 0])
+    rms = float(np.std(problem.heights)) or uniform
     g = gap(problem, state.displacement, state.approach)
     deepest = max(float((-g[apart]).max(initial=0.0)), float(g[capped].max(initial=0.0)))
     return {

@@ -140,6 +140,7 @@ def load_step(
             "largest_pressure": float(pressure.max()),
             "mean_contact_pressure": float(pressure[touching].mean()) if touching.any() else 0.0,
             "elastic_energy": float((pressure * down).mean()) / 2,
+            "step_error": point.step_error,
             **point.plastic_zone,
         },
     )

@@ -51,7 +51,7 @@ def test_iterations_hardly_grow_with_the_mesh() -> None:
     ("nodes", "layers"), [(32, 16), pytest.param(64, 24, marks=pytest.mark.slow)]
 )
 def test_a_load_path_stays_within_its_iterations(nodes: int, layers: int) -> None:
-    cost = fem_check.solve(speed.speed_scene(nodes), layers=layers, certified=False).cost
+    cost = fem_check.solve(speed.speed_scene(nodes), layers=layers, steps=4, certified=False).cost
     assert cost["most_newton_steps"] <= 10
     assert cost["cg_iterations"] <= 20 * cost["newton_steps"]
     assert cost["unknowns"] == 3 * nodes**2 * layers
@@ -64,7 +64,9 @@ def test_iterations_of_a_path_hardly_grow_with_the_mesh() -> None:
     found = {}
     for nodes, layers in ((32, 16), (128, 32)):
         results = [
-            fem_check.solve(speed.speed_scene(nodes, seed=seed), layers=layers, certified=False)
+            fem_check.solve(
+                speed.speed_scene(nodes, seed=seed), layers=layers, steps=4, certified=False
+            )
             for seed in (5, 6, 7, 8)
         ]
         assert max(r.cost["most_newton_steps"] for r in results) <= 10
@@ -76,7 +78,7 @@ def test_iterations_of_a_path_hardly_grow_with_the_mesh() -> None:
 def test_the_growth_of_paths_is_that_of_their_results() -> None:
     costs = fem.path_costs([(8, 4), (16, 8)], [5, 6], lambda sentence: None).set_index("nodes")
     for nodes in (8, 16):
-        paths = [fem_check.solve(speed.speed_scene(nodes, seed=s), layers=nodes // 2).cost
+        paths = [fem_check.solve(speed.speed_scene(nodes, seed=s), layers=nodes // 2, steps=4).cost
                  for s in (5, 6)]  # fmt: skip
         mean = np.mean([path["cg_iterations"] for path in paths])
         assert costs["conjugate gradients"][nodes] == mean

@@ -64,6 +64,15 @@ class FemTable(Table):
     )
     depth: float | None = Field(default=None, gt=0, description="m; else chosen from the scene")
     layers: int | None = Field(default=None, ge=2, description="elements over the depth")
+    steps: int | None = Field(
+        default=None, ge=1, description="equal load increments to the largest pressure; else chosen"
+    )
+    step_tolerance: float = Field(
+        default=0.03,
+        gt=0,
+        lt=1,
+        description="of the increments of a J2 path: share of the force that shorter ones may move",
+    )
 
 
 def _never(options: Mapping[str, Any]) -> bool:

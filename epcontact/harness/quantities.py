@@ -163,6 +163,7 @@ _REPORTED = (
     Quantity("quantity.largest_plastic_strain", "–", "largest equivalent plastic strain, by fem"),
     Quantity("quantity.plastic_volume", "–", "share of the body that has flowed, by fem"),
     Quantity("quantity.plastic_depth", "m", "depth down to which the body has flowed, by fem"),
+    Quantity("quantity.step_error", "–", "share of the force that shorter increments move, by fem"),
     Quantity("quantity.energy_reduction", "–", "gamma of the theory"),
     Quantity("quantity.diffusion", "Pa2", "G of the theory at the full magnification"),
     Quantity("quantity.rms_slope", "–", "rms slope that the theory takes from the spectrum"),

@@ -236,7 +236,7 @@ def path_costs(
     for nodes, layers in meshes:
         progress(f"fem: load paths, {nodes} x {nodes} x {layers}")
         for seed in seeds:
-            cost = _solve(speed_scene(nodes, seed=seed), layers=layers).cost
+            cost = _solve(speed_scene(nodes, seed=seed), layers=layers, steps=4).cost
             counts = (cost["cg_iterations"], cost["newton_steps"], cost["seconds"] / pair)
             rows.append((nodes, *counts))
     names = ["nodes", "conjugate gradients", "Newton", "time_in_fft_pairs"]

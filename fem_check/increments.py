@@ -1,0 +1,289 @@
+"""The increments of a load path: equal ones, or as long as an estimate of their error allows.
+
+Radial return follows an increment's strain as if it were straight, an error of first order in the
+increment: too few of them let the contact spread too far.  `advance` measures that error along the
+path, by pairs of increments,
+
+    whole           one increment over the pair's length, which is not kept
+    half, second    two increments of half the length
+    error           sum over the nodes of |force after second - force after whole|, over the
+                    path's largest force
+
+and keeps the pair if its error is within the step tolerance; otherwise it keeps the first half, and
+goes on with pairs of half the length.  The whole increment costs little, because the second one
+starts from its solution.  The errors are not added up along the path: the state forgets them as
+the contact grows (tests/test_fem_increments.py).  Increments that do not converge are halved, too.
+
+Forces are judged by the largest force of the path so far.  Without a load the flat just touches.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.errors import NotConverged
+from epcontact.results import APART, ELASTIC, FloatArray
+from fem_check import plasticity
+from fem_check.contact import States, rigid_contact
+from fem_check.linear_solver import eliminate, substitute
+from fem_check.newton import NewtonOptions, SolvedIncrement, solve_increment
+from fem_check.plasticity import History
+from fem_check.problem import Control, Counts, Problem, State, gap
+
+#: An increment that does not converge is halved at most this often.
+MOST_HALVINGS = 6
+#: The shortest pair of increments over the largest load; it is kept whatever its error is.
+SHORTEST = 1 / 256
+#: Tolerance of the increments over whole pairs: they only tell errors of a per cent.
+ROUGH = 1e-4
+
+
+@dataclass(frozen=True)
+class Rule:
+    """How a path is followed.
+
+    steps: number of equal increments from zero to `largest`, the largest target; None: chosen by
+    the error.  step_tolerance: of a pair of increments, see the module's docstring.
+    by_approach: whether the targets are approaches in m; else they are forces in N.  tolerance: on
+    every residual.
+    """
+
+    largest: float
+    steps: int | None
+    step_tolerance: float
+    by_approach: bool
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Along:
+    """A place on the path.
+
+    at: the force in N, or the approach in m.  states: the last two.  solved: the last increment.
+    counts: iterations since the last point.  peak: the largest force so far, in N.  step_error: the
+    largest error of a pair of increments so far.  pair: the length of the next one, in N or m.
+    """
+
+    at: float = 0.0
+    states: tuple[State, ...] = ()
+    solved: SolvedIncrement | None = None
+    counts: Counts = field(default_factory=Counts)
+    peak: float = 0.0
+    step_error: float = 0.0
+    pair: float = np.inf
+
+
+def advance(problem: Problem, along: Along, history: History, target: float, rule: Rule) -> Along:
+    """Advance to the `target`.  Commits the history; the counts are those of this advance.
+
+    Raises NotConverged if an increment fails even after increments were halved `MOST_HALVINGS`
+    times.
+    """
+    along = replace(along, counts=Counts())
+    if problem.plastic and rule.steps is None:
+        along, whole = replace(along, pair=min(along.pair, rule.largest / 2)), None
+        while along.at != target:
+            along, whole = _pair(problem, along, history, target, rule, whole)
+        return along
+    begin, count = along.at, 1
+    if rule.steps is not None:
+        count = max(1, math.ceil(abs(target - begin) / rule.largest * rule.steps - 1e-9))
+    for i in range(count):
+        end = target if i == count - 1 else begin + (target - begin) * (i + 1) / count
+        step = end
+        while along.at != end:
+            try:
+                solved = _solved(problem, along, history, step, rule)
+                along, step = _kept(problem, along, history, solved, step), end
+            except NotConverged:
+                along, step = _once_more_halved(along), (along.at + step) / 2
+    return along
+
+
+def _pair(
+    problem: Problem,
+    along: Along,
+    history: History,
+    target: float,
+    rule: Rule,
+    whole: SolvedIncrement | None,
+) -> tuple[Along, SolvedIncrement | None]:
+    """Make a pair of increments towards the target; `whole` is the increment over it, if known.
+
+    Returns the place after the pair, or after its first half if the error is too large or the
+    second does not converge, or before the pair if nothing converges; and the next pair's whole
+    increment if it is known.
+    """
+    left = target - along.at
+    length = left if abs(left) <= 1.001 * along.pair else math.copysign(along.pair, left)
+    end, middle = target if length == left else along.at + length, along.at + length / 2
+    shorter = abs(length) / 2
+    try:
+        if whole is None:
+            rough = replace(rule, tolerance=max(rule.tolerance, ROUGH))
+            whole = _solved(problem, along, history, end, rough)
+            along = replace(along, counts=along.counts + whole.counts)
+        between = None
+        if along.states and middle != 0:
+            between = _on_secant(problem, along.states[-1], whole.state, 0.5)
+        half = _solved(problem, along, history, middle, rule, between)
+    except NotConverged:
+        return replace(_once_more_halved(along), pair=shorter), None
+    before, along = along, _kept(problem, along, history, half, middle)
+    try:
+        second = _solved(problem, along, history, end, rule, whole.state)
+    except NotConverged:
+        return replace(_once_more_halved(along), pair=shorter), None
+    peak = max(along.peak, float(second.state.forces.sum()))
+    moved = float(np.abs(second.state.forces - whole.state.forces).sum())
+    error = moved / peak if peak else 0.0
+    if error > rule.step_tolerance and abs(length) > SHORTEST * rule.largest:
+        # The error of an increment falls with the square of its length: that of the first half is a
+        # quarter of the pair's.
+        along = replace(along, counts=along.counts + second.counts, pair=shorter)
+        if error > 4 * rule.step_tolerance and not before.states:
+            # Nothing precedes the path's first pair, so that it can be taken back.
+            history.plastic_strain[:], history.accumulated[:] = 0, 0
+            return replace(before, counts=along.counts, pair=shorter), half
+        return _with_error(along, error / 4), second
+    along = _kept(problem, along, history, second, end)
+    pair = 2 * along.pair if error < rule.step_tolerance / 4 else along.pair
+    return _with_error(replace(along, pair=pair), error), None
+
+
+def _with_error(along: Along, error: float) -> Along:
+    return replace(along, step_error=max(along.step_error, error))
+
+
+def _once_more_halved(along: Along) -> Along:
+    """The place with one more halving in its counts; re-raises if there were too many."""
+    counts = along.counts + Counts(halvings=1)
+    if counts.halvings > MOST_HALVINGS:
+        raise  # noqa: PLE0704 - called while the exception is handled
+    return replace(along, counts=counts)
+
+
+def _kept(
+    problem: Problem, along: Along, history: History, solved: SolvedIncrement, at: float
+) -> Along:
+    """The place after a solved increment, which is committed to the history."""
+    if problem.plastic:
+        u = solved.state.displacement.reshape(-1, 3)
+        plasticity.commit(u, problem.bricks, problem.law, history)
+    return replace(
+        along,
+        at=at,
+        states=(*along.states[-1:], solved.state),
+        solved=solved,
+        counts=along.counts + solved.counts,
+        peak=max(along.peak, float(solved.state.forces.sum())),
+    )
+
+
+def _solved(
+    problem: Problem,
+    along: Along,
+    history: History,
+    end: float,
+    rule: Rule,
+    guess: State | None = None,
+) -> SolvedIncrement:
+    """Solve the increment to `end` from a guess, by default by extrapolation."""
+    options = NewtonOptions(rule.tolerance)
+    if not rule.by_approach and end == 0:
+        return _touching(problem, along, history, options)
+    if rule.by_approach:
+        control = Control(approach=end - float(problem.heights.max()), scale=along.peak)
+    else:
+        control = Control(load=end, scale=max(end, along.peak))
+    if not along.states:
+        guess = guess or _elastic_state(problem, control)
+    elif guess is None:
+        guess = along.states[-1] if rule.by_approach else _extrapolated(problem, along.states, end)
+    return solve_increment(problem, guess, history, control, options)
+
+
+def _touching(
+    problem: Problem, along: Along, history: History, options: NewtonOptions
+) -> SolvedIncrement:
+    """The body without a load, whose highest point touches the flat."""
+    last = along.states[-1]
+    reach = float(np.ptp(problem.heights)) + 4 * float(np.abs(last.displacement[0]).max())
+    away = Control(approach=last.approach - 2 * reach, scale=along.peak)
+    start = State(
+        last.displacement, away.approach, np.full_like(last.states, APART), 0 * last.forces
+    )
+    solved = solve_increment(problem, start, history, away, options)
+    free = float(gap(problem, solved.state.displacement, 0.0).min())
+    return replace(solved, state=replace(solved.state, approach=free))
+
+
+def _elastic_state(problem: Problem, control: Control) -> State:
+    """The contact of the flat elastic block, from which every path starts."""
+    solved = rigid_contact(
+        problem.factor.surface,
+        problem.heights,
+        load=control.load,
+        approach=control.approach,
+        cap=problem.cap,
+    )
+    spectrum = eliminate(problem.factor, np.zeros(problem.block.field_shape))
+    u = substitute(problem.factor, spectrum, solved.forces)
+    return State(u, solved.approach, solved.states, solved.forces)
+
+
+def _extrapolated(problem: Problem, states: tuple[State, ...], load: float) -> State:
+    """The first guess of the state at `load`: on the secant through the last two states.
+
+    Unloading, an increment much longer than the last, and capped forces do not follow the secant:
+    their guess is the last state.
+    """
+    state = states[-1]
+    forces = float(state.forces.sum())
+    # Before the first state there is no force and no contact.
+    zeros = 0 * state.displacement, 0.0, np.full_like(state.states, APART), 0 * state.forces
+    earlier = states[-2] if len(states) > 1 else State(*zeros)
+    grown = forces - float(earlier.forces.sum())
+    ratio = (load - forces) / grown if grown > 0 else 0.0
+    if not 0 < ratio <= 2.01 or problem.capped:
+        return state if forces > 0 else _seeded(problem, state)
+    if len(states) == 1:
+        earlier = replace(earlier, displacement=state.displacement, approach=state.approach)
+    return _on_secant(problem, state, earlier, -ratio)
+
+
+def _on_secant(problem: Problem, state: State, other: State, share: float) -> State:
+    """The state at a `share` of the way from one state to another, or beyond.
+
+    The contact area grows about in proportion to the load, so it is interpolated, too, and filled
+    with the nodes nearest to the flat.
+    """
+    u = state.displacement + share * (other.displacement - state.displacement)
+    d = state.approach + share * (other.approach - state.approach)
+    contact = state.states == ELASTIC
+    count, other_count = int(contact.sum()), int((other.states == ELASTIC).sum())
+    contact &= state.forces + share * (other.forces - state.forces) > 0
+    wanted = max(round(count + share * (other_count - count)), int(contact.sum()))
+    return State(u, d, _nearest(problem, u, d, contact, wanted), state.forces)
+
+
+def _seeded(problem: Problem, state: State) -> State:
+    """The unloaded state with a quarter of the nodes in contact, from which it can be loaded."""
+    contact = np.zeros(state.states.shape, dtype=bool)
+    wanted = max(1, contact.size // 4)
+    states = _nearest(problem, state.displacement, state.approach, contact, wanted)
+    return replace(state, states=states)
+
+
+def _nearest(
+    problem: Problem, u: FloatArray, approach: float, contact: NDArray[np.bool_], wanted: int
+) -> States:
+    """The `contact` and the nodes nearest to the flat, so many as are `wanted` in all."""
+    order = np.where(contact, -np.inf, gap(problem, u, approach))
+    touching = np.full(contact.shape, APART, dtype=np.int8)
+    touching.ravel()[np.argsort(order, axis=None, kind="stable")[:wanted]] = ELASTIC
+    return touching
