@@ -51,6 +51,30 @@ class StudyUnavailable(EpcontactError):
     """A study that needs a package that is not installed."""
 
 
+def printable(text: str) -> str:
+    """Return `text` on one line, with escapes for characters that a terminal or XML cannot show.
+
+    Example:
+        >>> printable("a bell \\a and\\na line")
+        'a bell \\\\x07 and a line'
+    """
+    line = " ".join(text.split())
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
+
+
+def sentence_of(error: BaseException) -> str:
+    """Return what an error says in one line; an error not raised on purpose is named by its type.
+
+    Example:
+        >>> sentence_of(InvalidCase("no such case")), sentence_of(ZeroDivisionError("division"))
+        ('no such case', 'ZeroDivisionError: division')
+    """
+    if isinstance(error, EpcontactError):
+        return printable(str(error))
+    text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return printable(f"not enough memory ({text})" if isinstance(error, MemoryError) else text)
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the end of a sentence on an unknown name: the closest known name, or all of them.
 

@@ -127,6 +127,9 @@ class ContactResult:
         history: The residual that decides convergence, for each iteration of the last step.
         notes: Sentences that the reader should see, for example about a fallback.
         converged: True if the residuals met the tolerance.
+
+    Raises:
+        ValueError: There is no load step.
     """
 
     method: str
@@ -140,6 +143,8 @@ class ContactResult:
     converged: bool = True
 
     def __post_init__(self) -> None:
+        if not self.steps:
+            raise ValueError("a ContactResult needs at least one load step, but steps is empty")
         object.__setattr__(self, "fields", dict(self.fields))
 
     @property

@@ -29,7 +29,7 @@ from epcontact.harness.methods import METHODS
 from epcontact.harness.quantities import QUANTITIES
 from epcontact.harness.run import Progress, default_jobs, run_cases
 from epcontact.harness.schema import Family, key_table
-from epcontact.harness.verdict import Verdict, cases_to_verify
+from epcontact.harness.verdict import Verdict, cases_to_verify, remove_verdict
 from epcontact.harness.verdict import verify as run_gates
 from epcontact.results import plain
 
@@ -158,6 +158,7 @@ def verify(
 
     Writes verdict.json and junit.xml into the output folder.
     """
+    remove_verdict(output)
     given: Sequence[str | Case] = cases
     if size == "auto":
         named = [case for name in cases for case in casefile.find_named(name)]
@@ -176,10 +177,14 @@ def verify(
     if with_report:
         from epcontact.cli.figures import draw, write_report  # charts take long to load
 
-        for case in verdict.cases:
-            if not case.skipped_because:
-                draw(case.case, case.answers, case.case.folder(output))
-        write_report(output)
+        try:
+            for case in verdict.cases:
+                if not case.skipped_because:
+                    draw(case.case, case.answers, case.case.folder(output))
+            write_report(output)
+        except Exception:
+            remove_verdict(output)  # the exit code is 2 now, and the verdict would not say so
+            raise
     console = open_console()
     console.print(verdict_table(verdict.cases, console.width))
     if sentence := gamma_sentence([case.case for case in verdict.cases]):

@@ -18,7 +18,7 @@ from importlib import import_module
 
 import click
 
-from epcontact.errors import EpcontactError, nearest
+from epcontact.errors import EpcontactError, nearest, printable
 
 #: The module and function of each command, and its line in `epcontact --help`.
 COMMANDS = {
@@ -106,9 +106,7 @@ def main() -> None:
         traceback.print_exc()
         code, sentence = 2, "this is a bug in epcontact; please report it"
     if sentence:
-        # A name may hold any character; control characters are shown as escapes.
-        shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in sentence)
-        click.echo(f"epcontact: {shown}", err=True)
+        click.echo(f"epcontact: {printable(sentence)}", err=True)
     sys.exit(code)
 
 

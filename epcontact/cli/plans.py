@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from tempfile import TemporaryDirectory
 
@@ -23,7 +24,11 @@ from epcontact.harness.verdict import verify
     help="Tolerance on the contact area, relative, at 95 % confidence: 1% or 0.01.",
 )
 @click.option("--size", type=click.Choice(casefile.SIZES), default=None, help="Size of the case.")
-@click.option("--check", is_flag=True, help="Run the plan and judge its error.")
+@click.option(
+    "--check",
+    is_flag=True,
+    help="Run the plan and judge its error; exit code 1 if it breaks the promise.",
+)
 def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
     """Find the cheapest model of CASE that meets a tolerance; print its reasons and cost."""
     path = casefile.find_case(case)
@@ -51,11 +56,14 @@ def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
         if answer.errors:
             raise EpcontactError("; ".join(answer.errors))
         error = planning.achieved_error(chosen, answer)
-        verdict = "held" if error <= chosen.tolerance else "was broken"
+        held = error <= chosen.tolerance
+        verdict = "held" if held else "was broken"
         click.echo(
             f"  {chosen.case}: the promise {verdict}: error {error:.2g}, "
             f"{chosen.expected_error:.2g} expected, {chosen.tolerance:.2g} allowed"
         )
+        if not held:
+            sys.exit(1)
 
 
 def _share(text: str) -> float:

@@ -125,3 +125,5 @@ def print_shortfalls(console: Console, case: CaseVerdict) -> None:
     for gate in case.gates:
         if not gate.holds:
             console.print(f"{case.id}: {gate}", markup=False)
+    for sentence in case.unread_errors:
+        console.print(f"{case.id}: {sentence}", markup=False)

@@ -84,6 +84,8 @@ class GateItem(pytest.Item):
         gate = verdict.gates[self.number]
         if not gate.holds:
             raise GateFellShort(str(gate))
+        if verdict.unread_errors:
+            raise GateFellShort("; ".join(verdict.unread_errors))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         """Return the gate's sentence instead of a traceback."""

@@ -8,6 +8,7 @@ that an interrupted run resumes where it stopped.
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import signal
 import threading
@@ -15,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from epcontact.errors import EpcontactError, InvalidCase, NotConverged
+from epcontact.errors import InvalidCase, NotConverged, sentence_of
 from epcontact.harness.case import Case
 from epcontact.harness.description import described
 from epcontact.harness.methods import METHODS, Method
@@ -73,8 +74,7 @@ def run_cases(
         progress: called after every task.
 
     Returns:
-        {case id: {method: Answer}}.  An error that epcontact raises on purpose is kept in the
-        Answer as its sentence; any other error propagates.
+        {case id: {method: Answer}}.  The error of a solve is kept in the Answer as its sentence.
 
     Raises:
         InvalidCase: if two cases have one id, so that they would share a folder.
@@ -157,12 +157,14 @@ def _collect(tasks: Sequence[Task], outcomes: Mapping[Task, Outcome], reused: in
 
 
 def _solve(task: Task, threads: int) -> Outcome:
-    """Solve one task; return the sentence of an error that is raised on purpose."""
+    """Solve one task; return the sentence of whatever went wrong, so that others are judged."""
     try:
         case = task.case
         with _limited(case.time_limit):
             scene = case.scene(task.recipe)
             result = task.method.solve(scene, case.options[task.method.name], threads)
+        if not result.converged:
+            raise NotConverged("the result says that it has not converged")
         about = described(scene, task.recipe)
         result = replace(result, provenance=replace(result.provenance, about=about))
         result = _with_measurements(task, scene, result)
@@ -170,8 +172,9 @@ def _solve(task: Task, threads: int) -> Outcome:
             attributes = {"case": case.id, "size": case.size}
             write_fields(task.fields, result, scene.surface, attributes, units=_UNITS)
         return replace(result, fields={})
-    except EpcontactError as error:
-        return str(error)
+    except Exception as error:
+        logging.getLogger("epcontact").debug("%s failed", task.label, exc_info=error)
+        return sentence_of(error)
 
 
 def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> ContactResult:

@@ -17,7 +17,13 @@ from typing import Literal
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
-from epcontact.errors import EpcontactError, InvalidCase, nearest
+from epcontact.errors import (
+    EpcontactError,
+    InvalidCase,
+    nearest,
+    printable,
+    sentence_of,
+)
 from epcontact.harness.case import SIZES, Case, CaseText, find_cases, find_named, load_case
 from epcontact.harness.distances import distance
 from epcontact.harness.gates import (
@@ -35,7 +41,7 @@ from epcontact.harness.methods import METHODS, REPLACED, solver_named
 from epcontact.harness.quantities import read_quantity
 from epcontact.harness.run import Progress, default_jobs, run_cases
 from epcontact.harness.store import Answer
-from epcontact.output.files import whole_file, write_json
+from epcontact.output.files import refusal, whole_file, write_json
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution, package_versions
 
@@ -74,6 +80,12 @@ class CaseVerdict(BaseModel):
         if self._case is None:
             raise InvalidCase(f"{self.id}: a verdict that was read from a file has no case")
         return self._case
+
+    @property
+    def unread_errors(self) -> list[str]:
+        """The errors of methods that no gate reads; they make the case an error as well."""
+        read = {name for gate in self.gates for name in (gate.of, gate.against)}
+        return [e for name, entry in self.methods.items() if name not in read for e in entry.errors]
 
     @property
     def answers(self) -> Mapping[str, Answer]:
@@ -150,6 +162,7 @@ def verify(  # noqa: PLR0913 - the options of the command
         >>> verdict.passed, verdict.cases[0].gates[0].status
         (True, 'holds')
     """
+    remove_verdict(Path(output))
     methods = dict(METHODS)
     named = [cases] if isinstance(cases, str | Path | Case) else list(cases or ())
     loaded = [case for each in named or cases_to_verify(size) for case in _loaded(each, size)]
@@ -222,6 +235,8 @@ def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
         answers = {}
     gates = [] if case.skip else [_judged(case, gate, answers) for gate in case.gates]
     statuses = {gate.status for gate in gates}
+    if any(answer.errors for answer in answers.values()):
+        statuses.add(ERROR)  # also of a method that no gate reads
     worst = next((status for status in (ERROR, FALLS_SHORT) if status in statuses), HOLDS)
     judged = CaseVerdict(
         id=case.id,
@@ -255,8 +270,8 @@ def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdic
         value = [read_quantity(result, gate.quantity) for result in of.results]
         paired = against is not None and len(value) > 1 and of.labels == against.labels
         return judge(gate, value, _references(case, gate, against), paired)
-    except EpcontactError as error:
-        return unjudged(gate, str(error))
+    except Exception as error:  # of a closed form, too, in numbers that it cannot hold
+        return unjudged(gate, sentence_of(error))
 
 
 def _references(case: Case, gate: Gate, against: Answer | None) -> list[float]:
@@ -307,6 +322,23 @@ def _distances(case: Case, gate: Gate, of: Answer, against: Answer | None) -> li
 
 # --- the verdict as files ----------------------------------------------------------------------
 
+#: The files that say what a run found.
+FILES = ("verdict.json", "junit.xml", "report.html")
+
+
+def remove_verdict(folder: Path) -> None:
+    """Remove the verdict of an earlier run, which would pass for that of a run that breaks off.
+
+    Raises:
+        OutputError: if a file cannot be removed.
+    """
+    for path in (folder / name for name in FILES):
+        if path.is_file():  # what else has that name is refused when the file is written
+            try:
+                path.unlink()
+            except OSError as error:
+                raise refusal("remove", path, error) from None
+
 
 def write_verdict(verdict: Verdict, folder: Path) -> None:
     """Write verdict.json and junit.xml into `folder`, whole or not at all.
@@ -325,15 +357,22 @@ def write_verdict(verdict: Verdict, folder: Path) -> None:
 
 def _suite(case: CaseVerdict) -> TestSuite:
     suite = TestSuite(case.id)
+
+    def add(name: str, *result: Error | Failure | Skipped) -> None:
+        test = TestCase(printable(name), classname=case.id)
+        test.result = list(result)
+        suite.add_testcase(test)
+
+    # XML has no word for most control characters: names and messages show them as escapes.
     if case.status == SKIPPED:
-        test = TestCase(case.requirement, classname=case.id)
-        test.result = [Skipped(case.skipped_because)]
-        suite.add_testcase(test)
+        add(case.requirement, Skipped(printable(case.skipped_because)))
     for gate in case.gates:
-        test = TestCase(gate.name, classname=case.id)
         if gate.status == ERROR:
-            test.result = [Error(gate.error)]
+            add(gate.name, Error(printable(str(gate.error))))
         elif gate.status == FALLS_SHORT:
-            test.result = [Failure(str(gate))]
-        suite.add_testcase(test)
+            add(gate.name, Failure(printable(str(gate))))
+        else:
+            add(gate.name)
+    for sentence in case.unread_errors:
+        add("a method that no gate reads", Error(printable(sentence)))
     return suite
