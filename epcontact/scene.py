@@ -24,6 +24,8 @@ import numpy as np
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 
+#: The rms slope above which a surface carries a warning.
+LARGEST_SLOPE = 1.0
 #: Rows of a grid that are differentiated at once.
 _ROWS = 64
 
@@ -114,8 +116,17 @@ class Surface:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        given = self.heights
+        _require(
+            not np.ma.is_masked(given),
+            "heights are a masked array with missing points; fill them first, or let "
+            'epcontact.surfaces.HeightsFromArray(..., missing="harmonic") do so',
+        )
+        _require(
+            not np.iscomplexobj(given), "heights are complex; give their real part, for example"
+        )
         try:
-            heights = np.ascontiguousarray(self.heights, dtype=np.float64)
+            heights = np.ascontiguousarray(given, dtype=np.float64)
         except (TypeError, ValueError):
             raise InvalidScene("heights are not an array of real numbers") from None
         if heights.flags.writeable or heights.base is not None:
@@ -145,6 +156,9 @@ class Surface:
             span * span < math.inf,
             f"heights span {span:g} m, too much to be squared; check their unit",
         )
+        warnings = (*levels_note(np.asarray(given).dtype), *_slope_note(self.rms_slope))
+        new = tuple(note for note in warnings if note not in self.notes)
+        object.__setattr__(self, "notes", (*self.notes, *new))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -158,19 +172,56 @@ class Surface:
 
     @functools.cached_property
     def rms_slope(self) -> float:
-        """Root mean square of the gradient in m/m, from differences of neighbours."""
-        heights, total = self.heights, 0.0
-        for start in range(0, len(heights), _ROWS):  # few rows at a time, without large arrays
-            rows = heights[start : start + _ROWS + 1]
-            for axis, step in enumerate(self.spacing):
-                steps = np.diff(rows if axis == 0 else rows[:_ROWS], axis=axis).ravel()
-                total += float(steps @ steps) / step**2
-        return math.sqrt(total / heights.size)
+        """Root mean square of the gradient in m/m; see the function `rms_slope`."""
+        return rms_slope(self.heights, self.spacing)
 
     @property
     def fingerprint(self) -> str:
         """The text that identifies the heights: their recipe, or the hash of their bytes."""
         return self.recipe or hashlib.sha256(self.heights.data).hexdigest()
+
+
+def rms_slope(heights: FloatArray, spacing: tuple[float, ...]) -> float:
+    """Return the root mean square of the gradient, from differences of neighbours in the map.
+
+    Args:
+        heights: (nx, ny) or (nx,) in m.
+        spacing: Distance of grid points along each direction, in m.
+
+    Example:
+        >>> rms_slope(np.array([0.0, 1.0, 0.0, 1.0]), (0.5,))
+        2.0
+    """
+    total = 0.0
+    for axis, step in enumerate(spacing):
+        squares, count = 0.0, 0
+        for start in range(0, len(heights), _ROWS):  # few rows at a time, without large arrays
+            rows = heights[start : start + _ROWS + (axis == 0)]
+            steps = np.diff(rows, axis=axis).ravel()
+            squares += float(steps @ steps)
+            count += steps.size
+        total += squares / max(count, 1) / step**2
+    return math.sqrt(total)
+
+
+def _slope_note(slope: float) -> tuple[str, ...]:
+    if slope <= LARGEST_SLOPE:
+        return ()
+    return (
+        f"the rms slope is {slope:.3g}, beyond the small slopes that the methods assume; check "
+        "that heights and periods are in m",
+    )
+
+
+def levels_note(kind: np.dtype[Any]) -> tuple[str, ...]:
+    """Return a warning for heights of so few levels that they are more likely a picture."""
+    if kind.kind not in "bui" or kind.itemsize > 1:
+        return ()
+    words = "true and false" if kind.kind == "b" else "whole numbers of 8 bits"
+    return (
+        f"the heights are {words}, as in a picture: the contact sees their steps, and their unit "
+        "must be that of one level",
+    )
 
 
 @dataclass(frozen=True)

@@ -98,6 +98,7 @@ time_limit = 20.0
 [surface]
 kind = "file"
 path = "{name}"
+unit = 1.0
 period = 1.0e-3
 treatment = "periodic"
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -24,6 +25,7 @@ from epcontact.errors import OutputError
 from epcontact.output.charts import curves as charts
 from epcontact.output.charts import maps, painting
 from epcontact.output.charts.figures import Chart, Series
+from epcontact.output.charts.study import Plot, draw_table
 from epcontact.output.charts.style import SETTINGS, STATE_COLOURS, series_looks, unit_for
 from epcontact.results import (
     APART,
@@ -115,6 +117,23 @@ def make_areas() -> Chart:
         ],
         points={"bem total": 0.11, "bem plastic": 0.0572},
     )
+
+
+def test_intervals_wider_than_all_differences_are_said() -> None:
+    table = pd.DataFrame(
+        {"series": "E* xi / sigma_Y = 5", "x": [1.0, 2.0, 3.0], "y": [1.0, 1.1, 1.05]}
+    )
+    plot = Plot(("x", "E* xi / sigma_Y (–)"), ("y", "y (–)"))
+    for width, said in ((0.5, True), (0.04, False)):
+        wide = table.assign(y_low=table["y"] - width, y_high=table["y"] + width)
+        chart = draw_table(wide, plot, "At E* xi/sigma_Y = 5.")
+        (axes,) = chart.figure.axes
+        assert ("decides nothing" in chart.caption) is said
+        assert bool(axes.get_title()) is said
+        assert chart.caption.startswith("At E*ξ/σ_Y = 5.")
+        assert axes.get_xlabel() == r"$E^*\xi\,/\,\sigma_\mathrm{Y}$ (–)"
+        assert r"$E^*\xi" in axes.get_legend().get_texts()[0].get_text()
+        assert chart.rows[0][0] == "E* xi / sigma_Y = 5"  # data keep plain names
 
 
 def make_spectrum() -> Chart:

@@ -144,6 +144,36 @@ class Checker(HTMLParser):
         self.text += data
 
 
+class Cells(HTMLParser):
+    """The cells of a case by their data attributes, with their text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.cells: list[tuple[dict[str, str], str]] = []
+        self.inside: dict[str, str] | None = None
+
+    @classmethod
+    def of(cls, page: Path, case: str) -> list[tuple[dict[str, str], str]]:
+        parser = cls()
+        parser.feed(page.read_text("utf-8"))
+        return [(data, text) for data, text in parser.cells if data["data-case"] == case]
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        data = {name: value or "" for name, value in attrs if name.startswith("data-")}
+        if tag == "td":
+            self.inside = data
+            if data:
+                self.cells.append((data, ""))
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "td":
+            self.inside = None
+
+    def handle_data(self, data: str) -> None:
+        if self.inside:
+            self.cells[-1] = (self.inside, self.cells[-1][1] + data)
+
+
 def checked(path: Path) -> Checker:
     checker = Checker()
     checker.feed(path.read_text("utf-8"))
@@ -179,9 +209,10 @@ def test_the_page_of_a_folder_holds_everything(folder: Path) -> None:
     assert page == folder / "report.html"
     checker = checked(page)
     for words in (
-        "paper", "It agrees.", "0.1104 ± 0.0007", "[-0.02, inf]", "scatter of the surfaces",
+        "paper", "It agrees.", "0.1104 ± 0.0007", "[-0.02, inf]", "Scatter of the surfaces.",
         "no such quantity", "the file is not there", "0123abcd", "seed7, seed8", "256 MiB",
-        "fft pairs 90", "a note", "0.012", "Areas against <magnification>.",
+        "fft pairs 90", "Note by persson, bem, fem: a note.", "0.012",
+        "Areas against <magnification>.",
     ):  # fmt: skip
         assert words in checker.text, words
     images = [r for r in checker.references if r.startswith("data:image")]
@@ -192,6 +223,41 @@ def test_the_page_of_a_folder_holds_everything(folder: Path) -> None:
         begin = base64.b64decode(content, validate=True)[:300]
         assert begin.startswith(b"\x89PNG") if kind == "png" else b"<svg" in begin + b"<svg"
     assert os.listdir(folder).count("report.html") == 1
+
+
+def test_the_page_says_what_was_computed_and_where_each_figure_is(folder: Path) -> None:
+    about = {
+        "surface": {"value": "sphere <of> 1 m", "unit": "", "meaning": "surface"},
+        "points": {"value": [256, 128], "unit": "–", "meaning": "grid points"},
+        "hardness": {"value": "inf", "unit": "Pa", "meaning": "hardness"},
+        "young_modulus": {"value": 2.5e11, "unit": "Pa", "meaning": "Young's modulus"},
+        "load_path": {"value": [1e6, 2e6], "unit": "Pa", "meaning": "mean pressure"},
+    }
+    for method in ("persson", "bem", "fem"):
+        data = answer(method)
+        data["provenance"]["about"] = about
+        write_json(folder / "paper" / "fast" / f"{method}.json", data)
+    page = report_folder(folder)
+    cells = {
+        (data["data-quantity"], data.get("data-field", data.get("data-method", ""))): text
+        for data, text in reversed(Cells.of(page, "paper"))  # the second gate is not judged
+    }
+    assert cells["surface", ""] == "sphere <of> 1 m"
+    assert cells["points", ""] == "256 × 128"
+    assert cells["hardness", ""] == "none"
+    assert cells["young_modulus", ""] == "250 GPa"
+    assert cells["load_path", ""] == "1, 2 MPa"
+    assert cells["surfaces", ""].startswith("2 (seed7, seed8)")
+    assert cells["area.total.corrected", "value"] == "0.1104 ± 0.0007"
+    assert cells["area.total.corrected", "bem"] == "0.11"
+    values = {d["data-quantity"]: d["data-value"] for d, _ in Cells.of(page, "paper")
+              if "data-value" in d}  # fmt: skip
+    assert {name: json.loads(text) for name, text in values.items()} == {
+        **{name: entry["value"] for name, entry in about.items()}, "surfaces": ["seed7", "seed8"],
+    }  # fmt: skip
+    # The verdict is the first column, which a phone shows.
+    gates = page.read_text("utf-8").split("<h3>Gates</h3>")[1]
+    assert re.findall("<th[^>]*>([^<]*)</th>", gates)[0] == "verdict"
 
 
 def test_the_theory_is_drawn_by_its_formula() -> None:
@@ -246,7 +312,8 @@ def test_an_interval_is_shown_where_there_is_one(
     told = verdict()
     told["cases"][0]["gates"][0]["value"] = {"mean": mean, "half_width_95": half_width}
     write_report(tmp_path / "x.html", told, {})
-    assert f'<td class="n">{shown}</td>' in (tmp_path / "x.html").read_text()
+    cells = Cells.of(tmp_path / "x.html", "paper")
+    assert [text for data, text in cells if data.get("data-field") == "value"][0] == shown
 
 
 def test_what_cannot_be_reported(tmp_path: Path) -> None:

@@ -15,10 +15,18 @@ import numpy as np
 import pytest
 
 from epcontact.errors import InvalidScene
-from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, scene_digest
+from epcontact.scene import (
+    Body,
+    Load,
+    Material,
+    Scene,
+    SelfAffineSpectrum,
+    Surface,
+    rms_slope,
+    scene_digest,
+)
 from epcontact.surfaces import HeightsFromArray, HeightsFromFile, SelfAffine
-from epcontact.surfaces.measured import detrended_and_windowed, edge_jumps
-from epcontact.surfaces.power_spectrum import surface_moments
+from epcontact.surfaces.treatment import edge_jumps, filled, form_removed, windowed
 
 L = 2 * math.pi
 SPECTRUM = SelfAffineSpectrum(0.8, 1.0, 4.0, 20.0, 0.5)
@@ -61,33 +69,37 @@ def test_every_format_holds_the_same_heights(tmp_path: Path, name: str) -> None:
 def test_one_row_or_column_is_a_line(tmp_path: Path, name: str) -> None:
     heights = periodic((64,))
     written = heights[None, :] if name.startswith("row") else heights
-    surface = HeightsFromFile(write(tmp_path, name, written), (3.0,)).build()
+    surface = HeightsFromFile(write(tmp_path, name, written), (3.0,), unit=1.0).build()
     assert np.array_equal(surface.heights, heights)
 
 
 @pytest.mark.parametrize("dtype", ["<f4", ">f8", "<i2", "u1", "?"])
 def test_any_real_type_and_order_will_do(tmp_path: Path, dtype: str) -> None:
     heights = np.asfortranarray((periodic() * 1000).astype(dtype))
-    surface = HeightsFromFile(write(tmp_path, "map.npy", heights), (1.0, 1.0)).build()
+    path = write(tmp_path, "map.npy", heights)
+    surface = HeightsFromFile(path, (1.0, 1.0), unit=1.0).build()
     assert np.array_equal(surface.heights, heights.astype(float))
+    array = HeightsFromArray(heights, (1.0, 1.0)).build()
+    for built in (surface, array, Surface(heights, (1.0, 1.0))):
+        assert any("in a picture" in note for note in built.notes) is (dtype in ("u1", "?"))
 
 
 def test_periods_by_one_length_or_by_the_pixel(tmp_path: Path) -> None:
     square = write(tmp_path, "square.npy", periodic((48, 48)))
     oblong = write(tmp_path, "oblong.npy", periodic())
-    assert HeightsFromFile(square, (2.0,)).periods == (2.0, 2.0)
-    assert HeightsFromFile(oblong, pixel_size=0.5).periods == (24.0, 25.0)
+    assert HeightsFromFile(square, (2.0,), unit=1.0).periods == (2.0, 2.0)
+    assert HeightsFromFile(oblong, pixel_size=0.5, unit=1.0).periods == (24.0, 25.0)
     for arguments, message in [
         ({"periods": (2.0,)}, "48 x 50 .* give both"),
         ({}, "does not say how large"),
         ({"periods": (1.0, 1.0), "pixel_size": 1.0}, "not both"),
         ({"pixel_size": 0.0}, "pixel_size is 0.0"),
         ({"periods": (1.0, 1.0), "unit": math.nan}, "unit is nan"),
-        ({"periods": (1.0, 1.0), "unit": None}, "unit is None"),
+        ({"periods": (1.0, 1.0), "unit": None}, "in which unit its heights are; give unit = 1e-6"),
         ({"periods": (1.0, 1.0, 1.0)}, "2 positive lengths"),
     ]:
         with pytest.raises(InvalidScene, match=message):
-            HeightsFromFile(oblong, **arguments)  # type: ignore[arg-type]
+            HeightsFromFile(oblong, **({"unit": 1.0} | arguments))  # type: ignore[arg-type]
 
 
 def test_the_content_is_the_identity_not_the_place(tmp_path: Path) -> None:
@@ -95,7 +107,7 @@ def test_the_content_is_the_identity_not_the_place(tmp_path: Path) -> None:
     other = tmp_path / "other.npy"
     shutil.copy(path, other)
     changed = write(tmp_path, "changed.npy", periodic() + 1e-12)
-    recipe = HeightsFromFile(path, (L, L))
+    recipe = HeightsFromFile(path, (L, L), unit=1.0)
     assert replace(recipe, path=other).fingerprint == recipe.fingerprint
     different = [
         replace(recipe, path=changed),
@@ -103,12 +115,18 @@ def test_the_content_is_the_identity_not_the_place(tmp_path: Path) -> None:
         replace(recipe, treatment="periodic"),
         replace(recipe, treatment="detrend_and_window"),
         replace(recipe, treatment="detrend_and_window", taper=0.2),
+        replace(recipe, form=1),
+        replace(recipe, form=2),
+        replace(recipe, missing="nearest"),
+        replace(recipe, missing="harmonic"),
+        replace(recipe, longest_wavelength=1.0),
+        replace(recipe, shortest_wavelength=0.1),
     ]
-    assert len({r.fingerprint for r in [recipe, *different]}) == 6
+    assert len({r.fingerprint for r in [recipe, *different]}) == 12
 
 
 def test_a_recipe_travels_to_another_process_without_its_heights(tmp_path: Path) -> None:
-    recipe = HeightsFromFile(write(tmp_path, "map.txt", periodic()), (L, L))
+    recipe = HeightsFromFile(write(tmp_path, "map.txt", periodic()), (L, L), unit=1.0)
     sent = pickle.dumps(recipe)
     assert len(sent) < 1000 < periodic().nbytes
     arrived = pickle.loads(sent)
@@ -121,7 +139,9 @@ def test_a_recipe_travels_to_another_process_without_its_heights(tmp_path: Path)
 def test_the_digest_is_known_before_the_heights(tmp_path: Path, treatment: Any) -> None:
     material, load = Material(1e9, 0.3), Load(1e5)
     array = HeightsFromArray(periodic(), (L, L), treatment)
-    file = HeightsFromFile(write(tmp_path, "a.npy", periodic()), (L, L), treatment=treatment)
+    file = HeightsFromFile(
+        write(tmp_path, "a.npy", periodic()), (L, L), unit=1.0, treatment=treatment
+    )
     for recipe in (array, file):
         known = scene_digest(
             recipe.fingerprint, recipe.shape, recipe.periods, material, Body(), load
@@ -177,46 +197,120 @@ def test_jumps_are_what_they_are_said_to_be() -> None:
 
 
 @pytest.mark.parametrize("shape", [(40, 31), (60,)])
-@pytest.mark.parametrize("taper", [0.1, 0.5])
-def test_a_plane_is_all_gone(shape: tuple[int, ...], taper: float) -> None:
-    grids = np.meshgrid(*(np.arange(n) for n in shape), indexing="ij")
-    plane = 3.0 + sum((0.1 + 0.2 * a) * g for a, g in enumerate(grids))
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("hole", [False, True])
+def test_a_form_is_all_gone(shape: tuple[int, ...], order: int, hole: bool) -> None:
+    grids = np.meshgrid(*(np.arange(n) / 10 for n in shape), indexing="ij")
+    form = 3.0 + sum((1 + a) * g for a, g in enumerate(grids)) if order else np.full(shape, 3.0)
+    if order == 2:
+        form = form + sum((g - 1) ** 2 for g in grids) + math.prod(grids)
     rough = np.random.default_rng(0).standard_normal(shape)
-    with_plane, factor = detrended_and_windowed(rough + plane, taper)
-    without, same = detrended_and_windowed(rough.copy(), taper)
-    # The plane is 10 high, so it leaves a few of its roundings of 2e-15.
-    assert np.abs(with_plane - without).max() < 1e-13
-    assert factor == pytest.approx(same, rel=1e-13)
-    assert np.abs(detrended_and_windowed(plane, taper)[0]).max() < 1e-13
+    if hole:
+        rough[3:9] = np.nan
+    bare = form_removed(rough, order)
+    # The form is 40 high at most, so it leaves a few of its roundings.
+    assert np.nanmax(np.abs(form_removed(rough + form, order) - bare)) < 1e-12
+    assert np.nanmax(np.abs(form_removed(form, order))) < 1e-12
+    if order:
+        assert np.nanmax(np.abs(form_removed(form, order - 1))) > 0.1
+    # What is left is orthogonal to the form, as least squares leave it.
+    assert np.nansum(bare * form) == pytest.approx(0, abs=1e-10)
+
+
+@pytest.mark.parametrize("method", ["nearest", "harmonic"])
+def test_missing_points_are_filled_and_said(tmp_path: Path, method: Any) -> None:
+    heights = periodic()
+    holed = heights.copy()
+    holed[5:8, 10:13] = np.nan
+    holed[0, 0] = holed[30, 49] = np.nan
+    masked = np.ma.masked_invalid(holed)
+    path = write(tmp_path, "map.npy", holed)
+    recipes = [
+        HeightsFromArray(holed, (L, L), missing=method),
+        HeightsFromArray(masked, (L, L), missing=method),
+        HeightsFromFile(path, (L, L), unit=1.0, missing=method),
+    ]
+    for recipe in recipes:
+        surface = recipe.build()
+        known = np.isfinite(holed)
+        assert np.array_equal(surface.heights[known], heights[known])
+        # Heights from elsewhere on the surface would be off by sqrt(2) of its rms height.
+        error = (surface.heights - heights)[~known]
+        assert np.sqrt(np.mean(error**2)) < heights.std()
+        note = f"11 of 2400 heights missing (0.46 %), filled by the method {method}"
+        assert note in surface.notes
+    for heights_of in (holed, masked):
+        with pytest.raises(InvalidScene, match=r'11 of 2400 .* set missing to "harmonic"'):
+            HeightsFromArray(heights_of, (L, L))
+    with pytest.raises(InvalidScene, match=r"masked array with missing points.*HeightsFromArray"):
+        Surface(masked, (L, L))
+
+
+def test_a_film_over_a_hole_is_harmonic() -> None:
+    x, y = np.meshgrid(np.arange(20.0), np.arange(16.0), indexing="ij")
+    saddle = x * y + 3 * x  # harmonic on the grid, too
+    holed = saddle.copy()
+    holed[4:12, 3:9] = np.nan
+    assert filled(holed, "harmonic") == pytest.approx(saddle, rel=1e-12)
+    near = filled(holed, "nearest")
+    assert near[4, 5] == saddle[3, 5]
+    assert np.isfinite(near).all()
+
+
+def test_waves_outside_a_band_are_removed() -> None:
+    x = np.arange(64) * L / 64
+    waves = {q: np.cos(q * x) for q in (1, 3, 9)}
+    recipe = HeightsFromArray(
+        sum(waves.values()), (L,), longest_wavelength=L / 2, shortest_wavelength=L / 5
+    )
+    surface = recipe.build()
+    assert surface.heights == pytest.approx(waves[3], abs=1e-14)
+    assert surface.recipe == recipe.fingerprint
+    assert "waves longer than 3.14 m and shorter than 1.26 m removed" in " ".join(surface.notes)
+    with pytest.raises(InvalidScene, match="must be below longest_wavelength"):
+        replace(recipe, longest_wavelength=0.1)
 
 
 @pytest.mark.parametrize("taper", [0.05, 0.1, 0.5])
-def test_the_window_keeps_the_rms_height_and_closes_the_edge(taper: float) -> None:
+def test_the_window_keeps_the_rms_slope_and_closes_the_edge(taper: float) -> None:
     heights = cut_out((100, 101))
-    columns = [np.ones(heights.size), *(g.ravel() for g in np.indices(heights.shape))]
-    fit = np.linalg.lstsq(np.array(columns).T, heights.ravel())[0]
-    detrended = heights.ravel() - fit @ np.array(columns)
-    surface = HeightsFromArray(heights, (1.0, 1.0), "detrend_and_window", taper).build()
-    assert surface.heights.std() == pytest.approx(detrended.std(), rel=1e-12)
+    detrended = form_removed(heights, 1)
+    recipe = HeightsFromArray(heights, (1.0, 1.0), "detrend_and_window", taper)
+    surface = recipe.build()
+    spacing = (1 / 100, 1 / 101)
+    assert surface.rms_slope == pytest.approx(rms_slope(detrended, spacing), rel=1e-12)
     assert surface.heights.mean() == pytest.approx(0, abs=1e-14)
     for edge, inner in edge_jumps(surface.heights):
         assert edge < 0.2 * inner
-    assert surface_moments(surface).rms_height == pytest.approx(detrended.std(), rel=1e-12)
+    # With form 2 the window sees another map.
+    assert not np.array_equal(replace(recipe, form=2).build().heights, surface.heights)
 
 
 def test_the_factor_of_white_noise_is_the_window_s() -> None:
     noise = np.random.default_rng(1).standard_normal((400, 400))
-    _, factor = detrended_and_windowed(noise, 0.1)
+    _, factor = windowed(noise, 0.1, (1.0, 1.0))
     # mean(w^2) = 1 - 5/4 taper each way; 160,000 samples scatter by 1e-2 of the difference.
     assert factor == pytest.approx(1 / (1 - 1.25 * 0.1), rel=3e-3)
 
 
-def test_the_note_says_what_was_done() -> None:
-    surface = HeightsFromArray(cut_out(), (1.0, 1.0), "detrend_and_window").build()
-    (note,) = surface.notes
-    jumps = edge_jumps(cut_out())
-    for words in ("plane removed", "tapered over 0.1", f"{jumps[0][0]:.3g} m", "before", "after"):
-        assert words in note
+def test_the_notes_say_what_was_done() -> None:
+    surface = HeightsFromArray(cut_out(), (100.0, 100.0), "detrend_and_window").build()
+    form, window = surface.notes
+    assert form == "least-squares plane removed"
+    jumps = edge_jumps(form_removed(cut_out(), 1))
+    for words in ("tapered over 0.1", "rms slope", f"{jumps[0][0]:.3g} m", "before", "after"):
+        assert words in window
+
+
+def test_slopes_beyond_one_are_said_once() -> None:
+    steep = HeightsFromArray(periodic() * 1e3, (L, L)).build()
+    told = [note for note in steep.notes if "beyond the small slopes" in note]
+    assert len(told) == 1
+    assert f"{steep.rms_slope:.3g}" in told[0]
+    assert replace(steep).notes == steep.notes
+    assert not any("slopes" in n for n in HeightsFromArray(periodic(), (L, L)).build().notes)
+    with pytest.raises(InvalidScene, match="complex"):
+        Surface(np.ones((4, 4)) * 1j, (1.0, 1.0))
 
 
 def test_the_given_array_is_left_alone() -> None:
@@ -253,7 +347,7 @@ def test_arrays_that_are_no_heights(tmp_path: Path, heights: Any, message: str) 
         HeightsFromArray(heights, (1.0, 1.0))
     if isinstance(heights, np.ndarray):
         with pytest.raises(InvalidScene, match=message):
-            HeightsFromFile(write(tmp_path, "map.npy", heights), (1.0, 1.0)).build()
+            HeightsFromFile(write(tmp_path, "map.npy", heights), (1.0, 1.0), unit=1.0).build()
 
 
 def test_arrays_with_wrong_words() -> None:
@@ -264,6 +358,8 @@ def test_arrays_with_wrong_words() -> None:
         ({"taper": 0.6}, "taper is 0.6"),
         ({"taper": "much"}, "taper is 'much'"),
         ({"periods": (L,)}, "2 positive lengths"),
+        ({"missing": "linear"}, "missing is 'linear'"),
+        ({"form": 3}, "form is 3"),
     ]:
         with pytest.raises(InvalidScene, match=message):
             replace(good, **change)  # type: ignore[arg-type]
@@ -287,15 +383,17 @@ BROKEN_FILES: list[tuple[str, bytes, str]] = [
     ("magic.npy", b"\x93NUM", "no complete .npy file"),
     ("junk.npy", bytes(range(256)) * 8, "no complete .npy file"),
     ("archive.npy", b"PK\x03\x04" + bytes(60), "no complete .npy file"),
-    ("junk.txt", bytes(range(256)) * 8, "no text in UTF-8"),
+    ("junk.txt", bytes(range(256)) * 8, "no table of numbers"),
     ("nul.txt", b"1 2\x003\n\x00\n", "no table of numbers"),
-    ("latin.txt", "1 2 µ\n3 4 5".encode("latin-1"), "no text in UTF-8"),
-    ("late.txt", b"1 2\n" * 9000 + b"\xff 2\n", "no text in UTF-8"),
-    ("words.txt", b"x y\n1 2\n", "no table of numbers"),
-    ("ragged.csv", b"1,2\n3\n", "no table of numbers"),
-    ("comma.csv", b"1,5;2,5\n3,5;4,5\n", "no table of numbers"),
+    ("latin.txt", "1 2 µ\n3 4 5".encode("latin-1"), "line 1 holds 'µ'"),
+    ("late.txt", b"1 2\n" * 9000 + b"\xff 2\n", "line 9001 holds 'ÿ'"),
+    ("words.txt", b"x y\nz t\n", "no line begins with a number"),
+    ("ragged.csv", b"1,2\n3\n4,5\n", "line 2 holds 1 numbers, the one above 2"),
+    ("points.csv", b"1.5;2,5\n3,5;4,5\n", "line 1 holds '1.5'"),
     ("complex.txt", b"1+2j 2\n3 4\n", "no table of numbers"),
-    ("nan.txt", b"1 nan\n3 4\n", "1 of 4 heights"),
+    ("nan.txt", b"1 nan\n3 4\n", "1 of 4 heights are NaN"),
+    ("empty.csv", b"1,\n3,4\n", "1 of 4 heights are NaN"),
+    ("middle.csv", b"1,2\nsome words,4\n3,4\n", "line 2 holds 'some words'"),
     ("inf.txt", b"1 1e999\n3 4\n", "1 of 4 heights"),
     ("single.txt", b"3\n", r"shape \(1,\)"),
 ]
@@ -308,10 +406,29 @@ def test_broken_files_end_in_one_sentence(
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(InvalidScene, match=message) as caught:
-        HeightsFromFile(path, (1.0, 1.0)).build()
+        HeightsFromFile(path, (1.0, 1.0), unit=1.0).build()
     text = str(caught.value)
     assert name in text
     assert "\n" not in text
+
+
+TABLES = [
+    ("a.csv", "1.5,2.5,\n3.5,4.5,\n", 0),  # each line ends with a separator
+    ("b.csv", "1,5;2,5\n3,5;4,5\n", 1),
+    ("c.txt", "1,5 2,5\n3,5 4,5\n", 1),
+    ("d.txt", "Höhe in µm\nx y\n1.5\t2.5\n3.5\t4.5\n", 2),
+    ("e.csv", "\ufeffheight;height\r\n1.5;2.5\r\n\r\n3.5;4.5 # last\r\n", 1),
+    ("f.csv", "1.5, 2.5\n3.5, 4.5", 0),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "notes"), TABLES, ids=lambda v: str(v)[:5])
+def test_tables_as_programs_write_them(tmp_path: Path, name: str, content: str, notes: int) -> None:
+    encoding = "latin-1" if "ö" in content else "utf-8"
+    (tmp_path / name).write_bytes(content.encode(encoding))
+    surface = HeightsFromFile(tmp_path / name, (100.0, 100.0), 1.0, "periodic").build()
+    assert np.array_equal(surface.heights, [[1.5, 2.5], [3.5, 4.5]])
+    assert len(surface.notes) == notes + 1
 
 
 def test_truncated_and_pickled_npy(tmp_path: Path) -> None:
@@ -350,7 +467,6 @@ class Topography:
     """As much of SurfaceTopography's class as is used here, in nanometres."""
 
     unit: str | None = "nm"
-    has_undefined_data = False
     is_uniform = True
     physical_sizes: Any = (2e9, 3e9)
 
@@ -367,7 +483,10 @@ class Topography:
 
 
 class Undefined(Topography):
-    has_undefined_data = True
+    def heights(self) -> Any:
+        heights = np.ma.masked_array(super().heights(), False)
+        heights[3, 4] = np.ma.masked
+        return heights
 
 
 class Scattered(Topography):
@@ -407,12 +526,19 @@ def test_instrument_files_know_their_size_and_unit(
     with pytest.raises(InvalidScene, match="knows the unit"):
         HeightsFromFile(path, unit=1e-6)
     read_by(Unitless, monkeypatch)
-    with pytest.raises(InvalidScene, match="does not say how large"):
+    with pytest.raises(InvalidScene, match="in which unit"):
         HeightsFromFile(path)
+    with pytest.raises(InvalidScene, match="does not say how large"):
+        HeightsFromFile(path, unit=1e-9)
     with_unit = HeightsFromFile(path, (2.0, 3.0), unit=1e-9).build()
     assert with_unit.heights == pytest.approx(periodic(), rel=1e-14)
+    read_by(Undefined, monkeypatch)
+    with pytest.raises(InvalidScene, match="1 of 2400 heights are NaN or masked"):
+        HeightsFromFile(path).build()
+    holed = HeightsFromFile(path, missing="nearest").build()
+    assert holed.heights[3, 4] in (holed.heights[2, 4], holed.heights[4, 4], holed.heights[3, 3],
+                                   holed.heights[3, 5])  # fmt: skip
     for broken, message in [
-        (Undefined, "points without a height"),
         (Scattered, "no regular grid"),
         (KeyError("block 3\nof 4"), r"SurfaceTopography cannot read it \('block 3"),
     ]:

@@ -20,6 +20,7 @@ from epcontact.cli.tables import (
     answers_table,
     gamma_sentence,
     print_shortfalls,
+    print_surface_notes,
     verdict_table,
 )
 from epcontact.errors import EpcontactError
@@ -119,6 +120,7 @@ def run(
             [chosen], output, jobs=workers, fresh=fresh, fields=fields, progress=progress
         )[loaded.id]
     open_console().print(answers_table(answers))
+    print_surface_notes(open_console(), chosen, answers)
     if sentence := gamma_sentence([chosen]):
         click.echo(sentence)
     errors = [sentence for answer in answers.values() for sentence in answer.errors]
@@ -190,6 +192,7 @@ def verify(
     if sentence := gamma_sentence([case.case for case in verdict.cases]):
         click.echo(sentence)
     for case in verdict.cases:
+        print_surface_notes(console, case.case, case.answers)
         print_shortfalls(console, case)
     counts = [sum(case.status == s for case in verdict.cases) for s in STYLES]
     summary = ", ".join(f"{n} {s}" for n, s in zip(counts, STYLES, strict=True) if n)

@@ -46,14 +46,18 @@ def described(scene: Scene, recipe: Recipe) -> dict[str, dict[str, Any]]:
         (100.0, 'Pa')
     """
     surface, material = scene.surface, scene.material
-    modulus, slope = effective_modulus(material), surface.rms_slope
+    modulus = effective_modulus(material)
+    if surface.spectrum is None:
+        slope, how = surface.rms_slope, "rms slope ξ, from differences of neighbours"
+    else:
+        slope, how = surface.spectrum.rms_slope, "rms slope ξ, of the spectrum"
     rows: list[tuple[str, Any, str, str]] = [
         ("surface", _surface_in_words(surface, recipe), "", "surface"),
         ("points", list(surface.shape), "–", "grid points along each direction"),
         ("periods", list(surface.periods), "m", "period"),
         ("spacing", list(surface.spacing), "m", "distance of grid points"),
         ("rms_height", float(surface.heights.std()), "m", "rms height"),
-        ("rms_slope", slope, "–", "rms slope ξ, from differences of neighbours"),
+        ("rms_slope", slope, "–", how),
         ("young_modulus", material.young_modulus, "Pa", "Young's modulus E"),
         ("poisson_ratio", material.poisson_ratio, "–", "Poisson's ratio ν"),
         ("effective_modulus", modulus, "Pa", "effective modulus E* = E / (1 − ν²)"),

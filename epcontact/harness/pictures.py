@@ -31,6 +31,9 @@ from epcontact.scene import Surface
 from epcontact.surfaces.power_spectrum import radial_spectrum
 from epcontact.surfaces.spectrum import density
 
+#: Fewest rings of wave numbers that make a spectrum.
+FEWEST_RINGS = 4
+
 Results = Mapping[str, Sequence[ContactResult]]
 
 
@@ -51,7 +54,8 @@ def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> l
     scene = case.scene(case.recipes[0])
     results = {method: answer.results for method, answer in answers.items() if answer.results}
     hardness = case.material.hardness
-    charts = {"power-spectrum": _spectrum_chart(scene.surface)}
+    spectrum = _spectrum_chart(scene.surface)
+    charts = {} if spectrum is None else {"power-spectrum": spectrum}
     tables = {}
     if "persson" in results:
         options = case.options["persson"]
@@ -102,10 +106,15 @@ def theory_densities(results: Results, hardness: float) -> list[Series]:
     return series
 
 
-def _spectrum_chart(surface: Surface) -> Chart:
-    """Chart the spectrum of the surface and the analytic one that it was drawn from."""
+def _spectrum_chart(surface: Surface) -> Chart | None:
+    """Chart the spectrum of the surface and the analytic one that it was drawn from.
+
+    A surface of a few waves, such as a sinusoid, has no chart: a few dots show no spectrum.
+    """
     spectrum = radial_spectrum(surface)
     shown = spectrum.density > 1e-12 * spectrum.density.max()
+    if np.count_nonzero(shown) < FEWEST_RINGS:
+        return None
     series = [Series("surface", spectrum.wavenumber[shown], spectrum.density[shown])]
     analytic, dimension = surface.spectrum, surface.heights.ndim
     if analytic is not None:

@@ -103,6 +103,7 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         plotter.add_mesh(mesh.copy(), **look, **shading)
         plotter.add_text(titles[column], font_size=11, **TEXT)
         _look_down(plotter, mesh)
+        _mark_lengths(plotter, mesh.bounds, unit, "xy")
 
 
 def _look_down(plotter: Any, mesh: Any) -> None:
@@ -110,7 +111,7 @@ def _look_down(plotter: Any, mesh: Any) -> None:
     x0, x1, y0, y1, *_ = mesh.bounds
     corners = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0], [x0, y0, 0]])
     plotter.add_mesh(pv.lines_from_points(corners), color="#555555", line_width=2)
-    _frame_view(plotter, mesh.bounds, (-0.3, -1.25, 1.5), 1.04)
+    _frame_view(plotter, mesh.bounds, (-0.3, -1.25, 1.5), 0.9)
     plotter.remove_all_lights()
     direction = np.array([-1.0, -0.5, 1.0])
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
@@ -244,7 +245,8 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
         else:
             plotter.add_mesh(skin, color="#d9d9d9")
             plotter.add_text(f"no {title.partition(' (')[0]} in the file", font_size=11, **TEXT)
-        _frame_view(plotter, bounds, (-0.9, -1.3, 1.1), 1.0)
+        _frame_view(plotter, bounds, (-0.9, -1.3, 1.1), 0.9)
+        _mark_lengths(plotter, bounds, unit, "xyz")
     shape = f"displacements × {factor:.3g}" if displacement else "undeformed"
     plotter.subplot(0, 0)
     plotter.add_text(f"{_size(sides, scale)} {unit}, {shape}", font_size=11, color="black")
@@ -276,6 +278,26 @@ def _bar(title: str) -> dict[str, Any]:
         "position_x": 0.25,
         "position_y": 0.02,
     }
+
+
+def _mark_lengths(plotter: Any, bounds: Any, unit: str, axes: str) -> None:
+    """Draw axes with ticks along the outer edges; stretched heights have no axis."""
+    unit = unit.replace("µm", "micrometres")  # VTK's font for axes has no µ
+    plotter.show_bounds(
+        bounds=bounds,
+        location="outer",
+        ticks="outside",
+        font_size=11,
+        color="#303030",
+        xtitle=f"x ({unit})",
+        ytitle=f"y ({unit})",
+        ztitle=f"z ({unit})" if "z" in axes else "",
+        n_xlabels=3,
+        n_ylabels=3,
+        n_zlabels=3,
+        fmt="%.3g",
+        **{f"show_{axis}{what}": axis in axes for axis in "xyz" for what in ("axis", "labels")},
+    )
 
 
 def _frame_view(plotter: Any, bounds: Any, towards: Sequence[float], zoom: float) -> None:

@@ -25,6 +25,7 @@ from epcontact.errors import OutputError
 from epcontact.output.charts.curves import pressure_distribution, residual_history
 from epcontact.output.charts.figures import Chart, Series
 from epcontact.output.charts.maps import map_of_file, pressure_difference
+from epcontact.output.charts.style import unit_for
 from epcontact.output.files import read_bytes, write_text
 from epcontact.output.view import screenshot
 from epcontact.output.vtk import read_fields
@@ -136,6 +137,9 @@ def write_report(
         "counts": _counts,
         "listed": lambda values: ", ".join(f"{name} {value}" for name, value in values.items()),
         "area_rows": _area_rows,
+        "computed": _computed,
+        "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('. ')}.",
+        "notes": _notes,
     }
     statuses = [case["status"] for case in verdict["cases"]]
     counts = {s: statuses.count(s) for s in ("holds", "falls short", "error", "skipped")}
@@ -169,6 +173,51 @@ def _counts(values: Data, digits: int, without: Sequence[str] = ()) -> str:
     """Return names and numbers in one line."""
     shown = {k.replace("_", " "): v for k, v in values.items() if k not in without}
     return ", ".join(f"{name} {number(value, digits)}" for name, value in shown.items())
+
+
+def shown(value: Any, unit: str) -> str:
+    """Return a figure of a scene in words: with a unit that suits it, lists as dimensions.
+
+    Example:
+        >>> shown(2.5e11, "Pa"), shown([256, 128], "–"), shown([2e-4, 1e-4], "m")
+        ('250 GPa', '256 × 128', '200 × 100 µm')
+    """
+    if unit == "" or isinstance(value, bool):
+        return str(value)
+    values = [float(one) for one in (value if isinstance(value, list) else [value])]
+    if not all(map(math.isfinite, values)):
+        return "none"  # an infinite hardness or yield stress is none
+    scale, named = (1.0, "") if unit == "–" else unit_for(max(map(abs, values)), unit)
+    digits = 9 if unit == "–" and isinstance(value, list) else 4
+    texts = [f"{one / scale:.{digits}g}" for one in values]
+    if len(texts) > 8:
+        texts = [*texts[:3], f"… {len(texts) - 4} more …", texts[-1]]
+    return f"{(', ' if unit == 'Pa' else ' × ').join(texts)} {named}".rstrip()
+
+
+def _computed(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
+    """Return the scene that the methods answered, one row for each of its figures."""
+    told = [answer["provenance"].get("about") for answer in answers.values()]
+    about: Data = next((each for each in told if each), {})
+    rows = [
+        {"name": name, **entry, "shown": shown(entry["value"], entry["unit"])}
+        for name, entry in about.items()
+    ]
+    labels = (answer["ensemble"]["surfaces"] for answer in answers.values())
+    surfaces = max(labels, key=len, default=())
+    if rows and len(surfaces) > 1:
+        words = f"{len(surfaces)} ({', '.join(surfaces)}); the figures above are of the first"
+        rows.append({"name": "surfaces", "value": surfaces, "meaning": "surfaces", "shown": words})
+    return rows
+
+
+def _notes(answers: Mapping[str, Data]) -> list[str]:
+    """Return each note of the methods once, with the methods that gave it."""
+    methods: dict[str, dict[str, None]] = {}
+    for method, answer in answers.items():
+        for note in itertools.chain.from_iterable(one["notes"] for one in answer["members"]):
+            methods.setdefault(note, {})[method] = None
+    return [f"Note by {', '.join(names)}: {note}." for note, names in methods.items()]
 
 
 def _area_rows(answers: Mapping[str, Data]) -> list[dict[str, Any]]:

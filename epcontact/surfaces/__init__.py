@@ -6,18 +6,20 @@ the table [surface] of a case file, which selects one by its `kind`.
 
     self_affine     random phases on an analytic spectrum
     shapes          sinusoids, paraboloid, sphere, flat punch
-    measured        heights from an array or a file, and the treatment of maps that do not repeat
-    readers         the file formats
+    measured        heights from an array or a file
+    treatment       holes, form, edges and band of measured maps
+    readers         the file formats; text_tables: tables of numbers
     filters         surfaces without their short waves
     spectrum        analytic spectra: densities and moments in closed form
     power_spectrum  the spectrum and the moments of any surface's heights
 """
 
 from epcontact.surfaces.filters import filtered
-from epcontact.surfaces.measured import HeightsFromArray, HeightsFromFile, Treatment
+from epcontact.surfaces.measured import HeightsFromArray, HeightsFromFile
 from epcontact.surfaces.recipe import Recipe, SurfaceAbsent, require_room
 from epcontact.surfaces.self_affine import SelfAffine, SelfAffineEnsemble, grid_shape
 from epcontact.surfaces.shapes import FlatPunch, Paraboloid, Sinusoid, Sphere
+from epcontact.surfaces.treatment import Treatment
 
 #: The registry: every form of the table [surface] of a case file, selected by its `kind`.
 CaseSurface = SelfAffineEnsemble | Sinusoid | Paraboloid | Sphere | FlatPunch | HeightsFromFile

@@ -1,4 +1,4 @@
-"""Surfaces without their short waves."""
+"""Surfaces without their short or long waves."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from epcontact.scene import Surface
 from epcontact.surfaces.spectrum import BAND_TOLERANCE, truncated
 
 
-def filtered(surface: Surface, wavenumber_high: float) -> Surface:
-    """Remove the modes of |q| > wavenumber_high (rad/m) from a surface, on the same grid.
+def filtered(surface: Surface, wavenumber_high: float, wavenumber_low: float = 0.0) -> Surface:
+    """Keep the modes of wavenumber_low <= |q| <= wavenumber_high (rad/m), on the same grid.
 
-    The result is the surface that the theory sees at the magnification wavenumber_high / q_0.  An
-    analytic spectrum is cut off with the heights, and dropped if nothing of it remains.
+    Without a lower limit the result is the surface that the theory sees at the magnification
+    wavenumber_high / q_0.  An analytic spectrum is cut off with the short waves, and dropped if
+    long waves are removed or nothing of it remains.  The mean height is kept.
 
     Raises:
-        InvalidScene: unless wavenumber_high is a positive number.
+        InvalidScene: unless 0 <= wavenumber_low < wavenumber_high.
 
     Example:
         >>> surface = Surface(np.cos(2 * math.pi * np.arange(8) / 4), (2 * math.pi,))
@@ -33,8 +34,13 @@ def filtered(surface: Surface, wavenumber_high: float) -> Surface:
         raise InvalidScene(
             f"wavenumber_high is {wavenumber_high!r}, but must be a positive number in rad/m"
         )
+    if not 0 <= wavenumber_low < wavenumber_high:
+        raise InvalidScene(
+            f"wavenumber_low is {wavenumber_low!r}, but must lie between 0 and wavenumber_high = "
+            f"{wavenumber_high:g} rad/m"
+        )
     n = surface.shape[-1]
-    limit = wavenumber_high * (1 + BAND_TOLERANCE)
+    low, high = wavenumber_low * (1 - BAND_TOLERANCE), wavenumber_high * (1 + BAND_TOLERANCE)
     axes = tuple(range(len(surface.shape)))
     modes = ducc0.fft.r2c(surface.heights)
     rows = modes.reshape(-1, modes.shape[-1])
@@ -43,7 +49,8 @@ def filtered(surface: Surface, wavenumber_high: float) -> Surface:
     if len(surface.shape) == 2:
         q_first = np.asarray(2 * math.pi * np.fft.fftfreq(surface.shape[0], surface.spacing[0]))
     for row, q_row in zip(rows, q_first, strict=True):
-        row[np.hypot(q_row, q_last) > limit] = 0.0
+        q = np.hypot(q_row, q_last)
+        row[(q > high) | ((q < low) & (q > 0))] = 0.0
     modes *= 1 / surface.heights.size
     if len(axes) == 2:
         ducc0.fft.c2c(modes, axes=(0,), forward=False, out=modes)
@@ -52,10 +59,11 @@ def filtered(surface: Surface, wavenumber_high: float) -> Surface:
     heights.flags.writeable = False
     spectrum = surface.spectrum
     if spectrum is not None:
-        left = wavenumber_high > spectrum.wavenumber_low
+        left = wavenumber_high > spectrum.wavenumber_low >= low
         spectrum = truncated(spectrum, wavenumber_high, len(axes)) if left else None
-    shortest = max(2 * math.pi / wavenumber_high, surface.shortest_wavelength or 0.0)
-    recipe = f"filtered/1 {float(wavenumber_high)!r} of {surface.fingerprint}"
+    shortest = max(2 * math.pi / wavenumber_high, surface.shortest_wavelength or 0.0) or None
+    band = f"{float(wavenumber_low)!r} to " if wavenumber_low else ""
+    recipe = f"filtered/1 {band}{float(wavenumber_high)!r} of {surface.fingerprint}"
     return replace(
         surface,
         heights=heights,

@@ -7,7 +7,6 @@ promises more than the file holds is detected before memory is allocated.
 from __future__ import annotations
 
 import hashlib
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
+from epcontact.surfaces.text_tables import read_table
 
 #: Endings of files that are read as plain tables of numbers.
 TEXT_ENDINGS = (".txt", ".dat", ".csv", ".tsv")
@@ -29,11 +29,13 @@ class HeightMap:
         heights: the stored heights.
         in_metres: True if they are in m because the file gives its unit.
         periods: in m, if the file gives them.
+        notes: sentences on how the file was read.
     """
 
     heights: NDArray[Any]
     in_metres: bool = False
     periods: tuple[float, ...] | None = None
+    notes: tuple[str, ...] = ()
 
 
 def file_digest(path: Path) -> str:
@@ -57,7 +59,8 @@ def read_heights(path: Path) -> HeightMap:
         if ending == ".npy":
             return HeightMap(_read_npy(path))
         if ending in TEXT_ENDINGS:
-            return HeightMap(_read_table(path))
+            heights, notes = read_table(path)
+            return HeightMap(heights, notes=notes)
         return _read_instrument(path)
     except OSError as error:
         raise _unreadable(path, error) from None
@@ -86,27 +89,6 @@ def _read_npy(path: Path) -> NDArray[Any]:
         ) from None
 
 
-def _read_table(path: Path) -> NDArray[Any]:
-    """Read a table of numbers separated by semicolons, commas or white space; # comments."""
-    try:
-        with path.open(encoding="utf-8") as file:
-            lines = (line.split("#")[0].strip() for line in file)
-            first = next((line for line in lines if line), "")
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # numpy only warns if a table has no data
-            table = np.loadtxt(path, delimiter=_delimiter(first), encoding="utf-8", ndmin=2)
-    except UnicodeDecodeError:
-        raise InvalidScene(f"{path}: is no text in UTF-8, so no table of numbers") from None
-    except (ValueError, UserWarning) as error:
-        raise InvalidScene(f"{path}: is no table of numbers ({_first_line(error)})") from None
-    return table.ravel() if 1 in table.shape else table
-
-
-def _delimiter(line: str) -> str | None:
-    """Return the separator of a line of numbers; None means white space."""
-    return next((mark for mark in ";," if mark in line), None)
-
-
 def _read_instrument(path: Path) -> HeightMap:
     try:
         from SurfaceTopography import open_topography
@@ -121,11 +103,10 @@ def _read_instrument(path: Path) -> HeightMap:
             in_metres = topography.unit is not None
             if in_metres:
                 topography = topography.to_unit("m")
-            if topography.has_undefined_data:
-                raise InvalidScene(f"{path}: has points without a height; fill or crop them first")
             if not topography.is_uniform:
                 raise InvalidScene(f"{path}: its points lie on no regular grid; resample it first")
-            heights = np.array(topography.heights(), dtype=np.float64)
+            # Points without a height are masked.
+            heights = np.ma.filled(np.ma.asarray(topography.heights(), np.float64), np.nan)
             periods = topography.physical_sizes if in_metres else None
     except InvalidScene:
         raise

@@ -145,7 +145,8 @@ def pressure_distribution(
             xlabel=rf"contact pressure $\sigma$ ({unit})",
             ylabel=rf"density $P(\sigma)$ (1/{unit})",
         )
-        axes.legend()
+        # Beside the axes: the legend would cover the label of the hardness at their upper end.
+        outside_legend(axes)
     header = ("series", "pressure_Pa", "density_per_Pa", "low_per_Pa", "high_per_Pa")
     caption = (
         "Probability density of the contact pressure per nominal area, mean of all surfaces. "

@@ -23,6 +23,7 @@ from epcontact.output.charts.style import (
     STATE_COLOURS,
     STATE_NAMES,
     STRESS_MAP,
+    typeset,
     unit_for,
 )
 from epcontact.output.files import write_bytes
@@ -248,11 +249,11 @@ def stability_map(
             image = axes.imshow(table.T, origin="lower", aspect="auto", cmap=STRESS_MAP, norm=norm)
             failed = np.argwhere(~np.isfinite(table))
             axes.plot(*failed.T, "x", color="#d55e00", markersize=6, markeredgewidth=1.6)
-            axes.set(title=name, xlabel=labels[0])
+            axes.set(title=name, xlabel=typeset(labels[0]))
             axes.grid(False)
             axes.set_xticks(*_few_ticks(across), rotation=45)
             axes.set_yticks(*_few_ticks(up))
-        panels[0].set_ylabel(labels[1])
+        panels[0].set_ylabel(typeset(labels[1]))
         figure.colorbar(image, ax=list(panels), label=f"{count} (crossed: failed)")
     general = f"{count} of each method; a cross marks where it did not converge."
     rows = [

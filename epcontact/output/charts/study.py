@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from epcontact.output.charts.curves import draw_front, observed_order
@@ -26,7 +27,7 @@ from epcontact.output.charts.figures import (
     styled,
     zeros_at_the_bottom,
 )
-from epcontact.output.charts.style import CYCLE
+from epcontact.output.charts.style import CYCLE, typeset
 
 _GUIDE = {"color": "#7f7f7f", "linewidth": 0.9, "linestyle": ":"}
 
@@ -93,18 +94,20 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
     series = [_series(name, group, plot, styles[name]) for name, group in rows.items()]
     with styled():
         figure, (axes,) = new_figure(6.4, 3.9)
-        labels, colours = _labels(series, plot.orders), _colours(rows, plot)
+        orders, colours = _labels(series, plot.orders), _colours(rows, plot)
+        labels = {name: typeset(orders.get(name, name)) for name in rows}
         draw(axes, series, colours=colours, labels=labels, positive="y" in plot.log)
-        axes.set(xlabel=plot.x[1], ylabel=plot.y[1], **plot.limits)
+        axes.set(xlabel=typeset(plot.x[1]), ylabel=typeset(plot.y[1]), **plot.limits)
         for name in plot.log:
             logarithmic(axes, name)
         if plot.ticks:
             axes.set_xticks(plot.ticks, [f"{tick:g}" for tick in plot.ticks], minor=False)
             axes.set_xticks([], minor=True)
+        looks = {labels[name]: style for name, style in styles.items()}
         for line in axes.lines:
-            if styles.get(line.get_label()) in ("marks", "open"):
+            if looks.get(line.get_label()) in ("marks", "open"):
                 line.set_linestyle("none")
-            if styles.get(line.get_label()) == "open":
+            if looks.get(line.get_label()) == "open":
                 line.set_fillstyle("none")
         if "y" in plot.log:
             zeros_at_the_bottom(axes, [one for one in series if styles[one.name] == "points"])
@@ -112,8 +115,31 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
         if plot.front:
             draw_front(axes, [one for one in series if not one.line])
         outside_legend(axes)
+        undecided = _undecided(series)
+        if undecided:
+            axes.set_title("the intervals are wider than the differences", color="#a63c00")
     header = ("series", plot.x[0], plot.y[0], "low", "high")
-    return Chart(figure, header, long_table(series), caption)
+    words = f"{caption} {undecided}".rstrip()
+    return Chart(figure, header, long_table(series), typeset(words, mathtext=False))
+
+
+def _undecided(series: Sequence[Series]) -> str:
+    """Return a warning if the intervals of most points are wider than all differences shown.
+
+    Such a chart shows no trend; more surfaces would.
+    """
+    told = [one for one in series if one.low is not None and not one.line]
+    if not told:
+        return ""
+    widths = np.concatenate([one.high - one.low for one in told])
+    means = np.concatenate([one.y for one in told])
+    known = np.isfinite(widths) & np.isfinite(means)
+    if known.sum() < 2 or np.median(widths[known]) <= np.ptp(means[known]):
+        return ""
+    return (
+        "The intervals are wider than the differences between the points, so this chart decides "
+        "nothing; more surfaces (--full) narrow them."
+    )
 
 
 def _style(group: pd.DataFrame) -> str:
@@ -148,7 +174,7 @@ def _draw_guides(axes: Any, plot: Plot) -> None:
     for label, place in plot.upright.items():
         axes.axvline(place, **_GUIDE)
         axes.annotate(
-            f" {label}",
+            f" {typeset(label)}",
             (place, 0.99),
             xycoords=("data", "axes fraction"),
             va="top",

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -57,6 +58,32 @@ SETTINGS: Mapping[str, Any] = MappingProxyType(
 )
 
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+
+
+#: Symbols as code and cases write them, as mathtext, and as text.
+_SYMBOLS = (
+    (r"E\* ?xi ?/ ?(?:sigma_Y|yield stress)", r"$E^*\xi\,/\,\sigma_\mathrm{Y}$", "E*ξ/σ_Y"),
+    (r"/ ?\(E\* ?xi\)", r"$/\,(E^*\xi)$", "/(E*ξ)"),
+    (r"E\* ?xi", r"$E^*\xi$", "E*ξ"),
+    (r"\bsigma_Y\b", r"$\sigma_\mathrm{Y}$", "σ_Y"),
+    (r"\bsigma_P\b", r"$\sigma_\mathrm{P}$", "σ_P"),
+    (r"\bp0\b", r"$p_0$", "p₀"),
+    (r"\bnu(?= = )", r"$\nu$", "ν"),
+)
+
+
+def typeset(text: str, *, mathtext: bool = True) -> str:
+    """Return a label or caption with its symbols typeset, as mathtext or in plain Unicode.
+
+    Example:
+        >>> typeset("E* xi/sigma_Y = 5", mathtext=False)
+        'E*ξ/σ_Y = 5'
+        >>> typeset("p0 / hardness (–)")
+        '$p_0$ / hardness (–)'
+    """
+    for pattern, math_text, plain in _SYMBOLS:
+        text = re.sub(pattern, lambda _, new=(math_text if mathtext else plain): new, text)  # type: ignore[misc]
+    return text
 
 
 def unit_for(largest: float, unit: str) -> tuple[float, str]:
