@@ -313,7 +313,7 @@ def test_an_interval_is_shown_where_there_is_one(
     told["cases"][0]["gates"][0]["value"] = {"mean": mean, "half_width_95": half_width}
     write_report(tmp_path / "x.html", told, {})
     cells = Cells.of(tmp_path / "x.html", "paper")
-    assert [text for data, text in cells if data.get("data-field") == "value"][0] == shown
+    assert next(text for data, text in cells if data.get("data-field") == "value") == shown
 
 
 def test_what_cannot_be_reported(tmp_path: Path) -> None:
