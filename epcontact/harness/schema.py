@@ -248,9 +248,9 @@ def _meaning(entry: Mapping[str, Any]) -> str:
     """Return the description of a key and the words that its schema allows."""
     forms = [entry, *entry.get("anyOf", ()), entry.get("items", {})]
     text = next((form["description"] for form in forms if "description" in form), "")
-    words: list[str] = next((form["enum"] for form in forms if "enum" in form), [])
+    words = [str(word) for form in forms for word in form.get("enum", ())]
     if "const" in entry:
-        text, words = "kind of surface", [entry["const"]]
+        text, words = "kind of surface", [str(entry["const"])]
     return f"{text}: {', '.join(words)}" if words else text
 
 
