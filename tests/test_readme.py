@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
@@ -25,7 +26,7 @@ def blocks(language: str) -> list[str]:
 def home(tmp_path_factory) -> Path:
     """A folder with the case file and the solver that the README shows."""
     folder = tmp_path_factory.mktemp("readme")
-    (case,) = blocks("toml")
+    (case,) = [text for text in blocks("toml") if "[surface]" in text]
     (folder / "my-surface.toml").write_text(case)
     (solver,) = [text for text in blocks("python") if text.startswith("# my_solver.py")]
     (folder / "my_solver.py").write_text(solver)
@@ -96,8 +97,17 @@ def test_the_main_job_is_a_function(home) -> None:
     assert run([sys.executable, "-c", code], home).startswith("True ['holds'")
 
 
-def test_conftest_collects_gates(home) -> None:
-    (conftest,) = [text for text in blocks("python") if "pytest_cases" in text]
-    (home / "conftest.py").write_text(conftest)
-    out = run([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "."], home)
+@pytest.mark.skipif(
+    not entry_points(group="pytest11", name="epcontact.harness.pytest_plugin"),
+    reason="epcontact is on the path but not installed",
+)
+def test_pytest_collects_the_gates_of_the_cases_it_is_told_of(home) -> None:
+    (setting,) = [text for text in blocks("toml") if "epcontact_cases" in text]
+    (home / "pyproject.toml").write_text(setting)
+    (home / "my-surface.toml").rename(home / "my-surface.case.toml")
+    (home / "other.toml").write_text("not a case")
+    command = [sys.executable, "-m", "pytest", "-n", "2", "--dist", "loadscope", "-v"]
+    out = run([*command, "-p", "no:cacheprovider"], home)
     assert "4 passed" in out  # its own gate, and the three default gates of the boundary elements
+    workers = set(re.findall(r"\[(gw\d)\].* PASSED", out))
+    assert len(workers) == 1, "one case, which one worker solves"

@@ -308,10 +308,9 @@ def test_time_limit_leaves_the_compilation_of_kernels_out() -> None:
 
 def test_broken_case_is_collected_as_its_sentence(write_case) -> None:
     path = write_case(("hurst", "hurts"))
-    (path.parent / "conftest.py").write_text(
-        "from epcontact.harness.pytest_cases import pytest_addoption, pytest_collect_file\n"
-    )
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(path.parent)]
+    (path.parent / "pytest.ini").write_text("[pytest]\nepcontact_cases = *.toml\n")
+    plugins = ["-p", "no:cacheprovider", "-p", "epcontact.harness.pytest_plugin"]
+    command = [sys.executable, "-m", "pytest", "-q", *plugins, str(path.parent)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert "did you mean 'hurst'" in done.stdout
     assert "Traceback" not in done.stdout

@@ -9,6 +9,6 @@ verdict           `verify`, the main job, and the Verdict that verdict.json hold
 crosscheck        the parts of the difference between finite and boundary elements
                   (`model_difference`: J2 flow against a pressure cap)
 peers             ContactMechanics and tamaas as methods
-pytest_cases      gates as tests of pytest
+pytest_plugin     gates as tests of pytest (`pytest_cases` has the tests themselves)
 pictures          the charts of a case
 """

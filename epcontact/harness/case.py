@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from epcontact.errors import EpcontactError, InvalidCase, nearest
 from epcontact.harness.case_gates import gates_of
-from epcontact.harness.case_text import SIZES, CaseText, at_size, case_files, read_cases
+from epcontact.harness.case_text import SIZES, CaseText, at_size, case_files, case_name, read_cases
 from epcontact.harness.gates import Gate
 from epcontact.harness.methods import METHODS
 from epcontact.harness.schema import CaseFile, mistake
@@ -105,9 +105,9 @@ def find_named(name: str | Path) -> tuple[CaseText, ...]:
     known: dict[str, tuple[CaseText, ...]] = {}
     if path.suffix != ".toml":
         for file in case_files():
-            if file.stem == text:
+            if case_name(file) == text:
                 return read_cases(file)
-            known[file.stem] = ()
+            known[case_name(file)] = ()
             with contextlib.suppress(InvalidCase):  # other mistakes in that file do not matter here
                 known |= {case.id: (case,) for case in read_cases(file)}
     if text in known:

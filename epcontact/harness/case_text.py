@@ -1,9 +1,9 @@
 """The text of case files: TOML with variants and with values by size, before its keys are checked.
 
-A file holds one case, which has the name of the file, or a family of cases.  In a family each
-table [[variant]] is a partial case file that is laid over the rest of the file: its keys replace
-those of the same table.  A gate of a variant completes the file's gate on the same quantity or,
-if there is none, is added.  So a family states once what its cases share.
+A file holds one case, which has the name of the file (without .toml or .case.toml), or a family of
+cases.  In a family each table [[variant]] is a partial case file that is laid over the rest of the
+file: its keys replace those of the same table.  A gate of a variant completes the file's gate on
+the same quantity or, if there is none, is added.  So a family states once what its cases share.
 """
 
 from __future__ import annotations
@@ -49,6 +49,16 @@ class CaseText:
         return tuple(s for s in SIZES if all(s in t for t in tables)) if tables else ("fast",)
 
 
+def case_name(path: Path) -> str:
+    """Return the id of the one case in a file: its name without .toml or .case.toml.
+
+    Example:
+        >>> case_name(Path("cases/hertz-sphere.case.toml"))
+        'hertz-sphere'
+    """
+    return path.name.removesuffix(".toml").removesuffix(".case")
+
+
 def case_files() -> list[Path]:
     """Return the case files in ./cases or, if there are none, those of the package."""
     package = Path(str(files("epcontact")))
@@ -69,7 +79,7 @@ def read_cases(path: Path) -> tuple[CaseText, ...]:
     _require_sizes(str(path), tables)
     variants = tables.pop("variant", None)
     if variants is None:
-        return (CaseText(path, path.stem, tables),)
+        return (CaseText(path, case_name(path), tables),)
     if not (isinstance(variants, list) and variants and all(isinstance(v, dict) for v in variants)):
         raise InvalidCase(f"{path}: variant is {variants!r:.60}, but must be tables [[variant]]")
     family: dict[str, CaseText] = {}

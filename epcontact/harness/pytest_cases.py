@@ -1,11 +1,14 @@
-"""pytest collects case files with one item for each gate, so that any CI shows them as tests.
+"""Case files as tests of pytest: one item for each gate; see `epcontact.harness.pytest_plugin`.
 
-A folder of cases opts in with a conftest.py that holds
-`from epcontact.harness.pytest_cases import pytest_addoption, pytest_collect_file  # noqa: F401`.
+The methods of a case run once, in the set-up of the first of its gates, so `pytest --durations`
+and a JUnit file show their time there.  `pytest -n 2 --dist loadscope` gives all gates of a case to
+one worker.
 """
 
 from __future__ import annotations
 
+import functools
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +16,7 @@ from typing import Any
 import pytest
 
 from epcontact.errors import EpcontactError
-from epcontact.harness.case import SIZES, Case, find_named, load_case
+from epcontact.harness.case import Case, find_named, load_case
 from epcontact.harness.verdict import CaseVerdict, verify
 
 
@@ -21,34 +24,15 @@ class GateFellShort(Exception):
     """A gate does not hold or could not be judged."""
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add --case-size and --case-output."""
-    group = parser.getgroup("epcontact")
-    group.addoption("--case-size", choices=SIZES, default="fast", help="size of the cases to run")
-    group.addoption("--case-output", default=None, help="folder for results; else a temporary one")
-
-
-def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
-    """Collect the TOML files beside the conftest that imported this."""
-    if file_path.suffix == ".toml":
-        return CaseModule.from_parent(parent, path=file_path)
-    return None
-
-
 class CaseModule(pytest.File):
-    """A case file.  The methods of a case run once, with the first of its gates."""
+    """A case file."""
 
-    def collect(self) -> Iterator[pytest.Item]:
-        """Yield one item for each gate; in a file of several cases its name includes the case."""
+    def collect(self) -> Iterator[pytest.Collector]:
+        """Yield the cases of the file that have the size."""
         size = self.config.getoption("--case-size")
-        self.verdicts: dict[str, CaseVerdict] = {}
         for text in find_named(self.path):
-            if size not in text.sizes:
-                continue
-            case = load_case(text, size)
-            for number, gate in enumerate(case.gates):
-                name = f"{case.id}: {gate.name}" if text.is_variant else gate.name
-                yield GateItem.from_parent(self, name=name, case=case, number=number)
+            if size in text.sizes:
+                yield CaseGates.from_parent(self, name=text.id, case=load_case(text, size))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         """Return the one sentence of an unreadable case file instead of a traceback."""
@@ -56,31 +40,47 @@ class CaseModule(pytest.File):
             return str(excinfo.value)
         return super().repr_failure(excinfo)
 
-    def judged(self, case: Case) -> CaseVerdict:
-        """Return the verdict on a case, which is solved at the first call."""
-        if case.id not in self.verdicts:
-            config: Any = self.config
-            folder = config.getoption("--case-output")
-            output = Path(folder) if folder else config._tmp_path_factory.mktemp("results")
-            self.verdicts[case.id] = verify(case, size=case.size, output=output).cases[0]
-        return self.verdicts[case.id]
+
+class CaseGates(pytest.Collector):
+    """One case."""
+
+    def __init__(self, *, case: Case, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self.case = case
+        self.add_marker(pytest.mark.xdist_group(case.id))  # for --dist loadgroup
+
+    def collect(self) -> Iterator[pytest.Item]:
+        """Yield one item for each gate."""
+        for number, gate in enumerate(self.case.gates):
+            yield GateItem.from_parent(self, name=gate.name, number=number)
+
+    @functools.cached_property
+    def verdict(self) -> CaseVerdict:
+        """The verdict on the case, which is solved when the first gate asks for it."""
+        config: Any = self.config
+        folder = config.getoption("--case-output")
+        output = Path(folder) if folder else config._tmp_path_factory.mktemp("results")
+        jobs = 1 if "PYTEST_XDIST_WORKER" in os.environ else None  # the workers are enough
+        return verify(self.case, size=self.case.size, output=output, jobs=jobs).cases[0]
 
 
 class GateItem(pytest.Item):
     """One gate of a case."""
 
-    def __init__(self, *, case: Case, number: int, **kwargs: Any) -> None:
+    parent: CaseGates
+
+    def __init__(self, *, number: int, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        self.case = case
         self.number = number
+
+    def setup(self) -> None:
+        """Solve the case, unless an earlier gate did; skip the gate where that is impossible."""
+        if self.parent.verdict.skipped_because:
+            pytest.skip(self.parent.verdict.skipped_because)
 
     def runtest(self) -> None:
         """Judge the gate."""
-        module = self.parent
-        assert isinstance(module, CaseModule)
-        verdict = module.judged(self.case)
-        if verdict.skipped_because:
-            pytest.skip(verdict.skipped_because)
+        verdict = self.parent.verdict
         gate = verdict.gates[self.number]
         if not gate.holds:
             raise GateFellShort(str(gate))
@@ -94,5 +94,5 @@ class GateItem(pytest.Item):
         return super().repr_failure(excinfo, style)
 
     def reportinfo(self) -> tuple[Path, None, str]:
-        """Return the file and the name of the gate."""
-        return self.path, None, f"{self.path.stem}: {self.name}"
+        """Return the file, the case and the gate."""
+        return self.path, None, f"{self.parent.name}: {self.name}"

@@ -1,1 +1,0 @@
-from epcontact.harness.pytest_cases import pytest_addoption, pytest_collect_file  # noqa: F401
