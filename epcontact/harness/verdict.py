@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
@@ -39,6 +39,7 @@ from epcontact.harness.gates import (
 )
 from epcontact.harness.methods import METHODS, REPLACED, solver_named
 from epcontact.harness.quantities import read_quantity
+from epcontact.harness.read_back import require_faithful
 from epcontact.harness.run import Progress, default_jobs, run_cases
 from epcontact.harness.store import Answer
 from epcontact.output.files import refusal, whole_file, write_json
@@ -153,7 +154,7 @@ def verify(  # noqa: PLR0913 - the options of the command
 
     Raises:
         InvalidCase: if a case or the solver cannot be read.
-        OutputError: if a file cannot be written.
+        OutputError: if a file cannot be written, or does not say what was judged.
 
     Example:
         >>> import tempfile
@@ -181,6 +182,7 @@ def verify(  # noqa: PLR0913 - the options of the command
     )
     verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size)
     write_verdict(verdict, Path(output))
+    require_faithful(Path(output), _content(verdict))
     return verdict
 
 
@@ -340,13 +342,18 @@ def remove_verdict(folder: Path) -> None:
                 raise refusal("remove", path, error) from None
 
 
+def _content(verdict: Verdict) -> dict[str, Any]:
+    """Return the content of verdict.json."""
+    return verdict.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+
 def write_verdict(verdict: Verdict, folder: Path) -> None:
     """Write verdict.json and junit.xml into `folder`, whole or not at all.
 
     Raises:
         OutputError: if they cannot be written.
     """
-    write_json(folder / "verdict.json", verdict.model_dump(by_alias=True, exclude_none=True))
+    write_json(folder / "verdict.json", _content(verdict))
     xml = JUnitXml("epcontact")
     for case in verdict.cases:
         xml.add_testsuite(_suite(case))
