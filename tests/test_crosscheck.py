@@ -88,7 +88,7 @@ def test_differences_of_known_answers() -> None:
 
 
 def test_the_effective_hardness_gives_the_area_of_the_j2_body() -> None:
-    scene = rough_scene(48, 6, hardness=math.inf)
+    scene = rough_scene(32, 4, hardness=math.inf)
     found = effective_hardness(scene)
     assert found.severity == pytest.approx(5, rel=1e-9)
     # nu = 0.3 at E* xi/sigma_Y = 5: 1.9 to 2.1 on every surface and grid tried.
@@ -100,10 +100,28 @@ def test_the_effective_hardness_gives_the_area_of_the_j2_body() -> None:
         compliance=fem_check.surface_compliance(scene),
     )
     # Bisection to 1e-4 of the ratio: the area may jump by a few nodes there.
-    assert capped.final.areas["raw"].total == pytest.approx(found.area, abs=3 / 48**2)
+    assert capped.final.areas["raw"].total == pytest.approx(found.area, abs=3 / 32**2)
     assert found.at_cap is not None
     assert found.at_cap.overlap > 0.9
     assert "c_eff = " in str(found)
+
+
+def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it() -> None:
+    scene = rough_scene(16, 2, hardness=math.inf)
+    found = effective_hardness(scene, steps=2)
+    depth = fem_check.solve(scene, steps=2, certified=False).provenance.options["depth"]
+    others = {
+        "depth": effective_hardness(scene, steps=2, depth=0.75 * depth, coarse=False),
+        "steps": effective_hardness(scene, steps=1, coarse=False),
+    }
+    assert set(found.parts) == {"node", "grid", *others}
+    for name, other in others.items():
+        assert found.parts[name] == pytest.approx(found.ratio - other.ratio, abs=1e-9)
+    assert found.parts["steps"] != 0
+    assert found.error == pytest.approx(math.hypot(*found.parts.values()))
+    tight = effective_hardness(scene, step_tolerance=0.002, coarse=False)
+    assert set(tight.parts) == {"node"}
+    assert tight.ratio == pytest.approx(found.ratio, abs=3 * found.error)
 
 
 def test_a_body_that_hardly_flows_has_no_effective_hardness() -> None:
@@ -173,9 +191,9 @@ def test_an_odd_grid_says_what_its_error_lacks(tiny) -> None:
 
 def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny) -> None:
     case = load_case(tiny())
-    *alone, head, _, area, _, _, largest, hardness, _, _ = crosscheck(
-        case, seeds=[21, 22]
-    ).splitlines()
+    lines = crosscheck(case, seeds=[21, 22], steps=4).splitlines()
+    alone, head = lines[:-11], lines[-11]
+    _, area, _, _, largest, hardness, grid, steps, _, mean_line = lines[-10:]
     assert [line for line in alone if "seed" in line] == [
         "fem-model-5, fast, seed 21",
         "fem-model-5, fast, seed 22",
@@ -188,6 +206,13 @@ def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny) -> None:
     assert error == pytest.approx((high - low) / 2, abs=1e-3)
     assert deviation == pytest.approx((high - low) / math.sqrt(2), abs=1e-3)
     assert area.startswith("  model, area: +")
+    assert grid.startswith("  its change by the grid: ")
+    assert steps.startswith("  its change by the steps: ")
+    # The error of the mean: the scatter of the surfaces, and what all of them share.
+    parts = [float(x) for x in re.findall(r"(?:seeds|grid|steps) ([+-]\S+?)[,)]", mean_line)]
+    found = re.findall(r"mean c_eff = (\S+) \+- (\S+) ", mean_line)[0]
+    assert [float(x) for x in found] == pytest.approx([mean, math.hypot(*parts)], abs=2e-3)
+    assert parts[0] == pytest.approx(error, abs=1e-3)
     # Between the peak under a sphere at first yield and what the most confined contact bears.
     assert 1.6 < float(re.findall(r"\d\.\d+", largest)[0]) < 3.5
 

@@ -82,11 +82,25 @@ def _share(text: str) -> float:
 @click.option(
     "--seeds", default=None, metavar="FIRST-LAST", help="Other seeds for the case's recipe."
 )
-def crosscheck(case: str, size: str, seeds: str | None) -> None:
+@click.option(
+    "--steps",
+    type=click.IntRange(1),
+    default=None,
+    help="Equal increments of the J2 load path, in the place of the case's own.",
+)
+@click.option(
+    "--step-tolerance",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=None,
+    help="Tolerance by which the increments of the J2 load path are chosen.",
+)
+def crosscheck(
+    case: str, size: str, seeds: str | None, steps: int | None, step_tolerance: float | None
+) -> None:
     """Split the difference of finite and boundary elements on CASE into grid, depth, model."""
     others = () if seeds is None else _seeds(seeds)
     loaded = casefile.load_case(casefile.find_case(case), size)
-    click.echo(check_models(loaded, others))
+    click.echo(check_models(loaded, others, steps=steps, step_tolerance=step_tolerance))
 
 
 #: Largest number of seeds: far more than an ensemble needs, and still a short list.

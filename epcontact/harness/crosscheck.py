@@ -31,7 +31,11 @@ from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.case import Case
 from epcontact.harness.distances import Difference, difference
-from epcontact.harness.model_difference import EffectiveHardness, effective_hardness
+from epcontact.harness.model_difference import (
+    EffectiveHardness,
+    effective_hardness,
+    path_options,
+)
 from epcontact.harness.statistics import estimate, standard_deviation
 from epcontact.results import ContactResult
 from epcontact.scene import Body, Scene
@@ -72,6 +76,8 @@ def error_budget(
     law: Literal["elastic", "capped", "j2"] = "capped",
     depth: float | None = None,
     layers: int | None = None,
+    steps: int | None = None,
+    step_tolerance: float | None = None,
     report: Callable[[str], None] | None = print,
 ) -> ErrorBudget:
     """Split the difference between finite and boundary elements on a scene into its parts.
@@ -82,20 +88,22 @@ def error_budget(
             the scene has a hardness, otherwise with the elastic law.
         depth: depth of the element block in m; None: chosen from the scene.
         layers: number of element layers; None: chosen from the scene.
+        steps, step_tolerance: of a J2 load path, as for `fem_check.solve`.
         report: called with the budget in one line.
 
     Raises:
         InvalidScene: for a path of loads, and for what the two solvers refuse.
         NotConverged: if a solver does not converge.
     """
-    budget, _ = _budget(scene, law, {"depth": depth, "layers": layers})
+    path = path_options(steps, step_tolerance)
+    budget, _ = _budget(scene, law, {"depth": depth, "layers": layers}, path)
     if report is not None:
         report(str(budget))
     return budget
 
 
 def _budget(
-    scene: Scene, law: str, block: dict[str, Any]
+    scene: Scene, law: str, block: dict[str, Any], path: dict[str, Any]
 ) -> tuple[ErrorBudget, ContactResult | None]:
     """Return the parts, and the J2 answer if the law is j2."""
     if len(scene.load.path) != 1:
@@ -114,7 +122,7 @@ def _budget(
         body = Body("bonded_layer", float(fem.provenance.options["depth"]))
     layer = bem.solve(replace(capped, body=body))
     whole = layer if body == scene.body else bem.solve(capped)
-    j2 = fem_check.solve(scene, law="j2", **block) if law == "j2" else None
+    j2 = fem_check.solve(scene, law="j2", **block, **path) if law == "j2" else None
     budget = ErrorBudget(
         law,
         None if j2 is None else difference(j2, own, hardness),
@@ -139,7 +147,13 @@ class Checked:
     largest: float = math.nan
 
 
-def crosscheck(case: Case, seeds: Sequence[int] = ()) -> str:
+def crosscheck(
+    case: Case,
+    seeds: Sequence[int] = (),
+    *,
+    steps: int | None = None,
+    step_tolerance: float | None = None,
+) -> str:
     """Report why the finite and the boundary elements of a case differ, surface by surface.
 
     The report holds the error budget of the case's finite-element law; for j2 also both contact
@@ -149,6 +163,7 @@ def crosscheck(case: Case, seeds: Sequence[int] = ()) -> str:
     Args:
         case: a case with the methods fem and bem.
         seeds: seeds of random surfaces by the case's recipe, which replace the case's own.
+        steps, step_tolerance: of the J2 load path, in the place of the case's own.
 
     Returns:
         The report, as several lines of text.
@@ -159,7 +174,9 @@ def crosscheck(case: Case, seeds: Sequence[int] = ()) -> str:
     """
     _require_checkable(case)
     recipes = case.recipes if not seeds else _other_surfaces(case, seeds)
-    options = case.options["fem"]
+    options = dict(case.options["fem"])
+    if steps is not None or step_tolerance is not None:
+        options |= {"steps": steps, "step_tolerance": step_tolerance}
     lines, checks = [], []
     for recipe in recipes:
         seed = getattr(recipe, "seed", None)
@@ -208,11 +225,12 @@ def _require_checkable(case: Case) -> None:
 
 def _checked(scene: Scene, options: Mapping[str, Any]) -> Checked:
     block = {name: options.get(name) for name in ("depth", "layers")}
-    budget, j2 = _budget(scene, options["law"], block)
+    path = path_options(options.get("steps"), options.get("step_tolerance"))
+    budget, j2 = _budget(scene, options["law"], block, path)
     halved = all(n % 2 == 0 and n >= 8 for n in scene.surface.shape)
     if j2 is None:
         return Checked(budget, halved)
-    effective = effective_hardness(scene, coarse=halved, j2=j2, **block)
+    effective = effective_hardness(scene, coarse=halved, j2=j2, **block, **path)
     largest = j2.final.quantities["largest_pressure"] / scene.material.yield_stress
     return Checked(budget, halved, effective, largest)
 
@@ -248,9 +266,28 @@ def _ensemble_lines(checks: Sequence[Checked]) -> list[str]:
     caps = [e.at_cap for e in effective if e.at_cap is not None]
     if caps and len(caps) == len(checks):
         rows.append(("effective hardness c_eff", [e.ratio for e in effective]))
-        rows.append(("its error from the grid", [e.error for e in effective]))
+        rows += [
+            (f"its change by the {name}", [e.parts[name] for e in effective])
+            for name in effective[0].parts
+            if name != "node"
+        ]
         rows.append(("overlap at c_eff", [cap.overlap for cap in caps]))
-    return [f"{name}: {_spread(values)}" for name, values in rows]
+    lines = [f"{name}: {_spread(values)}" for name, values in rows]
+    if caps and len(caps) == len(checks):
+        lines.append(_mean_hardness(effective))
+    return lines
+
+
+def _mean_hardness(effective: Sequence[EffectiveHardness]) -> str:
+    """Return the mean c_eff with its error from the seeds and from what all surfaces share."""
+    ratios = [e.ratio for e in effective]
+    parts = {"seeds": standard_deviation(ratios) / math.sqrt(len(ratios))}
+    for name in effective[0].parts:
+        if name != "node":  # half a node more or less averages out
+            parts[name] = estimate([e.parts[name] for e in effective]).mean
+    listed = ", ".join(f"{name} {part:+.3f}" for name, part in parts.items())
+    mean, error = estimate(ratios).mean, math.hypot(*parts.values())
+    return f"mean c_eff = {mean:.3f} +- {error:.3f} (by {listed})"
 
 
 def _spread(values: Sequence[float]) -> str:

@@ -10,6 +10,7 @@ Gates read it as quantity.model_*, quantity.effective_* and quantity.elements_ar
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -35,23 +36,32 @@ class EffectiveHardness:
 
     Attributes:
         ratio: c_eff = hardness/sigma_Y; infinite if even the elastic body has at least that area.
-        error: error of the ratio: its change from the grid that is twice as coarse (the error of
-            the fine grid under first-order convergence), plus the effect of half a node in the
-            area.
         severity: E* xi/sigma_Y of the scene.
         area: raw contact area of the J2 body.
         at_cap: the difference of the two bodies under that cap.
+        parts: parts of the error of the ratio, by name: "node", the effect of half a node in the
+            area; and, each from a second solve that differs in one thing, the change of the ratio
+            from a "grid" twice as coarse, from a "depth" of three quarters, and from half as many
+            load "steps".  The errors of grid and steps are of first order, so that the change is
+            the finer solve's own error; the base's influence falls faster.
     """
 
     ratio: float
-    error: float
     severity: float
     area: float
     at_cap: Difference | None
+    parts: Mapping[str, float]
+
+    @property
+    def error(self) -> float:
+        """The error of the ratio: the root of the sum of the squares of its parts."""
+        return math.hypot(*self.parts.values())
 
     def __str__(self) -> str:
+        parts = ", ".join(f"{name} {part:+.3f}" for name, part in self.parts.items())
         return (
-            f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E* xi/sigma_Y = {self.severity:.3g}"
+            f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E* xi/sigma_Y = {self.severity:.3g} "
+            f"(by {parts})"
             + (
                 ""
                 if self.at_cap is None
@@ -66,17 +76,20 @@ def effective_hardness(
     coarse: bool = True,
     depth: float | None = None,
     layers: int | None = None,
+    steps: int | None = None,
+    step_tolerance: float | None = None,
     j2: ContactResult | None = None,
 ) -> EffectiveHardness:
     """Find the effective hardness of the J2 body of a scene under its single load.
 
     Args:
         scene: the scene; its hardness is not read.
-        coarse: also solve on every other grid point; otherwise the error does not include the
-            effect of the grid.
+        coarse: also solve on every other grid point, on a shallower block (of a half-space) and in
+            fewer steps; otherwise the error is that of half a node alone.
         depth: depth of the element block in m; None: chosen from the scene.
         layers: number of element layers; None: chosen from the scene.
-        j2: the answer of `fem_check.solve` to this scene and block, if it is already known.
+        steps, step_tolerance: of the load path, as for `fem_check.solve`.
+        j2: the answer of `fem_check.solve` to this scene and these options, if it is already known.
 
     Raises:
         InvalidScene: for a path of loads, or for an odd number of grid points with `coarse`.
@@ -86,19 +99,40 @@ def effective_hardness(
             f"the scene has a path of {len(scene.load.path)} mean pressures; give a single one"
         )
     block: dict[str, Any] = {"depth": depth, "layers": layers}
-    j2 = j2 or fem_check.solve(scene, law="j2", certified=False, **block)
+    path = path_options(steps, step_tolerance)
+    if j2 is None:
+        j2 = fem_check.solve(scene, law="j2", certified=False, **block, **path)
     fine = _equal_area(scene, j2)
-    error = fine.error
-    if coarse and math.isfinite(fine.ratio):
-        if any(n % 2 or n < 8 for n in scene.surface.shape):
-            raise InvalidScene(
-                f"the grid of {scene.surface.shape} points has no half; give even numbers of at "
-                "least 8, or coarse=False"
-            )
-        half = _half(scene)
-        rough = fem_check.solve(half, law="j2", certified=False, **block)
-        error += abs(_equal_area(half, rough).ratio - fine.ratio)
-    return replace(fine, error=error)
+    if not (coarse and math.isfinite(fine.ratio)):
+        return fine
+    if any(n % 2 or n < 8 for n in scene.surface.shape):
+        raise InvalidScene(
+            f"the grid of {scene.surface.shape} points has no half; give even numbers of at "
+            "least 8, or coarse=False"
+        )
+    half = _half(scene)
+    others = {"grid": (half, fem_check.solve(half, law="j2", certified=False, **block, **path))}
+    if scene.body.kind == "half_space":
+        block["depth"] = 0.75 * float(j2.provenance.options["depth"])
+        found = fem_check.solve(scene, law="j2", certified=False, **block, **path)
+        others["depth"] = (scene, found)
+        block["depth"] = depth
+    path = {"steps": _half_the_steps(j2)}
+    others["steps"] = (scene, fem_check.solve(scene, law="j2", certified=False, **block, **path))
+    parts = {name: fine.ratio - _equal_area(*other).ratio for name, other in others.items()}
+    return replace(fine, parts=parts | dict(fine.parts))
+
+
+def path_options(steps: int | None, step_tolerance: float | None) -> dict[str, Any]:
+    """Return the options of `fem_check.solve` that choose the increments; None is its default."""
+    given = {"steps": steps, "step_tolerance": step_tolerance}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _half_the_steps(j2: ContactResult) -> int:
+    """Half of the increments of a J2 answer; of chosen ones, a third was made to judge the rest."""
+    steps = j2.provenance.options["steps"] or round(2 / 3 * j2.cost["increments"])
+    return max(1, round(steps / 2))
 
 
 def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray:
@@ -196,7 +230,7 @@ def _equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
         return answer.final.areas["raw"].total
 
     if area_at(math.inf) >= wanted:
-        return EffectiveHardness(math.inf, 0.0, severity, wanted, None)
+        return EffectiveHardness(math.inf, severity, wanted, None, {})
     # Under the smallest cap that can carry the load every node touches.
     areas = {scene.load.final / material.yield_stress * 1.001: 1.0}
     high = 8.0
@@ -219,7 +253,8 @@ def _equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
     ratio = (edges[0] + edges[1]) / 2
     cap = ratio * material.yield_stress
     at_cap = difference(j2, capped_body(scene, cap, compliance), cap)
-    return EffectiveHardness(ratio, abs(edges[1] - edges[0]) / 2, severity, wanted, at_cap)
+    node = abs(edges[1] - edges[0]) / 2
+    return EffectiveHardness(ratio, severity, wanted, at_cap, {"node": node})
 
 
 def _half(scene: Scene) -> Scene:
