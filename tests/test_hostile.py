@@ -1,24 +1,37 @@
-"""What a verdict says when a solver, a case or the machine misbehaves: never that all is well."""
+"""What a verdict says when a solver, a case or the machine misbehaves: never that all is well.
+
+The solvers are those of hostile.py, each in a process of its own as with `--solver`.
+"""
 
 from __future__ import annotations
 
 import json
+import math
+import shutil
+import subprocess
+import sys
+import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import hostile
 import numpy as np
+import psutil
 import pytest
 from click.testing import CliRunner
 
 from epcontact import planning
 from epcontact.cli.plans import plan
 from epcontact.errors import InvalidCase
+from epcontact.harness import exchange, foreign
 from epcontact.harness.case import load_case
 from epcontact.harness.methods import METHODS
 from epcontact.harness.verdict import Verdict, verify
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
+from epcontact.scene import Load, Material, Scene, Surface
 
 THEORY = (
     ('methods = ["persson", "bem"]', 'methods = ["persson"]'),
@@ -139,3 +152,167 @@ def test_broken_promise_of_a_plan_is_exit_1(write_case, monkeypatch, error, code
     done = CliRunner().invoke(plan, command)
     assert done.exit_code == code, done.output
     assert ("was broken" in done.output) == (code == 1)
+
+
+# --- foreign solvers -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def scene() -> Scene:
+    """A wave that is pressed flat; its exact pressure is that of hostile.full_contact."""
+    heights = 1e-7 * np.cos(2 * np.pi * np.arange(32) / 32)
+    return Scene(Surface(heights, (1e-3,)), Material(2e11, 0.3), Load(1e9))
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("exits_with_success", "ended with exit code 0 and gave no answer"),
+        ("exits_with_3", "ended with exit code 3 and gave no answer"),
+        ("raises_system_exit", "raised SystemExit: 0"),
+        ("breaks_memory", "was killed by SIGSEGV (invalid memory access) and gave no answer"),
+        ("is_killed", "was killed by SIGKILL (most likely for want of memory) and gave no answer"),
+        ("has_no_memory", "raised not enough memory"),
+        ("stalls", "raised the residual stalled at 1e-2"),
+        ("divides_by_zero", r"raised ZeroDivisionError: an honest mistake \x07"),
+        ("returns_a_table", "returned no epcontact.ContactResult but 'dict'"),
+        ("returns_another_grid", "returned the field pressure of shape (3,)"),
+        ("returns_words", "returned a ContactResult that cannot be read"),
+        ("has_no_steps", "raised ValueError: a ContactResult needs at least one load step"),
+        ("absent", "cannot be imported (AttributeError"),
+    ],
+)
+def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(scene, name, sentence) -> None:
+    with pytest.raises(InvalidCase) as refused:
+        foreign.solve("mine", f"hostile:{name}", scene, limit=60)
+    assert sentence in str(refused.value)
+    assert f"solver hostile:{name} " in str(refused.value)
+
+
+def test_solver_that_hangs_is_ended_with_all_that_it_started(scene, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    child = foreign.Child()
+    monkeypatch.setattr(foreign, "_child", lambda: child)  # a new one, which starts in the folder
+    with pytest.raises(InvalidCase, match="was not finished within 3 s and was ended"):
+        foreign.solve("mine", "hostile:hangs", scene, limit=3)
+    child.end()
+    pids = list(map(int, Path("pids").read_text().split()))
+    gone = time.monotonic() + 20
+    while any(map(psutil.pid_exists, pids)) and time.monotonic() < gone:
+        time.sleep(0.05)
+    assert not [p for p in pids if psutil.pid_exists(p) and psutil.Process(p).status() != "zombie"]
+
+
+def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene) -> None:
+    heights, digest = scene.surface.heights.copy(), scene.digest
+    wrong = foreign.solve("mine", "hostile:changes_its_scene", scene)
+    np.testing.assert_array_equal(wrong.fields["pressure"], scene.load.final)
+    np.testing.assert_array_equal(scene.surface.heights, heights)
+    assert scene.digest == digest == wrong.provenance.scene
+    right = foreign.solve("mine", "hostile:prints", scene)
+    np.testing.assert_array_equal(
+        right.fields["pressure"], hostile.full_contact(scene).fields["pressure"]
+    )
+    assert (right.method, right.provenance.options["solver"]) == ("mine", "hostile:prints")
+
+
+def test_many_solves_share_one_process(scene) -> None:
+    child = foreign._child()
+    foreign.solve("mine", "hostile:full_contact", scene)
+    first = child._process
+    foreign.solve("mine", "hostile:full_contact", scene)
+    assert child._process is first
+
+
+@pytest.mark.parametrize("limit", [math.inf, 1e300, 60])
+def test_any_time_limit(scene, limit) -> None:
+    assert foreign.solve("mine", "hostile:full_contact", scene, limit).converged
+
+
+# --- commands in any language --------------------------------------------------------------------
+
+
+def test_solver_in_c(scene, write_case, tmp_path) -> None:
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("there is no C compiler")
+    program, source = tmp_path / "full_contact", Path(__file__).with_name("full_contact.c")
+    subprocess.run([compiler, "-O2", "-o", program, source, "-lm"], check=True)
+    command = f"{program} {{scene}} {{result}}"
+    found = foreign.solve("c", command, scene)
+    exact = hostile.full_contact(scene).fields["pressure"]
+    np.testing.assert_allclose(found.fields["pressure"], exact, rtol=1e-12)
+    assert found.final.areas["corrected"].total == 1
+    light = replace(scene, load=Load(1e6))
+    with pytest.raises(InvalidCase, match="a result that has not converged"):
+        foreign.solve("c", command, light)
+    assert verify(write_case(*WAVE), solver=f"c={command}", output=tmp_path / "out", jobs=1).passed
+
+
+WAVE = (
+    ('methods = ["persson", "bem"]', 'methods = ["bem"]'),
+    ('of = "bem"\nagainst = "persson"', 'of = "bem"\nagainst = "full_contact"'),
+    ("tolerance = 0.5", "tolerance = 1e-12"),
+    (
+        'kind = "self_affine"\nperiod = 1.0e-3\nhurst = 0.8\n'
+        "wavenumber_low = 6.283185307179586e3\nwavenumber_roll_off = 1.2566370614359173e4\n"
+        "wavenumber_high = 5.026548245743669e4\nrms_slope = 0.1\n"
+        "points_per_shortest_wavelength = { fast = 4, full = 8 }\nseeds = [3, 5, 7]",
+        'kind = "sinusoid"\nperiod = 1.0e-3\nshape = [64]\namplitude = 1.0e-7',
+    ),
+    ("hardness = 6.0e9\n\n[theory]\nenergy_reduction = 0.536\n", ""),
+)
+
+
+def test_files_of_numpy(scene) -> None:
+    command = f"{sys.executable} {hostile.__file__} {{scene.npz}} {{result.npz}}"
+    found = foreign.solve("numpy", command, scene)
+    exact = hostile.full_contact(scene).fields["pressure"]
+    np.testing.assert_allclose(found.fields["pressure"], exact, rtol=1e-12)
+    np.testing.assert_array_equal(found.fields["gap"], 0)
+
+
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        ("false {scene} {result}", "returned a command that ended with exit code 1"),
+        ("true {scene} {result}", "ended with exit code 0 and wrote no result"),
+        ("cp {scene} {result}", "does not begin with 'epcontact-result 1'"),
+    ],
+)
+def test_commands_that_fail(scene, command, sentence) -> None:
+    with pytest.raises(InvalidCase) as refused:
+        foreign.solve("mine", command, scene)
+    assert sentence in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("epcontact-result 1 converged 1", "without 'pressure'"),
+        ("epcontact-result 1 pressure 1 2", "without 'converged'"),
+        ("epcontact-result 1 pressure 1 converged 1", "fewer than 2 numbers after 'pressure'"),
+        ("epcontact-result 1 pressure 1 2 3 converged 1", "'3' in the place of one of"),
+    ],
+)
+def test_texts_that_are_no_results(text, sentence) -> None:
+    with pytest.raises(InvalidCase, match=sentence):
+        exchange.result_of_text(text, (2,))
+
+
+@pytest.mark.parametrize(
+    ("solver", "sentence"),
+    [
+        ("no-such-program {scene} {result}", "there is no program 'no-such-program'"),
+        ("cat {scene}", "{scene} and {result} once each"),
+        ("mine=hostile:absent", "cannot be imported"),
+        ("mine=hostile", "MODULE:FUNCTION"),
+    ],
+)
+def test_solver_that_is_not_there_is_refused_before_anything_is_solved(
+    write_case, tmp_path, solver, sentence
+) -> None:
+    with pytest.raises(InvalidCase) as refused:
+        verify(write_case(), solver=solver, output=tmp_path / "out")
+    assert sentence in str(refused.value)
+    assert not (tmp_path / "out").exists()

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 from numba.core import event
 from rich.console import Console
@@ -226,13 +227,8 @@ def test_interrupt_while_workers_start_is_quiet(write_case, tmp_path) -> None:
     assert stderr.strip() == "epcontact: interrupted; results finished so far are kept"
 
 
-def _children(pid: int) -> list[str]:
-    """Workers of a process, where the system lists them; the tracker of resources is none."""
-    listed = Path(f"/proc/{pid}/task/{pid}/children")
-    if not listed.exists():
-        pytest.skip("needs /proc")
-    commands = (Path(f"/proc/{child}/cmdline") for child in listed.read_text().split())
-    return [text for path in commands if b"spawn_main" in (text := path.read_bytes())]
+def _children(pid: int) -> list[psutil.Process]:
+    return [p for p in psutil.Process(pid).children() if "harness.child" in str(p.cmdline())]
 
 
 @pytest.mark.parametrize("width", [60, 80, 200])

@@ -10,7 +10,6 @@ what the rest of the package needs to know about it.  Entries come from three so
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import re
 from collections.abc import Callable, Mapping
@@ -19,11 +18,11 @@ from functools import partial
 from importlib.metadata import entry_points
 from typing import Any, Literal
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 import fem_check
-from epcontact.errors import EpcontactError, InvalidCase, nearest
+from epcontact.errors import InvalidCase, nearest
+from epcontact.harness import foreign
 from epcontact.machine import compile_seconds, provide_kernel_cache
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
@@ -100,8 +99,9 @@ class Method:
         has_model_measures: gates can ask how the J2 flow of the method differs from a cap.
         pilot: options of a quick solve, which only has to show the areas.
         one_answer: maps the options to True if one answer serves all surfaces of a case.
-        source: `module:function` of a solver from outside the package.  The harness does not see
-            changes of its code, so it never reuses a kept result of such a method.
+        source: `module:function` or command of a solver from outside the package.  It runs in a
+            process of its own.  The harness does not see changes of its code, so it never reuses
+            a kept result of such a method.
         requires: a module of the extra `peers` that the method needs.
     """
 
@@ -158,83 +158,56 @@ def _fem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> Conta
 
 
 def method_of(name: str, source: str, requires: str = "") -> Method:
-    """Make a method that calls a user's function.
+    """Make a method that runs a user's function or command in a process of its own.
 
     Args:
         name: name of the method in cases and files of results.
-        source: `package.module:function`; the function maps a Scene to a ContactResult.  It is
-            imported by the first solve, so that a broken solver spoils no other method.
+        source: `package.module:function`, which maps a Scene to a ContactResult, or a command, see
+            `exchange`.  It is loaded by the first solve, so that a broken solver spoils no other
+            method.
         requires: see `Method`.
 
     Returns:
-        The method.  Its `solve` raises InvalidCase if the function cannot be imported, raises an
-        error that is not epcontact's, or returns no ContactResult on the grid of the scene.
+        The method; its `solve` raises what `foreign.solve` does.
     """
     meaning = f"the solver {source}"
-    return Method(name, meaning, partial(_call, name, source), source=source, requires=requires)
+    solve = partial(_foreign, name, source)
+    return Method(name, meaning, solve, source=source, requires=requires)
 
 
-def _call(
+def _foreign(
     name: str, source: str, scene: Scene, options: Mapping[str, Any], threads: int | None
 ) -> ContactResult:
     del options, threads
-    function = _imported(source)
-    try:
-        result = function(scene)
-    except EpcontactError:
-        raise
-    # A solver that calls sys.exit(0) would end the verification with the code of success.
-    except (Exception, SystemExit) as error:
-        raise InvalidCase(f"solver {source} raised {_one_line(error)}") from error
-    if not isinstance(result, ContactResult):
-        raise InvalidCase(f"solver {source} returned no epcontact.ContactResult")
-    for name_of_field, values in result.fields.items():
-        if np.shape(values) != scene.surface.shape:
-            raise InvalidCase(
-                f"solver {source} returned the field {name_of_field} of shape {np.shape(values)}, "
-                f"but the scene's grid is {scene.surface.shape}"
-            )
-    made_by = dict(result.provenance.options) | {"solver": source}
-    return replace(result, method=name, provenance=replace(result.provenance, options=made_by))
-
-
-def _imported(source: str) -> Callable[[Scene], Any]:
-    module_name, _, attribute = source.partition(":")
-    try:
-        function: Callable[[Scene], Any] = getattr(importlib.import_module(module_name), attribute)
-    except (Exception, SystemExit) as error:
-        raise InvalidCase(
-            f"solver {source} cannot be imported ({_one_line(error)}); give package.module:function"
-        ) from None
-    return function
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())
+    return foreign.solve(name, source, scene)
 
 
 def solver_named(text: str) -> Method:
     """Return the method that `--solver` names.
 
     Args:
-        text: the name of a registered method, or `[NAME=]MODULE:FUNCTION`.  Without a NAME the
-            method is called like the function.
+        text: the name of a registered method, `[NAME=]MODULE:FUNCTION`, or a command with the
+            placeholders {scene} and {result}, `[NAME=]COMMAND`.  Without a NAME the method is
+            called like the function, or "command".
 
     Raises:
-        InvalidCase: if the text is neither, or its name belongs to another method.
+        InvalidCase: if the text is none of them, its name belongs to another method, or there is
+            no such function or program.
 
     Example:
-        >>> solver_named("mine=my_package.my_solver:solve").name
+        >>> solver_named("mine=epcontact.bem:solve").name
         'mine'
     """
     if text in METHODS:
         return METHODS[text]
-    name, equals, source = text.rpartition("=")
-    name = name if equals else source.rpartition(":")[2]
-    if ":" not in source:
+    named = re.match(r"([^\s:{=]*)=", text)
+    source = text[named.end() :] if named else text
+    command = foreign.is_command(source)
+    name = named[1] if named else "command" if command else source.rpartition(":")[2]
+    if not command and ":" not in source:
         raise InvalidCase(
-            f"--solver is {text!r}, but must be [NAME=]MODULE:FUNCTION or the name of a "
-            f"method{nearest(text, METHODS)}"
+            f"--solver is {text!r}, but must be [NAME=]MODULE:FUNCTION, a command with {{scene}} "
+            f"and {{result}}, or the name of a method{nearest(text, METHODS)}"
         )
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
         raise InvalidCase(f"--solver {text}: {name!r} is no name for a method; use letters")
@@ -243,6 +216,7 @@ def solver_named(text: str) -> Method:
             f"--solver {text}: there is a method {name!r} already; give another name, as in "
             f"mine={source}"
         )
+    foreign.require_solver(source)
     return method_of(name, source)
 
 

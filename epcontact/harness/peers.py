@@ -135,22 +135,34 @@ def _answer(scene: Scene, name: str, effort: float) -> ContactResult:
     return result_of(scene, pressure * E, name, time.perf_counter() - started)
 
 
-def result_of(scene: Scene, pressure: FloatArray, name: str, seconds: float = 0.0) -> ContactResult:
-    """Compute the result that follows from a pressure field (Pa) on a half-space.
+def result_of(
+    scene: Scene,
+    pressure: FloatArray,
+    name: str,
+    seconds: float = 0.0,
+    gap: FloatArray | None = None,
+    displacement: FloatArray | None = None,
+) -> ContactResult:
+    """Compute the result that follows from a pressure field (Pa).
 
-    The flat is placed where the mean gap of the elastic points vanishes.  The residuals are the
-    largest gap of an elastic point over the rms height, and the missing force over the nominal one.
+    A displacement or a gap that is not given follows from the pressure; without a gap, the flat is
+    placed where the mean gap of the elastic points vanishes.  The residuals are the largest gap of
+    an elastic point over the rms height, and the missing force over the nominal one.
     """
     surface, hardness = scene.surface, scene.material.hardness
     q = rfft_wavenumbers(surface.shape, surface.periods)
     compliance = surface_compliance(q, scene.body, scene.material)
-    displacement = np.fft.irfft2(compliance * np.fft.rfft2(pressure), s=surface.shape)
+    axes = tuple(range(pressure.ndim))
+    if displacement is None:
+        modes = compliance * np.fft.rfftn(pressure)
+        displacement = np.fft.irfftn(modes, s=surface.shape, axes=axes)
     state = np.full(surface.shape, ELASTIC, dtype=np.uint8)
     state[pressure <= 0] = APART
     state[pressure >= hardness * (1 - 1e-9)] = PLASTIC
-    gap = displacement - surface.heights
     touching = state == ELASTIC
-    gap -= gap[touching].mean() if touching.any() else gap.min()
+    if gap is None:
+        gap = displacement - surface.heights
+        gap = gap - (gap[touching].mean() if touching.any() else gap.min())
     capped = np.where(state == PLASTIC, hardness, np.maximum(pressure, 0))
     kinds = ("raw", "corrected", "error")
     areas = estimate_areas(

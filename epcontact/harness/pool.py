@@ -1,24 +1,13 @@
-"""Worker processes that end with their parent and leave Ctrl-C to it.
-
-`concurrent.futures` does the work.  This module adds three things.  The workers ignore Ctrl-C from
-the start, so that an interrupted command prints none of their tracebacks.  They end when the
-parent is killed.  A running solve is ended too, because no exception reaches compiled code.  (The
-pool of loky and joblib was tried: its workers print such tracebacks and outlive the parent.)
-"""
+"""Calls spread over processes: a process that dies costs its own call and no other."""
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing
-import multiprocessing.connection
-import os
-import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from queue import SimpleQueue
 from typing import TypeVar
 
+from epcontact.harness.child import Child, ChildDied
 from epcontact.machine import available_cores
 
 Item = TypeVar("Item")
@@ -36,7 +25,7 @@ def spread(
         jobs: number of processes; with 1, the calls are made in this process.
 
     Returns:
-        Pairs in any order.  If a worker process dies, a sentence replaces its result.
+        Pairs in any order.  If a process dies, a sentence replaces the result of its call.
     """
     jobs = min(jobs, len(items))
     threads = max(1, available_cores() // max(1, jobs))
@@ -44,61 +33,27 @@ def spread(
         for item in items:
             yield item, function(item, threads)
         return
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_set_up_worker)
-    try:
-        with _interrupts_held():
-            futures = {pool.submit(function, item, threads): item for item in items}
-        for future in as_completed(futures):
-            try:
+    children, idle = [Child() for _ in range(jobs)], SimpleQueue[Child]()
+    for child in children:
+        idle.put(child)
+
+    def call(item: Item) -> Result | str:
+        child = idle.get()
+        try:
+            return child.call(function, item, threads)
+        except ChildDied as error:
+            return f"its process {error}"
+        finally:
+            idle.put(child)
+
+    with ThreadPoolExecutor(jobs) as pool:
+        finished = False
+        try:
+            futures = {pool.submit(call, item): item for item in items}
+            for future in as_completed(futures):
                 yield futures[future], future.result()
-            except BrokenProcessPool:
-                yield futures[future], "a worker process died, most likely out of memory"
-        pool.shutdown()
-    except BaseException:
-        # A solve in C can only be killed; nothing of it is on disk yet.
-        for process in list((getattr(pool, "_processes", None) or {}).values()):
-            process.terminate()
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-
-
-@contextlib.contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C and termination back while workers start, and answer them afterwards.
-
-    Workers inherit the signal mask, so they ignore Ctrl-C from their first instruction and print
-    no traceback of an interrupted import.  The mask alone is not enough, because a thread of a
-    library may take the signal: a parent that is interrupted while it sends a task would leave a
-    worker with half of it.
-    """
-    main = threading.current_thread() is threading.main_thread()
-    if not (main and hasattr(signal, "pthread_sigmask")):
-        yield
-        return
-    held: list[int] = []
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    kinds = (signal.SIGINT, signal.SIGTERM)
-    handlers = [signal.signal(kind, lambda number, _: held.append(number)) for kind in kinds]
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        for kind, handler in zip(kinds, handlers, strict=True):
-            signal.signal(kind, handler)
-    if held:
-        raise KeyboardInterrupt
-
-
-def _set_up_worker() -> None:
-    """Leave Ctrl-C, which reaches the whole process group, to the parent; end with the parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """End this worker with its parent: a killed parent cannot stop workers that wait for tasks."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(1)
+            finished = True
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in children:
+                child.end(now=not finished)

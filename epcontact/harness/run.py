@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from epcontact.errors import InvalidCase, NotConverged, sentence_of
+from epcontact.harness import foreign
 from epcontact.harness.case import Case
 from epcontact.harness.description import described
 from epcontact.harness.methods import METHODS, Method
@@ -160,9 +161,13 @@ def _solve(task: Task, threads: int) -> Outcome:
     """Solve one task; return the sentence of whatever went wrong, so that others are judged."""
     try:
         case = task.case
-        with _limited(case.time_limit):
+        method = task.method
+        with contextlib.nullcontext() if method.source else _limited(case.time_limit):
             scene = case.scene(task.recipe)
-            result = task.method.solve(scene, case.options[task.method.name], threads)
+            if method.source:  # its limit is enforced from outside its process
+                result = foreign.solve(method.name, method.source, scene, case.time_limit)
+            else:
+                result = method.solve(scene, case.options[method.name], threads)
         if not result.converged:
             raise NotConverged("the result says that it has not converged")
         about = described(scene, task.recipe)
