@@ -12,11 +12,18 @@ the table [surface] of a case file, which selects one by its `kind`.
     filters         surfaces without their short waves
     spectrum        analytic spectra: densities and moments in closed form
     power_spectrum  the spectrum and the moments of any surface's heights
+    residual        the surface that plastic flow leaves behind, and its statistics
 """
 
 from epcontact.surfaces.filters import filtered
 from epcontact.surfaces.measured import HeightsFromArray, HeightsFromFile
 from epcontact.surfaces.recipe import Recipe, SurfaceAbsent, require_room
+from epcontact.surfaces.residual import (
+    Topography,
+    power_by_octave,
+    residual_surface,
+    topography,
+)
 from epcontact.surfaces.self_affine import SelfAffine, SelfAffineEnsemble, grid_shape
 from epcontact.surfaces.shapes import FlatPunch, Paraboloid, Sinusoid, Sphere
 from epcontact.surfaces.treatment import Treatment
@@ -47,9 +54,13 @@ __all__ = [
     "Sinusoid",
     "Sphere",
     "SurfaceAbsent",
+    "Topography",
     "Treatment",
     "filtered",
     "grid_shape",
+    "power_by_octave",
     "recipes_of",
     "require_room",
+    "residual_surface",
+    "topography",
 ]

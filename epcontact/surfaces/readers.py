@@ -1,4 +1,4 @@
-"""Heights from files: numpy's .npy, tables of numbers, and instruments' formats.
+"""Heights from files: numpy's .npy, tables of numbers, results (.vti), and instruments' formats.
 
 Nothing is executed, so pickles are refused.  A .npy file is memory-mapped, so that a header that
 promises more than the file holds is detected before memory is allocated.
@@ -61,7 +61,7 @@ def read_heights(path: Path) -> HeightMap:
         if ending in TEXT_ENDINGS:
             heights, notes = read_table(path)
             return HeightMap(heights, notes=notes)
-        return _read_instrument(path)
+        return _read_fields(path) if ending == ".vti" else _read_instrument(path)
     except OSError as error:
         raise _unreadable(path, error) from None
 
@@ -87,6 +87,27 @@ def _read_npy(path: Path) -> NDArray[Any]:
         raise InvalidScene(
             f"{path}: is no complete .npy file of numbers ({_first_line(error)})"
         ) from None
+
+
+def _read_fields(path: Path) -> HeightMap:
+    """The surface that a result has left: the heights of its .vti file, less the plastic flow."""
+    import pyvista as pv
+    from vtkmodules.vtkIOXML import vtkXMLImageDataReader
+
+    reader = vtkXMLImageDataReader()  # `pyvista.read` prints VTK's complaints about damaged files
+    reader.SetFileName(str(path))
+    with pv.vtk_verbosity("off"), pv.VtkErrorCatcher(send_to_logging=False) as caught:
+        reader.Update()
+    image: Any = pv.wrap(reader.GetOutput())
+    if caught.events or "heights" not in image.point_data:
+        raise InvalidScene(f"{path}: is no whole .vti file of a result with heights")
+    heights = np.asarray(image.point_data["heights"], dtype=np.float64)
+    if "plastic_displacement" in image.point_data:
+        heights = heights - np.asarray(image.point_data["plastic_displacement"])
+    nx, ny, _ = image.dimensions
+    shape = (nx,) if ny == 1 else (nx, ny)
+    periods = tuple(n * float(d) for n, d in zip(shape, image.spacing, strict=False))
+    return HeightMap(heights.reshape(shape, order="F"), in_metres=True, periods=periods)
 
 
 def _read_instrument(path: Path) -> HeightMap:
