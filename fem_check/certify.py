@@ -8,6 +8,7 @@ internal force.  Only the stresses come from the solver's own loops.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -32,8 +33,19 @@ def certify(problem: Problem, state: State, history: History, largest: float) ->
     certified_load: difference of the base's reaction and the sum of the contact forces.  Both are
     divided by `largest`, the largest force of the path in N.
     """
-    u, past = state.displacement.reshape(-1, 3), history if problem.plastic else None
-    stress = plasticity.stresses(u, problem.bricks, problem.law, past)
+    u, nx_ny = state.displacement.reshape(-1, 3), problem.heights.size
+
+    def stress(k: int) -> FloatArray:
+        """(nx ny, 6, 8) stresses of layer k: those of all layers would be as large as a solve."""
+        layer = slice(k * nx_ny, (k + 1) * nx_ny)
+        bricks, past = problem.bricks, None
+        if problem.plastic:
+            past = History(history.plastic_strain[layer], history.accumulated[layer])
+        some = bricks._replace(
+            connectivity=bricks.connectivity[layer], shape_of=bricks.shape_of[layer]
+        )
+        return plasticity.stresses(u, some, problem.law, past)
+
     force = assembled_force(problem.block, stress)
     reaction = float(force[-1, ..., 2].sum())
     force[0, ..., 2] += state.forces
@@ -46,15 +58,16 @@ def certify(problem: Problem, state: State, history: History, largest: float) ->
     }
 
 
-def assembled_force(block: PeriodicBlock, stress: FloatArray) -> FloatArray:
-    """The internal force (nz + 1, nx, ny, 3) of (m, 6, 8) stresses, assembled by scikit-fem."""
-    nz, (nx, ny) = len(block.layers), block.shape
+def assembled_force(block: PeriodicBlock, stress: Callable[[int], FloatArray]) -> FloatArray:
+    """The internal force (nz + 1, nx, ny, 3), assembled by scikit-fem.
+
+    `stress` maps the number of a layer to its (nx ny, 6, 8) stresses.
+    """
+    nz = len(block.layers)
     force = np.zeros(block.field_shape)
     positions = block.positions()
-    per_layer = nx * ny
     for k in range(nz):
-        assembled = _layer_force(block, positions[k : k + 2], stress[k * per_layer :][:per_layer])
-        force[k : k + 2] += assembled
+        force[k : k + 2] += _layer_force(block, positions[k : k + 2], stress(k))
     return force
 
 

@@ -25,7 +25,7 @@ from fem_check import plasticity
 from fem_check.certify import certify
 from fem_check.increments import Rule
 from fem_check.linear_solver import factorise
-from fem_check.memory import peak_memory, require_memory
+from fem_check.memory import flowing_share, peak_memory, require_memory
 from fem_check.mesh import block_for, flat_elements, moved_elements
 from fem_check.path import PathPoint, SolvedPath, follow_path, path_targets
 from fem_check.plasticity import History
@@ -237,11 +237,13 @@ def problem_of(
     block = block_for(
         scene, depth=depth, layers=layers, first_layer=first_layer, moved=geometry == "moved"
     )
-    require_memory(block, plastic=law == "j2")
+    plastic = law == "j2"
+    flow = flowing_share(max(scene.load.path), material.yield_stress) if plastic else None
+    require_memory(block, flow=flow)
     material_law = plasticity.law(
         material.young_modulus,
         material.poisson_ratio,
-        material.yield_stress if law == "j2" else math.inf,
+        material.yield_stress if plastic else math.inf,
         hardening,
     )
     flat = flat_elements(block)

@@ -11,23 +11,39 @@ from epcontact.errors import NotEnoughMemory
 from fem_check.mesh import PeriodicBlock
 
 
-def bytes_needed(block: PeriodicBlock, *, plastic: bool) -> float:
-    """An estimate of a solve's memory, in bytes, from the arrays kept for elements and nodes.
+def bytes_needed(block: PeriodicBlock, *, flow: float | None) -> float:
+    """An estimate of a solve's memory, in bytes.
 
-    An element keeps its connectivity and shape (36 bytes) and the history (448).  One element in
-    ten is assumed to flow; it keeps its tangent correction and matrix rows (2700).  In the moved
-    geometry an element keeps its own gradients (1800, and as much again while scikit-fem makes
-    them).  A node keeps about sixteen displacement fields (24 each) and its half of the factor (15
-    numbers a wave).
+    It counts the arrays of elements and nodes at their peak.  An element keeps its connectivity and
+    shape (36 bytes) and, if it may flow, its history (448).  In the moved geometry it keeps its own
+    gradients (2900 with what scikit-fem needs to make them).  An element that flows keeps its
+    tangent correction and matrix rows (2700).  A node keeps displacement fields (24 each), 12 of
+    them where nothing may flow and 21 otherwise, and its half of the factor (15 numbers a wave).
+
+    Args:
+        block: the block.
+        flow: the share of the elements that flow at once, from `flowing_share`; None: the material
+            is elastic.
     """
     nodes = float(np.prod(block.field_shape[:3]))
-    element = 36 + (448 + 270 if plastic else 0) + (3600 if block.moved is not None else 0)
-    return nodes * (element + 16 * 24 + 15 * 8 / 2)
+    moved = 2900 if block.moved is not None else 0
+    if flow is None:
+        return nodes * (36 + moved + 12 * 24 + 15 * 8 / 2)
+    return nodes * (36 + moved + 448 + 2700 * flow + 21 * 24 + 15 * 8 / 2)
 
 
-def require_memory(block: PeriodicBlock, *, plastic: bool) -> None:
+def flowing_share(mean_pressure: float, yield_stress: float) -> float:
+    """The share of a block's elements that is expected to flow at once.
+
+    The share grows about in proportion to the load, by .2 to .4 times mean_pressure/yield_stress at
+    E* xi/sigma_Y from 5 to 50 (tests/test_fem_memory.py).
+    """
+    return min(1.0, 0.27 * mean_pressure / yield_stress)
+
+
+def require_memory(block: PeriodicBlock, *, flow: float | None) -> None:
     """Raise NotEnoughMemory, before any array is made, if the block will not fit."""
-    needed, free = bytes_needed(block, plastic=plastic), psutil.virtual_memory().available
+    needed, free = bytes_needed(block, flow=flow), psutil.virtual_memory().available
     if needed > free:
         nx, ny = block.shape
         raise NotEnoughMemory(

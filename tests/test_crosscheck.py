@@ -93,7 +93,7 @@ def test_the_effective_hardness_gives_the_area_of_the_j2_body() -> None:
     assert found.severity == pytest.approx(5, rel=1e-9)
     # nu = 0.3 at E* xi/sigma_Y = 5: 1.9 to 2.1 on every surface and grid tried.
     assert 1.85 < found.ratio < 2.15
-    assert 0 < found.error < 0.1
+    assert 0 < found.error < 0.2  # mostly by 8 nodes a wave, of which the half has 4
     at_cap = dataclasses.replace(scene.material, hardness=found.ratio * 0.2)
     capped = bem.solve(
         dataclasses.replace(scene, material=at_cap),
