@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from epcontact.errors import InvalidScene, NotConverged
-from epcontact.results import ContactResult, FloatArray
+from epcontact.results import ContactResult, FloatArray, package_versions
 from epcontact.scene import Scene
 from fem_check import plasticity
 from fem_check.certify import certify
@@ -78,7 +78,8 @@ def solve(  # noqa: PLR0913 - every option of the method, by keyword
         hardening: H of linear isotropic hardening, in Pa.
         certified: whether scikit-fem's own assembly must confirm the last state (`certify`).
         progress: called with the share of the path that is done and a sentence.
-        output: folder for one .vtu file for each point of the path and a .pvd over them.
+        output: folder for the files of the body and its surface (.vtu) at each point of the path,
+            and a .pvd over them.
 
     Returns:
         The result with one step for each point of the path and the fields of the last one.
@@ -164,7 +165,8 @@ def solve_path(  # noqa: PLR0913 - the options of `solve`
     points: list[PathPoint] = []
     for point, history in followed:
         if output is not None:
-            write_step(Path(output), len(points), problem, point, history)
+            about = _about(scene, problem, law, geometry)
+            write_step(Path(output), len(points), problem, point, history, about)
         points.append(point)
         if progress is not None:
             sentence = f"fem: mean pressure {point.mean_pressure:.3g} Pa"
@@ -185,6 +187,25 @@ def solve_path(  # noqa: PLR0913 - the options of `solve`
     }
     certificate = _certificate(problem, points[-1], history, tolerance) if certified else {}
     return SolvedPath(scene, problem, history, tuple(points), seconds, options, certificate)
+
+
+def _about(scene: Scene, problem: Problem, law: str, geometry: str) -> dict[str, str | float]:
+    """The origin of a file: method, scene, material, body, versions."""
+    material, versions = scene.material, package_versions()
+    return {
+        "method": "fem",
+        "law": law,
+        "geometry": geometry,
+        "scene": scene.digest,
+        "young_modulus": material.young_modulus,
+        "poisson_ratio": material.poisson_ratio,
+        "yield_stress": material.yield_stress,
+        "hardness": material.hardness,
+        "body": scene.body.kind,
+        "depth": problem.block.depth,
+        "notes": "; ".join(scene.surface.notes),
+        **{f"version.{name}": number for name, number in versions.items()},
+    }
 
 
 def surface_compliance(

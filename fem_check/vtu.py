@@ -1,32 +1,54 @@
-"""Write the finite-element body: a .vtu file for each point of the load path, a .pvd over them.
+"""Write the finite-element body: two .vtu files for each point of the load path, a .pvd over them.
 
-Points carry displacement (m), the equivalent plastic strain and the nodal stress (means of the
-Gauss points around a node, volume-weighted), its von Mises norm, contact_pressure, gap and state
-of the top; the nodes below have pressure 0, gap NaN and state 0.  Cells carry the means over an
-element.  Coordinates are those of the deformed rough body: the roughness of a gap geometry is added
-here, shared out over the layers as in the moved geometry.  Files are written under a temporary name
-and renamed, so that no half-written file is left.
+`step-0000.vtu` is the body.  Its points are those of the *undeformed* rough body, and carry the
+displacement (m), so that ParaView's Warp By Vector shows the deformed body; the roughness of a gap
+geometry is added here, shared out over the layers as in the moved geometry.  They also carry the
+equivalent plastic strain and the nodal stress (means of the Gauss points around a node,
+volume-weighted), and its von Mises norm.  Cells carry the means over an element.
+
+`step-0000-surface.vtu` is its top as quadrilaterals, with displacement, contact_pressure, gap and
+state.  In both files each array has its unit, and the field data say where it comes from.  Files
+are written under a temporary name and renamed, so that no half-written file is left.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import OutputError
-from epcontact.results import APART, ELASTIC, FloatArray
+from epcontact.results import ELASTIC, FloatArray
 from fem_check import plasticity
 from fem_check.path import PathPoint
 from fem_check.plasticity import History
 from fem_check.problem import Problem, State, gap
 
+#: The unit of each array; "1" has none.
+UNITS = {
+    "displacement": "m",
+    "stress": "Pa",
+    "von_mises": "Pa",
+    "equivalent_plastic_strain": "1",
+    "contact_pressure": "Pa",
+    "gap": "m",
+    "state": "1",
+    "mean_pressure": "Pa",
+    "young_modulus": "Pa",
+    "yield_stress": "Pa",
+    "hardness": "Pa",
+    "depth": "m",
+}
+
+_HEXAHEDRON, _QUADRILATERAL = 12, 9  # VTK's numbers of the kinds of cells
 #: VTK's order of a hexahedron's corners.
 _VTK_CORNERS = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
@@ -39,41 +61,122 @@ def step_name(number: int) -> str:
 
 
 def write_step(
-    folder: Path, number: int, problem: Problem, point: PathPoint, history: History
+    folder: Path,
+    number: int,
+    problem: Problem,
+    point: PathPoint,
+    history: History,
+    about: Mapping[str, str | float] | None = None,
 ) -> Path:
-    """Write one point of the path, and return its file.  Raises OutputError."""
-    import meshio  # slow to load, and few solves write files
+    """Write the body and its surface at one point of the path.
 
-    points, cells, nodes = _mesh(problem, point.state)
-    point_data, cell_data = _data(problem, point.state, history, point.surface_states)
-    mesh = meshio.Mesh(
-        points,
-        [("hexahedron", cells)],
-        point_data={name: values[nodes] for name, values in point_data.items()},
-        cell_data={name: [values] for name, values in cell_data.items()},
-        field_data={},
-    )
+    Args:
+        folder: the folder of the path's files.
+        number: of the point.
+        problem, point, history: the problem, its state and the material's history there.
+        about: field data, such as the digest of the scene.
+
+    Returns:
+        The file of the body.
+
+    Raises:
+        OutputError: a file could not be written.
+    """
+    points, cells, nodes = _mesh(problem)
+    point_data, cell_data = _data(problem, point.state, history)
+    told = {"mean_pressure": point.mean_pressure, **(about or {})}
+    body = _grid(points, cells, _HEXAHEDRON)
+    _add(body.GetPointData(), {name: values[nodes] for name, values in point_data.items()})
+    _add(body.GetCellData(), cell_data)
+    # The points of the top come first, and each brick of the top layer has its last face there.
+    nx, ny = problem.block.shape
+    count = (nx + 1) * (ny + 1)
+    top = _grid(points[:count], cells[: nx * ny, 4:], _QUADRILATERAL)
+    on_top = _surface_data(problem, point.state, point.surface_states)
+    on_top["displacement"] = point_data["displacement"]
+    _add(top.GetPointData(), {name: values[nodes[:count]] for name, values in on_top.items()})
     target = folder / step_name(number)
-    _write_atomically(target, lambda path: meshio.write(path, mesh, file_format="vtu"))
+    for grid, path in ((body, target), (top, folder / surface_name(number))):
+        _add_field_data(grid, told)
+        _write_atomically(path, functools.partial(_write_grid, grid))
     return target
+
+
+def surface_name(number: int) -> str:
+    """The file name of the surface at one point of the path."""
+    return f"step-{number:04d}-surface.vtu"
 
 
 def write_collection(folder: Path, mean_pressures: Sequence[float]) -> Path:
     """Write path.pvd, the list of the steps' files.  Raises OutputError.
 
     Its time is the number of the step, because a path may unload; the mean pressure (Pa) is in the
-    `name` of each step.
+    `name` of each step.  Part 0 of a step is the body, part 1 its surface.
     """
     lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "<Collection>"]
     for number, pressure in enumerate(mean_pressures):
-        lines.append(
-            f'<DataSet timestep="{number}" part="0" name="mean pressure {float(pressure)!r} Pa" '
-            f"file={quoteattr(step_name(number))}/>"
-        )
+        for part, name in enumerate((step_name(number), surface_name(number))):
+            lines.append(
+                f'<DataSet timestep="{number}" part="{part}" '
+                f'name="mean pressure {float(pressure)!r} Pa" file={quoteattr(name)}/>'
+            )
     text = "\n".join([*lines, "</Collection>", "</VTKFile>", ""])
     target = folder / "path.pvd"
     _write_atomically(target, lambda path: Path(path).write_text(text, encoding="utf-8"))
     return target
+
+
+def _grid(points: FloatArray, cells: NDArray[np.int64], kind: int) -> Any:
+    """Return VTK's unstructured grid of cells of one kind."""
+    import pyvista as pv  # slow to load, and few solves write files
+
+    rows = np.column_stack([np.full(len(cells), cells.shape[1]), cells])
+    return pv.UnstructuredGrid(rows.ravel(), np.full(len(cells), kind, np.uint8), points)
+
+
+def _add(data: Any, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Add arrays to the data of points or cells, each with its unit."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonCore import vtkDataArray
+
+    for name, values in arrays.items():
+        array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+        array.SetName(name)
+        array.GetInformation().Set(vtkDataArray.UNITS_LABEL(), UNITS[name])
+        data.AddArray(array)
+
+
+def _add_field_data(grid: Any, about: Mapping[str, str | float]) -> None:
+    from vtkmodules.vtkCommonCore import vtkDoubleArray, vtkStringArray
+
+    units = {f"unit.{name}": UNITS[name] for name in (*UNITS, *about) if name in UNITS}
+    for name, value in {**about, **units}.items():
+        array: Any = vtkStringArray() if isinstance(value, str) else vtkDoubleArray()
+        array.SetName(name)
+        array.InsertNextValue(value)
+        grid.GetFieldData().AddArray(array)
+
+
+def _write_grid(grid: Any, path: str) -> None:
+    """Write a grid, compressed.  Raises OSError."""
+    from vtkmodules.vtkCommonCore import vtkObject
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    writer = vtkXMLUnstructuredGridWriter()
+    writer.SetInputData(grid)
+    writer.SetDataModeToAppended()
+    writer.EncodeAppendedDataOff()
+    writer.SetHeaderTypeToUInt64()
+    writer.SetCompressorTypeToLZ4()
+    writer.SetFileName(path)
+    Path(path).touch()  # the system's own reason, where the file cannot be made
+    shown = vtkObject.GetGlobalWarningDisplay()
+    vtkObject.GlobalWarningDisplayOff()
+    try:
+        if not writer.Write() or writer.GetErrorCode():
+            raise OSError("VTK could not write all of it; is the disk full?")
+    finally:
+        vtkObject.SetGlobalWarningDisplay(shown)
 
 
 def _write_atomically(target: Path, write: Callable[[str], object]) -> None:
@@ -91,9 +194,7 @@ def _write_atomically(target: Path, write: Callable[[str], object]) -> None:
             temporary.unlink(missing_ok=True)
 
 
-def _mesh(
-    problem: Problem, state: State
-) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
+def _mesh(problem: Problem) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
     """Points, with copies that close the periodic edge; cells; the block's node of each point."""
     block = problem.block
     nz, (nx, ny) = len(block.layers), block.shape
@@ -101,7 +202,6 @@ def _mesh(
     if block.moved is None:
         fade = 1 + block.levels / block.depth
         where[..., 2] += fade[:, None, None] * (problem.heights - problem.heights.mean())
-    where += state.displacement
     k, i, j = np.meshgrid(np.arange(nz + 1), np.arange(nx + 1), np.arange(ny + 1), indexing="ij")
     nodes = ((k * nx + i % nx) * ny + j % ny).ravel()
     points = where.reshape(-1, 3)[nodes]
@@ -115,7 +215,7 @@ def _mesh(
 
 
 def _data(
-    problem: Problem, state: State, history: History, states: NDArray[np.int8]
+    problem: Problem, state: State, history: History
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     bricks = problem.bricks
     u, past = state.displacement.reshape(-1, 3), history if problem.plastic else None
@@ -135,16 +235,11 @@ def _data(
         )
 
     nodal = np.stack([at_nodes(mean_stress[:, i]) for i in range(6)], axis=1)
-    between = gap(problem, state.displacement, state.approach)
-    between[state.states == ELASTIC] = 0.0
     point_data = {
         "displacement": u,
         "stress": nodal,
         "von_mises": von_mises(nodal),
         "equivalent_plastic_strain": at_nodes(strain),
-        "contact_pressure": _on_top(problem, state.forces / problem.block.node_area, 0.0),
-        "gap": _on_top(problem, between, np.nan),
-        "state": _on_top(problem, states.astype(float), float(APART)),
     }
     cell_data = {
         "stress": mean_stress,
@@ -154,10 +249,16 @@ def _data(
     return point_data, cell_data
 
 
-def _on_top(problem: Problem, values: FloatArray, elsewhere: float) -> FloatArray:
-    out = np.full(problem.block.field_shape[:3], elsewhere)
-    out[0] = values
-    return out.ravel()
+def _surface_data(
+    problem: Problem, state: State, states: NDArray[np.int8]
+) -> dict[str, NDArray[Any]]:
+    between = gap(problem, state.displacement, state.approach)
+    between[state.states == ELASTIC] = 0.0
+    return {
+        "contact_pressure": (state.forces / problem.block.node_area).ravel(),
+        "gap": between.ravel(),
+        "state": states.astype(np.uint8).ravel(),
+    }
 
 
 def von_mises(stress: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -18,6 +19,9 @@ from rich.console import Console
 
 from epcontact.cli import listing
 from epcontact.cli.main import COMMANDS, cli
+from epcontact.harness.case import load_case
+from epcontact.harness.run import run_cases
+from epcontact.scene import Load
 
 
 def refused(done, *words: str) -> None:
@@ -126,6 +130,46 @@ def test_run_writes_results_and_fields(epcontact, write_case, tmp_path) -> None:
     assert fields.units["hardness"] == fields.units["quantity.largest_pressure"] == "Pa"
     assert not (folder / "bem-seed5.vti").exists()
     assert not (folder / "persson.json").exists()
+
+
+def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> None:
+    from epcontact.output.view import load_steps
+    from epcontact.output.vtk import read_fields
+
+    path = write_case(
+        ("seeds = [3, 5, 7]", "seeds = [3]"),
+        ('methods = ["persson", "bem"]', 'methods = ["bem", "fem"]'),
+        ('against = "persson"', 'against = "fem"'),
+        ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8]"),
+        ("[load]", '[fem]\nlaw = "elastic"\nlayers = 2\n\n[load]'),
+    )
+    case, out, notes = load_case(path), tmp_path / "out", []
+
+    def solve(fields: str) -> list[str]:
+        notes.clear()
+        run_cases([case], out, fields=fields, progress=lambda p: notes.append(p.note))
+        return list(notes)
+
+    assert solve("first") == ["", ""]
+    folder = case.folder(out)
+    assert not list(folder.glob("*-steps"))
+    assert solve("steps") == ["", ""]
+    assert solve("steps") == solve("first") == ["reused", "reused"]
+    steps = load_steps(folder / "bem-seed3-steps" / "path.pvd")
+    loads = [read_fields(step) for step in steps]
+    assert [load.attributes["mean_pressure"] for load in loads] == [2e8, 5e8]
+    last = read_fields(folder / "bem-seed3.vti")
+    for name, field in last.fields.items():
+        assert np.array_equal(loads[1].fields[name], field)
+    assert 0 < np.mean(loads[0].field("state") > 0) < np.mean(last.field("state") > 0)
+    bodies = load_steps(folder / "fem-seed3-steps" / "path.pvd")
+    assert [body.name for body in bodies] == ["step-0000.vtu", "step-0001.vtu"]
+    bodies[0].parent.joinpath("path.pvd").unlink()
+    assert solve("steps").count("") == 1  # what is missing is solved again
+    # Another load's files do not pass for those of this one.
+    other = replace(case, load=Load(4e8))
+    run_cases([other], out, fields="none")
+    assert not list(folder.glob("*-steps"))
 
 
 def test_a_measured_map_from_file_to_table(epcontact, write_case, tmp_path) -> None:

@@ -59,6 +59,7 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     plastic_displacement: NDArray[np.floating] | None = None,
     max_steps: int | None = None,
     progress: Callable[[str], None] | None = None,
+    on_step: Callable[[ContactResult], None] | None = None,
 ) -> ContactResult:
     """Solve the capped contact problem of a scene at each mean pressure of its load path.
 
@@ -80,6 +81,8 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
             shape: the field of this name of an earlier result, whose path this one continues.
         max_steps: most steps of the method; None: its own limit.
         progress: called with a sentence now and then.
+        on_step: called at each load with the result so far, whose fields are those of that load;
+            it must not change them.
 
     Returns:
         The areas and other quantities at each load, and the fields at the last one.  The fields
@@ -113,7 +116,7 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     if plastic_displacement is not None:
         sunk = checked_plastic_displacement(plastic_displacement, surface.shape)
         sunk = sunk.reshape(symbol.shape)
-    steps, solution, sunk, totals = _walk(scene, symbol, options, warm, sunk)
+    steps, solution, sunk, totals = _walk(scene, symbol, options, warm, sunk, on_step)
     cost = totals | {
         "seconds": time.perf_counter() - started - (compile_seconds() - compiled),
         "unknowns": float(surface.heights.size),
@@ -132,6 +135,7 @@ def _walk(
     options: Options,
     warm: FloatArray | None,
     sunk: FloatArray | None,
+    on_step: Callable[[ContactResult], None] | None = None,
 ) -> tuple[tuple[LoadStep, ...], PressureSolution, FloatArray | None, dict[str, float]]:
     """Solve at each load of the path, on the surface that the loads before it have left.
 
@@ -139,6 +143,7 @@ def _walk(
         scene, symbol, options: the scene, its compliance and the options.
         warm: pressure in Pa to start the first load from.
         sunk: plastic displacement before the first load, in m.
+        on_step: see `solve`.
 
     Returns:
         The load steps, the solution at the last load, the plastic displacement on which that load
@@ -157,6 +162,10 @@ def _walk(
             at_hardness_again(problem, solution, sunk)
         steps.append(_load_step(scene, problem, solution, sunk))
         totals = {name: count + solution.counts[name] for name, count in totals.items()}
+        if on_step is not None:
+            # `_result` adds the compression of a layer to the displacement in place.
+            own = replace(solution, displacement=solution.displacement.copy())
+            on_step(_result(scene, options, tuple(steps), own, sunk, dict(totals)))
         following = next(loads, None)
         if following is None:
             return tuple(steps), solution, sunk, totals

@@ -23,7 +23,7 @@ from epcontact.cli.tables import (
     print_surface_notes,
     verdict_table,
 )
-from epcontact.errors import EpcontactError
+from epcontact.errors import EpcontactError, OutputError
 from epcontact.harness import case as casefile
 from epcontact.harness.case import Case
 from epcontact.harness.methods import METHODS
@@ -63,10 +63,12 @@ _output = click.option(
 _fresh = click.option("--fresh", is_flag=True, help="Solve again even if a result exists.")
 _fields = click.option(
     "--fields",
-    type=click.Choice(["first", "all", "none"]),
+    type=click.Choice(["first", "all", "steps", "film", "none"]),
     default="first",
     show_default=True,
-    help="Write the fields (.vti) of the first surface, of all of them, or of none.",
+    help="Write the fields (.vti) of the first surface, of all of them, or of none; steps: of the "
+    "first one at every load, with the body of the finite elements (.vtu) and a collection (.pvd); "
+    "film: draw these loads as a .gif, too.",
 )
 
 
@@ -117,7 +119,12 @@ def run(
     workers = jobs or default_jobs(size)
     with _progress() as progress:
         answers = run_cases(
-            [chosen], output, jobs=workers, fresh=fresh, fields=fields, progress=progress
+            [chosen],
+            output,
+            jobs=workers,
+            fresh=fresh,
+            fields=_written(fields),
+            progress=progress,
         )[loaded.id]
     open_console().print(answers_table(answers))
     print_surface_notes(open_console(), chosen, answers)
@@ -130,6 +137,8 @@ def run(
         from epcontact.cli.figures import draw  # charts take long to load
 
         draw(chosen, answers, chosen.folder(output))
+    if fields == "film":
+        _draw_films(chosen, output)
     click.echo(f"results in {chosen.folder(output)}")
 
 
@@ -147,7 +156,13 @@ def run(
     "instead of bem.",
 )
 @click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
-def verify(
+@click.option(
+    "--fields",
+    type=click.Choice(["first", "all", "steps", "film", "none"]),
+    default=None,
+    help="Write fields as run does. Default: none, with --report those of the first surface.",
+)
+def verify(  # noqa: PLR0913, PLR0917 - the options of the command
     cases: tuple[str, ...],
     size: str,
     jobs: int | None,
@@ -155,6 +170,7 @@ def verify(
     fresh: bool,
     solver: str,
     with_report: bool,
+    fields: str | None,
 ) -> None:
     """Run the gates of the cases (all, where none is named) and write the verdict.
 
@@ -162,6 +178,7 @@ def verify(
     """
     remove_verdict(output)
     given: Sequence[str | Case] = cases
+    fields = fields or ("first" if with_report else "none")
     if size == "auto":
         named = [case for name in cases for case in casefile.find_named(name)]
         given = [_load(case, size) for case in named or cases_to_verify("fast")]
@@ -173,9 +190,12 @@ def verify(
             output=output,
             solver=solver,
             fresh=fresh,
-            fields="first" if with_report else "none",
+            fields=_written(fields),
             progress=progress,
         )
+    if fields == "film":
+        for judged in verdict.cases:
+            _draw_films(judged.case, output)
     if with_report:
         from epcontact.cli.figures import draw, write_report  # charts take long to load
 
@@ -206,6 +226,25 @@ def schema(kind: str) -> None:
     """Print the JSON Schema of a case file, or of verdict.json."""
     model = Family if kind == "case" else Verdict
     click.echo(json.dumps(plain(model.model_json_schema()), indent=2, allow_nan=False))
+
+
+def _written(fields: str) -> str:
+    """Return what the harness writes; a film is drawn from the steps."""
+    return "steps" if fields == "film" else fields
+
+
+def _draw_films(case: Case, output: Path) -> None:
+    """Draw a film of every load path that was written; a path of one load has none."""
+    from epcontact.output.view import animate, load_steps  # VTK takes long to load
+
+    for collection in sorted(case.folder(output).glob("*-steps/path.pvd")):
+        if len(load_steps(collection)) > 1:
+            target = collection.parent.with_suffix(".gif")
+            try:
+                animate([collection], target)
+                click.echo(f"film in {target}")
+            except OutputError as error:  # many machines cannot draw; the results are whole
+                click.echo(f"epcontact: {target} is left out: {error}", err=True)
 
 
 def _load(path: casefile.CaseText, size: str) -> Case:

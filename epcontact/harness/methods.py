@@ -97,6 +97,9 @@ class Method:
         has_fields: the result has fields on the grid of the surface.
         follows_unloading: the method can follow a path on which a capped law unloads.
         has_model_measures: gates can ask how the J2 flow of the method differs from a cap.
+        steps: the keyword of its solve by which every load is written: `on_step`, a function that
+            is called with a result of that load, or `output`, a folder for the deformed body;
+            empty if it has none.
         pilot: options of a quick solve, which only has to show the areas.
         one_answer: maps the options to True if one answer serves all surfaces of a case.
         source: `module:function` or command of a solver from outside the package.  It runs in a
@@ -113,6 +116,7 @@ class Method:
     has_fields: bool = True
     follows_unloading: bool = False
     has_model_measures: bool = False
+    steps: Literal["", "on_step", "output"] = ""
     pilot: Mapping[str, Any] = field(default_factory=dict, hash=False)
     one_answer: Callable[[Mapping[str, Any]], bool] = _never
     source: str = ""
@@ -238,6 +242,7 @@ def _registry() -> dict[str, Method]:
             "bem",
             BemTable,
             follows_unloading=True,
+            steps="on_step",
             pilot={"area_tolerance": 1e-4},
         ),
         Method(
@@ -248,6 +253,7 @@ def _registry() -> dict[str, Method]:
             FemTable,
             follows_unloading=True,
             has_model_measures=True,
+            steps="output",
         ),
         method_of(
             "contact_mechanics", "epcontact.harness.peers:contact_mechanics", "ContactMechanics"

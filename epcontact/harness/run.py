@@ -10,11 +10,13 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
+import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from epcontact.errors import InvalidCase, NotConverged, sentence_of
 from epcontact.harness import foreign
@@ -26,7 +28,7 @@ from epcontact.harness.quantities import QUANTITIES, measure_all
 from epcontact.harness.store import Answer, Task, keep, kept, summary
 from epcontact.machine import available_cores, compile_seconds
 from epcontact.output.files import write_json
-from epcontact.output.vtk import write_fields
+from epcontact.output.vtk import step_name, write_collection, write_fields
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 
@@ -70,7 +72,9 @@ def run_cases(
         output: folder for the results.
         jobs: number of worker processes, which share the cores.
         fresh: solve again what is already in the output folder.
-        fields: write the fields of each surface ("all"), of the first ("first") or none ("none").
+        fields: write the fields of each surface ("all"), of the first ("first"), of the first at
+            every load of the path, with the body of the finite elements ("steps"), or none
+            ("none").
         methods: the registry of the cases' methods.
         progress: called after every task.
 
@@ -140,9 +144,11 @@ def _tasks_of(
         for member, recipe in enumerate(case.recipes[:1] if single else case.recipes):
             seed = None if single else getattr(recipe, "seed", None)
             task = Task(case, method, member, "single" if seed is None else f"seed{seed}")
-            wanted = fields == "all" or (fields == "first" and member == 0)
+            wanted = fields == "all" or (fields in ("first", "steps") and member == 0)
             if wanted and method.has_fields:
                 task = replace(task, fields=task.fields_path(output))
+                if fields == "steps" and method.steps:
+                    task = replace(task, steps=task.steps_path(output))
             yield task
 
 
@@ -167,19 +173,46 @@ def _solve(task: Task, threads: int) -> Outcome:
             if method.source:  # its limit is enforced from outside its process
                 result = foreign.solve(method.name, method.source, scene, case.time_limit)
             else:
-                result = method.solve(scene, case.options[method.name], threads)
+                options = {**case.options[method.name], **_step_options(task, scene)}
+                result = method.solve(scene, options, threads)
         if not result.converged:
             raise NotConverged("the result says that it has not converged")
-        about = described(scene, task.recipe)
-        result = replace(result, provenance=replace(result.provenance, about=about))
-        result = _with_measurements(task, scene, result)
+        result = _with_measurements(task, scene, _told(task, scene, result))
         if task.fields is not None and result.fields:
-            attributes = {"case": case.id, "size": case.size}
-            write_fields(task.fields, result, scene.surface, attributes, units=_UNITS)
+            _write(task, scene, result, task.fields)
         return replace(result, fields={})
     except Exception as error:
         logging.getLogger("epcontact").debug("%s failed", task.label, exc_info=error)
         return sentence_of(error)
+
+
+def _told(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
+    """Add to a result what was computed, in words and figures."""
+    about = described(scene, task.recipe)
+    return replace(result, provenance=replace(result.provenance, about=about))
+
+
+def _write(task: Task, scene: Scene, result: ContactResult, path: Path) -> None:
+    attributes = {"case": task.case.id, "size": task.case.size}
+    write_fields(path, result, scene.surface, attributes, units=_UNITS)
+
+
+def _step_options(task: Task, scene: Scene) -> dict[str, Any]:
+    """Return the options by which the method writes the files of every load."""
+    folder = task.steps
+    if folder is None:
+        return {}
+    shutil.rmtree(folder, ignore_errors=True)  # a longer path may have been there
+    if task.method.steps == "output":
+        return {"output": folder}
+
+    def on_step(result: ContactResult) -> None:
+        number = len(result.steps) - 1
+        _write(task, scene, _told(task, scene, result), folder / step_name(number))
+        pressures = [step.mean_pressure for step in result.steps]
+        write_collection(folder / "path.pvd", pressures)
+
+    return {"on_step": on_step}
 
 
 def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> ContactResult:

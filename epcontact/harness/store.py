@@ -12,6 +12,7 @@ import contextlib
 import functools
 import hashlib
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +38,7 @@ class Task:
         member: index of the recipe in the case.
         label: the name of the surface in files.
         fields: file to write the fields to; None if they are not kept.
+        steps: folder for the files of every load; None if they are not kept.
     """
 
     case: Case
@@ -44,6 +46,7 @@ class Task:
     member: int
     label: str
     fields: Path | None = None
+    steps: Path | None = None
 
     @property
     def recipe(self) -> Recipe:
@@ -67,6 +70,11 @@ class Task:
         """Return the file for its fields: `<method>[-<surface>].vti` in the case's folder."""
         name = self.method.name + ("" if self.label == "single" else f"-{self.label}")
         return self.case.folder(output) / f"{name}.vti"
+
+    def steps_path(self, output: Path) -> Path:
+        """Return the folder for the files of every load, with a collection path.pvd."""
+        fields = self.fields_path(output)
+        return fields.with_name(f"{fields.stem}-steps")
 
     def result_path(self, output: Path) -> Path:
         """Return the file for its result."""
@@ -111,17 +119,20 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
     Fields of an earlier, different result are removed, because they would pass for this one's.
     """
     about = {"case": task.case.id, "size": task.case.size, "key": _key(task)}
-    fields_digest = _digest(task.fields)
-    if task.fields is None:
-        earlier = _read_member(task, output)
-        if earlier.get("key") == about["key"]:
-            fields_digest = earlier.get("fields_digest")
-        else:
-            with contextlib.suppress(OSError):
-                task.fields_path(output).unlink()
-    write_json(
-        task.result_path(output), about | {"fields_digest": fields_digest} | result.to_json()
-    )
+    earlier = _read_member(task, output)
+    same = earlier.get("key") == about["key"]
+    fields_digest, steps = _digest(task.fields), task.steps is not None
+    if task.fields is None and same:
+        fields_digest = earlier.get("fields_digest")
+    elif task.fields is None:
+        with contextlib.suppress(OSError):
+            task.fields_path(output).unlink()
+    if not steps and same:
+        steps = bool(earlier.get("steps_kept"))
+    elif not steps:
+        shutil.rmtree(task.steps_path(output), ignore_errors=True)
+    files = {"fields_digest": fields_digest, "steps_kept": steps}
+    write_json(task.result_path(output), about | files | result.to_json())
 
 
 def kept(task: Task, output: Path) -> ContactResult | None:
@@ -132,6 +143,9 @@ def kept(task: Task, output: Path) -> ContactResult | None:
     if data.get("key") != _key(task):
         return None
     if task.fields is not None and data.get("fields_digest") != _digest(task.fields):
+        return None
+    written = data.get("steps_kept") is True and (task.steps_path(output) / "path.pvd").is_file()
+    if task.steps is not None and not written:
         return None
     try:
         return ContactResult.from_json(data)

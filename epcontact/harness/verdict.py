@@ -146,7 +146,8 @@ def verify(  # noqa: PLR0913 - the options of the command
         solver: a registered method or `[NAME=]MODULE:FUNCTION`, which replaces the boundary
             elements in every gate, under its own name.
         fresh: solve again what is already in the output folder.
-        fields: write the fields (.vti) of the "first" surface, of "all" or of "none".
+        fields: write the fields (.vti) of the "first" surface, of "all" or of "none"; "steps":
+            those of the first surface at every load, and the bodies of the finite elements.
         progress: called after every solve.
 
     Returns:

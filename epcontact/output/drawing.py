@@ -4,7 +4,7 @@ A .vti is drawn as the surface under the rigid flat, a .vtu as a finite-element 
 open.  The fields of a block are recognised by words in their names, because finite-element
 programs differ: a vector `displacement` (or `u`) at the points, a scalar with `mises` in its name
 (Pa), and a scalar with both `plastic` and `strain` in its name, at points or cells.  The
-coordinates must be those of the deformed body, which a factor of 1 shows unchanged.
+coordinates are those of the undeformed body.
 
 Only the worker imports this module, because importing pyvista takes a second.
 """
@@ -218,7 +218,7 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
     opened = mesh.extract_cells(np.flatnonzero((centres[:, 0] >= x) | (centres[:, 1] >= y)))
     displacement, stress, strain = _field_names(mesh)
     if displacement:
-        opened = opened.warp_by_vector(displacement, factor=factor - 1.0)
+        opened = opened.warp_by_vector(displacement, factor=factor)
     sides = np.ptp(np.reshape(mesh.bounds, (3, 2)), axis=1)
     scale, unit = unit_for(float(sides.max()), "m")
     opened.points = np.asarray(opened.points, dtype=np.float64) / scale

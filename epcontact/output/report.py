@@ -27,7 +27,7 @@ from epcontact.output.charts.figures import Chart, Series
 from epcontact.output.charts.maps import map_of_file, pressure_difference
 from epcontact.output.charts.style import unit_for
 from epcontact.output.files import read_bytes, write_text
-from epcontact.output.view import screenshot
+from epcontact.output.view import load_steps, screenshot
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
 
@@ -35,7 +35,7 @@ Data = Mapping[str, Any]  # the content of a JSON file
 Results = Mapping[str, Sequence[ContactResult]]  # by method, one result a surface
 Theory = Callable[[Results, float], Sequence[Series]]
 
-_MEDIA_TYPES = {"svg": "image/svg+xml", "png": "image/png"}
+_MEDIA_TYPES = {"svg": "image/svg+xml", "png": "image/png", "gif": "image/gif"}
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Picture:
 
     Args:
         content: Its bytes.
-        kind: "svg" or "png".
+        kind: "svg", "png" or "gif".
         caption: The text below the picture, which screen readers read out.
     """
 
@@ -99,7 +99,7 @@ def report_folder(
             *_maps(here, list(answers)),
         ]
         blocks, complaints = _blocks(here, list(answers))
-        pictures[case["id"]] += blocks
+        pictures[case["id"]] += [*blocks, *_films(here)]
         notes += complaints
     target = Path(path) if path is not None else home / "report.html"
     write_report(target, verdict, results, pictures, list(dict.fromkeys(notes)))
@@ -290,12 +290,21 @@ def _maps(folder: Path, methods: Sequence[str]) -> list[Picture]:
     return pictures
 
 
+def _films(folder: Path) -> list[Picture]:
+    """Return the films of load paths, which `--fields film` draws."""
+    return [
+        Picture(film.read_bytes(), "gif", f"The loads of the path in order, {film.stem}.")
+        for film in sorted(folder.glob("*-steps.gif"))
+    ]
+
+
 def _blocks(folder: Path, methods: Sequence[str]) -> tuple[list[Picture], list[str]]:
     """Draw each method's body, cut open; also return the reasons why some could not be drawn."""
     pictures, complaints = [], []
     for method in methods:
         collections = [*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")]
-        for collection in sorted(collections)[:1]:
+        bodies = [one for one in sorted(collections) if load_steps(one)[0].suffix == ".vtu"]
+        for collection in bodies[:1]:
             with tempfile.TemporaryDirectory() as temporary:
                 picture = Path(temporary) / "block.png"
                 try:

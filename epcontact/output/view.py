@@ -175,7 +175,8 @@ def load_steps(collection: Path | str) -> list[Path]:
     """Return the files of a ParaView collection (.pvd) in the order of their times.
 
     Args:
-        collection: The path; the collection names its files relative to its folder.
+        collection: The path; the collection names its files relative to its folder.  Of a step of
+            several parts only part 0 is returned.
 
     Raises:
         OutputError: If it cannot be read, is not a collection or names no file.
@@ -191,7 +192,8 @@ def load_steps(collection: Path | str) -> list[Path]:
     """
     try:
         entries = ET.fromstring(read_bytes(collection)).findall("./Collection/DataSet")
-        steps = [(float(e.get("timestep", "0")), e.attrib["file"]) for e in entries]
+        first = [entry for entry in entries if entry.get("part", "0") == "0"]
+        steps = [(float(e.get("timestep", "0")), e.attrib["file"]) for e in first]
     except (ET.ParseError, KeyError, ValueError):
         raise OutputError(f"cannot read {collection}: it is no ParaView collection") from None
     if not steps:

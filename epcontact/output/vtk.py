@@ -26,7 +26,7 @@ pyvista is imported where it is used, because its import takes a second.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import OutputError
-from epcontact.output.files import read_bytes, whole_file
+from epcontact.output.files import read_bytes, whole_file, write_text
 from epcontact.results import ContactResult
 from epcontact.scene import Surface
 
@@ -183,6 +183,31 @@ def write_image(
             written = writer.Write()
         if not written or caught.events or writer.GetErrorCode():
             raise OutputError(f"cannot write {path}: {_reason(caught, writer.GetErrorCode())}")
+
+
+def write_collection(path: Path | str, mean_pressures: Sequence[float]) -> None:
+    """Write a ParaView collection (.pvd) over the steps of a load path beside it.
+
+    Args:
+        path: The path of the collection; the step of number n is the file `step_name(n)` there.
+        mean_pressures: In Pa, one for each step.  The time of a step is its number, because a path
+            may unload; its mean pressure is its name.
+
+    Raises:
+        OutputError: If the file cannot be written.
+    """
+    entries = "".join(
+        f'<DataSet timestep="{number}" part="0" name="mean pressure {float(pressure)!r} Pa" '
+        f'file="{step_name(number)}"/>\n'
+        for number, pressure in enumerate(mean_pressures)
+    )
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'
+    write_text(path, f"{head}{entries}</Collection>\n</VTKFile>\n")
+
+
+def step_name(number: int) -> str:
+    """Return the file name of a step of a load path."""
+    return f"step-{number:04d}.vti"
 
 
 def read_fields(path: Path | str) -> FieldFile:
