@@ -156,7 +156,8 @@ class Surface:
             span * span < math.inf,
             f"heights span {span:g} m, too much to be squared; check their unit",
         )
-        warnings = (*levels_note(np.asarray(given).dtype), *_slope_note(self.rms_slope))
+        slope = self.rms_slope if self.spectrum is None else self.spectrum.rms_slope
+        warnings = (*levels_note(np.asarray(given).dtype), *_slope_note(slope))
         new = tuple(note for note in warnings if note not in self.notes)
         object.__setattr__(self, "notes", (*self.notes, *new))
 
@@ -197,8 +198,9 @@ def rms_slope(heights: FloatArray, spacing: tuple[float, ...]) -> float:
         squares, count = 0.0, 0
         for start in range(0, len(heights), _ROWS):  # few rows at a time, without large arrays
             rows = heights[start : start + _ROWS + (axis == 0)]
-            steps = np.diff(rows, axis=axis).ravel()
-            squares += float(steps @ steps)
+            steps = np.diff(rows, axis=axis)
+            steps *= steps
+            squares += float(steps.sum())
             count += steps.size
         total += squares / max(count, 1) / step**2
     return math.sqrt(total)

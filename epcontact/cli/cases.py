@@ -97,7 +97,8 @@ def keys() -> None:
 @_output
 @_fresh
 @_fields
-def run(
+@click.option("--charts", is_flag=True, help="Draw charts, which take as long as a large solve.")
+def run(  # noqa: PLR0913, PLR0917 - the options of the command
     case: str,
     methods: tuple[str, ...],
     size: str,
@@ -105,6 +106,7 @@ def run(
     output: Path,
     fresh: bool,
     fields: str,
+    charts: bool,
 ) -> None:
     """Solve one case and write its results and fields; no gate is judged."""
     loaded = _load(casefile.find_case(case), size)
@@ -133,7 +135,7 @@ def run(
     errors = [sentence for answer in answers.values() for sentence in answer.errors]
     if errors:
         raise _Refusal(f"{loaded.id}: {'; '.join(errors)}")
-    if fields != "none":
+    if charts:
         from epcontact.cli.figures import draw  # charts take long to load
 
         draw(chosen, answers, chosen.folder(output))

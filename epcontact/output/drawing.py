@@ -245,7 +245,8 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
         else:
             plotter.add_mesh(skin, color="#d9d9d9")
             plotter.add_text(f"no {title.partition(' (')[0]} in the file", font_size=11, **TEXT)
-        _frame_view(plotter, bounds, (-0.9, -1.3, 1.1), 0.9)
+        _frame_view(plotter, bounds, (-0.9, -1.3, 1.1), 0.8)
+        plotter.camera.SetWindowCenter(0.0, -0.2)
         _mark_lengths(plotter, bounds, unit, "xyz")
     shape = f"displacements × {factor:.3g}" if displacement else "undeformed"
     plotter.subplot(0, 0)
@@ -282,9 +283,11 @@ def _bar(title: str) -> dict[str, Any]:
 
 def _mark_lengths(plotter: Any, bounds: Any, unit: str, axes: str) -> None:
     """Draw axes with ticks along the outer edges; stretched heights have no axis."""
+    largest = float(np.max(np.abs(bounds)))
     unit = unit.replace("µm", "micrometres")  # VTK's font for axes has no µ
     plotter.show_bounds(
         bounds=bounds,
+        axes_ranges=[round(end / largest, 2) * largest + 0.0 for end in bounds],
         location="outer",
         ticks="outside",
         font_size=11,

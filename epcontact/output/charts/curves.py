@@ -129,7 +129,7 @@ def pressure_distribution(
     top = hardness if np.isfinite(hardness) else max((s.x.max() for s in series), default=0.0)
     scale, unit = unit_for(float(top), "Pa")
     with styled():
-        figure, (axes,) = new_figure()
+        figure, (axes,) = new_figure(7.0, 3.6)
         draw(
             axes,
             [Series(s.name, s.x / scale, s.y * scale, line=s.line) for s in series],
