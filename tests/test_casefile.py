@@ -205,7 +205,10 @@ def bands(case) -> dict[tuple[str, str], float]:
 
 def test_a_case_has_the_default_gates_of_its_methods(write_case) -> None:
     names = {(gate.of, gate.quantity) for gate in default_gates() if gate.of == "bem"}
-    assert names == {("bem", f"quantity.measured_{name}") for name in ("force", "bounds", "gap")}
+    assert names == {("bem", q) for q in QUANTITIES if q.startswith("quantity.measured_")} - {
+        ("bem", f"quantity.measured_{name}")
+        for name in ("raw_total", "raw_plastic", "carried", "distribution")
+    }
     own = bands(load_case(write_case()))
     assert own[("bem", "quantity.measured_gap")] == 1e-7
     assert set(own) == names | {("bem", "area.total.corrected")}

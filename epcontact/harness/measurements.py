@@ -52,6 +52,28 @@ class Answered:
             )
         return np.asarray(values, dtype=np.float64)
 
+    @property
+    def flows(self) -> bool:
+        """True if the body flows by J2, so that no cap bounds its pressures."""
+        return bool(self.result.provenance.options.get("law") == "j2")
+
+    @property
+    def unloads(self) -> bool:
+        """True if the path unloads a capped body, which keeps its plastic displacement."""
+        capped = math.isfinite(self.scene.material.hardness)
+        return capped and not self.flows and not self.scene.load.non_decreasing
+
+    @cached_property
+    def displacement(self) -> FloatArray:
+        """The elastic displacement that the pressures cause, in m; half-space: of zero mean."""
+        modes = compliance(self.scene) * np.fft.fftn(self.pressure)
+        return np.asarray(np.fft.ifftn(modes).real)
+
+    @cached_property
+    def between(self) -> Any:
+        """The mask of the points with 0 < p < hardness."""
+        return (self.pressure > 0) & ~at_the_cap(self)
+
     @cached_property
     def model(self) -> ModelDifference:
         """The comparison with a capped body; several quantities share its solves."""
@@ -66,21 +88,21 @@ def at_the_cap(a: Answered) -> Any:
     return a.pressure >= a.scene.material.hardness * (1 - _AT_THE_CAP)
 
 
-def _load_scale(a: Answered) -> float:
+def load_scale(a: Answered) -> float:
     """The last mean pressure p0 in Pa, or the largest of the path if it ends without load."""
     return a.scene.load.final or max(a.scene.load.path)
 
 
 def force(a: Answered) -> float:
     """Return mean(p)/p0 - 1; after a path to zero, mean(p) over the largest mean pressure."""
-    return (float(a.pressure.mean()) - a.scene.load.final) / _load_scale(a)
+    return (float(a.pressure.mean()) - a.scene.load.final) / load_scale(a)
 
 
 def bounds(a: Answered) -> float:
     """Return the largest distance of p from [0, hardness], divided by p0."""
     p = a.pressure
     beyond = max(-float(p.min()), float(p.max()) - a.scene.material.hardness, 0.0)
-    return beyond / _load_scale(a)
+    return beyond / load_scale(a)
 
 
 def gap(a: Answered) -> float:
@@ -90,20 +112,34 @@ def gap(a: Answered) -> float:
     (Karush-Kuhn-Tucker).  After a path that unloads, the surface is the one that the reported
     plastic displacement has left, on which every contact is elastic.
     """
-    p, heights = a.pressure, a.scene.surface.heights
-    apart, flowing = p <= 0, at_the_cap(a)
-    if math.isfinite(a.scene.material.hardness) and not a.scene.load.non_decreasing:
-        heights, flowing = heights - a.field("plastic_displacement"), np.zeros_like(apart)
-    C = compliance(a.scene)
-    C.flat[0] = 0.0
-    gap = np.fft.ifftn(C * np.fft.fftn(p)).real - heights
-    between = ~apart & ~flowing
-    if between.any():
-        gap -= gap[between].mean()
-    elif flowing.any():
-        gap -= gap[flowing].max()
-    wrong = np.where(apart, -gap, np.where(flowing, gap, np.abs(gap)))
+    gap, touching = open_gap(a)
+    flowing = at_the_cap(a) & ~touching
+    wrong = np.where(a.pressure <= 0, -gap, np.where(flowing, gap, np.abs(gap)))
     return float(wrong.max()) / float(a.scene.surface.heights.std())
+
+
+def open_gap(a: Answered) -> tuple[FloatArray, Any]:
+    """Return the gap in m over the surface that the load meets, and where it must be zero.
+
+    The points where it must be zero are those of elastic contact; the gap's mean over them is zero.
+    If there is none, the highest gap of the flowing points is zero, or the lowest of all where
+    nothing touches.  After a path that unloads the
+    surface is the one that the reported plastic displacement has left, and all contact is elastic.
+    """
+    heights, touching = a.scene.surface.heights, a.between
+    if a.unloads:
+        heights, touching = heights - a.field("plastic_displacement"), a.pressure > 0
+    gap, flowing = a.displacement - heights, at_the_cap(a)
+    if touching.any():
+        gap = gap - gap[touching].mean()
+    else:
+        gap = gap - (gap[flowing].max() if flowing.any() else gap.min())
+    return gap, touching
+
+
+def compression(scene: Scene) -> float:
+    """Return the compliance in m/Pa of the mean pressure: d/M of a layer, 0 of a half-space."""
+    return float(compliance(scene).flat[0])
 
 
 def raw_total(a: Answered) -> float:
@@ -124,7 +160,7 @@ def carried(a: Answered) -> float:
     carried = carried_pressure(found)
     if math.isfinite(hardness):
         carried += hardness * found.plastic
-    return (carried - a.scene.load.final) / _load_scale(a)
+    return (carried - a.scene.load.final) / load_scale(a)
 
 
 def smallest_contact_pressure(a: Answered) -> float:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from epcontact.errors import InvalidCase, nearest
-from epcontact.harness import measurements
+from epcontact.harness import identities, measurements
 from epcontact.harness.distances import l2_distance
 from epcontact.harness.interface import Branch
 from epcontact.harness.measurements import Answered
@@ -188,6 +188,10 @@ _REPORTED = (
     Quantity("residual.tension", "–", "largest tensile contact force over the load, by fem"),
     Quantity("residual.certified_balance", "–", "balance of the system as scikit-fem assembles it"),
     Quantity("residual.certified_load", "–", "reaction of the base less the load, as assembled"),
+    Quantity("quantity.known_intervals", "–", "largest error of known intervals, by judge"),
+    Quantity("quantity.known_distances", "–", "largest error of known distances, by judge"),
+    Quantity("quantity.known_falsehoods", "–", "largest error of known scores, by judge"),
+    Quantity("quantity.known_budget", "–", "largest break of a chain of differences, by judge"),
     Quantity("iterations.newton", "–", "Newton steps of the last load step"),
     Quantity("iterations.cg", "–", "steps of conjugate gradients of the last load step"),
     Quantity("iterations.gradient", "–", "gradient steps of the last load step, by bem"),
@@ -333,6 +337,41 @@ _MEASURED = (
         "share of the nominal area, the widest gaps first, that first connects across a period",
         ("fields",),
         partial(measurements.percolation, sign=-1.0),
+    ),
+    Quantity(
+        "quantity.measured_areas",
+        "–",
+        "largest error of the areas that needs no reference: counts of the pressures, sums",
+        ("fields",),
+        identities.areas,
+    ),
+    Quantity(
+        "quantity.measured_figures",
+        "–",
+        "largest difference of a reported mean, energy or pressure from that of the fields",
+        ("fields",),
+        identities.figures,
+    ),
+    Quantity(
+        "quantity.measured_fields",
+        "–",
+        "largest error of heights, displacement, gap (over the rms height) and state",
+        ("fields",),
+        identities.fields,
+    ),
+    Quantity(
+        "quantity.measured_distribution",
+        "–",
+        "largest difference of the distribution from a count of the pressures",
+        ("fields",),
+        identities.distribution,
+    ),
+    Quantity(
+        "quantity.path_work",
+        "–",
+        "work of the load path over the energy that it leaves, less 1; by Simpson's rule",
+        (),
+        identities.work,
     ),
     Quantity(
         "quantity.smallest_contact_pressure",

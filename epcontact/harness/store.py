@@ -11,7 +11,9 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import itertools
 import json
+import math
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -81,6 +83,10 @@ class Task:
         return self.case.folder(output) / "members" / f"{self.method.name}-{self.label}.json"
 
 
+# Solutions of one surface, wherever it is on the grid, agree to the tolerance of their solver.
+_SAME = 1e-6
+
+
 @dataclass(frozen=True)
 class Answer:
     """The answer of a method to a case: one result for each surface, and sentences on failures."""
@@ -89,6 +95,22 @@ class Answer:
     labels: tuple[str, ...] = ()
     errors: tuple[str, ...] = ()
     reused: int = 0
+
+    @property
+    def twins(self) -> tuple[str, str] | None:
+        """The labels of two surfaces with the same answer, which no ensemble may have.
+
+        Two different surfaces may have the same areas and energies, but not all figures of their
+        single points: answers without a largest pressure are not compared.
+        """
+        for (label, one), (other, two) in itertools.combinations(
+            zip(self.labels, self.results, strict=True), 2
+        ):
+            a, b = one.final.quantities, two.final.quantities
+            known = "largest_pressure" in a and a.keys() == b.keys()
+            if known and all(math.isclose(a[k], b[k], rel_tol=_SAME) for k in a):
+                return label, other
+        return None
 
 
 @functools.cache

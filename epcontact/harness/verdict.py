@@ -263,6 +263,13 @@ def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdic
     failed = [sentence for m in needed for sentence in answers[m].errors]
     if failed:
         return unjudged(gate, _joined(failed))
+    for method in needed:
+        if twins := answers[method].twins:
+            return unjudged(
+                gate,
+                f"{method} gives the surfaces {' and '.join(twins)} the same answer, so that the "
+                "scatter of the ensemble says nothing; give it different surfaces",
+            )
     of, against = answers[gate.of], answers.get(str(gate.against))
     try:
         if gate.norm in DISTRIBUTION_NORMS:

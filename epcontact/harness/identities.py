@@ -1,0 +1,143 @@
+"""Identities between the parts of one result: each must hold whatever the scene is.
+
+A method reports a result several times over: as fields, as figures of them, as a distribution and
+as the steps of a load path.  These functions return how far two of its reports are apart, so that
+a wrong factor, sign, index or load step in any of them shows.  The elastic answer to the pressures
+is the harness's own (see `measurements`); a part that a method does not report is not compared.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import simpson
+
+from epcontact.errors import InvalidCase
+from epcontact.harness.measurements import Answered, at_the_cap, compression, load_scale, open_gap
+from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
+
+
+def areas(a: Answered) -> float:
+    """Return the largest error of the areas that needs no reference, as a share of the whole.
+
+    The raw areas are counts of the points of the pressure field; total = elastic + plastic in the
+    raw and the corrected areas of every load step; the mean pressures are those of the load path.
+    """
+    final = a.result.final.areas["raw"]
+    total = float((a.pressure > 0).mean())
+    # J2 flow has no pressure of its own: its plastic area is that of the reported states.
+    plastic = float((a.field("state") == PLASTIC if a.flows else at_the_cap(a)).mean())
+    wrong = [final.total - total, final.plastic - plastic, final.elastic - (total - plastic)]
+    path = a.scene.load.path
+    if len(path) != len(a.result.steps):
+        raise InvalidCase(
+            f"{a.result.method} has {len(a.result.steps)} load steps for {len(path)} mean pressures"
+        )
+    for mean_pressure, step in zip(path, a.result.steps, strict=True):
+        wrong.append((step.mean_pressure - mean_pressure) / load_scale(a))
+        parts = (area for kind, area in step.areas.items() if kind != "error")
+        wrong += [area.total - area.elastic - area.plastic for area in parts]
+    return float(np.abs(wrong).max())
+
+
+def figures(a: Answered) -> float:
+    """Return the largest difference of a reported figure from that of the reported fields.
+
+    Lengths are divided by the rms height, pressures by p0 and energies by p0 times the rms height
+    or by the energy itself, whichever is larger.  J2 flow has no elastic energy at the surface.
+    """
+    p, height, p0 = a.pressure, float(a.scene.surface.heights.std()), load_scale(a)
+    expected = {"largest_pressure": (float(p.max()), p0)}
+    if (p > 0).any():
+        expected["mean_contact_pressure"] = (float(p[p > 0].mean()), p0)
+    if "gap" in a.result.fields:
+        gap = a.field("gap")
+        sunk = np.where(at_the_cap(a) & (not a.flows), -gap, 0)
+        if "plastic_displacement" in a.result.fields:
+            sunk = a.field("plastic_displacement")
+        expected["mean_gap"] = (float(np.maximum(gap + sunk, 0).mean()), height)
+        expected["mean_separation"] = (float(gap.mean()), height)
+        expected["mean_plastic_displacement"] = (float(sunk.mean()), height)
+    if "displacement" in a.result.fields and not a.flows:
+        energy = float((p * a.field("displacement")).mean()) / 2
+        expected["elastic_energy"] = (energy, max(p0 * height, abs(energy)))
+    reported = a.result.final.quantities
+    wrong = [
+        (reported[name] - x) / unit for name, (x, unit) in expected.items() if name in reported
+    ]
+    return float(np.abs(wrong).max(initial=0.0))
+
+
+def fields(a: Answered) -> float:
+    """Return the largest error of the reported fields, from the pressures and the heights alone.
+
+    Lengths are divided by the rms height; a point in a wrong state counts as 1.
+    """
+    heights, found = a.scene.surface.heights, a.result.fields
+    height = float(heights.std())
+    wrong = []
+    if "heights" in found:
+        wrong.append(np.abs(a.field("heights") - heights).max() / height)
+    if "displacement" in found:
+        wrong.append(np.abs(a.field("displacement") - a.displacement).max() / height)
+    if "gap" in found:
+        own, touching = open_gap(a)
+        distance = a.field("gap") - own
+        if a.unloads:
+            distance = distance + a.field("plastic_displacement")
+        if not touching.any():  # the flat may be anywhere between the points on their bounds
+            distance = distance - distance.mean()
+        wrong.append(np.abs(distance).max() / height)
+    if "state" in found:
+        state = np.where(a.pressure > 0, np.where(at_the_cap(a), PLASTIC, ELASTIC), APART)
+        wrong.append(float((a.field("state") != state).any()))
+    return float(max(wrong, default=0.0))
+
+
+def distribution(a: Answered) -> float:
+    """Return the largest difference of the distribution from a count of the pressure field.
+
+    The count is that of the definition of `PressureDistribution`; it is a share of the whole area.
+    """
+    found = a.result.distribution
+    if found is None:
+        raise InvalidCase(f"{a.result.method} gives no pressure distribution for a gate")
+    plastic = at_the_cap(a) & (not a.flows)
+    elastic = np.sort(a.pressure[(a.pressure > 0) & ~plastic])
+    counted = np.searchsorted(elastic, found.pressure, side="right") / a.pressure.size
+    wrong = np.abs(found.cumulative - counted).max()
+    return float(max(wrong, abs(found.plastic - plastic.mean()), abs(found.pressure[0])))
+
+
+def work(a: Answered) -> float:
+    """Return the work of the load path less the energy that it leaves, over that energy.
+
+    The flat approaches by d = p d(q = 0) - separation, and its work int p dd is stored as elastic
+    energy or spent on flow: hardness times the mean plastic displacement.  Where that is not
+    reported it is the mean gap less the separation.  int p dd is integrated by parts and by
+    Simpson's rule over the loads, from the first to the last.  The theory reports no separation
+    beside its mean gap, because its elastic contact has no plastic displacement.
+    """
+    steps, hardness = a.result.steps, a.scene.material.hardness
+    if len(steps) < 3 or a.flows:
+        raise InvalidCase(
+            "the work is measured along three mean pressures or more, without J2 flow"
+        )
+    load, gap = np.array(a.scene.load.path), _along(a, "mean_gap")
+    theory = np.isinf(hardness) and "mean_separation" not in steps[-1].quantities
+    separation = gap if theory else _along(a, "mean_separation")
+    energy = _along(a, "elastic_energy")
+    if "mean_plastic_displacement" in steps[-1].quantities:
+        spent = _along(a, "mean_plastic_displacement")
+        energy = energy + (hardness * spent if np.isfinite(hardness) else 0.0)
+    elif np.isfinite(hardness):
+        energy = energy + hardness * (gap - separation)
+    approach = load * compression(a.scene) - separation
+    done = load[-1] * approach[-1] - load[0] * approach[0] - simpson(approach, x=load)
+    return float(done / (energy[-1] - energy[0]) - 1)
+
+
+def _along(a: Answered, name: str) -> FloatArray:
+    """Return a figure at each load step."""
+    if not all(name in step.quantities for step in a.result.steps):
+        raise InvalidCase(f"{a.result.method} does not report {name} at every load step")
+    return np.array([step.quantities[name] for step in a.result.steps])
