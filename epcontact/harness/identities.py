@@ -12,7 +12,14 @@ import numpy as np
 from scipy.integrate import simpson
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.measurements import Answered, at_the_cap, compression, load_scale, open_gap
+from epcontact.harness.measurements import (
+    Answered,
+    at_the_cap,
+    carried,
+    compression,
+    load_scale,
+    open_gap,
+)
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
 
@@ -106,6 +113,39 @@ def distribution(a: Answered) -> float:
     counted = np.searchsorted(elastic, found.pressure, side="right") / a.pressure.size
     wrong = np.abs(found.cumulative - counted).max()
     return float(max(wrong, abs(found.plastic - plastic.mean()), abs(found.pressure[0])))
+
+
+def balance(a: Answered) -> float:
+    """Return the largest error of the distribution's areas and load, from the raw areas and p0.
+
+    The load of a table is linear between its pressures; areas are divided by the contact area.
+    """
+    found, raw = a.result.distribution, a.result.final.areas["raw"]
+    if found is None:
+        raise InvalidCase(f"{a.result.method} gives no pressure distribution for a gate")
+    elastic = raw.total if a.flows else raw.elastic
+    wrong = [found.cumulative[-1] - elastic, found.plastic - (raw.total - elastic)]
+    return float(max(np.abs(wrong).max() / raw.total, abs(carried(a))))
+
+
+def residuals(a: Answered) -> float:
+    """Return the largest relative error of the reported residuals of the gap.
+
+    It is for a loose solve, whose residuals are far above rounding.
+    """
+    gap, touching = open_gap(a)
+    rest, height = ~touching, float(a.scene.surface.heights.std())
+    wrong_sign = np.where(a.pressure <= 0, -gap, gap)
+    own = {
+        "gap_elastic": float(np.abs(gap[touching]).max(initial=0.0)) / height,
+        "gap_sign": float(wrong_sign[rest].max(initial=0.0)) / height,
+    }
+    reported = a.result.final.residuals
+    missing = sorted(own.keys() - reported.keys())
+    if missing:
+        raise InvalidCase(f"{a.result.method} does not report the residual {missing[0]}")
+    scale = max(own.values())
+    return max(abs(reported[name] - value) for name, value in own.items()) / scale
 
 
 def work(a: Answered) -> float:

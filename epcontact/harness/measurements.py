@@ -195,6 +195,22 @@ def percolation(a: Answered, sign: float) -> float:
     return interface.percolation_share(sign * closeness)
 
 
+def surface_mark(a: Answered, name: str) -> float:
+    """Return a figure of the heights that another seed, or the surface turned round, would change.
+
+    name: "highest" (m), "skewness", "summit_x" or "summit_y" (shares of the period).
+    """
+    heights = a.scene.surface.heights
+    above = heights - heights.mean()
+    if name == "highest":
+        return float(above.max())
+    if name == "skewness":
+        return float((above**3).mean() / (above**2).mean() ** 1.5)
+    place = np.unravel_index(int(np.argmax(heights)), heights.shape)
+    axis = {"summit_x": 0, "summit_y": 1}[name]
+    return float(place[axis] / heights.shape[axis])
+
+
 def summit_curvature(a: Answered) -> float:
     """Return the curvature at the highest point in 1/m, by differences, averaged over the axes."""
     surface, curvatures = a.scene.surface, []

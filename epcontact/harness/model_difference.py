@@ -20,7 +20,7 @@ import numpy as np
 import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene
-from epcontact.harness.distances import Difference, difference
+from epcontact.harness.distances import Difference, difference, l2_distance
 from epcontact.moduli import effective_modulus
 from epcontact.reference.roughness import rms_slope
 from epcontact.results import ContactResult, FloatArray
@@ -164,25 +164,41 @@ def capped_body(scene: Scene, hardness: float, compliance: FloatArray | None) ->
 
 
 class ModelDifference:
-    """Comparisons of a J2 answer with capped bodies on its compliance, each solved once.
+    """Comparisons of an answer of the elements with bodies on its compliance, each solved once.
 
     Args:
         scene: the scene that was solved.
-        j2: the J2 answer of the finite elements to it, with its fields.
+        j2: the answer of the finite elements to it, with its fields; by J2 flow but for
+            `elements_pressure`.
 
     Raises:
-        InvalidCase: if the result is not that of a J2 block.
+        InvalidCase: if the result is not that of a block of elements.
     """
 
     def __init__(self, scene: Scene, j2: ContactResult) -> None:
-        law = j2.provenance.options.get("law")
-        if law != "j2":
-            raise InvalidCase(f"the law of the elements is {law}, but a model gate needs j2")
+        self.law = j2.provenance.options.get("law")
         self.scene, self.j2 = scene, j2
         self.compliance = elements_compliance(scene, j2)
 
+    def _require_j2(self) -> None:
+        if self.law != "j2":
+            raise InvalidCase(f"the law of the elements is {self.law}, but a model gate needs j2")
+
+    @cached_property
+    def elements_pressure(self) -> float:
+        """L2 difference of elastic or capped pressures from those of the same discrete body.
+
+        Raises InvalidCase if the body flows by J2.
+        """
+        if self.law == "j2":
+            raise InvalidCase("the law of the elements is j2, but their own body has a linear law")
+        hardness = self.scene.material.hardness if self.law == "capped" else math.inf
+        own = capped_body(self.scene, hardness, self.compliance)
+        return l2_distance(self.j2.fields["pressure"], own.fields["pressure"])
+
     @cached_property
     def _capped(self) -> ContactResult:
+        self._require_j2()
         return capped_body(self.scene, self.scene.material.hardness, self.compliance)
 
     @cached_property
@@ -193,6 +209,7 @@ class ModelDifference:
     @cached_property
     def effective(self) -> EffectiveHardness:
         """The cap of equal contact area.  Raises InvalidCase if there is none."""
+        self._require_j2()
         effective = _equal_area(self.scene, self.j2)
         if effective.at_cap is None:
             raise InvalidCase(

@@ -242,6 +242,21 @@ _MEASURED = (
         (),
         lambda a: rms_slope(a.scene),
     ),
+    *(
+        Quantity(
+            f"quantity.surface_{name}",
+            unit,
+            meaning,
+            (),
+            partial(measurements.surface_mark, name=name),
+        )
+        for name, unit, meaning in (
+            ("highest", "m", "height of the highest point over the mean"),
+            ("skewness", "–", "skewness of the heights: of the other sign upside down"),
+            ("summit_x", "–", "place of the highest point along x, over the period"),
+            ("summit_y", "–", "place of the highest point along y, over the period"),
+        )
+    ),
     Quantity(
         "quantity.surface_curvature",
         "1/m",
@@ -367,6 +382,20 @@ _MEASURED = (
         identities.distribution,
     ),
     Quantity(
+        "quantity.measured_residuals",
+        "–",
+        "largest relative error of the reported residuals of the gap",
+        ("fields",),
+        identities.residuals,
+    ),
+    Quantity(
+        "quantity.distribution_balance",
+        "–",
+        "largest error of the distribution's areas (over the contact) and of its load (over p0)",
+        (),
+        identities.balance,
+    ),
+    Quantity(
         "quantity.path_work",
         "–",
         "work of the load path over the energy that it leaves, less 1; by Simpson's rule",
@@ -415,6 +444,14 @@ _MEASURED = (
         "shared contact nodes over the nodes in either contact, of J2 and the cap c_eff",
         ("fields", "J2 flow"),
         lambda a: a.model.effective_difference.overlap,
+    ),
+    Quantity(
+        "quantity.elements_pressure",
+        "–",
+        "L2 difference of the pressures, elastic or capped, from those of boundary elements on the "
+        "compliance of the elements, over their L2 norm",
+        ("fields",),
+        lambda a: a.model.elements_pressure,
     ),
     Quantity(
         "quantity.elements_area",

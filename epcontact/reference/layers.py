@@ -232,6 +232,25 @@ def _compression(scene: Scene) -> float:
     return sunk * depth + float(heights.max() - heights.mean())
 
 
+def _flow(scene: Scene) -> float:
+    """1 if a layer of J2 flow in uniaxial strain has yielded along the load path, else 0."""
+    yields = uniaxial_yield_pressure(scene.material.yield_stress, scene.material.poisson_ratio)
+    return float(max(scene.load.path) > yields)
+
+
+def _plastic_strain(scene: Scene) -> float:
+    """The equivalent plastic strain of a layer in uniaxial strain.
+
+    Beyond the yield pressure the stress grows by the bulk modulus K, so the strain beyond the yield
+    strain is (p - p_y)/K, and its plastic part is purely deviatoric: two thirds of it.  Unloading
+    is elastic.
+    """
+    material = scene.material
+    bulk = material.young_modulus / (3 * (1 - 2 * material.poisson_ratio))
+    yields = uniaxial_yield_pressure(material.yield_stress, material.poisson_ratio)
+    return 2 / 3 * max(0.0, max(scene.load.path) - yields) / bulk
+
+
 FORMS = (
     ClosedForm(
         "full_contact",
@@ -243,7 +262,15 @@ FORMS = (
     ClosedForm(
         "flat",
         "a surface without roughness under uniform pressure, in uniaxial strain (Lame)",
-        areas(_unit) | {"quantity.approach": _compression},
+        areas(_unit, _flow)
+        | {
+            "quantity.approach": _compression,
+            "quantity.largest_plastic_strain": _plastic_strain,
+            "quantity.plastic_volume": _flow,
+            "quantity.plastic_depth": lambda scene: _flow(scene) * scene.body.depth,
+            "quantity.mean_contact_pressure": lambda scene: scene.load.final,
+            "quantity.largest_pressure": lambda scene: scene.load.final,
+        },
         {"pressure": _flat_pressure},
         _flat_distribution,
     ),
