@@ -571,7 +571,11 @@ def test_spoilt_result_is_not_reused(small, tmp_path) -> None:
     whole = member.read_bytes()
     changed = json.loads(whole)
     changed["steps"][-1]["areas"]["corrected"]["total"] = "nonsense"
-    for content in (whole[:-20], b"", b"\xff\xfe", b"[]", b"null", json.dumps(changed).encode()):
+    edited = whole.replace(b'"mean_pressure": 5', b'"mean_pressure": 6')
+    nested = b"[" * 100_000
+    words = json.dumps(changed).encode()
+    for content in (whole[:-20], b"", b"\xff\xfe", b"[]", b"null", words, edited, nested):
+        assert content != whole
         member.write_bytes(content)
         done = invoke("verify", small, "--output", out, "--jobs", 1)
         assert done.code == 0, (content[:40], done)

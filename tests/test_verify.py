@@ -104,3 +104,12 @@ def test_verdict_of_what_could_not_be_judged_has_the_same_shape(case, tmp_path) 
     verdict = Verdict.model_validate_json((tmp_path / "verdict.json").read_text())
     assert verdict.cases[0].gates[0].error == "bem, seed3: stalled"
     assert "cases" in Verdict.model_json_schema()["required"]
+
+
+def test_versions_are_those_of_the_results(case) -> None:
+    given = answers([0.1])
+    for method, version in (("bem", "1.0"), ("persson", "2")):
+        made = Provenance("digest", versions={"numpy": version})
+        result = replace(given[method].results[0], provenance=made)
+        given[method] = replace(given[method], results=(result,))
+    assert Verdict.on([judge_case(case, given)], "fast").versions == {"numpy": "1.0, 2"}

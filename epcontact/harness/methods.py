@@ -107,6 +107,8 @@ class Method:
             process of its own.  The harness does not see changes of its code, so it never reuses
             a kept result of such a method.
         requires: a module of the extra `peers` that the method needs.
+        modules: the modules that answer the scene; a kept result is used again only while they
+            and all that they import are the same, see `foundation`.
     """
 
     name: str
@@ -122,6 +124,7 @@ class Method:
     one_answer: Callable[[Mapping[str, Any]], bool] = _never
     source: str = ""
     requires: str = ""
+    modules: tuple[str, ...] = ()
 
     @property
     def plannable(self) -> bool:
@@ -242,6 +245,7 @@ def _registry() -> dict[str, Method]:
             TheoryTable,
             has_fields=False,
             one_answer=_analytic,
+            modules=("epcontact.persson",),
         ),
         Method(
             "bem",
@@ -252,6 +256,7 @@ def _registry() -> dict[str, Method]:
             follows_unloading=True,
             steps="on_step",
             pilot={"area_tolerance": 1e-4},
+            modules=("epcontact.bem",),
         ),
         Method(
             "fem",
@@ -262,6 +267,7 @@ def _registry() -> dict[str, Method]:
             follows_unloading=True,
             has_model_measures=True,
             steps="output",
+            modules=("fem_check",),
         ),
         Method(
             "judge",

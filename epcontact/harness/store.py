@@ -1,15 +1,15 @@
 """Tasks and their results on disk: one file for each result, found again by its key.
 
 `<output>/<case>/<size>/members/<method>-<surface>.json` holds one result, its key (scene, size,
-options and the package's own sources) and the hash of the fields written with it.  A task of the
-same key is not run again if the fields it asks for have that hash.  A solver from outside the
-package always runs, because its sources are not known here.
+options, and the sources and libraries that it rests on), a digest of this content, and the hash of
+the fields written with it.  A task of the same key is not run again if the content has that digest
+and the fields it asks for have that hash.  A solver from outside the package always runs, because
+its sources are not known here.
 """
 
 from __future__ import annotations
 
 import contextlib
-import functools
 import hashlib
 import itertools
 import json
@@ -20,13 +20,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import fem_check
 from epcontact.harness.case import Case
+from epcontact.harness.foundation import Foundation, foundation
 from epcontact.harness.methods import Method
 from epcontact.harness.quantities import QUANTITIES
 from epcontact.harness.statistics import estimate, standard_deviation
 from epcontact.output.files import write_json
-from epcontact.results import ContactResult
+from epcontact.results import ContactResult, package_versions, plain
 from epcontact.surfaces import Recipe
 
 
@@ -113,24 +113,35 @@ class Answer:
         return None
 
 
-@functools.cache
-def sources_digest() -> str:
-    """Return the SHA-256 of the package's sources; results of other sources are not reused."""
-    digest = hashlib.sha256()
-    for package in (Path(__file__).parents[1], Path(fem_check.__file__ or "").parent):
-        for file in sorted(package.rglob("*.py")):
-            digest.update(file.name.encode() + file.read_bytes())
-    return digest.hexdigest()
+#: What every result rests on beside its method: the scene, and what composes and describes a task.
+_SCENE = ("epcontact.surfaces", "epcontact.scene")
+_FRAME = tuple(f"epcontact.harness.{name}" for name in ("run", "methods", "description"))
+_MEASURES = "epcontact.harness.quantities"
+_MODEL = "epcontact.harness.model_difference"  # solves by other methods; few quantities need it
+_MACHINE = "epcontact.machine"  # cores, memory and the folder of kernels: no numbers
+
+
+def rests_on(task: Task) -> Foundation:
+    """Return the sources and the libraries behind the result of a task."""
+    roots = (*task.method.modules, *_SCENE)
+    names = [name for name in task.measured if name in QUANTITIES]
+    model = any("J2 flow" in QUANTITIES[name].needs for name in names)
+    if task.measured:
+        roots += (_MEASURES,)
+    return foundation(roots, _FRAME, (_MACHINE,) if model else (_MACHINE, _MODEL))
 
 
 def _key(task: Task) -> str:
+    base = rests_on(task)
+    versions = package_versions()
     content = {
         "scene": task.case.digest(task.recipe),
         "size": task.case.size,
         "method": task.method.name,
         "options": repr(sorted(task.case.options[task.method.name].items())),
         "measured": task.measured,
-        "sources": sources_digest(),
+        "sources": base.digest,
+        "versions": {name: versions[name] for name in base.libraries},
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -154,11 +165,12 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
     elif not steps:
         shutil.rmtree(task.steps_path(output), ignore_errors=True)
     files = {"fields_digest": fields_digest, "steps_kept": steps}
-    write_json(task.result_path(output), about | files | result.to_json())
+    data = plain(about | files | result.to_json())
+    write_json(task.result_path(output), {"digest": _content_digest(data)} | data)
 
 
 def kept(task: Task, output: Path) -> ContactResult | None:
-    """Return the result of an earlier run of the same task, if it is there and whole."""
+    """Return the result of an earlier run of the same task, if it is there as it was written."""
     if task.method.source:
         return None
     data = _read_member(task, output)
@@ -176,12 +188,17 @@ def kept(task: Task, output: Path) -> ContactResult | None:
 
 
 def _read_member(task: Task, output: Path) -> dict[str, Any]:
-    """Read the file that `keep` wrote for a task; empty if there is none."""
+    """Read the file that `keep` wrote for a task; empty if there is none, or another content."""
     try:
         data = json.loads(task.result_path(output).read_bytes())
-    except (OSError, ValueError):
+        written = data.pop("digest")
+    except (OSError, ValueError, RecursionError, KeyError, TypeError, AttributeError):
         return {}
-    return data if isinstance(data, dict) else {}
+    return data if written == _content_digest(data) else {}
+
+
+def _content_digest(data: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
 def _digest(fields: Path | None) -> str | None:

@@ -103,7 +103,9 @@ class Verdict(BaseModel):
     passed: bool
     exit_code: Literal[0, 1, 2]
     size: str
-    versions: dict[str, str]
+    versions: dict[str, str] = Field(
+        description="of the packages that made the results; several, if results were reused"
+    )
     cases: list[CaseVerdict]
 
     @classmethod
@@ -118,9 +120,20 @@ class Verdict(BaseModel):
             passed=exit_code == 0,
             exit_code=exit_code,
             size=size,
-            versions=package_versions(),
+            versions=_versions(cases),
             cases=list(cases),
         )
+
+
+def _versions(cases: Sequence[CaseVerdict]) -> dict[str, str]:
+    """Return the versions that made the results, which may be older than this run's."""
+    found: dict[str, set[str]] = {}
+    answers = (answer for case in cases for answer in case.answers.values())
+    for result in (result for answer in answers for result in answer.results):
+        for name, version in result.provenance.versions.items():
+            found.setdefault(name, set()).add(str(version))
+    joined = {name: ", ".join(sorted(versions)) for name, versions in found.items()}
+    return joined or package_versions()
 
 
 def verify(  # noqa: PLR0913 - the options of the command
