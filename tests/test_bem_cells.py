@@ -118,7 +118,6 @@ def test_lines():
 
 
 def test_none_where_it_would_not_serve():
-    assert cell_body(symbol_of((256, 256), spacings=(SPACING, 40 * SPACING)), 1.0) is None
     assert cell_body(symbol_of((30, 256)), 1.0) is None
     assert cell_body(symbol_of((1, 30)), 1.0) is None
 

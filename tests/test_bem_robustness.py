@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from epcontact import bem
+from epcontact.errors import InvalidScene
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
 
@@ -93,6 +94,54 @@ def test_every_kind_of_surface_and_grid(shape):
             require_solved(heights, load * scale, math.inf)
         for hardness, share in itertools.product((3e-3, 0.3, 5.0), (1e-2, 0.5, 0.99)):
             require_solved(heights, share * hardness * scale, hardness * scale)
+
+
+@pytest.mark.parametrize(
+    ("shape", "hardness", "load", "most"),
+    [
+        ((243, 243), 0.6, 0.05, 12),  # 9 measured
+        ((251, 180), math.inf, 0.05, 12),  # 9
+        ((256, 256), math.inf, 1.5, 15),  # 8, 99.9 % of the points elastic
+        ((20011,), 0.6, 0.05, 45),
+    ],
+)
+def test_awkward_sizes_and_full_contact_take_as_few_transforms(shape, hardness, load, most):
+    result = require_solved(rough(shape, 4, seed=7), load * E, hardness * E)
+    assert result.cost["fft_pairs"] <= most
+
+
+@pytest.mark.parametrize("load", [0.1, 0.5, 1.5])
+def test_white_noise_takes_few_transforms(load):
+    heights = surfaces((256, 256))["noise"]
+    result = require_solved(heights, load * rms_slope(heights) * E, math.inf)
+    assert result.cost["fft_pairs"] <= 15  # 11, 10 and 10 measured
+
+
+@pytest.mark.parametrize("ratio", [10, 1 / 30])
+def test_oblong_spacings_take_few_transforms(ratio):
+    """Rows that are 10 times as far apart as the points along them, and 30 times as near."""
+    isotropic = rough((256, 256), 16, seed=5)
+    surface = Surface(isotropic, (PERIOD * max(1, ratio), PERIOD * max(1, 1 / ratio)))
+    result = bem.solve(Scene(surface, Material(E, 0.0, 0.6 * E), Load(0.01 * E)), threads=1)
+    assert result.cost["fft_pairs"] <= 20
+
+
+@pytest.mark.parametrize("power", [1.5, 0.5, 0.0, -1.0])
+def test_any_gradual_compliance_converges(power):
+    shape = (64, 64)
+    q = np.hypot(np.fft.fftfreq(64, 1 / 64)[:, None], np.fft.rfftfreq(64, 1 / 64))
+    q[0, 0] = 1.0
+    for hardness in (math.inf, 0.6):
+        solution = bem.solve_pressure(rough(shape, 4) / PERIOD, q**-power, 0.05, hardness)
+        assert solution.counts["fft_pairs"] <= 40
+
+
+@pytest.mark.parametrize("steep", [lambda q: q**-4.0, lambda q: np.exp(-5 * q)])
+def test_a_compliance_that_falls_too_fast_is_refused(steep):
+    q = np.hypot(np.fft.fftfreq(64, 1 / 64)[:, None], np.fft.rfftfreq(64, 1 / 64))
+    q[0, 0] = 1.0
+    with pytest.raises(InvalidScene, match=r"falls by a factor of .* along the first axis"):
+        bem.solve_pressure(rough((64, 64), 4) / PERIOD, steep(q), 0.05)
 
 
 @pytest.mark.parametrize("nu", [-0.9, 0.0, 0.3, 0.499])

@@ -5,7 +5,7 @@ import pytest
 
 from epcontact.bem.bounds import project
 from epcontact.bem.cascade import coarsened_heights, interpolated
-from epcontact.bem.inner.split import MaskedGrid, SplitOperator, splittable
+from epcontact.bem.inner.split import Interpolation, MaskedGrid, SplitOperator, half_shape
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.transforms import Convolution, Points, Symbol
 from epcontact.bem.workers import Workers
@@ -26,14 +26,18 @@ def all_points(convolution: Convolution) -> Points:
         ((128, 128), (1e-4, 1e-4), Body()),
         ((64, 192), (0.5e-4, 1e-4), Body()),
         ((128, 128), (1e-4, 1e-4), Body("bonded_layer", 5e-6)),
+        ((81, 127), (0.65e-4, 1e-4), Body()),
+        ((64, 128), (2e-3, 1e-4), Body()),
+        ((1, 1021), (1.0, 1e-4), Body()),
     ],
 )
 def test_split_operator_is_near_the_exact_one(shape, periods, body):
+    """Even, odd and prime sizes, far-apart rows and lines."""
     rng = np.random.default_rng(1)
     symbol = Symbol.from_quarter(quarter_compliance(shape, periods, body, STEEL), shape)
     with Workers(1) as workers:
         exact = Convolution(symbol, 3e9, workers)
-        cheap = SplitOperator(exact, MaskedGrid(shape, workers))
+        cheap = SplitOperator(exact, MaskedGrid(shape, workers), half_shape(symbol))
         points = all_points(exact)
         values = rng.standard_normal(points.index.size)
         values -= values.mean()
@@ -51,7 +55,9 @@ def test_split_operator_forgets_the_last_points():
     rng = np.random.default_rng(2)
     with Workers(2) as workers:
         exact = Convolution(symbol, 1e9, workers)
-        used, fresh = (SplitOperator(exact, MaskedGrid(shape, workers)) for _ in range(2))
+        used, fresh = (
+            SplitOperator(exact, MaskedGrid(shape, workers), half_shape(symbol)) for _ in range(2)
+        )
         everywhere = all_points(exact)
         v = rng.standard_normal(4096)
         used.apply_on(everywhere, v, np.empty(4096), v)
@@ -81,10 +87,31 @@ def test_convolution_is_the_circular_one(shape):
     assert convolution.pairs == 2
 
 
-def test_grids_that_can_be_split():
-    assert splittable((64, 128))
-    assert not splittable((65, 128))
-    assert not splittable((1, 4096))
+@pytest.mark.parametrize(
+    ("shape", "periods", "half"),
+    [
+        ((64, 128), (1, 2), (32, 64)),
+        ((1021, 243), (1021, 243), (512, 125)),
+        ((128, 128), (30, 1), (128, 64)),
+        ((1, 4096), (1, 1), (1, 2048)),
+        ((48, 128), (48, 128), None),
+    ],
+)
+def test_grids_that_can_be_split(shape, periods, half):
+    symbol = Symbol.from_quarter(quarter_compliance(shape, periods, Body(), STEEL), shape)
+    assert half_shape(symbol) == half
+
+
+@pytest.mark.parametrize(("coarse", "fine"), [(32, 64), (54, 101), (128, 243), (9, 9)])
+def test_restriction_is_the_transpose_of_interpolation(coarse, fine):
+    made = Interpolation.between(coarse, fine)
+    forth, back = np.zeros((fine, coarse)), np.zeros((coarse, fine))
+    for k in range(4):
+        np.add.at(forth, (range(fine), (made.first + k) % coarse), made.weights[:, k])
+    for k in range(made.fine_weights.shape[1]):
+        at = (range(coarse), (made.first_fine + k) % fine)
+        np.add.at(back, at, made.fine_weights[:, k])
+    np.testing.assert_array_equal(back, forth.T)
 
 
 @pytest.mark.parametrize("shape", [(64, 48), (63, 48), (45, 77), (1, 64)])

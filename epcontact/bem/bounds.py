@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from epcontact.bem.inner.cells import Cells
 from epcontact.bem.level import Level
@@ -75,15 +76,13 @@ def put(
 
     The force that the bounds cut off varies over the surface.  If all points shared it equally,
     a long-wave imbalance of forces, whose displacement is large, would be left, and steps would
-    overshoot.  So each cell keeps its force if its points can carry it; all points share the rest.
+    overshoot.  So each cell keeps its force if its points can carry it, and otherwise the rest goes
+    to as small a block of cells around it as can.
     """
     flat, cap, target = p.reshape(-1), level.cap, float(pressure.sum())
     index, pressures, steps = points.split(points.index, pressure, x)
     missing, weight = cells.sums(put_clipped, 2, flat, index, pressures, steps, cap)
-    able = np.abs(missing) < _LARGEST_SHARE * weight
-    factor = np.where(
-        able, missing / np.where(able, weight, 1.0), np.copysign(_LARGEST_SHARE, missing)
-    )
+    factor = shared(missing.reshape(cells.shape), weight.reshape(cells.shape)).reshape(-1)
     carried, weight = level.workers.total(
         spread, flat, index, cells.numbers, cells.split(factor), cap
     )
@@ -93,6 +92,48 @@ def put(
         level.workers.each(spread, flat, index, cells.numbers, cells.split(factor), cap)
     else:
         flat[points.index] = project(pressure + x, cap, target)
+
+
+def shared(missing: FloatArray, weight: FloatArray) -> FloatArray:
+    """The shares, by cell, that restore the missing forces as near to their cells as possible.
+
+    Each share times its weight is a force, and no share is beyond _LARGEST_SHARE.  Cells that
+    cannot carry their missing force pass the rest to blocks of 2 x 2, 4 x 4, ... cells.
+
+    Args:
+        missing: (mx, my) the force to restore in each cell.
+        weight: (mx, my) the force of a share of one.
+
+    Example:
+        >>> shared(np.array([[3.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 5.0]]))
+        array([[0. , 0.6, 0. ]])
+    """
+    share, left, side = np.zeros(missing.shape), missing, 1
+    rounding = 1e-12 * np.abs(missing).max()
+    while True:
+        starts = [np.arange(0, n, side) for n in missing.shape]
+        block = _block_sums(left, starts)
+        wide = _spread_out(block, side, missing.shape)
+        room = (_LARGEST_SHARE - np.copysign(share, share * wide)) * weight
+        able = _block_sums(room, starts)
+        part = np.clip(block / np.where(able > 0, able, np.inf), -1.0, 1.0)
+        force = _spread_out(part, side, missing.shape) * room
+        share += force / np.where(weight > 0, weight, np.inf)
+        left = left - force
+        if block.size == 1 or np.abs(left).max() <= rounding:
+            return share
+        side *= 2
+
+
+def _block_sums(values: FloatArray, starts: list[NDArray[np.int64]]) -> FloatArray:
+    return np.asarray(
+        np.add.reduceat(np.add.reduceat(values, starts[0], axis=0), starts[1], axis=1)
+    )
+
+
+def _spread_out(values: FloatArray, side: int, shape: tuple[int, int]) -> FloatArray:
+    nx, ny = shape
+    return values.repeat(min(side, nx), axis=0).repeat(min(side, ny), axis=1)[:nx, :ny]
 
 
 @compiled

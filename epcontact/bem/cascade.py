@@ -10,12 +10,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import ducc0
 import numpy as np
 from numpy.typing import NDArray
 
+from epcontact.bem.inner.split import cubic_stencil
 from epcontact.bem.transforms import (
     BLOCK_POINTS,
     ComplexArray,
+    Symbol,
     through_columns,
     to_modes,
     to_values,
@@ -27,15 +30,29 @@ from epcontact.results import FloatArray
 COARSEST = 32
 
 
-def coarser(shape: tuple[int, ...]) -> tuple[int, int] | None:
-    """Halve each direction of more than COARSEST points, rounding up; None if there is none.
+def coarser(symbol: Symbol) -> tuple[int, int] | None:
+    """Halve each direction of more than COARSEST points; None if there is none.
+
+    Where points are far apart along one axis, the other is halved alone as long as it can be.
 
     Example:
-        >>> coarser((65, 20)), coarser((32, 32))
-        ((33, 20), None)
+        >>> coarser(Symbol.from_quarter(np.ones((122, 11)), (243, 20)))
+        (128, 20)
     """
-    half = tuple((n + 1) // 2 if n > COARSEST else n for n in shape)
-    return None if half == shape else (half[0], half[1])
+    shape, far = symbol.shape, symbol.far()
+    half = [_half(n) if n > COARSEST else n for n in shape]
+    near = [n if apart else m for n, m, apart in zip(shape, half, far, strict=True)]
+    chosen = half if tuple(near) == shape else near
+    return None if tuple(chosen) == shape else (chosen[0], chosen[1])
+
+
+def _half(number: int) -> int:
+    """Half as many points or a few more, so that large grids can be halved again and transform
+    fast."""
+    half = (number + 1) // 2
+    if half < 64 or number % 4 == 0:
+        return half
+    return 16 * int(ducc0.fft.good_size(-(-half // 16), True))
 
 
 def coarsened_heights(heights: FloatArray, shape: tuple[int, int], workers: Workers) -> FloatArray:
@@ -69,8 +86,8 @@ def coarsened_heights(heights: FloatArray, shape: tuple[int, int], workers: Work
 
 def interpolated(coarse: FloatArray, shape: tuple[int, ...], workers: Workers) -> FloatArray:
     """Interpolate a periodic field to a finer grid, by cubics through four points a direction."""
-    index, weights = _stencil(coarse.shape[0], shape[0])
-    columns, column_weights = _stencil(coarse.shape[1], shape[1])
+    index, weights = _neighbours(coarse.shape[0], shape[0])
+    columns, column_weights = _neighbours(coarse.shape[1], shape[1])
     out = np.empty(shape)
     rows = ranges(shape[0], max(1, 65536 // shape[1]))
     workers.each(interpolate, coarse, split(index, rows), split(weights, rows),
@@ -78,25 +95,10 @@ def interpolated(coarse: FloatArray, shape: tuple[int, ...], workers: Workers) -
     return out
 
 
-def _stencil(coarse: int, fine: int) -> tuple[NDArray[np.int32], FloatArray]:
+def _neighbours(coarse: int, fine: int) -> tuple[NDArray[np.int32], FloatArray]:
     """Four coarse neighbours of each fine point, periodically, and their cubic weights."""
-    if coarse == fine:
-        index = np.repeat(np.arange(fine, dtype=np.int32)[:, None], 4, axis=1)
-        return index, np.tile([0.0, 1.0, 0.0, 0.0], (fine, 1))
-    position = np.arange(fine) * (coarse / fine)
-    left = np.floor(position).astype(np.int32)
-    t = position - left
-    weights = np.stack(
-        [
-            -t * (t - 1) * (t - 2) / 6,
-            (t + 1) * (t - 1) * (t - 2) / 2,
-            -(t + 1) * t * (t - 2) / 2,
-            (t + 1) * t * (t - 1) / 6,
-        ],
-        axis=1,
-    )
-    index = (left[:, None] + np.arange(-1, 3, dtype=np.int32)) % coarse
-    return index.astype(np.int32), weights
+    first, weights = cubic_stencil(coarse, fine)
+    return ((first[:, None] + np.arange(4)) % coarse).astype(np.int32), weights
 
 
 @compiled

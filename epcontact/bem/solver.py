@@ -152,7 +152,7 @@ def _coarse_guess(
     The start is p - c g of the coarser grid, interpolated; it is uniform if there is no coarser
     grid.  The work of each grid is its pairs of transforms times its points.
     """
-    below = coarser(problem.shape)
+    below = coarser(problem.symbol)
     if below is None:
         return np.ones(problem.shape), []
     coarse = replace(

@@ -30,6 +30,9 @@ ComplexArray = NDArray[np.complexfloating]
 
 #: Points of a block of rows or columns: 2 MiB of reals stay within a core's cache.
 BLOCK_POINTS = 262144
+# Points are far apart if the shortest wave along their axis is this much more compliant than the
+# other's: on the half-space the spacing is then as many times the other.
+_OBLONG = 2.0
 # Fields of cells are small: smaller blocks leave work for every thread.
 _FILTER_POINTS = 65536
 
@@ -113,9 +116,41 @@ class Symbol:
 
     def shortest(self) -> float:
         """The compliance of the shortest wave along an axis, the larger of the two, in m/Pa."""
+        return float(max(self._ends()))
+
+    def oblong(self) -> float:
+        """The compliance of the shortest wave along the second axis by that along the first.
+
+        On the half-space this is the ratio of the spacings of the points.  On a line it is 0.
+        """
+        across, along = self._ends()
+        return along / across if across > 0 else 0.0
+
+    def far(self) -> tuple[bool, bool]:
+        """For each axis, whether the points along it are far apart beside those along the other."""
+        ratio = self.oblong()
+        return ratio < 1 / _OBLONG, ratio > _OBLONG
+
+    def _ends(self) -> tuple[float, float]:
+        """The compliances of the shortest waves along the first and along the second axis."""
         nx, ny = self.shape
-        first = self.values[self.rows[nx // 2], 0] if nx > 1 else 0.0
-        return float(max(first, self.values[self.rows[0], ny // 2]))
+        across = self.values[self.rows[nx // 2], 0] if nx > 1 else 0.0
+        return float(across), float(self.values[self.rows[0], ny // 2])
+
+    def sampled(self, most: int) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
+        """A quarter of the modes on a raster of at most `most` modes in each direction.
+
+        Returns the values, each direction's phases per point, and its weights in a mean of all.
+        """
+        at, phases, weights = [], [], []
+        for n in self.shape:
+            count = min(n, most)
+            k = np.arange(count // 2 + 1)
+            at.append(np.minimum(np.rint(k * n / count), n // 2).astype(int))
+            phases.append(2 * np.pi * k / count)
+            weight = np.where((k == 0) | (2 * k == count), 1.0, 2.0)
+            weights.append(weight / weight.sum())
+        return self.values[np.ix_(self.rows[at[0]], at[1])], phases, weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,6 +249,15 @@ class Convolution:
         step = max(8, min(ny // 2 + 1, BLOCK_POINTS // (2 * nx)))
         through_columns(self.workers, self._modes, step, change)
         self.pairs += 1
+
+
+def single_precision(symbol: Symbol, scale: float, workers: Workers) -> Convolution:
+    """The convolution of a symbol in single precision, the symbol brought to order one."""
+    largest = float(symbol.values.max())
+    values: Any = (symbol.values / largest).astype(np.float32)
+    return Convolution(
+        Symbol(values, symbol.rows, symbol.shape), scale * largest, workers, np.float32
+    )
 
 
 @compiled

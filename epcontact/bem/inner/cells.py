@@ -1,4 +1,4 @@
-"""Square cells of the grid, in which the elastic points are counted and summed.
+"""Cells of the grid, in which the elastic points are counted and summed.
 
 The preconditioner works on these cells, and a Newton step keeps the force of each (`bounds.put`).
 """
@@ -11,21 +11,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.transforms import Convolution, Points
+from epcontact.bem.transforms import Convolution, Points, Symbol
 from epcontact.bem.workers import compiled, split
 from epcontact.results import FloatArray
 
-#: Points a side of a cell.
+#: Points a side of a cell; where the spacings differ, along the axis of the closer points.
 CELL = 16
-# A grid is cut into cells only if each direction has at least this number of points, or just one.
-_FEWEST = 32
 
 
-def cells_of(shape: tuple[int, int]) -> tuple[int, int]:
-    """The number of cells in each direction of a grid; (1, 1) where it is too small for more."""
-    if any(1 < n < _FEWEST for n in shape) or max(shape) < _FEWEST:
+def cells_of(symbol: Symbol) -> tuple[int, int]:
+    """The number of cells in each direction of a grid; (1, 1) where it is too small for more.
+
+    Cells are as wide as long in units of length, not in points; they are at least three points
+    wide, or one, so that a wave has its aliases on the cells' grid at other waves of the points.
+    """
+    oblong = symbol.oblong()
+    wanted = CELL * min(1.0, oblong), CELL / max(1.0, oblong)
+    sides = [side if side >= 3 else 1.0 for side in wanted]
+    number = [int(n / side) for n, side in zip(symbol.shape, sides, strict=True)]
+    if any(n > 1 and m < 2 for n, m in zip(symbol.shape, number, strict=True)):
         return 1, 1
-    return max(1, shape[0] // CELL), max(1, shape[1] // CELL)
+    return number[0], number[1]
 
 
 class Cells:
@@ -42,7 +48,7 @@ class Cells:
 
     def __init__(self, convolution: Convolution, points: Points) -> None:
         self.workers, self.points = convolution.workers, points
-        self.shape = cells_of(convolution.shape)
+        self.shape = cells_of(convolution.symbol)
         nx = convolution.shape[0]
         mx, my = self.shape
         self._ranges = [

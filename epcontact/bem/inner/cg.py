@@ -1,8 +1,8 @@
 """The linear problem of a Newton step, on the elastic set F.
 
 Conjugate gradients in the space of zero mean solve (S p)_F + z = h_F with the mean of p kept, with
-the exact compliance or a cheap one (`split`).  They are preconditioned cell by cell
-(`preconditioner`), or by the inverse of S restricted to F if a grid has no cells.
+the exact compliance or a cheap one (`split`, or in single precision).  They are preconditioned cell
+by cell (`preconditioner`), or by the inverse of S restricted to F if a grid has no cells.
 """
 
 from __future__ import annotations
@@ -15,12 +15,17 @@ import numpy as np
 
 from epcontact.bem.inner.cells import Cells
 from epcontact.bem.inner.preconditioner import CellPreconditioner, cell_body, dot
-from epcontact.bem.inner.split import MaskedGrid, SplitOperator, splittable
-from epcontact.bem.transforms import Convolution, Points
+from epcontact.bem.inner.split import (
+    MaskedGrid,
+    SplitOperator,
+    half_shape,
+)
+from epcontact.bem.transforms import Convolution, Points, single_precision
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
-# Share of elastic points up to which the stencil of the cheap operator is faster than transforms.
+# Share of elastic points up to which the stencil of the split operator is faster than transforms
+# in single precision.
 _FEW = 0.4
 
 Operator = Convolution | SplitOperator
@@ -37,27 +42,34 @@ class InnerOperators:
         self._masked = MaskedGrid(convolution.shape, convolution.workers)
         self._body = cell_body(convolution.symbol, convolution.scale)
         self._split: SplitOperator | None = None
-        self._split_serves = splittable(convolution.shape)
+        self._single: Convolution | None = None
+        self._half = half_shape(convolution.symbol)
         self._last_residual = math.inf
 
     @property
     def pairs(self) -> float:
-        """Pairs of transforms of the cheap operator, in pairs of the grid."""
-        return 0.0 if self._split is None else self._split.pairs
+        """Pairs of transforms of the cheap operators, in pairs of the grid."""
+        single = 0.0 if self._single is None else self._single.pairs / 2
+        return single if self._split is None else single + self._split.pairs
 
     def choose(self, changed: int, elastic: int, residual: float) -> Operator:
-        """The cheap operator or the exact one for the next step.
+        """A cheap operator or the exact one for the next step.
 
-        The cheap one is used while the sets change or the residual falls, and while the elastic
-        points are few, because the cost of its stencil is proportional to their number.
+        A cheap one is used while the sets change or the residual falls: the split one if the
+        elastic points are few, because the cost of its stencil is proportional to their number,
+        and otherwise the exact one in single precision.  Full contact is solved by one exact step.
         """
         if not changed and residual > 0.5 * self._last_residual:
-            self._split_serves = False
-        self._last_residual = residual
-        if not self._split_serves or elastic > _FEW * self._points:
+            self._half = None
+        self._last_residual, c = residual, self._convolution
+        if self._half is None or elastic == self._points:
             return self._convolution
+        if elastic > _FEW * self._points:
+            if self._single is None:
+                self._single = single_precision(c.symbol, c.scale, c.workers)
+            return self._single
         if self._split is None:
-            self._split = SplitOperator(self._convolution, self._masked)
+            self._split = SplitOperator(self._convolution, self._masked, self._half)
         return self._split
 
     def preconditioner(self, cells: Cells) -> Preconditioner:

@@ -22,6 +22,7 @@ takes a transform of the fine grid; the cells' problem is solved by conjugate gr
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,12 +65,12 @@ def cell_body(symbol: Symbol, scale: float) -> CellBody | None:
     None where there are too few cells, or where no stencil is near enough to the inverse (very
     oblong spacings, bodies unlike a half-space).
     """
-    cells = cells_of(symbol.shape)
+    cells = cells_of(symbol)
     if cells == (1, 1):
         return None
-    sample, weights = _sample(symbol)
+    sample, _, weights = symbol.sampled(_SAMPLE)
     sides = (symbol.shape[0] / cells[0], symbol.shape[1] / cells[1])
-    taps = _stencil(sample, 2 * np.pi / (2 * max(sides)))
+    taps = _stencil(sample, sides)
     if taps is None:
         return None
     return CellBody(
@@ -125,30 +126,19 @@ class CellPreconditioner:
         return field.reshape(-1)
 
 
-def _sample(symbol: Symbol) -> tuple[FloatArray, list[FloatArray]]:
-    """A quarter of the modes on a coarse raster, and each direction's weights in a mean of all."""
-    at, weights = [], []
-    for n in symbol.shape:
-        k = np.arange(min(n, _SAMPLE) // 2 + 1)
-        at.append(np.minimum(np.rint(k * n / min(n, _SAMPLE)), n // 2).astype(int))
-        weight = np.where((k == 0) | (2 * k == min(n, _SAMPLE)), 1.0, 2.0)
-        weights.append(weight / weight.sum())
-    return symbol.values[np.ix_(symbol.rows[at[0]], at[1])], weights
-
-
 def _phases(sample: FloatArray) -> tuple[FloatArray, FloatArray]:
     theta = [np.linspace(0, np.pi, n) if n > 1 else np.zeros(1) for n in sample.shape]
     return theta[0][:, None], theta[1][None, :]
 
 
-def _stencil(sample: FloatArray, lowest: float) -> FloatArray | None:
-    """Fit (3, 3) taps to 1/S in relative terms, over the phases per point from `lowest` on."""
+def _stencil(sample: FloatArray, sides: tuple[float, float]) -> FloatArray | None:
+    """Fit (3, 3) taps to 1/S in relative terms, over the wavelengths up to two cells."""
     x, y = _phases(sample)
     one = np.ones(sample.shape)
     parts = [one, 2 * np.cos(y) * one]
     if sample.shape[0] > 1:
         parts += [2 * np.cos(x) * one, 4 * np.cos(x) * np.cos(y)]
-    wanted = (np.hypot(x, y) >= lowest) & (sample > 0)
+    wanted = (np.hypot(x * sides[0], y * sides[1]) >= np.pi) & (sample > 0)
     columns = np.stack([part[wanted] * sample[wanted] for part in parts], axis=1)
     found = np.linalg.lstsq(columns, np.ones(len(columns)))[0]
     ratio = columns @ found
@@ -172,8 +162,8 @@ def _kernel(symbol: Symbol, cells: tuple[int, int]) -> FloatArray:
     (nx, ny), (mx, my) = symbol.shape, cells
     i, j = np.arange(mx // 2 + 1), np.arange(my // 2 + 1)
     out = np.zeros((i.size, j.size))
-    for a in (-1, 0, 1) if mx > 1 else (0,):
-        for b in (-1, 0, 1) if my > 1 else (0,):
+    for a in (-1, 0, 1) if mx < nx else (0,):
+        for b in (-1, 0, 1) if my < ny else (0,):
             k, m = i + a * mx, j + b * my
             box = np.outer(_box(2 * np.pi * k / nx, nx / mx), _box(2 * np.pi * m / ny, ny / my))
             out += symbol.values[np.ix_(symbol.rows[np.abs(k)], np.abs(m))] * box**2
@@ -185,17 +175,21 @@ def _kernel(symbol: Symbol, cells: tuple[int, int]) -> FloatArray:
 def _delta(sample: FloatArray, weights: list[FloatArray], sides: tuple[float, float]) -> FloatArray:
     """delta by the number of points, up to those of a full cell."""
     x, y = _phases(sample)
-    line = sample.shape[0] == 1
 
     def displacement(a: float, b: float) -> float:
-        box = _box(y, b) ** 2 if line else _box(x, a) ** 2 * _box(y, b) ** 2
+        box = _box(x, a) ** 2 * _box(y, b) ** 2
         return float(weights[0] @ (sample * box) @ weights[1])
+
+    def alone(number: int) -> float:
+        """The displacement of a patch of so many points, which is no narrower than a point."""
+        share = math.sqrt(number / (sides[0] * sides[1]))
+        a = max(1.0, number / max(1.0, share * sides[1]))
+        return displacement(a, number / a)
 
     most = int(np.ceil(sides[0]) * np.ceil(sides[1]))
     whole = displacement(*sides)
-    share = (np.arange(1, most + 1) / (sides[0] * sides[1])) ** (1.0 if line else 0.5)
-    alone = np.array([displacement(max(1, s * sides[0]), max(1, s * sides[1])) for s in share])
-    delta = _DENSITY * np.maximum(alone - whole, _LEAST_DELTA * alone)
+    each = np.array([alone(number) for number in range(1, most + 1)])
+    delta = _DENSITY * np.maximum(each - whole, _LEAST_DELTA * each)
     return np.concatenate([delta[:1], delta])
 
 
