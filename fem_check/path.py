@@ -20,6 +20,9 @@ from fem_check.newton import SolvedIncrement
 from fem_check.plasticity import History
 from fem_check.problem import Counts, Problem, State
 
+# Elements whose stresses are held at once, to find their energy.
+_ENERGY_BLOCK = 1 << 15
+
 
 @dataclass(frozen=True)
 class PathPoint:
@@ -115,6 +118,7 @@ def _path_point(
         yielded = _yielded_surface(problem, history.accumulated)
         states = np.where((states != APART) & yielded, PLASTIC, states).astype(np.int8)
         zone = _plastic_zone(problem, history.accumulated)
+        zone |= _energies(problem, solved.state.displacement, history)
     return PathPoint(
         pressure,
         solved.state,
@@ -146,3 +150,29 @@ def _plastic_zone(problem: Problem, accumulated: FloatArray) -> dict[str, float]
         "plastic_volume": float(weights[accumulated > 0].sum() / weights.sum()),
         "plastic_depth": -float(problem.block.levels[last + 1]),
     }
+
+
+def _energies(problem: Problem, displacement: FloatArray, history: History) -> dict[str, float]:
+    """Energy stored in the block, and plastic work spent in it, per nominal area in J/m^2.
+
+    Stored: |s|^2/(4 mu) + p^2/(2 K), the compression of a half-space's block included.  Spent:
+    sigma_Y a + H a^2/2 with the accumulated plastic strain a, which is exact for linear hardening.
+    """
+    bricks, law = problem.bricks, problem.law
+    u = displacement.reshape(-1, 3)
+    stored = spent = 0.0
+    for first in range(0, bricks.number, _ENERGY_BLOCK):
+        part = slice(first, first + _ENERGY_BLOCK)
+        some = bricks._replace(
+            connectivity=bricks.connectivity[part], shape_of=bricks.shape_of[part]
+        )
+        a = history.accumulated[part]
+        stress = plasticity.stresses(u, some, law, History(history.plastic_strain[part], a))
+        p = stress[:, :3].mean(axis=1, keepdims=True)
+        deviator = ((stress[:, :3] - p) ** 2).sum(axis=1) + 2 * (stress[:, 3:] ** 2).sum(axis=1)
+        density = deviator / (4 * law.shear) + p[:, 0] ** 2 / (2 * law.bulk)
+        weights = bricks.weights[some.shape_of]
+        stored += float(np.vdot(weights, density))
+        spent += float(np.vdot(weights, law.yield_stress * a + law.hardening * a**2 / 2))
+    area = problem.block.node_area * problem.heights.size
+    return {"stored_energy": stored / area, "plastic_work": spent / area}

@@ -139,11 +139,27 @@ def load_step(
             "approach": state.approach + float(problem.heights.max()),
             "largest_pressure": float(pressure.max()),
             "mean_contact_pressure": float(pressure[touching].mean()) if touching.any() else 0.0,
-            "elastic_energy": float((pressure * down).mean()) / 2,
+            "elastic_energy": _elastic_energy(
+                scene, problem, point, float((pressure * down).mean())
+            ),
             "step_error": point.step_error,
             **point.plastic_zone,
         },
     )
+
+
+def _elastic_energy(scene: Scene, problem: Problem, point: PathPoint, work: float) -> float:
+    """Elastic energy per nominal area in J/m^2, without the uniform compression of a half-space.
+
+    `work` is the mean of pressure times displacement: without plastic flow, twice the energy.
+    """
+    stored = point.plastic_zone.get("stored_energy")
+    if stored is None:
+        return float(work) / 2
+    if scene.body.kind != "half_space":
+        return stored
+    confined = problem.law.bulk + 4 / 3 * problem.law.shear
+    return stored - point.mean_pressure**2 * problem.block.depth / (2 * confined)
 
 
 def areas(

@@ -157,6 +157,8 @@ _REPORTED = (
         "quantity.mean_plastic_displacement", "m", "plastic displacement, over the nominal area"
     ),
     Quantity("quantity.elastic_energy", "J/m2", "elastic energy over the nominal area"),
+    Quantity("quantity.plastic_work", "J/m2", "work spent on plastic flow, over the nominal area"),
+    Quantity("quantity.stored_energy", "J/m2", "elastic energy of the whole J2 block, by fem"),
     Quantity("quantity.largest_pressure", "Pa", "largest contact pressure"),
     Quantity("quantity.mean_contact_pressure", "Pa", "mean pressure on the contact, by fem"),
     Quantity("quantity.approach", "m", "approach of the rigid flat from first touch, by fem"),

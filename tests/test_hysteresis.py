@@ -1,0 +1,62 @@
+"""Energy balance of both solvers along paths up and down, and the chart of hysteresis."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fem_check
+from epcontact import Body, Load, Scene
+from epcontact.studies.hysteresis import AREA, GAP, SPENT, cycle_table, unloading_over_loading
+from epcontact.studies.paper_scene import rough_scene
+
+SMALL = rough_scene(4, seed=3, bandwidth=4, hardness=math.inf)
+FLOWING = replace(SMALL, material=replace(SMALL.material, yield_stress=25e9))
+
+
+def balance(scene: Scene, steps: int) -> tuple[float, float]:
+    """(stored + spent)/work - 1 at the peak and after unloading, work by the trapezoidal rule."""
+    up = np.linspace(0, 1, steps + 1)[1:]
+    path = np.concatenate([up, up[-2::-1], [0.0]]) * scene.load.final
+    result = fem_check.solve(
+        replace(scene, load=Load(tuple(path))), law="j2", hardening=2e9, certified=False
+    )
+    of_steps = [(step.mean_pressure, step.quantities) for step in result.steps]
+    p = np.array([0.0] + [pressure for pressure, _ in of_steps])
+    approach = np.array([0.0] + [of["approach"] for _, of in of_steps])
+    held = np.array([of["stored_energy"] + of["plastic_work"] for _, of in of_steps])
+    work = np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(approach))
+    return held[steps - 1] / work[steps - 1] - 1, held[-1] / work[-1] - 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 1e-4)], ids=lambda b: b.kind)
+def test_the_work_on_a_j2_body_is_stored_or_spent_on_flow(body: Body) -> None:
+    coarse, fine = (np.abs(balance(replace(FLOWING, body=body), steps)) for steps in (4, 8))
+    assert fine.max() < 0.04
+    assert (fine < 0.5 * coarse).all()
+
+
+def test_an_elastic_half_space_has_the_same_energy_by_stress_and_by_surface() -> None:
+    """Far below yield, the energy of the stresses is half of pressure times displacement."""
+    light = replace(SMALL, load=Load(1e6))
+    stiff = replace(light, material=replace(light.material, yield_stress=1e15))
+    by_stress = fem_check.solve(stiff, law="j2", certified=False).final.quantities
+    by_surface = fem_check.solve(light, law="elastic", certified=False).final.quantities
+    energy = by_surface["elastic_energy"]
+    assert by_stress["elastic_energy"] == pytest.approx(energy, rel=1e-6)
+    assert by_stress["plastic_work"] == 0.0
+
+
+def test_cap_and_theory_differ_on_the_way_down() -> None:
+    """The cap has 3 to 6 times the area at 0.02 of the peak; the theory's flattening has none."""
+    table = cycle_table(4, 16, (77,), ("cap", "theory"), lambda _: None)
+    area = unloading_over_loading(table, AREA).set_index(["model", "load_over_peak"])["ratio"]
+    assert 3 < area["cap", 0.02] < 6
+    assert 0.9 < area["theory", 0.02] < 1.1
+    gap = unloading_over_loading(table, GAP).set_index(["model", "load_over_peak"])["ratio"]
+    assert 0.5 < gap["cap", 0.02] < 0.8
+    cap = table[table["model"] == "cap"]
+    assert cap[SPENT].iloc[-1] > 0.95  # what is stored at the peak has been given back
+    assert table[table["model"] == "theory"][SPENT].isna().all()
