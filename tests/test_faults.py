@@ -13,14 +13,15 @@ import breaking
 import faults
 import numpy as np
 import pytest
-from breaking import FAULTS, Fault, fails_under, gate_under
+from breaking import FAULTS, Fault, fails_under, status_under
+from breaking.fault import REFUSED
 
 from epcontact.harness.gates import HOLDS
 
 
 def dear(fault: Fault) -> bool:
-    """True if the case of a fault takes seconds: those of which one surface is enough."""
-    return fault.surfaces is not None
+    """True if the case of a fault takes seconds, even with one surface."""
+    return fault.case.startswith(("fem-model", "paper"))
 
 
 def as_parameters(faults: list[Fault]) -> list[object]:
@@ -33,9 +34,10 @@ def as_parameters(faults: list[Fault]) -> list[object]:
 @pytest.mark.parametrize("fault", as_parameters([f for f in FAULTS.values() if not f.test]))
 def test_fault_turns_its_gate_red(fault, tmp_path, monkeypatch) -> None:
     if fault.surfaces is not None:  # the case's own test judges all of its surfaces together
-        assert gate_under(fault, tmp_path / "honest").status == HOLDS
+        honest = status_under(fault, tmp_path / "honest")
+        assert honest != REFUSED if fault.status == REFUSED else honest == HOLDS
     fault.patch(monkeypatch)
-    assert gate_under(fault, tmp_path / "wrong").status == fault.status
+    assert status_under(fault, tmp_path / "wrong") == fault.status
 
 
 @pytest.mark.parametrize("fault", as_parameters([f for f in FAULTS.values() if f.test]))

@@ -27,6 +27,7 @@ from epcontact.output.charts.figures import Chart, Series
 from epcontact.output.charts.maps import map_of_file, pressure_difference
 from epcontact.output.charts.style import unit_for
 from epcontact.output.files import read_bytes, write_text
+from epcontact.output.page import contradictions
 from epcontact.output.view import load_steps, screenshot
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
@@ -123,7 +124,7 @@ def write_report(
         notes: Sentences for the top of the page.
 
     Raises:
-        OutputError: If the page cannot be written.
+        OutputError: If the page cannot be written, or shows something else than it is given.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("epcontact.output", ""),
@@ -150,6 +151,8 @@ def write_report(
         notes=notes,
         counts=", ".join(f"{n} {status}" for status, n in counts.items() if n),
     )
+    if wrong := list(contradictions(page, verdict, results)):
+        raise OutputError(f"cannot write {path}: {'; '.join(wrong[:3])}")
     write_text(path, page + "\n")
 
 

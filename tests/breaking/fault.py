@@ -14,8 +14,9 @@ from typing import Any
 
 import pytest
 
+from epcontact.errors import OutputError
 from epcontact.harness.case import Case, load_case
-from epcontact.harness.gates import FALLS_SHORT, GateVerdict
+from epcontact.harness.gates import FALLS_SHORT
 from epcontact.harness.methods import METHODS
 from epcontact.harness.verdict import verify
 
@@ -37,7 +38,7 @@ class Fault:
         test: the test that must fail instead, if no gate sees the fault.
         surfaces: so many of the case's are solved; None: all.  One surface has no interval, but a
             band that holds eight of them also holds any one within 2.5 standard deviations.
-        status: what becomes of the gate.
+        status: what becomes of the gate, or REFUSED if verify withdraws the verdict.
     """
 
     what: str
@@ -62,13 +63,20 @@ class Fault:
 honest_case = functools.cache(load_case)
 
 
-def gate_under(fault: Fault, output: Path) -> GateVerdict:
+#: The status under a fault that contradicts what was written (see `harness.read_back`).
+REFUSED = "refused"
+
+
+def status_under(fault: Fault, output: Path) -> str:
     """Judge the fault's gate alone, with the methods that it needs; the first if there are several.
 
     With the fault's patch in place this is what `epcontact verify` finds under the fault.
     """
     case = _only(honest_case(fault.case), fault)
-    return verify(case, jobs=1, output=output, fresh=True).cases[0].gates[0]
+    try:
+        return verify(case, jobs=1, output=output, fresh=True).cases[0].gates[0].status
+    except OutputError:
+        return REFUSED
 
 
 def _only(case: Case, fault: Fault) -> Case:
@@ -135,6 +143,16 @@ def given(path: str, wrong: Callable[..., Any]) -> Patch:
         return functools.wraps(original)(lambda *args, **kwargs: original(*wrong(*args), **kwargs))
 
     return changed(path, change)
+
+
+def both(*patches: Patch) -> Patch:
+    """Several patches at once."""
+
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        for each in patches:
+            each(monkeypatch)
+
+    return patch
 
 
 def solver(wrong: Callable[[Any], Any]) -> Patch:

@@ -1,0 +1,139 @@
+"""Faults of what a person reads: the page, the tables of a terminal, pictures, field files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from breaking.fault import Fault, Patch, changed, given, on_result, scaled
+from epcontact.results import ELASTIC, PLASTIC
+
+SHOWN = "tests/test_shown.py::test_"
+PAGE = SHOWN + "the_page_shows_the_verdict_and_the_answers"
+GATES = SHOWN + "the_table_of_gates_shows_the_verdict"
+FILE = SHOWN + "a_field_file_is_that_of_the_last_load"
+CURVE = SHOWN + "the_drawn_curve_of_the_theory_is_its_formula"
+C = "epcontact.output.charts."
+
+
+def _shown(what: str, patch: Patch, test: str) -> Fault:
+    return Fault(what, "output", patch, test=test)
+
+
+def _template(old: str, new: str) -> Patch:
+    """The template of the report with one text in the place of another."""
+
+    def change(original: Any) -> Any:
+        def wrong(environment: Any, name: str) -> Any:
+            text = environment.loader.get_source(environment, name)[0]
+            assert old in text, f"the template does not hold {old}"
+            return environment.from_string(text.replace(old, new))
+
+        return wrong
+
+    return changed("jinja2.Environment.get_template", change)
+
+
+def _exchanged(first: str, second: str) -> Any:
+    def wrong(gate: Any) -> Any:
+        values = {first: getattr(gate, second), second: getattr(gate, first)}
+        return gate.model_copy(update=values)
+
+    def cases(found: Any, *rest: Any) -> tuple[Any, ...]:
+        return ([c.model_copy(update={"gates": [wrong(g) for g in c.gates]}) for c in found], *rest)
+
+    return given("epcontact.cli.tables.verdict_table", cases)
+
+
+def _turned(states: Any) -> tuple[Any]:
+    return (np.select([states == ELASTIC, states == PLASTIC], [PLASTIC, ELASTIC], states),)
+
+
+FAULTS = (
+    _shown(
+        "raw and corrected exchanged on the page",
+        _template("{{ row[kind]|number",
+            '{{ row["raw" if kind == "corrected" else "corrected"]|number'),
+        PAGE,
+    ),
+    _shown(
+        "value and reference exchanged on the page",
+        _template('(("value", 4), ("reference", 4)', '(("reference", 4), ("value", 4)'), PAGE,
+    ),
+    _shown("the difference shown as the value", _template("gate[key].mean", "gate.value.mean"),
+        PAGE),
+    _shown("a heading that always holds", _template("if verdict.passed", "if true"), PAGE),
+    _shown("a badge that always holds", _template("badge(gate.status)", 'badge("holds")'), PAGE),
+    _shown(
+        "the ends of a band exchanged on the page",
+        _template("[{{ gate.low|number }}, {{ gate.high", "[{{ gate.high|number }}, {{ gate.low"),
+        PAGE,
+    ),
+    _shown(
+        "the first gate in every row",
+        _template("gate in case.gates", "gate in case.gates[:1] * case.gates|length"),
+        PAGE,
+    ),
+    _shown("numbers a tenth off",
+        changed("epcontact.output.report.number", lambda f: lambda v,
+            *a: f(v * 1.1 if isinstance(v, float) else v, *a)), PAGE),
+    _shown("value and reference exchanged on a terminal", _exchanged("value", "reference"), GATES),
+    _shown("the ends of a band exchanged on a terminal", _exchanged("low", "high"), GATES),
+    _shown("of and against exchanged on a terminal", _exchanged("of", "against"), GATES),
+    _shown(
+        "raw areas shown as corrected on a terminal",
+        given(
+            "epcontact.cli.tables.answers_table",
+            lambda found: ({
+                name: replace(a, results=tuple(
+                    replace(r,
+                        steps=(replace(r.final,
+                            areas=dict(r.final.areas) | {"corrected": r.final.areas["raw"]}),))
+                    for r in a.results)) for name, a in found.items()
+            },),
+        ),
+        SHOWN + "the_table_of_areas_shows_the_answers",
+    ),
+    _shown(
+        "the first load step in a field file",
+        given("epcontact.harness.run.write_fields", lambda path, r,
+            *rest: (path, replace(r, steps=r.steps[:1]), *rest)),
+        FILE,
+    ),
+    _shown(
+        "elastic and plastic exchanged in a field file",
+        given(
+            "epcontact.harness.run.write_fields",
+            lambda path, r,
+            *rest: (path,
+                replace(r, fields=dict(r.fields) | {"state": _turned(r.fields["state"])[0]}),
+                *rest),
+        ),
+        FILE,
+    ),
+    _shown(
+        "colours of elastic and plastic contact exchanged against the legend",
+        given(C + "maps.paint_states", _turned), SHOWN + "the_legend_has_the_colours_of_the_map",
+    ),
+    _shown(
+        "a map upside down", on_result(C + "maps.paint_states", lambda colours: colours[:, ::-1]),
+        SHOWN + "the_legend_has_the_colours_of_the_map",
+    ),
+    _shown(
+        "the elastic curve at twice the diffusion",
+        given("epcontact.persson.pressure_density", lambda sigma, G, p0: (sigma, 2 * G, p0)), CURVE,
+    ),
+    _shown(
+        "the curve with hardness at the elastic density",
+        changed("epcontact.persson.pressure_curve", lambda f: lambda G, p0,
+            hardness: replace(f(G, p0, hardness), density=f(G, p0).density)),
+        CURVE,
+    ),
+    _shown("densities in the wrong unit", scaled("epcontact.persson.pressure_density", 1e9), CURVE),
+    _shown(
+        "pressures of a curve in MPa",
+        changed(C + "curves.unit_for", lambda f: lambda largest, unit: (1e6, "MPa")), CURVE,
+    ),
+)  # fmt: skip
