@@ -109,9 +109,8 @@ FAULTS = (
         "fem-uniaxial", "quantity.approach",
     ),
     _fem(
-        "increments that stop short of the load",
-        on_result(F + "path.increments",
-            lambda all_: [[*ends[:-1], 0.99 * ends[-1]] for ends in all_]),
+        "loads a hundredth short",
+        on_result(F + "driver.path_targets", lambda t: tuple(0.99 * p for p in t)),
         "fem-elastic", "quantity.measured_force",
     ),
     # mesh and block
