@@ -24,6 +24,7 @@ from epcontact.errors import EpcontactError, nearest, printable
 COMMANDS = {
     "chart": ("figures:chart", "Draw charts of accuracy against cost by NAME (none: the list)."),
     "crosscheck": ("plans:crosscheck", "Split the difference of finite and boundary elements."),
+    "gates": ("gates:gates", "List every gate's band, margin and reason; keep or check them."),
     "keys": ("cases:keys", "Print every key of a case file, and every quantity of a gate."),
     "list": ("listing:list_cases", "List the cases, one line each."),
     "plan": ("plans:plan", "Find the cheapest model of CASE that meets a tolerance."),
