@@ -158,6 +158,7 @@ def solve_path(  # noqa: PLR0913 - the options of `solve`
         layers=layers,
         first_layer=first_layer,
         hardening=hardening,
+        certified=certified,
     )
     targets = path_targets(scene, problem, approach)
     rule = Rule(max(targets), steps, step_tolerance, approach is not None, tolerance)
@@ -243,7 +244,7 @@ def surface_compliance(
     return half[mirrored][:, : ny // 2 + 1].copy()
 
 
-def problem_of(
+def problem_of(  # noqa: PLR0913 - the options of `solve` that make the problem
     scene: Scene,
     *,
     law: LawName = "elastic",
@@ -252,6 +253,7 @@ def problem_of(
     layers: int | None = None,
     first_layer: float | None = None,
     hardening: float = 0.0,
+    certified: bool = False,
 ) -> Problem:
     """The finite-element problem of a scene; arguments and errors as in `solve`."""
     material = scene.material
@@ -260,7 +262,7 @@ def problem_of(
     )
     plastic = law == "j2"
     flow = flowing_share(max(scene.load.path), material.yield_stress) if plastic else None
-    require_memory(block, flow=flow)
+    require_memory(block, flow=flow, certified=certified)
     material_law = plasticity.law(
         material.young_modulus,
         material.poisson_ratio,

@@ -200,11 +200,18 @@ def _solved(
         control = Control(approach=end - float(problem.heights.max()), scale=along.peak)
     else:
         control = Control(load=end, scale=max(end, along.peak))
+    # No name is given to the guess, so that it does not stay in memory.
+    return solve_increment(
+        problem, guess or _guess(problem, along, control, end), history, control, options
+    )
+
+
+def _guess(problem: Problem, along: Along, control: Control, end: float) -> State:
     if not along.states:
-        guess = guess or _elastic_state(problem, control)
-    elif guess is None:
-        guess = along.states[-1] if rule.by_approach else _extrapolated(problem, along.states, end)
-    return solve_increment(problem, guess, history, control, options)
+        return _elastic_state(problem, control)
+    if control.load is None:
+        return along.states[-1]
+    return _extrapolated(problem, along.states, end)
 
 
 def _touching(

@@ -71,11 +71,11 @@ class Tangent:
             problem.block.shape, problem.bricks, problem.law, self.correction, 1 - self.blend
         )
 
-    def product(self, v: FloatArray, elastic: FloatArray) -> FloatArray:
-        """The stiffness times `v`; `elastic` is the flat block's elastic product."""
+    def product(self, v: FloatArray, elastic: FloatArray, *, overwrite: bool = False) -> FloatArray:
+        """The stiffness times `v`; `elastic`, the flat block's elastic product, may be lost."""
         problem, nodal = self.problem, v.reshape(-1, 3)
         if problem.flat:
-            out = elastic.copy()
+            out = elastic if overwrite else elastic.copy()
         else:
             force, _ = plasticity.internal_force(nodal, problem.bricks, problem.law, None)
             out = force.reshape(v.shape)
@@ -119,10 +119,11 @@ def linear_contact(
         The solution and the iterations spent.
     """
     problem = tangent.problem
-    linear = LinearSolution(np.zeros_like(R), R, state.approach, state.states)
+    linear = LinearSolution(np.zeros_like(R), R.copy(), state.approach, state.states)
     stiffness = 1.0 / float(problem.factor.surface.min())
     r, missing, _ = split_reaction(problem, R, state.states, control)
     scale, counts = max(norm(r) + abs(missing), 1e-300), Counts()
+    del r, R  # a field each, which would stay in memory during the solves
     for sweep in range(sweeps):
         goal = forcing * scale * (5 if sweep < 8 else 1)
         linear, spent = _solve_on_set(state, linear, tangent, control, goal)
@@ -200,7 +201,10 @@ def precondition(
 def _solve_on_set(
     state: State, linear: LinearSolution, tangent: Tangent, control: Control, goal: float
 ) -> tuple[LinearSolution, int]:
-    """Solve on the present contact set to a residual of `goal` in N; also count the iterations."""
+    """Solve on the present contact set to a residual of `goal` in N; also count the iterations.
+
+    The arrays of `linear` are changed in place: a block of its size has no room for another pair.
+    """
     problem, states, R = tangent.problem, linear.states, linear.reaction
     load = control.load
     if load is not None and problem.capped:
@@ -212,8 +216,10 @@ def _solve_on_set(
     z, forces, d = _elastic_solve(problem, R, states, target, load, 1e-11, start)
     elastic = R.copy()
     elastic[0, ..., 2] -= forces
-    R = R - tangent.product(z, elastic)
-    begun = LinearSolution(linear.step + z, R, d + offset, states)
+    R -= tangent.product(z, elastic, overwrite=True)
+    linear.step[:] += z
+    del z, elastic
+    begun = replace(linear, approach=d + offset)
     solved, spent = _conjugate_gradients(begun, tangent, control, goal)
     return solved, 1 + spent
 
@@ -221,9 +227,12 @@ def _solve_on_set(
 def _conjugate_gradients(
     linear: LinearSolution, tangent: Tangent, control: Control, goal: float
 ) -> tuple[LinearSolution, int]:
-    """Iterate on the levels that flow until the residual is below `goal`; count the iterations."""
+    """Iterate on the levels that flow until the residual is below `goal`; count the iterations.
+
+    The arrays of `linear` are changed in place.
+    """
     problem, states, levels = tangent.problem, linear.states, tangent.levels
-    whole, approach = linear.reaction.copy(), linear.approach
+    whole, approach = linear.reaction, linear.approach
     R, spent, rho_before = whole[:levels], 0, 0.0
     sweeps, step = None, np.zeros_like(R)
     p = Kp = np.empty(0)
@@ -254,7 +263,7 @@ def _conjugate_gradients(
         spent += 1
     if spent == 0:
         return linear, 0
-    total = linear.step.copy()
+    total = linear.step
     total[:levels] += step
     if levels < len(total):
         total[levels:] += extend_to_base(problem.factor, step[-1], levels)

@@ -109,6 +109,7 @@ def solve_increment(
             trial.force,
             trial.flowing,
         )
+        del linear, trial  # two fields, which would stay in memory during the next linear solve
 
 
 def _tangent(

@@ -26,16 +26,16 @@ def scene(nodes: int, load: float = 0.05, yield_stress: float = 0.2, depth: floa
 @pytest.mark.parametrize(
     ("given", "options"),
     [
-        (scene(24), {"law": "elastic"}),
-        (scene(24), {"steps": 2}),
-        (scene(24), {"steps": 2, "certified": True}),
-        (scene(16), {"layers": 12}),
-        (scene(24), {"steps": 2, "geometry": "moved"}),
-        (scene(24, 0.1), {"steps": 2}),
+        (scene(16), {"law": "elastic"}),
+        (scene(16), {"steps": 2}),
+        (scene(16), {"steps": 2, "certified": True}),
+        (scene(16), {}),
+        (scene(16), {"steps": 2, "geometry": "moved"}),
+        (scene(16, 0.1), {"steps": 2}),
         (scene(24, 0.3), {"steps": 2}),
         (scene(24, 0.005, 0.02), {"steps": 2}),
         (scene(16, 0.08, 0.02, 0.3), {"steps": 2}),
-        (scene(24, depth=0.4), {"steps": 2}),
+        (scene(16, depth=0.4), {"steps": 2}),
     ],
 )
 def test_the_estimate_of_memory_is_right_to_a_quarter(
@@ -52,5 +52,7 @@ def test_the_estimate_of_memory_is_right_to_a_quarter(
     geometry = options.get("geometry", "gap")
     block = problem_of(given, geometry=geometry, layers=options.get("layers")).block
     flow = flowing_share(given.load.final, given.material.yield_stress)
-    needed = bytes_needed(block, flow=None if options["law"] == "elastic" else flow)
+    needed = bytes_needed(
+        block, flow=None if options["law"] == "elastic" else flow, certified=options["certified"]
+    )
     assert 0.75 < needed / peak < 1.25
