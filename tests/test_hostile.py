@@ -29,7 +29,8 @@ from epcontact.errors import InvalidCase
 from epcontact.harness import exchange, foreign
 from epcontact.harness.case import load_case
 from epcontact.harness.methods import METHODS
-from epcontact.harness.verdict import Verdict, verify
+from epcontact.harness.store import Answer
+from epcontact.harness.verdict import Verdict, judge_case, verify
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
 from epcontact.scene import Load, Material, Scene, Surface
 
@@ -316,3 +317,63 @@ def test_solver_that_is_not_there_is_refused_before_anything_is_solved(
         verify(write_case(), solver=solver, output=tmp_path / "out")
     assert sentence in str(refused.value)
     assert not (tmp_path / "out").exists()
+
+
+# --- what is refused before anything is solved ---------------------------------------------------
+
+GATE = """
+[[gate]]
+quantity = "area.total.corrected"
+of = "bem"
+against = "persson"
+tolerance = 0.4
+because = "the same once more"
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (('["persson", "bem"]', '["persson", "bem", "bem"]'), "bem is named 2 times"),
+        (("[[gate]]", f"{GATE}\n[[gate]]"), "there are 2 gates area.total.corrected of bem"),
+        (("[[gate]]", '[[gate]]\nsizes = ["large"]'), "size 'large', which the case does not"),
+    ],
+)
+def test_case_that_cannot_mean_what_it_says_is_refused(write_case, change, sentence) -> None:
+    if "large" in change[1]:
+        change = (change[0], f"{GATE}{change[1]}")
+    with pytest.raises(InvalidCase) as refused:
+        load_case(write_case(change))
+    assert sentence in str(refused.value)
+
+
+def test_theory_of_a_surface_that_was_drawn_from_no_spectrum_is_refused(write_case) -> None:
+    path = write_case(*WAVE[:-1], ('methods = ["bem"]', 'methods = ["bem", "persson"]'))
+    with pytest.raises(InvalidCase, match="'surface' takes its own"):
+        load_case(path)
+
+
+def test_solver_that_would_judge_nothing_is_refused(write_case, tmp_path) -> None:
+    with pytest.raises(InvalidCase, match="would judge nothing"):
+        verify(write_case(*THEORY), solver="hostile:full_contact", output=tmp_path)
+
+
+def test_gates_that_a_size_leaves_out_are_said(write_case) -> None:
+    case = load_case(
+        write_case(("[[gate]]", f'{GATE}sizes = ["full"]\nnorm = "absolute"\n[[gate]]'))
+    )
+    (sentence,) = judge_case(case, {name: Answer() for name in case.methods}).not_judged
+    assert (
+        sentence
+        == "area.total.corrected of bem against persson (absolute) applies to size full only"
+    )
+    assert not load_case(case.path, "full").not_judged
+
+
+def test_closed_pipe_does_not_change_the_verdict(tmp_path) -> None:
+    command = [sys.executable, "-m", "epcontact", "verify", "bearing-area", "--output", tmp_path]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        assert process.wait(timeout=300) == 0
+    assert json.loads((tmp_path / "verdict.json").read_text())["exit_code"] == 0

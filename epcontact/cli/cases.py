@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bar
 
 from epcontact.cli.listing import open_console, plain_table
+from epcontact.cli.main import forget_output
 from epcontact.cli.tables import (
     STYLES,
     answers_table,
@@ -153,9 +154,10 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
 @click.option(
     "--solver",
     default="",
-    metavar="[NAME=]MODULE:FUNCTION",
-    help="Judge this function Scene -> ContactResult, or the method of this name, by the gates "
-    "instead of bem.",
+    metavar="[NAME=]SOLVER",
+    help="Judge another solver by the gates instead of bem, in a process of its own: "
+    "MODULE:FUNCTION, which maps a Scene to a ContactResult; a method's name; or a command in any "
+    "language with the placeholders {scene} and {result}, see below.",
 )
 @click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
 @click.option(
@@ -177,6 +179,12 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
     """Run the gates of the cases (all, where none is named) and write the verdict.
 
     Writes verdict.json and junit.xml into the output folder.
+
+    \b
+    A command reads the scene from one file and writes its result to the other:
+      --solver 'mine=./my_solver {scene} {result}'
+    Both are text; {scene.npz} and {result.npz} are files of numpy instead.
+    `python -m pydoc epcontact.harness.exchange` describes them line by line.
     """
     remove_verdict(output)
     given: Sequence[str | Case] = cases
@@ -195,20 +203,29 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
             fields=_written(fields),
             progress=progress,
         )
-    if fields == "film":
-        for judged in verdict.cases:
-            _draw_films(judged.case, output)
-    if with_report:
-        from epcontact.cli.figures import draw, write_report  # charts take long to load
+    try:
+        if fields == "film":
+            for judged in verdict.cases:
+                _draw_films(judged.case, output)
+        if with_report:
+            from epcontact.cli.figures import draw, write_report  # charts take long to load
 
-        try:
             for case in verdict.cases:
                 if not case.skipped_because:
                     draw(case.case, case.answers, case.case.folder(output))
             write_report(output)
-        except Exception:
-            remove_verdict(output)  # the exit code is 2 now, and the verdict would not say so
-            raise
+    except Exception:
+        remove_verdict(output)  # the exit code is 2 now, and the verdict would not say so
+        raise
+    try:
+        _show(verdict, output)
+    except (BrokenPipeError, SystemExit):  # nobody reads on; the verdict is the exit code
+        forget_output()
+    sys.exit(verdict.exit_code)
+
+
+def _show(verdict: Verdict, output: Path) -> None:
+    """Print the verdict: a table of gates, what does not hold, and what was not judged."""
     console = open_console()
     console.print(verdict_table(verdict.cases, console.width))
     if sentence := gamma_sentence([case.case for case in verdict.cases]):
@@ -219,7 +236,10 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
     counts = [sum(case.status == s for case in verdict.cases) for s in STYLES]
     summary = ", ".join(f"{n} {s}" for n, s in zip(counts, STYLES, strict=True) if n)
     console.print(f"{len(verdict.cases)} cases: {summary}; verdict in {output / 'verdict.json'}")
-    sys.exit(verdict.exit_code)
+    if left_out := sum(len(case.not_judged) for case in verdict.cases):
+        plural = "gates are" if left_out > 1 else "gate is"
+        console.print(f"{left_out} {plural} left out at this size; verdict.json says which and why")
+    sys.stdout.flush()
 
 
 @click.command()

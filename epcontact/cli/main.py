@@ -97,10 +97,10 @@ def main() -> None:
         # click and rich turn a closed pipe into exit code 1, which means that a gate fell short.
         if not isinstance(end.__context__, BrokenPipeError):
             raise
-        _forget_output()
+        forget_output()
         code, sentence = 2, ""
     except BrokenPipeError:
-        _forget_output()
+        forget_output()
         code, sentence = 2, ""
     except Exception:
         # A bug: print its traceback, but do not exit with Python's code 1.
@@ -111,7 +111,7 @@ def main() -> None:
     sys.exit(code)
 
 
-def _forget_output() -> None:
+def forget_output() -> None:
     """Discard further output: the pipe is closed, and exit would flush into it again."""
     with contextlib.suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from epcontact.errors import EpcontactError, InvalidCase, nearest
-from epcontact.harness.case_gates import gates_of
+from epcontact.harness.case_gates import gates_of, not_judged
 from epcontact.harness.case_text import SIZES, CaseText, at_size, case_files, case_name, read_cases
 from epcontact.harness.gates import Gate
 from epcontact.harness.methods import METHODS
@@ -62,6 +62,7 @@ class Case:
     gates: tuple[Gate, ...]
     path: Path
     skip: str = ""
+    not_judged: tuple[str, ...] = ()
 
     def digest(self, recipe: Recipe) -> str:
         """Return the digest of the scene on a surface, without making the surface."""
@@ -188,7 +189,7 @@ def _build(text: CaseText, size: str) -> Case:
         size=size,
         requirement=table.case.requirement,
         source=table.case.source,
-        methods=tuple(dict.fromkeys(table.case.methods)),
+        methods=tuple(table.case.methods),
         time_limit=table.case.time_limit,
         verify=table.case.verify,
         recipes=() if skip else recipes_of(table.surface),
@@ -197,6 +198,7 @@ def _build(text: CaseText, size: str) -> Case:
         load=load,
         options=_options(where, table),
         gates=gates_of(where, table, size),
+        not_judged=not_judged(where, table, size, text.sizes),
         path=text.path,
         skip=skip,
     )
@@ -219,4 +221,11 @@ def _options(where: str, table: CaseFile) -> dict[str, dict[str, Any]]:
                 + " and ".join(needed)
             )
         options[name] = given.model_dump(exclude_none=True)
+        analytic = options[name].get("spectrum") == "analytic"
+        kind = getattr(table.surface, "kind", "self_affine")  # an absent file has none
+        if analytic and kind != "self_affine":
+            raise InvalidCase(
+                f"{where}: {method.table}.spectrum is 'analytic', but a surface of kind {kind} is "
+                "drawn from no spectrum; 'surface' takes its own"
+            )
     return options

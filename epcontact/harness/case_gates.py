@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import tomllib
+from collections.abc import Sequence
 from importlib.resources import files
 
 from epcontact.errors import InvalidCase, nearest
@@ -41,13 +42,17 @@ def gates_of(where: str, table: CaseFile, size: str) -> tuple[Gate, ...]:
     own = [gate for gate in table.gate if gate.sizes is None or size in gate.sizes]
     if not own:
         raise InvalidCase(f"{where}: no gate applies to size {size!r}, which the case offers")
+    names = [_gate(gate).name for gate in own]
+    repeated = next((name for name in names if names.count(name) > 1), "")
+    if repeated:
+        raise InvalidCase(f"{where}: there are {names.count(repeated)} gates {repeated}; keep one")
     defaults = {(gate.of, gate.quantity): gate for gate in default_gates()}
     for omitted in table.omit:
         if (omitted.of, omitted.quantity) not in defaults:
-            names = [quantity for of, quantity in defaults if of == omitted.of]
+            known = [quantity for of, quantity in defaults if of == omitted.of]
             raise InvalidCase(
                 f"{where}: omit has {omitted.quantity!r} of {omitted.of}, which is no default "
-                f"gate{nearest(omitted.quantity, names)}"
+                f"gate{nearest(omitted.quantity, known)}"
             )
     replaced = {(gate.of, gate.quantity) for gate in (*own, *table.omit)}
     shared = [
@@ -56,6 +61,28 @@ def gates_of(where: str, table: CaseFile, size: str) -> tuple[Gate, ...]:
         if gate.of in table.case.methods and size in (gate.sizes or ()) and key not in replaced
     ]
     return tuple(map(_gate, (*own, *shared)))
+
+
+def not_judged(where: str, table: CaseFile, size: str, sizes: Sequence[str]) -> tuple[str, ...]:
+    """Return a sentence for each gate that the case has or omits and that this size leaves out.
+
+    Raises:
+        InvalidCase: if a gate applies to a size that the case does not offer.
+    """
+    sentences = []
+    for number, gate in enumerate(table.gate, start=1):
+        absent = [each for each in gate.sizes or () if each not in sizes]
+        if absent:
+            raise InvalidCase(
+                f"{where}: gate {number} applies to size {absent[0]!r}, which the case does not "
+                f"offer; it has {', '.join(sizes)}"
+            )
+        if gate.sizes and size not in gate.sizes:
+            sentences.append(f"{_gate(gate).name} applies to size {' and '.join(gate.sizes)} only")
+    return (
+        *sentences,
+        *(f"default gate {o.quantity} of {o.of} is omitted: {o.because}" for o in table.omit),
+    )
 
 
 def _require_answerable(where: str, gate: GateTable, table: CaseFile) -> None:

@@ -35,6 +35,13 @@ def _registered(name: str) -> str:
     return name
 
 
+def _each_once(names: list[str]) -> list[str]:
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{name} is named {names.count(name)} times; name each method once")
+    return names
+
+
 MethodName = Annotated[
     str, AfterValidator(_registered), Field(json_schema_extra={"enum": list(METHODS)})
 ]
@@ -51,7 +58,9 @@ class CaseTable(Table):
     )
     requirement: str = Field(min_length=1, description="the requirement, one English sentence")
     source: str = Field(min_length=1, description="the source of the requirement and its figures")
-    methods: list[MethodName] = Field(min_length=1, description="the methods that answer the scene")
+    methods: Annotated[list[MethodName], AfterValidator(_each_once)] = Field(
+        min_length=1, description="the methods that answer the scene"
+    )
     time_limit: float = Field(
         default=900.0, gt=0, description="seconds after which one solve is given up"
     )

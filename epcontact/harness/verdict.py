@@ -72,6 +72,9 @@ class CaseVerdict(BaseModel):
     skipped_because: str
     methods: dict[str, MethodEntry]
     gates: list[GateVerdict]
+    not_judged: list[str] = Field(
+        default=[], description="the gates that this size leaves out or that the case omits"
+    )
     _case: Case | None = PrivateAttr(default=None)
     _answers: Mapping[str, Answer] = PrivateAttr(default_factory=dict)
 
@@ -156,8 +159,9 @@ def verify(  # noqa: PLR0913 - the options of the command
         jobs: number of worker processes; None: one for each core, or one for size large.
         output: folder for results; an old result is reused if its scene, options and sources
             have not changed.
-        solver: a registered method or `[NAME=]MODULE:FUNCTION`, which replaces the boundary
-            elements in every gate, under its own name.
+        solver: a registered method, `[NAME=]MODULE:FUNCTION` or `[NAME=]COMMAND` (see
+            `harness.exchange`), which replaces the boundary elements in every gate, under its
+            own name.
         fresh: solve again what is already in the output folder.
         fields: write the fields (.vti) of the "first" surface, of "all" or of "none"; "steps":
             those of the first surface at every load, and the bodies of the finite elements.
@@ -185,6 +189,11 @@ def verify(  # noqa: PLR0913 - the options of the command
         stand_in = solver_named(solver)
         methods[stand_in.name] = stand_in
         loaded = [_in_place(case, stand_in.name) for case in loaded]
+        if not any(stand_in.name in case.methods for case in loaded):
+            raise InvalidCase(
+                f"--solver {solver} would judge nothing: it takes the place of {REPLACED}, which "
+                "none of the cases names"
+            )
     answers = run_cases(
         loaded,
         Path(output),
@@ -266,6 +275,7 @@ def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
             for name, a in answers.items()
         },
         gates=gates,
+        not_judged=list(case.not_judged),
     )
     judged._case, judged._answers = case, answers
     return judged
