@@ -132,6 +132,24 @@ def test_run_writes_results_and_fields(epcontact, write_case, tmp_path) -> None:
     assert not (folder / "persson.json").exists()
 
 
+def test_the_bar_moves_within_a_solve(write_case, tmp_path) -> None:
+    path = write_case(
+        ("seeds = [3, 5, 7]", "seeds = [3]"),
+        ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8]"),
+        ("fast = 4", "fast = 16"),
+    )
+    told: list[tuple[float, int]] = []
+    run_cases([load_case(path)], tmp_path, moving=lambda done, total: told.append((done, total)))
+    assert told[0] == (0, 2)
+    assert {total for _, total in told} == {2}
+    done = [share for share, _ in told]
+    assert done == sorted(done)
+    # It moves on coarse grids and on the finest one, through both loads.
+    for low, high in ((1.0, 1.125), (1.125, 1.5), (1.5, 1.625), (1.625, 2.0)):
+        assert any(low < share <= high for share in done), (low, done)
+    assert done[-1] <= 2
+
+
 def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> None:
     from epcontact.output.view import load_steps
     from epcontact.output.vtk import read_fields

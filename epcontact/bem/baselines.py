@@ -38,7 +38,7 @@ def _finished(level: Level, it: Iterate, options: Options) -> bool:
     it.pairs = level.convolution.pairs
     it.settled = it.history[-1] <= options.tolerance
     if options.progress is not None and it.gradient % 100 == 0:
-        options.progress(f"step {it.gradient}: residual {it.history[-1]:.1e}")
+        options.progress(level.heights.shape, it.history[-1])
     return it.settled or it.gradient >= options.steps(_MAX_STEPS)
 
 

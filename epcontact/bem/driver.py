@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,35 @@ _DISTRIBUTION_BINS = 1024
 _WARM_RATIO = 1.03
 
 
+@dataclass(frozen=True)
+class _Watch:
+    """What `solve` calls on the way; see its arguments."""
+
+    progress: Callable[[float, str], None] | None = None
+    on_step: Callable[[ContactResult], None] | None = None
+
+    def of_load(
+        self, scene: Scene, tolerance: float, load: int
+    ) -> Callable[[tuple[int, ...], float], None] | None:
+        """Return the progress of the load of a number, as a function of grid and residual.
+
+        A grid has its share of the work by its points, so that all coarser ones have a quarter of
+        its own, and residuals fall by equal factors in equal times.
+        """
+        progress, path, size = self.progress, scene.load.path, scene.surface.heights.size
+        if progress is None:
+            return None
+
+        def told(grid: tuple[int, ...], residual: float) -> None:
+            settled = math.log(max(residual, tolerance)) / math.log(tolerance)
+            share = math.prod(grid) / size * (0.25 + 0.75 * min(max(settled, 0.0), 1.0))
+            words = " x ".join(map(str, grid))
+            sentence = f"bem: mean pressure {path[load]:.3g} Pa, {words} points, residual "
+            progress((load + share) / len(path), f"{sentence}{residual:.1e}")
+
+        return told
+
+
 def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     scene: Scene,
     *,
@@ -58,7 +87,7 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     start: NDArray[np.floating] | None = None,
     plastic_displacement: NDArray[np.floating] | None = None,
     max_steps: int | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[float, str], None] | None = None,
     on_step: Callable[[ContactResult], None] | None = None,
 ) -> ContactResult:
     """Solve the capped contact problem of a scene at each mean pressure of its load path.
@@ -80,7 +109,7 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         plastic_displacement: how far earlier flow has lowered the surface, in m, of the heights'
             shape: the field of this name of an earlier result, whose path this one continues.
         max_steps: most steps of the method; None: its own limit.
-        progress: called with a sentence now and then.
+        progress: called now and then with the share of the path that is done and a sentence.
         on_step: called at each load with the result so far, whose fields are those of that load;
             it must not change them.
 
@@ -102,7 +131,7 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         0.3816
     """
     cores = available_cores() if threads is None else threads
-    options = Options(tolerance, area_tolerance, cores, method, max_steps, progress)
+    options = Options(tolerance, area_tolerance, cores, method, max_steps)
     started, compiled = time.perf_counter(), compile_seconds()
     surface, material = scene.surface, scene.material
     mean_pressure = scene.load.final or max(scene.load.path)
@@ -116,7 +145,9 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     if plastic_displacement is not None:
         sunk = checked_plastic_displacement(plastic_displacement, surface.shape)
         sunk = sunk.reshape(symbol.shape)
-    steps, solution, sunk, totals = _walk(scene, symbol, options, warm, sunk, on_step)
+    steps, solution, sunk, totals = _walk(
+        scene, symbol, options, warm, sunk, _Watch(progress, on_step)
+    )
     cost = totals | {
         "seconds": time.perf_counter() - started - (compile_seconds() - compiled),
         "unknowns": float(surface.heights.size),
@@ -135,7 +166,7 @@ def _walk(
     options: Options,
     warm: FloatArray | None,
     sunk: FloatArray | None,
-    on_step: Callable[[ContactResult], None] | None = None,
+    watch: _Watch,
 ) -> tuple[tuple[LoadStep, ...], PressureSolution, FloatArray | None, dict[str, float]]:
     """Solve at each load of the path, on the surface that the loads before it have left.
 
@@ -143,7 +174,7 @@ def _walk(
         scene, symbol, options: the scene, its compliance and the options.
         warm: pressure in Pa to start the first load from.
         sunk: plastic displacement before the first load, in m.
-        on_step: see `solve`.
+        watch: what is called on the way.
 
     Returns:
         The load steps, the solution at the last load, the plastic displacement on which that load
@@ -157,15 +188,16 @@ def _walk(
     mean_pressure = next(loads)
     while True:
         problem = GridProblem(left, symbol, mean_pressure, hardness)
-        solution = solve_problem(problem, options, warm) if mean_pressure else unloaded(problem)
+        watched = replace(options, progress=watch.of_load(scene, options.tolerance, len(steps)))
+        solution = solve_problem(problem, watched, warm) if mean_pressure else unloaded(problem)
         if sunk is not None:
             at_hardness_again(problem, solution, sunk)
         steps.append(_load_step(scene, problem, solution, sunk))
         totals = {name: count + solution.counts[name] for name, count in totals.items()}
-        if on_step is not None:
+        if watch.on_step is not None:
             # `_result` adds the compression of a layer to the displacement in place.
             own = replace(solution, displacement=solution.displacement.copy())
-            on_step(_result(scene, options, tuple(steps), own, sunk, dict(totals)))
+            watch.on_step(_result(scene, options, tuple(steps), own, sunk, dict(totals)))
         following = next(loads, None)
         if following is None:
             return tuple(steps), solution, sunk, totals

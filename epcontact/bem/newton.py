@@ -135,7 +135,7 @@ def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
             return it
         it.newton += 1
         if options.progress is not None:
-            options.progress(f"grid {level.heights.shape}: residual {it.history[-1]:.1e}")
+            options.progress(level.heights.shape, it.history[-1])
         step = _newton_step(level, inner, it, state, sets, energy, options.tolerance)
 
 

@@ -78,7 +78,7 @@ class Options:
         threads: number of threads.
         method: "newton", or the name of a baseline.
         max_steps: most steps of the method; None: the method's own limit.
-        progress: called with a sentence now and then.
+        progress: called now and then with the grid's shape and the residual on it.
 
     Raises:
         InvalidScene: an option is out of its range.
@@ -89,7 +89,7 @@ class Options:
     threads: int = 1
     method: str = "newton"
     max_steps: int | None = None
-    progress: Callable[[str], None] | None = field(default=None, compare=False)
+    progress: Callable[[tuple[int, ...], float], None] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         area = self.area_tolerance

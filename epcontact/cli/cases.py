@@ -11,7 +11,13 @@ from pathlib import Path
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.progress import Progress as Bar
 
 from epcontact.cli.listing import open_console, plain_table
@@ -120,7 +126,7 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
         raise _Refusal(f"{loaded.path}: {loaded.skip}")
     chosen = replace(loaded, methods=tuple(dict.fromkeys(methods)) or loaded.methods)
     workers = jobs or default_jobs(size)
-    with _progress() as progress:
+    with _progress() as (progress, moving):
         answers = run_cases(
             [chosen],
             output,
@@ -128,6 +134,7 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
             fresh=fresh,
             fields=_written(fields),
             progress=progress,
+            moving=moving,
         )[loaded.id]
     open_console().print(answers_table(answers))
     print_surface_notes(open_console(), chosen, answers)
@@ -192,7 +199,7 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
     if size == "auto":
         named = [case for name in cases for case in casefile.find_named(name)]
         given = [_load(case, size) for case in named or cases_to_verify("fast")]
-    with _progress() as progress:
+    with _progress() as (progress, moving):
         verdict = run_gates(
             given,
             size=size,
@@ -202,6 +209,7 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
             fresh=fresh,
             fields=_written(fields),
             progress=progress,
+            moving=moving,
         )
     try:
         if fields == "film":
@@ -282,14 +290,19 @@ def _load(path: casefile.CaseText, size: str) -> Case:
 
 
 @contextlib.contextmanager
-def _progress() -> Iterator[Callable[[Progress], None]]:
-    """Show progress on stderr: a bar on a terminal, elsewhere a line for each solve."""
+def _progress() -> Iterator[tuple[Callable[[Progress], None], Callable[[float, int], None]]]:
+    """Show progress on stderr: a bar with the time left on a terminal, elsewhere a line a solve.
+
+    The second function moves the bar within a solve.
+    """
     console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
     )
     with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         row = bar.add_task("solving", total=None)
@@ -300,4 +313,7 @@ def _progress() -> Iterator[Callable[[Progress], None]]:
                 note = f" ({at.note})" if at.note else ""
                 click.echo(f"[{at.done}/{at.total}] {at.task}{note}", err=True)
 
-        yield advance
+        def move(done: float, total: int) -> None:
+            bar.update(row, completed=done, total=total)
+
+        yield advance, move

@@ -101,6 +101,7 @@ class Method:
         steps: the keyword of its solve by which every load is written: `on_step`, a function that
             is called with a result of that load, or `output`, a folder for the deformed body;
             empty if it has none.
+        tells_progress: its solve takes `progress`, called with a share that is done and a sentence.
         pilot: options of a quick solve, which only has to show the areas.
         one_answer: maps the options to True if one answer serves all surfaces of a case.
         source: `module:function` or command of a solver from outside the package.  It runs in a
@@ -120,6 +121,7 @@ class Method:
     follows_unloading: bool = False
     has_model_measures: bool = False
     steps: Literal["", "on_step", "output"] = ""
+    tells_progress: bool = False
     pilot: Mapping[str, Any] = field(default_factory=dict, hash=False)
     one_answer: Callable[[Mapping[str, Any]], bool] = _never
     source: str = ""
@@ -255,6 +257,7 @@ def _registry() -> dict[str, Method]:
             BemTable,
             follows_unloading=True,
             steps="on_step",
+            tells_progress=True,
             pilot={"area_tolerance": 1e-4},
             modules=("epcontact.bem",),
         ),
@@ -267,6 +270,7 @@ def _registry() -> dict[str, Method]:
             follows_unloading=True,
             has_model_measures=True,
             steps="output",
+            tells_progress=True,
             modules=("fem_check",),
         ),
         Method(

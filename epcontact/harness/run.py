@@ -15,6 +15,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,7 @@ class Progress:
     note: str
 
 
-def run_cases(
+def run_cases(  # noqa: PLR0913 - the options of the commands
     cases: Sequence[Case],
     output: Path,
     *,
@@ -64,6 +65,7 @@ def run_cases(
     fields: str = "none",
     methods: Mapping[str, Method] = METHODS,
     progress: Callable[[Progress], None] | None = None,
+    moving: Callable[[float, int], None] | None = None,
 ) -> dict[str, dict[str, Answer]]:
     """Answer each case by each of its methods.
 
@@ -77,6 +79,8 @@ def run_cases(
             ("none").
         methods: the registry of the cases' methods.
         progress: called after every task.
+        moving: called at the start, and within tasks that are solved one by one in this process,
+            with the number of tasks done, the share of the present one included, and of all.
 
     Returns:
         {case id: {method: Answer}}.  The error of a solve is kept in the Answer as its sentence.
@@ -101,7 +105,13 @@ def run_cases(
         if earlier is not None:
             reused.add(task)
             finish(task, earlier, "reused")
-    for task, outcome in spread(_solve, [t for t in tasks if t not in outcomes], jobs):
+    waiting = [task for task in tasks if task not in outcomes]
+    solve: Callable[[Task, int], Outcome] = _solve
+    if moving is not None:
+        moving(len(outcomes), len(tasks))
+        if min(jobs, len(waiting)) <= 1:  # another process could not call it
+            solve = partial(_solve, moving=lambda share: moving(len(outcomes) + share, len(tasks)))
+    for task, outcome in spread(solve, waiting, jobs):
         if isinstance(outcome, ContactResult):
             keep(task, output, outcome)
         finish(task, outcome, "failed" if isinstance(outcome, str) else "")
@@ -163,7 +173,7 @@ def _collect(tasks: Sequence[Task], outcomes: Mapping[Task, Outcome], reused: in
     )
 
 
-def _solve(task: Task, threads: int) -> Outcome:
+def _solve(task: Task, threads: int, moving: Callable[[float], None] | None = None) -> Outcome:
     """Solve one task; return the sentence of whatever went wrong, so that others are judged."""
     try:
         case = task.case
@@ -174,6 +184,8 @@ def _solve(task: Task, threads: int) -> Outcome:
                 result = foreign.solve(method.name, method.source, scene, case.time_limit)
             else:
                 options = {**case.options[method.name], **_step_options(task, scene)}
+                if moving is not None and method.tells_progress:
+                    options["progress"] = lambda share, _: moving(share)
                 result = method.solve(scene, options, threads)
         if not result.converged:
             raise NotConverged("the result says that it has not converged")

@@ -149,6 +149,7 @@ def verify(  # noqa: PLR0913 - the options of the command
     fresh: bool = False,
     fields: str = "none",
     progress: Callable[[Progress], None] | None = None,
+    moving: Callable[[float, int], None] | None = None,
 ) -> Verdict:
     """Solve cases, judge their gates, and write verdict.json and junit.xml.
 
@@ -166,6 +167,8 @@ def verify(  # noqa: PLR0913 - the options of the command
         fields: write the fields (.vti) of the "first" surface, of "all" or of "none"; "steps":
             those of the first surface at every load, and the bodies of the finite elements.
         progress: called after every solve.
+        moving: called within solves, if this process makes them one by one, with the number of
+            solves done, the share of the present one included, and of all.
 
     Returns:
         The verdict.  `verdict.cases[i].answers` holds the results in memory.
@@ -202,6 +205,7 @@ def verify(  # noqa: PLR0913 - the options of the command
         fields=fields,
         methods=methods,
         progress=progress,
+        moving=moving,
     )
     verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size)
     write_verdict(verdict, Path(output))
