@@ -9,7 +9,6 @@ is the harness's own (see `measurements`); a part that a method does not report 
 from __future__ import annotations
 
 import numpy as np
-from scipy.integrate import simpson
 
 from epcontact.errors import InvalidCase
 from epcontact.harness.measurements import (
@@ -157,6 +156,8 @@ def work(a: Answered) -> float:
     Simpson's rule over the loads, from the first to the last.  The theory reports no separation
     beside its mean gap, because its elastic contact has no plastic displacement.
     """
+    from scipy.integrate import simpson  # slow to load
+
     steps, hardness = a.result.steps, a.scene.material.hardness
     if len(steps) < 3 or a.flows:
         raise InvalidCase(

@@ -21,7 +21,8 @@ needs extra memory for one piece and not for another copy of the fields.
 The field data give the origin of the file: method, scene, surface, moduli, load, body, notes,
 versions, areas, residuals, and anything that the caller adds, each with its unit if it has one.
 
-pyvista is imported where it is used, because its import takes a second.
+VTK is imported where it is used, because its import takes long; fields are written without pyvista,
+whose import takes longer.
 """
 
 from __future__ import annotations
@@ -160,7 +161,7 @@ def write_image(
         ...     read_fields(f"{folder}/a.vti").attributes["method"]
         'bem'
     """
-    import pyvista as pv
+    from vtkmodules.vtkCommonCore import vtkObject
     from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
     if Path(path).suffix != ".vti":
@@ -179,10 +180,14 @@ def write_image(
     writer.SetNumberOfPieces(-(-next(iter(arrays.values())).size // PIECE))
     with whole_file(path) as temporary:
         writer.SetFileName(str(temporary))
-        with pv.vtk_verbosity("off"), pv.VtkErrorCatcher(send_to_logging=False) as caught:
+        shown = vtkObject.GetGlobalWarningDisplay()
+        vtkObject.GlobalWarningDisplayOff()
+        try:
             written = writer.Write()
-        if not written or caught.events or writer.GetErrorCode():
-            raise OutputError(f"cannot write {path}: {_reason(caught, writer.GetErrorCode())}")
+        finally:
+            vtkObject.SetGlobalWarningDisplay(shown)
+        if not written or writer.GetErrorCode():
+            raise OutputError(f"cannot write {path}: {_reason(writer.GetErrorCode())}")
 
 
 def write_collection(path: Path | str, mean_pressures: Sequence[float]) -> None:
@@ -322,7 +327,7 @@ def _streamed(
     attributes: Mapping[str, Attribute],
 ) -> Any:
     """Return a source of VTK that copies, with x fastest, only the part that a writer asks for."""
-    import pyvista as pv
+    from vtkmodules.util.numpy_support import numpy_to_vtk
     from vtkmodules.util.vtkAlgorithm import VTKPythonAlgorithmBase
     from vtkmodules.vtkCommonCore import vtkDataArray
     from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
@@ -354,40 +359,39 @@ def _streamed(
             part = vtkImageData()
             part.SetExtent(extent)
             part.SetSpacing(steps)
-            image = pv.wrap(part)
             for name, plane in planes.items():
                 kind = np.uint8 if name == "state" else real
                 values = np.ascontiguousarray(plane[x0 : x1 + 1, y0 : y1 + 1].T, dtype=kind)
-                image.point_data[name] = values.ravel()
+                array = numpy_to_vtk(values.ravel(), deep=True)
+                array.SetName(name)
                 if name in UNITS:
-                    information = image.GetPointData().GetArray(name).GetInformation()
-                    information.Set(vtkDataArray.UNITS_LABEL(), UNITS[name])
-            image.set_active_scalars("pressure" if "pressure" in planes else name)
-            _add_field_data(image, attributes)
-            self.GetOutputData(outputs, 0).ShallowCopy(image)
+                    array.GetInformation().Set(vtkDataArray.UNITS_LABEL(), UNITS[name])
+                part.GetPointData().AddArray(array)
+            part.GetPointData().SetActiveScalars("pressure" if "pressure" in planes else name)
+            _add_field_data(part, attributes)
+            self.GetOutputData(outputs, 0).ShallowCopy(part)
             return 1
 
     return Source()
 
 
 def _add_field_data(image: Any, attributes: Mapping[str, Attribute]) -> None:
-    """Add arrays of one value; VTK adds the texts, because pyvista refuses non-ASCII text."""
+    """Add arrays of one value."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
     from vtkmodules.vtkCommonCore import vtkStringArray
 
     for name, value in attributes.items():
         if isinstance(value, str) or (isinstance(value, int) and not -(2**63) <= value < 2**63):
-            array = vtkStringArray()
-            array.SetName(name)
+            array: Any = vtkStringArray()
             array.InsertNextValue(str(value))
-            image.GetFieldData().AddArray(array)
         else:
-            image.field_data[name] = np.array([value])
+            array = numpy_to_vtk(np.array([value]), deep=True)
+        array.SetName(name)
+        image.GetFieldData().AddArray(array)
 
 
-def _reason(caught: Any, code: int) -> str:
-    """Return why VTK did not write: its error code, or the last line of its first message."""
+def _reason(code: int) -> str:
+    """Return why VTK did not write."""
     from vtkmodules.vtkCommonMisc import vtkErrorCode
 
-    if code:
-        return str(vtkErrorCode.GetStringFromErrorCode(code)).lower()
-    return str(caught.events[0].alert).splitlines()[-1] if caught.events else "no reason is given"
+    return str(vtkErrorCode.GetStringFromErrorCode(code)).lower() if code else "no reason is given"

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import kurtosis, skew
 
 from epcontact.errors import InvalidScene
 from epcontact.results import ContactResult, FloatArray
@@ -86,6 +85,8 @@ def topography(surface: Surface) -> Topography:
         >>> round(found.rms_slope**2, 9), round(found.excess_kurtosis, 9)
         (0.5, -1.5)
     """
+    from scipy.stats import kurtosis, skew  # slow to load
+
     moments = surface_moments(surface)
     heights = surface.heights.ravel()
     return Topography(
