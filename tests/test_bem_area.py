@@ -126,7 +126,7 @@ def test_the_tables_come_from_the_calibration():
     tip = rim.calibrate_straight_tip(
         rim.all_directions(), rim_correction.OFFSETS[-1], rim_correction.HARMONIC
     )
-    assert tip == pytest.approx(rim_correction.STRAIGHT_TIP, abs=0.003)
+    assert tip == pytest.approx(rim_correction.TIP, abs=0.003)
     lone = rim.calibrate_straight_tip(rim.along_axis(), area_front.AXIS_OFFSET, 0.0)
     assert lone == pytest.approx(area_line.STRAIGHT_LONE, abs=0.003)
 

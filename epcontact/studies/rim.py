@@ -17,17 +17,15 @@ Two fronts.  If an elastic strip of width w separates apart and plastic points, 
 with w, overshoots and settles at a spacing's width.  Solutions over all w, directions and positions
 give it as a function of u = hardness/|grad v|, which is known in each cell.
 
-Tips.  Near full contact there are gaps narrower than a spacing, like Westergaard's.  STRAIGHT_TIP
-is the area that they lack for each visible tip if every width is equally likely.
+Tips.  Near full contact there are gaps narrower than a spacing, like Westergaard's.  TIP is the
+area that they lack for each visible tip if every width is equally likely.
 
 `python -m epcontact.studies.rim` prints the constants and tables, in some ten seconds.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Sequence
 
 import numba
 import numpy as np
@@ -35,13 +33,11 @@ import numpy as np
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
 from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS, kind
-from epcontact.bem.areas.rim_correction import CORNER, HARMONIC, OFFSETS, TIP, corrected
+from epcontact.bem.areas.rim_correction import CORNER, HARMONIC, OFFSETS
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
 from epcontact.results import FloatArray
-from epcontact.scene import SelfAffineSpectrum
-from epcontact.surfaces import SelfAffine
 
 #: Lattice directions of the fronts over an eighth of the circle; symmetry gives the rest.
 DIRECTIONS = ((1, 0), (23, 1), (17, 3), (15, 4), (13, 5), (11, 7), (13, 9), (11, 9), (1, 1))
@@ -52,8 +48,6 @@ HARDNESSES = (
     *(0.003, 0.006, 0.01, 0.014, 0.018, 0.022, 0.026, 0.03, 0.034, 0.037, 0.04, 0.043, 0.046),
     *(0.05, 0.053, 0.056, 0.06, 0.063, 0.066, 0.07, 0.074, 0.078, 0.083, 0.09, 0.095),
 )
-#: Loads and hardnesses, in units of E* times the rms slope, of the rough surfaces.
-ROUGH = ((0.05, 0.6), (0.05, math.inf), (0.2, 0.6), (0.1, 1.2), (0.4, 0.6))
 #: Weight of the second differences of the table in the fit.
 SMOOTHING = 0.003
 
@@ -289,31 +283,6 @@ def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, floa
     return float(np.mean(out)), float(np.std(out) / math.sqrt(shifts))
 
 
-def calibrate_rough_tip(seeds: Sequence[int] = range(2000, 2004), high: int = 32) -> float:
-    """Fit the cells that a tip represents on rough surfaces with four points per shortest wave.
-
-    Least squares over the areas against grids of 24 points, each relative to its area; hurst
-    0.8, roll-off at twice the period, `high` shortest waves a period.
-    """
-    products = squares = 0.0
-    spectrum = SelfAffineSpectrum(0.8, 2 * np.pi, 4 * np.pi, 2 * np.pi * high, 1.0)
-    for seed, (load, hardness) in itertools.product(seeds, ROUGH):
-        found = []
-        for points in (24, 4):
-            n = points * high
-            heights = SelfAffine(spectrum, (1.0, 1.0), (n, n), seed).build().heights
-            found.append(_swept(heights, load, hardness) / n**2)
-        fronts = 1 if math.isinf(hardness) else 2
-        areas = np.array([[corrected(sums, k, 0.0) for k in range(fronts)] for sums in found])
-        tips = found[1][grid.TIPS : grid.TIPS + fronts] * np.array([1, -1])[:fronts]
-        if fronts == 2:  # the elastic area, too
-            areas, tips = np.c_[areas, areas[:, 0] - areas[:, 1]], np.r_[tips, tips[0] - tips[1]]
-        # `corrected` already includes TIP for each.
-        products += float(np.sum((areas[1] - areas[0] + TIP * tips) * tips / areas[0]))
-        squares += float(np.sum(tips**2 / areas[0]))
-    return products / squares
-
-
 def main() -> None:
     """Print the constants and tables of `bem.areas.rim_correction` and `bem.areas.line`."""
     print("offset of a counted front along an axis", round(front_offset(0.0), 5))
@@ -325,8 +294,7 @@ def main() -> None:
         print(name, np.round(table, 4), " largest misfit", round(misfit, 4))
     print("corner", "{:.3f} +- {:.3f}".format(*calibrate_corner()), "in use", CORNER)
     tip = calibrate_straight_tip(all_directions(), float(OFFSETS[-1]), HARMONIC)
-    print("straight tip", round(tip, 3))
-    print("tip of rough surfaces", round(calibrate_rough_tip(), 3), "in use", TIP)
+    print("tip", round(tip, 3))
     print("lone point", round(calibrate_straight_tip(along_axis(), AXIS_OFFSET, 0.0), 3))
 
 

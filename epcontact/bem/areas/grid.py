@@ -8,7 +8,10 @@ Besides the area, the pass adds up over each front the sums that `rim_correction
 OFFSET    segment length times the tabulated offset at u = hardness/|grad v| (grad per spacing).
           u is the width of the elastic strip in spacings where both fronts pass the cell, and
           large where there is one front only.
-LENGTH    segment length; STRIP, the same for narrow strips; HARMONIC, length times cos 4 theta
+LENGTH    segment length; STRIP, the same for narrow strips
+PINNED    segment length that edges of the surface hold (`front`); ALIGNED, times cos 4 theta;
+          BEYOND, times the width of the zone hidden next to it
+HARMONIC  segment length that no edge holds times cos 4 theta; OFFSET, too, has no other
 TURN      turn of the front, a quarter for each corner cut off.  Over a whole front this adds up
           to its Euler number.
 TIPS      points apart (or plastic) with at most two of their eight neighbours in the same state
@@ -35,8 +38,8 @@ TIP_NEIGHBOURS = 2
 
 _jit = numba.njit(cache=True, nogil=True)
 # Indices into the vector of sums; the value of the plastic part follows that of the contact.
-AREA, OFFSET, LENGTH, STRIP, HARMONIC, TURN, TIPS, DIPS = range(0, 16, 2)
-SUMS = 16
+AREA, OFFSET, LENGTH, STRIP, HARMONIC, PINNED, ALIGNED, BEYOND, TURN, TIPS, DIPS = range(0, 22, 2)
+SUMS = 22
 #: A front with a smaller u belongs to a narrow strip.
 STRIP_BELOW = 0.9
 
@@ -89,6 +92,39 @@ def workspace() -> tuple[NDArray[np.int64], FloatArray]:
 
 
 @_jit
+def _locate(
+    pressure: FloatArray,
+    gap: FloatArray,
+    hardness: float,
+    stiffness: tuple[float, float],
+    place: tuple[int, int],
+    front: int,
+    work: tuple[NDArray[np.int64], FloatArray],
+) -> tuple[float, float]:
+    """Locate a front on the sides of a cell, into `work`; the means of `edge` and `beyond`."""
+    (i, j), (nx, ny) = place, pressure.shape
+    inside, cut, v = work[0][1], work[1][2], work[1][3]
+    crossings, edges, beyonds = 0, 0.0, 0.0
+    for k in range(4):
+        if inside[k] == inside[(k + 1) % 4]:
+            continue
+        # Sides 0 and 2 run along x, 1 and 3 along y.
+        x_side = k in (0, 2)
+        c = stiffness[0] if x_side else stiffness[1]
+        row, column = i if k == 1 else i - 1, j if k == 2 else j - 1
+        for m in range(4):
+            a, b = (row + m - 1, column) if x_side else (row, column + m - 1)
+            a, b = a if 0 <= a < nx else a % nx, b if 0 <= b < ny else b % ny
+            v[m] = field(pressure[a, b], gap[a, b], hardness, c)
+        where, _, edge, beyond = crossing(v, hardness, front)
+        cut[k] = where if k < 2 else 1 - where
+        crossings += 1
+        edges += edge
+        beyonds += beyond
+    return edges / crossings, beyonds / crossings
+
+
+@_jit
 def add_cell(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by one
     pressure: FloatArray,
     gap: FloatArray,
@@ -100,11 +136,10 @@ def add_cell(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one b
     work: tuple[NDArray[np.int64], FloatArray],
 ) -> None:
     """Add a cell with a front to the sums; its corners are (i - 1, j - 1) and (i, j)."""
-    (i, j), (nx, ny) = place, pressure.shape
+    i, j = place
     kinds, inside = work[0][0], work[0][1]
-    # along, across: v with the stiffness of links along x and along y; cut: crossings of the four
-    # sides; v: its values at the four points in line with one side.
-    along, across, cut, v = work[1][0], work[1][1], work[1][2], work[1][3]
+    # along, across: v with the stiffness of links along x and along y; cut: crossings of the sides.
+    along, across, cut = work[1][0], work[1][1], work[1][2]
     for k in range(4):
         a = i if k in (1, 2) else i - 1
         b = j if k >= 2 else j - 1
@@ -130,25 +165,17 @@ def add_cell(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one b
             sums[AREA + front] += 1
         if n in (0, 4):
             continue
-        for k in range(4):
-            if inside[k] == inside[(k + 1) % 4]:
-                continue
-            # Sides 0 and 2 run along x, 1 and 3 along y.
-            x_side = k in (0, 2)
-            c = stiffness[0] if x_side else stiffness[1]
-            row, column = i if k == 1 else i - 1, j if k == 2 else j - 1
-            for m in range(4):
-                a, b = (row + m - 1, column) if x_side else (row, column + m - 1)
-                a, b = a if 0 <= a < nx else a % nx, b if 0 <= b < ny else b % ny
-                v[m] = field(pressure[a, b], gap[a, b], hardness, c)
-            where = crossing(v, hardness, front)
-            cut[k] = where if k < 2 else 1 - where
+        pinned, beyond = _locate(pressure, gap, hardness, stiffness, place, front, work)
         joined = middle > (hardness if front else 0.0)
         area, length = _polygon(inside, cut, joined)
         sums[AREA + front] += area
         sums[LENGTH + front] += length
-        sums[OFFSET + front] += offset * length
-        sums[HARMONIC + front] += harmonic * length
+        resolved = (1 - pinned) * length
+        sums[OFFSET + front] += offset * resolved
+        sums[HARMONIC + front] += harmonic * resolved
+        sums[PINNED + front] += pinned * length
+        sums[ALIGNED + front] += harmonic * pinned * length
+        sums[BEYOND + front] += beyond * length
         if u < STRIP_BELOW:
             sums[STRIP + front] += length
         if n != 2:

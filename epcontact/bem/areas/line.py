@@ -35,6 +35,8 @@ LINE_OFFSETS = np.array(
 #: Spacings missed for each lone point: by calibration (`rim.calibrate_straight_tip`), and as
 #: fitted to rough lines.
 STRAIGHT_LONE, LONE = 0.109, 0.2
+#: The `bend` of an edge, so that its place has the standard deviation of a uniform one.
+EDGE = 5 / math.sqrt(12)
 
 _jit = numba.njit(cache=True, nogil=True)
 
@@ -118,11 +120,11 @@ def _front(
     for m in range(4):
         k = (i + (m - 1) * d) % n
         v[m] = field(p[k], g[k], hardness, c)
-    drop, level = v[1] - v[2], hardness if front else 0.0
-    offset = interpolated(hardness / drop, LINE_OFFSETS)
-    line = (v[1] - level) / drop
-    where = crossing(v, hardness, front)
-    return where + (offset if front else -offset), where - line
+    offset = interpolated(hardness / (v[1] - v[2]), LINE_OFFSETS)
+    where, bend, edge, _ = crossing(v, hardness, front)
+    if edge:
+        return where, EDGE
+    return where + (offset if front else -offset), bend
 
 
 @_jit

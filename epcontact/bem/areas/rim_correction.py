@@ -23,11 +23,15 @@ and for the plastic part the offset and the tips have the opposite sign.
   latter; the former integrates to the Euler number of the front's inside, so that CORNER,
   measured on a sphere (and, of the other sign, on a penny-shaped gap) holds for any shape.
 * Not resolved: chance decides whether a gap (or plastic spot) narrower than a spacing contains a
-  grid point.  If it does, it shows as tips.  Straight gaps whose widths are equally likely need
-  STRAIGHT_TIP for each tip, round ones need nothing; TIP, between the two, is the only figure that
-  was fitted to rough surfaces.
+  grid point.  If it does, it shows as tips.  TIP is what straight gaps whose widths are equally
+  likely need for each tip; round ones need nothing.
+* Held by an edge: where the surface has a step or a kink, the front rests on it, somewhere between
+  two points.  `front` recognises it by the singular pressure and puts the front in the middle, so
+  that the count is right there.  These parts of a front have no offset.
 
-`epcontact.studies.rim` measures the constants and prints them.
+The load is one more measurement of the areas (`_balanced`), and the estimated errors follow from
+the same sums (`_uncertainty`).  `epcontact.studies.rim` measures the constants and
+`epcontact.studies.areas` those of the errors.
 """
 
 from __future__ import annotations
@@ -57,14 +61,25 @@ OFFSETS = np.array(
 HARMONIC = 0.0127
 #: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).
 CORNER = 0.6
-#: Cells missed for each tip: by straight gaps (`rim.calibrate_straight_tip`), and as fitted to
-#: rough surfaces (`rim.calibrate_rough_tip`).
-STRAIGHT_TIP, TIP = 0.277, 0.24
+#: Cells missed for each tip by straight gaps (`rim.calibrate_straight_tip`).
+TIP = 0.277
 #: The mean offset on oblong cells is 1 + OBLONG ln^2(dx/dy) times that on square ones; needed by
 #: test_oblong_cells.
 OBLONG = 0.057
-#: If narrow strips make up more than this share of the fronts, the load determines their place.
-PLACED_FROM = 0.7
+#: Variance of an area in square cells for each spacing of its front, of narrow strips along it, for
+#: each tip, and for each spacing of edges.  The first is that of the smallest round gaps; the
+#: others are fitted to the ensemble of `studies.areas`.
+CHANCE = np.array([0.0006, 0.035, 0.78, 0.7])
+#: Standard deviation in cells of the errors common to a front, for each spacing of it, of it along
+#: the grid, of edges along the grid, and for each cell that may be hidden at edges.  The third is
+#: that of two edges with equally likely places, and the last covers worn plateaus; the others are
+#: fitted to the ensemble.
+COMMON = np.array([0.003, 0.017, 0.2, 3.5])
+#: The claimed error in standard deviations; `epcontact chart areas` shows what it covers.
+SURE = 2.5
+#: Standard deviation of the mean pressure in narrow elastic strips, in units of the hardness, and
+#: the correlation of the errors of its two fronts, both on the ensemble of `studies.areas`.
+PHI, SHARED = 0.06, 0.9
 # A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
 
@@ -136,22 +151,20 @@ def estimate_areas(
     hardness, n = hardness * _ROUNDING, pressure.size
     if pressure.ndim == 1:
         lengths = line_lengths(pressure, gap, hardness, effective_modulus / spacing[0])
-        counted, located, error = ((total / n, plastic / n) for total, plastic in lengths)
-        return _areas(*counted), *_possible(located, error, share)
+        counted, edges, sure = (np.array(pair) / n for pair in lengths)
+        return _areas(*counted), *_possible(edges, np.diag((sure / SURE) ** 2), share)
     stiffness = [STIFFNESS * effective_modulus / step for step in spacing]
     sums = np.zeros(grid.SUMS)
     grid.sweep(pressure, gap, hardness, (stiffness[0], stiffness[1]), OFFSETS, sums)
     contact, plastic, _, _ = count(pressure, hardness)
     oblong = OBLONG * math.log(spacing[0] / spacing[1]) ** 2
-    placed = _placed([corrected(sums, front, oblong) / n for front in range(2)], sums, share)
-    less = (min(contact, n - contact), min(plastic, n - plastic))
-    errors = tuple(_uncertainty(sums, front, less[front], oblong) / n for front in range(2))
+    located = np.array([corrected(sums, front, oblong) for front in range(2)]) / n
+    errors = np.array([_uncertainty(sums, front, oblong) for front in range(2)]) / n
     if math.isinf(hardness):
-        errors = (errors[0], 0.0)
-    return (
-        _areas(contact / n, plastic / n),
-        *_possible(placed, (errors[0], errors[1]), share),
-    )
+        errors[1] = 0.0
+    raw = _areas(contact / n, plastic / n)
+    moved, covariance = _balanced(located, errors, SHARED * _narrow(sums), raw, share, 1 / n)
+    return raw, *_possible(moved, covariance, share)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -175,27 +188,23 @@ def count(pressure: FloatArray, hardness: float) -> tuple[int, int, int, int]:
     return contact, plastic, contact_switches, plastic_switches
 
 
-def _possible(
-    areas: tuple[float, float], errors: tuple[float, float], share: float
-) -> tuple[Areas, Areas]:
-    """Move the total and plastic area to the nearest values that carry the load; add to the errors.
+def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[Areas, Areas]:
+    """Move the total and plastic area to the nearest values that carry the load, and their errors.
 
     A plastic area above share = p0/hardness carries too much, and a contact below it too little.
     The distance moved adds to the error: if nothing of a contact is resolved, the estimate is worth
     no more than the bound.
     """
-    bounds = ((share, 1.0), (0.0, share))
-    moved = [min(max(a, low), high) for a, (low, high) in zip(areas, bounds, strict=True)]
-    widened = [e + abs(m - a) for e, m, a in zip(errors, moved, areas, strict=True)]
-    return _areas(*moved), _error(*widened)
+    moved = np.clip(areas, (share, 0.0), (1.0, share))
+    far = np.abs(moved - areas)
+    total, plastic = SURE * np.sqrt(np.diag(covariance)) + far
+    elastic = SURE * math.sqrt(max(covariance.sum() - 4 * covariance[0, 1], 0.0)) + far.sum()
+    error = Areas(total=float(total), elastic=float(elastic), plastic=float(plastic))
+    return _areas(*moved), error
 
 
 def _areas(total: float, plastic: float) -> Areas:
     return Areas(total=float(total), elastic=float(total - plastic), plastic=float(plastic))
-
-
-def _error(total: float, plastic: float) -> Areas:
-    return Areas(total=float(total), elastic=math.hypot(total, plastic), plastic=float(plastic))
 
 
 def corrected(sums: FloatArray, front: int, oblong: float) -> float:
@@ -209,41 +218,59 @@ def corrected(sums: FloatArray, front: int, oblong: float) -> float:
     return float(sums[grid.AREA + front] + side * outward + CORNER * sums[grid.TURN + front])
 
 
-def _placed(areas: list[float], sums: FloatArray, share: float) -> tuple[float, float]:
-    """Shift the total and plastic area so that the middle of the strips agrees with the load.
-
-    Across a narrow strip the pressure rises antisymmetrically, so that strips alone have
-    (A + A_pl)/2 = p0/hardness.  The weight of the shift grows from 0 where strips are PLACED_FROM
-    of the fronts to 1 where they are all.
-    """
+def _narrow(sums: FloatArray) -> float:
+    """The share of the fronts that belongs to narrow strips."""
     length = sums[grid.LENGTH] + sums[grid.LENGTH + 1]
-    strips = (sums[grid.STRIP] + sums[grid.STRIP + 1]) / length if length else 0.0
-    weight = max(0.0, (strips - PLACED_FROM) / (1 - PLACED_FROM))
-    shift = weight * (share - (areas[0] + areas[1]) / 2)
-    return areas[0] + shift, areas[1] + shift
+    return float((sums[grid.STRIP] + sums[grid.STRIP + 1]) / length) if length else 0.0
 
 
-def _uncertainty(sums: FloatArray, front: int, area: float, oblong: float) -> float:
-    """Cells by which an area may be off.
+def _balanced(
+    areas: FloatArray, errors: FloatArray, shared: float, raw: Areas, share: float, cell: float
+) -> tuple[FloatArray, FloatArray]:
+    """Total and plastic area and their covariance (2, 2), with the load as one more measurement.
 
-    area: cells inside the front or outside of it, whichever are fewer.
+    shared: the correlation of the errors of both fronts; share: p0/hardness.
 
-    Random errors grow as the square root of a front's length; they are its position in its cells,
-    the tips found by chance, and the dips, which are a bound.  Errors common to a whole front grow
-    as its length; they are the errors of its offset, corners and tips, a remainder of the second
-    order that grows as fronts come closer, and the change of the offset where a front runs in one
-    direction.  The factors are measured on rough surfaces.
+    The elastic area carries the share phi of its hardness, share = A_pl + phi (A - A_pl).  The
+    counted points have this exactly with phi of their own.  That phi is as wrong as the counts: a
+    surplus of points next to both rims has phi = 1/2.  It is exact for narrow strips of elastic
+    contact between apart and plastic, whose pressure rises antisymmetrically, and worth little for
+    wide elastic contacts.
     """
-    length, strip = sums[grid.LENGTH + front], sums[grid.STRIP + front]
-    tips, others = sums[grid.TIPS + front], sums[grid.TIPS + 1 - front]
-    chance = 0.006 * length + 0.08 * strip + 0.5 * tips + sums[grid.DIPS + front]
-    common = (
-        0.0015 * length,
-        0.003 * strip,
-        0.009 * length * length / max(area, 1.0),
-        0.1 * tips + 0.04 * others,
-        0.05 * sums[grid.TURN + front],
-        oblong * sums[grid.OFFSET + front],
-        0.01 * abs(sums[grid.HARMONIC + front]),
+    both = shared * errors[0] * errors[1]
+    covariance = np.array([[errors[0] ** 2, both], [both, errors[1] ** 2]])
+    if raw.elastic <= 0 or raw.plastic <= 0:
+        return areas, covariance
+    phi = (share - raw.plastic) / raw.elastic
+    slopes = np.array([phi, 1 - phi])
+    doubt = PHI * max(areas[0] - areas[1], cell)
+    gain = covariance @ slopes
+    gain /= slopes @ gain + doubt * doubt
+    moved = areas + gain * (share - slopes @ areas)
+    return moved, covariance - np.outer(gain, slopes @ covariance)
+
+
+def _uncertainty(sums: FloatArray, front: int, oblong: float) -> float:
+    """Standard deviation in cells of the area that a front encloses.
+
+    Random errors grow as the square root of a front's length; they are the widths of strips, tips
+    found by chance, the places of edges in their cells, and the dips, which are bounds.  Errors
+    common to a whole front grow as its length; they are those of its offset, which changes where a
+    front runs in one direction, of edges along the grid, which meet their cells alike, and of zones
+    hidden at edges.  A few links of a smooth surface look like edges, so that these count in
+    proportion to the share of edges in the other front.
+    """
+    pinned, other = sums[grid.PINNED + front], 1 - front
+    length, strip, tips = (sums[k + front] for k in (grid.LENGTH, grid.STRIP, grid.TIPS))
+    chance = CHANCE @ np.array([length, strip, tips, pinned])
+    edges = sums[grid.PINNED + other] / max(sums[grid.LENGTH + other], 1.0)
+    common = COMMON * np.array(
+        [
+            length,
+            sums[grid.HARMONIC + front],
+            sums[grid.ALIGNED + front],
+            edges * sums[grid.BEYOND + other],
+        ]
     )
-    return math.hypot(math.sqrt(chance), *common)
+    hidden = math.sqrt(sums[grid.DIPS + front]) / SURE
+    return math.hypot(math.sqrt(chance), *common, hidden, oblong * sums[grid.OFFSET + front])
