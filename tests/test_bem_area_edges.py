@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from epcontact import bem
@@ -10,6 +11,7 @@ from epcontact.bem.areas import front
 from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.scene import SelfAffineSpectrum
+from epcontact.studies import areas
 from epcontact.surfaces import FlatPunch, SelfAffine
 
 PARTS = ("total", "plastic", "elastic")
@@ -152,3 +154,17 @@ def test_what_holds_a_front():
     # Plastic points beside apart ones: at a step the gap jumps, on a steep flank it does not.
     assert front.crossing(np.array([1.2, 1.1, -9.0, -9.0]), 1.0, 0)[::2] == (0.5, 1.0)
     assert front.crossing(np.array([6.0, 3.0, -1.0, -4.0]), 1.0, 0)[2] == 0
+
+
+def test_the_ensemble_finds_claims_that_hold_and_claims_that_do_not():
+    """Resolved kinds are within their claims; with claims a hundredth as large they are not."""
+    rows = [row for kind in ("spheres", "skewed") for row in areas.judged(kind, 3, 24)]
+    table = pd.DataFrame(rows)
+    assert set(table["part"]) <= set(PARTS)
+    held = areas.coverage(table.assign(times=table["error"] / table["claimed"]))
+    assert held["within"].tolist() == [1.0, 1.0]
+    assert (held["median_error"] < held["median_claimed"]).all()
+    lost = areas.coverage(table.assign(times=100 * table["error"] / table["claimed"]))
+    assert (lost["within"] < 1).all()
+    # The same member is the same surface on every machine and at every call.
+    assert areas.judged("spheres", 3, 24) == [row for row in rows if row["kind"] == "spheres"]

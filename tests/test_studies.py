@@ -498,7 +498,17 @@ def test_installed_peers_find_the_same_areas(law):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    ["gamma", "resolution", "magnification", "theory", "bem", "growth", "pressures", "gap"],
+    [
+        "gamma",
+        "resolution",
+        "areas",
+        "magnification",
+        "theory",
+        "bem",
+        "growth",
+        "pressures",
+        "gap",
+    ],
 )
 def test_a_fast_study_makes_charts_that_can_be_saved(name, tmp_path):
     charts = STUDIES[name].run("fast")

@@ -66,6 +66,7 @@ def save_charts(name: str, charts: tuple[Chart, ...], folder: Path) -> list[Path
 _DESCRIPTIONS = {
     "gamma": "areas of the theory against its energy reduction, beside boundary elements",
     "resolution": "error of raw and corrected areas against points per wavelength and cost",
+    "areas": "coverage of the claimed errors of corrected areas, by kind of surface",
     "magnification": "theory against boundary elements on one surface filtered at many cut-offs",
     "theory": "error of the theory's series against their terms, of its cells against their number",
     "bem": "residual and area error of Newton and the baselines against FFT pairs and time",

@@ -1,0 +1,282 @@
+"""Are the claimed errors of corrected areas true?  An ensemble of many kinds of surfaces.
+
+Each member of the ensemble is a surface of one of KINDS with a load, a hardness and a number of
+points per shortest wavelength, all drawn by its seed.  It is solved on a coarse grid and on one
+that is FINER times as fine in each direction, whose corrected areas are the reference: their own
+errors are smaller by that factor at edges, and by more elsewhere.  The unit of pressure is E* and
+the slopes of most kinds are of order 1.
+
+The error constants of `epcontact.bem.areas.rim_correction` were fitted to other surfaces of these
+kinds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from epcontact import bem
+from epcontact.bem.areas.rim_correction import estimate_areas
+from epcontact.bem.kernel import rfft_wavenumbers
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.study import Plot, draw_table
+from epcontact.results import Areas, FloatArray
+from epcontact.scene import SelfAffineSpectrum
+from epcontact.studies.paper_scene import PARTS
+from epcontact.studies.tables import Progress, Size
+from epcontact.surfaces import SelfAffine
+
+#: The reference has so many points for each point of the coarse grid along a direction.
+FINER = 8
+#: An area below this is too small for relative figures.
+SMALLEST = 1e-4
+_HEIGHT = 0.06  # about the rms height of the rough kinds
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Where the heights of a surface are needed: a grid of `shape` on `periods`.
+
+    high: shortest waves per period of the rough kinds.
+    """
+
+    shape: tuple[int, int]
+    periods: tuple[float, float]
+    high: int
+
+    def offsets(self, centre: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(nx, 1) and (1, ny) distances from the nearest image of a centre."""
+        x, y = (
+            (np.arange(n) * (length / n) - c + length / 2) % length - length / 2
+            for n, length, c in zip(self.shape, self.periods, centre, strict=True)
+        )
+        return x[:, None], y[None, :]
+
+
+def _rough(patch: Patch, rng: np.random.Generator, low: float, high: float) -> FloatArray:
+    """Self-affine roughness of rms slope 1; its Hurst exponent is drawn between two numbers."""
+    wave = 2 * math.pi
+    spectrum = SelfAffineSpectrum(rng.uniform(low, high), wave, 2 * wave, patch.high * wave, 1.0)
+    surface = SelfAffine(spectrum, (1.0, 1.0), patch.shape, int(rng.integers(1 << 31)))
+    return surface.build().heights
+
+
+def _self_affine(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    return _rough(patch, rng, 0.2, 0.95)
+
+
+def _worn(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    return np.minimum(_rough(patch, rng, 0.5, 0.95), rng.uniform(-0.2, 0.8) * _HEIGHT)
+
+
+def _skewed(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    rough, skew = _rough(patch, rng, 0.5, 0.95), rng.choice([-1, 1]) * rng.uniform(0.3, 1.0)
+    return np.asarray(np.expm1(skew * rough / _HEIGHT) * _HEIGHT / skew)
+
+
+def _stepped(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    rough = _rough(patch, rng, 0.8, 0.8) * rng.uniform(0.1, 0.5)
+    (a, b), phase = rng.choice([[1, 0], [1, 1], [2, 1], [1, 3]]), rng.uniform()
+    x, y = patch.offsets(np.zeros(2))
+    above = np.sin(2 * np.pi * (a * x + b * y + phase)) > 0
+    return np.asarray(rough + rng.uniform(0.01, 0.1) * above)
+
+
+def _spheres(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    heights = np.full(patch.shape, -np.inf)
+    for _ in range(int(rng.integers(1, 6))):
+        x, y = patch.offsets(rng.uniform(size=2))
+        cap = rng.uniform(0, 0.05) - (x**2 + y**2) / (2 * rng.uniform(0.1, 0.4))
+        heights = np.maximum(heights, cap)
+    return heights
+
+
+def _cylinders(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    a, b = rng.choice([[1, 0], [1, 1], [2, 1], [0, 2], [3, 1]])
+    x, y = patch.offsets(np.zeros(2))
+    across = (a * x + b * y + rng.uniform()) % 1 - 0.5
+    return np.asarray(-(across**2) / (2 * (a * a + b * b)) * rng.uniform(2, 8))
+
+
+def _punches(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    heights, depth = np.zeros(patch.shape), rng.uniform(0.02, 0.3)
+    for _ in range(int(rng.integers(1, 4))):
+        x, y = patch.offsets(rng.uniform(size=2))
+        size, turn = rng.uniform(0.08, 0.3), rng.uniform(0, np.pi / 2)
+        along = x * np.cos(turn) + y * np.sin(turn)
+        across = y * np.cos(turn) - x * np.sin(turn)
+        if rng.uniform() < 0.6:
+            inside = along**2 + (across * rng.uniform(1, 2)) ** 2 <= size**2
+        else:
+            inside = (np.abs(along) <= 0.8 * size) & (np.abs(across) <= 0.6 * size)
+        heights = np.where(inside, depth, heights)
+    return heights
+
+
+def _cones(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    x, y = patch.offsets(rng.uniform(size=2))
+    flat = rng.uniform(0.1, 0.35)
+    return np.asarray(-rng.uniform(0.1, 0.8) * np.maximum(np.hypot(x, y) - flat, 0))
+
+
+def _dimples(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    rough, count = 0.1 * _rough(patch, rng, 0.8, 0.8), int(rng.integers(2, 5))
+    x, y = patch.offsets(np.zeros(2))
+    u, v = ((count * s + rng.uniform()) % 1 - 0.5 for s in (x, y))
+    deep = (rng.uniform(0.2, 0.45) ** 2 - u**2 - v**2) / count**2
+    return np.asarray(rough - np.maximum(0, deep / (2 * rng.uniform(0.2, 0.6))))
+
+
+def _outliers(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    heights = _rough(patch, rng, 0.8, 0.8)
+    for _ in range(int(rng.integers(3, 30))):
+        x, y = patch.offsets(rng.uniform(size=2))
+        width, height = rng.uniform(0.003, 0.012), rng.uniform(0.02, 0.2)
+        heights = heights + height * np.exp(-(x**2 + y**2) / (2 * width**2))
+    return heights
+
+
+#: Heights of each kind on a patch.  Elliptic roughness is the isotropic one on other periods, and
+#: oblong is on cells of 2 to 1.
+KINDS: dict[str, Callable[[Patch, np.random.Generator], FloatArray]] = {
+    "self-affine": _self_affine,
+    "elliptic": _self_affine,
+    "oblong": _self_affine,
+    "worn": _worn,
+    "skewed": _skewed,
+    "stepped": _stepped,
+    "spheres": _spheres,
+    "cylinders": _cylinders,
+    "punches": _punches,
+    "truncated cones": _cones,
+    "dimples": _dimples,
+    "outliers": _outliers,
+}
+
+
+def judged(kind: str, seed: int, points: int) -> list[dict[str, Any]]:
+    """Solve one member of the ensemble on a grid of about `points` squared and on the fine one.
+
+    Returns:
+        For each part of the area a row: kind, seed, part, exact, error (absolute, of the corrected
+        area), claimed and raw_error, all as shares of the nominal area.
+
+    Raises:
+        NotConverged: a solve does not converge.
+    """
+    rng = np.random.default_rng([seed, *kind.encode()])
+    per_wave = rng.choice([3, 4, 4, 4, 6, 8, 16])
+    shape, periods = (points, points), (1.0, 1.0)
+    if kind == "elliptic":
+        shape, periods = (3 * points // 4, 3 * points // 2), (1.0, 2.0)
+    if kind == "oblong":
+        shape = (3 * points // 4, 3 * points // 2)
+    hardness = 10 ** rng.uniform(-1.3, 0.3) if rng.uniform() < 0.6 else math.inf
+    load = min(10 ** rng.uniform(-2.5, 0.3), 0.9 * hardness)
+    drawn = int(rng.integers(1 << 31))
+    found = []
+    for factor in (1, FINER):
+        grid = (factor * shape[0], factor * shape[1])
+        patch = Patch(grid, periods, max(int(min(shape) // per_wave), 2))
+        heights = KINDS[kind](patch, np.random.default_rng(drawn))
+        found.append(_areas(heights, periods, load, hardness))
+    (raw, corrected, claimed), (_, exact, _) = found
+    rows = []
+    for part in PARTS if math.isfinite(hardness) else ("total",):
+        truth = getattr(exact, part)
+        figures = {
+            "exact": truth,
+            "error": abs(getattr(corrected, part) - truth),
+            "claimed": getattr(claimed, part),
+            "raw_error": abs(getattr(raw, part) - truth),
+        }
+        rows.append({"kind": kind, "seed": seed, "part": part} | figures)
+    return rows
+
+
+def _areas(
+    heights: FloatArray, periods: tuple[float, float], load: float, hardness: float
+) -> tuple[Areas, Areas, Areas]:
+    q = rfft_wavenumbers(heights.shape, periods)
+    q.flat[0] = np.inf
+    options = bem.Options(tolerance=1e-7)
+    solution = bem.solve_pressure(heights, 2 / q, load, hardness, options=options)
+    gap = solution.displacement + solution.offset - heights
+    spacing = [length / n for length, n in zip(periods, heights.shape, strict=True)]
+    return estimate_areas(solution.pressure, gap, hardness, spacing, 1.0)
+
+
+def judged_ensemble(seeds: Iterable[int], points: int, progress: Progress) -> pd.DataFrame:
+    """The rows of `judged` for every kind and seed, with `times`, error by claimed error."""
+    rows = []
+    for seed in seeds:
+        progress(f"areas: seed {seed} of every kind")
+        for kind in KINDS:
+            rows += judged(kind, seed, points)
+    table = pd.DataFrame(rows)
+    # Errors of the solver's tolerance are no errors of the estimate.
+    return table.assign(times=(table["error"] - 1e-9).clip(0) / table["claimed"].clip(lower=1e-9))
+
+
+def coverage(table: pd.DataFrame) -> pd.DataFrame:
+    """For each kind, the share of areas within their claim, and medians relative to the areas.
+
+    Args:
+        table: of `judged_ensemble`.
+
+    Returns:
+        Columns kind, within, median_error and median_claimed.
+
+    Example:
+        >>> table = pd.DataFrame({"kind": "worn", "exact": [0.1, 0.1], "error": [1e-3, 2e-3]})
+        >>> coverage(table.assign(claimed=1.5e-3, times=[0.67, 1.33])).round(4).values.tolist()
+        [['worn', 0.5, 0.015, 0.015]]
+    """
+    kinds = table.groupby("kind", sort=False)
+    within = kinds["times"].agg(lambda times: float((times <= 1).mean()))
+    large = table[table["exact"] > SMALLEST]
+    relative = large[["error", "claimed"]].div(large["exact"], axis=0)
+    medians = relative.groupby(large["kind"], sort=False).median()
+    columns = {"within": within, "median_error": medians["error"]}
+    return (
+        pd.DataFrame(columns | {"median_claimed": medians["claimed"]})
+        .loc[list(within.index)]
+        .reset_index()
+    )
+
+
+def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
+    """Chart the share of areas whose error is at most so many times the claimed one, by kind."""
+    seeds, points = (range(100, 104), 32) if size == "fast" else (range(100, 130), 64)
+    table = judged_ensemble(seeds, points, progress)
+    ranked = table.sort_values("times", kind="stable")
+    kinds = ranked.groupby("kind")["times"]
+    ranked = ranked.assign(share=kinds.cumcount().add(1) / kinds.transform("size"), style="curve")
+    ranked = ranked.assign(times=ranked["times"].clip(1e-3, 1e2))
+    ranked = ranked.sort_values("kind", key=lambda kind: kind.map(list(KINDS).index), kind="stable")
+    figures = "; ".join(
+        f"{row.kind} {100 * row.within:.0f} % ({100 * row.median_error:.2g}, "
+        f"{100 * row.median_claimed:.2g})"
+        for row in coverage(table).itertuples()
+    )
+    caption = (
+        f"Share of {len(table)} corrected areas (total, plastic and elastic) whose error is at "
+        f"most so many times the claimed one, on {len(seeds)} surfaces of each kind, against grids "
+        f"{FINER} times as fine.  Loads from .003 to 2 E*, hardness from .05 to 2 E* or none, 3 to "
+        f"16 points per shortest wavelength.  Within their claim are "
+        f"{100 * (table['times'] <= 1).mean():.0f} %; by kind, with the medians of error and claim "
+        f"in % of the area: {figures}."
+    )
+    plot = Plot(
+        ("times", "error by claimed error (–)"),
+        ("share", "share of areas (–)"),
+        series=("kind",),
+        log="x",
+        upright={"claimed": 1.0},
+    )
+    return (draw_table(ranked, plot, caption),)
