@@ -4,12 +4,21 @@ import numpy as np
 import pytest
 
 from epcontact.bem import solve_pressure
-from epcontact.bem.inner.cells import CELL, Cells
+from epcontact.bem.inner.cells import CELL, Cells, number_cells
 from epcontact.bem.inner.cg import conjugate_gradients
 from epcontact.bem.inner.preconditioner import CellPreconditioner, cell_body
-from epcontact.bem.inner.split import MaskedGrid
+from epcontact.bem.inner.split import HALO_LEFT, HALO_RIGHT, MaskedGrid, put_single
 from epcontact.bem.kernel import quarter_compliance
-from epcontact.bem.transforms import Convolution, Points, Symbol, filtered
+from epcontact.bem.newton import collect
+from epcontact.bem.transforms import (
+    Convolution,
+    Points,
+    Symbol,
+    filtered,
+    gather_dot,
+    index_type,
+    scatter,
+)
 from epcontact.bem.workers import Workers
 from epcontact.scene import Body, Material
 
@@ -154,3 +163,32 @@ def test_modes_are_filtered_to_the_same_bits_by_any_number_of_threads(shape):
         np.testing.assert_array_equal(found, filtered(field, modes, two))
     wanted = np.fft.irfft2(np.fft.rfft2(field) * modes, s=shape)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-13)
+
+
+def test_points_beyond_2_to_31_are_counted_right():
+    """The passes that turn flat indices into rows, columns and cells, on the last rows of a grid
+    of 65536 x 65536 points of which only these rows exist."""
+    side, rows = 65536, 2
+    first = (side - rows) * side
+    rng = np.random.default_rng(6)
+    p = rng.random(rows * side)
+    state = (p > 0.999).astype(np.uint8)
+    here = np.flatnonzero(state)
+    index = np.empty(here.size, dtype=index_type(side**2))
+    pressure, residual = np.empty(here.size), np.empty(here.size)
+    collect(p, np.zeros_like(p), p, state, first, 0.0, index, pressure, residual)
+    np.testing.assert_array_equal(index, first + here)
+    block, out = np.empty_like(p), np.empty(here.size)
+    scatter(block, first, index, pressure)
+    assert gather_dot(block, first, index, out, out)[0] == pytest.approx(p[here].sum())
+    np.testing.assert_array_equal(out, p[here])
+    side_cells = side // CELL
+    cells, sums = np.empty(here.size, dtype=np.int32), np.empty((1, side_cells))
+    last = (side_cells - 1) * side_cells
+    number_cells(cells, sums, index, (side, side), (side_cells, side_cells), last)
+    np.testing.assert_array_equal(cells, here % side // CELL)
+    row = np.zeros((1, HALO_LEFT + side + HALO_RIGHT), dtype=np.float32)
+    masked = np.broadcast_to(row, (side, row.size))  # every row is the same memory
+    put_single(np.lib.stride_tricks.as_strided(row, masked.shape, masked.strides), index, out)
+    for column in set(here % side):
+        assert row[0, HALO_LEFT + column] in np.float32(p[here[here % side == column]])

@@ -30,7 +30,7 @@ from epcontact.bem.inner.cells import Cells
 from epcontact.bem.inner.cg import InnerOperators, conjugate_gradients
 from epcontact.bem.level import Iterate, Level, StateArray, first_iterate, measured, states
 from epcontact.bem.problem import Options
-from epcontact.bem.transforms import Points
+from epcontact.bem.transforms import Points, index_type
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
@@ -211,7 +211,7 @@ def _elastic_points(
     """The elastic points, their pressure and residual h - u - z."""
     ends = np.cumsum([0, *sets.elastic_by_block]).tolist()
     parts = [slice(*pair) for pair in itertools.pairwise(ends)]
-    points = Points(np.empty(ends[-1], dtype=np.int32), parts)
+    points = Points(np.empty(ends[-1], dtype=index_type(level.heights.size)), parts)
     pressure, r = np.empty(ends[-1]), np.empty(ends[-1])
     fields = level.split(it.p, it.u, level.heights, state)
     first = [part.start for part in level.parts]

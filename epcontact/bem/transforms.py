@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
 
-IntArray = NDArray[np.int32]
+IntArray = NDArray[np.signedinteger]
 RealArray = NDArray[np.floating]  # float64, or float32 in single precision
 ComplexArray = NDArray[np.complexfloating]
 
@@ -81,6 +81,12 @@ def through_columns(
 def filtered(field: FloatArray, modes: FloatArray, workers: Workers) -> FloatArray:
     """`field` (mx, my) with each mode of its real transform times `modes` (mx, my // 2 + 1)."""
     mx, my = field.shape
+    if field.size <= _FILTER_POINTS:
+        small = ducc0.fft.r2c(field, axes=(0, 1), nthreads=1)
+        small *= modes
+        found: FloatArray = ducc0.fft.c2r(small, axes=(0, 1), lastsize=my, forward=False, inorm=2,
+                                          nthreads=1, allow_overwriting_input=True)  # fmt: skip
+        return found
     rows = ranges(mx, max(1, _FILTER_POINTS // my))
     spectrum = np.empty(modes.shape, dtype=np.complex128)
     out = np.empty((mx, my))
@@ -151,6 +157,16 @@ class Symbol:
             weight = np.where((k == 0) | (2 * k == count), 1.0, 2.0)
             weights.append(weight / weight.sum())
         return self.values[np.ix_(self.rows[at[0]], at[1])], phases, weights
+
+
+def index_type(points: int) -> type[np.signedinteger]:
+    """The smallest integer type that counts the points of a grid.
+
+    Example:
+        >>> index_type(16384**2), index_type(65536**2)
+        (<class 'numpy.int32'>, <class 'numpy.int64'>)
+    """
+    return np.int32 if points < 2**31 else np.int64
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,12 +17,12 @@ number of points of each cell,
 
 B is the kernel averaged over pairs of cells, and b the mean displacement of a square under a unit
 force on it; delta is needed because contact within a cell is denser than the cell.  Neither part
-takes a transform of the fine grid; the cells' problem is solved by conjugate gradients of its own.
+takes a transform of the fine grid; the cells' problem is solved by conjugate gradients of
+its own, or directly if it is small.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +42,10 @@ _SAMPLE = 128  # modes in each direction from which the stencil and the squares 
 _WORST_FIT = 5.0
 _LEAST_DELTA = 0.05  # of b(square): keeps the cells' problem definite where cells are full
 _REDUCTION = 1e-2  # of the residual of the cells' problem
+_PATCHES = 32  # numbers of points, between which delta is interpolated
+# So few cells with points are solved directly: calls would cost more than the work, and matrices of
+# this size start no threads of a linear algebra library.
+_DIRECT = 96
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +94,8 @@ class CellPreconditioner:
         self._delta = np.where(used, body.delta[cells.counts.astype(int)], 0.0)
         mean = 1 / np.mean(1 / self._delta[used])
         self._smoother = 1 / (body.kernel + mean)
+        self._used = np.flatnonzero(used)
+        self._inverse = self._direct() if self._used.size <= _DIRECT else None
 
     def apply(self, r: FloatArray, y: FloatArray, scratch: FloatArray) -> tuple[float, float]:
         """y = P r, using `scratch` of the same size; returns sum(y) and sum(y r)."""
@@ -106,6 +112,10 @@ class CellPreconditioner:
 
     def _solve(self, mean: FloatArray) -> FloatArray:
         """The cells' forces that give them the mean displacements `mean`, (B + delta) y = mean."""
+        if self._inverse is not None:
+            y = np.zeros_like(mean)
+            y[self._used] = self._inverse @ mean[self._used]
+            return y
         y, r, d = np.zeros_like(mean), mean.copy(), np.zeros_like(mean)
         goal, rho_old = _REDUCTION**2 * dot(r, r), np.inf
         for _ in range(50):
@@ -120,6 +130,14 @@ class CellPreconditioner:
             if descend(y, r, d, v, alpha) <= goal:
                 break
         return y
+
+    def _direct(self) -> FloatArray:
+        """The inverse of B + delta on the cells that have points."""
+        mx, my = self._cells.shape
+        kernel = np.fft.irfft2(self._body.kernel, s=(mx, my))
+        i, j = np.divmod(self._used, my)
+        matrix = kernel[(i[:, None] - i) % mx, (j[:, None] - j) % my]
+        return np.asarray(np.linalg.inv(matrix + np.diag(self._delta[self._used])))
 
     def _filter(self, values: FloatArray, modes: FloatArray) -> FloatArray:
         field = filtered(values.reshape(self._cells.shape), modes, self._cells.workers)
@@ -149,12 +167,11 @@ def _stencil(sample: FloatArray, sides: tuple[float, float]) -> FloatArray | Non
     return np.array([[corner, across, corner], [along, centre, along], [corner, across, corner]])
 
 
-def _box(theta: FloatArray, side: float) -> FloatArray:
+def _box(theta: FloatArray, side: FloatArray | float) -> FloatArray:
     """The mean of exp(i theta j) over `side` neighbouring points, up to its phase."""
-    half = theta / 2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        value = np.sin(side * half) / (side * np.sin(half))
-    return np.where(np.sin(half) == 0, 1.0, value)
+    sine = np.sin(theta / 2)
+    zero = sine == 0
+    return np.where(zero, 1.0, np.sin(side * theta / 2) / (side * np.where(zero, 1.0, sine)))
 
 
 def _kernel(symbol: Symbol, cells: tuple[int, int]) -> FloatArray:
@@ -174,23 +191,23 @@ def _kernel(symbol: Symbol, cells: tuple[int, int]) -> FloatArray:
 
 def _delta(sample: FloatArray, weights: list[FloatArray], sides: tuple[float, float]) -> FloatArray:
     """delta by the number of points, up to those of a full cell."""
-    x, y = _phases(sample)
+    x, y = (theta.reshape(1, -1) for theta in _phases(sample))
 
-    def displacement(a: float, b: float) -> float:
-        box = _box(x, a) ** 2 * _box(y, b) ** 2
-        return float(weights[0] @ (sample * box) @ weights[1])
+    def displacement(a: FloatArray, b: FloatArray) -> FloatArray:
+        """The mean displacement of patches of a x b points under a unit force on each."""
+        along = _box(x, a[:, None]) ** 2 * weights[0]
+        across = _box(y, b[:, None]) ** 2 * weights[1]
+        return np.asarray(np.sum((along @ sample) * across, axis=1))
 
-    def alone(number: int) -> float:
-        """The displacement of a patch of so many points, which is no narrower than a point."""
-        share = math.sqrt(number / (sides[0] * sides[1]))
-        a = max(1.0, number / max(1.0, share * sides[1]))
-        return displacement(a, number / a)
-
+    # Patches of so many points each, which are no narrower than a point.
     most = int(np.ceil(sides[0]) * np.ceil(sides[1]))
-    whole = displacement(*sides)
-    each = np.array([alone(number) for number in range(1, most + 1)])
+    number = np.unique(np.rint(np.geomspace(1, most, _PATCHES)))
+    share = np.sqrt(number / (sides[0] * sides[1]))
+    wide = np.maximum(1.0, number / np.maximum(1.0, share * sides[1]))
+    each = displacement(wide, number / wide)
+    whole = displacement(np.array([sides[0]]), np.array([sides[1]]))
     delta = _DENSITY * np.maximum(each - whole, _LEAST_DELTA * each)
-    return np.concatenate([delta[:1], delta])
+    return np.interp(np.arange(most + 1), number, delta)
 
 
 @compiled
