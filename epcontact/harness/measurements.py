@@ -66,8 +66,10 @@ class Answered:
     @cached_property
     def displacement(self) -> FloatArray:
         """The elastic displacement that the pressures cause, in m; half-space: of zero mean."""
-        modes = compliance(self.scene) * np.fft.fftn(self.pressure)
-        return np.asarray(np.fft.ifftn(modes).real)
+        shape = self.pressure.shape
+        half = compliance(self.scene)[..., : shape[-1] // 2 + 1]  # the modes of a real field
+        modes = half * np.fft.rfftn(self.pressure)
+        return np.asarray(np.fft.irfftn(modes, s=shape, axes=range(len(shape))))
 
     @cached_property
     def between(self) -> Any:

@@ -150,15 +150,19 @@ def compliance(scene: Scene) -> FloatArray:
         squares = squares + (along**2).reshape(
             [-1 if a == axis else 1 for a in range(len(surface.shape))]
         )
+    modulus = effective_modulus(material)
+    if body.kind == "half_space":
+        squares.flat[0] = math.inf  # the mean, which no pressure moves
+        return np.asarray(2 / (modulus * np.sqrt(squares)))
+    # Waves of one length are solved once.
     q, where = np.unique(np.sqrt(squares), return_inverse=True)
     values = np.zeros(q.shape)
-    values[1:] = 2 / (effective_modulus(material) * q[1:])
-    if body.kind != "half_space":
-        near = np.flatnonzero((q > 0) & (q * body.depth < _DEEP))
-        E, nu = material.young_modulus, material.poisson_ratio
-        bonded = body.kind == "bonded_layer"
-        values[near] = surface_compliance(q[near], body.depth, E, nu, bonded=bonded)
-        values[0] = lame_compliance(body.depth, E, nu)
+    values[1:] = 2 / (modulus * q[1:])
+    near = np.flatnonzero((q > 0) & (q * body.depth < _DEEP))
+    E, nu = material.young_modulus, material.poisson_ratio
+    bonded = body.kind == "bonded_layer"
+    values[near] = surface_compliance(q[near], body.depth, E, nu, bonded=bonded)
+    values[0] = lame_compliance(body.depth, E, nu)
     return np.asarray(values[where].reshape(surface.shape))
 
 
