@@ -29,10 +29,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import LinearOperator, cg
 
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.moduli import effective_modulus
@@ -86,6 +82,8 @@ def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> 
         >>> round(k * 2 / math.pi * math.log(1 / math.sin(math.pi / 4)), 2)
         1.0
     """
+    from scipy.sparse.linalg import LinearOperator, cg  # slow to load, and few cases measure it
+
     mask = carrying(result, branch)
     n = int(mask.sum())
     if n == 0:
@@ -171,6 +169,8 @@ def patches(mask: Mask) -> Patches:
         >>> found.areas.tolist(), found.spans
         ([0.75], False)
     """
+    from scipy.ndimage import label
+
     labels, number = label(mask)
     if number == 0:
         return Patches(np.zeros(0), spans=False)
@@ -206,12 +206,17 @@ def percolation_share(closeness: NDArray[np.floating]) -> float:
 
 
 def _number(mask: Mask) -> int:
+    from scipy.ndimage import label
+
     labels, number = label(mask)
     return len(np.unique(_joined(labels, number)[1:]))
 
 
 def _joined(labels: NDArray[np.intp], number: int) -> NDArray[np.intp]:
     """The number of the periodic patch of each label, (number + 1,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     pairs = []
     for axis in range(labels.ndim):
         first, last = np.take(labels, 0, axis).ravel(), np.take(labels, -1, axis).ravel()
