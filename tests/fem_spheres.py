@@ -69,7 +69,7 @@ def sphere(
     force = min(2.8, guess) * yield_stress * math.pi * _SLENDER**2
     scene = sphere_scene(force, nodes=nodes, nodes_to_rim=nodes_to_rim,
                          poisson_ratio=poisson_ratio, yield_stress=yield_stress)  # fmt: skip
-    result = solve(scene, law="j2", certified=False)
+    result = solve(scene, law="j2", steps=4, certified=False)
     area = result.final.areas["corrected"].total * scene.surface.periods[0] ** 2
     return SphereAnswer(
         effective * math.sqrt(area / math.pi) / yield_stress,

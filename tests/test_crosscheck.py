@@ -25,7 +25,9 @@ from epcontact.harness.crosscheck import (
     effective_hardness,
     error_budget,
 )
-from epcontact.scene import Body
+from epcontact.harness.model_difference import combined
+from epcontact.scene import Body, Scene
+from epcontact.studies.hardness import model_scene
 from epcontact.surfaces import Sinusoid
 
 
@@ -93,7 +95,7 @@ def test_the_effective_hardness_gives_the_area_of_the_j2_body() -> None:
     assert found.severity == pytest.approx(5, rel=1e-9)
     # nu = 0.3 at E* xi/sigma_Y = 5: 1.9 to 2.1 on every surface and grid tried.
     assert 1.85 < found.ratio < 2.15
-    assert 0 < found.error < 0.2  # mostly by 8 nodes a wave, of which the half has 4
+    assert 0 < found.error < 0.6  # mostly by 8 nodes a wave, of which the half has 4
     at_cap = dataclasses.replace(scene.material, hardness=found.ratio * 0.2)
     capped = bem.solve(
         dataclasses.replace(scene, material=at_cap),
@@ -118,7 +120,7 @@ def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it() -> None:
     for name, other in others.items():
         assert found.parts[name] == pytest.approx(found.ratio - other.ratio, abs=1e-9)
     assert found.parts["steps"] != 0
-    assert found.error == pytest.approx(math.hypot(*found.parts.values()))
+    assert found.error == combined(found.parts)
     tight = effective_hardness(scene, step_tolerance=0.002, coarse=False)
     assert set(tight.parts) == {"node"}
     assert tight.ratio == pytest.approx(found.ratio, abs=3 * found.error)
@@ -175,7 +177,7 @@ def test_a_case_is_cross_checked_in_words(tiny) -> None:
     assert "of the hardness" in areas
     ratio, error = (float(word) for word in re.findall(r"c_eff = (\S+) \+- (\S+) ", effective)[0])
     assert 1.5 < ratio < 2.6
-    assert 0 < error < 1
+    assert 0 < error < 2
 
 
 def test_an_elastic_case_has_a_budget_and_no_model(tiny) -> None:
@@ -210,8 +212,9 @@ def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny) -> None:
     assert steps.startswith("  its change by the steps: ")
     # The error of the mean: the scatter of the surfaces, and what all of them share.
     parts = [float(x) for x in re.findall(r"(?:seeds|grid|steps) ([+-]\S+?)[,)]", mean_line)]
+    named = dict(zip(("seeds", "grid", "steps"), parts, strict=True))
     found = re.findall(r"mean c_eff = (\S+) \+- (\S+) ", mean_line)[0]
-    assert [float(x) for x in found] == pytest.approx([mean, math.hypot(*parts)], abs=2e-3)
+    assert [float(x) for x in found] == pytest.approx([mean, combined(named)], abs=4e-3)
     assert parts[0] == pytest.approx(error, abs=1e-3)
     # Between the peak under a sphere at first yield and what the most confined contact bears.
     assert 1.6 < float(re.findall(r"\d\.\d+", largest)[0]) < 3.5
@@ -246,7 +249,7 @@ def severities(seed: int, nu: float, severity: float) -> EffectiveHardness:
         64, 8, seed=seed, poisson_ratio=nu, yield_stress=1 / severity, hardness=math.inf,
         pressure=0.25 / severity,
     )  # fmt: skip
-    return effective_hardness(scene, coarse=False)
+    return effective_hardness(scene, coarse=False, steps=4)
 
 
 @pytest.mark.slow
@@ -261,3 +264,47 @@ def test_the_effective_hardness_rises_towards_three_yield_stresses() -> None:
         assert ratios[-1] < 3
     # nu = 0 is the softest: the mean pressure alone shears it.
     assert severities(7, 0.0, 5.0).ratio < severities(7, 0.3, 5.0).ratio
+
+
+#: c_eff of 20 scenes on 48 x 48 nodes, as `effective_hardness(scene_of(k, 48), coarse=False)` gives
+#: it; the first three with step_tolerance=0.01.
+FINE = (
+    1.913,
+    2.019,
+    2.819,
+    2.451,
+    1.592,
+    2.634,
+    2.743,
+    2.488,
+    2.104,
+    2.387,
+    2.692,
+    2.632,
+    1.985,
+    2.290,
+    2.820,
+    2.689,
+    1.514,
+    2.512,
+    2.651,
+    2.623,
+)
+#: The grids on which their error bars were judged: 19 of the 20 hold the fine value, the first of
+#: them because it is infinite (half of its grid has no cap of equal area); number 15 does not.
+NODES = (16,) * 10 + (24,) * 10
+
+
+def scene_of(k: int, nodes: int) -> Scene:
+    severity, nu = (5.0, 15.0, 50.0, 30.0)[k % 4], (0.3, 0.0, 0.45)[k % 3]
+    scene = model_scene(severity, nu, 201 + k, nodes, waves=2)
+    return dataclasses.replace(scene, body=Body()) if k % 2 == 0 else scene
+
+
+# The other scenes take longer: all 20 together some two minutes.
+@pytest.mark.slow
+@pytest.mark.parametrize("k", [3, 4, 8, 9])
+def test_the_error_bar_holds_the_ratio_of_a_fine_grid(k: int) -> None:
+    found = effective_hardness(scene_of(k, NODES[k]))
+    assert abs(found.ratio - FINE[k]) <= found.error < 1
+    assert ("depth" in found.parts) == (k % 2 == 0)

@@ -33,6 +33,7 @@ from epcontact.harness.case import Case
 from epcontact.harness.distances import Difference, difference
 from epcontact.harness.model_difference import (
     EffectiveHardness,
+    combined,
     effective_hardness,
     path_options,
 )
@@ -286,7 +287,7 @@ def _mean_hardness(effective: Sequence[EffectiveHardness]) -> str:
         if name != "node":  # half a node more or less averages out
             parts[name] = estimate([e.parts[name] for e in effective]).mean
     listed = ", ".join(f"{name} {part:+.3f}" for name, part in parts.items())
-    mean, error = estimate(ratios).mean, math.hypot(*parts.values())
+    mean, error = estimate(ratios).mean, combined(parts)
     return f"mean c_eff = {mean:.3f} +- {error:.3f} (by {listed})"
 
 

@@ -283,7 +283,7 @@ def _finite_elements(grid: Grid) -> Iterator[Point]:
         scene = Scene(surface, material, Load(x * unit))
         where = ("fem", f"nu = {nu:g}", x, y)
         try:
-            result = fem_check.solve(scene, law="j2")
+            result = fem_check.solve(scene, law="j2", steps=4)
         except _FAILURES as error:
             residual = max(getattr(error, "residuals", {}).values(), default=math.nan)
             yield Point(*where, False, math.nan, float(residual), _message(error))
