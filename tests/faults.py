@@ -15,7 +15,6 @@ import numpy as np
 
 from epcontact.bem import driver
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
-from epcontact.errors import NotConverged
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution
 from epcontact.scene import Body, Load, Scene
 
@@ -196,11 +195,6 @@ def single_precision(scene: Scene) -> ContactResult:
     return _with_pressure(result, result.fields["pressure"].astype(np.float32).astype(float))
 
 
-def never_converges(scene: Scene) -> ContactResult:
-    """Gives up, and says so."""
-    raise NotConverged("the residual stalled at 1e-2", {"gap": 1e-2}, (1.0, 1e-2))
-
-
 # --- what is reported ----------------------------------------------------------------------------
 
 
@@ -270,16 +264,6 @@ def of_the_contact(scene: Scene) -> ContactResult:
         found.pressure, found.cumulative / total, found.plastic / total
     )
     return replace(result, distribution=normalised)
-
-
-def returns_nonsense(scene: Scene) -> ContactResult:
-    """Something else than a result."""
-    return {"area": 0.1}  # type: ignore[return-value]
-
-
-def crashes(scene: Scene) -> ContactResult:
-    """A mistake in the solver's own code."""
-    raise ZeroDivisionError("an honest mistake")
 
 
 # --- helpers -------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import hostile
@@ -29,6 +30,8 @@ from epcontact.errors import InvalidCase
 from epcontact.harness import exchange, foreign
 from epcontact.harness.case import load_case
 from epcontact.harness.methods import METHODS
+from epcontact.harness.pool import spread
+from epcontact.harness.pytest_cases import GateFellShort, GateItem
 from epcontact.harness.store import Answer
 from epcontact.harness.verdict import Verdict, judge_case, verify
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
@@ -115,6 +118,21 @@ def test_error_of_a_method_that_no_gate_reads_is_its_cases_error(
     assert [gate.status for gate in verdict.cases[0].gates] == ["holds"]
     assert (verdict.cases[0].status, verdict.exit_code) == ("error", 2)
     assert ET.parse(tmp_path / "junit.xml").getroot().attrib["errors"] == "1"
+
+
+@pytest.mark.parametrize("name", ["persson", "bem"])
+def test_no_error_passes_under_pytest(write_case, name) -> None:
+    """Neither that of a gate, nor that of a method that no gate reads."""
+    case = load_case(write_case(*THEORY))
+    good = Answer((answered(),), ("single",))
+    given = {"persson": good, "bem": good} | {name: Answer(errors=(f"{name}, single: stalled",))}
+    item = object.__new__(GateItem)
+    item.number = 0
+    item.parent = SimpleNamespace(verdict=judge_case(case, given))
+    with pytest.raises(GateFellShort, match="stalled"):
+        item.runtest()
+    item.parent = SimpleNamespace(verdict=judge_case(case, {"persson": good}))
+    item.runtest()
 
 
 def test_control_characters_leave_the_files_readable(verified, tmp_path) -> None:
@@ -228,6 +246,14 @@ def test_many_solves_share_one_process(scene) -> None:
 @pytest.mark.parametrize("limit", [math.inf, 1e300, 60])
 def test_any_time_limit(scene, limit) -> None:
     assert foreign.solve("mine", "hostile:full_contact", scene, limit).converged
+
+
+def test_process_that_dies_costs_its_own_task_only() -> None:
+    items = ["one", "dies", "two", "three"]
+    found = dict(spread(hostile.answers_or_dies, items, 2))
+    assert found.pop("dies") == "its process ended with exit code 0 and gave no answer"
+    assert [answer.split()[0] for answer in found.values()] == list(found)
+    assert set(found) == {"one", "two", "three"}
 
 
 # --- commands in any language --------------------------------------------------------------------
