@@ -32,31 +32,60 @@ similarity    for one shape of the spectrum, small-slope contact with a pressure
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-_HOMES = {
-    "scene": ("Body", "Load", "Material", "Scene", "SelfAffineSpectrum", "Surface"),
-    "results": ("Areas", "ContactResult", "LoadStep", "PressureDistribution", "Provenance"),
-    "errors": (
-        "EpcontactError",
-        "InvalidCase",
-        "InvalidScene",
-        "NotConverged",
-        "NotEnoughMemory",
-        "OutputError",
-    ),
-    "harness.verdict": ("Verdict", "verify"),
-}
-_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+if TYPE_CHECKING:
+    from epcontact.errors import (
+        EpcontactError,
+        InvalidCase,
+        InvalidScene,
+        NotConverged,
+        NotEnoughMemory,
+        OutputError,
+    )
+    from epcontact.harness.verdict import Verdict, verify
+    from epcontact.results import (
+        Areas,
+        ContactResult,
+        LoadStep,
+        PressureDistribution,
+        Provenance,
+    )
+    from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 
-__all__ = list(_HOME_OF)
+__all__ = [
+    "Areas",
+    "Body",
+    "ContactResult",
+    "EpcontactError",
+    "InvalidCase",
+    "InvalidScene",
+    "Load",
+    "LoadStep",
+    "Material",
+    "NotConverged",
+    "NotEnoughMemory",
+    "OutputError",
+    "PressureDistribution",
+    "Provenance",
+    "Scene",
+    "SelfAffineSpectrum",
+    "Surface",
+    "Verdict",
+    "verify",
+]
+
+#: The modules that define these names; the last one brings the solvers, so it is asked last.
+_HOMES = ("scene", "results", "errors", "harness.verdict")
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for, so that `import epcontact` costs nothing."""
-    if name not in _HOME_OF:
-        raise AttributeError(f"module 'epcontact' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"epcontact.{_HOME_OF[name]}"), name)
+    for home in _HOMES if name in __all__ else ():
+        module = importlib.import_module(f"epcontact.{home}")
+        if hasattr(module, name):
+            return getattr(module, name)
+    raise AttributeError(f"module 'epcontact' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

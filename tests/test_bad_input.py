@@ -381,6 +381,9 @@ WORDS = [
 
 def judge_line(words: list[str], folder: Path) -> None:
     (folder / "small.toml").write_text(CASE)
+    # A bare `verify` runs the one case of this folder, not all those of the package.
+    (folder / "cases").mkdir()
+    (folder / "cases" / "small.toml").write_text(CASE)
     before = {p for p in folder.rglob("*") if p.is_file()}
     done = invoke(*words)
     assert done.code in (0, 1, 2), (words, done)

@@ -23,6 +23,7 @@ from epcontact.errors import EpcontactError, nearest, printable
 #: The module and function of each command, and its line in `epcontact --help`.
 COMMANDS = {
     "chart": ("figures:chart", "Draw charts of accuracy against cost by NAME (none: the list)."),
+    "cite": ("citations:cite", "Print the papers and software that CASE rests on."),
     "crosscheck": ("plans:crosscheck", "Split the difference of finite and boundary elements."),
     "gates": ("gates:gates", "List every gate's band, margin and reason; keep or check them."),
     "keys": ("cases:keys", "Print every key of a case file, and every quantity of a gate."),

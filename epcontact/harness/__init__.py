@@ -11,4 +11,5 @@ crosscheck        the parts of the difference between finite and boundary elemen
 peers             ContactMechanics and tamaas as methods
 pytest_plugin     gates as tests of pytest (`pytest_cases` has the tests themselves)
 pictures          the charts of a case
+citations         the papers and the software that a case rests on
 """
