@@ -3,7 +3,7 @@
     sphinx-build --fail-on-warning -b html .docs site
 
 Each case gets a page, made from its file.  The environment variable EPCONTACT_RESULTS names an
-output folder of `epcontact verify --report`, whose charts and report then become a part of the guide.
+output folder of `epcontact verify --report`, whose charts and report then are a part of the guide.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def _generate(app: Any) -> None:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        autoescape=False,  # noqa: S701 - Markdown, escaped by the filter `cell`
+        autoescape=False,  # this is Markdown, which the filter `cell` escapes
     )
     pages.filters["cell"] = _cell
     cases = [_case_page(text) for text in find_cases()]
@@ -113,7 +113,7 @@ def _generate(app: Any) -> None:
 
 
 def _as_written(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Show a module's docstring letter by letter, as its columns are set by hand, and |q| as it is."""
+    """Show modules' docstrings letter by letter (they have columns), and |q| elsewhere as it is."""
     del app, name, obj, options
     if what == "module":
         lines[:] = ["::", "", *(f"    {line}" for line in lines), ""]
