@@ -204,7 +204,7 @@ def _partial(name: str) -> tuple[Any, Any]:
     return form, Field(default={}, description=f"keys of [{name}] that differ in this variant")
 
 
-class CaseFile(create_model("CaseFile", __base__=_Sections, **_method_sections())):  # type: ignore
+class CaseFile(create_model("CaseFile", __base__=_Sections, **_method_sections())):  # type: ignore[misc]
     """One case: a whole file, or one of its variants laid over the rest."""
 
 
@@ -212,7 +212,7 @@ class Family(CaseFile):
     """A case file with variants, each a case of its own."""
 
     variant: list[
-        create_model(  # type: ignore
+        create_model(  # type: ignore[valid-type]
             "Variant", __base__=Table, **{name: _partial(name) for name in CaseFile.model_fields}
         )
     ] = Field(default=[], description="partial case files, each laid over the rest of this one")
