@@ -60,6 +60,16 @@ def _longest_first(path: tuple[float, ...]) -> tuple[float, ...]:
     return path[::-1]
 
 
+def _late(result: Any) -> Any:
+    """Every step of a path with the figures of the step before it."""
+    before = (result.steps[0], *result.steps[:-1])
+    steps = (
+        replace(step, quantities=late.quantities)
+        for step, late in zip(result.steps, before, strict=True)
+    )
+    return replace(result, steps=tuple(steps))
+
+
 FAULTS = (
     # material, load and cap
     _wrong("the modulus 5 % too high", faults.stiff, "westergaard-line", "quantity.mean_gap"),
@@ -240,5 +250,59 @@ FAULTS = (
     _reported(
         "largest pressure in GPa", "largest_pressure", lambda p: p / 1e9,
         "westergaard-line", "quantity.largest_pressure",
+    ),
+    # what a result says of itself
+    Fault(
+        "residuals that are always zero", "bem",
+        changed(B + "solver.kkt_residuals", lambda f: lambda *a: dict.fromkeys(f(*a), 0.0)),
+        "rough-loose", "quantity.measured_residuals",
+    ),
+    Fault(
+        "corner cells of the wrong sign", "bem",
+        changed(B + "areas.rim_correction.CORNER", lambda c: -c),
+        "hertz-sphere-coarse", "area.total.corrected",
+    ),
+    Fault(
+        "the error of an area ten times too small", "bem",
+        _estimated(lambda raw, good, e: (raw, good, Areas(*(v / 10 for v in vars(e).values())))),
+        "hertz-sphere-coarse", "area.total.error",
+    ),
+    _reported(
+        "energy of the capped body 3 % off", "elastic_energy", lambda U: 1.03 * U,
+        "rough-capped", "quantity.measured_figures",
+    ),
+    _reported(
+        "plastic displacement over the plastic area", "mean_plastic_displacement",
+        lambda w: 10 * w, "rough-capped", "quantity.measured_figures",
+    ),
+    _reported(
+        "separation of the wrong sign", "mean_separation", lambda g: -g,
+        "rough-capped", "quantity.measured_figures",
+    ),
+    Fault(
+        "elastic and plastic points exchanged in the field of states", "bem",
+        _with_field("state", _turned_state), "rough-capped", "quantity.measured_fields",
+    ),
+    Fault(
+        "displacement upward", "bem", _with_field("displacement", lambda u: -u),
+        "full-contact", "quantity.measured_fields",
+    ),
+    Fault(
+        "a gap that leaves out the offset of the flat", "bem",
+        _with_field("gap", lambda g: g - g.mean()), "rough-capped", "quantity.measured_fields",
+    ),
+    Fault(
+        "states by half of the pressures", "bem",
+        given(B + "driver.states", lambda p, cap: (p / 2, cap)),
+        "rough-capped", "quantity.measured_fields",
+    ),
+    Fault(
+        "the steps of a load path in the reverse order", "bem",
+        on_result(B + "solve", lambda r: replace(r, steps=r.steps[::-1])),
+        "path-elastic", "quantity.measured_areas",
+    ),
+    Fault(
+        "the figures of a path a step late", "bem", on_result(B + "solve", _late),
+        "path-capped", "quantity.path_work",
     ),
 )  # fmt: skip

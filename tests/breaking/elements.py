@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from breaking.fault import Fault, at, changed, given, on_result, quantity
+from epcontact.results import PressureDistribution
 
 F = "fem_check."
 
@@ -211,5 +212,40 @@ FAULTS = (
     _law(
         "bulk modulus of the J2 solid", _moduli(bulk=lambda E, nu: E / (3 * (1 - nu))),
         "fem-model-5", "quantity.elements_area", surfaces=1,
+    ),
+    _fem(
+        "gap of the elements of the wrong sign", _field("gap", lambda g: -g),
+        "path-fem", "quantity.measured_figures",
+    ),
+    _fem(
+        "displacement of the elements upward", _field("displacement", lambda u: -u),
+        "path-fem", "quantity.measured_figures",
+    ),
+    _fem(
+        "a node's pressure beside it", _field("pressure", lambda p: np.roll(p, 1, 0)),
+        "path-fem", "quantity.measured_figures",
+    ),
+    _fem(
+        "mean contact pressure over the nominal area",
+        _step("mean_contact_pressure", lambda p: p / 10),
+        "path-fem", "quantity.measured_figures",
+    ),
+    _fem(
+        "largest plastic strain in per cent", _step("largest_plastic_strain", lambda e: 100 * e),
+        "fem-uniaxial", "quantity.largest_plastic_strain",
+    ),
+    _fem(
+        "plastic volume of the elements that never flowed",
+        _step("plastic_volume", lambda v: 1 - v), "fem-uniaxial", "quantity.plastic_volume",
+    ),
+    _fem(
+        "plastic depth a layer too deep", _step("plastic_depth", lambda d: 1.3 * d),
+        "fem-uniaxial", "quantity.plastic_depth",
+    ),
+    _fem(
+        "distribution of the elements over the contact",
+        on_result(F + "result.distribution",
+            lambda d: PressureDistribution(d.pressure, d.cumulative / 2, d.plastic)),
+        "path-fem", "quantity.measured_distribution",
     ),
 )  # fmt: skip

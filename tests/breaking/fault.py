@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from epcontact.errors import OutputError
-from epcontact.harness.case import Case, load_case
+from epcontact.harness.case import Case, find_named, load_case
 from epcontact.harness.gates import FALLS_SHORT
 from epcontact.harness.methods import METHODS
 from epcontact.harness.verdict import verify
@@ -60,7 +60,10 @@ class Fault:
         return "verify" if honest_case(self.case).verify else "cases"
 
 
-honest_case = functools.cache(load_case)
+@functools.cache
+def honest_case(name: str) -> Case:
+    """The case of an id, which may be that of its file as well."""
+    return load_case(next(case for case in find_named(name) if case.id == name))
 
 
 #: The status under a fault that contradicts what was written (see `harness.read_back`).

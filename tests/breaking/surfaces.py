@@ -104,4 +104,28 @@ FAULTS = (
                     r.slope_variance, 0))),
         "theory-surface", "quantity.rms_slope",
     ),
+    _shape(
+        "another seed than asked for",
+        given(S + "self_affine.grid_heights", lambda r: (replace(r, seed=r.seed + 1),)),
+        "path-elastic", "quantity.surface_highest",
+    ),
+    _shape(
+        "every seed the same surface",
+        given(S + "self_affine.grid_heights", lambda r: (replace(r, seed=7),)),
+        "path-elastic", "quantity.surface_highest",
+    ),
+    _shape(
+        "heights upside down", scaled(S + "self_affine.grid_heights", -1.0),
+        "path-elastic", "quantity.surface_skewness",
+    ),
+    _shape(
+        "heights turned round",
+        on_result(S + "self_affine.grid_heights", lambda h: np.ascontiguousarray(h[::-1])),
+        "path-elastic", "quantity.surface_summit_x",
+    ),
+    _shape(
+        "heights turned round along y",
+        on_result(S + "self_affine.grid_heights", lambda h: np.ascontiguousarray(h[:, ::-1])),
+        "path-elastic", "quantity.surface_summit_y",
+    ),
 )  # fmt: skip

@@ -161,4 +161,34 @@ FAULTS = (
         on_result(P + "driver.pressure_curve", lambda curve: replace(curve, plastic=0.0)),
         "paper-elastoplastic", "distribution", surfaces=1,
     ),
+    Fault(
+        "the energy of the theory doubled", "persson", scaled(P + "driver.elastic_energy", 2.0),
+        "theory-elastic", "quantity.elastic_energy",
+    ),
+    Fault(
+        "the gap of the theory halved", "persson", scaled(P + "driver.mean_separation", 0.5),
+        "theory-path", "quantity.path_work",
+    ),
+    Fault(
+        "slopes of the density at its ends swapped", "persson",
+        on_result(P + "driver.boundary_slopes", lambda ends: (-ends[1], -ends[0])),
+        "theory-elastoplastic", "quantity.density_slope_at_zero",
+    ),
+    Fault(
+        "the density at its ends half as steep", "persson",
+        on_result(P + "driver.boundary_slopes", lambda ends: (ends[0] / 2, ends[1] / 2)),
+        "theory-elastoplastic", "quantity.density_slope_at_hardness",
+    ),
+    Fault(
+        "gamma for 1 - gamma in the reduction", "persson",
+        given(P + "theory.reduced_diffusion",
+            lambda rule, *rest: (replace(rule, gamma=1 - rule.gamma), *rest)),
+        "theory-rule-persson", "quantity.diffusion",
+    ),
+    Fault(
+        "the distribution of the theory ends too soon", "persson",
+        on_result(P + "driver.pressure_curve",
+            lambda curve: replace(curve, cumulative=0.9 * curve.cumulative)),
+        "theory-elastoplastic", "quantity.distribution_balance",
+    ),
 )  # fmt: skip
