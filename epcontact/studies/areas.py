@@ -212,15 +212,25 @@ def _areas(
 
 
 def judged_ensemble(seeds: Iterable[int], points: int, progress: Progress) -> pd.DataFrame:
-    """The rows of `judged` for every kind and seed, with `times`, error by claimed error."""
+    """The rows of `judged` for every kind and seed, as a table of `timed`."""
     rows = []
     for seed in seeds:
         progress(f"areas: seed {seed} of every kind")
         for kind in KINDS:
             rows += judged(kind, seed, points)
+    return timed(rows)
+
+
+def timed(rows: Iterable[dict[str, Any]]) -> pd.DataFrame:
+    """Tabulate rows of `judged` with `times`, error by claimed error.
+
+    Errors of the solver's tolerance are no errors of the estimate, and an area for which neither an
+    error nor a claim exists, such as the plastic one where nothing is plastic, is left out.
+    """
     table = pd.DataFrame(rows)
-    # Errors of the solver's tolerance are no errors of the estimate.
-    return table.assign(times=(table["error"] - 1e-9).clip(0) / table["claimed"].clip(lower=1e-9))
+    error = (table["error"] - 1e-9).clip(lower=0)
+    table = table.assign(times=error / table["claimed"].clip(lower=1e-9))
+    return table[(error > 0) | (table["claimed"] > 0)].reset_index(drop=True)
 
 
 def coverage(table: pd.DataFrame) -> pd.DataFrame:
