@@ -34,6 +34,8 @@ from epcontact.output.files import whole_file
 
 #: The kept bands, relative to the folder of the cases.
 KEPT = Path("regression") / "gates.toml"
+#: A gate with a larger margin is kept as exact.
+_EXACT = 1e3
 
 
 @dataclass(frozen=True)
@@ -190,7 +192,9 @@ def updated(
     for gate in gates:
         old = kept.band(gate.key)
         value = known.get(gate.key, None if old is None else old.margin)
-        rounded = value if value is None or math.isinf(value) else float(f"{value:.2g}")
+        # A margin of rounding would be another number on every machine.
+        exact = value is not None and value > _EXACT
+        rounded = value if value is None else math.inf if exact else float(f"{value:.2g}")
         band = KeptBand(band=(gate.low, gate.high), margin=rounded)
         tables.setdefault(gate.case, {}).setdefault(gate.size, {})[gate.gate] = band
     return Kept(gates=tables, changed=kept.changed)

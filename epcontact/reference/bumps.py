@@ -68,7 +68,8 @@ def sphere_contact_radius_periodic(
     The smallest root of F = (4/3) E* a^3 K + (64/15) E* B a^5 with
         K = 1/R + F/(pi E*) [S_3/(2 L^3) + (9/20) S_5 a^2/L^5],  B = F/(pi E*) (9/64) S_5/L^5.
     Validity: the first omitted terms are of order (a/L)^7, and the square symmetry of the rim of
-    order (a/L)^10; good to 1e-4 of the area at a/L = 0.25.
+    order (a/L)^10.  Boundary elements on 512 x 512 points differ from the area by 2e-5 at a/L = 0.2
+    and by 2e-4 at 0.25, and from the pressure in the middle by 1.2e-4 and 3.5e-4.
 
     Args:
         force: On one sphere, in N.
