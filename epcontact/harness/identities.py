@@ -154,27 +154,35 @@ def work(a: Answered) -> float:
     energy or spent on flow: hardness times the mean plastic displacement.  Where that is not
     reported it is the mean gap less the separation.  int p dd is integrated by parts and by
     Simpson's rule over the loads, from the first to the last.  The theory reports no separation
-    beside its mean gap, because its elastic contact has no plastic displacement.
+    beside its mean gap, because its elastic contact has no plastic displacement.  A J2 body reports
+    its approach, its stored energy and its plastic work.
     """
     from scipy.integrate import simpson  # slow to load
 
-    steps, hardness = a.result.steps, a.scene.material.hardness
-    if len(steps) < 3 or a.flows:
-        raise InvalidCase(
-            "the work is measured along three mean pressures or more, without J2 flow"
-        )
-    load, gap = np.array(a.scene.load.path), _along(a, "mean_gap")
-    theory = np.isinf(hardness) and "mean_separation" not in steps[-1].quantities
-    separation = gap if theory else _along(a, "mean_separation")
-    energy = _along(a, "elastic_energy")
-    if "mean_plastic_displacement" in steps[-1].quantities:
-        spent = _along(a, "mean_plastic_displacement")
-        energy = energy + (hardness * spent if np.isfinite(hardness) else 0.0)
-    elif np.isfinite(hardness):
-        energy = energy + hardness * (gap - separation)
-    approach = load * compression(a.scene) - separation
+    if len(a.result.steps) < 3:
+        raise InvalidCase("the work of a path is measured along three mean pressures or more")
+    load = np.array(a.scene.load.path)
+    approach, energy = _flowing_path(a) if a.flows else _capped_path(a, load)
     done = load[-1] * approach[-1] - load[0] * approach[0] - simpson(approach, x=load)
     return float(done / (energy[-1] - energy[0]) - 1)
+
+
+def _flowing_path(a: Answered) -> tuple[FloatArray, FloatArray]:
+    """Approach (m) and energy (J/m^2, stored or spent) of a J2 body at each load step."""
+    return _along(a, "approach"), _along(a, "stored_energy") + _along(a, "plastic_work")
+
+
+def _capped_path(a: Answered, load: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Approach (m) and energy (J/m^2, stored or spent) of an elastic or capped body."""
+    last, hardness = a.result.final.quantities, a.scene.material.hardness
+    gap, energy = _along(a, "mean_gap"), _along(a, "elastic_energy")
+    theory = np.isinf(hardness) and "mean_separation" not in last
+    separation = gap if theory else _along(a, "mean_separation")
+    if np.isfinite(hardness):
+        known = "mean_plastic_displacement" in last
+        sunk = _along(a, "mean_plastic_displacement") if known else gap - separation
+        energy = energy + hardness * sunk
+    return load * compression(a.scene) - separation, energy
 
 
 def _along(a: Answered, name: str) -> FloatArray:

@@ -255,6 +255,28 @@ def _plastic_strain(scene: Scene) -> float:
     return 2 / 3 * max(0.0, max(scene.load.path) - yields) / bulk
 
 
+def _spent(scene: Scene) -> float:
+    """Plastic work of a layer in uniaxial strain: Y times the plastic strain, times the depth."""
+    strain = _plastic_strain(scene)
+    return scene.material.yield_stress * strain * scene.body.depth if strain else 0.0
+
+
+def _stored(scene: Scene) -> float:
+    """Elastic energy of a layer in uniaxial strain: p^2/(2 K) + q^2/(6 mu), times the depth.
+
+    p is the mean pressure and q the difference of the principal stresses, which flow holds at Y.
+    Both fall elastically where the path unloads.
+    """
+    material, path = scene.material, scene.load.path
+    E, nu, M = material.young_modulus, material.poisson_ratio, oedometric_modulus(scene.material)
+    shear, bulk = E / (2 * (1 + nu)), E / (3 * (1 - 2 * nu))
+    top, back = max(path), (max(path) - path[-1]) / M
+    q = min(2 * shear * top / M, material.yield_stress)
+    p = top - 2 / 3 * q - bulk * back
+    q -= 2 * shear * back
+    return (p**2 / (2 * bulk) + q**2 / (6 * shear)) * scene.body.depth
+
+
 FORMS = (
     ClosedForm(
         "full_contact",
@@ -270,6 +292,8 @@ FORMS = (
         | {
             "quantity.approach": _compression,
             "quantity.largest_plastic_strain": _plastic_strain,
+            "quantity.plastic_work": _spent,
+            "quantity.elastic_energy": _stored,
             "quantity.plastic_volume": _flow,
             "quantity.plastic_depth": lambda scene: _flow(scene) * scene.body.depth,
             "quantity.mean_contact_pressure": lambda scene: scene.load.final,
