@@ -124,7 +124,7 @@ def test_run_writes_results_and_fields(epcontact, write_case, tmp_path) -> None:
     assert {"seconds", "fft_pairs", "unknowns", "peak_memory_bytes"} <= set(summary["cost"])
     assert summary["members"][1]["provenance"]["seed"] == 5
     fields = read_fields(folder / "bem-seed3.vti")
-    assert set(fields.fields) == {"heights", "pressure", "gap", "state"}
+    assert set(fields.fields) == {"heights", "pressure", "gap", "plastic_displacement", "state"}
     assert fields.attributes["young_modulus"] == 100e9
     assert fields.attributes["body"] == "half-space"
     assert fields.units["hardness"] == fields.units["quantity.largest_pressure"] == "Pa"
