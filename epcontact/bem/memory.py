@@ -17,10 +17,12 @@ def estimated_memory(
 ) -> int:
     """Estimate the bytes that a solve needs beside the heights, from the arrays that it keeps.
 
-    Every point takes pressure, displacement and modes (8 each), the compliance (2), the sets (1),
-    the cheap operator and the preconditioner (6), and two arrays of a gradient step (16), whose
-    place the gap and its areas take afterwards.  An elastic point takes 68 more.  In rough contact
-    their share is about 2 p/(E* xi); 3 p/(E* xi) is assumed, to be safe.
+    Every point takes about 42 bytes: pressure, displacement and modes (8 each), the compliance (2),
+    the sets (1), the cheap operator and the preconditioner (6), and the gap with its areas.  An
+    elastic point takes 88 more, those of a dense contact's transforms in single precision among
+    them.  The share of elastic points is taken as erf(sqrt(pi) p/(E* xi)), which is 2 p/(E* xi) at
+    light loads.  Ten scenes of 1024 to 2048 points a side, elastic and capped, from 1 % of contact
+    to full contact, took from 16 % less to 24 % more than this.
 
     Args:
         heights: (nx, ny) or (nx,), in m.
@@ -31,7 +33,7 @@ def estimated_memory(
 
     Example:
         >>> estimated_memory(np.zeros((8, 8)), (1.0, 1.0), 1.0, 1.0)  # flat: all elastic
-        7488
+        8320
     """
     slope = 0.0
     for axis, step in enumerate(spacing):
@@ -39,8 +41,8 @@ def estimated_memory(
         rise = np.diff(sample[..., :64] if axis == 0 and heights.ndim > 1 else sample, axis=axis)
         slope += float(np.mean(rise**2)) / step**2
     stiffness = effective_modulus * math.sqrt(slope)
-    elastic = min(1.0, 3 * pressure / stiffness) if stiffness > 0 else 1.0
-    return int(heights.size * (49 + 68 * elastic))
+    share = math.erf(math.sqrt(math.pi) * pressure / stiffness) if stiffness > 0 else 1.0
+    return int(heights.size * (42 + 88 * share))
 
 
 def require_memory(needed: int, shape: tuple[int, ...]) -> None:
