@@ -194,11 +194,6 @@ FAULTS = (
         "fem-model-5", "quantity.model_distance", surfaces=1,
     ),
     # what J2 does differently from a cap
-    _law(
-        "yield of J2 in the wrong norm",
-            lambda f: lambda E, nu, Y, H=0.0: f(E, nu, Y * math.sqrt(1.5), H),
-        "fem-model-5", "quantity.model_area", surfaces=1,
-    ),
     _fem(
         "rows of the elements taken for columns",
         on_result(F + "result.surface_fields",
