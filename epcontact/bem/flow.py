@@ -75,7 +75,12 @@ def at_hardness_again(problem: GridProblem, solution: PressureSolution, before: 
     these points count as plastic.  The error of a pressure is that of the gap, divided by the
     compliance of the shortest wave.
     """
-    pressure = solution.pressure
+    pressure, hardness = solution.pressure, problem.hardness
     error = max(solution.residuals.values()) * problem.gap_scale() / problem.symbol.shortest()
-    back = (before > 0) & (pressure >= problem.hardness - error)
-    pressure[back] = problem.hardness
+    back = (before > 0) & (pressure >= hardness - error)
+    excess = float(np.sum(hardness - pressure, where=back))
+    pressure[back] = hardness
+    # The other points give back what these have gained, far below their error.
+    between = (pressure > 0) & (pressure < hardness)
+    if between.any():
+        pressure[between] *= 1 - excess / float(pressure[between].sum())

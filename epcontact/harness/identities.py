@@ -8,6 +8,8 @@ is the harness's own (see `measurements`); a part that a method does not report 
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from epcontact.errors import InvalidCase
@@ -153,18 +155,37 @@ def work(a: Answered) -> float:
     The flat approaches by d = p d(q = 0) - separation, and its work int p dd is stored as elastic
     energy or spent on flow: hardness times the mean plastic displacement.  Where that is not
     reported it is the mean gap less the separation.  int p dd is integrated by parts and by
-    Simpson's rule over the loads, from the first to the last.  The theory reports no separation
+    Simpson's rule over the loads of each branch, up or down.  The theory reports no separation
     beside its mean gap, because its elastic contact has no plastic displacement.  A J2 body reports
     its approach, its stored energy and its plastic work.
     """
-    from scipy.integrate import simpson  # slow to load
-
     if len(a.result.steps) < 3:
         raise InvalidCase("the work of a path is measured along three mean pressures or more")
     load = np.array(a.scene.load.path)
     approach, energy = _flowing_path(a) if a.flows else _capped_path(a, load)
-    done = load[-1] * approach[-1] - load[0] * approach[0] - simpson(approach, x=load)
-    return float(done / (energy[-1] - energy[0]) - 1)
+    return _work(load, approach) / float(energy[-1] - energy[0]) - 1
+
+
+def _work(load: FloatArray, approach: FloatArray) -> float:
+    """Integrate the load over the approach, branch by branch."""
+    from scipy.integrate import simpson  # slow to load
+
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(load)))) + 1
+    ends = [0, *turns.tolist(), load.size - 1]
+    done = load[-1] * approach[-1] - load[0] * approach[0]
+    for first, last in itertools.pairwise(ends):
+        branch = slice(first, last + 1)
+        done -= simpson(approach[branch], x=load[branch])
+    return float(done)
+
+
+def cycle(a: Answered) -> float:
+    """Return the total area at the last load over that at the first step with this load, less 1."""
+    last = a.result.final
+    first = next(step for step in a.result.steps if step.mean_pressure == last.mean_pressure)
+    if first is last:
+        raise InvalidCase("the last mean pressure of the path is not one that it had before")
+    return last.areas["corrected"].total / first.areas["corrected"].total - 1
 
 
 def _flowing_path(a: Answered) -> tuple[FloatArray, FloatArray]:

@@ -405,6 +405,13 @@ _MEASURED = (
         identities.work,
     ),
     Quantity(
+        "quantity.cycle_area",
+        "–",
+        "total area at the last load over that when the path first had this load, less 1",
+        (),
+        identities.cycle,
+    ),
+    Quantity(
         "quantity.smallest_contact_pressure",
         "Pa",
         "smallest pressure where p > 0",
