@@ -65,6 +65,9 @@ def figures(a: Answered) -> float:
         expected["mean_gap"] = (float(np.maximum(gap + sunk, 0).mean()), height)
         expected["mean_separation"] = (float(gap.mean()), height)
         expected["mean_plastic_displacement"] = (float(sunk.mean()), height)
+        if sunk.any():
+            work = a.scene.material.hardness * float(sunk.mean())
+            expected["plastic_work"] = (work, p0 * height)
     if "displacement" in a.result.fields and not a.flows:
         energy = float((p * a.field("displacement")).mean()) / 2
         expected["elastic_energy"] = (energy, max(p0 * height, abs(energy)))

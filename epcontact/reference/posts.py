@@ -77,6 +77,15 @@ def _post_energy(scene: Scene) -> float:
     return p0 * sinking / 2
 
 
+def _post_conductance(scene: Scene) -> float:
+    """Conductance per nominal area times the sum of the resistivities, 2 p0/(E* u), in 1/m.
+
+    A small disc has 4 a/L^2 (Holm, Electric Contacts, 1967).
+    """
+    E = elastic_half_space(scene, "flat_punch")
+    return scene.load.final**2 / (E * _post_energy(scene))
+
+
 def _middle_pressure(scene: Scene) -> float:
     """The smallest pressure under a strip, which is in its middle."""
     a = _post(scene, "flat_punch")
@@ -109,6 +118,7 @@ FORMS = (
         areas(_post_fraction)
         | {
             "quantity.elastic_energy": _post_energy,
+            "quantity.conductance_loading": _post_conductance,
             "quantity.smallest_contact_pressure": _middle_pressure,
         },
     ),

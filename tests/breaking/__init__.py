@@ -5,10 +5,10 @@
 
 from __future__ import annotations
 
-from breaking import boundary, elements, judging, output, references, surfaces, theory
+from breaking import after, boundary, elements, judging, output, references, surfaces, theory
 from breaking.fault import Fault, fails_under, honest_case, status_under
 
 __all__ = ["FAULTS", "Fault", "fails_under", "honest_case", "status_under"]
 
-ROOMS = (surfaces, theory, boundary, elements, references, judging, output)
+ROOMS = (surfaces, theory, boundary, after, elements, references, judging, output)
 FAULTS: dict[str, Fault] = {fault.what: fault for room in ROOMS for fault in room.FAULTS}

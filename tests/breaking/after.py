@@ -1,0 +1,48 @@
+"""Faults of what stays behind after the load: flow, energy, conductance."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from breaking.fault import Fault, changed, on_result, quantity, scaled
+
+FLOWED = "epcontact.bem.driver.flowed"
+
+
+def _deepest(w: Any) -> Any:
+    return np.where(w > np.median(w[w > 0]), w, 0.0)
+
+
+def _on_the_deformed(original: Any) -> Any:
+    def wrong(problem: Any, solution: Any, before: Any) -> Any:
+        u = solution.displacement
+        return original(problem, solution, before) + 0.1 * (u - u.min())
+
+    return wrong
+
+
+FAULTS = (
+    Fault("the residual surface from half of the points that flowed", "bem",
+        on_result(FLOWED, _deepest), "cycle-unloaded", "quantity.path_work"),
+    Fault("a reload on the deformed surface", "bem", changed(FLOWED, _on_the_deformed),
+        "cycle-capped", "quantity.path_work"),
+    Fault("the flow of a load committed twice", "bem", scaled(FLOWED, 2.0),
+        "cycle-capped", "quantity.path_work"),
+    Fault("no memory of the flow", "bem", scaled(FLOWED, 0.0),
+        "cycle-unloaded", "quantity.cycle_area"),
+    Fault("the plastic work halved", "bem",
+        quantity("epcontact.bem.solve", "plastic_work", lambda work: work / 2),
+        "cycle-capped", "quantity.measured_figures"),
+    Fault("a factor of 2 in the conductance", "harness",
+        scaled("epcontact.harness.interface.contact_conductance", 0.5),
+        "punch-strip", "quantity.conductance_loading"),
+    Fault("the plastic work of J2 10 % too low", "fem_check",
+        quantity("fem_check.solve", "plastic_work", lambda work: 0.9 * work),
+        "cycle-j2", "quantity.path_work"),
+    Fault("patches that do not join over the period", "harness",
+        changed("epcontact.harness.interface._joined",
+            lambda original: lambda labels, number: np.arange(number + 1)),
+        test="tests/test_interface.py::test_patches_join_over_the_period"),
+)  # fmt: skip
