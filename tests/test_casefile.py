@@ -207,7 +207,7 @@ def test_a_case_has_the_default_gates_of_its_methods(write_case) -> None:
     names = {(gate.of, gate.quantity) for gate in default_gates() if gate.of == "bem"}
     assert names == {("bem", q) for q in QUANTITIES if q.startswith("quantity.measured_")} - {
         ("bem", f"quantity.measured_{name}")
-        for name in ("raw_total", "raw_plastic", "carried", "distribution")
+        for name in ("raw_total", "raw_plastic", "carried", "distribution", "residuals")
     }
     own = bands(load_case(write_case()))
     assert own[("bem", "quantity.measured_gap")] == 1e-7
