@@ -124,7 +124,7 @@ def find_case(name: str | Path) -> CaseText:
     """Return the one case that a name refers to; see `find_named`.  Raises InvalidCase."""
     cases = find_named(name)
     # A file may hold a family of which one case has the name of the file.
-    cases = [case for case in cases if case.id == str(name)] or cases
+    cases = tuple(case for case in cases if case.id == str(name)) or cases
     if len(cases) > 1:
         ids = ", ".join(case.id for case in cases)
         raise InvalidCase(f"{name} holds {len(cases)} cases; name one of them: {ids}")
