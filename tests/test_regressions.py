@@ -198,8 +198,8 @@ def test_closed_pipe_does_not_say_that_a_gate_fell_short() -> None:
 def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short() -> None:
     program = (
         "from epcontact.cli import main as cli\n"
-        "from epcontact.harness import case\n"
-        "case.find_cases = lambda: 1 / 0\n"
+        "from epcontact.harness import case_text\n"
+        "case_text.case_files = lambda: 1 / 0\n"
         "import sys; sys.argv = ['epcontact', 'list']; cli.main()"
     )
     done = subprocess.run(
