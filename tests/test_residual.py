@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import fem_check
@@ -15,8 +16,15 @@ from epcontact.persson.reduction import EnergyReduction
 from epcontact.persson.roughness import analytic_roughness
 from epcontact.persson.separation import mean_separation
 from epcontact.persson.theory import Theory
+from epcontact.studies.gap_distribution import GAPS, distances, distribution_table
 from epcontact.studies.paper_scene import rough_scene
-from epcontact.studies.residual import residual, theory_power
+from epcontact.studies.residual import (
+    draw_power,
+    draw_skewness,
+    residual,
+    residual_table,
+    theory_power,
+)
 from epcontact.surfaces import (
     HeightsFromFile,
     power_by_octave,
@@ -138,3 +146,36 @@ def test_elastic_material_leaves_its_surface_as_it_was() -> None:
     elastic = Scene(SCENE.surface, Material(250e9, 0.0), Load((1e9, 0.0)))
     left = residual_surface(elastic.surface, bem.solve(elastic))
     np.testing.assert_array_equal(left.heights, SCENE.surface.heights)
+
+
+def test_distances_of_distributions_are_zero_from_themselves_and_known_otherwise() -> None:
+    """Gaps twice as wide are one mean gap apart."""
+    once = {"method": "bem", "hardness_over_slope_modulus": 0.6, "seed": 1}
+    share = np.minimum(GAPS / 2, 1.0)  # gaps evenly spread from 0 to 2 rms heights
+    wider = np.minimum(GAPS / 4, 1.0)
+    tables = [
+        pd.DataFrame(once | {"gap_over_rms_height": GAPS, "cumulative_area": share}),
+        pd.DataFrame(
+            once | {"method": "fem", "gap_over_rms_height": GAPS, "cumulative_area": wider}
+        ),
+    ]
+    table = pd.concat(tables)
+    assert distances(table, "bem", "bem")["distance"].tolist() == [0.0]
+    assert distances(table, "fem", "bem")["distance"].iloc[0] == pytest.approx(1.0, abs=0.01)
+
+
+def test_finite_elements_have_the_gaps_of_boundary_elements_and_the_theory_is_further_off() -> None:
+    table = distribution_table(4, 8, (33,), ("bem", "fem", "persson"), lambda _: None)
+    near = distances(table, "fem", "bem")["distance"]
+    far = distances(table, "persson", "bem")["distance"]
+    assert near.max() < 0.08
+    assert far.max() > 0.3  # at hardness 0.16 E* xi
+
+
+def test_the_charts_of_residual_topography_say_what_each_model_keeps() -> None:
+    table = residual_table(4, 4, (5, 6), ("cap", "J2", "theory"), lambda _: None)
+    power = draw_power(table, "two surfaces")
+    assert "In the shortest octave: cap" in power.caption
+    assert "theory" in power.csv()
+    skewness = draw_skewness(table[table["model"] != "theory"], "two surfaces")
+    assert "rms_slope" in skewness.caption

@@ -508,6 +508,7 @@ def test_installed_peers_find_the_same_areas(law):
         "growth",
         "pressures",
         "gap",
+        "gap_distribution",
     ],
 )
 def test_a_fast_study_makes_charts_that_can_be_saved(name, tmp_path):

@@ -74,6 +74,7 @@ _DESCRIPTIONS = {
     "speed": "FFT pairs, time in bare FFT pairs, area errors and memory on the paper's scene",
     "pressures": "P(sigma) at 0 and at the hardness, raw and extrapolated, beside the theory",
     "gap": "mean gap against pressure, its elastic and plastic part, by all methods",
+    "gap_distribution": "distribution of the open gap by all methods, and its distance from BEM's",
     "hysteresis": "contact area, mean gap and plastic work on the way up and down, by every method",
     "residual": "power spectrum and skewness of the surface that a load leaves, by every method",
     "fem": "errors and costs of finite elements: element, mesh, depth, linear solver, load path",
