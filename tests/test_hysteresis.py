@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fem_spheres import sphere_scene
+from reference_plasticity import kogut_etsion_critical
 
 import fem_check
 from epcontact import Body, Load, Scene
@@ -60,3 +62,33 @@ def test_cap_and_theory_differ_on_the_way_down() -> None:
     cap = table[table["model"] == "cap"]
     assert cap[SPENT].iloc[-1] > 0.95  # what is stored at the peak has been given back
     assert table[table["model"] == "theory"][SPENT].isna().all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("severity", [5.0, 12.0])
+def test_a_j2_sphere_keeps_the_dent_of_etsion_and_reloads_elastically(severity: float) -> None:
+    """(1 - x^-.28)(1 - x^-.69) of the largest interference, x = w/w_c up to 170 (Etsion, Kligerman
+    and Kadin, Int. J. Solids Struct. 42 (2005) 3716), a fit of finite elements.
+
+    The periodic images of the load F and the uniform compression of the block are no part of w:
+    the images lower the approach by 3.9003 F/(pi E* L).
+    """
+    nu = 0.3
+    E = 1 / (1 - nu**2)
+    yield_stress = E * 0.05 / severity
+    force = min(2.8, 2 / 3 * (1 + math.log(severity / 3))) * yield_stress * math.pi * 0.05**2
+    scene = sphere_scene(
+        force, nodes=32, nodes_to_rim=5.0, poisson_ratio=nu, yield_stress=yield_stress
+    )
+    p, period = scene.load.final, scene.surface.periods[0]
+    result = fem_check.solve(replace(scene, load=Load((p, 0.0, p))), law="j2", certified=False)
+    confined = (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    compression = p * result.provenance.options["depth"] / confined
+    loaded, left, again = (step.quantities for step in result.steps)
+    interference = loaded["approach"] - compression + 3.9003 * force / (math.pi * E * period)
+    x = interference / kogut_etsion_critical(1.0, E, yield_stress, nu)[0]
+    assert 2 < x < 60
+    expected = (1 - x**-0.28) * (1 - x**-0.69)
+    assert left["approach"] / interference == pytest.approx(expected, abs=0.035)
+    assert again["approach"] == pytest.approx(loaded["approach"], rel=0.01)
+    assert again["plastic_work"] == pytest.approx(loaded["plastic_work"], rel=0.01)
