@@ -23,9 +23,9 @@ from epcontact.errors import EpcontactError, nearest, printable
 #: The module and function of each command, and its line in `epcontact --help`.
 COMMANDS = {
     "chart": ("figures:chart", "Draw charts of accuracy against cost by NAME (none: the list)."),
-    "cite": ("citations:cite", "Print the papers and software that CASE rests on."),
+    "cite": ("citations:cite", "Print what a case's results rest on."),
     "crosscheck": ("plans:crosscheck", "Split the difference of finite and boundary elements."),
-    "gates": ("gates:gates", "List every gate's band, margin and reason; keep or check them."),
+    "gates": ("gates:gates", "List every gate's band, margin and reason."),
     "keys": ("cases:keys", "Print every key of a case file, and every quantity of a gate."),
     "list": ("listing:list_cases", "List the cases, one line each."),
     "plan": ("plans:plan", "Find the cheapest model of CASE that meets a tolerance."),
