@@ -193,25 +193,31 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> N
 
 def test_a_measured_map_from_file_to_table(epcontact, write_case, tmp_path) -> None:
     """In micrometres, with holes, tilted: what was done to it is said in the terminal."""
-    x, y = np.meshgrid(np.arange(32.0), np.arange(32.0), indexing="ij")
+    x, y = np.meshgrid(np.arange(40.0), np.arange(32.0), indexing="ij")
     heights = 0.3 * np.cos(x) + 0.2 * np.sin(1.3 * y) + 0.1 * x
     heights[3:6, 7:9] = np.nan
     np.savetxt(tmp_path / "map.csv", heights, delimiter=";")
-    text = write_case(('methods = ["persson", "bem"]', 'methods = ["bem"]')).read_text()
+    spectrum = "energy_reduction = 0.536"
+    text = write_case((spectrum, f'{spectrum}\nspectrum = "surface"')).read_text()
     start, end = text.index("[surface]"), text.index("[material]")
     surface = (
-        '[surface]\nkind = "file"\npath = "map.csv"\npixel_size = 2e-6\nunit = 1e-6\n'
+        '[surface]\nkind = "file"\npath = "map.csv"\nperiod = [64e-6, 80e-6]\nunit = 1e-6\n'
         'missing = "harmonic"\ntreatment = "detrend_and_window"\n\n'
     )
-    gate = text[end:].replace('against = "persson"', 'against = 0.1\nsource = "none"')
-    gate = gate.replace("tolerance = 0.5", "tolerance = 50.0")
+    gate = text[end:].replace("tolerance = 0.5", "tolerance = 50.0")
     (tmp_path / "small.toml").write_text(text[:start] + surface + gate)
     done = epcontact("verify", tmp_path / "small.toml", "--output", tmp_path / "out", "--jobs", 1)
     assert done.returncode == 0, done
     told = " ".join(done.stdout.split())
-    assert "small: 6 of 1024 heights missing (0.59 %), filled by the method harmonic" in told
+    assert "small: 6 of 1280 heights missing (0.47 %), filled by the method harmonic" in told
     assert "small: least-squares plane removed" in told
     assert "to keep the rms slope" in told
+    assert "small: the periods make the grid 1.6e-06 m wide along x, over 40 lines" in told
+    assert "1 case: 1 holds" in told
+    (tmp_path / "small.toml").write_text((text[:start] + surface + gate).replace("missing", "#"))
+    done = epcontact("verify", tmp_path / "small.toml", "--output", tmp_path / "out")
+    assert done.returncode == 2
+    assert done.stdout.count("6 of 1280 heights are NaN") == 2  # of one method, and of both
     (tmp_path / "small.toml").write_text((text[:start] + surface + gate).replace("unit = 1e-6", ""))
     refused(epcontact("verify", tmp_path / "small.toml"), "map.csv", "give unit = 1e-6")
 

@@ -243,7 +243,8 @@ def _show(verdict: Verdict, output: Path) -> None:
         print_shortfalls(console, case)
     counts = [sum(case.status == s for case in verdict.cases) for s in STYLES]
     summary = ", ".join(f"{n} {s}" for n, s in zip(counts, STYLES, strict=True) if n)
-    console.print(f"{len(verdict.cases)} cases: {summary}; verdict in {output / 'verdict.json'}")
+    cases = "1 case" if len(verdict.cases) == 1 else f"{len(verdict.cases)} cases"
+    console.print(f"{cases}: {summary}; verdict in {output / 'verdict.json'}")
     if left_out := sum(len(case.not_judged) for case in verdict.cases):
         plural = "gates are" if left_out > 1 else "gate is"
         console.print(f"{left_out} {plural} left out at this size; verdict.json says which and why")

@@ -130,11 +130,12 @@ def print_surface_notes(console: Console, case: Case, answers: Mapping[str, Answ
 
 
 def print_shortfalls(console: Console, case: CaseVerdict) -> None:
-    """Print the reason why a case was skipped, and the gates that do not hold."""
+    """Print why a case was skipped, the gates that do not hold, and each error once."""
     if case.skipped_because:
         console.print(f"{case.id}: {case.skipped_because}", markup=False)
+    errors = {gate.error: gate for gate in reversed(case.gates) if gate.error}
     for gate in case.gates:
-        if not gate.holds:
+        if not gate.holds and errors.get(gate.error, gate) is gate:
             console.print(f"{case.id}: {gate}", markup=False)
     for sentence in case.unread_errors:
         console.print(f"{case.id}: {sentence}", markup=False)

@@ -70,6 +70,7 @@ def solve(
         distribution=PressureDistribution(curve.pressure, curve.cumulative, curve.plastic),
         cost={"seconds": time.perf_counter() - started, "unknowns": 0},
         notes=(
+            *scene.surface.notes,
             f"energy reduction gamma = {energy_reduction:g}, rule {reduction!r}, "
             f"{spectrum} spectrum",
             "the areas solve the theory's equations to a relative error of 1e-10, without a grid "

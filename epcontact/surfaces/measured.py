@@ -101,6 +101,7 @@ class HeightsFromFile(Preparation):
     Args:
         path: the file; in a case file, relative to the case file.
         periods: in m; one length is enough for a square map, none is needed if the file gives it.
+            The first belongs to the lines of a text file, the second to the heights in a line.
         unit: unit of the stored heights in m (1e-6 for micrometres); needed unless the file
             gives it.
         treatment, taper: as in HeightsFromArray.
@@ -211,7 +212,21 @@ class HeightsFromFile(Preparation):
             heights *= self.unit
         surface = prepared(heights, self, str(self.path))
         levels = levels_note(self._map.heights.dtype)
-        return replace(surface, notes=(*levels, *self._map.notes, *surface.notes))
+        return replace(
+            surface, notes=(*levels, *self._map.notes, *self._spacing_note(), *surface.notes)
+        )
+
+    def _spacing_note(self) -> tuple[str, ...]:
+        """Periods given in the wrong order show in spacings that differ."""
+        if self._map.periods is not None or len(self.shape) < 2:
+            return ()
+        x, y = (length / n for length, n in zip(self.periods, self.shape, strict=True))
+        if math.isclose(x, y, rel_tol=0.01):
+            return ()
+        return (
+            f"the periods make the grid {x:.3g} m wide along x, over {self.shape[0]} lines of the "
+            f"file, and {y:.3g} m along y, over {self.shape[1]} heights in each",
+        )
 
 
 def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
