@@ -131,6 +131,17 @@ PAPERS = (
         "E. J. Abbott and F. A. Firestone, Specifying surface quality, Mech. Eng. 55, 569 (1933).",
         mentions=("Abbott and Firestone",),
     ),
+    Paper(
+        "M. H. Mueser and W. B. Dapp, The contact mechanics challenge: Problem definition (2015).",
+        "10.48550/arXiv.1512.02403",
+        mentions=("The contact mechanics challenge",),
+    ),
+    Paper(
+        "A. Pradhan et al., The surface-topography challenge: a multi-laboratory benchmark study "
+        "to advance the characterization of topography, Tribol. Lett. 73, 110 (2025).",
+        "10.1007/s11249-025-02014-y",
+        mentions=("Pradhan et al.",),
+    ),
 )
 
 #: The papers that the authors of the libraries ask to be cited.
