@@ -132,6 +132,11 @@ PAPERS = (
         mentions=("Abbott and Firestone",),
     ),
     Paper(
+        "Student, The probable error of a mean, Biometrika 6, 1 (1908).",
+        "10.1093/biomet/6.1.1",
+        methods=("judge",),
+    ),
+    Paper(
         "M. H. Mueser and W. B. Dapp, The contact mechanics challenge: Problem definition (2015).",
         "10.48550/arXiv.1512.02403",
         mentions=("The contact mechanics challenge",),
