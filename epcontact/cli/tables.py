@@ -133,9 +133,9 @@ def print_shortfalls(console: Console, case: CaseVerdict) -> None:
     """Print why a case was skipped, the gates that do not hold, and each error once."""
     if case.skipped_because:
         console.print(f"{case.id}: {case.skipped_because}", markup=False)
-    errors = {gate.error: gate for gate in reversed(case.gates) if gate.error}
+    first = {gate.error or gate.name: gate for gate in reversed(case.gates)}
     for gate in case.gates:
-        if not gate.holds and errors.get(gate.error, gate) is gate:
+        if not gate.holds and first[gate.error or gate.name] is gate:
             console.print(f"{case.id}: {gate}", markup=False)
     for sentence in case.unread_errors:
         console.print(f"{case.id}: {sentence}", markup=False)
