@@ -305,4 +305,14 @@ FAULTS = (
         "the figures of a path a step late", "bem", on_result(B + "solve", _late),
         "path-capped", "quantity.path_work",
     ),
+    # fronts along the grid, which no sphere and no rough surface has
+    Fault(
+        "spacings of the two axes exchanged in the areas", "bem",
+        given(B + "driver.estimate_areas", lambda p, g, H, d, E: (p, g, H, d[::-1], E)),
+        "ridge-oblong", "area.total.corrected",
+    ),
+    Fault(
+        "the same offset for fronts of all directions", "bem",
+        at(B + "areas.rim_correction.HARMONIC", 0.0), "ridge-square", "area.total.corrected",
+    ),
 )  # fmt: skip

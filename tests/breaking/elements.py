@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from breaking.fault import Fault, at, changed, given, on_result, quantity
+from breaking.fault import Fault, at, changed, given, on_result, quantity, scaled
 from epcontact.results import PressureDistribution
 
 F = "fem_check."
@@ -242,5 +242,49 @@ FAULTS = (
         on_result(F + "result.distribution",
             lambda d: PressureDistribution(d.pressure, d.cumulative / 2, d.plastic)),
         "path-fem", "quantity.measured_distribution",
+    ),
+    # the block
+    _fem(
+        "the block of a half-space too shallow", scaled(F + "mesh.half_space_depth", 0.4),
+        "fem-half-space", "quantity.mean_gap",
+    ),
+    _fem(
+        "a bonded base that slides",
+        on_result(F + "driver.block_for", lambda b: replace(b, sliding=True)),
+        "fem-elastic", "quantity.mean_gap",
+    ),
+    _fem(
+        "a certificate that is not computed",
+        at(F + "driver.certify",
+            lambda *_: dict.fromkeys(("certified_balance", "certified_load"), 0.0)),
+        "path-fem-j2", "residual.certified_balance",
+    ),
+    _fem(
+        "the sides of the block exchanged",
+        on_result(F + "driver.block_for", lambda b: replace(b, spacing=b.spacing[::-1])),
+        "fem-oblong", "quantity.mean_gap",
+    ),
+    _fem(
+        "layers too few for the waves",
+        given(F + "mesh.graded_layers", lambda depth, first, *_: (depth, first, 4)),
+        "fem-elastic-line", "quantity.mean_gap",
+    ),
+    _fem(
+        "an error of the increments that is not estimated", _step("step_error", lambda e: 0.0),
+        "path-fem-j2", "quantity.step_error",
+    ),
+    _fem(
+        "an error of the areas that is not estimated",
+        on_result(F + "result.areas", lambda a: (a[0], a[1], type(a[2])(0.0, 0.0, 0.0))),
+        "fem-elastic", "area.total.error",
+    ),
+    _fem(
+        "nodes called plastic beside those over flowing elements",
+        on_result(F + "path._yielded_surface", lambda y: np.roll(y, (3, 3), (0, 1))),
+        test="tests/test_fem_solve.py::test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded",
+    ),
+    _law(
+        "hardening forgotten", lambda f: lambda E, nu, Y, H=0.0: f(E, nu, Y),
+        test="tests/test_fem_solve.py::test_hardening_bears_more_on_less",
     ),
 )  # fmt: skip

@@ -34,7 +34,7 @@ class Fault:
         patch: makes it.
         case, quantity, against: the gate that must turn red; against None: the only gate on the
             quantity, or all of them.
-        norm: of the gate, where there are gates of several norms on the quantity.
+        norm, of: of the gate, where there are gates of several norms or methods on the quantity.
         test: the test that must fail instead, if no gate sees the fault.
         surfaces: so many of the case's are solved; None: all.  One surface has no interval, but a
             band that holds eight of them also holds any one within 2.5 standard deviations.
@@ -48,6 +48,7 @@ class Fault:
     quantity: str = ""
     against: str | float | None = None
     norm: str = ""
+    of: str = ""
     test: str = ""
     surfaces: int | None = None
     status: str = FALLS_SHORT
@@ -86,7 +87,7 @@ def _only(case: Case, fault: Fault) -> Case:
     gates = tuple(
         gate for gate in case.gates
         if gate.quantity == fault.quantity and fault.against in (None, gate.against)
-        and fault.norm in ("", gate.norm)
+        and fault.norm in ("", gate.norm) and fault.of in ("", gate.of)
     )  # fmt: skip
     assert gates, f"{fault.case} has no gate {fault.quantity} against {fault.against}"
     needed = {gates[0].of, gates[0].against}

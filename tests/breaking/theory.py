@@ -23,6 +23,10 @@ def _a_third(G: Any, p0: Any, hardness: Any = np.inf) -> tuple[Any, ...]:
     return G, p0, hardness / 3
 
 
+def _twice_as_fine(theory: Any, mean_pressure: Any, *magnification: Any) -> tuple[Any, ...]:
+    return theory, mean_pressure, *(2 * np.asarray(zeta) for zeta in magnification)
+
+
 def _with_rule(rule: str) -> Any:
     return lambda reduction, *rest: (replace(reduction, rule=rule), *rest)
 
@@ -190,5 +194,20 @@ FAULTS = (
         on_result(P + "driver.pressure_curve",
             lambda curve: replace(curve, cumulative=0.9 * curve.cumulative)),
         "theory-elastoplastic", "quantity.distribution_balance",
+    ),
+    Fault(
+        "the separation of a surface that flow has not flattened", "persson",
+        at(P + "separation.flattened_roughness", lambda theory, mean_pressure: theory.roughness),
+        "theory-elastoplastic", "quantity.mean_gap",
+    ),
+    Fault(
+        "the analytic spectrum for the surface's own", "persson",
+        given(P + "theory.roughness_of", lambda surface, kind: (surface, "analytic")),
+        "full-contact", "quantity.elastic_energy", of="persson",
+    ),
+    Fault(
+        "the magnification counted twice", "persson",
+        given(P + "theory.Theory.diffusion", _twice_as_fine),
+        test="tests/test_persson_solve.py::test_the_magnification_curve_begins_and_ends_right",
     ),
 )  # fmt: skip
