@@ -26,7 +26,7 @@ areas         fractions of the nominal area, raw (share of grid points) and corr
               limit of a vanishing grid spacing)
 units         SI
 similarity    for one shape of the spectrum, small-slope contact with a pressure cap depends only on
-              p0/(E* xi) and hardness/(E* xi)
+              p0/(E*ξ) and hardness/(E*ξ)
 """
 
 from __future__ import annotations

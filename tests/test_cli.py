@@ -51,6 +51,12 @@ def test_keys_tells_units(epcontact) -> None:
         assert words in " ".join(done.stdout.split()), words
 
 
+def test_an_output_without_greek_letters_shows_a_question_mark(epcontact) -> None:
+    done = epcontact("list", env=os.environ | {"PYTHONIOENCODING": "cp1252"})
+    assert done.returncode == 0, done.stderr
+    assert "at E*?/?_Y = 5" in done.stdout
+
+
 @pytest.mark.parametrize("columns", [80, 200])
 def test_list_shows_a_requirement_as_it_is_written(
     write_case, tmp_path, monkeypatch, columns, capsys

@@ -10,6 +10,7 @@ command that solves nothing, does not wait for solvers and charts to load.
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import signal
 import sys
@@ -83,6 +84,9 @@ def cli() -> None:
 def main() -> None:
     """Run the command line; an intended error is one sentence on stderr and exit code 2."""
     signal.signal(signal.SIGTERM, _terminated)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a code page without a symbol shows "?" for it
+            stream.reconfigure(errors="replace")
     try:
         sys.exit(cli.main(prog_name="epcontact", standalone_mode=False))
     except (click.Abort, KeyboardInterrupt):

@@ -63,7 +63,7 @@ class EffectiveHardness:
     def __str__(self) -> str:
         parts = ", ".join(f"{name} {part:+.3f}" for name, part in self.parts.items())
         return (
-            f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E* xi/sigma_Y = {self.severity:.3g} "
+            f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E*ξ/σ_Y = {self.severity:.3g} "
             f"(by {parts})"
             + (
                 ""
@@ -229,7 +229,7 @@ class ModelDifference:
         if effective.at_cap is None:
             raise InvalidCase(
                 "the J2 body touches on no more than the elastic one, so no cap gives its area; "
-                "a gate on the effective hardness needs a larger E* xi/sigma_Y"
+                "a gate on the effective hardness needs a larger E*ξ/σ_Y"
             )
         return effective
 

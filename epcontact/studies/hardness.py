@@ -91,8 +91,7 @@ def measured(
         for severity in severities:
             for seed in seeds:
                 progress(
-                    f"hardness: E* xi/sigma_Y = {severity:g}, nu = {nu:g}, {nodes} nodes, "
-                    f"seed {seed}"
+                    f"hardness: E*ξ/σ_Y = {severity:g}, nu = {nu:g}, {nodes} nodes, seed {seed}"
                 )
                 scene = model_scene(severity, nu, seed, nodes, waves)
                 result = fem_check.solve(scene, law="j2", steps=steps, certified=False)

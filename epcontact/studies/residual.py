@@ -76,7 +76,7 @@ def residual_table(
             scene = rough_scene(points, seed, bandwidth, ratio * MODULUS)
             before, power = topography(scene.surface), power_by_octave(scene.surface)[1]
             for model in models:
-                progress(f"residual: {model}, hardness {ratio:g} E* xi, seed {seed}")
+                progress(f"residual: {model}, hardness {ratio:g} E*ξ, seed {seed}")
                 if model == "theory":
                     kept, figures = theory_power(scene), {}
                 else:
