@@ -278,7 +278,7 @@ def test_mutants_of_a_case_file(fresh, content) -> None:
     judge_mutant(content, fresh())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @some(1000)
 @given(content=mutants())
 def test_a_thousand_mutants_of_a_case_file(fresh, content) -> None:

@@ -100,7 +100,7 @@ def test_the_corner_is_that_of_spheres_and_of_gaps():
         assert corner == pytest.approx(rim_correction.CORNER, abs=3 * chance + 0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_calibration_does_not_depend_on_rounding():
     """Processors differ in their last digits, as phases that differ by 1e-9 of a spacing do."""
     one, _ = rim.calibrate_strips(rim.along_axis())
@@ -112,7 +112,7 @@ def test_the_calibration_does_not_depend_on_rounding():
     np.testing.assert_allclose(other, one, atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_tables_come_from_the_calibration():
     # What the choice of positions leaves: moving all of them by a thousandth of a spacing changes
     # the grid's table by 2.2e-4 and the line's by 9e-4.
@@ -417,7 +417,7 @@ def test_rough_surfaces_at_four_points_a_wavelength():
     assert np.mean(np.abs(errors[:, 2]) <= errors[:, 3]) >= 0.75
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("load", "hardness"), [(0.05, 0.6), (0.05, math.inf), (0.2, 0.6), (0.1, 1.2), (0.3, 0.9)]
 )

@@ -252,7 +252,7 @@ def severities(seed: int, nu: float, severity: float) -> EffectiveHardness:
     return effective_hardness(scene, coarse=False, steps=4)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_effective_hardness_rises_towards_three_yield_stresses() -> None:
     """With E* xi/sigma_Y, for every Poisson's ratio, from above the mean pressure at which a
     sphere first yields; the cases fem-model-* gate the figures themselves."""
@@ -302,7 +302,7 @@ def scene_of(k: int, nodes: int) -> Scene:
 
 
 # The other scenes take longer: all 20 together some two minutes.
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("k", [3, 4, 8, 9])
 def test_the_error_bar_holds_the_ratio_of_a_fine_grid(k: int) -> None:
     found = effective_hardness(scene_of(k, NODES[k]))

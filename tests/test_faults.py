@@ -26,7 +26,7 @@ def dear(fault: Fault) -> bool:
 
 def as_parameters(faults: list[Fault]) -> list[object]:
     return [
-        pytest.param(fault, id=fault.what, marks=[pytest.mark.slow] if dear(fault) else [])
+        pytest.param(fault, id=fault.what, marks=[pytest.mark.long] if dear(fault) else [])
         for fault in faults
     ]
 

@@ -57,7 +57,7 @@ def test_newton_converges_quadratically() -> None:
         assert after < 10 * before**2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_prandtls_punch_is_met_by_richardson_at_every_poisson_ratio() -> None:
     limits = {}
     for nu in (0.0, 0.3, 0.499):

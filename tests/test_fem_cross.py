@@ -35,7 +35,7 @@ def distance(a: ContactResult, b: ContactResult) -> float:
 
 
 @pytest.mark.parametrize("law", ["elastic", "capped"])
-@pytest.mark.parametrize("seed", [7, 8, pytest.param(11, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [7, 8, pytest.param(11, marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     ("nodes", "highest", "dimensions"), [(32, 4, 2), (64, 16, 2), (256, 16, 1)]
 )

@@ -57,7 +57,7 @@ def test_a_load_path_stays_within_its_iterations(nodes: int, layers: int) -> Non
     assert cost["unknowns"] == 3 * nodes**2 * layers
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_iterations_of_a_path_hardly_grow_with_the_mesh() -> None:
     """All CG iterations of a path, from 32^2 to 128^2, mean of four surfaces that gain short waves
     with the mesh: 68 to 101, by 1.47."""

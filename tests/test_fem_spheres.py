@@ -67,7 +67,7 @@ def fits(answer: SphereAnswer, poisson_ratio: float) -> tuple[float, float]:
     return ratios[0], ratios[1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("severity", [3.0, 8.0, 20.0, 42.0])
 def test_the_sphere_lies_between_the_published_fits(severity: float) -> None:
     """The fits differ from each other by up to 7 %: no tighter gate would mean anything."""
@@ -76,7 +76,7 @@ def test_the_sphere_lies_between_the_published_fits(severity: float) -> None:
         assert ratio == pytest.approx(1, abs=0.07)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_mean_pressure_rises_along_johnsons_curve() -> None:
     answers = [sphere(x) for x in (2.0, 5.0, 10.0, 20.0, 42.0)]
     pressures = [a.mean_pressure for a in answers]
@@ -95,7 +95,7 @@ def test_the_mean_pressure_rises_along_johnsons_curve() -> None:
         assert 0 < excess < 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_answer_does_not_depend_on_the_grid() -> None:
     coarse = sphere(20.0, nodes=48, nodes_to_rim=6)
     fine = sphere(20.0, nodes=96, nodes_to_rim=14)

@@ -32,7 +32,7 @@ def balance(scene: Scene, steps: int) -> tuple[float, float]:
     return held[steps - 1] / work[steps - 1] - 1, held[-1] / work[-1] - 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 1e-4)], ids=lambda b: b.kind)
 def test_the_work_on_a_j2_body_is_stored_or_spent_on_flow(body: Body) -> None:
     coarse, fine = (np.abs(balance(replace(FLOWING, body=body), steps)) for steps in (4, 8))

@@ -202,7 +202,7 @@ def test_the_study_draws_what_it_measured() -> None:
     assert np.diff([row[2] for row in breadths.rows]) == pytest.approx([0.1, 0.1])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_fast_study_rises_with_the_severity(tmp_path: Path) -> None:
     charts = STUDIES["hardness"].run("fast")
     assert {f.suffix for f in save_charts("hardness", charts, tmp_path)} >= {".png", ".csv"}

@@ -201,7 +201,7 @@ def test_an_ensemble_s_error_holds_its_scatter(write_case):
     assert achieved_error(chosen, answer) == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_plans_keep_their_promise_on_surfaces_they_have_not_seen(write_case):
     case = replace(load_case(write_case(), "full"), methods=("bem",))
     first = case.recipes[0]
@@ -291,7 +291,7 @@ def test_a_plan_with_its_pilots_is_never_dearer_than_the_hand_chosen_full_size(n
     assert chosen.work + chosen.pilot_work < chosen.given_work
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_shipped_case_has_a_plan_dearer_than_its_full_size():
     for path in find_cases():
         if "full" not in case_sizes(path) or path.id.startswith("paper"):

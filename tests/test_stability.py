@@ -66,7 +66,7 @@ def test_full_axes_reach_what_is_promised() -> None:
     assert (min(full.poisson_ratios), max(full.poisson_ratios)) == (0.0, 0.499)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_newton_fails_nowhere_on_the_full_map() -> None:
     found = stability_map(["capped", "elastic"], "full", methods=["newton"])
     assert len(found.points) == 13 * 13 + 13

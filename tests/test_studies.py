@@ -495,7 +495,7 @@ def test_installed_peers_find_the_same_areas(law):
 # --- every study --------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name",
     [
