@@ -21,7 +21,7 @@ from fem_check.plasticity import History
 from fem_check.problem import Counts, Problem, State
 
 # Elements whose stresses are held at once, to find their energy.
-_ENERGY_BLOCK = 1 << 15
+_ENERGY_BLOCK = 1 << 8
 
 
 @dataclass(frozen=True)

@@ -362,7 +362,7 @@ def test_mutants_of_a_surface_file(fresh, spoilt) -> None:
     judge_map(*spoilt, fresh())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @some(500)
 @given(spoilt=spoilt_maps())
 def test_many_mutants_of_a_surface_file(fresh, spoilt) -> None:
@@ -411,7 +411,7 @@ def test_command_lines(in_folder, words) -> None:
     judge_line(words, in_folder())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @some(150)
 @given(words=st.lists(st.sampled_from(WORDS) | st.text(max_size=10), max_size=7))
 def test_many_command_lines(in_folder, words) -> None:

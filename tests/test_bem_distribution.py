@@ -140,7 +140,7 @@ def test_slope_of_a_sinusoidal_line():
     assert low.continuum_slope == pytest.approx(first, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_density_vanishes_at_both_ends():
     """Raw P(0+) and P(hardness-) fall as the root of the spacing; their limit is zero."""
     points, hardness, load, high = (4, 8, 16, 32), 0.6, 0.15, 32

@@ -51,7 +51,7 @@ def test_map_of_loads_and_hardnesses(shape, points):
         require_solved(heights, load * E, math.inf)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("points", [2.2, 4, 16])
 def test_map_on_a_finer_grid(points):
     heights = rough((128, 128), points, seed=11)

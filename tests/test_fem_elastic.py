@@ -57,7 +57,7 @@ def test_westergaards_pressure_is_met_with_first_order() -> None:
     assert np.abs(found[2:, :, 2]).max() < 1.5e-3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.3, 0.45])
 def test_the_rim_of_a_line_lies_where_the_areas_say(poisson_ratio: float) -> None:
     found = [

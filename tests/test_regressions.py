@@ -217,6 +217,8 @@ def test_interrupt_while_workers_start_is_quiet(write_case, tmp_path) -> None:
         [sys.executable, "-m", "epcontact", "verify", str(write_case()), "--jobs", "2"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         cwd=tmp_path,
+        # A shell starts its background jobs with interrupts ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     )  # fmt: skip
     deadline = time.monotonic() + 120
     while not _children(process.pid) and time.monotonic() < deadline:

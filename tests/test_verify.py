@@ -27,7 +27,9 @@ def result(method: str, total: float) -> ContactResult:
 def answers(bem: list[float], theory: float = 0.1) -> dict[str, Answer]:
     return {
         "persson": Answer((result("persson", theory),), ("single",)),
-        "bem": Answer(tuple(result("bem", a) for a in bem), tuple(f"seed{i}" for i in range(9))),
+        "bem": Answer(
+            tuple(result("bem", a) for a in bem), tuple(f"seed{i}" for i in range(len(bem)))
+        ),
     }
 
 

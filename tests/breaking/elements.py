@@ -166,7 +166,7 @@ FAULTS = (
     _fem(
         "1 - nu for nu in the rim",
         given(F + "result.areas", lambda s, nu, capped: (s, 1 - nu, capped)),
-        "fem-capped", "area.total.corrected",
+        "fem-elastic", "area.total.error",
     ),
     _fem(
         "the rim of the plastic area of the wrong sign",
