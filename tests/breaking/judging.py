@@ -202,21 +202,16 @@ FAULTS = (
         both(at(H + "verdict.FALLS_SHORT", "fell short"), solver(faults.stiff)),
         "westergaard-line", "quantity.mean_gap", status=REFUSED,
     ),
-    _fault(
-        "every case holds",
-        both(
-            on_result(H + "verdict.judge_case", lambda c: c.model_copy(update={"status": "holds"})),
-            solver(faults.stiff),
-        ),
-        "westergaard-line", "quantity.mean_gap", status=REFUSED,
-    ),
-    _fault(
-        "every gate holds",
-        both(
-            on_result(H + "verdict.judge", lambda g: g.model_copy(update={"status": "holds"})),
-            solver(faults.stiff),
-        ),
-        "westergaard-line", "quantity.mean_gap", status=REFUSED,
+    *(
+        _fault(
+            f"every {what} holds",
+            both(
+                on_result(H + judged, lambda v: v.model_copy(update={"status": "holds"})),
+                solver(faults.stiff),
+            ),
+            "westergaard-line", "quantity.mean_gap", status=REFUSED,
+        )
+        for what, judged in (("case", "verdict.judge_case"), ("gate", "verdict.judge"))
     ),
     _fault(
         "no failure in junit.xml",
