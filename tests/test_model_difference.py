@@ -23,7 +23,7 @@ from epcontact.harness.case import load_case
 from epcontact.harness.distances import distance
 from epcontact.harness.model_difference import elements_compliance
 from epcontact.harness.quantities import QUANTITIES, measure, measure_all
-from epcontact.results import ContactResult
+from epcontact.results import Areas, ContactResult
 from epcontact.scene import Body, Scene
 from epcontact.studies import STUDIES, save_charts
 from epcontact.studies.hardness import (
@@ -127,6 +127,11 @@ def test_what_has_no_effective_hardness_or_no_block_is_refused(j2: ContactResult
     capped = fem_check.solve(scene, law="capped", certified=False)
     with pytest.raises(InvalidCase, match="law of the elements is capped, but"):
         measure("quantity.model_area", scene, capped)
+    scene, step = rough_scene(32, 4), j2.final
+    areas = dict(step.areas) | {"raw": Areas(0.95, 0.0, 0.95)}
+    full = dataclasses.replace(j2, steps=(dataclasses.replace(step, areas=areas),))
+    with pytest.raises(InvalidCase, match=r"c_eff means nothing .* 0\.950 of the nodes"):
+        measure("quantity.effective_hardness", scene, full)
     blank = dataclasses.replace(j2.provenance, options={"law": "j2"})
     scene = rough_scene(32, 4)
     with pytest.raises(InvalidCase, match="does not say its block's layers"):

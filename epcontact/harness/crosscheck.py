@@ -263,7 +263,7 @@ def _ensemble_lines(checks: Sequence[Checked]) -> list[str]:
         rows.append(("model, overlap", [m.overlap for m in models]))
         rows.append(("model, distance of the pressures", [m.wasserstein for m in models]))
         rows.append(("largest pressure of j2 over sigma_Y", [item.largest for item in checks]))
-    effective = [item.effective for item in checks if item.effective is not None]
+    effective = [e for item in checks if (e := item.effective) is not None and not e.saturated]
     caps = [e.at_cap for e in effective if e.at_cap is not None]
     if caps and len(caps) == len(checks):
         rows.append(("effective hardness c_eff", [e.ratio for e in effective]))

@@ -30,6 +30,9 @@ from epcontact.scene import Load, Scene, Surface
 _SEARCHED_TO = 1e-4
 
 
+#: Largest contact area at which an effective hardness says something of the material.  Beyond it
+#: nearly every node touches, and the cap of equal area is hardly more than the mean pressure.
+SATURATED = 0.9
 #: Factor of the change between two solves, by the part of the error; see `combined`.
 TWO_SOLVES = {"grid": 3.0, "steps": 3.0}
 
@@ -56,11 +59,18 @@ class EffectiveHardness:
     parts: Mapping[str, float]
 
     @property
+    def saturated(self) -> bool:
+        """True if the contact is too full for the ratio to mean anything."""
+        return self.area > SATURATED
+
+    @property
     def error(self) -> float:
         """The error of the ratio, meant to cover in 95 of 100 scenes; see `combined`."""
         return combined(self.parts)
 
     def __str__(self) -> str:
+        if self.saturated:
+            return _full(self.area)
         parts = ", ".join(f"{name} {part:+.3f}" for name, part in self.parts.items())
         return (
             f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E*ξ/σ_Y = {self.severity:.3g} "
@@ -71,6 +81,13 @@ class EffectiveHardness:
                 else f" ({self.at_cap}, overlap {self.at_cap.overlap:.2f})"
             )
         )
+
+
+def _full(area: float) -> str:
+    return (
+        f"c_eff means nothing where the J2 body touches on {area:.3f} of the nodes: in so full a "
+        "contact the cap of equal area follows the load and not the material"
+    )
 
 
 def combined(parts: Mapping[str, float]) -> float:
@@ -118,7 +135,7 @@ def effective_hardness(
     if j2 is None:
         j2 = fem_check.solve(scene, law="j2", certified=False, **block, **path)
     fine = _equal_area(scene, j2)
-    if not (coarse and math.isfinite(fine.ratio)):
+    if fine.saturated or not (coarse and math.isfinite(fine.ratio)):
         return fine
     if any(n % 2 or n < 8 for n in scene.surface.shape):
         raise InvalidScene(
@@ -223,9 +240,14 @@ class ModelDifference:
 
     @cached_property
     def effective(self) -> EffectiveHardness:
-        """The cap of equal contact area.  Raises InvalidCase if there is none."""
+        """The cap of equal contact area.
+
+        Raises InvalidCase if there is none, or the contact is too full for it to mean anything.
+        """
         self._require_j2()
         effective = _equal_area(self.scene, self.j2)
+        if effective.saturated:
+            raise InvalidCase(f"{_full(effective.area)}; gate it under a smaller load")
         if effective.at_cap is None:
             raise InvalidCase(
                 "the J2 body touches on no more than the elastic one, so no cap gives its area; "

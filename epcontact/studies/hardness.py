@@ -24,6 +24,7 @@ from epcontact.surfaces import SelfAffine
 
 PERIOD = 1e-3  # m
 WAVES = 4  # number of shortest waves in a period
+HURST = 0.8
 SLOPE = 0.05
 YOUNG = 210e9  # Pa
 TABOR = 3.0  # hardness/sigma_Y
@@ -54,11 +55,13 @@ MEASURES = {
 }
 
 
-def model_scene(severity: float, nu: float, seed: int, nodes: int, waves: int = WAVES) -> Scene:
+def model_scene(
+    severity: float, nu: float, seed: int, nodes: int, waves: int = WAVES, hurst: float = HURST
+) -> Scene:
     """A scene at E* xi/sigma_Y = `severity` on nodes x nodes points; `waves` of the shortest
     waves in a period."""
     q = 2 * math.pi / PERIOD
-    spectrum = SelfAffineSpectrum(0.8, q, q, waves * q, SLOPE)
+    spectrum = SelfAffineSpectrum(hurst, q, q, waves * q, SLOPE)
     yield_stress = YOUNG / (1 - nu**2) * SLOPE / severity
     return Scene(
         SelfAffine(spectrum, (PERIOD,) * 2, (nodes,) * 2, seed).build(),
