@@ -143,7 +143,7 @@ PAPERS = (
     ),
     Paper(
         "A. Pradhan et al., The surface-topography challenge: a multi-laboratory benchmark study "
-        "to advance the characterization of topography, Tribol. Lett. 73, 110 (2025).",
+        "to advance the characterization of topography, Tribol. Lett. 73 (2025).",
         "10.1007/s11249-025-02014-y",
         mentions=("Pradhan et al.",),
     ),
