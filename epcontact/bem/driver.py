@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,12 +17,7 @@ from numpy.typing import NDArray
 
 from epcontact.bem.areas.distribution import pressure_distribution
 from epcontact.bem.areas.rim_correction import estimate_areas
-from epcontact.bem.flow import (
-    at_hardness_again,
-    checked_plastic_displacement,
-    flowed,
-    unloaded,
-)
+from epcontact.bem.flow import LoadedSurface, checked_plastic_displacement, loaded
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.level import GRADIENT_STEP, states
 from epcontact.bem.memory import estimated_memory, require_memory
@@ -30,11 +25,9 @@ from epcontact.bem.problem import (
     GridProblem,
     Method,
     Options,
-    PressureSolution,
     checked_start,
     checked_symbol,
 )
-from epcontact.bem.solver import solve_problem
 from epcontact.bem.transforms import Symbol
 from epcontact.machine import available_cores, compile_seconds, peak_memory
 from epcontact.moduli import effective_modulus, oedometric_modulus
@@ -45,35 +38,6 @@ _DISTRIBUTION_BINS = 1024
 # Along a load path the last solution is the better start up to this ratio of loads; beyond it,
 # coarse grids give the better one.
 _WARM_RATIO = 1.03
-
-
-@dataclass(frozen=True)
-class _Watch:
-    """What `solve` calls on the way; see its arguments."""
-
-    progress: Callable[[float, str], None] | None = None
-    on_step: Callable[[ContactResult], None] | None = None
-
-    def of_load(
-        self, scene: Scene, tolerance: float, load: int
-    ) -> Callable[[tuple[int, ...], float], None] | None:
-        """Return the progress of the load of a number, as a function of grid and residual.
-
-        A grid has its share of the work by its points, so that all coarser ones have a quarter of
-        its own, and residuals fall by equal factors in equal times.
-        """
-        progress, path, size = self.progress, scene.load.path, scene.surface.heights.size
-        if progress is None:
-            return None
-
-        def told(grid: tuple[int, ...], residual: float) -> None:
-            settled = math.log(max(residual, tolerance)) / math.log(tolerance)
-            share = math.prod(grid) / size * (0.25 + 0.75 * min(max(settled, 0.0), 1.0))
-            words = " x ".join(map(str, grid))
-            sentence = f"bem: mean pressure {path[load]:.3g} Pa, {words} points, residual "
-            progress((load + share) / len(path), f"{sentence}{residual:.1e}")
-
-        return told
 
 
 def solve(  # noqa: PLR0913 - options by keyword only, each with its default
@@ -133,80 +97,100 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     cores = available_cores() if threads is None else threads
     options = Options(tolerance, area_tolerance, cores, method, max_steps)
     started, compiled = time.perf_counter(), compile_seconds()
+    _require_memory(scene)
+    symbol, shape = _symbol(scene, compliance), scene.surface.shape
+    if start is not None:
+        start = checked_start(start, shape).reshape(symbol.shape)
+    if plastic_displacement is not None:
+        given = checked_plastic_displacement(plastic_displacement, shape)
+        plastic_displacement = given.reshape(symbol.shape)
+    steps, last, pairs = _walk(
+        scene, symbol, options, start, plastic_displacement, progress, on_step
+    )
+    cost = pairs | {
+        "seconds": time.perf_counter() - started - (compile_seconds() - compiled),
+        "unknowns": float(scene.surface.heights.size),
+        "peak_memory_bytes": float(peak_memory()),
+    }
+    result = _result(scene, options, steps, last, cost)
+    if compliance is None:
+        return result
+    chosen = {**result.provenance.options, "compliance": "given"}
+    return replace(result, provenance=replace(result.provenance, options=chosen))
+
+
+def _require_memory(scene: Scene) -> None:
     surface, material = scene.surface, scene.material
     mean_pressure = scene.load.final or max(scene.load.path)
     lightest = min(mean_pressure, material.hardness - mean_pressure)
     modulus = effective_modulus(material)
     needed = estimated_memory(surface.heights, surface.spacing, lightest, modulus)
     require_memory(needed, surface.shape)
-    symbol = _symbol(scene, compliance)
-    warm = None if start is None else checked_start(start, surface.shape).reshape(symbol.shape)
-    sunk: FloatArray | None = None
-    if plastic_displacement is not None:
-        sunk = checked_plastic_displacement(plastic_displacement, surface.shape)
-        sunk = sunk.reshape(symbol.shape)
-    steps, solution, sunk, totals = _walk(
-        scene, symbol, options, warm, sunk, _Watch(progress, on_step)
-    )
-    cost = totals | {
-        "seconds": time.perf_counter() - started - (compile_seconds() - compiled),
-        "unknowns": float(surface.heights.size),
-        "peak_memory_bytes": float(peak_memory()),
-    }
-    result = _result(scene, options, steps, solution, sunk, cost)
-    if compliance is None:
-        return result
-    given = {**result.provenance.options, "compliance": "given"}
-    return replace(result, provenance=replace(result.provenance, options=given))
 
 
 def _walk(
     scene: Scene,
     symbol: Symbol,
     options: Options,
-    warm: FloatArray | None,
-    sunk: FloatArray | None,
-    watch: _Watch,
-) -> tuple[tuple[LoadStep, ...], PressureSolution, FloatArray | None, dict[str, float]]:
+    start: FloatArray | None,
+    before: FloatArray | None,
+    progress: Callable[[float, str], None] | None,
+    on_step: Callable[[ContactResult], None] | None,
+) -> tuple[tuple[LoadStep, ...], LoadedSurface, dict[str, float]]:
     """Solve at each load of the path, on the surface that the loads before it have left.
 
     Args:
         scene, symbol, options: the scene, its compliance and the options.
-        warm: pressure in Pa to start the first load from.
-        sunk: plastic displacement before the first load, in m.
-        watch: what is called on the way.
+        start: pressure in Pa to start the first load from.
+        before: plastic displacement before the first load, in m.
+        progress, on_step: see `solve`.
 
     Returns:
-        The load steps, the solution at the last load, the plastic displacement on which that load
-        was solved, and the pairs of transforms of all loads.
+        The load steps, the surface under the last load, and the pairs of transforms of all loads.
     """
-    heights, hardness = scene.surface.heights.reshape(symbol.shape), scene.material.hardness
-    left = heights if sunk is None else heights - sunk
+    heights, path = scene.surface.heights.reshape(symbol.shape), scene.load.path
+    left = heights if before is None else heights - before
     steps: list[LoadStep] = []
-    totals = dict.fromkeys(("fft_pairs", "equivalent_fft_pairs"), 0.0)
-    loads = iter(scene.load.path)
-    mean_pressure = next(loads)
+    pairs = dict.fromkeys(("fft_pairs", "equivalent_fft_pairs"), 0.0)
     while True:
-        problem = GridProblem(left, symbol, mean_pressure, hardness)
-        watched = replace(options, progress=watch.of_load(scene, options.tolerance, len(steps)))
-        solution = solve_problem(problem, watched, warm) if mean_pressure else unloaded(problem)
-        if sunk is not None:
-            at_hardness_again(problem, solution, sunk)
-        steps.append(_load_step(scene, problem, solution, sunk))
-        totals = {name: count + solution.counts[name] for name, count in totals.items()}
-        if watch.on_step is not None:
-            # `_result` adds the compression of a layer to the displacement in place.
-            own = replace(solution, displacement=solution.displacement.copy())
-            watch.on_step(_result(scene, options, tuple(steps), own, sunk, dict(totals)))
-        following = next(loads, None)
-        if following is None:
-            return tuple(steps), solution, sunk, totals
-        if following < mean_pressure and math.isfinite(hardness):
-            sunk = flowed(problem, solution, sunk)
-            left = heights - sunk
-        warm = _warm_start(replace(problem, heights=left), solution, following)
-        del solution  # its fields would stay in memory beside those of the next load
-        mean_pressure = following
+        mean_pressure = path[len(steps)]
+        problem = GridProblem(left, symbol, mean_pressure, scene.material.hardness)
+        shown = replace(options, progress=_share_done(scene, options, len(steps), progress))
+        now = loaded(problem, shown, start, before)
+        steps.append(_load_step(scene, now))
+        pairs = {name: count + now.solution.counts[name] for name, count in pairs.items()}
+        if on_step is not None:
+            on_step(_result(scene, options, tuple(steps), now, dict(pairs)))
+        if len(steps) == len(path):
+            return tuple(steps), now, pairs
+        following = path[len(steps)]
+        if following < mean_pressure and now.after is not None:
+            before = now.after
+            left = heights - before
+        start = _warm_start(now, left, following)
+        del now, problem  # their fields would stay in memory beside those of the next load
+
+
+def _share_done(
+    scene: Scene, options: Options, load: int, progress: Callable[[float, str], None] | None
+) -> Callable[[tuple[int, ...], float], None] | None:
+    """Return the progress of the load of a number, as a function of grid and residual.
+
+    A grid has its share of the work by its points, so that all coarser ones have a quarter of its
+    own, and residuals fall by equal factors in equal times.
+    """
+    if progress is None:
+        return None
+    path, size, tolerance = scene.load.path, scene.surface.heights.size, options.tolerance
+
+    def report(grid: tuple[int, ...], residual: float) -> None:
+        settled = math.log(max(residual, tolerance)) / math.log(tolerance)
+        share = math.prod(grid) / size * (0.25 + 0.75 * min(max(settled, 0.0), 1.0))
+        words = " x ".join(map(str, grid))
+        sentence = f"bem: mean pressure {path[load]:.3g} Pa, {words} points, residual "
+        progress((load + share) / len(path), f"{sentence}{residual:.1e}")
+
+    return report
 
 
 def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
@@ -219,42 +203,38 @@ def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
     return Symbol.from_quarter(quarter_compliance(grid, lengths, scene.body, scene.material), grid)
 
 
-def _warm_start(
-    problem: GridProblem, last: PressureSolution, mean_pressure: float
-) -> FloatArray | None:
+def _warm_start(last: LoadedSurface, left: FloatArray, following: float) -> FloatArray | None:
     """Return p - c g of the last solution in Pa, scaled to the next load; None for a distant load.
 
     Where p is 0, p - c g still shows how far away contact is.
+
+    Args:
+        last: the surface under the last load.
+        left: (nx, ny) the heights that the next load meets, in m.
+        following: the next mean pressure in Pa.
     """
-    if not problem.mean_pressure:
-        return None
-    ratio = mean_pressure / problem.mean_pressure
+    problem, solution = last.problem, last.solution
+    ratio = following / problem.mean_pressure if problem.mean_pressure else math.inf
     if not 1 / _WARM_RATIO <= ratio <= _WARM_RATIO:
         return None
-    gap = last.displacement + (last.offset - problem.heights)
-    return np.asarray(last.pressure * ratio - GRADIENT_STEP / problem.symbol.shortest() * gap)
+    gap = solution.displacement + (solution.offset - left)
+    return np.asarray(solution.pressure * ratio - GRADIENT_STEP / problem.symbol.shortest() * gap)
 
 
-def _load_step(
-    scene: Scene, problem: GridProblem, solution: PressureSolution, before: FloatArray | None
-) -> LoadStep:
-    """The step of a solution on the surface that the plastic displacement `before` has left."""
-    shape, hardness = scene.surface.shape, problem.hardness
-    pressure, gap = solution.pressure, solution.displacement + (solution.offset - problem.heights)
-    plastic = pressure >= hardness
-    separation = float(gap.mean())
-    sunk = 0.0
-    if before is not None:
-        separation -= float(before.mean())
-        sunk = float(before.mean(where=~plastic)) * float(np.mean(~plastic))
+def _load_step(scene: Scene, now: LoadedSurface) -> LoadStep:
+    problem, solution = now.problem, now.solution
+    shape, pressure, gap = scene.surface.shape, solution.pressure, now.gap()
+    open_gap, separation, flow = float(np.maximum(gap, 0).mean()), float(gap.mean()), 0.0
+    if now.before is not None:
+        separation -= float(now.before.mean())
+    if now.after is not None:
+        flow = float(now.after.mean())
         # Fronts of plastic flow are placed by the whole depth of the flow.
-        np.subtract(gap, before, out=gap, where=plastic)
-    if plastic.any():
-        sunk -= float(gap.mean(where=plastic)) * float(plastic.mean())
+        np.negative(now.after, out=gap, where=pressure >= problem.hardness)
     raw, corrected, error = estimate_areas(
         pressure.reshape(shape),
         gap.reshape(shape),
-        hardness,
+        problem.hardness,
         scene.surface.spacing,
         effective_modulus(scene.material),
     )
@@ -262,9 +242,9 @@ def _load_step(
     # Unlike a product of a linear algebra library, this starts no threads.
     fluctuation = float(np.einsum("ij,ij->", pressure, solution.displacement)) / gap.size
     quantities = {
-        "mean_gap": float(np.maximum(gap, 0).mean()),
-        "mean_plastic_displacement": sunk,
-        "plastic_work": hardness * sunk if sunk else 0.0,
+        "mean_gap": open_gap,
+        "mean_plastic_displacement": flow,
+        "plastic_work": problem.hardness * flow if math.isfinite(problem.hardness) else 0.0,
         "mean_separation": separation,
         "elastic_energy": (fluctuation + compression * problem.mean_pressure) / 2,
         "largest_pressure": float(pressure.max()),
@@ -289,28 +269,23 @@ def _result(
     scene: Scene,
     options: Options,
     steps: tuple[LoadStep, ...],
-    solution: PressureSolution,
-    before: FloatArray | None,
+    last: LoadedSurface,
     cost: dict[str, float],
 ) -> ContactResult:
-    shape, hardness = scene.surface.shape, scene.material.hardness
+    shape, hardness, solution = scene.surface.shape, scene.material.hardness, last.solution
     pressure = solution.pressure.reshape(shape)
     displacement = solution.displacement.reshape(shape)
     gap = displacement + (solution.offset - scene.surface.heights)
-    displacement += _compression(scene, steps[-1].mean_pressure)
+    compression = _compression(scene, steps[-1].mean_pressure)
     fields: dict[str, NDArray[Any]] = {
         "heights": scene.surface.heights,
         "pressure": pressure,
         "gap": gap,
-        "displacement": displacement,
+        "displacement": displacement + compression if compression else displacement,
         "state": states(pressure, hardness),
     }
-    if math.isfinite(hardness):
-        deeper = np.maximum(-gap, 0.0, out=np.zeros(shape), where=pressure >= hardness)
-        # On the hardness -gap is all of the plastic displacement, the earlier one included.
-        fields["plastic_displacement"] = (
-            deeper if before is None else np.maximum(deeper, before.reshape(shape), out=deeper)
-        )
+    if last.after is not None:
+        fields["plastic_displacement"] = last.after.reshape(shape)
     chosen: dict[str, Any] = {"method": options.method, "tolerance": options.tolerance}
     if options.area_tolerance:
         chosen["area_tolerance"] = options.area_tolerance

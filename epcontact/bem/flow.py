@@ -18,12 +18,55 @@ be taken over only where the path turns down.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.problem import GridProblem, PressureSolution
+from epcontact.bem.problem import GridProblem, Options, PressureSolution
+from epcontact.bem.solver import solve_problem
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedSurface:
+    """A surface under one load of a path.
+
+    Attributes:
+        problem: the load on the heights that earlier flow has left.
+        solution: its pressures.
+        before: (nx, ny) the plastic displacement of that earlier flow, in m; None: there was none.
+        after: (nx, ny) the plastic displacement after this load, in m; None: nothing can flow.
+    """
+
+    problem: GridProblem
+    solution: PressureSolution
+    before: FloatArray | None
+    after: FloatArray | None
+
+    def gap(self) -> FloatArray:
+        """(nx, ny) the gap in m to the surface that earlier flow has left."""
+        return _gap(self.problem, self.solution)
+
+
+def loaded(
+    problem: GridProblem, options: Options, start: FloatArray | None, before: FloatArray | None
+) -> LoadedSurface:
+    """Solve one load of a path, and find the plastic displacement after it.
+
+    Args:
+        problem: the load on the heights that `before` has left; it may be zero.
+        options: of the solver.
+        start: pressure in Pa to start from; None: coarser grids.
+        before: the plastic displacement of earlier loads, in m.
+    """
+    solution = solve_problem(problem, options, start) if problem.mean_pressure else _apart(problem)
+    if before is not None:
+        _put_on_hardness(problem, solution, before)
+    after = flowed(problem, solution, before) if math.isfinite(problem.hardness) else before
+    return LoadedSurface(problem, solution, before, after)
 
 
 def checked_plastic_displacement(given: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
@@ -41,7 +84,11 @@ def checked_plastic_displacement(given: NDArray[np.floating], shape: tuple[int, 
     return w
 
 
-def unloaded(problem: GridProblem) -> PressureSolution:
+def _gap(problem: GridProblem, solution: PressureSolution) -> FloatArray:
+    return solution.displacement + (solution.offset - problem.heights)
+
+
+def _apart(problem: GridProblem) -> PressureSolution:
     """The answer at no load: no pressure, and the flat on the highest point."""
     nothing = np.zeros(problem.shape)
     residuals = dict.fromkeys(("gap_elastic", "gap_sign", "bounds", "force"), 0.0)
@@ -54,20 +101,14 @@ def unloaded(problem: GridProblem) -> PressureSolution:
 def flowed(
     problem: GridProblem, solution: PressureSolution, before: FloatArray | None
 ) -> FloatArray:
-    """The plastic displacement in m after a load.
-
-    Args:
-        problem: the problem that was solved, on the heights that `before` has left.
-        solution: its solution.
-        before: the plastic displacement before the load; None: there was none.
-    """
-    gap = solution.displacement + (solution.offset - problem.heights)
-    gap[solution.pressure < problem.hardness] = 0.0
-    more = np.abs(np.minimum(gap, 0.0, out=gap), out=gap)
-    return more if before is None else np.add(before, more, out=more)
+    """The plastic displacement in m after a load: that `before`, and -g at the hardness."""
+    w = _gap(problem, solution)
+    w[solution.pressure < problem.hardness] = 0.0
+    np.abs(np.minimum(w, 0.0, out=w), out=w)
+    return w if before is None else np.add(before, w, out=w)
 
 
-def at_hardness_again(problem: GridProblem, solution: PressureSolution, before: FloatArray) -> None:
+def _put_on_hardness(problem: GridProblem, solution: PressureSolution, before: FloatArray) -> None:
     """Put pressures on the hardness, in place, that have come back to it within their error.
 
     When a load returns to the largest one before it, both the gap and the distance of the pressure

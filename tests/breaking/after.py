@@ -8,7 +8,7 @@ import numpy as np
 
 from breaking.fault import Fault, changed, on_result, quantity, scaled
 
-FLOWED = "epcontact.bem.driver.flowed"
+FLOWED = "epcontact.bem.flow.flowed"
 
 
 def _deepest(w: Any) -> Any:
