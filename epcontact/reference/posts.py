@@ -95,11 +95,11 @@ def _middle_pressure(scene: Scene) -> float:
     return float(strip_pressure_periodic(np.zeros(1), force, a, period)[0])
 
 
-def _yielded_rim(scene: Scene) -> float:
-    """Plastic share of a capped strip, the counterpart of a row of cracks with Dugdale's zones.
+def _elastic_middle(scene: Scene) -> float:
+    """Half-width e of the elastic middle of a capped strip, in m.
 
-    The elastic middle |x| < e ends where no singularity is left,
-    cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)).
+    It ends where no singularity is left, cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)): the
+    counterpart of a row of cracks with Dugdale's zones.
     """
     name = "capped_strip"
     a, period = _post(scene, name), scene.surface.periods[0]
@@ -108,7 +108,31 @@ def _yielded_rim(scene: Scene) -> float:
     share = scene.load.final / scene.material.hardness
     cosine = math.cos(math.pi * a / period) / math.cos(math.pi * share / 2)
     refuse_unless(cosine < 1, name, "a strip that does not flow altogether")
-    return 2 * (a - period / math.pi * math.acos(cosine)) / period
+    return period / math.pi * math.acos(cosine)
+
+
+def _yielded_rim(scene: Scene) -> float:
+    """Plastic share of a capped strip."""
+    middle = _elastic_middle(scene)
+    return 2 * (_post(scene, "capped_strip") - middle) / scene.surface.periods[0]
+
+
+def _strip_conductance(half_width: float, period: float) -> float:
+    """Conductance per nominal area times the sum of the resistivities, in 1/m, of a row of strips.
+
+    It is that of the pressures which a strip of this half-width takes up, pi/(L ln(1/sin(pi a/L))).
+    """
+    return -math.pi / (period * math.log(math.sin(math.pi * half_width / period)))
+
+
+def _loading_conductance(scene: Scene) -> float:
+    """The yielded rim of a capped strip carries no more of a growing load: its middle does."""
+    return _strip_conductance(_elastic_middle(scene), scene.surface.periods[0])
+
+
+def _unloading_conductance(scene: Scene) -> float:
+    """All of a capped strip is elastic as soon as the load falls."""
+    return _strip_conductance(_post(scene, "capped_strip"), scene.surface.periods[0])
 
 
 FORMS = (
@@ -125,6 +149,10 @@ FORMS = (
     ClosedForm(
         "capped_strip",
         "Dugdale, J. Mech. Phys. Solids 8 (1960) 100, for a row of cracks (Smith 1965)",
-        areas(_post_fraction, _yielded_rim),
+        areas(_post_fraction, _yielded_rim)
+        | {
+            "quantity.conductance_loading": _loading_conductance,
+            "quantity.conductance_unloading": _unloading_conductance,
+        },
     ),
 )

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from breaking.fault import Fault, changed, on_result, quantity, scaled
+from breaking.fault import Fault, changed, given, on_result, quantity, scaled
 
 FLOWED = "epcontact.bem.flow.flowed"
 
@@ -21,6 +21,10 @@ def _on_the_deformed(original: Any) -> Any:
         return original(problem, solution, before) + 0.1 * (u - u.min())
 
     return wrong
+
+
+def _other_branch(result: Any, branch: str) -> tuple[Any, str]:
+    return result, {"loading": "unloading", "unloading": "loading"}[branch]
 
 
 FAULTS = (
@@ -38,6 +42,9 @@ FAULTS = (
     Fault("a factor of 2 in the conductance", "harness",
         scaled("epcontact.harness.interface.contact_conductance", 0.5),
         "punch-strip", "quantity.conductance_loading"),
+    Fault("the conductance of the other branch", "harness",
+        given("epcontact.harness.interface.carrying", _other_branch),
+        "punch-capped", "quantity.conductance_unloading"),
     Fault("the plastic work of J2 10 % too low", "fem_check",
         quantity("fem_check.solve", "plastic_work", lambda work: 0.9 * work),
         "cycle-j2", "quantity.path_work"),
