@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.bem.inner.cells import Cells
 from epcontact.bem.level import Level
@@ -108,32 +107,49 @@ def shared(missing: FloatArray, weight: FloatArray) -> FloatArray:
         >>> shared(np.array([[3.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 5.0]]))
         array([[0. , 0.6, 0. ]])
     """
-    share, left, side = np.zeros(missing.shape), missing, 1
-    rounding = 1e-12 * np.abs(missing).max()
-    while True:
-        starts = [np.arange(0, n, side) for n in missing.shape]
-        block = _block_sums(left, starts)
-        wide = _spread_out(block, side, missing.shape)
-        room = (_LARGEST_SHARE - np.copysign(share, share * wide)) * weight
-        able = _block_sums(room, starts)
-        part = np.clip(block / np.where(able > 0, able, np.inf), -1.0, 1.0)
-        force = _spread_out(part, side, missing.shape) * room
-        share += force / np.where(weight > 0, weight, np.inf)
-        left = left - force
-        if block.size == 1 or np.abs(left).max() <= rounding:
-            return share
+    share = np.zeros(missing.shape)
+    share_forces(missing.copy(), weight, share, 1e-12 * float(np.abs(missing).max()))
+    return share
+
+
+@compiled
+def share_forces(left: Any, weight: Any, share: Any, rounding: float) -> None:
+    """Restore the forces `left`, block by block of cells, until no more than `rounding` is left."""
+    mx, my = left.shape
+    side, worst = 1, np.inf
+    while worst > rounding and side < 2 * max(mx, my):
+        worst = 0.0
+        for i in range(0, mx, side):
+            for j in range(0, my, side):
+                rows, columns = slice(i, i + side), slice(j, j + side)
+                block = left[rows, columns], weight[rows, columns], share[rows, columns]
+                worst = max(worst, share_block(*block))
         side *= 2
 
 
-def _block_sums(values: FloatArray, starts: list[NDArray[np.int64]]) -> FloatArray:
-    return np.asarray(
-        np.add.reduceat(np.add.reduceat(values, starts[0], axis=0), starts[1], axis=1)
-    )
+@compiled
+def share_block(left: Any, weight: Any, share: Any) -> float:
+    """Restore the sum of the forces `left` by equal parts of what the cells of a block can carry.
 
-
-def _spread_out(values: FloatArray, side: int, shape: tuple[int, int]) -> FloatArray:
-    nx, ny = shape
-    return values.repeat(min(side, nx), axis=0).repeat(min(side, ny), axis=1)[:nx, :ny]
+    Takes off `left` what the cells have taken over; returns the largest force that remains.
+    """
+    wanted = able = worst = 0.0
+    for i in range(left.shape[0]):
+        for j in range(left.shape[1]):
+            wanted += left[i, j]
+    sign = 1.0 if wanted >= 0.0 else -1.0
+    for i in range(left.shape[0]):
+        for j in range(left.shape[1]):
+            able += (_LARGEST_SHARE - sign * share[i, j]) * weight[i, j]
+    part = min(max(wanted / able, -1.0), 1.0) if able > 0.0 else 0.0
+    for i in range(left.shape[0]):
+        for j in range(left.shape[1]):
+            if weight[i, j] > 0.0:
+                step = part * (_LARGEST_SHARE - sign * share[i, j])
+                share[i, j] += step
+                left[i, j] -= step * weight[i, j]
+            worst = max(worst, abs(left[i, j]))
+    return worst
 
 
 @compiled

@@ -36,8 +36,8 @@ def ranges(size: int, step: int) -> list[slice]:
 
 
 def split(array: NDArray[Any], parts: list[slice]) -> list[NDArray[Any]]:
-    """A view of the array for each part."""
-    return [array[part] for part in parts]
+    """A view of the array for each part; a single part is the array itself."""
+    return [array] if len(parts) == 1 else [array[part] for part in parts]
 
 
 class Workers:
@@ -69,12 +69,15 @@ class Workers:
 
     def each(self, task: Callable[..., T], *arguments: Any) -> list[T]:
         """The results of `task` for every block, in the order of the blocks."""
-        blocks = next(len(a) for a in arguments if isinstance(a, list))
-        columns = [a if isinstance(a, list) else repeat(a) for a in arguments]
-        if self._pool is None or blocks == 1:
-            return list(map(task, *columns))
-        return list(self._pool.map(task, *columns))
+        lists = [a for a in arguments if type(a) is list]
+        if len(lists[0]) == 1:  # a small grid, on which the calls themselves cost most
+            return [task(*[a[0] if type(a) is list else a for a in arguments])]
+        columns = [a if type(a) is list else repeat(a) for a in arguments]
+        return list((map if self._pool is None else self._pool.map)(task, *columns))
 
     def total(self, task: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
         """The sum over the blocks of each number that `task` returns."""
-        return tuple(sum(column) for column in zip(*self.each(task, *arguments), strict=True))
+        found = self.each(task, *arguments)
+        if len(found) == 1:
+            return found[0]
+        return tuple(sum(column) for column in zip(*found, strict=True))

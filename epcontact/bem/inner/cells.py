@@ -72,6 +72,8 @@ class Cells:
         """
         parts = [np.empty((number, cells.stop - cells.start)) for cells in self._ranges]
         self.workers.each(kernel, self.numbers, parts, *arguments)
+        if len(parts) == 1:
+            return parts[0]
         out = np.zeros((number, self.shape[0] * self.shape[1]))
         for cells, part in zip(self._ranges, parts, strict=True):
             out[:, cells] += part

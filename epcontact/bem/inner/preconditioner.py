@@ -56,11 +56,13 @@ class CellBody:
         taps: (3, 3) the stencil K.
         kernel: (mx, my // 2 + 1) modes of B.
         delta: by the number of points of a cell, from 0.
+        field: (mx, my) B from the first cell to each.
     """
 
     taps: FloatArray
     kernel: FloatArray
     delta: FloatArray
+    field: FloatArray
 
 
 def cell_body(symbol: Symbol, scale: float) -> CellBody | None:
@@ -77,11 +79,9 @@ def cell_body(symbol: Symbol, scale: float) -> CellBody | None:
     taps = _stencil(sample, sides)
     if taps is None:
         return None
-    return CellBody(
-        taps / scale,
-        _kernel(symbol, cells) * scale,
-        _delta(sample, weights, sides) * scale,
-    )
+    kernel = _kernel(symbol, cells) * scale
+    delta = _delta(sample, weights, sides) * scale
+    return CellBody(taps / scale, kernel, delta, np.fft.irfft2(kernel, s=cells))
 
 
 class CellPreconditioner:
@@ -133,11 +133,10 @@ class CellPreconditioner:
 
     def _direct(self) -> FloatArray:
         """The inverse of B + delta on the cells that have points."""
-        mx, my = self._cells.shape
-        kernel = np.fft.irfft2(self._body.kernel, s=(mx, my))
-        i, j = np.divmod(self._used, my)
-        matrix = kernel[(i[:, None] - i) % mx, (j[:, None] - j) % my]
-        return np.asarray(np.linalg.inv(matrix + np.diag(self._delta[self._used])))
+        i, j = np.divmod(self._used, self._cells.shape[1])
+        matrix = self._body.field[i[:, None] - i, j[:, None] - j]  # negative indices are periodic
+        matrix[np.diag_indices(i.size)] += self._delta[self._used]
+        return np.asarray(np.linalg.inv(matrix))
 
     def _filter(self, values: FloatArray, modes: FloatArray) -> FloatArray:
         field = filtered(values.reshape(self._cells.shape), modes, self._cells.workers)
@@ -179,11 +178,12 @@ def _kernel(symbol: Symbol, cells: tuple[int, int]) -> FloatArray:
     (nx, ny), (mx, my) = symbol.shape, cells
     i, j = np.arange(mx // 2 + 1), np.arange(my // 2 + 1)
     out = np.zeros((i.size, j.size))
-    for a in (-1, 0, 1) if mx < nx else (0,):
-        for b in (-1, 0, 1) if my < ny else (0,):
-            k, m = i + a * mx, j + b * my
-            box = np.outer(_box(2 * np.pi * k / nx, nx / mx), _box(2 * np.pi * m / ny, ny / my))
-            out += symbol.values[np.ix_(symbol.rows[np.abs(k)], np.abs(m))] * box**2
+    columns = [j + b * my for b in (-1, 0, 1)] if my < ny else [j]
+    across = [(m, _box(2 * np.pi * m / ny, ny / my) ** 2) for m in columns]
+    for k in [i + a * mx for a in (-1, 0, 1)] if mx < nx else [i]:
+        along = _box(2 * np.pi * k / nx, nx / mx)[:, None] ** 2
+        for m, box in across:
+            out += symbol.values[np.ix_(symbol.rows[np.abs(k)], np.abs(m))] * (along * box)
     out[0, 0] = 0.0
     rows = np.arange(mx)
     return np.asarray(out[np.minimum(rows, mx - rows)] * (mx * my / (nx * ny)))
