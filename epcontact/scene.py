@@ -378,12 +378,12 @@ def check_loading(material: Material, load: Load) -> None:
     _require(
         load.non_decreasing or material.hardness == math.inf,
         "mean_pressure decreases along the path, but this method keeps no memory of the plastic "
-        "flow; give a non-decreasing path, an infinite hardness or the method bem",
+        "flow; give a non-decreasing path, an infinite hardness or the method bem or fem",
     )
     _require(
         min(load.path) > 0,
         "mean_pressure falls to 0 along the path, but this method needs a load; end the path above "
-        "0 or give the method bem",
+        "0 or give the method bem or fem",
     )
 
 

@@ -1,7 +1,8 @@
 """Solve a scene with finite elements: `solve`, and `solve_path` for its finite-element states.
 
 Laws.  "elastic" is linear elasticity.  "capped" is an elastic body whose nodal pressures do not
-exceed the hardness (the problem of the boundary elements, discretised in another way).  "j2" is
+exceed the hardness (the problem of the boundary elements, discretised in another way); capped nodes
+keep what they have sunk when the load falls (`path`).  "j2" is
 small-strain plasticity of the solid itself, without any cap on the pressure.
 
 Geometries.  With "gap" the roughness is the initial gap over a flat block, as small slopes allow.
@@ -161,7 +162,8 @@ def solve_path(  # noqa: PLR0913 - the options of `solve`
         certified=certified,
     )
     targets = path_targets(scene, problem, approach)
-    rule = Rule(max(targets), steps, step_tolerance, approach is not None, tolerance)
+    highest = None if approach is None else float(problem.heights.max())
+    rule = Rule(max(targets), steps, step_tolerance, highest, tolerance)
     followed = follow_path(problem, targets, rule)
     points: list[PathPoint] = []
     for point, history in followed:
@@ -292,10 +294,8 @@ def _check_options(
         raise InvalidScene(f"geometry is {geometry!r}, but must be gap or moved")
     if law == "j2" and not math.isfinite(material.yield_stress):
         raise InvalidScene("law j2 needs a finite yield_stress; give one or take law='elastic'")
-    if law == "capped":
-        if not math.isfinite(material.hardness):
-            raise InvalidScene("law capped needs a finite hardness; give one or take law='elastic'")
-        scene.require_loading()
+    if law == "capped" and not math.isfinite(material.hardness):
+        raise InvalidScene("law capped needs a finite hardness; give one or take law='elastic'")
     if not (math.isfinite(hardening) and hardening >= 0):
         raise InvalidScene(f"hardening is {hardening!r}, but must be zero or positive, in Pa")
     if steps is not None and steps < 1:

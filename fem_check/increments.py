@@ -48,14 +48,14 @@ class Rule:
 
     steps: number of equal increments from zero to `largest`, the largest target; None: chosen by
     the error.  step_tolerance: of a pair of increments, see the module's docstring.
-    by_approach: whether the targets are approaches in m; else they are forces in N.  tolerance: on
-    every residual.
+    highest: the height in m from which the targets count as approaches in m; None: they are forces
+    in N.  tolerance: on every residual.
     """
 
     largest: float
     steps: int | None
     step_tolerance: float
-    by_approach: bool
+    highest: float | None
     tolerance: float
 
 
@@ -194,10 +194,10 @@ def _solved(
 ) -> SolvedIncrement:
     """Solve the increment to `end` from a guess, by default by extrapolation."""
     options = NewtonOptions(rule.tolerance)
-    if not rule.by_approach and end == 0:
+    if rule.highest is None and end == 0:
         return _touching(problem, along, history, options)
-    if rule.by_approach:
-        control = Control(approach=end - float(problem.heights.max()), scale=along.peak)
+    if rule.highest is not None:
+        control = Control(approach=end - rule.highest, scale=along.peak)
     else:
         control = Control(load=end, scale=max(end, along.peak))
     # No name is given to the guess, so that it does not stay in memory.

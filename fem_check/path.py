@@ -1,24 +1,30 @@
-"""The load path: its points, and the material's history between them."""
+"""The load path: its points, and what the body remembers between them.
+
+J2 flow keeps a history of strains.  A body whose nodal forces are capped keeps the plastic
+displacement w = -g of the capped nodes: below the largest load so far it meets the flat with the
+heights h - w, on which the same forces at that load leave no gap.  No force falls while the load
+grows, so w is that of the largest load alone, and from there on the path goes as if it had never
+turned back.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
-from epcontact.results import APART, PLASTIC, FloatArray
+from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 from epcontact.scene import Scene
 from fem_check import plasticity
 from fem_check.contact import States
 from fem_check.increments import Along, Rule, advance
-from fem_check.newton import SolvedIncrement
 from fem_check.plasticity import History
-from fem_check.problem import Counts, Problem, State
+from fem_check.problem import Counts, Problem, State, gap
 
 # Elements whose stresses are held at once, to find their energy.
 _ENERGY_BLOCK = 1 << 8
@@ -34,7 +40,9 @@ class PathPoint:
     residuals: of the state, by name.
     history: the largest residual after each Newton iteration of the last increment.
     surface_states: (nx, ny) APART, ELASTIC or PLASTIC in the sense of `result`.
-    plastic_zone: measures of the plastic zone, by name; empty for an elastic material.
+    gap: (nx, ny) from the surface before any flow to the flat, in m.
+    plastic_displacement: (nx, ny) of capped nodes, now or earlier, in m.
+    flow: measures of plastic flow, by name; empty for an elastic material.
     step_error: largest error of a pair of increments up to here (`increments`); 0 where their
         number is given.
     peak: the largest force of the path up to here, in N.
@@ -46,7 +54,9 @@ class PathPoint:
     residuals: dict[str, float]
     history: tuple[float, ...]
     surface_states: States
-    plastic_zone: dict[str, float]
+    gap: FloatArray
+    plastic_displacement: FloatArray
+    flow: dict[str, float]
     step_error: float
     peak: float
 
@@ -102,31 +112,63 @@ def follow_path(
     """
     area = problem.block.node_area * problem.heights.size
     history = plasticity.initial_history(problem.bricks.number if problem.plastic else 0)
-    along = Along()
+    along = top = Along()  # top: where a capped body was pressed most
+    lowered = np.zeros_like(problem.heights)
     for target in targets:
-        along = advance(problem, along, history, target, rule)
+        body = problem
+        if problem.capped and target < top.at:
+            body, along = replace(problem, heights=problem.heights - lowered), _elastic(along)
+        elif problem.capped:
+            along = top
+        along = advance(body, along, history, target, rule)
         assert along.solved is not None
-        pressure = (float(along.states[-1].forces.sum()) if rule.by_approach else target) / area
-        yield _path_point(problem, pressure, along.solved, along, history), history
+        if problem.capped and body is problem:
+            top, lowered = along, _sunk(problem, along.solved.state)
+        pressure = (target if rule.highest is None else along.states[-1].forces.sum()) / area
+        yield _path_point(problem, float(pressure), along, history, lowered), history
+
+
+def _elastic(along: Along) -> Along:
+    """The place with elastic contact alone, as on the surface that flow has lowered."""
+    states = tuple(
+        replace(state, states=np.where(state.states == PLASTIC, ELASTIC, state.states))
+        for state in along.states
+    )
+    return replace(along, states=states)
+
+
+def _sunk(problem: Problem, state: State) -> FloatArray:
+    """(nx, ny) how far the capped nodes have sunk, in m."""
+    between = gap(problem, state.displacement, state.approach)
+    return np.where(state.states == PLASTIC, np.maximum(-between, 0.0), 0.0)
 
 
 def _path_point(
-    problem: Problem, pressure: float, solved: SolvedIncrement, along: Along, history: History
+    problem: Problem, pressure: float, along: Along, history: History, lowered: FloatArray
 ) -> PathPoint:
-    states, zone = solved.state.states, {}
+    assert along.solved is not None
+    state = along.solved.state
+    states, flow = state.states, {}
+    between = gap(problem, state.displacement, state.approach)
     if problem.plastic:
         yielded = _yielded_surface(problem, history.accumulated)
         states = np.where((states != APART) & yielded, PLASTIC, states).astype(np.int8)
-        zone = _plastic_zone(problem, history.accumulated)
-        zone |= _energies(problem, solved.state.displacement, history)
+        flow = _plastic_zone(problem, history.accumulated)
+        flow |= _energies(problem, state.displacement, history)
+    if problem.capped:
+        mean = float(lowered.mean())
+        work = problem.cap / problem.block.node_area * mean
+        flow = {"mean_plastic_displacement": mean, "plastic_work": work}
     return PathPoint(
         pressure,
-        solved.state,
+        state,
         along.counts,
-        solved.residuals,
-        solved.history,
+        along.solved.residuals,
+        along.solved.history,
         states,
-        zone,
+        np.where(states == APART, between, 0.0 - lowered),
+        lowered,
+        flow,
         along.step_error,
         along.peak,
     )

@@ -31,7 +31,6 @@ from scipy.sparse.csgraph import connected_components
 
 from epcontact.results import (
     APART,
-    ELASTIC,
     PLASTIC,
     Areas,
     ContactResult,
@@ -42,7 +41,7 @@ from epcontact.results import (
 )
 from epcontact.scene import Scene
 from fem_check.path import PathPoint, SolvedPath
-from fem_check.problem import Problem, gap
+from fem_check.problem import Problem
 
 #: Pressures at which the distribution is tabulated.
 _DISTRIBUTION_POINTS = 1025
@@ -94,18 +93,22 @@ def contact_result(path: SolvedPath, peak_memory: float) -> ContactResult:
 
 
 def surface_fields(scene: Scene, problem: Problem, point: PathPoint) -> dict[str, NDArray[Any]]:
-    """heights, pressure, gap, displacement and state, (nx, ny) each, in SI units."""
+    """heights, pressure, gap, displacement and state, (nx, ny) each, in SI units.
+
+    And the plastic displacement of a capped body.
+    """
     state = point.state
     down = -state.displacement[0, ..., 2]
-    between = gap(problem, state.displacement, state.approach)
-    between[state.states == ELASTIC] = 0.0
-    return {
+    fields: dict[str, NDArray[Any]] = {
         "heights": scene.surface.heights,
         "pressure": np.maximum(state.forces, 0.0) / problem.block.node_area,
-        "gap": between,
+        "gap": point.gap,
         "displacement": down - down.mean() if scene.body.kind == "half_space" else down,
         "state": point.surface_states,
     }
+    if problem.capped:
+        fields["plastic_displacement"] = point.plastic_displacement
+    return fields
 
 
 def load_step(
@@ -116,7 +119,6 @@ def load_step(
     raw, corrected, error = areas(
         point.surface_states, scene.material.poisson_ratio, problem.capped
     )
-    between = gap(problem, state.displacement, state.approach)
     pressure = state.forces / problem.block.node_area
     touching = point.surface_states != APART
     down = -state.displacement[0, ..., 2]
@@ -134,8 +136,8 @@ def load_step(
             "line_searches": counts.line_searches,
         },
         {
-            "mean_gap": float(np.maximum(between, 0).mean()),
-            "mean_separation": float(between.mean()),
+            "mean_gap": float(np.maximum(point.gap + point.plastic_displacement, 0).mean()),
+            "mean_separation": float(point.gap.mean()),
             "approach": state.approach + float(problem.heights.max()),
             "largest_pressure": float(pressure.max()),
             "mean_contact_pressure": float(pressure[touching].mean()) if touching.any() else 0.0,
@@ -143,7 +145,7 @@ def load_step(
                 scene, problem, point, float((pressure * down).mean())
             ),
             "step_error": point.step_error,
-            **point.plastic_zone,
+            **point.flow,
         },
     )
 
@@ -153,7 +155,7 @@ def _elastic_energy(scene: Scene, problem: Problem, point: PathPoint, work: floa
 
     `work` is the mean of pressure times displacement: without plastic flow, twice the energy.
     """
-    stored = point.plastic_zone.get("stored_energy")
+    stored = point.flow.get("stored_energy")
     if stored is None:
         return float(work) / 2
     if scene.body.kind != "half_space":
@@ -168,6 +170,7 @@ def areas(
     """The raw and corrected areas and their error, as the module's docstring defines them.
 
     Example:
+        >>> from epcontact.results import ELASTIC
         >>> states = np.array([[APART], [ELASTIC], [ELASTIC], [APART]], dtype=np.int8)
         >>> raw, corrected, error = areas(states, poisson_ratio=0.0, capped=False)
         >>> raw.total, corrected.total, error.total
@@ -233,9 +236,9 @@ def _warnings(path: SolvedPath) -> tuple[str, ...]:
             f"the median contact is {nodes:.1f} nodes across, fewer than {FEWEST_NODES}: areas "
             "and pressures depend on the grid"
         )
-    if last.plastic_zone.get("plastic_depth", 0.0) >= block.depth * (1 - 1e-9):
+    if last.flow.get("plastic_depth", 0.0) >= block.depth * (1 - 1e-9):
         out.append("the plastic zone reaches the base; give a deeper block")
-    strain = last.plastic_zone.get("largest_plastic_strain", 0.0)
+    strain = last.flow.get("largest_plastic_strain", 0.0)
     if strain > LARGEST_STRAIN:
         out.append(f"the plastic strain reaches {strain:.2g}, too much for small strains")
     return tuple(out)

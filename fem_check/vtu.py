@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import OutputError
-from epcontact.results import ELASTIC, FloatArray
+from epcontact.results import FloatArray
 from fem_check import plasticity
 from fem_check.path import PathPoint
 from fem_check.plasticity import History
-from fem_check.problem import Problem, State, gap
+from fem_check.problem import Problem, State
 
 #: The unit of each array; "1" has none.
 UNITS = {
@@ -92,7 +92,11 @@ def write_step(
     nx, ny = problem.block.shape
     count = (nx + 1) * (ny + 1)
     top = _grid(points[:count], cells[: nx * ny, 4:], _QUADRILATERAL)
-    on_top = _surface_data(problem, point.state, point.surface_states)
+    on_top: dict[str, NDArray[Any]] = {
+        "contact_pressure": (point.state.forces / problem.block.node_area).ravel(),
+        "gap": point.gap.ravel(),
+        "state": point.surface_states.astype(np.uint8).ravel(),
+    }
     on_top["displacement"] = point_data["displacement"]
     _add(top.GetPointData(), {name: values[nodes[:count]] for name, values in on_top.items()})
     target = folder / step_name(number)
@@ -247,18 +251,6 @@ def _data(
         "equivalent_plastic_strain": strain,
     }
     return point_data, cell_data
-
-
-def _surface_data(
-    problem: Problem, state: State, states: NDArray[np.int8]
-) -> dict[str, NDArray[Any]]:
-    between = gap(problem, state.displacement, state.approach)
-    between[state.states == ELASTIC] = 0.0
-    return {
-        "contact_pressure": (state.forces / problem.block.node_area).ravel(),
-        "gap": between.ravel(),
-        "state": states.astype(np.uint8).ravel(),
-    }
 
 
 def von_mises(stress: FloatArray) -> FloatArray:

@@ -48,6 +48,8 @@ FAULTS = (
     Fault("the plastic work of J2 10 % too low", "fem_check",
         quantity("fem_check.solve", "plastic_work", lambda work: 0.9 * work),
         "cycle-j2", "quantity.path_work"),
+    Fault("capped nodes that rise again when the load falls", "fem_check",
+        scaled("fem_check.path._sunk", 0.0), "cycle-fem-capped", "area.total.corrected"),
     Fault("patches that do not join over the period", "harness",
         changed("epcontact.harness.interface._joined",
             lambda original: lambda labels, number: np.arange(number + 1)),
