@@ -21,7 +21,7 @@ from rich.console import Console
 from epcontact import bem, machine
 from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
 from epcontact.errors import InvalidCase, NotConverged
-from epcontact.harness import run
+from epcontact.harness import solve
 from epcontact.harness.case import find_case, load_case
 from epcontact.harness.run import run_cases
 from epcontact.harness.store import Answer
@@ -295,11 +295,11 @@ assert Path(os.environ["NUMBA_CACHE_DIR"]).is_dir()
 def test_time_limit_leaves_the_compilation_of_kernels_out() -> None:
     machine.provide_kernel_cache()
     before = machine.compile_seconds()
-    with run._limited(0.3), event.trigger_event("numba:compile"):
+    with solve._limited(0.3), event.trigger_event("numba:compile"):
         time.sleep(0.7)  # as long as two alarms and more
     taken = machine.compile_seconds() - before
     assert taken >= 0.7
-    with pytest.raises(NotConverged, match="time limit"), run._limited(0.3):
+    with pytest.raises(NotConverged, match="time limit"), solve._limited(0.3):
         time.sleep(20)
     assert machine.compile_seconds() - before == taken
 

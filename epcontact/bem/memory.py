@@ -40,9 +40,22 @@ def estimated_memory(
         sample = heights[: max(2, 65536 // heights.shape[-1])] if axis else heights
         rise = np.diff(sample[..., :64] if axis == 0 and heights.ndim > 1 else sample, axis=axis)
         slope += float(np.mean(rise**2)) / step**2
-    stiffness = effective_modulus * math.sqrt(slope)
+    return int(heights.size * bytes_per_point(pressure, effective_modulus * math.sqrt(slope)))
+
+
+def bytes_per_point(pressure: float, stiffness: float) -> float:
+    """Return the bytes of a point; see `estimated_memory`.
+
+    Args:
+        pressure: p in Pa.
+        stiffness: E* xi in Pa; 0 where the rms slope is not known, as if all points were elastic.
+
+    Example:
+        >>> bytes_per_point(0.0, 1.0), bytes_per_point(1.0, 0.0)
+        (42.0, 130.0)
+    """
     share = math.erf(math.sqrt(math.pi) * pressure / stiffness) if stiffness > 0 else 1.0
-    return int(heights.size * (42 + 88 * share))
+    return 42 + 88 * share
 
 
 def require_memory(needed: int, shape: tuple[int, ...]) -> None:

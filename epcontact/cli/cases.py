@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-from rich.progress import Progress as Bar
 
+from epcontact.cli import options
 from epcontact.cli.listing import open_console, plain_table
 from epcontact.cli.main import forget_output
 from epcontact.cli.tables import (
@@ -35,7 +26,7 @@ from epcontact.harness import case as casefile
 from epcontact.harness.case import Case
 from epcontact.harness.methods import METHODS
 from epcontact.harness.quantities import QUANTITIES
-from epcontact.harness.run import Progress, default_jobs, run_cases
+from epcontact.harness.run import default_jobs, run_cases
 from epcontact.harness.schema import Family, key_table
 from epcontact.harness.verdict import Verdict, cases_to_verify, remove_verdict
 from epcontact.harness.verdict import verify as run_gates
@@ -44,39 +35,6 @@ from epcontact.results import plain
 
 class _Refusal(EpcontactError):
     """The command line cannot do what it was asked to."""
-
-
-_size = click.option(
-    "--size",
-    type=click.Choice((*casefile.SIZES, "auto")),
-    default="fast",
-    show_default=True,
-    help="Which of a case's sizes to run; auto: the cheapest that its gates allow.",
-)
-_jobs = click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    default=None,
-    help="Number of worker processes, which share the cores. "
-    "Default: one for each core, or one for size large.",
-)
-_output = click.option(
-    "--output",
-    type=click.Path(path_type=Path),
-    default=Path("results"),
-    show_default=True,
-    help="Folder for results; existing results of the same scene and sources are reused.",
-)
-_fresh = click.option("--fresh", is_flag=True, help="Solve again even if a result exists.")
-_fields = click.option(
-    "--fields",
-    type=click.Choice(["first", "all", "steps", "film", "none"]),
-    default="first",
-    show_default=True,
-    help="Write the fields (.vti) of the first surface, of all of them, or of none; steps: of the "
-    "first one at every load, with the body of the finite elements (.vtu) and a collection (.pvd); "
-    "film: draw these loads as a .gif, too.",
-)
 
 
 @click.command()
@@ -99,11 +57,11 @@ def keys() -> None:
     type=click.Choice(list(METHODS)),
     help="Only this method; may be repeated. Default: all that the case names.",
 )
-@_size
-@_jobs
-@_output
-@_fresh
-@_fields
+@options.size
+@options.jobs
+@options.output
+@options.fresh
+@options.fields
 @click.option("--charts", is_flag=True, help="Draw charts, which take as long as a large solve.")
 def run(  # noqa: PLR0913, PLR0917 - the options of the command
     case: str,
@@ -126,7 +84,7 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
         raise _Refusal(f"{loaded.path}: {loaded.skip}")
     chosen = replace(loaded, methods=tuple(dict.fromkeys(methods)) or loaded.methods)
     workers = jobs or default_jobs(size)
-    with _progress() as (progress, moving):
+    with options.shown_progress() as (progress, moving):
         answers = run_cases(
             [chosen],
             output,
@@ -154,10 +112,11 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
 
 @click.command()
 @click.argument("cases", nargs=-1)
-@_size
-@_jobs
-@_output
-@_fresh
+@options.size
+@options.jobs
+@options.output
+@options.fresh
+@options.executor
 @click.option(
     "--solver",
     default="",
@@ -179,6 +138,7 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
     jobs: int | None,
     output: Path,
     fresh: bool,
+    executor: str,
     solver: str,
     with_report: bool,
     fields: str | None,
@@ -199,13 +159,14 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
     if size == "auto":
         named = [case for name in cases for case in casefile.find_named(name)]
         given = [_load(case, size) for case in named or cases_to_verify("fast")]
-    with _progress() as (progress, moving):
+    with options.shown_progress() as (progress, moving):
         verdict = run_gates(
             given,
             size=size,
             jobs=jobs,
             output=output,
             solver=solver,
+            executor=executor,
             fresh=fresh,
             fields=_written(fields),
             progress=progress,
@@ -288,33 +249,3 @@ def _load(path: casefile.CaseText, size: str) -> Case:
     if sentence:
         click.echo(sentence, err=True)
     return case
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[tuple[Callable[[Progress], None], Callable[[float, int], None]]]:
-    """Show progress on stderr: a bar with the time left on a terminal, elsewhere a line a solve.
-
-    The second function moves the bar within a solve.
-    """
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        row = bar.add_task("solving", total=None)
-
-        def advance(at: Progress) -> None:
-            bar.update(row, completed=at.done, total=at.total, description=at.task)
-            if not console.is_terminal:
-                note = f" ({at.note})" if at.note else ""
-                click.echo(f"[{at.done}/{at.total}] {at.task}{note}", err=True)
-
-        def move(done: float, total: int) -> None:
-            bar.update(row, completed=done, total=total)
-
-        yield advance, move

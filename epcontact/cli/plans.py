@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 import click
 
 from epcontact import planning
+from epcontact.cli import options
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness import case as casefile
 from epcontact.harness.crosscheck import crosscheck as check_models
@@ -29,8 +30,12 @@ from epcontact.harness.verdict import verify
     is_flag=True,
     help="Run the plan and judge its error; exit code 1 if it breaks the promise.",
 )
-def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
-    """Find the cheapest model of CASE that meets a tolerance; print its reasons and cost."""
+@options.executor
+def plan(case: str, tolerance: str, size: str | None, check: bool, executor: str) -> None:
+    """Find the cheapest model of CASE that meets a tolerance; print its reasons and cost.
+
+    --executor is for the solves of --check.
+    """
     path = casefile.find_case(case)
     loaded = casefile.load_case(path, size or casefile.case_sizes(path)[-1])
     if loaded.skip:
@@ -51,7 +56,7 @@ def plan(case: str, tolerance: str, size: str | None, check: bool) -> None:
     if check:
         cheaper = replace(planning.planned_case(loaded, chosen), methods=(chosen.method,), gates=())
         with TemporaryDirectory() as folder:
-            (checked,) = verify(cheaper, size="auto", output=folder).cases
+            (checked,) = verify(cheaper, size="auto", output=folder, executor=executor).cases
         answer = checked.answers[chosen.method]
         if answer.errors:
             raise EpcontactError("; ".join(answer.errors))

@@ -23,7 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 import fem_check
 from epcontact.errors import InvalidCase, nearest
-from epcontact.harness import foreign
+from epcontact.harness import foreign, memory
 from epcontact.machine import compile_seconds, provide_kernel_cache
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
@@ -104,6 +104,7 @@ class Method:
         tells_progress: its solve takes `progress`, called with a share that is done and a sentence.
         pilot: options of a quick solve, which only has to show the areas.
         one_answer: maps the options to True if one answer serves all surfaces of a case.
+        memory: estimates the bytes of a solve, see `memory`.
         source: `module:function` or command of a solver from outside the package.  It runs in a
             process of its own.  The harness does not see changes of its code, so it never reuses
             a kept result of such a method.
@@ -124,6 +125,7 @@ class Method:
     tells_progress: bool = False
     pilot: Mapping[str, Any] = field(default_factory=dict, hash=False)
     one_answer: Callable[[Mapping[str, Any]], bool] = _never
+    memory: memory.Estimate = memory.of_surface
     source: str = ""
     requires: str = ""
     modules: tuple[str, ...] = ()
@@ -259,6 +261,7 @@ def _registry() -> dict[str, Method]:
             steps="on_step",
             tells_progress=True,
             pilot={"area_tolerance": 1e-4},
+            memory=memory.of_grid,
             modules=("epcontact.bem",),
         ),
         Method(
@@ -271,6 +274,7 @@ def _registry() -> dict[str, Method]:
             has_model_measures=True,
             steps="output",
             tells_progress=True,
+            memory=memory.of_block,
             modules=("fem_check",),
         ),
         Method(

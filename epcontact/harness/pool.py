@@ -1,59 +1,131 @@
-"""Calls spread over processes: a process that dies costs its own call and no other."""
+"""Calls spread over an executor, which is a pool of processes here or whatever a user names.
+
+Any factory of a `concurrent.futures.Executor` will do: the workers of a cluster as well as those of
+this machine.
+"""
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from queue import SimpleQueue
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from epcontact.errors import EpcontactError, InvalidCase, sentence_of
 from epcontact.harness.child import Child, ChildDied
-from epcontact.machine import available_cores
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+#: A function that makes an executor, or its name, `module:function`.
+Factory = str | Callable[[], Executor]
+
+
+class Processes(ThreadPoolExecutor):
+    """Processes of this machine as an executor: each thread waits for the calls of a `Child`.
+
+    A process that dies costs its own call and no other; `child` says why it is not a library's.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        super().__init__(jobs)
+        self._children, self._idle = [Child() for _ in range(jobs)], SimpleQueue[Child]()
+        for child in self._children:
+            self._idle.put(child)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Have a process call `fn`, a function at module level."""
+        return super().submit(self._call, fn, *args, **kwargs)
+
+    def _call(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        child = self._idle.get()
+        try:
+            return child.call(function, *arguments)
+        finally:
+            self._idle.put(child)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes: at once, or (wait=True) after what they are doing."""
+        super().shutdown(wait=False, cancel_futures=cancel_futures)
+        for child in self._children:
+            child.end(now=not wait)
+        super().shutdown(wait=True)
+
+
+def made(factory: Factory) -> Executor:
+    """Return the executor that a factory makes.
+
+    Raises:
+        InvalidCase: if there is no such factory, or it makes no executor.
+
+    Example:
+        >>> made("concurrent.futures:ThreadPoolExecutor").submit(max, 1, 2).result()
+        2
+        >>> made("concurrent.futures:wait")
+        Traceback (most recent call last):
+        epcontact.errors.InvalidCase: executor concurrent.futures:wait cannot be made (TypeError: \
+wait() missing 1 required positional argument: 'fs'); give module:function, which is called \
+without arguments
+    """
+    name = factory if isinstance(factory, str) else getattr(factory, "__name__", repr(factory))
+    try:
+        function = pkgutil.resolve_name(factory) if isinstance(factory, str) else factory
+        executor = function()
+    except EpcontactError:
+        raise
+    except Exception as error:
+        raise InvalidCase(
+            f"executor {name} cannot be made ({sentence_of(error)}); give module:function, which "
+            "is called without arguments"
+        ) from None
+    if not isinstance(executor, Executor):
+        raise InvalidCase(f"executor {name} is {executor!r:.60}, not a concurrent.futures.Executor")
+    return executor
+
 
 def spread(
-    function: Callable[[Item, int], Result], items: Sequence[Item], jobs: int
+    function: Callable[[Item], Result], items: Sequence[Item], executor: Executor
 ) -> Iterator[tuple[Item, Result | str]]:
-    """Yield (item, function(item, threads)) as the calls finish.
+    """Yield (item, function(item)) as the calls finish, then shut the executor down.
 
     Args:
-        function: a function at module level, so that a process can import it.
+        function: a function at module level, or a partial of one, so that a worker can import it.
         items: the arguments, one for each call.
-        jobs: number of processes; with 1, the calls are made in this process.
+        executor: makes the calls.
 
     Returns:
-        Pairs in any order.  If a process dies, a sentence replaces the result of its call.
+        Pairs in any order.  If a call or its worker fails, a sentence replaces the result.
     """
-    jobs = min(jobs, len(items))
-    threads = max(1, available_cores() // max(1, jobs))
-    if jobs <= 1:
+    futures: dict[Future[Result], Item] = {}
+    finished = False
+    try:
         for item in items:
-            yield item, function(item, threads)
-        return
-    children, idle = [Child() for _ in range(jobs)], SimpleQueue[Child]()
-    for child in children:
-        idle.put(child)
+            futures[_submitted(executor, function, item)] = item
+        for future in as_completed(list(futures)):
+            item = futures.pop(future)
+            result = _result(future)
+            yield item, result
+        finished = True
+    finally:
+        for future in futures:
+            future.cancel()
+        executor.shutdown(wait=finished)
 
-    def call(item: Item) -> Result | str:
-        child = idle.get()
-        try:
-            return child.call(function, item, threads)
-        except ChildDied as error:
-            return f"its process {error}"
-        finally:
-            idle.put(child)
 
-    with ThreadPoolExecutor(jobs) as pool:
-        finished = False
-        try:
-            futures = {pool.submit(call, item): item for item in items}
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-            finished = True
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for child in children:
-                child.end(now=not finished)
+def _submitted(
+    executor: Executor, function: Callable[[Item], Result], item: Item
+) -> Future[Result]:
+    try:
+        return executor.submit(function, item)
+    except Exception as error:
+        raise EpcontactError(f"the executor takes no task: {sentence_of(error)}") from None
+
+
+def _result(future: Future[Result]) -> Result | str:
+    try:
+        return future.result()
+    except ChildDied as error:
+        return f"its process {error}"
+    except Exception as error:
+        return f"its worker failed: {sentence_of(error)}"

@@ -1,42 +1,27 @@
-"""Cases become answers: one task per surface and method, spread over processes.
+"""Cases become answers: one task per surface and method, spread over processes or a cluster.
 
-One process does a whole task: it makes the surface, solves, and writes or measures the fields, so
-nothing large passes between processes.  Each result is written to disk at once (see `store`), so
-that an interrupted run resumes where it stopped.
+Each result is written to disk at once (see `store`), so that an interrupted run resumes where it
+stopped.
 """
 
 from __future__ import annotations
 
-import contextlib
-import logging
 import math
-import shutil
-import signal
-import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from epcontact.errors import InvalidCase, NotConverged, sentence_of
-from epcontact.harness import foreign
+from epcontact.errors import InvalidCase
 from epcontact.harness.case import Case
-from epcontact.harness.description import described
 from epcontact.harness.methods import METHODS, Method
-from epcontact.harness.pool import spread
-from epcontact.harness.quantities import QUANTITIES, measure_all
-from epcontact.harness.store import Answer, Task, keep, kept, summary
-from epcontact.machine import available_cores, compile_seconds
+from epcontact.harness.pool import Factory, Processes, made, spread
+from epcontact.harness.solve import Outcome, Parcel, solve_elsewhere, solve_task
+from epcontact.harness.store import Answer, Task, basis, keep, kept, summary
+from epcontact.machine import available_cores, available_memory
 from epcontact.output.files import write_json
-from epcontact.output.vtk import step_name, write_collection, write_fields
 from epcontact.results import ContactResult
-from epcontact.scene import Scene
-
-#: The unit of each quantity in the field data of a .vti.
-_UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
-
-Outcome = ContactResult | str  # the result of a task, or the sentence that says why there is none
 
 
 @dataclass(frozen=True)
@@ -48,12 +33,23 @@ class Progress:
         total: number of tasks.
         task: the case, the method and the surface, in words.
         note: "reused", "failed" or empty.
+        seconds_left: the time that the other tasks will take at the pace of those solved so far;
+            nan before the first one.
     """
 
     done: int
     total: int
     task: str
     note: str
+    seconds_left: float = math.nan
+
+
+@dataclass(frozen=True)
+class Done:
+    """Tasks that were done: the outcome of each, and those whose kept result was used again."""
+
+    outcomes: Mapping[Task, Outcome]
+    reused: frozenset[Task]
 
 
 def run_cases(  # noqa: PLR0913 - the options of the commands
@@ -61,6 +57,7 @@ def run_cases(  # noqa: PLR0913 - the options of the commands
     output: Path,
     *,
     jobs: int = 1,
+    executor: Factory = "",
     fresh: bool = False,
     fields: str = "none",
     methods: Mapping[str, Method] = METHODS,
@@ -72,33 +69,77 @@ def run_cases(  # noqa: PLR0913 - the options of the commands
     Args:
         cases: cases with different ids.
         output: folder for the results.
-        jobs: number of worker processes, which share the cores.
-        fresh: solve again what is already in the output folder.
+        jobs, executor, fresh: see `run_tasks`.
         fields: write the fields of each surface ("all"), of the first ("first"), of the first at
             every load of the path, with the body of the finite elements ("steps"), or none
             ("none").
         methods: the registry of the cases' methods.
-        progress: called after every task.
-        moving: called at the start, and within tasks that are solved one by one in this process,
-            with the number of tasks done, the share of the present one included, and of all.
+        progress, moving: see `run_tasks`.
 
     Returns:
         {case id: {method: Answer}}.  The error of a solve is kept in the Answer as its sentence.
 
     Raises:
-        InvalidCase: if two cases have one id, so that they would share a folder.
+        InvalidCase: if two cases have one id, so that they would share a folder, or there is no
+            such executor.
         OutputError: if a result cannot be written.
     """
     _require_distinct(cases)
-    tasks = [task for case in cases for task in _tasks_of(case, methods, fields, output)]
+    tasks = [task for case in cases for task in tasks_of(case, methods, fields, output)]
+    done = run_tasks(
+        tasks, output, jobs=jobs, executor=executor, fresh=fresh, progress=progress, moving=moving
+    )
+    answers: dict[str, dict[str, Answer]] = {case.id: {} for case in cases}
+    for case in cases:
+        for method in case.methods:
+            mine = [t for t in tasks if t.case is case and t.method.name == method]
+            answer = _collect(mine, done)
+            answers[case.id][method] = answer
+            if answer.results:
+                write_json(case.folder(output) / f"{method}.json", summary(case, answer))
+    return answers
+
+
+def run_tasks(
+    tasks: Sequence[Task],
+    output: Path,
+    *,
+    jobs: int = 1,
+    executor: Factory = "",
+    fresh: bool = False,
+    progress: Callable[[Progress], None] | None = None,
+    moving: Callable[[float, int], None] | None = None,
+) -> Done:
+    """Solve tasks, but for those whose result is kept; keep each new result at once.
+
+    Args:
+        tasks: the tasks.
+        output: folder for the results.
+        jobs: number of worker processes, which share the cores; fewer are started where their
+            solves are estimated not to fit into memory side by side.  With an executor, the number
+            of tasks that share the cores of one of its workers.
+        executor: a factory of a `concurrent.futures.Executor`, or its name `module:function`, whose
+            workers solve the tasks; empty: processes of this machine.
+        fresh: solve again what is already in the output folder.
+        progress: called after every task.
+        moving: called at the start, and within tasks that are solved one by one in this process,
+            with the number of tasks done, the share of the present one included, and of all.
+
+    Raises:
+        InvalidCase: if there is no such executor.
+        OutputError: if a result cannot be written.
+    """
     outcomes: dict[Task, Outcome] = {}
-    reused = set()
+    reused: set[Task] = set()
+    started = time.monotonic()
 
     def finish(task: Task, outcome: Outcome, note: str) -> None:
         outcomes[task] = outcome
         if progress is not None:
             name = f"{task.case.id} {task.method.name} {task.label}"
-            progress(Progress(len(outcomes), len(tasks), name, note))
+            solved, left = len(outcomes) - len(reused), len(tasks) - len(outcomes)
+            seconds = (time.monotonic() - started) / solved * left if solved else math.nan
+            progress(Progress(len(outcomes), len(tasks), name, note, seconds))
 
     for task in tasks:
         earlier = None if fresh else kept(task, output)
@@ -106,24 +147,61 @@ def run_cases(  # noqa: PLR0913 - the options of the commands
             reused.add(task)
             finish(task, earlier, "reused")
     waiting = [task for task in tasks if task not in outcomes]
-    solve: Callable[[Task, int], Outcome] = _solve
+    started = time.monotonic()
+    move: Callable[[float], None] | None = None
     if moving is not None:
         moving(len(outcomes), len(tasks))
-        if min(jobs, len(waiting)) <= 1:  # another process could not call it
-            solve = partial(_solve, moving=lambda share: moving(len(outcomes) + share, len(tasks)))
-    for task, outcome in spread(solve, waiting, jobs):
+        move = lambda share: moving(len(outcomes) + share, len(tasks))  # noqa: E731
+    for task, outcome in _solved(waiting, jobs, executor, move):
         if isinstance(outcome, ContactResult):
             keep(task, output, outcome)
         finish(task, outcome, "failed" if isinstance(outcome, str) else "")
-    answers: dict[str, dict[str, Answer]] = {case.id: {} for case in cases}
-    for case in cases:
-        for method in case.methods:
-            mine = [t for t in tasks if t.case is case and t.method.name == method]
-            answer = _collect(mine, outcomes, len(reused & set(mine)))
-            answers[case.id][method] = answer
-            if answer.results:
-                write_json(case.folder(output) / f"{method}.json", summary(case, answer))
-    return answers
+    return Done(outcomes, frozenset(reused))
+
+
+def _solved(
+    tasks: Sequence[Task], jobs: int, executor: Factory, moving: Callable[[float], None] | None
+) -> Iterator[tuple[Task, Outcome]]:
+    """Yield each task with its outcome, in any order."""
+    if executor:
+        yield from _solved_by(executor, tasks, jobs)
+        return
+    jobs = _fitting(tasks, min(jobs, len(tasks)))
+    threads = max(1, available_cores() // max(1, jobs))
+    if jobs <= 1:
+        yield from ((task, solve_task(task, threads, moving)) for task in tasks)
+    else:
+        yield from spread(partial(solve_task, threads=threads), tasks, Processes(jobs))
+
+
+def _solved_by(
+    factory: Factory, tasks: Sequence[Task], share: int
+) -> Iterator[tuple[Task, Outcome]]:
+    """Have the workers of an executor solve the tasks that fit into the memory of one of them."""
+    if not tasks:
+        return
+    executor = made(factory)
+    room = getattr(executor, "worker_memory", math.inf)
+    large = [task for task in tasks if room < math.inf and task.memory > room]
+    orders = [(task, basis(task)) for task in tasks if task not in large]
+    for (task, _), parcel in spread(partial(solve_elsewhere, share=share), orders, executor):
+        yield task, parcel.unpacked() if isinstance(parcel, Parcel) else parcel
+    for task in large:
+        yield (
+            task,
+            (
+                f"it needs about {task.memory / 2**30:.1f} GiB, but the largest worker has "
+                f"{room / 2**30:.1f} GiB"
+            ),
+        )
+
+
+def _fitting(tasks: Sequence[Task], jobs: int) -> int:
+    """Return the number of tasks, at most `jobs`, that fit into memory side by side."""
+    if jobs <= 1:
+        return jobs
+    largest = max(task.memory for task in tasks)
+    return max(1, min(jobs, int(available_memory() // largest)))
 
 
 def default_jobs(size: str) -> int:
@@ -145,9 +223,10 @@ def _require_distinct(cases: Sequence[Case]) -> None:
             )
 
 
-def _tasks_of(
+def tasks_of(
     case: Case, methods: Mapping[str, Method], fields: str, output: Path
 ) -> Iterator[Task]:
+    """Yield the tasks of a case: each method on each surface, or on one if that answers all."""
     for name in case.methods:
         method = methods[name]
         single = method.one_answer(case.options[name])
@@ -162,106 +241,12 @@ def _tasks_of(
             yield task
 
 
-def _collect(tasks: Sequence[Task], outcomes: Mapping[Task, Outcome], reused: int) -> Answer:
-    results = [(t, r) for t in tasks if isinstance(r := outcomes[t], ContactResult)]
-    errors = [(t, r) for t in tasks if isinstance(r := outcomes[t], str)]
+def _collect(tasks: Sequence[Task], done: Done) -> Answer:
+    results = [(t, r) for t in tasks if isinstance(r := done.outcomes[t], ContactResult)]
+    errors = [(t, r) for t in tasks if isinstance(r := done.outcomes[t], str)]
     return Answer(
         results=tuple(result for _, result in results),
         labels=tuple(task.label for task, _ in results),
         errors=tuple(f"{t.method.name}, {t.label}: {sentence}" for t, sentence in errors),
-        reused=reused,
+        reused=len(done.reused & set(tasks)),
     )
-
-
-def _solve(task: Task, threads: int, moving: Callable[[float], None] | None = None) -> Outcome:
-    """Solve one task; return the sentence of whatever went wrong, so that others are judged."""
-    try:
-        case = task.case
-        method = task.method
-        with contextlib.nullcontext() if method.source else _limited(case.time_limit):
-            scene = case.scene(task.recipe)
-            if method.source:  # its limit is enforced from outside its process
-                result = foreign.solve(method.name, method.source, scene, case.time_limit)
-            else:
-                options = {**case.options[method.name], **_step_options(task, scene)}
-                if moving is not None and method.tells_progress:
-                    options["progress"] = lambda share, _: moving(share)
-                result = method.solve(scene, options, threads)
-        if not result.converged:
-            raise NotConverged("the result says that it has not converged")
-        result = _with_measurements(task, scene, _told(task, scene, result))
-        if task.fields is not None and result.fields:
-            _write(task, scene, result, task.fields)
-        return replace(result, fields={})
-    except Exception as error:
-        logging.getLogger("epcontact").debug("%s failed", task.label, exc_info=error)
-        return sentence_of(error)
-
-
-def _told(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
-    """Add to a result what was computed, in words and figures."""
-    about = described(scene, task.recipe)
-    return replace(result, provenance=replace(result.provenance, about=about))
-
-
-def _write(task: Task, scene: Scene, result: ContactResult, path: Path) -> None:
-    attributes = {"case": task.case.id, "size": task.case.size}
-    write_fields(path, result, scene.surface, attributes, units=_UNITS)
-
-
-def _step_options(task: Task, scene: Scene) -> dict[str, Any]:
-    """Return the options by which the method writes the files of every load."""
-    folder = task.steps
-    if folder is None:
-        return {}
-    shutil.rmtree(folder, ignore_errors=True)  # a longer path may have been there
-    if task.method.steps == "output":
-        return {"output": folder}
-
-    def on_step(result: ContactResult) -> None:
-        number = len(result.steps) - 1
-        _write(task, scene, _told(task, scene, result), folder / step_name(number))
-        pressures = [step.mean_pressure for step in result.steps]
-        write_collection(folder / "path.pvd", pressures)
-
-    return {"on_step": on_step}
-
-
-def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
-    """Add the measured quantities that the gates need, while the fields are in memory."""
-    measured = measure_all(task.measured, scene, result)
-    if not measured:
-        return result
-    named = {name.removeprefix("quantity."): value for name, value in measured.items()}
-    final = replace(result.final, quantities=dict(result.final.quantities) | named)
-    return replace(result, steps=(*result.steps[:-1], final))
-
-
-@contextlib.contextmanager
-def _limited(seconds: float) -> Iterator[None]:
-    """Raise NotConverged after `seconds` if the platform and the thread allow an alarm.
-
-    The time that kernels take to compile is given on top.
-    """
-    main = threading.current_thread() is threading.main_thread()
-    if not (main and hasattr(signal, "SIGALRM")):
-        yield
-        return
-
-    compiled = compile_seconds()
-
-    def expire(*_: object) -> None:
-        nonlocal compiled
-        compiling, compiled = compile_seconds() - compiled, compile_seconds()
-        if compiling > 0:
-            signal.setitimer(signal.ITIMER_REAL, compiling)
-            return
-        raise NotConverged(f"not finished within the case's time limit of {seconds:g} s")
-
-    previous = signal.signal(signal.SIGALRM, expire)
-    signal.setitimer(signal.ITIMER_REAL, min(seconds, math.floor(1e8)))
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, previous)

@@ -22,6 +22,7 @@ from typing import Any
 
 from epcontact.harness.case import Case
 from epcontact.harness.foundation import Foundation, foundation
+from epcontact.harness.memory import of_task
 from epcontact.harness.methods import Method
 from epcontact.harness.quantities import QUANTITIES
 from epcontact.harness.statistics import estimate, standard_deviation
@@ -67,6 +68,12 @@ class Task:
             elif gate.quantity in QUANTITIES and QUANTITIES[gate.quantity].measure:
                 names.add(gate.quantity)
         return tuple(sorted(names))
+
+    @property
+    def memory(self) -> float:
+        """The estimated bytes of a process that solves it."""
+        scene = (self.case.material, self.case.body, self.case.load)
+        return of_task(self.method.memory, self.recipe, scene, self.case.options[self.method.name])
 
     def fields_path(self, output: Path) -> Path:
         """Return the file for its fields: `<method>[-<surface>].vti` in the case's folder."""
@@ -115,7 +122,7 @@ class Answer:
 
 #: What every result rests on beside its method: the scene, and what composes and describes a task.
 _SCENE = ("epcontact.surfaces", "epcontact.scene")
-_FRAME = tuple(f"epcontact.harness.{name}" for name in ("run", "methods", "description"))
+_FRAME = tuple(f"epcontact.harness.{name}" for name in ("solve", "methods", "description"))
 _MEASURES = "epcontact.harness.quantities"
 _MODEL = "epcontact.harness.model_difference"  # solves by other methods; few quantities need it
 _MACHINE = "epcontact.machine"  # cores, memory and the folder of kernels: no numbers
@@ -131,17 +138,21 @@ def rests_on(task: Task) -> Foundation:
     return foundation(roots, _FRAME, (_MACHINE,) if model else (_MACHINE, _MODEL))
 
 
-def _key(task: Task) -> str:
-    base = rests_on(task)
-    versions = package_versions()
+def basis(task: Task) -> dict[str, str]:
+    """Return the digest of the sources of a task, and the versions of its libraries, by name."""
+    base, versions = rests_on(task), package_versions()
+    return {"sources": base.digest} | {n: versions[n] for n in ("epcontact", *base.libraries)}
+
+
+def key_of(task: Task) -> str:
+    """Return the digest of all that a result depends on."""
     content = {
         "scene": task.case.digest(task.recipe),
         "size": task.case.size,
         "method": task.method.name,
         "options": repr(sorted(task.case.options[task.method.name].items())),
         "measured": task.measured,
-        "sources": base.digest,
-        "versions": {name: versions[name] for name in base.libraries},
+        "basis": basis(task),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -151,7 +162,7 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
 
     Fields of an earlier, different result are removed, because they would pass for this one's.
     """
-    about = {"case": task.case.id, "size": task.case.size, "key": _key(task)}
+    about = {"case": task.case.id, "size": task.case.size, "key": key_of(task)}
     earlier = _read_member(task, output)
     same = earlier.get("key") == about["key"]
     fields_digest, steps = _digest(task.fields), task.steps is not None
@@ -174,7 +185,7 @@ def kept(task: Task, output: Path) -> ContactResult | None:
     if task.method.source:
         return None
     data = _read_member(task, output)
-    if data.get("key") != _key(task):
+    if data.get("key") != key_of(task):
         return None
     if task.fields is not None and data.get("fields_digest") != _digest(task.fields):
         return None

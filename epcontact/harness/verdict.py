@@ -38,6 +38,7 @@ from epcontact.harness.gates import (
     unjudged,
 )
 from epcontact.harness.methods import METHODS, REPLACED, solver_named
+from epcontact.harness.pool import Factory
 from epcontact.harness.quantities import read_quantity
 from epcontact.harness.read_back import require_faithful
 from epcontact.harness.run import Progress, default_jobs, run_cases
@@ -148,6 +149,7 @@ def verify(  # noqa: PLR0913 - the options of the command
     solver: str = "",
     fresh: bool = False,
     fields: str = "none",
+    executor: Factory = "",
     progress: Callable[[Progress], None] | None = None,
     moving: Callable[[float, int], None] | None = None,
 ) -> Verdict:
@@ -157,7 +159,8 @@ def verify(  # noqa: PLR0913 - the options of the command
         cases: a name, a path or a loaded case, or several of them; None or empty: the cases of a
             bare `epcontact verify`.  A file with variants means all of them.
         size: the size at which names and paths are loaded.
-        jobs: number of worker processes; None: one for each core, or one for size large.
+        jobs: number of worker processes; None: one for each core, or one for size large.  With an
+            executor, the number of solves that share the cores of a worker.
         output: folder for results; an old result is reused if its scene, options and sources
             have not changed.
         solver: a registered method, `[NAME=]MODULE:FUNCTION` or `[NAME=]COMMAND` (see
@@ -166,6 +169,8 @@ def verify(  # noqa: PLR0913 - the options of the command
         fresh: solve again what is already in the output folder.
         fields: write the fields (.vti) of the "first" surface, of "all" or of "none"; "steps":
             those of the first surface at every load, and the bodies of the finite elements.
+        executor: a factory of a `concurrent.futures.Executor` whose workers solve the cases, or its
+            name `module:function`; empty: processes of this machine.
         progress: called after every solve.
         moving: called within solves, if this process makes them one by one, with the number of
             solves done, the share of the present one included, and of all.
@@ -200,7 +205,8 @@ def verify(  # noqa: PLR0913 - the options of the command
     answers = run_cases(
         loaded,
         Path(output),
-        jobs=jobs or default_jobs(size),
+        jobs=jobs or (1 if executor else default_jobs(size)),
+        executor=executor,
         fresh=fresh,
         fields=fields,
         methods=methods,

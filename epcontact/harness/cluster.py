@@ -1,0 +1,66 @@
+"""Solves on a Dask cluster, for `--executor epcontact.harness.cluster:dask` (extra `cluster`).
+
+The environment variable DASK_SCHEDULER_ADDRESS names the scheduler, as `dask scheduler` prints it:
+
+    DASK_SCHEDULER_ADDRESS=tcp://10.0.0.1:8786
+
+Its workers need the same versions of epcontact and of the numerical libraries, and no folder of
+ours: they send results back.  Dask does the tasks of a worker that dies again on another one.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from concurrent.futures import Executor
+from typing import Any
+
+from epcontact.errors import InvalidCase, sentence_of
+
+_VARIABLE = "DASK_SCHEDULER_ADDRESS"
+_PATIENCE = 30  # seconds for the scheduler to answer
+
+
+def dask() -> Executor:
+    """Return an executor on the cluster of the scheduler that the environment names.
+
+    Its `worker_memory` is the memory, in bytes, of the largest worker that there is now; infinite
+    where that is not known.
+
+    Raises:
+        InvalidCase: if no scheduler is named, it does not answer, or Dask is not installed.
+    """
+    try:
+        from distributed import Client
+        from distributed.cfexecutor import ClientExecutor
+    except ImportError:
+        raise InvalidCase(
+            "Dask is not installed; pip install 'epcontact[cluster]' brings it"
+        ) from None
+
+    class Dask(ClientExecutor):  # type: ignore[misc]
+        """Closes its client, too, when it is shut down."""
+
+        worker_memory: float
+
+        def shutdown(self, wait: bool = True, **_: Any) -> None:
+            super().shutdown(wait)
+            self._client.close()
+
+    address = os.environ.get(_VARIABLE, "")
+    if not address:
+        raise InvalidCase(
+            f"{_VARIABLE} is not set; it must be the address of a Dask scheduler, such as "
+            "tcp://10.0.0.1:8786"
+        )
+    try:
+        client = Client(address, timeout=_PATIENCE)
+    except (OSError, ValueError) as error:
+        raise InvalidCase(
+            f"{_VARIABLE} is {address}, where no Dask scheduler answers ({sentence_of(error)})"
+        ) from None
+    executor: Executor = Dask(client, pure=False)
+    workers = client.scheduler_info(n_workers=-1)["workers"].values()
+    limits = [worker["memory_limit"] or math.inf for worker in workers]
+    executor.worker_memory = max(limits, default=math.inf)  # type: ignore[attr-defined]
+    return executor

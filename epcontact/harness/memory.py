@@ -1,0 +1,83 @@
+"""The memory of a task, estimated from its recipe before the surface is made.
+
+The formulas are those by which the solvers themselves refuse a scene.  Here they decide how many
+solves a machine makes side by side, and which solves a worker of a cluster is not asked to do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from epcontact.moduli import effective_modulus
+from epcontact.scene import Body, Load, Material, Scene, Surface
+from epcontact.surfaces import Recipe, SelfAffine
+
+#: The estimate of a method in bytes, beside the process and its libraries.
+Estimate = Callable[[Recipe, Material, Body, Load, Mapping[str, Any]], float]
+
+_PROCESS = 2**28  # bytes of a process with its libraries
+_SMALL, _MOST = 2**14, 2**15  # below so many points a solve takes at most so many bytes a point
+
+
+def of_task(
+    estimate: Estimate,
+    recipe: Recipe,
+    scene: tuple[Material, Body, Load],
+    options: Mapping[str, Any],
+) -> float:
+    """Return the bytes of a process that solves a scene; a rough bound for small grids.
+
+    Example:
+        >>> from epcontact.surfaces import Sphere
+        >>> ball, metal = Sphere((1e-3, 1e-3), (512, 512), radius=1e-2), Material(91e9, 0.3)
+        >>> of_task(of_grid, ball, (metal, Body(), Load(1e6)), {}) / 2**20
+        290.5
+    """
+    points = math.prod(recipe.shape)
+    needed = _MOST * points if points < _SMALL else estimate(recipe, *scene, options)
+    return _PROCESS + needed
+
+
+def of_surface(
+    recipe: Recipe, material: Material, body: Body, load: Load, options: Mapping[str, Any]
+) -> float:
+    """Estimate the bytes of a method that needs little more than the heights and their modes."""
+    del material, body, load, options
+    return 32.0 * math.prod(recipe.shape)
+
+
+def of_grid(
+    recipe: Recipe, material: Material, body: Body, load: Load, options: Mapping[str, Any]
+) -> float:
+    """Estimate the bytes of the boundary elements, heights included."""
+    from epcontact.bem.memory import bytes_per_point  # most commands load no solver
+
+    del body, options
+    slope = recipe.spectrum.rms_slope if isinstance(recipe, SelfAffine) else 0.0
+    pressure = load.final or max(load.path)
+    lightest = min(pressure, material.hardness - pressure)
+    solve = bytes_per_point(lightest, effective_modulus(material) * slope)
+    return (8 + solve) * math.prod(recipe.shape)
+
+
+def of_block(
+    recipe: Recipe, material: Material, body: Body, load: Load, options: Mapping[str, Any]
+) -> float:
+    """Estimate the bytes of the finite elements."""
+    from fem_check.memory import bytes_needed, flowing_share  # as above
+    from fem_check.mesh import block_for
+
+    flat = Surface(np.zeros(recipe.shape), recipe.periods)
+    block = block_for(
+        Scene(flat, material, load, body),
+        depth=options.get("depth"),
+        layers=options.get("layers"),
+        moved=options.get("geometry") == "moved",
+    )
+    flows = options.get("law", "j2") == "j2"
+    flow = flowing_share(max(load.path), material.yield_stress) if flows else None
+    return bytes_needed(block, flow=flow, certified=True)

@@ -1,0 +1,180 @@
+"""Cases solved on the workers of any executor, which share no folder with the sender."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from epcontact import verify
+from epcontact.errors import EpcontactError, InvalidCase
+from epcontact.harness import solve
+from epcontact.harness.case import load_case
+from epcontact.harness.cluster import dask
+from epcontact.harness.methods import METHODS
+from epcontact.harness.pool import made
+from epcontact.harness.run import run_cases
+from epcontact.harness.store import Task, basis
+
+ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
+THEORY = (
+    ('methods = ["persson", "bem"]', 'methods = ["persson"]'),
+    ('of = "bem"\nagainst = "persson"', 'of = "persson"\nagainst = 0.1\nsource = "made"'),
+)
+
+
+class Elsewhere(Executor):
+    """Makes each call at once, on copies, in a folder of its own, as a far worker would."""
+
+    def __init__(self, folder: Path, memory: float = 2.0**40) -> None:
+        self.folder, self.worker_memory, self.open = folder, memory, True
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        here = Path.cwd()
+        self.folder.mkdir(exist_ok=True)
+        os.chdir(self.folder)
+        try:
+            call, given = pickle.loads(pickle.dumps((fn, args)))
+            future.set_result(pickle.loads(pickle.dumps(call(*given, **kwargs))))
+        except Exception as error:
+            future.set_exception(error)
+        finally:
+            os.chdir(here)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self.open = False
+
+
+def test_a_worker_sends_back_results_fields_and_steps(write_case, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    case = load_case(write_case(ONE))
+    run_cases([case], Path("here"), fields="steps")
+    far = Elsewhere(tmp_path / "far")
+    run_cases([case], Path("there"), fields="steps", executor=lambda: far)
+    assert not far.open
+    assert not list(far.folder.iterdir())
+    found = {p.relative_to("here"): p for p in Path("here").rglob("*") if p.is_file()}
+    assert {p.relative_to("there") for p in Path("there").rglob("*") if p.is_file()} == set(found)
+    assert {path.suffix for path in found} == {".json", ".vti", ".pvd"}
+    for name, path in found.items():
+        if path.suffix != ".json":  # costs differ
+            assert path.read_bytes() == (Path("there") / name).read_bytes(), name
+    notes: list[str] = []
+    options: dict[str, Any] = {"fields": "steps", "progress": lambda p: notes.append(p.note)}
+    run_cases([case], Path("there"), **options)
+    assert notes == ["reused", "reused"]
+
+
+def gate_error(path: Path, output: Path, executor: Any) -> str:
+    verdict = verify(path, output=output, executor=executor)
+    assert verdict.exit_code == 2
+    return str(verdict.cases[0].gates[0].error)
+
+
+def test_worker_with_other_versions_is_refused(write_case, tmp_path, monkeypatch) -> None:
+    case = write_case(*THEORY)
+    there = basis(Task(load_case(case), METHODS["persson"], 0, "single")) | {"numpy": "1.0"}
+    monkeypatch.setattr(solve, "basis", lambda _: there)  # as the worker reads it
+    error = gate_error(case, tmp_path, lambda: Elsewhere(tmp_path / "far"))
+    assert "has numpy 1.0 in the place of" in error
+    assert "sources" not in error
+
+
+def test_task_beyond_the_memory_of_every_worker_is_not_submitted(write_case, tmp_path) -> None:
+    small = Elsewhere(tmp_path / "far", memory=2.0**20)
+    error = gate_error(write_case(*THEORY), tmp_path, lambda: small)
+    assert "needs about 0.3 GiB, but the largest worker has 0.0 GiB" in error
+    assert not small.folder.exists()
+
+
+def test_failure_of_a_worker_is_its_task_s_error(write_case, tmp_path) -> None:
+    class Broken(Elsewhere):
+        def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+            return super().submit(int, "no number")
+
+    error = gate_error(write_case(*THEORY), tmp_path, lambda: Broken(tmp_path / "far"))
+    assert "its worker failed: ValueError: invalid literal" in error
+
+
+def test_executor_that_takes_nothing_is_one_sentence(write_case, tmp_path) -> None:
+    class Closed(Elsewhere):
+        def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+            raise RuntimeError("cannot schedule new futures")
+
+    with pytest.raises(EpcontactError, match="the executor takes no task: RuntimeError: cannot"):
+        verify(write_case(*THEORY), output=tmp_path, executor=lambda: Closed(tmp_path / "far"))
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("no_such_module:pool", "cannot be made .* give module:function"),
+        ("concurrent.futures:Nothing", "cannot be made"),
+        ("concurrent.futures", "not a concurrent.futures.Executor|cannot be made"),
+        ("os:getpid", "is .*, not a concurrent.futures.Executor"),
+        ("epcontact.harness.cluster:dask", "DASK_SCHEDULER_ADDRESS is not set|is not installed"),
+    ],
+)
+def test_executor_that_cannot_be_made_is_one_sentence(monkeypatch, name, sentence) -> None:
+    monkeypatch.delenv("DASK_SCHEDULER_ADDRESS", raising=False)
+    with pytest.raises(InvalidCase, match=sentence):
+        made(name)
+
+
+def test_a_worker_s_cores_are_its_own(monkeypatch) -> None:
+    monkeypatch.setattr(solve, "available_cores", lambda: 6)
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    assert solve._worker_cores() == 3
+    for given in ("", "0", "4,2"):
+        monkeypatch.setenv("OMP_NUM_THREADS", given)
+        assert solve._worker_cores() == 6
+
+
+def test_threads_have_processes_that_keep_the_time_limit(write_case, tmp_path) -> None:
+    path = write_case(*THEORY, ("[case]\n", "[case]\ntime_limit = 1e-6\n"))
+    error = gate_error(path, tmp_path, lambda: ThreadPoolExecutor(1))
+    assert "time limit of 1e-06 s" in error
+    assert solve._IDLE
+
+
+# --- Dask ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def cluster(monkeypatch) -> Iterator[Any]:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None
+    ) as local:
+        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", local.scheduler_address)
+        yield local
+
+
+@pytest.mark.slow
+def test_tasks_of_a_killed_dask_worker_are_done_again(cluster, write_case, tmp_path) -> None:
+    path = write_case(("seeds = [3, 5, 7]", "seeds = [1, 2, 3, 4, 5, 6, 7, 8]"))
+    plain = verify(path, output=tmp_path / "plain", jobs=1)
+    workers = [worker.pid for worker in cluster.workers.values()]
+    killed: list[int] = []
+
+    def kill(progress: Any) -> None:
+        del progress
+        if not killed:
+            killed.append(workers[0])
+            os.kill(workers[0], signal.SIGKILL)
+
+    verdict = verify(path, output=tmp_path / "dask", executor=dask, progress=kill)
+    assert killed
+    (ours,), (theirs,) = plain.cases, verdict.cases
+    assert theirs.status == ours.status == "holds"
+    assert [g.model_dump() for g in theirs.gates] == [g.model_dump() for g in ours.gates]
+    assert [m.errors for m in theirs.methods.values()] == [[], []]
+    assert theirs.methods["bem"].surfaces == 8
