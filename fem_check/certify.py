@@ -40,7 +40,7 @@ def certify(problem: Problem, state: State, history: History, largest: float) ->
         layer = slice(k * nx_ny, (k + 1) * nx_ny)
         bricks, past = problem.bricks, None
         if problem.plastic:
-            past = History(history.plastic_strain[layer], history.accumulated[layer])
+            past = history._replace(rows=history.rows[layer])
         some = bricks._replace(
             connectivity=bricks.connectivity[layer], shape_of=bricks.shape_of[layer]
         )

@@ -37,8 +37,9 @@ class Elements(NamedTuple):
     gradients: (shapes, 3, 8, 8) dN_a/dx_j as [shape, j, a, Gauss point], in 1/m.
     mean_gradients: (shapes, 3, 8) their volume averages.
     weights: (shapes, 8) volumes of the Gauss points, in m^3.
-    sides: (shapes, 3) edges along x, y and z in m, if every shape is a box with its corners in the
-        order of CORNERS; None otherwise.
+    sides: (shapes, 3) edges along x, y and z in m, if the elements are those of a flat block: layer
+        by layer, each layer of one shape, a box with its corners in the order of CORNERS; None
+        otherwise.
     """
 
     connectivity: IntArray
@@ -52,6 +53,31 @@ class Elements(NamedTuple):
     def number(self) -> int:
         """Number of elements."""
         return len(self.connectivity)
+
+
+def layers_apart(
+    bricks: Elements, which: NDArray[np.int64] | None
+) -> tuple[NDArray[np.int64], ...]:
+    """Cut elements, or the numbers `which` of some, into ranges that are worked on together.
+
+    Returns:
+        Parts, to be worked on one after the other, of (r, 2) ranges: each the first index of a
+        layer and the one after its last.  The layers of a part have no node in common.  Elements
+        that are not those of a flat block are one range.
+
+    Example:
+        >>> two = elements(np.arange(16).reshape(2, 8), np.arange(2), np.stack([CORNERS] * 2))
+        >>> layers_apart(two, None)
+        (array([[0, 2]]),)
+        >>> layers_apart(two._replace(sides=np.ones((2, 3))), None)
+        (array([[0, 1]]), array([[1, 2]]))
+    """
+    shapes = bricks.shape_of if which is None else bricks.shape_of[which]
+    if bricks.sides is None:
+        return (np.array([[0, len(shapes)]]),)
+    cuts = np.searchsorted(shapes, np.arange(len(bricks.sides) + 1, dtype=shapes.dtype))
+    ranges = np.stack([cuts[:-1], cuts[1:]], axis=1)
+    return ranges[::2], ranges[1::2]
 
 
 def elements(

@@ -63,11 +63,13 @@ class Rule:
 class Along:
     """A place on the path.
 
-    at: the force in N, or the approach in m.  states: the last two.  solved: the last increment.
-    counts: iterations since the last point.  peak: the largest force so far, in N.  step_error: the
-    largest error of a pair of increments so far.  pair: the length of the next one, in N or m.
+    history: of the material.  at: the force in N, or the approach in m.  states: the last two.
+    solved: the last increment.  counts: iterations since the last point.  peak: the largest force
+    so far, in N.  step_error: the largest error of a pair of increments so far.  pair: the length
+    of the next one, in N or m.
     """
 
+    history: History
     at: float = 0.0
     states: tuple[State, ...] = ()
     solved: SolvedIncrement | None = None
@@ -77,8 +79,8 @@ class Along:
     pair: float = np.inf
 
 
-def advance(problem: Problem, along: Along, history: History, target: float, rule: Rule) -> Along:
-    """Advance to the `target`.  Commits the history; the counts are those of this advance.
+def advance(problem: Problem, along: Along, target: float, rule: Rule) -> Along:
+    """Advance to the `target`.  The counts are those of this advance.
 
     Raises NotConverged if an increment fails even after increments were halved `MOST_HALVINGS`
     times.
@@ -87,7 +89,7 @@ def advance(problem: Problem, along: Along, history: History, target: float, rul
     if problem.plastic and rule.steps is None:
         along, whole = replace(along, pair=min(along.pair, rule.largest / 2)), None
         while along.at != target:
-            along, whole = _pair(problem, along, history, target, rule, whole)
+            along, whole = _pair(problem, along, target, rule, whole)
         return along
     begin, count = along.at, 1
     if rule.steps is not None:
@@ -97,8 +99,8 @@ def advance(problem: Problem, along: Along, history: History, target: float, rul
         step = end
         while along.at != end:
             try:
-                solved = _solved(problem, along, history, step, rule)
-                along, step = _kept(problem, along, history, solved, step), end
+                solved = _solved(problem, along, step, rule)
+                along, step = _kept(problem, along, solved, step), end
             except NotConverged:
                 along, step = _once_more_halved(along), (along.at + step) / 2
     return along
@@ -107,7 +109,6 @@ def advance(problem: Problem, along: Along, history: History, target: float, rul
 def _pair(
     problem: Problem,
     along: Along,
-    history: History,
     target: float,
     rule: Rule,
     whole: SolvedIncrement | None,
@@ -125,17 +126,17 @@ def _pair(
     try:
         if whole is None:
             rough = replace(rule, tolerance=max(rule.tolerance, ROUGH))
-            whole = _solved(problem, along, history, end, rough)
+            whole = _solved(problem, along, end, rough)
             along = replace(along, counts=along.counts + whole.counts)
         between = None
         if along.states and middle != 0:
             between = _on_secant(problem, along.states[-1], whole.state, 0.5)
-        half = _solved(problem, along, history, middle, rule, between)
+        half = _solved(problem, along, middle, rule, between)
     except NotConverged:
         return replace(_once_more_halved(along), pair=shorter), None
-    before, along = along, _kept(problem, along, history, half, middle)
+    before, along = along, _kept(problem, along, half, middle)
     try:
-        second = _solved(problem, along, history, end, rule, whole.state)
+        second = _solved(problem, along, end, rule, whole.state)
     except NotConverged:
         return replace(_once_more_halved(along), pair=shorter), None
     peak = max(along.peak, float(second.state.forces.sum()))
@@ -147,10 +148,9 @@ def _pair(
         along = replace(along, counts=along.counts + second.counts, pair=shorter)
         if error > 4 * rule.step_tolerance and not before.states:
             # Nothing precedes the path's first pair, so that it can be taken back.
-            history.plastic_strain[:], history.accumulated[:] = 0, 0
             return replace(before, counts=along.counts, pair=shorter), half
         return _with_error(along, error / 4), second
-    along = _kept(problem, along, history, second, end)
+    along = _kept(problem, along, second, end)
     pair = 2 * along.pair if error < rule.step_tolerance / 4 else along.pair
     return _with_error(replace(along, pair=pair), error), None
 
@@ -167,15 +167,15 @@ def _once_more_halved(along: Along) -> Along:
     return replace(along, counts=counts)
 
 
-def _kept(
-    problem: Problem, along: Along, history: History, solved: SolvedIncrement, at: float
-) -> Along:
+def _kept(problem: Problem, along: Along, solved: SolvedIncrement, at: float) -> Along:
     """The place after a solved increment, which is committed to the history."""
+    history = along.history
     if problem.plastic:
         u = solved.state.displacement.reshape(-1, 3)
-        plasticity.commit(u, problem.bricks, problem.law, history)
+        history = plasticity.commit(u, problem.bricks, problem.law, history, solved.flowing)
     return replace(
         along,
+        history=history,
         at=at,
         states=(*along.states[-1:], solved.state),
         solved=solved,
@@ -187,7 +187,6 @@ def _kept(
 def _solved(
     problem: Problem,
     along: Along,
-    history: History,
     end: float,
     rule: Rule,
     guess: State | None = None,
@@ -195,14 +194,14 @@ def _solved(
     """Solve the increment to `end` from a guess, by default by extrapolation."""
     options = NewtonOptions(rule.tolerance)
     if rule.highest is None and end == 0:
-        return _touching(problem, along, history, options)
+        return _touching(problem, along, options)
     if rule.highest is not None:
         control = Control(approach=end - rule.highest, scale=along.peak)
     else:
         control = Control(load=end, scale=max(end, along.peak))
     # No name is given to the guess, so that it does not stay in memory.
     return solve_increment(
-        problem, guess or _guess(problem, along, control, end), history, control, options
+        problem, guess or _guess(problem, along, control, end), along.history, control, options
     )
 
 
@@ -214,9 +213,7 @@ def _guess(problem: Problem, along: Along, control: Control, end: float) -> Stat
     return _extrapolated(problem, along.states, end)
 
 
-def _touching(
-    problem: Problem, along: Along, history: History, options: NewtonOptions
-) -> SolvedIncrement:
+def _touching(problem: Problem, along: Along, options: NewtonOptions) -> SolvedIncrement:
     """The body without a load, whose highest point touches the flat."""
     last = along.states[-1]
     reach = float(np.ptp(problem.heights)) + 4 * float(np.abs(last.displacement[0]).max())
@@ -224,7 +221,7 @@ def _touching(
     start = State(
         last.displacement, away.approach, np.full_like(last.states, APART), 0 * last.forces
     )
-    solved = solve_increment(problem, start, history, away, options)
+    solved = solve_increment(problem, start, along.history, away, options)
     free = float(gap(problem, solved.state.displacement, 0.0).min())
     return replace(solved, state=replace(solved.state, approach=free))
 

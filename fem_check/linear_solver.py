@@ -106,15 +106,25 @@ def _stencils(stiffness: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray
     return out[0], out[1], out[2]
 
 
-def _symbol(stencil: FloatArray, cosines: FloatArray, sines: FloatArray) -> FloatArray:
-    """(waves, 9) the real form of a stencil's transform, with u_z = i times the unknown."""
-    real = cosines @ stencil.reshape(9, 9)
-    imaginary = sines @ stencil.reshape(9, 9)
-    for entry in (2, 5):  # xz, yz
-        real[:, entry] = -imaginary[:, entry]
-    for entry in (6, 7):  # zx, zy
-        real[:, entry] = imaginary[:, entry]
-    return real
+@njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+def _symbol(stencil, cosines, sines):  # type: ignore[no-untyped-def]
+    """(waves, 9) the real form of a stencil's transform, with u_z = i times the unknown.
+
+    numpy's products call a BLAS whose threads cost more than these short loops take.
+    """
+    out = np.zeros(cosines.shape)
+    for q in range(out.shape[0]):
+        for o in range(9):
+            c, s = cosines[q, o], sines[q, o]
+            for i in range(3):
+                for j in range(3):
+                    factor = c
+                    if i < 2 and j == 2:  # xz, yz
+                        factor = -s
+                    elif i == 2 and j < 2:  # zx, zy
+                        factor = s
+                    out[q, 3 * i + j] += factor * stencil[o, i, j]
+    return out
 
 
 @njit(cache=True, error_model="numpy")

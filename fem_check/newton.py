@@ -50,9 +50,13 @@ class NewtonOptions:
 
 @dataclass(frozen=True)
 class SolvedIncrement:
-    """The converged state; `history` holds the largest residual after each Newton iteration."""
+    """The converged state, and (m,) which elements flow there.
+
+    `history` holds the largest residual after each Newton iteration.
+    """
 
     state: State
+    flowing: NDArray[np.bool_]
     counts: Counts
     residuals: dict[str, float]
     history: tuple[float, ...]
@@ -77,7 +81,7 @@ def solve_increment(
         worst.append(max(residual.values()))
         if worst[-1] <= options.tolerance and counts.newton > 0:
             counts = replace(counts, most_newton=counts.newton)
-            return SolvedIncrement(state, counts, residual, tuple(worst))
+            return SolvedIncrement(state, flowing, counts, residual, tuple(worst))
         if counts.newton >= options.max_newton or not np.isfinite(worst[-1]):
             raise NotConverged(
                 f"the load step did not converge in {counts.newton} Newton iterations: relative "

@@ -100,8 +100,6 @@ def follow_path(
 ) -> Iterator[tuple[PathPoint, History]]:
     """Solve the path point by point, and yield each point with the material's history there.
 
-    The history changes in place along the path: read it before you ask for the next point.
-
     Args:
         problem: the finite-element problem.
         targets: from `path_targets`.
@@ -112,7 +110,7 @@ def follow_path(
     """
     area = problem.block.node_area * problem.heights.size
     history = plasticity.initial_history(problem.bricks.number if problem.plastic else 0)
-    along = top = Along()  # top: where a capped body was pressed most
+    along = top = Along(history)  # top: where a capped body was pressed most
     lowered = np.zeros_like(problem.heights)
     for target in targets:
         body = problem
@@ -120,12 +118,12 @@ def follow_path(
             body, along = replace(problem, heights=problem.heights - lowered), _elastic(along)
         elif problem.capped:
             along = top
-        along = advance(body, along, history, target, rule)
+        along = advance(body, along, target, rule)
         assert along.solved is not None
         if problem.capped and body is problem:
             top, lowered = along, _sunk(problem, along.solved.state)
         pressure = (target if rule.highest is None else along.states[-1].forces.sum()) / area
-        yield _path_point(problem, float(pressure), along, history, lowered), history
+        yield _path_point(problem, float(pressure), along, lowered), along.history
 
 
 def _elastic(along: Along) -> Along:
@@ -143,17 +141,15 @@ def _sunk(problem: Problem, state: State) -> FloatArray:
     return np.where(state.states == PLASTIC, np.maximum(-between, 0.0), 0.0)
 
 
-def _path_point(
-    problem: Problem, pressure: float, along: Along, history: History, lowered: FloatArray
-) -> PathPoint:
+def _path_point(problem: Problem, pressure: float, along: Along, lowered: FloatArray) -> PathPoint:
     assert along.solved is not None
-    state = along.solved.state
+    state, history = along.solved.state, along.history
     states, flow = state.states, {}
     between = gap(problem, state.displacement, state.approach)
     if problem.plastic:
-        yielded = _yielded_surface(problem, history.accumulated)
+        yielded = _yielded_surface(problem, history)
         states = np.where((states != APART) & yielded, PLASTIC, states).astype(np.int8)
-        flow = _plastic_zone(problem, history.accumulated)
+        flow = _plastic_zone(problem, history)
         flow |= _energies(problem, state.displacement, history)
     if problem.capped:
         mean = float(lowered.mean())
@@ -174,22 +170,25 @@ def _path_point(
     )
 
 
-def _yielded_surface(problem: Problem, accumulated: FloatArray) -> NDArray[np.bool_]:
+def _yielded_surface(problem: Problem, history: History) -> NDArray[np.bool_]:
     """(nx, ny) top nodes that touch an element of the top layer which has flowed."""
     nx, ny = problem.block.shape
-    flowed = (accumulated[: nx * ny] > 0).any(axis=1).reshape(nx, ny)
+    flowed = (history.rows[: nx * ny] > 0).reshape(nx, ny)
     around = flowed | np.roll(flowed, 1, 0)
     return np.asarray(around | np.roll(around, 1, 1))
 
 
-def _plastic_zone(problem: Problem, accumulated: FloatArray) -> dict[str, float]:
+def _plastic_zone(problem: Problem, history: History) -> dict[str, float]:
     """Largest strain, share of the body's volume, and depth in m, of the plastic zone."""
-    weights = problem.bricks.weights[problem.bricks.shape_of]
-    flowed = (accumulated > 0).reshape(len(problem.block.layers), -1).any(axis=1)
-    last = int(np.flatnonzero(flowed).max(initial=-1))
+    bricks = problem.bricks
+    flowed = np.flatnonzero(history.rows)
+    strain = history.accumulated[history.rows[flowed]]
+    volume = float(bricks.weights[bricks.shape_of[flowed]][strain > 0].sum())
+    last = int(flowed.max(initial=-1)) // problem.heights.size  # the layer; -1: none
+    body = float(np.bincount(bricks.shape_of) @ bricks.weights.sum(axis=1))
     return {
-        "largest_plastic_strain": float(accumulated.max()),
-        "plastic_volume": float(weights[accumulated > 0].sum() / weights.sum()),
+        "largest_plastic_strain": float(strain.max(initial=0.0)),
+        "plastic_volume": volume / body,
         "plastic_depth": -float(problem.block.levels[last + 1]),
     }
 
@@ -197,24 +196,22 @@ def _plastic_zone(problem: Problem, accumulated: FloatArray) -> dict[str, float]
 def _energies(problem: Problem, displacement: FloatArray, history: History) -> dict[str, float]:
     """Energy stored in the block, and plastic work spent in it, per nominal area in J/m^2.
 
-    Stored: |s|^2/(4 mu) + p^2/(2 K), the compression of a half-space's block included.  Spent:
-    sigma_Y a + H a^2/2 with the accumulated plastic strain a, which is exact for linear hardening.
+    Stored: the compression of a half-space's block included.  Spent: sigma_Y a + H a^2/2 with the
+    accumulated plastic strain a, which is exact for linear hardening.
     """
     bricks, law = problem.bricks, problem.law
     u = displacement.reshape(-1, 3)
-    stored = spent = 0.0
+    stored = 0.0
     for first in range(0, bricks.number, _ENERGY_BLOCK):
         part = slice(first, first + _ENERGY_BLOCK)
         some = bricks._replace(
             connectivity=bricks.connectivity[part], shape_of=bricks.shape_of[part]
         )
-        a = history.accumulated[part]
-        stress = plasticity.stresses(u, some, law, History(history.plastic_strain[part], a))
-        p = stress[:, :3].mean(axis=1, keepdims=True)
-        deviator = ((stress[:, :3] - p) ** 2).sum(axis=1) + 2 * (stress[:, 3:] ** 2).sum(axis=1)
-        density = deviator / (4 * law.shear) + p[:, 0] ** 2 / (2 * law.bulk)
-        weights = bricks.weights[some.shape_of]
-        stored += float(np.vdot(weights, density))
-        spent += float(np.vdot(weights, law.yield_stress * a + law.hardening * a**2 / 2))
+        stress = plasticity.stresses(u, some, law, history._replace(rows=history.rows[part]))
+        stored += plasticity.stored_energy(stress, some, law)
+    flowed = np.flatnonzero(history.rows)
+    a = history.accumulated[history.rows[flowed]]
+    work = law.yield_stress * a + law.hardening * a**2 / 2
+    spent = float(np.vdot(bricks.weights[bricks.shape_of[flowed]], work))
     area = problem.block.node_area * problem.heights.size
     return {"stored_energy": stored / area, "plastic_work": spent / area}

@@ -128,7 +128,7 @@ def assemble(
     neighbours = np.full((len(nodes), 27), -1, dtype=np.int32)
     blocks = np.zeros((len(nodes), 27, 3, 3))
     reach = (levels - 1) * size
-    body = (bricks.connectivity[:reach], bricks.shape_of, bricks.gradients, elastic)
+    body = (bricks.connectivity[:reach], bricks, elastic)
     flow = (number, correction.terms, float(scale))
     _assemble(body, flow, places, _slots(nx, ny), neighbours, blocks)
     within = np.where(neighbours < 0, len(nodes), places[neighbours]).astype(np.int32)
@@ -152,12 +152,12 @@ _SELF = 13  # the slot of a node in its own row
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _element(K, gradients, terms, scale):  # type: ignore[no-untyped-def]
+def _element(K, gradients, weights, terms, scale):  # type: ignore[no-untyped-def]
     """K (24, 24) less `scale` times the correction of one element."""
     v = np.empty(24)
     for q in range(8):
         n = terms[:6, q]
-        a, b = scale * terms[6, q], scale * terms[7, q]
+        a, b = scale * weights[q] * terms[6, q], scale * weights[q] * terms[7, q]
         for c in range(8):
             gx, gy, gz = gradients[0, c, q], gradients[1, c, q], gradients[2, c, q]
             v[3 * c] = n[0] * gx + n[3] * gy + n[5] * gz
@@ -186,7 +186,7 @@ def _element(K, gradients, terms, scale):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _assemble(body, flow, places, slots, neighbours, blocks):  # type: ignore[no-untyped-def]
-    conn, shape_of, gradients, elastic = body
+    conn, bricks, elastic = body
     number, terms, scale = flow
     K, count = np.empty((24, 24)), blocks.shape[0]
     for e in range(conn.shape[0]):
@@ -195,10 +195,10 @@ def _assemble(body, flow, places, slots, neighbours, blocks):  # type: ignore[no
             touched = touched or places[conn[e, a]] < count
         if not touched:
             continue
-        shape = shape_of[e]
+        shape = bricks.shape_of[e]
         K[:] = elastic[shape]
         if number[e] >= 0:
-            _element(K, gradients[shape], terms[number[e]], scale)
+            _element(K, bricks.gradients[shape], bricks.weights[shape], terms[number[e]], scale)
         for a in range(8):
             row = places[conn[e, a]]
             if row >= count:

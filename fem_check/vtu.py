@@ -229,7 +229,8 @@ def _data(
     mean_stress = np.einsum("eig,eg->ei", stress, weights) / volumes[:, None]
     strain = np.zeros(bricks.number)
     if problem.plastic:
-        strain = np.einsum("eg,eg->e", history.accumulated, weights) / volumes
+        accumulated = history.accumulated[history.rows]
+        strain = np.einsum("eg,eg->e", accumulated, weights) / volumes
     shared = np.bincount(bricks.connectivity.ravel(), np.repeat(volumes, 8), len(u))
 
     def at_nodes(values: FloatArray) -> FloatArray:

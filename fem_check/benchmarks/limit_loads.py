@@ -131,10 +131,9 @@ def push(
     free[body.held] = free[pushed] = False
     out = []
     for value in path:
-        q, step = _push_step(body, law, history, (strain, elastic), (pushed, value, free), q,
-                             (tolerance, max_newton))  # fmt: skip
-        u = (body.motion @ q).reshape(-1, 3)
-        plasticity.commit(u, body.bricks, law, history)
+        q, history, step = _push_step(
+            body, law, history, (strain, elastic), (pushed, value, free), q, (tolerance, max_newton)
+        )
         out.append(step)
     return out
 
@@ -147,19 +146,20 @@ def _push_step(
     goal: tuple[NDArray[np.integer], float, NDArray[np.bool_]],
     before: FloatArray,
     limits: tuple[float, int],
-) -> tuple[FloatArray, Pushed]:
+) -> tuple[FloatArray, History, Pushed]:
     (pushed, value, free), (strain, elastic) = goal, operators
     q, residuals = before.copy(), []
     change = np.zeros_like(q)
     change[pushed] = value - q[pushed]
     for iteration in range(limits[1] + 1):
         u = (body.motion @ q).reshape(-1, 3)
-        force, soft = _force(body, law, history, strain, u)
+        force, soft, flowing = _force(body, law, history, strain, u)
         forces = body.motion.T @ force.ravel()
         if iteration > 0:
             residuals.append(float(np.linalg.norm(forces[free]) / np.abs(forces).max()))
             if residuals[-1] <= limits[0]:
-                return q, Pushed(q, forces, tuple(residuals))
+                past = plasticity.commit(u, body.bricks, law, history, flowing)
+                return q, past, Pushed(q, forces, tuple(residuals))
         blend = min(1.0, 0.1 * residuals[-1]) if residuals else 1.0
         per_element = tangents(body.bricks, elastic, strain, soft, blend)
         K = (body.motion.T @ sparse_matrix(body.bricks, per_element, len(u)) @ body.motion).tocsc()
@@ -175,8 +175,8 @@ def _push_step(
 
 def _force(
     body: SmallBody, law: Law, history: History, strain: FloatArray, u: FloatArray
-) -> tuple[FloatArray, TangentCorrection]:
-    """(nodes, 3) internal force at `u`, and the correction of the elastic tangent there."""
+) -> tuple[FloatArray, TangentCorrection, NDArray[np.bool_]]:
+    """(nodes, 3) internal force at `u`, the correction of the elastic tangent, and what flows."""
     bricks = body.bricks
     force, flowing = plasticity.internal_force(u, bricks, law, history)
     if not body.mean_dilatation:  # use the local dilatation instead of the mean one
@@ -187,7 +187,7 @@ def _force(
         nodal = np.einsum("egia,eig,eg->ea", B, stress, weights, optimize=True)
         force = np.zeros_like(u)
         np.add.at(force, bricks.connectivity, nodal.reshape(-1, 8, 3))
-    return force, plasticity.tangent_correction(u, bricks, law, history, flowing)
+    return force, plasticity.tangent_correction(u, bricks, law, history, flowing), flowing
 
 
 def elastic_tangents(bricks: Elements, law: Law, strain: FloatArray) -> FloatArray:
@@ -208,8 +208,9 @@ def tangents(
     deviator = np.diag([1.0] * 3 + [0.5] * 3)
     deviator[:3, :3] -= 1 / 3
     n = np.moveaxis(soft.terms[:, :6], 1, 2)
-    moduli = soft.terms[:, 6][..., None, None] * deviator
-    moduli = moduli + soft.terms[:, 7][..., None, None] * n[..., None] * n[..., None, :]
+    weights = bricks.weights[bricks.shape_of[soft.which]]
+    softer = (weights[:, None] * soft.terms[:, 6:])[..., None, None]
+    moduli = softer[:, 0] * deviator + softer[:, 1] * n[..., None] * n[..., None, :]
     out[soft.which] -= (1 - blend) * np.matmul(np.swapaxes(B, 2, 3), moduli @ B).sum(axis=1)
     return out
 
