@@ -10,7 +10,14 @@ from reference_plasticity import kogut_etsion_critical
 
 import fem_check
 from epcontact import Body, Load, Scene
-from epcontact.studies.hysteresis import AREA, GAP, SPENT, cycle_table, unloading_over_loading
+from epcontact.studies.hysteresis import (
+    AREA,
+    GAP,
+    SPENT,
+    cycle_table,
+    start_costs,
+    unloading_over_loading,
+)
 from epcontact.studies.paper_scene import rough_scene
 
 SMALL = rough_scene(4, seed=3, bandwidth=4, hardness=math.inf)
@@ -62,6 +69,13 @@ def test_cap_and_theory_differ_on_the_way_down() -> None:
     cap = table[table["model"] == "cap"]
     assert cap[SPENT].iloc[-1] > 0.95  # what is stored at the peak has been given back
     assert table[table["model"] == "theory"][SPENT].isna().all()
+
+
+def test_a_better_start_costs_less_but_even_the_best_is_not_free() -> None:
+    table = start_costs(4, 16, 78, lambda _: None, shares=(0.6,))
+    by_start = table.sort_values("start_residual", ascending=False)["pairs"].to_numpy()
+    assert by_start[-1] < by_start[-3] < by_start[0]
+    assert 2 <= by_start[-1] < 0.5 * table["peak_pairs"].iloc[0]
 
 
 @pytest.mark.slow

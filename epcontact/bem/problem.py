@@ -196,9 +196,10 @@ def _require_gradual(values: FloatArray, grid: tuple[int, int]) -> None:
 
 
 def checked_start(start: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
-    """A start pressure as a finite float64 array of the grid's shape.
+    """A start pressure as a float64 array of the grid's shape, -inf where it is exactly 0.
 
-    Raises InvalidScene.
+    A point without pressure is to stay apart: rounding of the load would else put all such points
+    into contact.  Raises InvalidScene unless the pressures are finite.
     """
     first = np.asarray(start, dtype=np.float64)
     if first.shape != shape or not np.isfinite(first).all():
@@ -206,4 +207,4 @@ def checked_start(start: NDArray[np.floating], shape: tuple[int, ...]) -> FloatA
             f"start has shape {np.shape(start)}, but a finite pressure field of shape {shape} "
             "is needed"
         )
-    return first
+    return np.where(first == 0, -np.inf, first)
