@@ -157,3 +157,19 @@ def elastic_stiffness(shape: Elements, index: int, shear: float, bulk: float) ->
     B = strain_operator(shape, index)
     result: FloatArray = np.einsum("gia,ij,gjb,g->ab", B, D, B, shape.weights[index], optimize=True)
     return result
+
+
+def deviatoric_stiffness(shape: Elements, index: int) -> FloatArray:
+    """(8, 24, 24) the integral of dev e : dev e at each Gauss point of one shape.
+
+    Example:
+        >>> cube = elements(np.arange(8)[None], np.zeros(1), CORNERS[None])
+        >>> shear = 2.0 * deviatoric_stiffness(cube, 0).sum(axis=0)
+        >>> bool(np.allclose(elastic_stiffness(cube, 0, 1.0, 0.0), shear))
+        True
+    """
+    B = strain_operator(shape, index, mean_dilatation=False)
+    B[:, :3] -= B[:, :3].mean(axis=1, keepdims=True)
+    norm = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])  # of a strain with engineering shears
+    weighted = B * norm[:, None] * shape.weights[index][:, None, None]
+    return np.asarray(np.swapaxes(B, 1, 2) @ weighted)

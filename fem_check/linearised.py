@@ -8,14 +8,16 @@ sweeps over the flowing nodes (`smoother`), which resolve the slip lines that th
 cannot represent.  Without the sweeps, iterations grow as the flowing zones gain elements.
 
 On the flat block the elastic stiffness times a preconditioned residual is that residual, so a
-product with the tangent touches the flowing elements only.  After the first elastic solve all
-residuals lie on the levels of nodes that flow, so the iteration works on those levels alone.
+product with the tangent touches the flowing elements only.  After an elastic solve all residuals
+lie on the levels of nodes that flow, and a state that comes from such a solve has none below them.
+So the solves work on the levels with residuals alone, and the step is continued to the base once.
 
 The signs are those of `problem`.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -26,7 +28,17 @@ from fem_check import plasticity
 from fem_check.contact import States, predicted_states, solve_contact_forces
 from fem_check.linear_solver import eliminate, extend_to_base, substitute, top_descent
 from fem_check.plasticity import TangentCorrection
-from fem_check.problem import Control, Counts, Problem, State, gap, split_reaction, without_base
+from fem_check.problem import (
+    Control,
+    Counts,
+    Problem,
+    State,
+    gap,
+    missing_load,
+    unbalanced,
+    unbalanced_norm,
+    without_base,
+)
 from fem_check.smoother import FlowRows, Smoother, assemble, flowing_levels, smoother
 from fem_check.vectors import axpy, dot, norm, xpay
 
@@ -35,6 +47,9 @@ from fem_check.vectors import axpy, dot, norm, xpay
 #: moves more nodes than that.  A node in the wrong set shows in the residuals of tension and
 #: penetration, so this affects the work and not the answer.
 UNSETTLED = 0.1
+
+#: Levels whose residual is below this share of what the linear solve aims at are left out of it.
+NEGLIGIBLE = 0.01
 
 #: A solve that reduces the residual by less than this factor takes so few iterations that
 #: assembling the smoother's matrix would cost more than it saves.
@@ -58,18 +73,26 @@ class Tangent:
     def levels(self) -> int:
         """Number of levels of nodes, from the top, with a residual after an elastic solve."""
         every = len(self.problem.block.layers) + 1
-        if not self.problem.flat or self.correction is None:
+        if not self.problem.flat:
             return every
+        if self.correction is None:
+            return 1
         return min(flowing_levels(self.correction, self.problem.block.shape), every)
+
+    def levels_with(self, R: FloatArray, norm_below: float) -> int:
+        """Number of levels outside of which nothing flows and R has at most this norm."""
+        below, level = 0.0, len(R)
+        while level > self.levels and below <= norm_below:
+            level -= 1
+            below = math.hypot(below, norm(R[level]))
+        return level if below <= norm_below else level + 1
 
     @cached_property
     def rows(self) -> FlowRows:
         """The matrix rows of the flowing nodes."""
         assert self.correction is not None
-        problem = self.problem
-        return assemble(
-            problem.block.shape, problem.bricks, problem.law, self.correction, 1 - self.blend
-        )
+        block, bricks, stiffness = self.problem.block, self.problem.bricks, self.problem.stiffness
+        return assemble(block.shape, bricks, stiffness, self.correction, 1 - self.blend)
 
     def product(self, v: FloatArray, elastic: FloatArray, *, overwrite: bool = False) -> FloatArray:
         """The stiffness times `v`; `elastic`, the flat block's elastic product, may be lost."""
@@ -88,7 +111,10 @@ class Tangent:
 
 @dataclass(frozen=True)
 class LinearSolution:
-    """The step from the state, the reaction that it leaves, the new approach and states."""
+    """The step from the state, the reaction that it leaves, the new approach and states.
+
+    During the solves both fields end below the levels with residuals.
+    """
 
     step: FloatArray
     reaction: FloatArray
@@ -119,11 +145,11 @@ def linear_contact(
         The solution and the iterations spent.
     """
     problem = tangent.problem
-    linear = LinearSolution(np.zeros_like(R), R.copy(), state.approach, state.states)
+    missing = missing_load(problem, R, state.states, control)
+    scale = max(unbalanced_norm(R, state.states) + abs(missing), 1e-300)
+    R = R[: tangent.levels_with(R, NEGLIGIBLE * forcing * scale)].copy()
+    linear, counts = LinearSolution(np.zeros_like(R), R, state.approach, state.states), Counts()
     stiffness = 1.0 / float(problem.factor.surface.min())
-    r, missing, _ = split_reaction(problem, R, state.states, control)
-    scale, counts = max(norm(r) + abs(missing), 1e-300), Counts()
-    del r, R  # a field each, which would stay in memory during the solves
     for sweep in range(sweeps):
         goal = forcing * scale * (5 if sweep < 8 else 1)
         linear, spent = _solve_on_set(state, linear, tangent, control, goal)
@@ -133,7 +159,15 @@ def linear_contact(
         linear = _with_states(problem, linear, new)
         if changed <= UNSETTLED * forcing * int((new != APART).sum()):
             break
-    return linear, counts
+    return replace(linear, step=_to_base(problem, linear.step)), counts
+
+
+def _to_base(problem: Problem, step: FloatArray) -> FloatArray:
+    """The step on all levels, given it on the upper ones, below which no force acts."""
+    levels = len(step)
+    if levels == len(problem.block.layers) + 1:
+        return step
+    return np.concatenate([step, extend_to_base(problem.factor, step[-1], levels)])
 
 
 def _elastic_solve(
@@ -238,7 +272,7 @@ def _conjugate_gradients(
     p = Kp = np.empty(0)
     p_approach = 0.0
     while spent < 400:
-        r, missing, _ = split_reaction(problem, R, states, control)
+        r, missing = unbalanced(R, states), missing_load(problem, R, states, control)
         size = norm(r) + abs(missing)
         if size <= goal:
             break
@@ -266,7 +300,7 @@ def _conjugate_gradients(
     total = linear.step
     total[:levels] += step
     if levels < len(total):
-        total[levels:] += extend_to_base(problem.factor, step[-1], levels)
+        total[levels:] += _to_base(problem, step)[levels : len(total)]
     return LinearSolution(total, whole, approach, states), spent
 
 

@@ -77,7 +77,8 @@ def solve_increment(
     counts, worst = Counts(increments=1), []
     internal, flowing = internal_force(problem, state.displacement, history)
     while True:
-        residual = residuals(problem, state, internal, control)
+        R = reaction(problem, state.states, internal)
+        residual = residuals(problem, state, R, control)
         worst.append(max(residual.values()))
         if worst[-1] <= options.tolerance and counts.newton > 0:
             counts = replace(counts, most_newton=counts.newton)
@@ -92,7 +93,7 @@ def solve_increment(
         balance = min(1.0, residual["balance"] + residual["load"])
         linear, spent = linear_contact(
             state,
-            reaction(problem, state.states, internal),
+            R,
             _tangent(
                 problem, state, history, flowing, 0.1 * balance if options.regularise else 0.0
             ),
@@ -113,7 +114,7 @@ def solve_increment(
             trial.force,
             trial.flowing,
         )
-        del linear, trial  # two fields, which would stay in memory during the next linear solve
+        del R, linear, trial  # fields, which would stay in memory during the next linear solve
 
 
 def _tangent(

@@ -7,7 +7,9 @@ the contact force, and everywhere else it vanishes.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from fem_check.element import Elements
 from fem_check.linear_solver import Factor
 from fem_check.mesh import PeriodicBlock
 from fem_check.plasticity import History, Law
+from fem_check.smoother import layer_stiffness
 from fem_check.vectors import norm
 
 
@@ -37,6 +40,11 @@ class Problem:
     heights: FloatArray
     cap: float = np.inf
     flat: bool = True
+
+    @cached_property
+    def stiffness(self) -> tuple[FloatArray, FloatArray]:
+        """The stiffness of the flat block's layers, as the smoother needs it."""
+        return layer_stiffness(self.bricks, self.law)
 
     @property
     def plastic(self) -> bool:
@@ -131,34 +139,39 @@ def reaction(problem: Problem, states: States, internal: FloatArray) -> FloatArr
     return R
 
 
-def split_reaction(
-    problem: Problem, R: FloatArray, states: States, control: Control
-) -> tuple[FloatArray, float, FloatArray]:
-    """(r, missing load, F): R without the contact forces, and the contact forces (nx, ny)."""
-    contact = states == ELASTIC
-    forces = np.where(contact, R[0, ..., 2], 0.0)
-    r = R.copy()
-    r[0, ..., 2][contact] = 0
-    total = float(forces.sum())
+def missing_load(problem: Problem, R: FloatArray, states: States, control: Control) -> float:
+    """The prescribed load less the contact forces, in N; 0 where the approach is prescribed."""
+    if control.load is None:
+        return 0.0
+    total = float(R[0, ..., 2][states == ELASTIC].sum())
     if problem.capped:
         total += problem.cap * float((states == PLASTIC).sum())
-    return r, 0.0 if control.load is None else control.load - total, forces
+    return control.load - total
 
 
-def residuals(
-    problem: Problem, state: State, internal: FloatArray, control: Control
-) -> dict[str, float]:
-    """Dimensionless residuals of a state with its `internal` force.
+def unbalanced(R: FloatArray, states: States) -> FloatArray:
+    """R without the contact forces."""
+    r = R.copy()
+    r[0, ..., 2][states == ELASTIC] = 0
+    return r
+
+
+def unbalanced_norm(R: FloatArray, states: States) -> float:
+    """The norm of `unbalanced`, without a copy of all its levels."""
+    return math.hypot(norm(unbalanced(R[:1], states)), norm(R[1:]))
+
+
+def residuals(problem: Problem, state: State, R: FloatArray, control: Control) -> dict[str, float]:
+    """Dimensionless residuals of a state with the reaction R.
 
     Forces are divided by the total force, or by the path's largest where that is larger: balance,
     the norm of the unbalanced nodal forces; load, the missing load; tension, the largest pull of a
     contact node.  Lengths are divided by the rms height, or by the uniform compression of a flat
     surface: gap, the largest on the elastic contact; penetration, the deepest node elsewhere.
     """
-    R = reaction(problem, state.states, internal)
     contact, capped = state.states == ELASTIC, state.states == PLASTIC
     apart = ~contact & ~capped
-    r, missing, forces = split_reaction(problem, R, state.states, control)
+    forces = np.where(contact, R[0, ..., 2], 0.0)
     pressed = float(forces.sum()) + (problem.cap * int(capped.sum()) if capped.any() else 0.0)
     # Where nothing has ever pressed, all forces are exactly zero.
     total = max(control.scale, pressed) or 1.0
@@ -167,8 +180,8 @@ def residuals(
     g = gap(problem, state.displacement, state.approach)
     deepest = max(float((-g[apart]).max(initial=0.0)), float(g[capped].max(initial=0.0)))
     return {
-        "balance": norm(r) / total,
-        "load": abs(missing) / total,
+        "balance": unbalanced_norm(R, state.states) / total,
+        "load": abs(missing_load(problem, R, state.states, control)) / total,
         "gap": float(np.abs(g[contact]).max(initial=0.0)) / rms,
         "penetration": deepest / rms,
         "tension": float((-forces[contact]).max(initial=0.0)) / total,

@@ -24,7 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
-from fem_check.element import CORNERS, Elements, elastic_stiffness
+from fem_check.element import CORNERS, Elements, deviatoric_stiffness, elastic_stiffness
 from fem_check.plasticity import Law, TangentCorrection
 
 #: Sweeps on either side of the elastic block.  They nearly halve the iterations
@@ -98,15 +98,27 @@ def flowing_levels(correction: TangentCorrection, shape: tuple[int, int]) -> int
     return int(correction.which.max(initial=0)) // (nx * ny) + 3
 
 
+def layer_stiffness(bricks: Elements, law: Law) -> tuple[FloatArray, FloatArray]:
+    """The elastic (layers, 24 x 24) and deviatoric (layers, 8, 24 x 24) stiffness of elements."""
+    layers = range(len(bricks.weights))
+    elastic = [elastic_stiffness(bricks, k, law.shear, law.bulk) for k in layers]
+    deviatoric = [deviatoric_stiffness(bricks, k) for k in layers]
+    return np.reshape(elastic, (-1, 576)), np.reshape(deviatoric, (-1, 8, 576))
+
+
 def assemble(
-    shape: tuple[int, int], bricks: Elements, law: Law, correction: TangentCorrection, scale: float
+    shape: tuple[int, int],
+    bricks: Elements,
+    stiffness: tuple[FloatArray, FloatArray],
+    correction: TangentCorrection,
+    scale: float,
 ) -> FlowRows:
     """The matrix rows of the flowing nodes of a flat block, without those of the base.
 
     Args:
         shape: (nx, ny) nodes of a level.
         bricks: the block's elements.
-        law: the material.
+        stiffness: of its layers, from `layer_stiffness`.
         correction: of the elastic stiffness.
         scale: factor of the correction.
     """
@@ -122,13 +134,10 @@ def assemble(
     places[nodes] = np.arange(len(nodes))
     number = np.full(bricks.number, -1, dtype=np.int32)
     number[correction.which] = np.arange(correction.which.size)
-    elastic = np.stack(
-        [elastic_stiffness(bricks, k, law.shear, law.bulk) for k in range(len(bricks.weights))]
-    )
     neighbours = np.full((len(nodes), 27), -1, dtype=np.int32)
     blocks = np.zeros((len(nodes), 27, 3, 3))
     reach = (levels - 1) * size
-    body = (bricks.connectivity[:reach], bricks, elastic)
+    body = (bricks.connectivity[:reach], bricks, *stiffness)
     flow = (number, correction.terms, float(scale))
     _assemble(body, flow, places, _slots(nx, ny), neighbours, blocks)
     within = np.where(neighbours < 0, len(nodes), places[neighbours]).astype(np.int32)
@@ -152,43 +161,29 @@ _SELF = 13  # the slot of a node in its own row
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _element(K, gradients, weights, terms, scale):  # type: ignore[no-untyped-def]
-    """K (24, 24) less `scale` times the correction of one element."""
+def _element(K, deviatoric, gradients, weights, terms, scale):  # type: ignore[no-untyped-def]
+    """K (24 x 24) less `scale` times the correction of one element."""
     v = np.empty(24)
     for q in range(8):
-        n = terms[:6, q]
-        a, b = scale * weights[q] * terms[6, q], scale * weights[q] * terms[7, q]
+        a, b, n = scale * terms[6, q], scale * weights[q] * terms[7, q], terms[:6, q]
+        for m in range(24 * 24):
+            K[m] -= a * deviatoric[q, m]
         for c in range(8):
             gx, gy, gz = gradients[0, c, q], gradients[1, c, q], gradients[2, c, q]
             v[3 * c] = n[0] * gx + n[3] * gy + n[5] * gz
             v[3 * c + 1] = n[3] * gx + n[1] * gy + n[4] * gz
             v[3 * c + 2] = n[5] * gx + n[4] * gy + n[2] * gz
-        for c in range(8):
-            hx, hy, hz = a * gradients[0, c, q], a * gradients[1, c, q], a * gradients[2, c, q]
-            for d in range(c, 8):
-                gx, gy, gz = gradients[0, d, q], gradients[1, d, q], gradients[2, d, q]
-                half = 0.5 * (hx * gx + hy * gy + hz * gz)
-                i, j = 3 * c, 3 * d
-                # a dev sym grad N_c e_i : dev sym grad N_d e_j + b (n : ..)(n : ..)
-                K[i, j] -= half + hx * gx / 6 + b * v[i] * v[j]
-                K[i, j + 1] -= 0.5 * hy * gx - hx * gy / 3 + b * v[i] * v[j + 1]
-                K[i, j + 2] -= 0.5 * hz * gx - hx * gz / 3 + b * v[i] * v[j + 2]
-                K[i + 1, j] -= 0.5 * hx * gy - hy * gx / 3 + b * v[i + 1] * v[j]
-                K[i + 1, j + 1] -= half + hy * gy / 6 + b * v[i + 1] * v[j + 1]
-                K[i + 1, j + 2] -= 0.5 * hz * gy - hy * gz / 3 + b * v[i + 1] * v[j + 2]
-                K[i + 2, j] -= 0.5 * hx * gz - hz * gx / 3 + b * v[i + 2] * v[j]
-                K[i + 2, j + 1] -= 0.5 * hy * gz - hz * gy / 3 + b * v[i + 2] * v[j + 1]
-                K[i + 2, j + 2] -= half + hz * gz / 6 + b * v[i + 2] * v[j + 2]
-    for i in range(24):
-        for j in range(i):
-            K[i, j] = K[j, i]
+        for i in range(24):
+            f = b * v[i]
+            for j in range(24):
+                K[24 * i + j] -= f * v[j]
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _assemble(body, flow, places, slots, neighbours, blocks):  # type: ignore[no-untyped-def]
-    conn, bricks, elastic = body
+    conn, bricks, elastic, deviatoric = body
     number, terms, scale = flow
-    K, count = np.empty((24, 24)), blocks.shape[0]
+    K, count = np.empty(24 * 24), blocks.shape[0]
     for e in range(conn.shape[0]):
         touched = False
         for a in range(8):
@@ -198,7 +193,10 @@ def _assemble(body, flow, places, slots, neighbours, blocks):  # type: ignore[no
         shape = bricks.shape_of[e]
         K[:] = elastic[shape]
         if number[e] >= 0:
-            _element(K, bricks.gradients[shape], bricks.weights[shape], terms[number[e]], scale)
+            _element(
+                K, deviatoric[shape], bricks.gradients[shape], bricks.weights[shape],
+                terms[number[e]], scale,
+            )  # fmt: skip
         for a in range(8):
             row = places[conn[e, a]]
             if row >= count:
@@ -208,7 +206,7 @@ def _assemble(body, flow, places, slots, neighbours, blocks):  # type: ignore[no
                 neighbours[row, slot] = conn[e, b]
                 for i in range(3):
                     for j in range(3):
-                        blocks[row, slot, i, j] += K[3 * a + i, 3 * b + j]
+                        blocks[row, slot, i, j] += K[24 * (3 * a + i) + 3 * b + j]
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")

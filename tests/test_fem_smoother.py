@@ -38,7 +38,7 @@ def test_the_rows_are_the_assembled_tangents(dimensions: int, depth: float | Non
     problem, state, correction = flowing(12, dimensions=dimensions, depth=depth)
     scale, nodes = 0.9, int(np.prod(problem.block.field_shape[:3]))
     K = whole_matrix(problem, correction, 1 - scale)
-    rows = assemble(problem.block.shape, problem.bricks, problem.law, correction, scale)
+    rows = assemble(problem.block.shape, problem.bricks, problem.stiffness, correction, scale)
     assert (rows.nodes < nodes - problem.heights.size).all()
     sweeps = smoother(rows, state.states == ELASTIC)
     residual = np.random.default_rng(4).standard_normal(problem.block.field_shape)
