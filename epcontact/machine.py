@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import atexit
 import functools
+import gc
 import logging
 import os
 import shutil
@@ -99,6 +100,9 @@ def provide_kernel_cache() -> None:
     compilation is timed.
     """
     _compilation()
+    # At its end the interpreter would look through all objects of the compiler for cycles, which
+    # takes as long as many a solve; the system gets their memory back anyway.
+    atexit.register(gc.freeze)
     here = Path(__file__).parent
     named = os.environ.get(_CACHE_VARIABLE)
     if named and _writable(Path(named)):

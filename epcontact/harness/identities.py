@@ -15,11 +15,9 @@ import numpy as np
 from epcontact.errors import InvalidCase
 from epcontact.harness.measurements import (
     Answered,
-    at_the_cap,
     carried,
     compression,
     load_scale,
-    open_gap,
 )
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
@@ -33,7 +31,7 @@ def areas(a: Answered) -> float:
     final = a.result.final.areas["raw"]
     total = float((a.pressure > 0).mean())
     # J2 flow has no pressure of its own: its plastic area is that of the reported states.
-    plastic = float((a.field("state") == PLASTIC if a.flows else at_the_cap(a)).mean())
+    plastic = float((a.field("state") == PLASTIC if a.flows else a.at_the_cap).mean())
     wrong = [final.total - total, final.plastic - plastic, final.elastic - (total - plastic)]
     path = a.scene.load.path
     if len(path) != len(a.result.steps):
@@ -53,13 +51,13 @@ def figures(a: Answered) -> float:
     Lengths are divided by the rms height, pressures by p0 and energies by p0 times the rms height
     or by the energy itself, whichever is larger.  J2 flow has no elastic energy at the surface.
     """
-    p, height, p0 = a.pressure, float(a.scene.surface.heights.std()), load_scale(a)
+    p, height, p0 = a.pressure, a.rms_height, load_scale(a)
     expected = {"largest_pressure": (float(p.max()), p0)}
     if (p > 0).any():
         expected["mean_contact_pressure"] = (float(p[p > 0].mean()), p0)
     if "gap" in a.result.fields:
         gap = a.field("gap")
-        sunk = np.where(at_the_cap(a) & (not a.flows), -gap, 0)
+        sunk = np.where(a.at_the_cap & (not a.flows), -gap, 0)
         if "plastic_displacement" in a.result.fields:
             sunk = a.field("plastic_displacement")
         expected["mean_gap"] = (float(np.maximum(gap + sunk, 0).mean()), height)
@@ -89,14 +87,14 @@ def fields(a: Answered) -> float:
     Lengths are divided by the rms height; a point in a wrong state counts as 1.
     """
     heights, found = a.scene.surface.heights, a.result.fields
-    height = float(heights.std())
+    height = a.rms_height
     wrong = []
     if "heights" in found:
         wrong.append(np.abs(a.field("heights") - heights).max() / height)
     if "displacement" in found:
         wrong.append(np.abs(a.field("displacement") - a.displacement).max() / height)
     if "gap" in found:
-        own, touching = open_gap(a)
+        own, touching = a.open_gap
         distance = a.field("gap") - own
         if a.unloads:
             distance = distance + a.field("plastic_displacement")
@@ -104,7 +102,7 @@ def fields(a: Answered) -> float:
             distance = distance - distance.mean()
         wrong.append(np.abs(distance).max() / height)
     if "state" in found:
-        state = np.where(a.pressure > 0, np.where(at_the_cap(a), PLASTIC, ELASTIC), APART)
+        state = np.where(a.pressure > 0, np.where(a.at_the_cap, PLASTIC, ELASTIC), APART)
         wrong.append(float((a.field("state") != state).any()))
     return float(max(wrong, default=0.0))
 
@@ -117,7 +115,7 @@ def distribution(a: Answered) -> float:
     found = a.result.distribution
     if found is None:
         raise InvalidCase(f"{a.result.method} gives no pressure distribution for a gate")
-    plastic = at_the_cap(a) & (not a.flows)
+    plastic = a.at_the_cap & (not a.flows)
     elastic = np.sort(a.pressure[(a.pressure > 0) & ~plastic])
     counted = np.searchsorted(elastic, found.pressure, side="right") / a.pressure.size
     wrong = np.abs(found.cumulative - counted).max()
@@ -142,8 +140,8 @@ def residuals(a: Answered) -> float:
 
     It is for a loose solve, whose residuals are far above rounding.
     """
-    gap, touching = open_gap(a)
-    rest, height = ~touching, float(a.scene.surface.heights.std())
+    gap, touching = a.open_gap
+    rest, height = ~touching, a.rms_height
     wrong_sign = np.where(a.pressure <= 0, -gap, gap)
     own = {
         "gap_elastic": float(np.abs(gap[touching]).max(initial=0.0)) / height,

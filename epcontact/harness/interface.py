@@ -90,8 +90,7 @@ def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> 
         return 0.0
     if n == mask.size:
         return math.inf
-    columns = mask.shape[-1] // 2 + 1
-    C = compliance(scene)[..., :columns].copy()
+    C = compliance(scene)
     C.flat[0] = 0.0
     with np.errstate(divide="ignore"):
         inverse = np.where(C > 0, 1 / C, 0.0)

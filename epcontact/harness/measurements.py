@@ -67,14 +67,43 @@ class Answered:
     def displacement(self) -> FloatArray:
         """The elastic displacement that the pressures cause, in m; half-space: of zero mean."""
         shape = self.pressure.shape
-        half = compliance(self.scene)[..., : shape[-1] // 2 + 1]  # the modes of a real field
-        modes = half * np.fft.rfftn(self.pressure)
+        modes = np.fft.rfftn(self.pressure)
+        modes *= compliance(self.scene)
         return np.asarray(np.fft.irfftn(modes, s=shape, axes=range(len(shape))))
 
     @cached_property
     def between(self) -> Any:
         """The mask of the points with 0 < p < hardness."""
-        return (self.pressure > 0) & ~at_the_cap(self)
+        return (self.pressure > 0) & ~self.at_the_cap
+
+    @cached_property
+    def at_the_cap(self) -> Any:
+        """The mask of the points at which the body flows."""
+        return self.pressure >= self.scene.material.hardness * (1 - _AT_THE_CAP)
+
+    @cached_property
+    def rms_height(self) -> float:
+        """The rms height of the surface in m."""
+        return float(self.scene.surface.heights.std())
+
+    @cached_property
+    def open_gap(self) -> tuple[FloatArray, Any]:
+        """The gap in m over the surface that the load meets, and the mask where it must be zero.
+
+        The points where it must be zero are those of elastic contact; the gap's mean over them is
+        zero.  If there is none, the highest gap of the flowing points is zero, or the lowest of all
+        where nothing touches.  After a path that unloads the surface is the one that the reported
+        plastic displacement has left, and all contact is elastic.
+        """
+        heights, touching = self.scene.surface.heights, self.between
+        if self.unloads:
+            heights, touching = heights - self.field("plastic_displacement"), self.pressure > 0
+        gap, flowing = self.displacement - heights, self.at_the_cap
+        if touching.any():
+            gap -= gap[touching].mean()
+        else:
+            gap -= gap[flowing].max() if flowing.any() else gap.min()
+        return gap, touching
 
     @cached_property
     def model(self) -> ModelDifference:
@@ -83,11 +112,6 @@ class Answered:
         from epcontact.harness.model_difference import ModelDifference
 
         return ModelDifference(self.scene, self.result)
-
-
-def at_the_cap(a: Answered) -> Any:
-    """Return the mask of the grid points at which the body flows."""
-    return a.pressure >= a.scene.material.hardness * (1 - _AT_THE_CAP)
 
 
 def load_scale(a: Answered) -> float:
@@ -114,29 +138,10 @@ def gap(a: Answered) -> float:
     (Karush-Kuhn-Tucker).  After a path that unloads, the surface is the one that the reported
     plastic displacement has left, on which every contact is elastic.
     """
-    gap, touching = open_gap(a)
-    flowing = at_the_cap(a) & ~touching
+    gap, touching = a.open_gap
+    flowing = a.at_the_cap & ~touching
     wrong = np.where(a.pressure <= 0, -gap, np.where(flowing, gap, np.abs(gap)))
-    return float(wrong.max()) / float(a.scene.surface.heights.std())
-
-
-def open_gap(a: Answered) -> tuple[FloatArray, Any]:
-    """Return the gap in m over the surface that the load meets, and where it must be zero.
-
-    The points where it must be zero are those of elastic contact; the gap's mean over them is zero.
-    If there is none, the highest gap of the flowing points is zero, or the lowest of all where
-    nothing touches.  After a path that unloads the
-    surface is the one that the reported plastic displacement has left, and all contact is elastic.
-    """
-    heights, touching = a.scene.surface.heights, a.between
-    if a.unloads:
-        heights, touching = heights - a.field("plastic_displacement"), a.pressure > 0
-    gap, flowing = a.displacement - heights, at_the_cap(a)
-    if touching.any():
-        gap = gap - gap[touching].mean()
-    else:
-        gap = gap - (gap[flowing].max() if flowing.any() else gap.min())
-    return gap, touching
+    return float(wrong.max()) / a.rms_height
 
 
 def compression(scene: Scene) -> float:
@@ -151,7 +156,7 @@ def raw_total(a: Answered) -> float:
 
 def raw_plastic(a: Answered) -> float:
     """Return the share of grid points at the hardness, minus the reported raw plastic area."""
-    return float(at_the_cap(a).mean()) - a.result.final.areas["raw"].plastic
+    return float(a.at_the_cap.mean()) - a.result.final.areas["raw"].plastic
 
 
 def carried(a: Answered) -> float:

@@ -235,7 +235,7 @@ _MEASURED = (
         "m",
         "rms height of the surface",
         (),
-        lambda a: float(a.scene.surface.heights.std()),
+        lambda a: a.rms_height,
     ),
     Quantity(
         "quantity.surface_rms_slope",

@@ -127,7 +127,7 @@ _DEEP = 20.0
 
 
 def compliance(scene: Scene) -> FloatArray:
-    """Surface compliance of a scene's body for each mode of numpy.fft.fftn.
+    """Surface compliance of a scene's body for each mode of numpy.fft.rfftn.
 
     That of a layer follows from its boundary-value problem, wave by wave (`surface_compliance`).
 
@@ -135,27 +135,27 @@ def compliance(scene: Scene) -> FloatArray:
         scene: Its surface gives the grid; its body and material give the compliance.
 
     Returns:
-        Compliance in m/Pa, of the shape of the grid; for the mean 0 (half-space) or d/M (layer).
+        Compliance in m/Pa, (..., n // 2 + 1) on a grid (..., n); for the mean 0 (half-space) or
+        d/M (layer).
 
     Example:
         >>> from epcontact import Load, Material, Surface
         >>> scene = Scene(Surface(np.zeros(4), (2 * math.pi,)), Material(2.0, 0.0), Load(1.0))
         >>> compliance(scene)  # 2/(E* q)
-        array([0. , 1. , 0.5, 1. ])
+        array([0. , 1. , 0.5])
     """
     surface, body, material = scene.surface, scene.body, scene.material
-    squares = np.zeros(())
-    for axis, (n, d) in enumerate(zip(surface.shape, surface.spacing, strict=True)):
-        along = 2 * np.pi * np.fft.fftfreq(n, d)
-        squares = squares + (along**2).reshape(
-            [-1 if a == axis else 1 for a in range(len(surface.shape))]
-        )
+    *others, (n, d) = zip(surface.shape, surface.spacing, strict=True)
+    waves = [*(np.fft.fftfreq(m, s) for m, s in others), np.fft.rfftfreq(n, d)]
+    axes = np.meshgrid(*waves, indexing="ij", sparse=True)
+    lengths = 2 * np.pi * np.sqrt(sum(wave**2 for wave in axes))
     modulus = effective_modulus(material)
     if body.kind == "half_space":
-        squares.flat[0] = math.inf  # the mean, which no pressure moves
-        return np.asarray(2 / (modulus * np.sqrt(squares)))
+        lengths.flat[0] = math.inf  # the mean, which no pressure moves
+        lengths *= modulus
+        return np.asarray(np.divide(2, lengths, out=lengths))
     # Waves of one length are solved once.
-    q, where = np.unique(np.sqrt(squares), return_inverse=True)
+    q, where = np.unique(lengths, return_inverse=True)
     values = np.zeros(q.shape)
     values[1:] = 2 / (modulus * q[1:])
     near = np.flatnonzero((q > 0) & (q * body.depth < _DEEP))
@@ -163,15 +163,16 @@ def compliance(scene: Scene) -> FloatArray:
     bonded = body.kind == "bonded_layer"
     values[near] = surface_compliance(q[near], body.depth, E, nu, bonded=bonded)
     values[0] = lame_compliance(body.depth, E, nu)
-    return np.asarray(values[where].reshape(surface.shape))
+    return np.asarray(values[where].reshape(lengths.shape))
 
 
 def _full_pressure(scene: Scene) -> FloatArray:
     """p_q = h_q / C(q) about the mean pressure."""
     C = compliance(scene)
     C.flat[0] = math.inf
-    modes = np.fft.fftn(scene.surface.heights) / C
-    pressure = scene.load.final + np.fft.ifftn(modes).real
+    heights = scene.surface.heights
+    modes = np.fft.rfftn(heights) / C
+    pressure = scene.load.final + np.fft.irfftn(modes, heights.shape, axes=range(heights.ndim))
     fits = pressure.min() >= 0 and pressure.max() <= scene.material.hardness
     refuse_unless(bool(fits), "full_contact", "a load that closes every gap without yielding")
     return np.asarray(pressure)
@@ -188,9 +189,11 @@ def _none(scene: Scene) -> float:
 
 
 def _full_energy(scene: Scene) -> float:
-    """Half of the mean of pressure times displacement, by Parseval, with the mean mode."""
-    modes = np.fft.fftn(_full_pressure(scene)) / scene.surface.heights.size
-    return float(np.sum(compliance(scene) * np.abs(modes) ** 2)) / 2
+    """Half of the mean of pressure times displacement, with the mean mode."""
+    pressure = _full_pressure(scene)
+    modes = compliance(scene) * np.fft.rfftn(pressure)
+    displacement = np.fft.irfftn(modes, pressure.shape, axes=range(pressure.ndim))
+    return float(np.mean(pressure * displacement)) / 2
 
 
 def _full_distribution(scene: Scene) -> PressureDistribution:

@@ -17,7 +17,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import xlogy
 
 from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
 from epcontact.results import FloatArray, PressureDistribution
@@ -89,7 +88,7 @@ def line_mean_gap(load: float) -> float:
         >>> line_mean_gap(0.0), line_mean_gap(1.0)
         (1.0, 0.0)
     """
-    return 1 - load + float(xlogy(load, load))
+    return 1 - load + load * _log(load)
 
 
 def line_energy(load: float) -> float:
@@ -102,7 +101,12 @@ def line_energy(load: float) -> float:
         >>> line_energy(1.0)
         0.25
     """
-    return load**2 / 4 - float(xlogy(load**2, load)) / 2
+    return load**2 / 4 - load**2 * _log(load) / 2
+
+
+def _log(load: float) -> float:
+    """ln s, or 0 at s = 0, where every product with a power of s vanishes."""
+    return math.log(load) if load else 0.0
 
 
 # --- formulas of the product of two waves ---------------------------------------------------------
