@@ -221,12 +221,12 @@ def plain(value: Any) -> Any:
         >>> plain({"hardness": math.inf, "pressure": np.array([1.0, 2.0])})
         {'hardness': 'inf', 'pressure': [1.0, 2.0]}
     """
+    if type(value) is float:  # first, because most values are such numbers
+        return value if math.isfinite(value) else str(value)
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):

@@ -27,7 +27,7 @@ from epcontact.harness.methods import Method
 from epcontact.harness.quantities import QUANTITIES
 from epcontact.harness.statistics import estimate, standard_deviation
 from epcontact.output.files import write_json
-from epcontact.results import ContactResult, package_versions, plain
+from epcontact.results import ContactResult, package_versions
 from epcontact.surfaces import Recipe
 
 
@@ -176,7 +176,7 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
     elif not steps:
         shutil.rmtree(task.steps_path(output), ignore_errors=True)
     files = {"fields_digest": fields_digest, "steps_kept": steps}
-    data = plain(about | files | result.to_json())
+    data = about | files | result.to_json()
     write_json(task.result_path(output), {"digest": _content_digest(data)} | data)
 
 
