@@ -33,6 +33,7 @@ from fem_check.plasticity import History
 from fem_check.problem import Problem
 from fem_check.result import contact_result
 from fem_check.vtu import write_collection, write_step
+from fem_check.workers import Workers, available_cores
 
 LawName = Literal["elastic", "capped", "j2"]
 Geometry = Literal["gap", "moved"]
@@ -59,6 +60,7 @@ def solve(  # noqa: PLR0913 - every option of the method, by keyword
     certified: bool = True,
     progress: Progress | None = None,
     output: Path | str | None = None,
+    threads: int | None = None,
 ) -> ContactResult:
     """Solve the contact of a scene along its load path with finite elements.
 
@@ -81,6 +83,7 @@ def solve(  # noqa: PLR0913 - every option of the method, by keyword
         progress: called with the share of the path that is done and a sentence.
         output: folder for the files of the body and its surface (.vtu) at each point of the path,
             and a .pvd over them.
+        threads: that share the work, which gives the same bits on any number; None: all cores.
 
     Returns:
         The result with one step for each point of the path and the fields of the last one.
@@ -113,6 +116,7 @@ def solve(  # noqa: PLR0913 - every option of the method, by keyword
         certified=certified,
         progress=progress,
         output=output,
+        threads=threads,
     )
     return contact_result(path, peak_memory())
 
@@ -133,6 +137,7 @@ def solve_path(  # noqa: PLR0913 - the options of `solve`
     certified: bool = True,
     progress: Progress | None = None,
     output: Path | str | None = None,
+    threads: int | None = None,
 ) -> SolvedPath:
     """Solve as `solve` does, but return the finite-element state of every point of the path.
 
@@ -160,6 +165,7 @@ def solve_path(  # noqa: PLR0913 - the options of `solve`
         first_layer=first_layer,
         hardening=hardening,
         certified=certified,
+        threads=threads,
     )
     targets = path_targets(scene, problem, approach)
     highest = None if approach is None else float(problem.heights.max())
@@ -256,6 +262,7 @@ def problem_of(  # noqa: PLR0913 - the options of `solve` that make the problem
     first_layer: float | None = None,
     hardening: float = 0.0,
     certified: bool = False,
+    threads: int | None = 1,
 ) -> Problem:
     """The finite-element problem of a scene; arguments and errors as in `solve`."""
     material = scene.material
@@ -271,16 +278,17 @@ def problem_of(  # noqa: PLR0913 - the options of `solve` that make the problem
         material.yield_stress if plastic else math.inf,
         hardening,
     )
-    flat = flat_elements(block)
+    flat, workers = flat_elements(block), Workers(threads or available_cores())
     heights = scene.surface.heights.reshape(block.shape)
     return Problem(
         block,
         flat if geometry == "gap" else moved_elements(block),
-        factorise(block, flat, material_law),
+        factorise(block, flat, material_law, workers),
         material_law,
         heights - heights.mean() if geometry == "moved" else heights,
         material.hardness * block.node_area if law == "capped" else math.inf,
         geometry == "gap",
+        workers,
     )
 
 

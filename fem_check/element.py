@@ -77,7 +77,7 @@ def layers_apart(
         return (np.array([[0, len(shapes)]]),)
     cuts = np.searchsorted(shapes, np.arange(len(bricks.sides) + 1, dtype=shapes.dtype))
     ranges = np.stack([cuts[:-1], cuts[1:]], axis=1)
-    return ranges[::2], ranges[1::2]
+    return ranges[::2].copy(), ranges[1::2].copy()
 
 
 def elements(

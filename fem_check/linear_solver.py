@@ -18,6 +18,7 @@ that the spectrum of a line (ny = 1) is halved, too.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import ducc0
@@ -27,8 +28,13 @@ from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
 from fem_check.element import CORNERS, Elements, elastic_stiffness
+from fem_check.lanes import compiled
 from fem_check.mesh import PeriodicBlock
 from fem_check.plasticity import Law
+from fem_check.workers import ALONE, Workers, equal_parts
+
+#: About as many nodes are transformed at once: calls then cost little, and threads share levels.
+_NODES_AT_ONCE = 8192
 
 ComplexArray = NDArray[np.complex128]
 
@@ -39,11 +45,13 @@ class Factor:
 
     compliances: (nz + 1, q, 6) the symmetric S_k, as 00, 11, 22, 01, 12, 20.
     couplings: (nz, q, 9) the C_k, row by row.
+    workers: the threads.
     """
 
     shape: tuple[int, int]
     compliances: FloatArray
     couplings: FloatArray
+    workers: Workers = ALONE
 
     @property
     def surface(self) -> FloatArray:
@@ -52,7 +60,7 @@ class Factor:
         return self.compliances[0, :, 2].reshape(nx // 2 + 1, ny)
 
 
-def factorise(block: PeriodicBlock, flat: Elements, law: Law) -> Factor:
+def factorise(block: PeriodicBlock, flat: Elements, law: Law, workers: Workers = ALONE) -> Factor:
     """Eliminate the `flat` elements of `block` wave by wave.  `law` gives the elastic moduli."""
     nx, ny = block.shape
     count, waves = len(block.layers), (nx // 2 + 1) * ny
@@ -81,7 +89,7 @@ def factorise(block: PeriodicBlock, flat: Elements, law: Law) -> Factor:
         if k > 0:
             below = below + _symbol(bottoms[k - 1], cosines, sines)
         _eliminate(below, C[k], S[k + 1], S[k])
-    return Factor((nx, ny), S, C)
+    return Factor((nx, ny), S, C, workers)
 
 
 def _phases(nx: int, ny: int) -> tuple[FloatArray, FloatArray]:
@@ -160,11 +168,11 @@ def _eliminate(A, C, below, S):  # type: ignore[no-untyped-def]
         )
 
 
-@njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
-def _down(f, S, C):  # type: ignore[no-untyped-def]
+@compiled
+def _down(f, S, C, waves):  # type: ignore[no-untyped-def]
     """Eliminate from the lowest level given to the top, in place; f is (levels, waves, 3)."""
     for k in range(f.shape[0] - 2, -1, -1):
-        for q in range(C.shape[1]):
+        for q in range(waves[0, 0], waves[-1, 1]):
             s, c = S[k + 1, q], C[k, q]
             x, y, z = f[k + 1, q, 0], f[k + 1, q, 1], f[k + 1, q, 2] * -1j
             a = s[0] * x + s[3] * y + s[5] * z
@@ -175,11 +183,11 @@ def _down(f, S, C):  # type: ignore[no-untyped-def]
             f[k, q, 2] -= 1j * (c[6] * a + c[7] * b + c[8] * d)
 
 
-@njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
-def _up(f, S, C):  # type: ignore[no-untyped-def]
+@compiled
+def _up(f, S, C, waves):  # type: ignore[no-untyped-def]
     """Solve from the top to the lowest level given, in place."""
     for k in range(f.shape[0]):
-        for q in range(S.shape[1]):
+        for q in range(waves[0, 0], waves[-1, 1]):
             s = S[k, q]
             x, y, z = f[k, q, 0], f[k, q, 1], f[k, q, 2] * -1j
             if k > 0:
@@ -193,11 +201,11 @@ def _up(f, S, C):  # type: ignore[no-untyped-def]
             f[k, q, 2] = 1j * (s[5] * x + s[4] * y + s[2] * z)
 
 
-@njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
-def _continue(level, S, C, out):  # type: ignore[no-untyped-def]
+@compiled
+def _continue(level, S, C, out, waves):  # type: ignore[no-untyped-def]
     """Solve from below the `level` (waves, 3) to the base, where no force acts."""
     for k in range(out.shape[0]):
-        for q in range(out.shape[1]):
+        for q in range(waves[0, 0], waves[-1, 1]):
             s, c = S[k, q], C[k, q]
             if k == 0:
                 a, b, d = level[q, 0], level[q, 1], level[q, 2] * -1j
@@ -211,20 +219,51 @@ def _continue(level, S, C, out):  # type: ignore[no-untyped-def]
             out[k, q, 2] = 1j * (s[5] * x + s[4] * y + s[2] * z)
 
 
-def transform(field: FloatArray) -> ComplexArray:
-    """Lateral transform of (..., nx, ny[, 3]) levels or of one (nx, ny) surface field."""
-    axes = (2, 1) if field.ndim == 4 else (1, 0)
-    result: ComplexArray = ducc0.fft.r2c(field, axes=axes, nthreads=1)
-    return result
+def transform(field: FloatArray, workers: Workers = ALONE) -> ComplexArray:
+    """Lateral transform of (levels, nx, ny, 3) displacements or of an (nx, ny) surface field."""
+    if field.ndim == 2:
+        surface: ComplexArray = ducc0.fft.r2c(field, axes=(1, 0), nthreads=1)
+        return surface
+    levels, nx, ny, _ = field.shape
+    out = np.empty((levels, nx // 2 + 1, ny, 3), dtype=complex)
+
+    def task(ranges: NDArray[np.int64]) -> None:
+        for first, stop in ranges:
+            ducc0.fft.r2c(field[first:stop], axes=(2, 1), out=out[first:stop], nthreads=1)
+
+    _share_levels(workers, task, field.shape)
+    return out
 
 
-def inverse(spectrum: ComplexArray, nx: int) -> FloatArray:
-    """The inverse of `transform`."""
-    axes = (2, 1) if spectrum.ndim == 4 else (1, 0)
-    result: FloatArray = ducc0.fft.c2r(
-        spectrum, axes=axes, lastsize=nx, forward=False, inorm=2, nthreads=1
-    )
-    return result
+def inverse(spectrum: ComplexArray, nx: int, workers: Workers = ALONE) -> FloatArray:
+    """The inverse of `transform`, which may overwrite the `spectrum` of a displacement."""
+    options = {"lastsize": nx, "forward": False, "inorm": 2, "nthreads": 1}
+    if spectrum.ndim == 2:
+        surface: FloatArray = ducc0.fft.c2r(spectrum, axes=(1, 0), **options)
+        return surface
+    levels, _, ny, _ = spectrum.shape
+    out = np.empty((levels, nx, ny, 3))
+
+    def task(ranges: NDArray[np.int64]) -> None:
+        for first, stop in ranges:
+            given, result = spectrum[first:stop], out[first:stop]
+            ducc0.fft.c2r(given, axes=(2, 1), out=result, allow_overwriting_input=True, **options)
+
+    _share_levels(workers, task, out.shape)
+    return out
+
+
+def _share_levels(
+    workers: Workers, task: Callable[[NDArray[np.int64]], None], shape: tuple[int, ...]
+) -> None:
+    """Call `task` with ranges of levels, which do not depend on the number of threads.
+
+    A transform of other levels at once would round in another way.
+    """
+    size = shape[1] * shape[2]
+    some = max(1, _NODES_AT_ONCE // size)
+    cuts = np.append(np.arange(0, shape[0], some), shape[0])
+    workers.share(task, np.stack([cuts[:-1], cuts[1:]], axis=1), weight=size / 4)
 
 
 def eliminate(factor: Factor, force: FloatArray) -> ComplexArray:
@@ -232,8 +271,9 @@ def eliminate(factor: Factor, force: FloatArray) -> ComplexArray:
 
     No force acts below the given levels, and the sweeps leave out the levels below them.
     """
-    spectrum = transform(force)
-    _down(_flat(spectrum), factor.compliances, factor.couplings)
+    spectrum = transform(force, factor.workers)
+    flat = _flat(spectrum)
+    _share(factor, lambda waves: _down(flat, factor.compliances, factor.couplings, waves))
     return spectrum
 
 
@@ -251,8 +291,9 @@ def substitute(factor: Factor, eliminated: ComplexArray, contact_forces: FloatAr
     It overwrites `eliminated`, which saves a copy in every iteration.
     """
     eliminated[0, :, :, 2] -= transform(contact_forces)
-    _up(_flat(eliminated), factor.compliances, factor.couplings)
-    return inverse(eliminated, factor.shape[0])
+    flat = _flat(eliminated)
+    _share(factor, lambda waves: _up(flat, factor.compliances, factor.couplings, waves))
+    return inverse(eliminated, factor.shape[0], factor.workers)
 
 
 def extend_to_base(factor: Factor, level: FloatArray, above: int) -> FloatArray:
@@ -261,10 +302,18 @@ def extend_to_base(factor: Factor, level: FloatArray, above: int) -> FloatArray:
     `level` (nx, ny, 3) is the given displacement; no force acts below it.
     """
     spectrum = transform(level[None])
+    top = _flat(spectrum)[0]
     below = np.empty((len(factor.compliances) - above, *spectrum.shape[1:]), dtype=complex)
     S, C = factor.compliances[above:], factor.couplings[above - 1 :]
-    _continue(_flat(spectrum)[0], S, C, _flat(below))
-    return inverse(below, factor.shape[0])
+    flat = _flat(below)
+    _share(factor, lambda waves: _continue(top, S, C, flat, waves))
+    return inverse(below, factor.shape[0], factor.workers)
+
+
+def _share(factor: Factor, task: Callable[[NDArray[np.int64]], None]) -> None:
+    """Call `task` with parts of the waves."""
+    waves = equal_parts(factor.compliances.shape[1], factor.workers.threads)
+    factor.workers.share(task, waves)
 
 
 def _flat(spectrum: ComplexArray) -> ComplexArray:

@@ -92,7 +92,9 @@ class Tangent:
         """The matrix rows of the flowing nodes."""
         assert self.correction is not None
         block, bricks, stiffness = self.problem.block, self.problem.bricks, self.problem.stiffness
-        return assemble(block.shape, bricks, stiffness, self.correction, 1 - self.blend)
+        return assemble(
+            block.shape, bricks, stiffness, self.correction, 1 - self.blend, self.problem.workers
+        )
 
     def product(self, v: FloatArray, elastic: FloatArray, *, overwrite: bool = False) -> FloatArray:
         """The stiffness times `v`; `elastic`, the flat block's elastic product, may be lost."""
@@ -100,11 +102,18 @@ class Tangent:
         if problem.flat:
             out = elastic if overwrite else elastic.copy()
         else:
-            force, _ = plasticity.internal_force(nodal, problem.bricks, problem.law, None)
+            force, _ = plasticity.internal_force(
+                nodal, problem.bricks, problem.law, None, problem.workers
+            )
             out = force.reshape(v.shape)
         if self.correction is not None and self.flows:
             plasticity.add_correction(
-                nodal, problem.bricks, self.correction, 1 - self.blend, out.reshape(-1, 3)
+                nodal,
+                problem.bricks,
+                self.correction,
+                1 - self.blend,
+                out.reshape(-1, 3),
+                problem.workers,
             )
         return without_base(problem, out)
 
@@ -277,7 +286,7 @@ def _conjugate_gradients(
         if size <= goal:
             break
         if spent == 0 and problem.flat and tangent.flows and goal < WORTH_SMOOTHING * size:
-            sweeps = smoother(tangent.rows, states == ELASTIC)
+            sweeps = smoother(tangent.rows, states == ELASTIC, problem.workers)
         z, Kz, d = precondition(
             tangent, sweeps, r, None if control.load is None else missing, states
         )

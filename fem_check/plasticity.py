@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from epcontact.results import FloatArray
 from fem_check.element import Elements, layers_apart
 from fem_check.lanes import LANES, compiled, forces, gather, scatter, strains, workspace
+from fem_check.workers import ALONE, Workers
 
 _ROOT = sqrt(2.0 / 3.0)
 
@@ -242,7 +243,11 @@ def _add_correction(v, bricks, correction, ranges, scale, f):  # type: ignore[no
 
 
 def internal_force(
-    u: FloatArray, bricks: Elements, law: Law, history: History | None
+    u: FloatArray,
+    bricks: Elements,
+    law: Law,
+    history: History | None,
+    workers: Workers = ALONE,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """The internal force of a displacement.
 
@@ -252,13 +257,18 @@ def internal_force(
         law: the material.
         history: at the beginning of the increment; None: the material is elastic, and the force is
             the elastic stiffness times `u`.
+        workers: the threads.
 
     Returns:
         The (nodes, 3) force in N, and (m,) which elements flow.
     """
     force, flowing = np.zeros_like(u), np.zeros(bricks.number, dtype=np.bool_)
-    for ranges in layers_apart(bricks, None):
+
+    def add(ranges: NDArray[np.int64]) -> None:
         _stress_update(u, bricks, law, history, None, ranges, (force, flowing), None, None, None)
+
+    for layers in layers_apart(bricks, None):
+        workers.share(add, layers)
     return force, flowing
 
 
@@ -325,8 +335,17 @@ def tangent_correction(
 
 
 def add_correction(
-    v: FloatArray, bricks: Elements, correction: TangentCorrection, scale: float, out: FloatArray
+    v: FloatArray,
+    bricks: Elements,
+    correction: TangentCorrection,
+    scale: float,
+    out: FloatArray,
+    workers: Workers = ALONE,
 ) -> None:
     """Add `scale` (tangent - elastic stiffness) v to `out`, in place; both are (nodes, 3)."""
-    for ranges in layers_apart(bricks, correction.which):
+
+    def add(ranges: NDArray[np.int64]) -> None:
         _add_correction(v, bricks, correction, ranges, scale, out)
+
+    for layers in layers_apart(bricks, correction.which):
+        workers.share(add, layers)

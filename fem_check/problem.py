@@ -23,6 +23,7 @@ from fem_check.mesh import PeriodicBlock
 from fem_check.plasticity import History, Law
 from fem_check.smoother import layer_stiffness
 from fem_check.vectors import norm
+from fem_check.workers import ALONE, Workers
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Problem:
 
     bricks: the elements of the true geometry.  flat: True if the factor's block has the same
     geometry.  heights: (nx, ny) of the top, in m.  cap: the largest nodal force, in N.
+    workers: the threads.
     """
 
     block: PeriodicBlock
@@ -40,6 +42,7 @@ class Problem:
     heights: FloatArray
     cap: float = np.inf
     flat: bool = True
+    workers: Workers = ALONE
 
     @cached_property
     def stiffness(self) -> tuple[FloatArray, FloatArray]:
@@ -108,7 +111,9 @@ def internal_force(
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """The internal force of the displacement `u`, of the same shape, and which elements flow."""
     past = history if problem.plastic else None
-    force, flowing = plasticity.internal_force(u.reshape(-1, 3), problem.bricks, problem.law, past)
+    force, flowing = plasticity.internal_force(
+        u.reshape(-1, 3), problem.bricks, problem.law, past, problem.workers
+    )
     return force.reshape(u.shape), flowing
 
 

@@ -17,6 +17,7 @@ The tangent's rows of the flowing nodes are assembled as 3 x 3 blocks, one for e
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -24,14 +25,20 @@ from numba import njit
 from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
-from fem_check.element import CORNERS, Elements, deviatoric_stiffness, elastic_stiffness
+from fem_check.element import (
+    CORNERS,
+    Elements,
+    deviatoric_stiffness,
+    elastic_stiffness,
+    layers_apart,
+)
+from fem_check.lanes import compiled
 from fem_check.plasticity import Law, TangentCorrection
+from fem_check.workers import ALONE, Workers
 
 #: Sweeps on either side of the elastic block.  They nearly halve the iterations
 #: (tests/test_fem_smoother.py).
 SWEEPS = 3
-
-_FAST = {"contract", "reassoc", "nsz"}
 
 
 class FlowRows(NamedTuple):
@@ -41,12 +48,14 @@ class FlowRows(NamedTuple):
     neighbours: (n, 27) numbers of the nodes in their rows, -1 where there is none.
     places: (n, 27) the neighbours' indices in `nodes`; n where a neighbour does not flow.
     blocks: (n, 27, 3, 3) in N/m.
+    levels: (levels, 2) the first of a level's nodes and the one after its last.
     """
 
     nodes: NDArray[np.int64]
     neighbours: NDArray[np.int32]
     places: NDArray[np.int32]
     blocks: FloatArray
+    levels: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -58,6 +67,7 @@ class Smoother:
 
     rows: FlowRows
     inverses: FloatArray
+    workers: Workers = ALONE
 
     def pre_smooth(self, residual: FloatArray) -> FloatArray:
         """The displacement (n, 3) of the flowing nodes after sweeps from zero.
@@ -71,9 +81,12 @@ class Smoother:
         return self._swept(residual, [k % 2 == 1 for k in reversed(range(SWEEPS))])
 
     def _swept(self, residual: FloatArray, ascending: list[bool]) -> FloatArray:
-        x = np.zeros((len(self.rows.nodes), 3))
+        x, right, rows = np.zeros((len(self.rows.nodes), 3)), residual.reshape(-1, 3), self.rows
         for way in ascending:
-            _sweep(self.rows, self.inverses, residual.reshape(-1, 3), x, way)
+            task = partial(_sweep, rows, self.inverses, right, x, way)
+            # The levels of one parity have no element in common, so that threads can share them.
+            for parity in (0, 1) if way else (1, 0):
+                self.workers.share(task, rows.levels[parity::2], weight=2.0)
         return x
 
     def add_product(self, scale: float, x: FloatArray, force: FloatArray) -> None:
@@ -85,11 +98,11 @@ class Smoother:
         displacement.reshape(-1, 3)[self.rows.nodes] += x
 
 
-def smoother(rows: FlowRows, held: NDArray[np.bool_]) -> Smoother:
+def smoother(rows: FlowRows, held: NDArray[np.bool_], workers: Workers = ALONE) -> Smoother:
     """The smoother of `rows`; `held` (nx, ny) are the top nodes whose normal motion is zero."""
     inverses = np.empty((len(rows.nodes), 3, 3))
     _invert(rows, held.ravel(), inverses)
-    return Smoother(rows, inverses)
+    return Smoother(rows, inverses, workers)
 
 
 def flowing_levels(correction: TangentCorrection, shape: tuple[int, int]) -> int:
@@ -112,6 +125,7 @@ def assemble(
     stiffness: tuple[FloatArray, FloatArray],
     correction: TangentCorrection,
     scale: float,
+    workers: Workers = ALONE,
 ) -> FlowRows:
     """The matrix rows of the flowing nodes of a flat block, without those of the base.
 
@@ -121,6 +135,7 @@ def assemble(
         stiffness: of its layers, from `layer_stiffness`.
         correction: of the elastic stiffness.
         scale: factor of the correction.
+        workers: the threads.
     """
     nx, ny = shape
     layers = bricks.number // (nx * ny)
@@ -137,11 +152,13 @@ def assemble(
     neighbours = np.full((len(nodes), 27), -1, dtype=np.int32)
     blocks = np.zeros((len(nodes), 27, 3, 3))
     reach = (levels - 1) * size
-    body = (bricks.connectivity[:reach], bricks, *stiffness)
-    flow = (number, correction.terms, float(scale))
-    _assemble(body, flow, places, _slots(nx, ny), neighbours, blocks)
+    body, flow = (bricks, *stiffness), (number, correction.terms, float(scale))
+    task = partial(_assemble, body, flow, places, _slots(nx, ny), neighbours, blocks)
+    for part in layers_apart(bricks, None):
+        workers.share(task, part[part[:, 1] <= reach])
     within = np.where(neighbours < 0, len(nodes), places[neighbours]).astype(np.int32)
-    return FlowRows(nodes, neighbours, within, blocks)
+    edges = np.searchsorted(nodes, size * np.arange(levels + 1))
+    return FlowRows(nodes, neighbours, within, blocks, np.stack([edges[:-1], edges[1:]], axis=1))
 
 
 def _slots(nx: int, ny: int) -> NDArray[np.int64]:
@@ -160,7 +177,7 @@ def _slots(nx: int, ny: int) -> NDArray[np.int64]:
 _SELF = 13  # the slot of a node in its own row
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@compiled
 def _element(K, deviatoric, gradients, weights, terms, scale):  # type: ignore[no-untyped-def]
     """K (24 x 24) less `scale` times the correction of one element."""
     v = np.empty(24)
@@ -179,37 +196,42 @@ def _element(K, deviatoric, gradients, weights, terms, scale):  # type: ignore[n
                 K[24 * i + j] -= f * v[j]
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _assemble(body, flow, places, slots, neighbours, blocks):  # type: ignore[no-untyped-def]
-    conn, bricks, elastic, deviatoric = body
-    number, terms, scale = flow
-    K, count = np.empty(24 * 24), blocks.shape[0]
-    for e in range(conn.shape[0]):
-        touched = False
-        for a in range(8):
-            touched = touched or places[conn[e, a]] < count
-        if not touched:
+@compiled
+def _add_rows(K, corners, places, slots, neighbours, blocks):  # type: ignore[no-untyped-def]
+    """Adds the stiffness K of the element with these `corners` to the rows of those that flow."""
+    for a in range(8):
+        row = places[corners[a]]
+        if row >= blocks.shape[0]:
             continue
-        shape = bricks.shape_of[e]
-        K[:] = elastic[shape]
-        if number[e] >= 0:
-            _element(
-                K, deviatoric[shape], bricks.gradients[shape], bricks.weights[shape],
-                terms[number[e]], scale,
-            )  # fmt: skip
-        for a in range(8):
-            row = places[conn[e, a]]
-            if row >= count:
+        for b in range(8):
+            slot = slots[a, b]
+            neighbours[row, slot] = corners[b]
+            for i in range(3):
+                for j in range(3):
+                    blocks[row, slot, i, j] += K[24 * (3 * a + i) + 3 * b + j]
+
+
+@compiled
+def _assemble(body, flow, places, slots, neighbours, blocks, layers):  # type: ignore[no-untyped-def]
+    bricks, elastic, deviatoric = body
+    number, terms, scale = flow
+    conn, K, count = bricks.connectivity, np.empty(24 * 24), blocks.shape[0]
+    for layer in range(layers.shape[0]):
+        for e in range(layers[layer, 0], layers[layer, 1]):
+            touched = False
+            for a in range(8):
+                touched = touched or places[conn[e, a]] < count
+            if not touched:
                 continue
-            for b in range(8):
-                slot = slots[a, b]
-                neighbours[row, slot] = conn[e, b]
-                for i in range(3):
-                    for j in range(3):
-                        blocks[row, slot, i, j] += K[24 * (3 * a + i) + 3 * b + j]
+            s = bricks.shape_of[e]
+            K[:] = elastic[s]
+            if number[e] >= 0:
+                gradients, weights = bricks.gradients[s], bricks.weights[s]
+                _element(K, deviatoric[s], gradients, weights, terms[number[e]], scale)
+            _add_rows(K, conn[e], places, slots, neighbours, blocks)
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@compiled
 def _invert(rows, held, out):  # type: ignore[no-untyped-def]
     """Inverses of the diagonal blocks; a held normal motion has neither row nor column."""
     for r in range(rows.nodes.size):
@@ -232,27 +254,29 @@ def _invert(rows, held, out):  # type: ignore[no-untyped-def]
 
 
 # The sums keep their order: reassociated, they would be gathered into slow vectors of neighbours.
-@njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
-def _sweep(rows, inverses, right, x, ascending):  # type: ignore[no-untyped-def]
-    """Make one Gauss-Seidel sweep, which starts from x and changes it."""
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
+def _sweep(rows, inverses, right, x, ascending, levels):  # type: ignore[no-untyped-def]
+    """Make one Gauss-Seidel sweep over some levels, which starts from x and changes it."""
     count = rows.nodes.size
-    for k in range(count):
-        r = k if ascending else count - 1 - k
-        n = rows.nodes[r]
-        b0, b1, b2 = right[n, 0], right[n, 1], right[n, 2]
-        for s in range(27):
-            c = rows.places[r, s]
-            if c < count:
-                A = rows.blocks[r, s]
-                b0 -= A[0, 0] * x[c, 0] + A[0, 1] * x[c, 1] + A[0, 2] * x[c, 2]
-                b1 -= A[1, 0] * x[c, 0] + A[1, 1] * x[c, 1] + A[1, 2] * x[c, 2]
-                b2 -= A[2, 0] * x[c, 0] + A[2, 1] * x[c, 1] + A[2, 2] * x[c, 2]
-        D = inverses[r]
-        for i in range(3):
-            x[r, i] += D[i, 0] * b0 + D[i, 1] * b1 + D[i, 2] * b2
+    for level in range(levels.shape[0]):
+        first, stop = levels[level]
+        for k in range(stop - first):
+            r = first + k if ascending else stop - 1 - k
+            n = rows.nodes[r]
+            b0, b1, b2 = right[n, 0], right[n, 1], right[n, 2]
+            for s in range(27):
+                c = rows.places[r, s]
+                if c < count:
+                    A = rows.blocks[r, s]
+                    b0 -= A[0, 0] * x[c, 0] + A[0, 1] * x[c, 1] + A[0, 2] * x[c, 2]
+                    b1 -= A[1, 0] * x[c, 0] + A[1, 1] * x[c, 1] + A[1, 2] * x[c, 2]
+                    b2 -= A[2, 0] * x[c, 0] + A[2, 1] * x[c, 1] + A[2, 2] * x[c, 2]
+            D = inverses[r]
+            for i in range(3):
+                x[r, i] += D[i, 0] * b0 + D[i, 1] * b1 + D[i, 2] * b2
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@compiled
 def _multiply(rows, x, out):  # type: ignore[no-untyped-def]
     """out += K x, in the rows of the flowing nodes and of their neighbours."""
     count = rows.nodes.size

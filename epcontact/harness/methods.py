@@ -162,9 +162,8 @@ def _bem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> Conta
 
 def _fem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
     provide_kernel_cache()  # fem_check must not import it
-    del threads
     compiled = compile_seconds()
-    result = fem_check.solve(scene, **options)
+    result = fem_check.solve(scene, threads=threads, **options)
     seconds = result.cost["seconds"] - (compile_seconds() - compiled)
     return replace(result, cost=dict(result.cost) | {"seconds": seconds})
 

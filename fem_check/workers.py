@@ -1,0 +1,84 @@
+"""Compiled loops that threads share.
+
+A loop is cut into parts that write to different places, in an order that does not depend on the
+number of threads, so that a result has the same bits on any number of them.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: The fewest elements that are worth a thread.
+FEWEST = 2048
+
+
+def available_cores() -> int:
+    """Number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Workers:
+    """Threads of which the caller is one; the others end with this object.
+
+    Example:
+        >>> found = []
+        >>> Workers(2).share(found.append, np.array([[0, 4000], [4000, 8000]]))
+        >>> sorted(part.tolist() for part in found)
+        [[[0, 4000]], [[4000, 8000]]]
+    """
+
+    def __init__(self, threads: int = 1, fewest: int = FEWEST) -> None:
+        self.threads, self.fewest = threads, fewest
+        self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
+
+    def share(
+        self, task: Callable[..., Any], ranges: NDArray[np.int64], *, weight: float = 1.0
+    ) -> None:
+        """Call `task` with parts of the (r, 2) ranges, of about equal lengths, in any order.
+
+        The task releases the interpreter's lock, and writes to different places for each range.
+        `weight` is the work on an item over that on an element.
+        """
+        parts = _parts(ranges, self.threads, self.fewest / weight)
+        if self._pool is None or len(parts) == 1:
+            for part in parts:
+                task(part)
+            return
+        others = [self._pool.submit(task, part) for part in parts[1:]]
+        task(parts[0])
+        for other in others:
+            other.result()
+
+
+def _parts(ranges: NDArray[np.int64], threads: int, fewest: float) -> Sequence[NDArray[np.int64]]:
+    """At most `threads` parts of the ranges, in their order, and fewer if they are short."""
+    ends = np.cumsum(ranges[:, 1] - ranges[:, 0])
+    total = int(ends[-1]) if ends.size else 0
+    threads = min(threads, max(1, int(total / fewest)))
+    middles = ends - (ranges[:, 1] - ranges[:, 0]) / 2
+    cuts = np.searchsorted(middles, total * np.arange(1, threads) / threads)
+    return [part for part in np.split(np.ascontiguousarray(ranges), cuts) if len(part)]
+
+
+def equal_parts(count: int, threads: int) -> NDArray[np.int64]:
+    """(threads, 2) ranges that cut 0 to `count` into equal parts.
+
+    Example:
+        >>> equal_parts(5, 2)
+        array([[0, 2],
+               [2, 5]])
+    """
+    cuts = count * np.arange(threads + 1) // threads
+    return np.stack([cuts[:-1], cuts[1:]], axis=1)
+
+
+#: No threads but the caller's.
+ALONE = Workers()
