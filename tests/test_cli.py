@@ -57,6 +57,16 @@ def test_an_output_without_greek_letters_shows_a_question_mark(epcontact) -> Non
     assert "at E*?/?_Y = 5" in done.stdout
 
 
+def test_a_narrow_terminal_shows_every_name_whole(capsys) -> None:
+    listing.print_rows(
+        Console(width=30), ("key", "default", "meaning"), [("longest_wavelength", "–", "[m] " * 9)]
+    )
+    name, *meaning = capsys.readouterr().out.splitlines()
+    assert name.split() == ["longest_wavelength", "–"]
+    assert " ".join(meaning).split() == ["[m]"] * 9
+    assert all(line.startswith("  [m]") and len(line) <= 30 for line in meaning)
+
+
 @pytest.mark.parametrize("columns", [80, 200])
 def test_list_shows_a_requirement_as_it_is_written(
     write_case, tmp_path, monkeypatch, columns, capsys

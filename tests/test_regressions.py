@@ -185,14 +185,26 @@ def test_folder_of_results_does_not_hide_a_case(tmp_path, monkeypatch) -> None:
         find_case("other")
 
 
-def test_closed_pipe_does_not_say_that_a_gate_fell_short() -> None:
-    command = [sys.executable, "-m", "epcontact", "keys"]
+@pytest.mark.parametrize("words", ["keys", "cite hertz-sphere"])  # by rich, by click
+def test_closed_pipe_does_not_say_that_a_gate_fell_short(words: str) -> None:
+    command = [sys.executable, "-m", "epcontact", *words.split()]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         process.stdout.close()
         assert process.stderr.read() == b""
         assert process.wait(timeout=120) == 2
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is full")
+def test_full_output_is_no_bug() -> None:
+    with open("/dev/full", "wb") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "epcontact", "list"], check=False, stdout=full,
+            stderr=subprocess.PIPE, text=True, timeout=120,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == "epcontact: cannot write the output: no space left on device\n"
 
 
 def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short() -> None:

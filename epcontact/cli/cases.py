@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from epcontact.cli import options
-from epcontact.cli.listing import open_console, plain_table
+from epcontact.cli.listing import open_console, print_rows
 from epcontact.cli.main import forget_output
 from epcontact.cli.tables import (
     STYLES,
@@ -41,11 +41,10 @@ class _Refusal(EpcontactError):
 def keys() -> None:
     """Print every key of a case file, and every quantity of a gate, with unit and meaning."""
     quantities = [(one.name, one.unit, one.meaning) for one in QUANTITIES.values()]
-    open_console().print(
-        plain_table(("table", "key", "default", "meaning"), key_table()),
-        "",
-        plain_table(("quantity of a gate", "unit", "meaning"), quantities),
-    )
+    console = open_console()
+    print_rows(console, ("table", "key", "default", "meaning"), key_table())
+    console.print()
+    print_rows(console, ("quantity of a gate", "unit", "meaning"), quantities)
 
 
 @click.command()

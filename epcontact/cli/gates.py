@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
 from pydantic import ValidationError
 from rich.console import Console
-from rich.table import Table
 
+from epcontact.cli.listing import print_rows
 from epcontact.errors import InvalidCase
 from epcontact.harness import case as casefile
 from epcontact.harness import ratchet
@@ -51,7 +52,9 @@ def gates(cases: tuple[str, ...], check: bool, keep: bool, output: Path) -> None
         ratchet.write_kept(path, ratchet.updated(kept, found, known))
         click.echo(f"{len(found)} gates kept in {path}")
         return
-    Console(width=None if sys.stdout.isatty() else 300).print(_table(found, kept, known))
+    console = Console(width=None if sys.stdout.isatty() else 300)
+    headings = ("case", "size", "gate", "band", "margin", "because")
+    print_rows(console, headings, _rows(found, kept, known))
 
 
 def _margins(output: Path) -> dict[tuple[str, str, str], float]:
@@ -64,14 +67,12 @@ def _margins(output: Path) -> dict[tuple[str, str, str], float]:
         raise InvalidCase(f"{file}: is no verdict; run `epcontact verify` again") from None
 
 
-def _table(found: list[Banded], kept: Kept, known: dict[tuple[str, str, str], float]) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for heading in ("case", "size", "gate", "band", "margin", "because"):
-        table.add_column(heading, overflow="fold")
+def _rows(
+    found: list[Banded], kept: Kept, known: dict[tuple[str, str, str], float]
+) -> Iterator[tuple[str, ...]]:
     for gate in found:
         old = kept.band(gate.key)
         value = known.get(gate.key, old.margin if old is not None else None)
         shown = "–" if value is None else "exact" if math.isinf(value) else f"{value:.2g}"
         band = f"{gate.low:g} … {gate.high:g}"
-        table.add_row(gate.case, gate.size, gate.gate, band, shown, gate.because)
-    return table
+        yield gate.case, gate.size, gate.gate, band, shown, gate.because

@@ -13,6 +13,9 @@ from rich.text import Text
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_text import CaseText, at_size, case_files, read_cases
 
+#: Smallest terminal width, in columns, at which rows of long texts are a table.
+WIDE = 150
+
 
 def open_console() -> Console:
     """Open standard output; in a pipe it is as wide as a table needs, not 80 columns."""
@@ -23,22 +26,27 @@ def open_console() -> Console:
 @click.command("list")
 def list_cases() -> None:
     """List the cases, one line each."""
-    rows = [_row(case) for path in case_files() for case in read_cases(path)]
-    console = open_console()
-    if console.width >= 150:
-        console.print(plain_table(("case", "sizes", "methods", "requirement"), rows))
+    rows = (_row(case) for path in case_files() for case in read_cases(path))
+    print_rows(open_console(), ("case", "sizes", "methods", "requirement"), rows)
+
+
+def print_rows(console: Console, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print texts as they are: a table, or on a narrow terminal a paragraph for each row.
+
+    Brackets in the texts are no markup.  A paragraph has the last text of its row, which is the
+    longest, below the others.
+    """
+    if console.width >= WIDE:
+        table = Table(box=None, pad_edge=False)
+        for heading in headings:
+            table.add_column(heading, overflow="fold")
+        for row in rows:
+            table.add_row(*map(Text, row))
+        console.print(table)
         return
-    for name, sizes, methods, requirement in rows:
-        console.print(Text(name, "bold"), Text(f" {sizes}; {methods}"))
-        console.print(Padding(Text(requirement), (0, 0, 0, 2)))
-
-
-def plain_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    """Tabulate texts as they are: brackets in them are no markup."""
-    table = Table(*headings, box=None, pad_edge=False)
-    for row in rows:
-        table.add_row(*map(Text, row))
-    return table
+    for name, *others, last in rows:
+        console.print(Text(name, "bold"), Text("  ".join(others)))
+        console.print(Padding(Text(last), (0, 0, 0, 2)))
 
 
 def _row(case: CaseText) -> tuple[str, str, str, str]:

@@ -10,6 +10,7 @@ command that solves nothing, does not wait for solvers and charts to load.
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
 import signal
@@ -87,6 +88,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a code page without a symbol shows "?" for it
             stream.reconfigure(errors="replace")
+    out = sys.stdout
     try:
         sys.exit(cli.main(prog_name="epcontact", standalone_mode=False))
     except (click.Abort, KeyboardInterrupt):
@@ -99,21 +101,30 @@ def main() -> None:
     except click.ClickException as error:
         code, sentence = 2, f"{error.format_message()} (see epcontact --help)"
     except SystemExit as end:
-        # click and rich turn a closed pipe into exit code 1, which means that a gate fell short.
-        if not isinstance(end.__context__, BrokenPipeError):
+        # click and rich turn a closed pipe into exit code 1, which means that a gate fell short;
+        # click replaces the output then.
+        if not isinstance(end.__context__, BrokenPipeError) and sys.stdout is out:
             raise
+        sys.stdout = out
         forget_output()
         code, sentence = 2, ""
     except BrokenPipeError:
         forget_output()
         code, sentence = 2, ""
-    except Exception:
-        # A bug: print its traceback, but do not exit with Python's code 1.
-        traceback.print_exc()
-        code, sentence = 2, "this is a bug in epcontact; please report it"
+    except Exception as error:
+        code, sentence = 2, _unexpected(error)
     if sentence:
         click.echo(f"epcontact: {printable(sentence)}", err=True)
     sys.exit(code)
+
+
+def _unexpected(error: Exception) -> str:
+    """Return the sentence for a full disk, or for a bug, whose traceback is printed."""
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:  # files have OutputError
+        forget_output()
+        return "cannot write the output: no space left on device"
+    traceback.print_exc()
+    return "this is a bug in epcontact; please report it"
 
 
 def forget_output() -> None:
