@@ -35,6 +35,7 @@ COMMANDS = {
     "run": ("cases:run", "Solve one case and write its results and fields."),
     "schema": ("cases:schema", "Print the JSON Schema of a case file, or of verdict.json."),
     "stability": ("figures:stability", "Sweep loads and hardnesses and map the convergence."),
+    "sweep": ("sweeps:sweep", "Solve CASE at every point of its table [sweep]."),
     "verify": ("cases:verify", "Run the gates of the cases (all, where none is named)."),
     "view": ("figures:view", "Show the fields of a result in three dimensions."),
 }

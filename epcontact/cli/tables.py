@@ -31,7 +31,7 @@ def answers_table(answers: Mapping[str, Answer]) -> Table:
             if not answer.results or kind not in answer.results[0].final.areas:
                 continue
             parts = [
-                _figure(estimate([getattr(r.final.areas[kind], p) for r in answer.results]))
+                shown_estimate(estimate([getattr(r.final.areas[kind], p) for r in answer.results]))
                 for p in ("total", "elastic", "plastic")
             ]
             table.add_row(method, kind, *parts, str(len(answer.results)), str(answer.reused))
@@ -93,7 +93,7 @@ def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
         apart = (n for n in range(2, 12) if show(gate.low, n) != show(gate.high, n))
         digits = next(apart, 2)
         band = f"{show(gate.low, digits)} … {show(gate.high, digits)}"
-    values = (_figure(gate.value), _figure(gate.reference))
+    values = (shown_estimate(gate.value), shown_estimate(gate.reference))
     return (*names, *values, difference, band, _styled(gate.status))
 
 
@@ -113,7 +113,8 @@ def gamma_sentence(cases: Sequence[Case]) -> str:
     return f"theory with energy reduction gamma = {'; '.join(parts)}"
 
 
-def _figure(estimate: Estimate) -> str:
+def shown_estimate(estimate: Estimate) -> str:
+    """Return a mean, with the half-width of its interval if it has one."""
     if not estimate.half_width:
         return f"{estimate.mean:.5g}"
     return f"{estimate.mean:.5g} ± {estimate.half_width:.1g}"

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from epcontact.errors import EpcontactError, InvalidCase, nearest
+from epcontact.harness.axes import SweepTable
 from epcontact.harness.case_gates import gates_of, not_judged
 from epcontact.harness.case_text import SIZES, CaseText, at_size, case_files, case_name, read_cases
 from epcontact.harness.gates import Gate
@@ -35,11 +36,13 @@ __all__ = [
     "SIZES",
     "Case",
     "CaseText",
+    "case_at",
     "case_sizes",
     "find_case",
     "find_cases",
     "find_named",
     "load_case",
+    "sweep_of",
 ]
 
 
@@ -63,6 +66,7 @@ class Case:
     path: Path
     skip: str = ""
     not_judged: tuple[str, ...] = ()
+    sweep: SweepTable | None = None
 
     def digest(self, recipe: Recipe) -> str:
         """Return the digest of the scene on a surface, without making the surface."""
@@ -162,7 +166,39 @@ def case_sizes(case: CaseText | Path | str) -> tuple[str, ...]:
     return (case if isinstance(case, CaseText) else find_case(case)).sizes
 
 
-def _build(text: CaseText, size: str) -> Case:
+def sweep_of(text: CaseText, size: str) -> SweepTable:
+    """Return the table [sweep] of a case at a size.  Raises InvalidCase if it has none."""
+    case = load_case(text, size)
+    if case.sweep is None:
+        raise InvalidCase(
+            f"{text.where}: has no table [sweep], such as load.mean_pressure = [1e8, 2e8]"
+        )
+    return case.sweep
+
+
+def case_at(text: CaseText, point: Mapping[str, Any], size: str) -> Case:
+    """Return the case at a point of its sweep, which no gate judges.
+
+    Args:
+        text: the case.
+        point: values by their keys, such as "material.hardness".
+        size: a size of the case.
+
+    Raises:
+        InvalidCase: if the case cannot have these values; the message names them.
+    """
+    tables = {k: v for k, v in text.tables.items() if k not in ("gate", "omit", "sweep")}
+    for key, value in point.items():
+        section, _, name = key.partition(".")
+        tables[section] = {**tables.get(section, {}), name: value}
+    try:
+        return _build(replace(text, tables=tables), size, judged=False)
+    except InvalidCase as error:
+        values = ", ".join(f"{key} = {value!r:.40}" for key, value in point.items())
+        raise InvalidCase(f"{error} (at the point {values} of its sweep)") from None
+
+
+def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:
     where = text.where
     try:
         context = {"folder": text.path.parent}
@@ -199,10 +235,11 @@ def _build(text: CaseText, size: str) -> Case:
         body=body,
         load=load,
         options=_options(where, table),
-        gates=gates_of(where, table, size),
-        not_judged=not_judged(where, table, size, text.sizes),
+        gates=gates_of(where, table, size) if judged else (),
+        not_judged=not_judged(where, table, size, text.sizes) if judged else (),
         path=text.path,
         skip=skip,
+        sweep=table.sweep,
     )
 
 

@@ -40,7 +40,9 @@ def gates_of(where: str, table: CaseFile, size: str) -> tuple[Gate, ...]:
     for number, gate in enumerate(table.gate, start=1):
         _require_answerable(f"{where}: gate {number}", gate, table)
     own = [gate for gate in table.gate if gate.sizes is None or size in gate.sizes]
-    if not own:
+    if not table.gate and table.sweep is None:
+        raise InvalidCase(f"{where}: gate is missing; add it (a table [[gate]])")
+    if table.gate and not own:
         raise InvalidCase(f"{where}: no gate applies to size {size!r}, which the case offers")
     names = [_gate(gate).name for gate in own]
     repeated = next((name for name in names if names.count(name) > 1), "")

@@ -136,7 +136,7 @@ def run_tasks(
     def finish(task: Task, outcome: Outcome, note: str) -> None:
         outcomes[task] = outcome
         if progress is not None:
-            name = f"{task.case.id} {task.method.name} {task.label}"
+            name = f"{task.case.id} {task.method.name} {task.words or task.label}"
             solved, left = len(outcomes) - len(reused), len(tasks) - len(outcomes)
             seconds = (time.monotonic() - started) / solved * left if solved else math.nan
             progress(Progress(len(outcomes), len(tasks), name, note, seconds))

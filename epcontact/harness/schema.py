@@ -23,6 +23,7 @@ from pydantic import (
 )
 
 from epcontact.errors import nearest
+from epcontact.harness.axes import SweepTable
 from epcontact.harness.case_text import SIZES
 from epcontact.harness.gates import Norm
 from epcontact.harness.methods import METHODS, Table
@@ -182,8 +183,11 @@ class _Sections(Table):
     material: MaterialTable
     load: LoadTable
     body: BodyTable = BodyTable()
-    gate: list[GateTable] = Field(min_length=1)
+    gate: list[GateTable] = Field(
+        default=[], description="comparisons; only a case with a sweep may have none"
+    )
     omit: list[OmitTable] = Field(default=[], description="default gates that do not apply")
+    sweep: SweepTable | None = Field(default=None, description="values that a sweep gives to keys")
 
 
 def _method_sections() -> dict[str, Any]:

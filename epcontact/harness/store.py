@@ -42,6 +42,8 @@ class Task:
         label: the name of the surface in files.
         fields: file to write the fields to; None if they are not kept.
         steps: folder for the files of every load; None if they are not kept.
+        quantities: what is measured beside the quantities of gates.
+        words: what a reader calls it; the label where it is empty.
     """
 
     case: Case
@@ -50,6 +52,8 @@ class Task:
     label: str
     fields: Path | None = None
     steps: Path | None = None
+    quantities: tuple[str, ...] = ()
+    words: str = ""
 
     @property
     def recipe(self) -> Recipe:
@@ -58,8 +62,8 @@ class Task:
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """The quantities that the harness measures for gates on this method, sorted."""
-        names = set()
+        """The quantities that the harness measures on the result, sorted."""
+        names = {name for name in self.quantities if QUANTITIES[name].measure}
         for gate in self.case.gates:
             if self.method.name not in (gate.of, gate.against):
                 continue
@@ -163,7 +167,7 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
     Fields of an earlier, different result are removed, because they would pass for this one's.
     """
     about = {"case": task.case.id, "size": task.case.size, "key": key_of(task)}
-    earlier = _read_member(task, output)
+    earlier = read_member(task.result_path(output))
     same = earlier.get("key") == about["key"]
     fields_digest, steps = _digest(task.fields), task.steps is not None
     if task.fields is None and same:
@@ -184,7 +188,7 @@ def kept(task: Task, output: Path) -> ContactResult | None:
     """Return the result of an earlier run of the same task, if it is there as it was written."""
     if task.method.source:
         return None
-    data = _read_member(task, output)
+    data = read_member(task.result_path(output))
     if data.get("key") != key_of(task):
         return None
     if task.fields is not None and data.get("fields_digest") != _digest(task.fields):
@@ -198,10 +202,10 @@ def kept(task: Task, output: Path) -> ContactResult | None:
         return None
 
 
-def _read_member(task: Task, output: Path) -> dict[str, Any]:
+def read_member(path: Path) -> dict[str, Any]:
     """Read the file that `keep` wrote for a task; empty if there is none, or another content."""
     try:
-        data = json.loads(task.result_path(output).read_bytes())
+        data = json.loads(path.read_bytes())
         written = data.pop("digest")
     except (OSError, ValueError, RecursionError, KeyError, TypeError, AttributeError):
         return {}

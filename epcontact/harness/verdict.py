@@ -223,7 +223,13 @@ def _loaded(case: str | Path | CaseText | Case, size: str) -> list[Case]:
     if isinstance(case, Case):
         return [case]
     texts = (case,) if isinstance(case, CaseText) else find_named(case)
-    return [load_case(text, size) for text in texts]
+    loaded = [load_case(text, size) for text in texts]
+    for one in loaded:
+        if not one.gates and not one.skip:
+            raise InvalidCase(
+                f"{one.path}: {one.id} has no gate to judge; `epcontact sweep` solves its sweep"
+            )
+    return loaded
 
 
 def cases_to_verify(size: str) -> list[CaseText]:
@@ -237,7 +243,8 @@ def cases_to_verify(size: str) -> list[CaseText]:
     cases = find_cases()
     if not cases:
         raise InvalidCase("no cases found, neither in ./cases nor in the installed package")
-    return [case for case in cases if size in case.sizes and load_case(case, size).verify]
+    offered = [case for case in cases if size in case.sizes]
+    return [case for case in offered if (c := load_case(case, size)).verify and (c.gates or c.skip)]
 
 
 def _in_place(case: Case, name: str) -> Case:

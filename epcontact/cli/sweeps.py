@@ -1,0 +1,78 @@
+"""The command on sweeps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import pandas as pd
+from rich.table import Table
+
+from epcontact.cli import options
+from epcontact.cli.listing import open_console
+from epcontact.cli.tables import shown_estimate
+from epcontact.errors import EpcontactError
+from epcontact.harness import case as casefile
+from epcontact.harness.statistics import estimate
+from epcontact.harness.sweep import Swept, digest, in_words, run_sweep
+
+#: Rows that a terminal shows; the CSV file has all.
+_ROWS = 40
+_AREA = "area.total.corrected"
+
+
+@click.command()
+@click.argument("case")
+@click.option("--size", type=click.Choice(casefile.SIZES), default="fast", show_default=True)
+@options.jobs
+@options.output
+@options.fresh
+@options.executor
+def sweep(case: str, size: str, jobs: int | None, output: Path, fresh: bool, executor: str) -> None:
+    """Solve CASE at every point of its table [sweep], on one machine or on a cluster.
+
+    The results are kept in a folder as soon as they are solved: stop the command at any moment, and
+    start it again to go on. `epcontact.harness.sweep.table(FOLDER)` reads them as a pandas table.
+    """
+    with options.shown_progress() as (progress, moving):
+        swept = run_sweep(
+            case,
+            size=size,
+            output=output,
+            jobs=jobs,
+            executor=executor,
+            fresh=fresh,
+            progress=progress,
+            moving=moving,
+        )
+    open_console().print(_points_table(swept.table))
+    solved = int(swept.table["solved"].sum())
+    click.echo(
+        f"{solved} of {len(swept.table)} tasks are solved, {swept.reused} of them earlier; "
+        f"table in {swept.folder / 'sweep.csv'}, digest {digest(swept.table)[:12]}"
+    )
+    if swept.failures:
+        raise EpcontactError(_in_words(swept))
+
+
+def _in_words(swept: Swept) -> str:
+    """Return each reason of a failure once, with the number of its tasks."""
+    reasons = pd.Series(swept.failures).value_counts()
+    told = "; ".join(f"{count} with: {reason}" for reason, count in reasons.head(5).items())
+    return f"{len(swept.failures)} tasks failed, which the next run tries again: {told}"
+
+
+def _points_table(found: pd.DataFrame) -> Table:
+    """Tabulate the total area at each point, its mean over the surfaces with the 95 % interval."""
+    keys = [*found.columns[: found.columns.get_loc("solved")].difference(["seed"], sort=False)]
+    shown = Table(box=None, pad_edge=False)
+    for heading in (*keys, "surfaces", "total area"):
+        shown.add_column(heading, overflow="fold")
+    groups = found.reindex(columns=[*keys, _AREA]).groupby(keys, sort=False)[_AREA]
+    for values, rows in list(groups)[:_ROWS]:
+        areas = rows.dropna().to_numpy()
+        figure = shown_estimate(estimate(areas)) if len(areas) else ""
+        shown.add_row(*map(in_words, values), str(len(areas)), figure)
+    if len(groups) > _ROWS:
+        shown.add_row(f"and {len(groups) - _ROWS} more")
+    return shown

@@ -1,0 +1,326 @@
+"""Sweeps: the points of a table, tasks that are kept and done again, and the table read back."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from test_executor import Elsewhere, cluster  # noqa: F401 - a fixture
+
+from epcontact import persson
+from epcontact.cli.sweeps import sweep as command
+from epcontact.errors import EpcontactError, InvalidCase, NotConverged, OutputError
+from epcontact.harness import sweep
+from epcontact.harness.axes import SweepTable
+from epcontact.harness.case import load_case
+from epcontact.harness.methods import METHODS
+from epcontact.harness.verdict import verify
+
+THEORY = (
+    ('methods = ["persson", "bem"]', 'methods = ["persson"]'),
+    ('of = "bem"\nagainst = "persson"', 'of = "persson"\nagainst = 0.1\nsource = "made"'),
+)
+GRID = """
+[sweep]
+load.mean_pressure = [2e8, 4e8]
+material.hardness = { low = 3e9, high = 12e9, points = 3, spacing = "log" }
+"""
+
+
+@pytest.fixture
+def swept(write_case) -> Callable[..., Path]:
+    """Write a small case with a sweep; of the theory alone, which takes milliseconds."""
+
+    def write(text: str = GRID, *replacements: tuple[str, str]) -> Path:
+        path: Path = write_case(*(replacements or THEORY))
+        path.write_text(path.read_text() + text)
+        return path
+
+    return write
+
+
+# --- points --------------------------------------------------------------------------------------
+
+
+def points(text: str) -> list[dict[str, Any]]:
+    table = SweepTable.model_validate(tomllib.loads(text))
+    found = list(table.points())
+    assert len(found) == table.size
+    return found
+
+
+def test_values_grids_and_tables_are_combined() -> None:
+    found = points(
+        'fem.law = ["capped", "j2"]\nload.mean_pressure = {low = 1, high = 100, points = 3, '
+        'spacing = "log"}\n'
+        "[[point]]\nmaterial.young_modulus = 1e9\nmaterial.poisson_ratio = 0.0\n"
+        "[[point]]\nmaterial.young_modulus = 2e9\nmaterial.poisson_ratio = 0.3\n"
+    )
+    assert len(found) == len({tuple(sorted(p.items())) for p in found}) == 12
+    assert {(p["material.young_modulus"], p["material.poisson_ratio"]) for p in found} == {
+        (1e9, 0.0),
+        (2e9, 0.3),
+    }
+    assert [p["load.mean_pressure"] for p in found[::2][:3]] == [1, 10, 100]
+
+
+def test_samples_are_a_latin_hypercube() -> None:
+    text = (
+        "samples = 8\nsurface.hurst = {low = 0.4, high = 1.2}\n"
+        'material.hardness = {low = 1e8, high = 1e10, spacing = "log"}\n'
+    )
+    found = pd.DataFrame(points(text))
+    assert sorted(((found["surface.hurst"] - 0.4) / 0.1).astype(int)) == list(range(8))
+    assert sorted((np.log10(found["material.hardness"] / 1e8) / 0.25).astype(int)) == list(range(8))
+    assert points(text) == points(text)
+    assert points(text) != points("seed = 1\n" + text)
+    assert len(points(text + "load.mean_pressure = [1, 2, 3]")) == 24
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("load.mean_pressure = []", r"\[sweep\] load.mean_pressure is empty; give"),
+        ("load.mean_pressure = 1e8", r"\[sweep\] load.mean_pressure is 100000000.0; give a list"),
+        ("load.mean_pressure = [[1e8, 2e8]]", "a point of a sweep has one number or word"),
+        ("load.mean_pressure = [1e8, 1e8]", "load.mean_pressure has a value twice"),
+        ("load.mean_pressure = {low = 1e8, hihg = 2e8}", "load.mean_pressure.hihg: extra"),
+        (
+            "load.mean_pressure = {low = 1, high = 'b', points = 2}",
+            "high: input should be a valid n",
+        ),
+        ("load.mean_pressure = {low = 2, high = 1, points = 2}", "low is 2, but must be less than"),
+        ("load.mean_pressure = {low = 1, high = 2, points = 1}", "points: input should be greater"),
+        ("load.mean_pressure = {low = 0, high = 1, points = 2, spacing = 'log'}", "a positive one"),
+        ("load.mean_pressure = {low = 1e8, high = 2e8}", "give its points, or samples"),
+        ("load.mean_pressure = {low = 1, high = 2, points = 1000000000}", "1000000000 points, but"),
+        (
+            "samples = 1000000000\nload.mean_pressure = {low = 1, high = 2}",
+            "1000000000 points, but",
+        ),
+        ("samples = 3\nload.mean_pressure = [1e8]", "no key is a range without points"),
+        ("seeds = [1, 2]", "no key has values; give such as"),
+        ("seeds = [1, 1]\nload.mean_pressure = [1e8]", "give each seed once"),
+        ("surface.seeds = [1, 2]", "give seeds = "),
+        ("loda.mean_pressure = [1e8]", "sweep.loda is no key .* did you mean 'load'"),
+        (
+            "load.mean_presure = [1e8]",
+            "load.mean_presure is no key .* did you mean 'mean_pressure'",
+        ),
+        (
+            "load.mean_pressure = [1e8, 'heavy']",
+            "valid.*at the point load.mean_pressure = 'heavy'",
+        ),
+        ("load.mean_pressure = [1e8, 7e9]", r"hardness.*at the point load.mean_pressure = 7000"),
+        ("quantities = ['quantity.stifness']\nload.mean_pressure = [1e8]", "no quantity is called"),
+        ("quantities = ['quantity.measured_gap']\nload.mean_pressure = [1e8]", "no method of the"),
+        ("[[sweep.point]]\nload = 3", "point 1 has load, which is no key such as"),
+        ("load.mean_pressure=[1]\n[[sweep.point]]\nload.mean_pressure=2", "has values of its own"),
+        ("[[sweep.point]]\na.b=2\n[[sweep.point]]\na.c=2", "different keys"),
+    ],
+)
+def test_bad_sweep_is_one_sentence(swept, tmp_path, text, sentence) -> None:
+    path = swept(f"\n[sweep]\n{text}\n")
+    with pytest.raises(InvalidCase, match=sentence) as refused:
+        sweep.run_sweep(path, output=tmp_path / "out", jobs=1)
+    assert str(refused.value).startswith(str(path))
+    assert "\n" not in str(refused.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_case_without_a_sweep_is_told_how_one_looks(swept) -> None:
+    with pytest.raises(InvalidCase, match=r"has no table \[sweep\], such as load.mean_pressure = "):
+        sweep.read_sweep(swept(""))
+
+
+# --- results -------------------------------------------------------------------------------------
+
+
+def test_each_row_is_the_solve_at_its_point(swept, tmp_path) -> None:
+    path = swept(GRID + "[[sweep.point]]\nmaterial.poisson_ratio = 0.2\n")
+    found = sweep.run_sweep(path, output=tmp_path, jobs=1).table
+    assert len(found) == 6
+    case = load_case(path)
+    for _, row in found.iterrows():
+        scene = case.scene(case.recipes[0])
+        material = replace(scene.material, hardness=row["material.hardness"], poisson_ratio=0.2)
+        load = replace(scene.load, mean_pressure=row["load.mean_pressure"])
+        scene = replace(scene, material=material, load=load)
+        result = persson.solve(scene, energy_reduction=0.536)
+        assert row["area.plastic.corrected"] == result.final.areas["corrected"].plastic
+    assert list(found["load.mean_pressure"].unique()) == [2e8, 4e8]
+    assert found["solved"].all()
+
+
+def stopped_after(count: int) -> Callable[[Any], None]:
+    def progress(at: Any) -> None:
+        if at.done == count:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+def test_a_stopped_sweep_goes_on_where_it_was(swept, tmp_path) -> None:
+    path = swept()
+    whole = sweep.run_sweep(path, output=tmp_path / "whole", jobs=1)
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run_sweep(path, output=tmp_path, jobs=1, progress=stopped_after(3))
+    folder = tmp_path / "small" / "fast"
+    part = sweep.table(folder)
+    assert list(part["solved"]) == [True] * 3 + [False] * 3
+    assert list(part["area.total.raw"].isna()) == [False] * 3 + [True] * 3
+    found = sweep.run_sweep(path, output=tmp_path, jobs=1)
+    assert found.reused == 3
+    assert sweep.digest(found.table) == sweep.digest(whole.table) != sweep.digest(part)
+    pd.testing.assert_frame_equal(sweep.table(folder), found.table)
+    read = pd.read_csv(folder / "sweep.csv")
+    np.testing.assert_array_equal(read["area.total.raw"], found.table["area.total.raw"])
+
+
+def test_results_belong_to_their_points(swept, tmp_path) -> None:
+    path = swept()
+    sweep.run_sweep(path, output=tmp_path, jobs=1)
+    path.write_text(path.read_text().replace("[2e8, 4e8]", "[1e8, 4e8]"))
+    more = sweep.run_sweep(path, output=tmp_path, jobs=1)
+    assert (more.reused, len(more.table)) == (3, 6)
+    path.write_text(path.read_text().replace("rms_slope = 0.1", "rms_slope = 0.2"))
+    listed = sweep.read_sweep(path)
+    sweep._write_list(listed, tmp_path, tmp_path / "small" / "fast")
+    assert not sweep.table(tmp_path / "small" / "fast")["solved"].any()  # of another surface
+    steep = sweep.run_sweep(path, output=tmp_path, jobs=1)
+    assert steep.reused == 0
+    assert (steep.table["area.total.raw"] < more.table["area.total.raw"]).all()
+
+
+def test_methods_surfaces_and_measured_quantities(swept, tmp_path) -> None:
+    text = """
+[sweep]
+load.mean_pressure = [4e8]
+seeds = [1, 2]
+quantities = ["quantity.total_patches"]
+"""
+    found = sweep.run_sweep(
+        swept(text, ("seeds = [3, 5, 7]", "seeds = [9]")), output=tmp_path, jobs=1
+    )
+    assert list(found.table["method"]) == ["persson", "bem", "bem"]
+    assert list(found.table["seed"].fillna(0)) == [0, 1, 2]
+    patches = found.table["quantity.total_patches"]
+    assert list(patches.isna()) == [True, False, False]
+    assert patches[1] != patches[2]
+
+
+def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch, epcontact) -> None:
+    path, real = swept(), METHODS["persson"].solve
+
+    def heavy(scene: Any, *rest: Any) -> Any:
+        if scene.load.final > 3e8:
+            raise NotConverged("too heavy for a test")
+        return real(scene, *rest)
+
+    with monkeypatch.context() as patched:
+        patched.setitem(METHODS, "persson", replace(METHODS["persson"], solve=heavy))
+        with pytest.raises(EpcontactError, match=r"3 tasks failed.*3 with: too heavy for a test"):
+            command.callback(str(path), "fast", 1, tmp_path, False, "")
+    assert sweep.table(tmp_path / "small" / "fast")["solved"].sum() == 3
+    done = epcontact("sweep", path, "--output", tmp_path, "--jobs", 1)
+    assert done.returncode == 0, done.stderr
+    assert "6 of 6 tasks are solved, 3 of them earlier" in done.stdout
+
+
+def test_any_executor_gives_the_same_table(swept, tmp_path) -> None:
+    path = swept()
+    here = sweep.run_sweep(path, output=tmp_path / "here", jobs=1)
+    far = Elsewhere(tmp_path / "far")
+    there = sweep.run_sweep(path, output=tmp_path / "there", executor=lambda: far)
+    assert sweep.digest(there.table) == sweep.digest(here.table)
+    assert not list(far.folder.iterdir())
+
+
+def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path) -> None:
+    path = swept()
+    path.write_text(
+        path.read_text()
+        .replace(path.read_text().split("[[gate]]")[1].split("[sweep]")[0], "")
+        .replace("[[gate]]", "")
+    )
+    assert len(sweep.read_sweep(path).tasks) == 6
+    with pytest.raises(InvalidCase, match="has no gate to judge; `epcontact sweep` solves"):
+        verify(path, output=tmp_path)
+    path.write_text(path.read_text().split("[sweep]")[0])
+    with pytest.raises(InvalidCase, match="gate is missing"):
+        load_case(path)
+
+
+def test_folder_without_a_sweep_is_refused(tmp_path) -> None:
+    with pytest.raises(OutputError, match="cannot read"):
+        sweep.table(tmp_path)
+    (tmp_path / "sweep.json").write_text("[]")
+    with pytest.raises(OutputError, match="is no list of a sweep"):
+        sweep.table(tmp_path)
+
+
+MANY = """
+[sweep]
+load.mean_pressure = { low = 1e8, high = 1e9, points = 12 }
+seeds = [1, 2, 3, 4]
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path) -> None:
+    path = swept(MANY, ("seeds = [3, 5, 7]", "seeds = [3]"))
+    whole = sweep.run_sweep(path, output=tmp_path / "whole", jobs=1)
+    options = ["--output", str(tmp_path / "killed"), "--jobs", "2"]
+    folder, moments = tmp_path / "killed" / "small" / "fast", random.Random(7)
+    solved = []
+    for _ in range(10):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "epcontact", "sweep", str(path), *options],
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert process.stderr is not None
+        lines = (line for line in process.stderr if "reused" not in line)
+        for _ in range(moments.randint(1, 4)):
+            next(lines, "")
+        time.sleep(moments.uniform(0, 0.1))
+        process.kill()
+        process.communicate()
+        solved.append(int(sweep.table(folder)["solved"].sum()))
+    assert solved == sorted(solved)
+    assert 10 <= solved[-1] < len(whole.table)
+    found = sweep.run_sweep(path, output=tmp_path / "killed", jobs=2)
+    assert found.reused == solved[-1]
+    assert sweep.digest(found.table) == sweep.digest(whole.table)
+
+
+@pytest.mark.slow
+def test_a_dask_sweep_with_a_killed_worker_is_the_same(
+    swept,
+    tmp_path,
+    cluster,  # noqa: F811
+) -> None:
+    path = swept(MANY, ("seeds = [3, 5, 7]", "seeds = [3]"))
+    whole = sweep.run_sweep(path, output=tmp_path / "whole", jobs=1)
+    victim = next(worker.pid for worker in cluster.workers.values())
+
+    def kill(at: Any) -> None:
+        if at.done == 10:
+            os.kill(victim, signal.SIGKILL)
+
+    dask = "epcontact.harness.cluster:dask"
+    found = sweep.run_sweep(path, output=tmp_path / "dask", executor=dask, progress=kill)
+    assert not found.failures
+    assert sweep.digest(found.table) == sweep.digest(whole.table)
