@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         OutputError,
     )
     from epcontact.harness.verdict import Verdict, verify
+    from epcontact.reference.hardness_map import MappedHardness, effective_hardness
     from epcontact.results import (
         Areas,
         ContactResult,
@@ -62,6 +63,7 @@ __all__ = [
     "InvalidScene",
     "Load",
     "LoadStep",
+    "MappedHardness",
     "Material",
     "NotConverged",
     "NotEnoughMemory",
@@ -72,11 +74,12 @@ __all__ = [
     "SelfAffineSpectrum",
     "Surface",
     "Verdict",
+    "effective_hardness",
     "verify",
 ]
 
 #: The modules that define these names; the last one brings the solvers, so it is asked last.
-_HOMES = ("scene", "results", "errors", "harness.verdict")
+_HOMES = ("scene", "results", "errors", "reference.hardness_map", "harness.verdict")
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""The commands on models: plan and crosscheck."""
+"""The commands on models: plan, crosscheck and hardness."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness import case as casefile
 from epcontact.harness.crosscheck import crosscheck as check_models
 from epcontact.harness.verdict import verify
+from epcontact.reference.hardness_map import effective_hardness
 
 
 @click.command()
@@ -106,6 +107,19 @@ def crosscheck(
     others = () if seeds is None else _seeds(seeds)
     loaded = casefile.load_case(casefile.find_case(case), size)
     click.echo(check_models(loaded, others, steps=steps, step_tolerance=step_tolerance))
+
+
+@click.command()
+@click.option("--yield-stress", type=float, required=True, help="sigma_Y in Pa.")
+@click.option("--young-modulus", type=float, required=True, help="E in Pa.")
+@click.option("--poisson-ratio", type=float, required=True, help="nu.")
+@click.option("--rms-slope", type=float, required=True, help="rms slope of the whole roughness.")
+@click.option("--mean-pressure", type=float, required=True, help="Force over nominal area, in Pa.")
+def hardness(**scene: float) -> None:
+    """Print the pressure cap that stands for a rough J2 metal, from the measured map."""
+    found = effective_hardness(**scene)
+    click.echo(str(found))
+    click.echo(found.rests_on)
 
 
 #: Largest number of seeds: far more than an ensemble needs, and still a short list.

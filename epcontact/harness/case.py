@@ -14,13 +14,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from epcontact.errors import EpcontactError, InvalidCase, nearest
+from epcontact.errors import EpcontactError, InvalidCase, InvalidScene, nearest
 from epcontact.harness.axes import SweepTable
 from epcontact.harness.case_gates import gates_of, not_judged
 from epcontact.harness.case_text import SIZES, CaseText, at_size, case_files, case_name, read_cases
 from epcontact.harness.gates import Gate
 from epcontact.harness.methods import METHODS
 from epcontact.harness.schema import CaseFile, mistake
+from epcontact.reference.hardness_map import effective_hardness
 from epcontact.scene import (
     Body,
     Load,
@@ -30,7 +31,13 @@ from epcontact.scene import (
     check_loading,
     scene_digest,
 )
-from epcontact.surfaces import Recipe, SurfaceAbsent, recipes_of, require_room
+from epcontact.surfaces import (
+    Recipe,
+    SelfAffineEnsemble,
+    SurfaceAbsent,
+    recipes_of,
+    require_room,
+)
 
 __all__ = [
     "SIZES",
@@ -209,7 +216,7 @@ def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:
         raise InvalidCase(f"{where}: [surface] {error}") from None
     try:
         section = "material"
-        material = Material(**table.material.model_dump())
+        material = _material(table)
         section = "body"
         body = Body(**table.body.model_dump())
         section = "load"
@@ -241,6 +248,27 @@ def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:
         skip=skip,
         sweep=table.sweep,
     )
+
+
+def _material(table: CaseFile) -> Material:
+    """Make the material; an effective hardness is that of the map at the largest mean pressure."""
+    given = table.material.model_dump()
+    if given["hardness"] == "effective":
+        surface, pressures = table.surface, table.load.mean_pressure
+        if not isinstance(surface, SelfAffineEnsemble) or len(surface.recipes()[0].shape) == 1:
+            raise InvalidScene(
+                "hardness is 'effective', which is known for surfaces of kind self_affine only; "
+                "give it in Pa"
+            )
+        found = effective_hardness(
+            yield_stress=given["yield_stress"],
+            young_modulus=given["young_modulus"],
+            poisson_ratio=given["poisson_ratio"],
+            rms_slope=surface.rms_slope,
+            mean_pressure=max(pressures) if isinstance(pressures, list) else pressures,
+        )
+        given["hardness"] = found.value
+    return Material(**given)
 
 
 def _not_installed(methods: Sequence[str]) -> str:

@@ -90,7 +90,10 @@ class MaterialTable(Table):
 
     young_modulus: float = Field(description="Pa")
     poisson_ratio: float = Field(description="between -1 and 0.5")
-    hardness: float = Field(default=float("inf"), description="Pa; cap of the contact pressure")
+    hardness: float | Literal["effective"] = Field(
+        default=float("inf"),
+        description="Pa; cap of the contact pressure; 'effective' takes it from yield_stress",
+    )
     yield_stress: float = Field(default=float("inf"), description="Pa; of the J2 solid")
 
 
@@ -304,7 +307,7 @@ def _kinds() -> list[str]:
 def _where(location: tuple[Any, ...]) -> str:
     """Return the key as written in the file: gates count from 1, no names of types or kinds."""
     parts = [str(part) for part in location if part not in (*_kinds(), "float", "str")]
-    parts = [part for part in parts if not part.startswith("list[")]
+    parts = [part for part in parts if not part.startswith(("list[", "literal["))]
     if parts[:1] == ["gate"] and len(parts) > 1:
         parts[:2] = [f"gate {int(parts[1]) + 1}"]
     return ".".join(parts) or "the case"

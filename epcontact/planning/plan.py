@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from epcontact.errors import InvalidCase
+from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.case import Case
 from epcontact.harness.methods import METHODS
 from epcontact.harness.statistics import standard_deviation, student_half_width
@@ -50,6 +50,7 @@ from epcontact.planning.pilots import (
     solve_pilot,
     worst,
 )
+from epcontact.reference.hardness_map import effective_hardness
 from epcontact.surfaces import Recipe, SelfAffine
 
 
@@ -164,6 +165,8 @@ def plan(
     if "depth" in METHODS[method].options.model_fields:
         options, reasons = finite_element_options(case, recipes[0], solve, tolerance)
         why += reasons
+        if case.options[method]["law"] == "j2" and isinstance(recipes[0], SelfAffine):
+            why.append(_cap_instead(case, recipes[0].spectrum.rms_slope, tolerance))
     chosen_solve = partial(solve, **options)
     pilots = climb(recipes, chosen_solve, tolerance, parts)
     pilots += sample_surfaces(recipes, chosen_solve)
@@ -206,6 +209,28 @@ def _dimension(case: Case) -> tuple[tuple[Recipe, ...], list[str]]:
         return case.recipes, []
     sentence = f"all roughness runs along {'xy'[axis]}: a line stands for the surface"
     return tuple(Section(recipe, axis) for recipe in case.recipes), [sentence]
+
+
+def _cap_instead(case: Case, rms_slope: float, tolerance: float) -> str:
+    """The sentence that says whether a pressure cap can stand for the J2 body of a case."""
+    material = case.material
+    try:
+        found = effective_hardness(
+            yield_stress=material.yield_stress,
+            young_modulus=material.young_modulus,
+            poisson_ratio=material.poisson_ratio,
+            rms_slope=rms_slope,
+            mean_pressure=case.load.final,
+        )
+    except InvalidScene as error:
+        return f"no pressure cap is known to stand for the J2 body: {error}"
+    can = "can" if found.error <= tolerance else "cannot"
+    # The area under a cap grows at most as the inverse of the cap.
+    return (
+        f"boundary elements with hardness = 'effective', {found.value:.3g} Pa, {can} stand for the "
+        f"J2 body: their area is that of J2 within {found.error:.1g}, with the tolerance at "
+        f"{tolerance:g}; the two contacts overlap by 0.90 to 0.99 in the cases fem-model"
+    )
 
 
 def _reasons(

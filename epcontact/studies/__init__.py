@@ -37,7 +37,7 @@ class Study:
         Raises:
             EpcontactError: a solver does not converge, or another code is not installed.
         """
-        module = importlib.import_module(f"epcontact.studies.{self.name}")
+        module = importlib.import_module(f"epcontact.studies.{self.name.replace('-', '_')}")
         charts: tuple[Chart, ...] = module.charts(size, progress or (lambda _: None))
         return charts
 
@@ -79,6 +79,7 @@ _DESCRIPTIONS = {
     "residual": "power spectrum and skewness of the surface that a load leaves, by every method",
     "fem": "errors and costs of finite elements: element, mesh, depth, linear solver, load path",
     "hardness": "the cap, in yield stresses, that gives a J2 body's contact area, with error bars",
+    "hardness-map": "the kept map of that cap over severity, load and nu, with its formula",
     "master": "error of the contact area against time for all three methods on one scene",
     "peers": "time to the same areas beside public codes, where they are installed",
 }

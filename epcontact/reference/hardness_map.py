@@ -1,0 +1,243 @@
+"""The effective hardness of rough metals: which pressure cap stands for a body that flows by J2.
+
+`hardness_map.csv` holds the cap, in yield stresses, under which capped boundary elements carry the
+load on the contact area of the J2 body; `epcontact.studies.hardness_map` measured it, and its first
+lines say how.  A short formula is fitted to it,
+
+    c = hardness/sigma_Y = a + b m + d m^2 - u (e - f nu - g nu^2),
+    u = 1/(1 + s/8),   s = E* xi/sigma_Y,   m = p0/sigma_Y,
+
+which is refused outside the map.  Where the contact is nearly full the cap follows the load and not
+the material, so that the map ends at a contact area of 0.9.
+"""
+
+from __future__ import annotations
+
+import csv
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+
+import numpy as np
+
+from epcontact.errors import InvalidScene
+from epcontact.moduli import effective_modulus
+from epcontact.results import FloatArray
+from epcontact.scene import Material
+
+#: Largest contact area of the map.
+FULL = 0.9
+#: Parts of the error: names of columns of the map, each relative.
+PARTS = ("statistical_error", "grid_error", "spectrum_error")
+
+#: The coordinates of the map, with their symbols.
+SYMBOLS = {"severity": "E*ξ/σ_Y", "poisson_ratio": "nu", "load": "p0/σ_Y"}
+
+
+@dataclass(frozen=True)
+class MappedHardness:
+    """A hardness from the map.
+
+    Attributes:
+        value: the hardness in Pa.
+        interval: its 95 % interval in Pa; the upper end is infinite where asperities are so nearly
+            elastic that any larger cap would do.
+        ratio: c = hardness/sigma_Y.
+        severity: s = E* xi/sigma_Y.
+        load: m = p0/sigma_Y.
+        poisson_ratio: nu.
+        area: contact area of the J2 body.
+        errors: relative parts of the error: statistical_error (the surfaces of the map are few),
+            grid_error, spectrum_error (other spectra than the map's) and formula_error.
+    """
+
+    value: float
+    interval: tuple[float, float]
+    ratio: float
+    severity: float
+    load: float
+    poisson_ratio: float
+    area: float
+    errors: Mapping[str, float]
+
+    @property
+    def error(self) -> float:
+        """The relative error, from all parts."""
+        return math.hypot(*self.errors.values())
+
+    @property
+    def rests_on(self) -> str:
+        """What the hardness rests on, in sentences."""
+        known = hardness_map()
+        reach = ", ".join(
+            f"{known[name].min():g} to {known[name].max():g} in {symbol}"
+            for name, symbol in SYMBOLS.items()
+        )
+        wide = "" if self.error <= 0.02 else "; it is wider than 2 %, as the surfaces are few"
+        return (
+            f"by the formula fitted to {known['load'].size} places of the map, {reach}, each of "
+            f"{known['surfaces'].min():g} to {known['surfaces'].max():g} self-affine surfaces, "
+            f"solved by finite elements with perfectly plastic J2 flow{wide}"
+        )
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        parts = ", ".join(
+            f"{name.removesuffix('_error')} {100 * part:.1f} %"
+            for name, part in self.errors.items()
+        )
+        return (
+            f"hardness = {self.value:.3g} Pa, 95 % interval {low:.3g} to {high:.3g} Pa "
+            f"({self.ratio:.2f} yield stresses, error {100 * self.error:.1f} %: {parts})\n"
+            f"at E*ξ/σ_Y = {self.severity:.3g}, p0/σ_Y = {self.load:.3g}, nu = "
+            f"{self.poisson_ratio:.3g}, where the J2 body touches on {100 * self.area:.3g} % of "
+            "the area"
+        )
+
+
+def effective_hardness(
+    *,
+    yield_stress: float,
+    young_modulus: float,
+    poisson_ratio: float,
+    rms_slope: float,
+    mean_pressure: float,
+) -> MappedHardness:
+    """Return the pressure cap that stands for a rough body of perfectly plastic J2 metal.
+
+    Under this cap boundary elements carry the load on the contact area of the J2 body.  By
+    similarity it depends on E* xi/sigma_Y, p0/sigma_Y and nu alone, for one shape of the spectrum;
+    errors["spectrum_error"] is what other shapes change.
+
+    Args:
+        yield_stress: sigma_Y in Pa, without hardening.
+        young_modulus: E in Pa.
+        poisson_ratio: nu.
+        rms_slope: xi of the whole roughness.
+        mean_pressure: p0 in Pa, the force over the nominal area.
+
+    Raises:
+        InvalidScene: if the scene is outside the map, or its contact is too full for a hardness.
+
+    Example:
+        >>> found = effective_hardness(yield_stress=1e9, young_modulus=210e9, poisson_ratio=0.3,
+        ...                            rms_slope=0.1, mean_pressure=0.25e9)
+        >>> 2.1 < found.ratio < 2.7, found.interval[0] < found.value < found.interval[1]
+        (True, True)
+    """
+    material = Material(young_modulus, poisson_ratio, yield_stress=yield_stress)
+    for name, value in (("yield_stress", yield_stress), ("rms_slope", rms_slope)):
+        if not 0 < value < math.inf:
+            raise InvalidScene(f"{name} is {value!r}, but must be positive and finite")
+    severity = effective_modulus(material) * rms_slope / yield_stress
+    place = {
+        "severity": severity,
+        "poisson_ratio": poisson_ratio,
+        "load": mean_pressure / yield_stress,
+    }
+    known = hardness_map()
+    for name, value in place.items():
+        low, high = known[name].min(), known[name].max()
+        if not low * (1 - 1e-9) <= value <= high * (1 + 1e-9):
+            raise InvalidScene(
+                f"{SYMBOLS[name]} is {value:.4g}, but the map of the effective hardness reaches "
+                f"from {low:g} to {high:g}, and it is not extrapolated"
+            )
+    area = _between(place, known["area"])
+    if area > FULL:
+        raise InvalidScene(
+            f"the J2 body touches on {area:.2f} of the area at p0/σ_Y = {place['load']:.3g}; above "
+            f"{FULL:g} the cap follows the load and not the material, so that no hardness stands "
+            "for it"
+        )
+    ratio = float(_terms(*(np.array([value]) for value in place.values()))[0] @ formula()[0])
+    errors = {part: _between(place, known[part]) for part in PARTS}
+    errors["formula_error"] = formula()[1]
+    error = math.hypot(*errors.values())
+    value = ratio * yield_stress
+    interval = (value / (1 + error), value / (1 - error) if error < 1 else math.inf)
+    return MappedHardness(
+        value, interval, ratio, severity, place["load"], poisson_ratio, area, errors
+    )
+
+
+@functools.cache
+def hardness_map() -> Mapping[str, FloatArray]:
+    """Return the columns of `hardness_map.csv`, one value for each place of the map.
+
+    They are severity, poisson_ratio, load, surfaces, area, inverse_hardness (sigma_Y/hardness) and
+    the relative errors PARTS.
+
+    Example:
+        >>> sorted(set(hardness_map()["severity"].tolist()))
+        [3.0, 5.0, 8.0, 15.0, 30.0, 50.0, 100.0]
+    """
+    text = (files("epcontact.reference") / "hardness_map.csv").read_text(encoding="utf-8")
+    header, *rows = csv.reader(line for line in text.splitlines() if not line.startswith("#"))
+    values = np.array(rows, dtype=np.float64)
+    return dict(zip(header, values.T, strict=True))
+
+
+def fitted_ratio(severity: FloatArray, poisson_ratio: FloatArray, load: FloatArray) -> FloatArray:
+    """Return hardness/sigma_Y by the formula, which the caller must not leave the map with."""
+    return _terms(severity, poisson_ratio, load) @ formula()[0]
+
+
+@functools.cache
+def formula() -> tuple[FloatArray, float]:
+    """Return the coefficients (a, b, d, e, f, g) of the fit, and twice its relative residual.
+
+    The fit weighs each place of the map by its error; places that are nearly full are left out.
+    """
+    known = hardness_map()
+    error = np.sqrt(sum(known[part] ** 2 for part in PARTS))
+    inside = (known["area"] <= FULL) & (known["inverse_hardness"] > 0)
+    terms = _terms(known["severity"], known["poisson_ratio"], known["load"])[inside]
+    # Relative residuals: each row is divided by its hardness, 1/inverse.
+    weight = 1 / error[inside]
+    scaled = terms * known["inverse_hardness"][inside, None]
+    found, *_ = np.linalg.lstsq(scaled * weight[:, None], weight, rcond=None)
+    residual = np.average((scaled @ found - 1) ** 2, weights=weight**2)
+    return found, 2 * math.sqrt(residual)
+
+
+def _terms(severity: FloatArray, nu: FloatArray, load: FloatArray) -> FloatArray:
+    u = 1 / (1 + severity / 8)
+    return np.column_stack([np.ones_like(u), load, load**2, -u, u * nu, u * nu**2])
+
+
+def _between(place: Mapping[str, float], values: FloatArray) -> float:
+    """Interpolate a column of the map linearly in ln s, nu and m."""
+    from scipy.interpolate import interpn
+
+    known = hardness_map()
+    axes = [np.unique(known[name]) for name in place]
+    order = np.lexsort([known[name] for name in reversed(place)])
+    grid = values[order].reshape([axis.size for axis in axes])
+    at = [
+        np.clip(value, axis[0], axis[-1]) for value, axis in zip(place.values(), axes, strict=True)
+    ]
+    axes[0], at[0] = np.log(axes[0]), np.log(at[0])
+    return float(interpn(axes, grid, at)[0])
+
+
+def formula_text() -> str:
+    """Return the formula with its figures, its residual and its range, in words.
+
+    Example:
+        >>> formula_text().startswith("c = ")
+        True
+    """
+    a, b, d, e, f, g = formula()[0]
+    known = hardness_map()
+    reach = ", ".join(
+        f"{symbol} = {known[name].min():g} to {known[name].max():g}"
+        for name, symbol in SYMBOLS.items()
+    )
+    return (
+        f"c = {a:.3f} {b:+.3f} m {d:+.3f} m^2 - ({e:.3f} {-f:+.3f} nu {-g:+.3f} nu^2)/(1 + s/8), "
+        f"s = E* xi/sigma_Y, m = p0/sigma_Y, within {100 * formula()[1]:.1f} % (twice the weighted "
+        f"rms residual) for {reach}"
+    )
