@@ -189,10 +189,11 @@ def fitted_ratio(severity: FloatArray, poisson_ratio: FloatArray, load: FloatArr
 def formula() -> tuple[FloatArray, float]:
     """Return the coefficients (a, b, d, e, f, g) of the fit, and twice its relative residual.
 
-    The fit weighs each place of the map by its error; places that are nearly full are left out.
+    The fit weighs each place of the map by the errors that are its own; places that are nearly
+    full are left out.
     """
     known = hardness_map()
-    error = np.sqrt(sum(known[part] ** 2 for part in PARTS))
+    error = np.hypot(known["statistical_error"], known["grid_error"])
     inside = (known["area"] <= FULL) & (known["inverse_hardness"] > 0)
     terms = _terms(known["severity"], known["poisson_ratio"], known["load"])[inside]
     # Relative residuals: each row is divided by its hardness, 1/inverse.
@@ -200,7 +201,7 @@ def formula() -> tuple[FloatArray, float]:
     scaled = terms * known["inverse_hardness"][inside, None]
     found, *_ = np.linalg.lstsq(scaled * weight[:, None], weight, rcond=None)
     residual = np.average((scaled @ found - 1) ** 2, weights=weight**2)
-    return found, 2 * math.sqrt(residual)
+    return np.asarray(found), 2 * math.sqrt(residual)
 
 
 def _terms(severity: FloatArray, nu: FloatArray, load: FloatArray) -> FloatArray:
@@ -214,7 +215,7 @@ def _between(place: Mapping[str, float], values: FloatArray) -> float:
 
     known = hardness_map()
     axes = [np.unique(known[name]) for name in place]
-    order = np.lexsort([known[name] for name in reversed(place)])
+    order = np.lexsort([known[name] for name in reversed(list(place))])
     grid = values[order].reshape([axis.size for axis in axes])
     at = [
         np.clip(value, axis[0], axis[-1]) for value, axis in zip(place.values(), axes, strict=True)
