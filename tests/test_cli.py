@@ -168,8 +168,11 @@ def test_the_bar_moves_within_a_solve(write_case, tmp_path) -> None:
 
 
 def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> None:
+    from epcontact.harness.methods import METHODS
+    from epcontact.harness.run import tasks_of
+    from epcontact.harness.store import kept
     from epcontact.output.view import load_steps
-    from epcontact.output.vtk import read_fields
+    from epcontact.output.vtk import Precision, read_fields
 
     path = write_case(
         ("seeds = [3, 5, 7]", "seeds = [3]"),
@@ -180,16 +183,22 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> N
     )
     case, out, notes = load_case(path), tmp_path / "out", []
 
-    def solve(fields: str) -> list[str]:
+    def solve(fields: str, precision: Precision = "single") -> list[str]:
         notes.clear()
-        run_cases([case], out, fields=fields, progress=lambda p: notes.append(p.note))
+        run_cases(
+            [case], out, fields=fields, precision=precision,
+            progress=lambda p: notes.append(p.note),
+        )  # fmt: skip
         return list(notes)
 
-    assert solve("first") == ["", ""]
     folder = case.folder(out)
+    assert solve("first", "double") == ["", ""]
+    assert read_fields(folder / "bem-seed3.vti").fields["pressure"].dtype == np.float64
     assert not list(folder.glob("*-steps"))
     assert solve("steps") == ["", ""]
     assert solve("steps") == solve("first") == ["reused", "reused"]
+    doubled = [replace(t, precision="double") for t in tasks_of(case, METHODS, "first", out)]
+    assert [kept(task, out) for task in doubled] == [None, None]
     steps = load_steps(folder / "bem-seed3-steps" / "path.pvd")
     loads = [read_fields(step) for step in steps]
     assert [load.attributes["mean_pressure"] for load in loads] == [2e8, 5e8]

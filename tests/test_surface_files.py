@@ -302,6 +302,17 @@ def test_the_notes_say_what_was_done() -> None:
         assert words in window
 
 
+@pytest.mark.parametrize("mark", [-9999.0, 1e5])
+def test_a_mark_of_missing_points_is_told_from_heights(mark: float) -> None:
+    heights = periodic().copy()
+    assert not any("marks" in note for note in HeightsFromArray(heights, (L, L)).build().notes)
+    heights[3, 4:9] = mark
+    surface = HeightsFromArray(heights, (L, L), treatment="periodic").build()
+    assert surface.notes[0].startswith(f"5 heights are {mark:g} m, far from all others")
+    two_levels = np.where(heights == mark, 1.0, 0.0)  # a post is no mark
+    assert not any("marks" in note for note in HeightsFromArray(two_levels, (L, L)).build().notes)
+
+
 def test_slopes_beyond_one_are_said_once() -> None:
     steep = HeightsFromArray(periodic() * 1e3, (L, L)).build()
     told = [note for note in steep.notes if "beyond the small slopes" in note]
@@ -396,6 +407,15 @@ BROKEN_FILES: list[tuple[str, bytes, str]] = [
     ("middle.csv", b"1,2\nsome words,4\n3,4\n", "line 2 holds 'some words'"),
     ("inf.txt", b"1 1e999\n3 4\n", "1 of 4 heights"),
     ("single.txt", b"3\n", r"shape \(1,\)"),
+    ("date.txt", b"2026-01-02 12:00\n1 2\n3 4\n", "begin the lines of a header with #"),
+    ("xyz.txt", b"X Y Z\n0 0 5\n0 1 7\n1 0 6\n1 1 5\n", "columns are x, y and height"),
+    ("index.csv", b"\n".join(b"%d,%d,2,7" % (i, i * i % 7) for i in range(12)), "first column"),
+    (
+        "axes.csv",
+        b",0,1,2,3,4,5,6,7,8,9\n"
+        + b"\n".join(b"%d,4,9,7,3,0,2,5,1,8,%d" % (i * i % 7, i) for i in range(9)),
+        "first line counts",
+    ),
 ]
 
 
@@ -419,12 +439,13 @@ TABLES = [
     ("d.txt", "Höhe in µm\nx y\n1.5\t2.5\n3.5\t4.5\n", 2),
     ("e.csv", "\ufeffheight;height\r\n1.5;2.5\r\n\r\n3.5;4.5 # last\r\n", 1),
     ("f.csv", "1.5, 2.5\n3.5, 4.5", 0),
+    ("g.txt", "\ufeffheight\n1.5\t2.5\n3.5\t4.5\n", 2),  # as spreadsheets save "Unicode text"
 ]
 
 
 @pytest.mark.parametrize(("name", "content", "notes"), TABLES, ids=lambda v: str(v)[:5])
 def test_tables_as_programs_write_them(tmp_path: Path, name: str, content: str, notes: int) -> None:
-    encoding = "latin-1" if "ö" in content else "utf-8"
+    encoding = "latin-1" if "ö" in content else "utf-16-le" if name == "g.txt" else "utf-8"
     (tmp_path / name).write_bytes(content.encode(encoding))
     surface = HeightsFromFile(tmp_path / name, (100.0, 100.0), 1.0, "periodic").build()
     assert np.array_equal(surface.heights, [[1.5, 2.5], [3.5, 4.5]])

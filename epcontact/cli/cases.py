@@ -30,6 +30,7 @@ from epcontact.harness.run import default_jobs, run_cases
 from epcontact.harness.schema import Family, key_table
 from epcontact.harness.verdict import Verdict, cases_to_verify, remove_verdict
 from epcontact.harness.verdict import verify as run_gates
+from epcontact.output.vtk import Precision
 from epcontact.results import plain
 
 
@@ -61,6 +62,7 @@ def keys() -> None:
 @options.output
 @options.fresh
 @options.fields
+@options.precision
 @click.option("--charts", is_flag=True, help="Draw charts, which take as long as a large solve.")
 def run(  # noqa: PLR0913, PLR0917 - the options of the command
     case: str,
@@ -70,6 +72,7 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
     output: Path,
     fresh: bool,
     fields: str,
+    precision: Precision,
     charts: bool,
 ) -> None:
     """Solve one case and write its results and fields; no gate is judged."""
@@ -90,6 +93,7 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
             jobs=workers,
             fresh=fresh,
             fields=_written(fields),
+            precision=precision,
             progress=progress,
             moving=moving,
         )[loaded.id]
@@ -131,6 +135,7 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
     default=None,
     help="Write fields as run does. Default: none, with --report those of the first surface.",
 )
+@options.precision
 def verify(  # noqa: PLR0913, PLR0917 - the options of the command
     cases: tuple[str, ...],
     size: str,
@@ -141,6 +146,7 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
     solver: str,
     with_report: bool,
     fields: str | None,
+    precision: Precision,
 ) -> None:
     """Run the gates of the cases (all, where none is named) and write the verdict.
 
@@ -168,6 +174,7 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
             executor=executor,
             fresh=fresh,
             fields=_written(fields),
+            precision=precision,
             progress=progress,
             moving=moving,
         )

@@ -59,6 +59,13 @@ fields = click.option(
     "first one at every load, with the body of the finite elements (.vtu) and a collection (.pvd); "
     "film: draw these loads as a .gif, too.",
 )
+precision = click.option(
+    "--precision",
+    type=click.Choice(["single", "double"]),
+    default="single",
+    show_default=True,
+    help="Of the numbers in .vti files: seven digits, or all of them at twice the size.",
+)
 
 
 @contextlib.contextmanager

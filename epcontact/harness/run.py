@@ -21,6 +21,7 @@ from epcontact.harness.solve import Outcome, Parcel, solve_elsewhere, solve_task
 from epcontact.harness.store import Answer, Task, basis, keep, kept, summary
 from epcontact.machine import available_cores, available_memory
 from epcontact.output.files import write_json
+from epcontact.output.vtk import Precision
 from epcontact.results import ContactResult
 
 
@@ -60,6 +61,7 @@ def run_cases(  # noqa: PLR0913 - the options of the commands
     executor: Factory = "",
     fresh: bool = False,
     fields: str = "none",
+    precision: Precision = "single",
     methods: Mapping[str, Method] = METHODS,
     progress: Callable[[Progress], None] | None = None,
     moving: Callable[[float, int], None] | None = None,
@@ -73,6 +75,7 @@ def run_cases(  # noqa: PLR0913 - the options of the commands
         fields: write the fields of each surface ("all"), of the first ("first"), of the first at
             every load of the path, with the body of the finite elements ("steps"), or none
             ("none").
+        precision: of the numbers in the .vti files: "single", seven digits, or "double".
         methods: the registry of the cases' methods.
         progress, moving: see `run_tasks`.
 
@@ -86,6 +89,7 @@ def run_cases(  # noqa: PLR0913 - the options of the commands
     """
     _require_distinct(cases)
     tasks = [task for case in cases for task in tasks_of(case, methods, fields, output)]
+    tasks = [replace(task, precision=precision) for task in tasks]
     done = run_tasks(
         tasks, output, jobs=jobs, executor=executor, fresh=fresh, progress=progress, moving=moving
     )

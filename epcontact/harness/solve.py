@@ -75,7 +75,7 @@ def _told(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
 
 def _write(task: Task, scene: Scene, result: ContactResult, path: Path) -> None:
     attributes = {"case": task.case.id, "size": task.case.size}
-    write_fields(path, result, scene.surface, attributes, units=_UNITS)
+    write_fields(path, result, scene.surface, attributes, precision=task.precision, units=_UNITS)
 
 
 def _step_options(task: Task, scene: Scene) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from epcontact.harness.methods import Method
 from epcontact.harness.quantities import QUANTITIES
 from epcontact.harness.statistics import estimate, standard_deviation
 from epcontact.output.files import write_json
+from epcontact.output.vtk import Precision
 from epcontact.results import ContactResult, package_versions
 from epcontact.surfaces import Recipe
 
@@ -44,6 +45,7 @@ class Task:
         steps: folder for the files of every load; None if they are not kept.
         quantities: what is measured beside the quantities of gates.
         words: what a reader calls it; the label where it is empty.
+        precision: of the numbers in the files of fields.
     """
 
     case: Case
@@ -54,6 +56,7 @@ class Task:
     steps: Path | None = None
     quantities: tuple[str, ...] = ()
     words: str = ""
+    precision: Precision = "single"
 
     @property
     def recipe(self) -> Recipe:
@@ -170,8 +173,9 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
     earlier = read_member(task.result_path(output))
     same = earlier.get("key") == about["key"]
     fields_digest, steps = _digest(task.fields), task.steps is not None
+    precision: Any = task.precision
     if task.fields is None and same:
-        fields_digest = earlier.get("fields_digest")
+        fields_digest, precision = earlier.get("fields_digest"), earlier.get("precision")
     elif task.fields is None:
         with contextlib.suppress(OSError):
             task.fields_path(output).unlink()
@@ -179,7 +183,7 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
         steps = bool(earlier.get("steps_kept"))
     elif not steps:
         shutil.rmtree(task.steps_path(output), ignore_errors=True)
-    files = {"fields_digest": fields_digest, "steps_kept": steps}
+    files = {"fields_digest": fields_digest, "steps_kept": steps, "precision": precision}
     data = about | files | result.to_json()
     write_json(task.result_path(output), {"digest": _content_digest(data)} | data)
 
@@ -191,7 +195,8 @@ def kept(task: Task, output: Path) -> ContactResult | None:
     data = read_member(task.result_path(output))
     if data.get("key") != key_of(task):
         return None
-    if task.fields is not None and data.get("fields_digest") != _digest(task.fields):
+    files = (data.get("precision"), data.get("fields_digest"))
+    if task.fields is not None and files != (task.precision, _digest(task.fields)):
         return None
     written = data.get("steps_kept") is True and (task.steps_path(output) / "path.pvd").is_file()
     if task.steps is not None and not written:

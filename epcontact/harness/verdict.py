@@ -44,6 +44,7 @@ from epcontact.harness.read_back import require_faithful
 from epcontact.harness.run import Progress, default_jobs, run_cases
 from epcontact.harness.store import Answer
 from epcontact.output.files import refusal, whole_file, write_json
+from epcontact.output.vtk import Precision
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution, package_versions
 
@@ -149,6 +150,7 @@ def verify(  # noqa: PLR0913 - the options of the command
     solver: str = "",
     fresh: bool = False,
     fields: str = "none",
+    precision: Precision = "single",
     executor: Factory = "",
     progress: Callable[[Progress], None] | None = None,
     moving: Callable[[float, int], None] | None = None,
@@ -169,6 +171,7 @@ def verify(  # noqa: PLR0913 - the options of the command
         fresh: solve again what is already in the output folder.
         fields: write the fields (.vti) of the "first" surface, of "all" or of "none"; "steps":
             those of the first surface at every load, and the bodies of the finite elements.
+        precision: of the numbers in the .vti files: "single", seven digits, or "double".
         executor: a factory of a `concurrent.futures.Executor` whose workers solve the cases, or its
             name `module:function`; empty: processes of this machine.
         progress: called after every solve.
@@ -209,6 +212,7 @@ def verify(  # noqa: PLR0913 - the options of the command
         executor=executor,
         fresh=fresh,
         fields=fields,
+        precision=precision,
         methods=methods,
         progress=progress,
         moving=moving,

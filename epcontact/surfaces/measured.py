@@ -114,7 +114,7 @@ class HeightsFromFile(Preparation):
     """
 
     path: Annotated[
-        Path,
+        Path | str,
         BeforeValidator(_beside_the_case, json_schema_input_type=str),
         Field(description="file, relative to the case file"),
     ]
@@ -142,8 +142,8 @@ class HeightsFromFile(Preparation):
 
     def __post_init__(self) -> None:
         check_preparation(self)
-        object.__setattr__(self, "path", Path(self.path))
-        if self.optional and not self.path.exists():
+        object.__setattr__(self, "path", Path(self.path))  # it may be a text
+        if self.optional and not Path(self.path).exists():
             raise SurfaceAbsent(
                 f"its surface {self.path} is not here; put the file there to run it"
             )
@@ -158,7 +158,7 @@ class HeightsFromFile(Preparation):
 
     @cached_property
     def _map(self) -> HeightMap:
-        stored = read_heights(self.path)
+        stored = read_heights(Path(self.path))
         return replace(stored, heights=checked_heights(stored.heights, str(self.path)))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -200,7 +200,7 @@ class HeightsFromFile(Preparation):
     def fingerprint(self) -> str:
         """The SHA-256 of the file's content, the unit, and the treatment of the heights."""
         unit = 1.0 if self.unit is None else float(self.unit)
-        return f"file/1 {file_digest(self.path)} unit={unit!r} {preparation_words(self)}"
+        return f"file/1 {file_digest(Path(self.path))} unit={unit!r} {preparation_words(self)}"
 
     def build(self) -> Surface:
         """Read the heights and treat them.  Raises InvalidScene if they are refused."""

@@ -3,11 +3,13 @@
 The separator is a semicolon, a tabulator, a comma or white space.  With any but the comma, numbers
 may have a decimal comma.  Lines above the table that do not begin with a number are its header,
 and # begins a comment.  Empty cells and NaN are points without a height.  Text that is not UTF-8
-is read as Latin-1.
+is read as UTF-16 if it begins like it, otherwise as Latin-1.  Coordinates among the heights are
+refused.
 """
 
 from __future__ import annotations
 
+import codecs
 import re
 from itertools import pairwise
 from pathlib import Path
@@ -50,8 +52,10 @@ def read_table(path: Path) -> tuple[FloatArray, tuple[str, ...]]:
             rows.append(_numbers(cells, decimal))
         except ValueError:
             if rows or re.match(r"[+-]?[.,]?\d", cells[0]):
+                hint = "" if rows else "; begin the lines of a header with #"
                 raise InvalidScene(
                     f"{path}: is no table of numbers: line {number} holds {_wrong(cells, decimal)}"
+                    f"{hint}"
                 ) from None
             header += 1
     lengths = {row.size for row in rows}
@@ -60,22 +64,48 @@ def read_table(path: Path) -> tuple[FloatArray, tuple[str, ...]]:
     table = np.array(rows)
     if table.shape[1] > 1 and separator and np.isnan(table[:, -1]).all():
         table = table[:, :-1]  # each line ends with a separator
+    if coordinates := _coordinates(table):
+        raise InvalidScene(f"{path}: holds coordinates, too: {coordinates}; leave only heights")
     notes = []
     if header:
-        notes.append(f"{header} lines above the table of heights were skipped")
+        notes.append(f"lines skipped above the table of heights: {header}")
     if decimal == ",":
         notes.append("the commas of the file were read as decimal commas")
     if encoding != "utf-8":
-        notes.append("the file is no UTF-8 and was read as Latin-1")
+        notes.append(f"the file is no UTF-8 and was read as {encoding}")
     return (table.ravel() if 1 in table.shape else table), tuple(notes)
 
 
 def _text(path: Path) -> tuple[str, str]:
     content = path.read_bytes()
+    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    encoding = "UTF-16" if wide else "utf-8"
     try:
-        return content.decode("utf-8"), "utf-8"
+        return content.decode(encoding), encoding
     except UnicodeDecodeError:
-        return content.decode("latin-1"), "latin-1"
+        return content.decode("latin-1"), "Latin-1"
+
+
+def _coordinates(table: FloatArray) -> str:
+    """Return which part of a table is no height but a place; empty if none is."""
+    if table.shape[1] == 3 and len(table) > 3:
+        places = len(np.unique(table[:, :2], axis=0))
+        grid = np.unique(table[:, 0]).size * np.unique(table[:, 1]).size
+        if places == len(table) and grid <= 2 * len(table):
+            return "its three columns are x, y and height"
+    if min(table.shape) < 2:
+        return ""
+    # The corner between the coordinates of both axes may be empty.
+    if _even_steps(table[1:, 0]) and not _even_steps(table[1:, 1]):
+        return "its first column counts the lines in even steps"
+    if _even_steps(table[0, 1:]) and not _even_steps(table[1, 1:]):
+        return "its first line counts the columns in even steps"
+    return ""
+
+
+def _even_steps(values: FloatArray) -> bool:
+    steps = np.diff(values)
+    return steps.size >= 8 and bool(np.ptp(steps) < 0.01 * abs(steps[0]))
 
 
 def _form(line: str) -> tuple[str | None, str]:

@@ -16,6 +16,7 @@ these two are neighbours like any others.  So a map counts as not periodic if th
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
@@ -105,7 +106,7 @@ def prepared(heights: FloatArray, recipe: Any, where: str) -> Surface:
         InvalidScene: if heights are missing, or jump at the edges, and no remedy is chosen.
     """
     require_measured(heights, recipe.missing, where)
-    notes = []
+    notes = [*_mark_notes(heights)]
     window = recipe.treatment == "detrend_and_window"
     order = recipe.form if recipe.form is not None else 1 if window else None
     if order is not None:
@@ -138,6 +139,25 @@ def prepared(heights: FloatArray, recipe: Any, where: str) -> Surface:
     heights.flags.writeable = False
     surface = Surface(heights, recipe.periods, recipe=recipe.fingerprint, notes=(*notes, words))
     return _in_band(surface, recipe, (*notes, words))
+
+
+def _mark_notes(heights: FloatArray) -> Iterator[str]:
+    """Yield a warning of a lowest or highest height that looks like the mark of missing ones.
+
+    Instruments write -9999, say: one value, several times, apart from the others by more than all
+    they span.
+    """
+    for mark in (np.nanmin(heights), np.nanmax(heights)):
+        marked = heights == mark
+        count = int(np.count_nonzero(marked))
+        if count < 2:
+            continue
+        rest = heights[~marked & ~np.isnan(heights)]
+        if rest.size and 0 < np.ptp(rest) < np.abs(rest - mark).min():
+            yield (
+                f"{count} heights are {mark:.6g} m, far from all others; if this marks points "
+                "without a height, write NaN in its place"
+            )
 
 
 def _in_band(surface: Surface, recipe: Any, notes: tuple[str, ...]) -> Surface:
