@@ -122,9 +122,13 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
 def _require_memory(scene: Scene) -> None:
     surface, material = scene.surface, scene.material
     mean_pressure = scene.load.final or max(scene.load.path)
-    lightest = min(mean_pressure, material.hardness - mean_pressure)
-    modulus = effective_modulus(material)
-    needed = estimated_memory(surface.heights, surface.spacing, lightest, modulus)
+    needed = estimated_memory(
+        surface.heights,
+        surface.spacing,
+        mean_pressure,
+        material.hardness,
+        effective_modulus(material),
+    )
     require_memory(needed, surface.shape)
 
 
@@ -217,14 +221,15 @@ def _warm_start(last: LoadedSurface, left: FloatArray, following: float) -> Floa
     ratio = following / problem.mean_pressure if problem.mean_pressure else math.inf
     if not 1 / _WARM_RATIO <= ratio <= _WARM_RATIO:
         return None
-    gap = solution.displacement + (solution.offset - left)
+    gap = solution.gap(left)
     return np.asarray(solution.pressure * ratio - GRADIENT_STEP / problem.symbol.shortest() * gap)
 
 
 def _load_step(scene: Scene, now: LoadedSurface) -> LoadStep:
     problem, solution = now.problem, now.solution
     shape, pressure, gap = scene.surface.shape, solution.pressure, now.gap()
-    open_gap, separation, flow = float(np.maximum(gap, 0).mean()), float(gap.mean()), 0.0
+    open_gap = float(np.sum(gap, where=gap > 0)) / gap.size
+    separation, flow = float(gap.mean()), 0.0
     if now.before is not None:
         separation -= float(now.before.mean())
     if now.after is not None:
@@ -275,7 +280,7 @@ def _result(
     shape, hardness, solution = scene.surface.shape, scene.material.hardness, last.solution
     pressure = solution.pressure.reshape(shape)
     displacement = solution.displacement.reshape(shape)
-    gap = displacement + (solution.offset - scene.surface.heights)
+    gap = solution.gap(scene.surface.heights)
     compression = _compression(scene, steps[-1].mean_pressure)
     fields: dict[str, NDArray[Any]] = {
         "heights": scene.surface.heights,

@@ -48,7 +48,7 @@ class LoadedSurface:
 
     def gap(self) -> FloatArray:
         """(nx, ny) the gap in m to the surface that earlier flow has left."""
-        return _gap(self.problem, self.solution)
+        return self.solution.gap(self.problem.heights)
 
 
 def loaded(
@@ -84,10 +84,6 @@ def checked_plastic_displacement(given: NDArray[np.floating], shape: tuple[int, 
     return w
 
 
-def _gap(problem: GridProblem, solution: PressureSolution) -> FloatArray:
-    return solution.displacement + (solution.offset - problem.heights)
-
-
 def _apart(problem: GridProblem) -> PressureSolution:
     """The answer at no load: no pressure, and the flat on the highest point."""
     nothing = np.zeros(problem.shape)
@@ -102,7 +98,7 @@ def flowed(
     problem: GridProblem, solution: PressureSolution, before: FloatArray | None
 ) -> FloatArray:
     """The plastic displacement in m after a load: that `before`, and -g at the hardness."""
-    w = _gap(problem, solution)
+    w = solution.gap(problem.heights)
     w[solution.pressure < problem.hardness] = 0.0
     np.abs(np.minimum(w, 0.0, out=w), out=w)
     return w if before is None else np.add(before, w, out=w)

@@ -13,49 +13,65 @@ from epcontact.results import FloatArray
 
 
 def estimated_memory(
-    heights: FloatArray, spacing: Sequence[float], pressure: float, effective_modulus: float
+    heights: FloatArray,
+    spacing: Sequence[float],
+    pressure: float,
+    hardness: float,
+    effective_modulus: float,
 ) -> int:
     """Estimate the bytes that a solve needs beside the heights, from the arrays that it keeps.
 
-    Every point takes about 42 bytes: pressure, displacement and modes (8 each), the compliance (2),
-    the sets (1), the cheap operator and the preconditioner (6), and the gap with its areas.  An
-    elastic point takes 88 more, those of a dense contact's transforms in single precision among
-    them.  The share of elastic points is taken as erf(sqrt(pi) p/(E* xi)), which is 2 p/(E* xi) at
-    light loads.  Ten scenes of 1024 to 2048 points a side, elastic and capped, from 1 % of contact
-    to full contact, took from 16 % less to 24 % more than this.
+    Every point takes about 36 bytes: pressure, displacement and modes (8 each), the compliance (2),
+    the sets (1), and the cheap operator and the preconditioner (6); afterwards the gap and the
+    plastic displacement (8 each) are in the place of the latter and the modes.  An elastic point
+    takes 80 more, those of a dense contact's transforms in single precision among them.  Nine
+    scenes of 1024 to 2048 points a side, elastic and capped, from 1 % of contact to full contact,
+    took from 3 % less to 13 % more than this.
 
     Args:
         heights: (nx, ny) or (nx,), in m.
         spacing: of the points in each direction, in m.
-        pressure: p in Pa, the smaller of the mean pressure and the hardness less the mean
-            pressure (near full plasticity gaps and plastic points change places).
+        pressure: the mean pressure p in Pa.
+        hardness: in Pa, may be infinite.
         effective_modulus: E* in Pa.
 
     Example:
-        >>> estimated_memory(np.zeros((8, 8)), (1.0, 1.0), 1.0, 1.0)  # flat: all elastic
-        8320
+        >>> flat = np.zeros((8, 8))  # all elastic
+        >>> estimated_memory(flat, (1.0, 1.0), 1.0, math.inf, effective_modulus=1.0)
+        7424
     """
     slope = 0.0
     for axis, step in enumerate(spacing):
         sample = heights[: max(2, 65536 // heights.shape[-1])] if axis else heights
         rise = np.diff(sample[..., :64] if axis == 0 and heights.ndim > 1 else sample, axis=axis)
         slope += float(np.mean(rise**2)) / step**2
-    return int(heights.size * bytes_per_point(pressure, effective_modulus * math.sqrt(slope)))
+    return int(
+        heights.size * bytes_per_point(pressure, hardness, effective_modulus * math.sqrt(slope))
+    )
 
 
-def bytes_per_point(pressure: float, stiffness: float) -> float:
+def bytes_per_point(pressure: float, hardness: float, stiffness: float) -> float:
     """Return the bytes of a point; see `estimated_memory`.
 
+    The share of elastic points is that of Persson's theory, erf(sqrt(pi) p/(E* xi)), and with a
+    hardness H the first term of its series, 4/pi sin(pi p/H) exp(-pi/4 (E* xi/H)^2), if it is less.
+
     Args:
-        pressure: p in Pa.
+        pressure, hardness: p and H in Pa.
         stiffness: E* xi in Pa; 0 where the rms slope is not known, as if all points were elastic.
 
     Example:
-        >>> bytes_per_point(0.0, 1.0), bytes_per_point(1.0, 0.0)
-        (42.0, 130.0)
+        >>> bytes_per_point(0.0, math.inf, 1.0), bytes_per_point(1.0, math.inf, 0.0)
+        (36.0, 116.0)
     """
-    share = math.erf(math.sqrt(math.pi) * pressure / stiffness) if stiffness > 0 else 1.0
-    return 42 + 88 * share
+    if not stiffness > 0:
+        return 116.0
+    lightest = min(pressure, hardness - pressure)  # gaps and plastic points change places
+    share = math.erf(math.sqrt(math.pi) * lightest / stiffness)
+    if math.isfinite(hardness):
+        decay = math.exp(-math.pi / 4 * (stiffness / hardness) ** 2)
+        share = min(share, 4 / math.pi * math.sin(math.pi * lightest / hardness) * decay)
+    return 36 + 80 * share
 
 
 def require_memory(needed: int, shape: tuple[int, ...]) -> None:

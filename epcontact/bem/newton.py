@@ -136,6 +136,7 @@ def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
         it.newton += 1
         if options.progress is not None:
             options.progress(level.heights.shape, it.history[-1])
+        step = None  # before the arrays of the next one are made
         step = _newton_step(level, inner, it, state, sets, energy, options.tolerance)
 
 

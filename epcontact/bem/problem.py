@@ -144,6 +144,12 @@ class PressureSolution:
     history: tuple[float, ...]
     notes: tuple[str, ...] = ()
 
+    def gap(self, heights: FloatArray) -> FloatArray:
+        """The gap in m over heights of the grid's shape; no other array is made."""
+        gap = np.subtract(self.offset, heights)
+        gap += self.displacement.reshape(heights.shape)
+        return np.asarray(gap)
+
 
 def checked_symbol(compliance: NDArray[np.floating], shape: tuple[int, ...]) -> Symbol:
     """A user's compliance per mode of `numpy.fft.rfftn` as a Symbol; a line becomes (1, n).
