@@ -26,7 +26,7 @@ from fem_check import plasticity
 from fem_check.certify import certify
 from fem_check.increments import Rule
 from fem_check.linear_solver import factorise
-from fem_check.memory import flowing_share, peak_memory, require_memory
+from fem_check.memory import flowing_shares, peak_memory, require_memory
 from fem_check.mesh import block_for, flat_elements, moved_elements
 from fem_check.path import PathPoint, SolvedPath, follow_path, path_targets
 from fem_check.plasticity import History
@@ -270,7 +270,12 @@ def problem_of(  # noqa: PLR0913 - the options of `solve` that make the problem
         scene, depth=depth, layers=layers, first_layer=first_layer, moved=geometry == "moved"
     )
     plastic = law == "j2"
-    flow = flowing_share(max(scene.load.path), material.yield_stress) if plastic else None
+    flow = None
+    if plastic:
+        limit = material.yield_stress
+        stiff = material.young_modulus / (1 - material.poisson_ratio**2)
+        severity = stiff * scene.surface.rms_slope / limit
+        flow = flowing_shares(block, max(scene.load.path), limit, severity)
     require_memory(block, flow=flow, certified=certified)
     material_law = plasticity.law(
         material.young_modulus,

@@ -68,7 +68,7 @@ def of_block(
     recipe: Recipe, material: Material, body: Body, load: Load, options: Mapping[str, Any]
 ) -> float:
     """Estimate the bytes of the finite elements."""
-    from fem_check.memory import bytes_needed, flowing_share  # as above
+    from fem_check.memory import bytes_needed, flowing_shares  # as above
     from fem_check.mesh import block_for
 
     flat = Surface(np.zeros(recipe.shape), recipe.periods)
@@ -78,6 +78,9 @@ def of_block(
         layers=options.get("layers"),
         moved=options.get("geometry") == "moved",
     )
-    flows = options.get("law", "j2") == "j2"
-    flow = flowing_share(max(load.path), material.yield_stress) if flows else None
+    flow = None
+    if options.get("law", "j2") == "j2":
+        slope = recipe.spectrum.rms_slope if isinstance(recipe, SelfAffine) else 0.0
+        severity = effective_modulus(material) * slope / material.yield_stress
+        flow = flowing_shares(block, max(load.path), material.yield_stress, severity)
     return bytes_needed(block, flow=flow, certified=True)
