@@ -80,6 +80,7 @@ _DESCRIPTIONS = {
     "fem": "errors and costs of finite elements: element, mesh, depth, linear solver, load path",
     "hardness": "the cap, in yield stresses, that gives a J2 body's contact area, with error bars",
     "hardness-map": "the kept map of that cap over severity, load and nu, with its formula",
+    "persistence": "contact area up to three yield stresses by J2 flow, caps and theory",
     "master": "error of the contact area against time for all three methods on one scene",
     "peers": "time to the same areas beside public codes, where they are installed",
 }
