@@ -193,6 +193,7 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> N
 
     folder = case.folder(out)
     assert solve("first", "double") == ["", ""]
+    assert solve("first", "single") == ["reused", "reused"]
     assert read_fields(folder / "bem-seed3.vti").fields["pressure"].dtype == np.float64
     assert not list(folder.glob("*-steps"))
     assert solve("steps") == ["", ""]

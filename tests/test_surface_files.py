@@ -308,7 +308,7 @@ def test_a_mark_of_missing_points_is_told_from_heights(mark: float) -> None:
     assert not any("marks" in note for note in HeightsFromArray(heights, (L, L)).build().notes)
     heights[3, 4:9] = mark
     surface = HeightsFromArray(heights, (L, L), treatment="periodic").build()
-    assert surface.notes[0].startswith(f"5 heights are {mark:g} m, far from all others")
+    assert surface.notes[0].startswith(f"5 heights are {mark:g}, far from all others")
     two_levels = np.where(heights == mark, 1.0, 0.0)  # a post is no mark
     assert not any("marks" in note for note in HeightsFromArray(two_levels, (L, L)).build().notes)
 

@@ -64,7 +64,7 @@ precision = click.option(
     type=click.Choice(["single", "double"]),
     default="single",
     show_default=True,
-    help="Of the numbers in .vti files: seven digits, or all of them at twice the size.",
+    help="At least, of the numbers in .vti files: seven digits, or all at twice the size.",
 )
 
 
@@ -83,7 +83,9 @@ def shown_progress() -> Iterator[tuple[Callable[[Progress], None], Callable[[flo
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    bar = Bar(*columns, console=console, transient=True, disable=not console.is_terminal)
+    # A disabled bar of an older rich ends with an empty line.
+    with bar if console.is_terminal else contextlib.nullcontext():
         row = bar.add_task("solving", total=None)
 
         def advance(at: Progress) -> None:

@@ -45,7 +45,7 @@ class Task:
         steps: folder for the files of every load; None if they are not kept.
         quantities: what is measured beside the quantities of gates.
         words: what a reader calls it; the label where it is empty.
-        precision: of the numbers in the files of fields.
+        precision: of the numbers in the files of fields, at least.
     """
 
     case: Case
@@ -195,8 +195,8 @@ def kept(task: Task, output: Path) -> ContactResult | None:
     data = read_member(task.result_path(output))
     if data.get("key") != key_of(task):
         return None
-    files = (data.get("precision"), data.get("fields_digest"))
-    if task.fields is not None and files != (task.precision, _digest(task.fields)):
+    precise = data.get("precision") in (task.precision, "double")
+    if task.fields and not (precise and data.get("fields_digest") == _digest(task.fields)):
         return None
     written = data.get("steps_kept") is True and (task.steps_path(output) / "path.pvd").is_file()
     if task.steps is not None and not written:

@@ -106,7 +106,7 @@ def prepared(heights: FloatArray, recipe: Any, where: str) -> Surface:
         InvalidScene: if heights are missing, or jump at the edges, and no remedy is chosen.
     """
     require_measured(heights, recipe.missing, where)
-    notes = [*_mark_notes(heights)]
+    notes = [*_mark_notes(heights, getattr(recipe, "unit", None) or 1.0)]
     window = recipe.treatment == "detrend_and_window"
     order = recipe.form if recipe.form is not None else 1 if window else None
     if order is not None:
@@ -141,11 +141,11 @@ def prepared(heights: FloatArray, recipe: Any, where: str) -> Surface:
     return _in_band(surface, recipe, (*notes, words))
 
 
-def _mark_notes(heights: FloatArray) -> Iterator[str]:
+def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
     """Yield a warning of a lowest or highest height that looks like the mark of missing ones.
 
     Instruments write -9999, say: one value, several times, apart from the others by more than all
-    they span.
+    they span.  It is shown in `unit`, that of the file in m.
     """
     for mark in (np.nanmin(heights), np.nanmax(heights)):
         marked = heights == mark
@@ -155,7 +155,7 @@ def _mark_notes(heights: FloatArray) -> Iterator[str]:
         rest = heights[~marked & ~np.isnan(heights)]
         if rest.size and 0 < np.ptp(rest) < np.abs(rest - mark).min():
             yield (
-                f"{count} heights are {mark:.6g} m, far from all others; if this marks points "
+                f"{count} heights are {mark / unit:.6g}, far from all others; if this marks points "
                 "without a height, write NaN in its place"
             )
 
