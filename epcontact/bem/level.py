@@ -115,20 +115,14 @@ def kkt_residuals(level: Level, it: Iterate) -> dict[str, float]:
     gap_elastic: |g| where 0 < p < cap; gap_sign: wrong sign of g at a bound (both divided by the
     level's gap scale); bounds: pressure beyond its bounds, by the mean pressure; force: mean(p).
     """
-    worst = {"gap_elastic": 0.0, "gap_sign": 0.0, "bounds": 0.0}
-    total = 0.0
-    for p, u, h in zip(*level.split(it.p, it.u, level.heights), strict=True):
-        g = u + (it.z - h)
-        inside = (p > 0) & (p < level.cap)
-        wrong = np.where(p <= 0, -g, g)
-        found = {
-            "gap_elastic": np.abs(g).max(where=inside, initial=0.0) / level.gap_scale,
-            "gap_sign": wrong.max(where=~inside, initial=0.0) / level.gap_scale,
-            "bounds": max(-p.min(), p.max() - level.cap, 0.0),
-        }
-        worst = {name: max(value, float(found[name])) for name, value in worst.items()}
-        total += float(p.sum())
-    return worst | {"force": abs(total / it.p.size - 1)}
+    parts = level.workers.each(violations, *level.split(it.p, it.u, level.heights), it.z, level.cap)
+    elastic, sign, bounds, force = zip(*parts, strict=True)
+    return {
+        "gap_elastic": max(elastic) / level.gap_scale,
+        "gap_sign": max(sign) / level.gap_scale,
+        "bounds": max(bounds),
+        "force": abs(sum(force) / it.p.size - 1),
+    }
 
 
 def put_on_bounds(level: Level, p: FloatArray) -> bool:
@@ -154,6 +148,24 @@ def move_to_bounds(p: Any, cap: float, rounding: float) -> tuple[int]:
             p[i] = cap
             moved += 1
     return (moved,)
+
+
+@compiled
+def violations(p: Any, u: Any, h: Any, z: float, cap: float) -> tuple[float, float, float, float]:
+    """The largest |g| where 0 < p < cap, g of the wrong sign elsewhere and p beyond its bounds, and
+    the sum of p."""
+    elastic = sign = bounds = force = 0.0
+    for i in range(p.size):
+        g = u[i] + (z - h[i])
+        if p[i] <= 0.0:
+            sign = max(sign, -g)
+        elif p[i] >= cap:
+            sign = max(sign, g)
+        else:
+            elastic = max(elastic, abs(g))
+        bounds = max(bounds, -p[i], p[i] - cap)
+        force += p[i]
+    return elastic, sign, bounds, force
 
 
 @compiled
