@@ -95,19 +95,22 @@ def contact_result(path: SolvedPath, peak_memory: float) -> ContactResult:
 def surface_fields(scene: Scene, problem: Problem, point: PathPoint) -> dict[str, NDArray[Any]]:
     """heights, pressure, gap, displacement and state, (nx, ny) each, in SI units.
 
-    And the plastic displacement of a capped body.
+    And the plastic displacement of a capped body, or of one with J2 flow that is unloaded.
     """
     state = point.state
     down = -state.displacement[0, ..., 2]
+    displacement = down - down.mean() if scene.body.kind == "half_space" else down
     fields: dict[str, NDArray[Any]] = {
         "heights": scene.surface.heights,
         "pressure": np.maximum(state.forces, 0.0) / problem.block.node_area,
         "gap": point.gap,
-        "displacement": down - down.mean() if scene.body.kind == "half_space" else down,
+        "displacement": displacement,
         "state": point.surface_states,
     }
     if problem.capped:
         fields["plastic_displacement"] = point.plastic_displacement
+    elif problem.plastic and not point.mean_pressure:
+        fields["plastic_displacement"] = displacement
     return fields
 
 

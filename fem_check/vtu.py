@@ -40,6 +40,7 @@ UNITS = {
     "equivalent_plastic_strain": "1",
     "contact_pressure": "Pa",
     "gap": "m",
+    "plastic_displacement": "m",
     "state": "1",
     "mean_pressure": "Pa",
     "young_modulus": "Pa",
@@ -97,6 +98,8 @@ def write_step(
         "gap": point.gap.ravel(),
         "state": point.surface_states.astype(np.uint8).ravel(),
     }
+    if problem.capped:
+        on_top["plastic_displacement"] = point.plastic_displacement.ravel()
     on_top["displacement"] = point_data["displacement"]
     _add(top.GetPointData(), {name: values[nodes[:count]] for name, values in on_top.items()})
     target = folder / step_name(number)

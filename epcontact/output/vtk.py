@@ -5,7 +5,7 @@ The point one period further equals the first one and is not stored.  The point 
 (each array has its unit, as VTK's UNITS_LABEL and in the field data `unit.<name>`):
 
     heights, pressure, gap                  32-bit floats
-    plastic_displacement                    32-bit floats, of a capped body
+    plastic_displacement                    32-bit floats, of a capped or unloaded body
     state                                   8-bit integers: 0 apart, 1 elastic, 2 plastic
 
 The displacement is gap + heights less the height of the flat, so the field data hold `flat_height`

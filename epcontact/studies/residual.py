@@ -24,7 +24,6 @@ import fem_check
 from epcontact import bem
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.study import Plot, draw_table
-from epcontact.output.charts.style import CYCLE
 from epcontact.persson.separation import flattened_roughness
 from epcontact.persson.theory import Theory
 from epcontact.scene import Load, Scene, Surface
@@ -36,7 +35,9 @@ from epcontact.surfaces.residual import power_by_octave, residual_surface, topog
 #: Hardness over E* xi.
 HARDNESSES = (0.6, 0.3, 0.16)
 STATISTICS = ("rms_height", "rms_slope", "rms_curvature", "skewness", "excess_kurtosis")
-_COLOURS = dict(zip(HARDNESSES, CYCLE, strict=False))
+_WITH_INTERVAL = (
+    "{model} {value:.3f} [{value_low:.3f}, {value_high:.3f}] at {hardness_over_slope_modulus:g}"
+)
 
 
 def residual(model: str, scene: Scene) -> Surface:
@@ -118,15 +119,16 @@ def draw_power(table: pd.DataFrame, of_scene: str) -> Chart:
             level=1.0,
         ),
         "Power that an octave of wave numbers keeps after one load, means with their 95 % "
-        f"intervals, {of_scene}. In the shortest octave: "
-        f"{listed(shortest, '{model} {value:.3g} at {hardness_over_slope_modulus:g}')} E* xi.",
+        f"intervals, {of_scene}. In the shortest octave, by hardness over E* xi: "
+        f"{listed(shortest, _WITH_INTERVAL)}.",
     )
 
 
 def draw_skewness(table: pd.DataFrame, of_scene: str) -> Chart:
     """Draw the change of the skewness against the hardness."""
     means = _means(table[table["figure"] == "skewness"])
-    others = _means(table[table["figure"].isin(("rms_height", "rms_slope", "rms_curvature"))])
+    kurtosis = _means(table[table["figure"] == "excess_kurtosis"])
+    others = _means(table[table["figure"].str.startswith("rms")])
     form = "{model} {figure} {value:.3f} at {hardness_over_slope_modulus:g}"
     return draw_table(
         means.rename(columns=lambda name: name.replace("value", "skewness_change")),
@@ -139,7 +141,9 @@ def draw_skewness(table: pd.DataFrame, of_scene: str) -> Chart:
             level=0.0,
         ),
         "Change of the skewness of the heights by one load, means with their 95 % intervals, "
-        f"{of_scene}. 0 is as symmetric as before. After over before: {listed(others, form)}.",
+        f"{of_scene}. 0 is as symmetric as before. By hardness over E* xi: "
+        f"{listed(means, _WITH_INTERVAL)}. Excess kurtosis after less before: "
+        f"{listed(kurtosis, _WITH_INTERVAL)}. After over before: {listed(others, form)}.",
     )
 
 

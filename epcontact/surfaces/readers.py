@@ -104,6 +104,11 @@ def _read_fields(path: Path) -> HeightMap:
     heights = np.asarray(image.point_data["heights"], dtype=np.float64)
     if "plastic_displacement" in image.point_data:
         heights = heights - np.asarray(image.point_data["plastic_displacement"])
+    elif "j2" in image.field_data.get("option.law", ()):
+        raise InvalidScene(
+            f"{path}: its body is under load, and J2 flow shows only without it; let the load path "
+            "of the result end at 0"
+        )
     nx, ny, _ = image.dimensions
     shape = (nx,) if ny == 1 else (nx, ny)
     periods = tuple(n * float(d) for n, d in zip(shape, image.spacing, strict=False))
