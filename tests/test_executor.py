@@ -152,7 +152,7 @@ def test_threads_have_processes_that_keep_the_time_limit(write_case, tmp_path) -
 def cluster(monkeypatch) -> Iterator[Any]:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None
+        n_workers=2, threads_per_worker=1, dashboard_address=":0"
     ) as local:
         monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", local.scheduler_address)
         yield local
