@@ -315,7 +315,9 @@ def test_absent_optional_surface_is_skipped_with_a_sentence(epcontact, write_cas
 
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_interrupt_is_clean(write_case, tmp_path, how) -> None:
     case = write_case(
         ("points_per_shortest_wavelength = { fast = 4, full = 8 }", "shape = [512, 512]"),

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from test_executor import Elsewhere, cluster  # noqa: F401 - a fixture
 
 from epcontact import persson
@@ -221,8 +222,9 @@ quantities = ["quantity.total_patches"]
     assert patches[1] != patches[2]
 
 
-def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch, epcontact) -> None:
+def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch) -> None:
     path, real = swept(), METHODS["persson"].solve
+    options = [str(path), "--output", str(tmp_path), "--jobs", "1"]
 
     def heavy(scene: Any, *rest: Any) -> Any:
         if scene.load.final > 3e8:
@@ -232,11 +234,11 @@ def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch, epc
     with monkeypatch.context() as patched:
         patched.setitem(METHODS, "persson", replace(METHODS["persson"], solve=heavy))
         with pytest.raises(EpcontactError, match=r"3 tasks failed.*3 with: too heavy for a test"):
-            command.callback(str(path), "fast", 1, tmp_path, False, "")
+            CliRunner().invoke(command, options, catch_exceptions=False)
     assert sweep.table(tmp_path / "small" / "fast")["solved"].sum() == 3
-    done = epcontact("sweep", path, "--output", tmp_path, "--jobs", 1)
-    assert done.returncode == 0, done.stderr
-    assert "6 of 6 tasks are solved, 3 of them earlier" in done.stdout
+    done = CliRunner().invoke(command, options, catch_exceptions=False)
+    assert "6 of 6 tasks are solved, 3 of them earlier" in done.output
+    assert "hardness 1.2e+10, mean_pressure 4e+08" in done.output
 
 
 def test_any_executor_gives_the_same_table(swept, tmp_path) -> None:

@@ -83,14 +83,21 @@ def shown_progress() -> Iterator[tuple[Callable[[Progress], None], Callable[[flo
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    bar = Bar(*columns, console=console, transient=True, disable=not console.is_terminal)
+    # The time left is estimated from all solves, which may take longer than rich's 30 s each.
+    terminal = console.is_terminal
+    bar = Bar(
+        *columns, console=console, transient=True, disable=not terminal, speed_estimate_period=_DAY
+    )
     # A disabled bar of an older rich ends with an empty line.
-    with bar if console.is_terminal else contextlib.nullcontext():
+    with bar if terminal else contextlib.nullcontext():
         row = bar.add_task("solving", total=None)
 
         def advance(at: Progress) -> None:
-            bar.update(row, completed=at.done, total=at.total, description=at.task)
-            if not console.is_terminal:
+            if at.note == "reused":  # says nothing about the time of a solve
+                bar.reset(row, completed=at.done, total=at.total, description=at.task)
+            else:
+                bar.update(row, completed=at.done, total=at.total, description=at.task)
+            if not terminal:
                 notes = [at.note] if at.note else []
                 if at.done < at.total and at.seconds_left >= _SOON:
                     notes.append(f"about {duration(at.seconds_left)} left")
@@ -105,6 +112,7 @@ def shown_progress() -> Iterator[tuple[Callable[[Progress], None], Callable[[flo
 
 #: Less time than this many seconds is not worth a note.
 _SOON = 10
+_DAY = 86400
 
 
 def duration(seconds: float) -> str:
@@ -117,4 +125,4 @@ def duration(seconds: float) -> str:
     for unit, length, most in (("s", 1, 100), ("min", 60, 100), ("h", 3600, 72)):
         if seconds < length * most:
             return f"{math.ceil(seconds / length)} {unit}"
-    return f"{math.ceil(seconds / 86400)} days"
+    return f"{math.ceil(seconds / _DAY)} days"

@@ -45,7 +45,7 @@ def sweep(case: str, size: str, jobs: int | None, output: Path, fresh: bool, exe
             progress=progress,
             moving=moving,
         )
-    open_console().print(_points_table(swept.table))
+    open_console().print(_points_table(swept))
     solved = int(swept.table["solved"].sum())
     click.echo(
         f"{solved} of {len(swept.table)} tasks are solved, {swept.reused} of them earlier; "
@@ -62,17 +62,21 @@ def _in_words(swept: Swept) -> str:
     return f"{len(swept.failures)} tasks failed, which the next run tries again: {told}"
 
 
-def _points_table(found: pd.DataFrame) -> Table:
-    """Tabulate the total area at each point, its mean over the surfaces with the 95 % interval."""
+def _points_table(swept: Swept) -> Table:
+    """Tabulate the total area at each point, and the quantities that the sweep measures.
+
+    Each is the mean over the surfaces, with its 95 % interval.
+    """
+    found, shown_quantities = swept.table, (_AREA, *swept.quantities)
     keys = [*found.columns[: found.columns.get_loc("solved")].difference(["seed"], sort=False)]
     shown = Table(box=None, pad_edge=False)
-    for heading in (*keys, "surfaces", "total area"):
-        shown.add_column(heading, overflow="fold")
-    groups = found.reindex(columns=[*keys, _AREA]).groupby(keys, sort=False)[_AREA]
+    for heading in (*keys, "surfaces", *shown_quantities):
+        shown.add_column(heading.removeprefix("quantity."), overflow="fold")
+    groups = found.reindex(columns=[*keys, *shown_quantities]).groupby(keys, sort=False)
     for values, rows in list(groups)[:_ROWS]:
-        areas = rows.dropna().to_numpy()
-        figure = shown_estimate(estimate(areas)) if len(areas) else ""
-        shown.add_row(*map(in_words, values), str(len(areas)), figure)
+        columns = [rows[name].dropna().to_numpy() for name in shown_quantities]
+        figures = [shown_estimate(estimate(c)) if len(c) else "" for c in columns]
+        shown.add_row(*map(in_words, values), str(len(columns[0])), *figures)
     if len(groups) > _ROWS:
         shown.add_row(f"and {len(groups) - _ROWS} more")
     return shown

@@ -42,12 +42,14 @@ class Sweep:
         size: its size.
         tasks: the tasks, in the order of the table.
         points: the point of each task.
+        quantities: what is measured beside what the methods report.
     """
 
     case: str
     size: str
     tasks: tuple[Task, ...]
     points: tuple[Point, ...]
+    quantities: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -59,12 +61,14 @@ class Swept:
         table: see `table`.
         failures: the sentence of each task that has no result, by its name in files.
         reused: the number of tasks whose kept result was used again.
+        quantities: what was measured beside what the methods report.
     """
 
     folder: Path
     table: pd.DataFrame
     failures: Mapping[str, str]
     reused: int
+    quantities: tuple[str, ...]
 
 
 def read_sweep(case: CaseText | Path | str, size: str = "fast") -> Sweep:
@@ -93,7 +97,7 @@ def read_sweep(case: CaseText | Path | str, size: str = "fast") -> Sweep:
                 f"{text.where}: [sweep] {swept.size} points with their surfaces and methods are "
                 f"more than {MOST_TASKS} tasks"
             )
-    return Sweep(text.id, size, tuple(tasks), tuple(points))
+    return Sweep(text.id, size, tuple(tasks), tuple(points), tuple(swept.quantities))
 
 
 def _tasks_at(point: Point, case: Case, quantities: Sequence[str]) -> Iterator[Task]:
@@ -174,7 +178,7 @@ def run_sweep(  # noqa: PLR0913 - the options of the command
     found = table(folder)
     with whole_file(folder / "sweep.csv") as temporary:
         found.to_csv(temporary, index=False)
-    return Swept(folder, found, failures, len(done.reused))
+    return Swept(folder, found, failures, len(done.reused), sweep.quantities)
 
 
 def _write_list(sweep: Sweep, output: Path, folder: Path) -> None:
