@@ -70,8 +70,9 @@ def _points_table(swept: Swept) -> Table:
     found, shown_quantities = swept.table, (_AREA, *swept.quantities)
     keys = [*found.columns[: found.columns.get_loc("solved")].difference(["seed"], sort=False)]
     shown = Table(box=None, pad_edge=False)
-    for heading in (*keys, "surfaces", *shown_quantities):
-        shown.add_column(heading.removeprefix("quantity."), overflow="fold")
+    names = [name.removeprefix("quantity.") for name in swept.quantities]
+    for heading in (*(key.rpartition(".")[2] for key in keys), "surfaces", "total area", *names):
+        shown.add_column(heading, overflow="fold")
     groups = found.reindex(columns=[*keys, *shown_quantities]).groupby(keys, sort=False)
     for values, rows in list(groups)[:_ROWS]:
         columns = [rows[name].dropna().to_numpy() for name in shown_quantities]

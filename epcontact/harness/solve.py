@@ -10,6 +10,7 @@ worker's cores, and returns the content of every file that the task writes.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import logging
 import math
@@ -194,6 +195,7 @@ def _called(task: Task, threads: int) -> Outcome:
         child = _IDLE.pop()
     except IndexError:
         child = Child()
+        atexit.register(child.end)
     try:
         return child.call(solve_task, task, threads)
     except ChildDied as error:
