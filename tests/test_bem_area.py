@@ -90,7 +90,7 @@ def test_one_front_of_any_direction():
     for phase in (0.1, 0.6):
         sums, _ = rim.front_sums((1, 0), 80, phase, 0.5 * math.pi / 80)
         exact = waves.line_contact_fraction(0.5) * 80 / 2
-        assert sums[area_grid.AREA] - exact == pytest.approx(area_front.AXIS_OFFSET, abs=1e-3)
+        assert sums[area_grid.AREA, 0] - exact == pytest.approx(area_front.AXIS_OFFSET, abs=1e-3)
 
 
 def test_the_corner_is_that_of_spheres_and_of_gaps():

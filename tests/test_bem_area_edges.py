@@ -1,6 +1,7 @@
 """Corrected areas where edges, kinks and lone peaks hold the fronts: right within their claim."""
 
 import math
+from dataclasses import astuple
 
 import numpy as np
 import pandas as pd
@@ -8,10 +9,10 @@ import pytest
 
 from epcontact import bem
 from epcontact.bem.areas import front
-from epcontact.bem.areas.rim_correction import estimate_areas
+from epcontact.bem.areas.rim_correction import ERRORS, estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.scene import SelfAffineSpectrum
-from epcontact.studies import areas
+from epcontact.studies import areas, error_bars
 from epcontact.surfaces import FlatPunch, SelfAffine
 
 PARTS = ("total", "plastic", "elastic")
@@ -60,14 +61,16 @@ def test_one_peak_on_a_flat_is_all_that_flows(load):
 
 
 def test_outliers_on_a_gentle_wave():
-    """Lone points stand for their cells, so that the counts are the truth."""
-    rng = np.random.default_rng(3)
-    heights = 0.02 * rough((128, 128), 5, high=8)
-    heights[tuple(rng.integers(0, 128, (2, 42)))] += rng.uniform(0.02, 0.1, 42)
-    raw, corrected, error = solved(heights, 0.05, 0.6)
-    assert raw.plastic > 10 / 128**2
-    assert abs(corrected.total - raw.total) <= error.total < 0.02
-    assert abs(corrected.plastic - raw.plastic) <= error.plastic < 2 * raw.plastic
+    """Lone points stand for posts as wide as their cells, as a finer grid has them."""
+    rng, n = np.random.default_rng(3), 64
+    posts, times = np.zeros((n, n)), 8
+    posts[tuple(rng.integers(0, n, (2, 10)))] += rng.uniform(0.02, 0.1, 10)
+    fine = np.roll(np.kron(posts, np.ones((times, times))), (-times // 2, -times // 2), (0, 1))
+    exact = solved(fine + 0.02 * rough((times * n, times * n), 5, high=8), 0.05, 0.6)[1]
+    raw, corrected, error = solved(posts + 0.02 * rough((n, n), 5, high=8), 0.05, 0.6)
+    assert raw.plastic >= 9 / n**2
+    assert abs(corrected.total - exact.total) <= error.total < 0.02
+    assert abs(corrected.plastic - exact.plastic) <= error.plastic < 2 * raw.plastic
 
 
 @pytest.mark.parametrize("n", [96, 192])
@@ -92,25 +95,24 @@ def test_strip_punch_on_a_line_and_on_a_grid():
 
 
 def test_plastic_rim_of_a_punch_that_no_point_shows():
-    """The singular pressure at an edge flows in a part of a cell: the claim includes it."""
+    """The singular pressure at an edge flows in a part of a cell, which the estimate includes."""
     punch = FlatPunch((1.0, 1.0), (48, 48), 0.25, 0.5, centre=(0.503, 0.4988))
     fine = FlatPunch((1.0, 1.0), (384, 384), 0.25, 0.5, centre=(0.503, 0.4988))
     exact = solved(fine.build().heights, 0.05, 1.0)[1]
     raw, corrected, error = solved(punch.build().heights, 0.05, 1.0)
     assert raw.plastic == 0
-    assert 0 < exact.plastic - corrected.plastic <= error.plastic
+    assert corrected.plastic > 0
+    assert abs(exact.plastic - corrected.plastic) <= error.plastic < 2 * exact.plastic
 
 
-@pytest.mark.parametrize(("slope", "times"), [(0.1, 1), (0.5, 3)])
-def test_truncated_cone(slope, times):
-    """The contact ends a fraction of a cell beyond the kink of a steep flank.
-
-    That is neither a resolved rim nor recognised as an edge, so that the claim is too small there.
-    """
+@pytest.mark.parametrize("slope", [0.1, 0.5])
+def test_truncated_cone(slope):
+    """The contact ends a fraction of a cell beyond the kink of a steep flank."""
     exact = solved(cone(384, slope), 0.03)[1]
     answers = solved(cone(48, slope), 0.03)
-    assert misses(answers, exact)["total"] < times
-    assert abs(answers[1].total / exact.total - 1) < 0.006
+    assert misses(answers, exact)["total"] < 1
+    assert abs(answers[1].total / exact.total - 1) < 0.004
+    assert answers[2].total < 0.03 * exact.total
 
 
 @pytest.mark.parametrize(("load", "hardness"), [(0.05, math.inf), (0.1, 0.6), (0.1, 0.3)])
@@ -142,18 +144,25 @@ def test_rough_surfaces_of_the_harder_kinds(shape, hurst, load, hardness):
 
 def test_what_holds_a_front():
     """Pressure falls towards a resolved rim and rises towards an edge; gaps have no jumps."""
-    rim, edge = np.array([2.0, 1.0, -0.5, -2.0]), np.array([1.0, 2.0, -50.0, -50.0])
-    place, _, held, _ = front.crossing(rim, math.inf, 0)
-    assert 0 < place < 1
-    assert held == 0
-    assert front.crossing(edge.copy(), math.inf, 0)[::2] == (0.5, 1.0)
-    assert front.crossing(edge.copy(), 4.0, 0)[3] == pytest.approx((math.pi / 8) ** 2)
-    # Turned about, it is the same front; and so is the plastic one of the partner.
-    assert front.crossing(edge[::-1].copy(), math.inf, 0)[0] == 0.5
-    assert front.crossing(4.0 - edge, 4.0, 1)[::2] == (0.5, 1.0)
+    rim = np.array([2.6, 2.0, 1.0, -0.5, -2.0, -4.0])
+    step = np.array([0.7, 1.0, 2.0, -50.0, -50.0, -50.0])
+    kink = np.array([1.0, 1.1, 1.5, -3.0, -6.0, -9.0])
+    place, *edges = front.crossing(rim, math.inf, 0)
+    assert 0.5 < place < 1
+    assert edges == [0, 0, 0]
+    for edge, hidden in ((step, (math.pi / 8) ** 2), (kink, 3 ** (-2.5 / 0.4))):
+        assert front.crossing(edge.copy(), math.inf, 0) == (0.5, 1, 1, 0)
+        assert front.crossing(edge.copy(), 4.0, 0) == pytest.approx((0.5, 1, 1, hidden))
+        # Turned about, it is the same front; and so is the plastic one of the partner.
+        assert front.crossing(edge[::-1].copy(), math.inf, 0)[:2] == (0.5, 1)
+        assert front.crossing(4.0 - edge, 4.0, 1) == pytest.approx((0.5, 1, 1, hidden))
+    # A rim far behind the kink is resolved, and pressure that does not rise ever faster is smooth.
+    place, held, edge, _ = front.crossing(np.array([1.0, 1.1, 1.5, -0.2, -1.0, -3.0]), math.inf, 0)
+    assert (place > 0.5, held, edge) == (True, 0, 1)
+    assert front.crossing(np.array([0.2, 1.0, 1.5, -3.0, -6.0, -9.0]), math.inf, 0)[1:3] == (0, 0)
     # Plastic points beside apart ones: at a step the gap jumps, on a steep flank it does not.
-    assert front.crossing(np.array([1.2, 1.1, -9.0, -9.0]), 1.0, 0)[::2] == (0.5, 1.0)
-    assert front.crossing(np.array([6.0, 3.0, -1.0, -4.0]), 1.0, 0)[2] == 0
+    assert front.crossing(np.array([1.3, 1.2, 1.1, -9.0, -9.0, -9.0]), 1.0, 0)[:2] == (0.5, 1)
+    assert front.crossing(np.array([9.0, 6.0, 3.0, -1.0, -4.0, -7.0]), 1.0, 0)[1:3] == (0, 0)
 
 
 def test_the_ensemble_finds_claims_that_hold_and_claims_that_do_not():
@@ -170,3 +179,21 @@ def test_the_ensemble_finds_claims_that_hold_and_claims_that_do_not():
     # The same member is the same surface at every call.
     again = areas.timed(areas.judged("spheres", 200, 24))
     pd.testing.assert_frame_equal(again, table.head(len(again)), rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_error_constants_can_be_fitted_again():
+    """A small ensemble of the kinds they come from: the fit covers what it is to cover, does not
+    depend on where it begins, and finds nothing much better than the constants in use."""
+    known = error_bars.lessons(range(1100, 1103), 32)
+    begun = error_bars.ErrorConstants(*(2 * value for value in astuple(ERRORS)))
+    fit, again = error_bars.fitted(known), error_bars.fitted(known, begun)
+    losses = [error_bars.loss(known, constants) for constants in (fit, again, ERRORS)]
+    assert losses[1] == pytest.approx(losses[0], abs=0.03)
+    assert losses[0] <= losses[2] < losses[0] + 0.4
+    error, claim = error_bars.errors_and_claims(known, fit).T
+    assert np.mean(error <= claim) == pytest.approx(error_bars.COVERED, abs=0.03)
+    tenth = error_bars.ErrorConstants(*(value / 10 for value in astuple(fit)))
+    error, claim = error_bars.errors_and_claims(known, tenth).T
+    assert np.mean(error <= claim) < 0.8
+    assert error_bars.loss(known, tenth) > losses[0] + 1

@@ -154,6 +154,24 @@ def test_a_planned_sphere_has_hertz_s_area(tolerance):
     assert chosen.work < 0.1 * chosen.given_work
 
 
+def test_a_plan_refines_where_edges_hold_the_fronts():
+    """The error bar of a punch falls as the spacing does, so that a plan refines until it holds;
+    heights that cannot be refined miss the tolerance."""
+    punch = shipped("punch-disc", "fast")
+    loose, tight = (plan(punch, tolerance, threads=1) for tolerance in (0.1, 0.02))
+    assert math.prod(tight.shape) >= 4 * math.prod(loose.shape)
+    recipe = punch.recipes[0]
+    for chosen in (loose, tight):
+        answer = answer_of(punch, chosen)
+        assert achieved_error(chosen, answer) <= chosen.tolerance
+        exact = math.pi * recipe.radius**2 / math.prod(recipe.periods)
+        assert mean_total(answer) == pytest.approx(exact, rel=chosen.tolerance)
+    measured = HeightsFromArray(recipe.build().heights[::16, ::16], recipe.periods, "periodic")
+    stuck = plan(replace(punch, recipes=(measured,)), 0.02, threads=1)
+    assert not stuck.meets
+    assert any("is not met" in reason for reason in stuck.reasons)
+
+
 def test_a_one_directional_surface_becomes_a_line_with_the_same_area():
     case = shipped("westergaard-surface", "fast")
     chosen = plan(case, 0.002, threads=1)

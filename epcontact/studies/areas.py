@@ -6,14 +6,14 @@ that is FINER times as fine in each direction, whose corrected areas are the ref
 errors are smaller by that factor at edges, and by more elsewhere.  The unit of pressure is E* and
 the slopes of most kinds are of order 1.
 
-The error constants of `epcontact.bem.areas.rim_correction` were fitted to other surfaces of these
-kinds.
+The error constants of `epcontact.bem.areas.rim_correction` come from other kinds
+(`epcontact.studies.error_bars`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,6 +56,10 @@ class Patch:
             for n, length, c in zip(self.shape, self.periods, centre, strict=True)
         )
         return x[:, None], y[None, :]
+
+
+#: Makes heights of a kind on a patch.
+Maker = Callable[[Patch, np.random.Generator], FloatArray]
 
 
 def _rough(patch: Patch, rng: np.random.Generator, low: float, high: float) -> FloatArray:
@@ -143,7 +147,7 @@ def _outliers(patch: Patch, rng: np.random.Generator) -> FloatArray:
 
 #: Heights of each kind on a patch.  Elliptic roughness is the isotropic one on other periods, and
 #: oblong is on cells of 2 to 1.
-KINDS: dict[str, Callable[[Patch, np.random.Generator], FloatArray]] = {
+KINDS: dict[str, Maker] = {
     "self-affine": _self_affine,
     "elliptic": _self_affine,
     "oblong": _self_affine,
@@ -159,6 +163,60 @@ KINDS: dict[str, Callable[[Patch, np.random.Generator], FloatArray]] = {
 }
 
 
+@dataclass(frozen=True)
+class Member:
+    """One surface of an ensemble with its load and hardness.
+
+    Attributes:
+        shape: of the coarse grid.
+        maker: of the heights on a patch, from random numbers of the seed `drawn`.
+    """
+
+    shape: tuple[int, int]
+    periods: tuple[float, float]
+    load: float
+    hardness: float
+    high: int
+    maker: Maker
+    drawn: int
+
+    def solved(self, factor: int) -> tuple[FloatArray, FloatArray, list[float]]:
+        """(pressure, gap, spacing) on a grid `factor` times as fine as the coarse one.
+
+        Raises NotConverged.
+        """
+        shape = (factor * self.shape[0], factor * self.shape[1])
+        patch = Patch(shape, self.periods, self.high)
+        heights = self.maker(patch, np.random.default_rng(self.drawn))
+        q = rfft_wavenumbers(shape, self.periods)
+        q.flat[0] = np.inf
+        options = bem.Options(tolerance=1e-7)
+        solution = bem.solve_pressure(heights, 2 / q, self.load, self.hardness, options=options)
+        gap = solution.displacement + solution.offset - heights
+        spacing = [length / n for length, n in zip(self.periods, shape, strict=True)]
+        return solution.pressure, gap, spacing
+
+    def areas(self, factor: int) -> tuple[Areas, Areas, Areas]:
+        """(raw, corrected, error) on a grid `factor` times as fine as the coarse one."""
+        pressure, gap, spacing = self.solved(factor)
+        return estimate_areas(pressure, gap, self.hardness, spacing, 1.0)
+
+
+def member(makers: Mapping[str, Maker], kind: str, seed: int, points: int) -> Member:
+    """Draw a member of the ensemble on a coarse grid of about `points` squared."""
+    rng = np.random.default_rng([seed, *kind.encode()])
+    per_wave = rng.choice([3, 4, 4, 4, 6, 8, 16])
+    shape, periods = (points, points), (1.0, 1.0)
+    if kind == "elliptic":
+        shape, periods = (3 * points // 4, 3 * points // 2), (1.0, 2.0)
+    if kind == "oblong":
+        shape = (3 * points // 4, 3 * points // 2)
+    hardness = 10 ** rng.uniform(-1.3, 0.3) if rng.uniform() < 0.6 else math.inf
+    load = min(10 ** rng.uniform(-2.5, 0.3), 0.9 * hardness)
+    high = max(int(min(shape) // per_wave), 2)
+    return Member(shape, periods, load, hardness, high, makers[kind], int(rng.integers(1 << 31)))
+
+
 def judged(kind: str, seed: int, points: int) -> list[dict[str, Any]]:
     """Solve one member of the ensemble on a grid of about `points` squared and on the fine one.
 
@@ -169,25 +227,10 @@ def judged(kind: str, seed: int, points: int) -> list[dict[str, Any]]:
     Raises:
         NotConverged: a solve does not converge.
     """
-    rng = np.random.default_rng([seed, *kind.encode()])
-    per_wave = rng.choice([3, 4, 4, 4, 6, 8, 16])
-    shape, periods = (points, points), (1.0, 1.0)
-    if kind == "elliptic":
-        shape, periods = (3 * points // 4, 3 * points // 2), (1.0, 2.0)
-    if kind == "oblong":
-        shape = (3 * points // 4, 3 * points // 2)
-    hardness = 10 ** rng.uniform(-1.3, 0.3) if rng.uniform() < 0.6 else math.inf
-    load = min(10 ** rng.uniform(-2.5, 0.3), 0.9 * hardness)
-    drawn = int(rng.integers(1 << 31))
-    found = []
-    for factor in (1, FINER):
-        grid = (factor * shape[0], factor * shape[1])
-        patch = Patch(grid, periods, max(int(min(shape) // per_wave), 2))
-        heights = KINDS[kind](patch, np.random.default_rng(drawn))
-        found.append(_areas(heights, periods, load, hardness))
-    (raw, corrected, claimed), (_, exact, _) = found
+    one = member(KINDS, kind, seed, points)
+    (raw, corrected, claimed), (_, exact, _) = one.areas(1), one.areas(FINER)
     rows = []
-    for part in PARTS if math.isfinite(hardness) else ("total",):
+    for part in PARTS if math.isfinite(one.hardness) else ("total",):
         truth = getattr(exact, part)
         figures = {
             "exact": truth,
@@ -197,18 +240,6 @@ def judged(kind: str, seed: int, points: int) -> list[dict[str, Any]]:
         }
         rows.append({"kind": kind, "seed": seed, "part": part} | figures)
     return rows
-
-
-def _areas(
-    heights: FloatArray, periods: tuple[float, float], load: float, hardness: float
-) -> tuple[Areas, Areas, Areas]:
-    q = rfft_wavenumbers(heights.shape, periods)
-    q.flat[0] = np.inf
-    options = bem.Options(tolerance=1e-7)
-    solution = bem.solve_pressure(heights, 2 / q, load, hardness, options=options)
-    gap = solution.displacement + solution.offset - heights
-    spacing = [length / n for length, n in zip(periods, heights.shape, strict=True)]
-    return estimate_areas(solution.pressure, gap, hardness, spacing, 1.0)
 
 
 def judged_ensemble(seeds: Iterable[int], points: int, progress: Progress) -> pd.DataFrame:

@@ -33,7 +33,7 @@ import numpy as np
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
 from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS, kind
-from epcontact.bem.areas.rim_correction import CORNER, HARMONIC, OFFSETS
+from epcontact.bem.areas.rim_correction import CORNER, HARMONIC, OBLONG, OFFSETS, sums_of_fronts
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
@@ -107,7 +107,7 @@ def front_sums(
     """Sums of `grid.sweep` for one front per dx of it, across a lattice direction.
 
     The heights are a cosine of a period as of `row_period`, with E* = dx = 1.  Returns the sums
-    (SUMS,) with the first node of the table alone, and the offsets (nodes, 2) with each node.
+    with the first node of the table alone, and the offsets (nodes, 2) with each node.
     """
     (a, b), (n, length) = direction, row_period(direction, period)
     q = 2 * np.pi * np.arange(n // 2 + 1) / n
@@ -115,17 +115,17 @@ def front_sums(
     folded[0] = np.inf
     p, g = solved(wave(n, phase), 2 / folded, load, hardness)
     column = (a * np.arange(n)[:, None] + b * (np.arange(6) - 2)) % n  # this strip meets every row
-    out = np.zeros((len(grid.U_NODES), grid.SUMS))
-    _add_column(p[column], g[column], hardness * (1 - 1e-12), np.eye(len(out)), out)
+    out = np.zeros((len(grid.U_NODES), *grid.SUMS))
+    stiffness = (STIFFNESS, STIFFNESS)
+    fields = grid.Fields(p[column], g[column], hardness * (1 - 1e-12), stiffness)
+    _add_column(fields, np.eye(len(out)), out)
     scale = length / 2 / n
-    return out[0] * scale, out[:, grid.OFFSET : grid.OFFSET + 2] * scale
+    return out[0].sum(axis=-1) * scale, out[:, grid.OFFSET].sum(axis=-1) * scale
 
 
 @numba.njit  # not cached: it contains code of another file, which the cache does not watch
-def _add_column(
-    p: FloatArray, g: FloatArray, hardness: float, tables: FloatArray, out: FloatArray
-) -> None:
-    work = grid.workspace()
+def _add_column(fields: grid.Fields, tables: FloatArray, out: FloatArray) -> None:
+    p, hardness, work = fields.pressure, fields.hardness, grid.workspace()
     for i in range(p.shape[0]):
         first = kind(p[i, 3], hardness)
         same = (
@@ -135,14 +135,11 @@ def _add_column(
         )
         for k in range(len(tables)):
             if same:
-                out[k, grid.AREA] += first > 0
-                out[k, grid.AREA + 1] += first > 1
+                out[k, grid.AREA, 0, 0] += first > 0
+                out[k, grid.AREA, 1, 0] += first > 1
             else:
-                grid.add_cell(
-                    p, g, hardness, (STIFFNESS, STIFFNESS), (i, 3), tables[k], out[k], work
-                )
-                if first != 1 and grid.is_tip(p, hardness, i, 3, first):
-                    out[k, grid.TIPS + (first > 1)] += 1
+                grid.add_cell(fields, (i, 3), tables[k], out[k], work)
+                grid.add_tip(fields, (i, 3), out[k])
 
 
 def exact_fronts(hardness: float, period: float, points: int = 1 << 16) -> tuple[float, float]:
@@ -196,7 +193,7 @@ def calibrate_directions() -> tuple[float, float]:
         period = row_period(direction, PERIOD)[1]
         pressure = load * math.pi / period
         sums = np.mean([front_sums(direction, PERIOD, s, pressure)[0] for s in phases], axis=0)
-        offsets.append((sums[grid.AREA] - exact * period) / sums[grid.LENGTH])
+        offsets.append((sums[grid.AREA, 0] - exact * period) / sums[grid.LENGTH, 0])
     waves = np.array([math.cos(4 * math.atan2(b, a)) for a, b in DIRECTIONS])
     amplitude, mean = np.polyfit(waves, offsets, 1)
     return float(mean), float(amplitude)
@@ -217,8 +214,8 @@ def calibrate_strips(fronts: Fronts) -> tuple[FloatArray, float]:
                 cap = hardness / scale
                 sums, nodes = front_sums(direction, PERIOD, phase, cap / 2, cap)
                 feature += weight * nodes.mean(axis=1)
-                outer = sums[grid.AREA] - contact * scale
-                inner = sums[grid.AREA + 1] - plastic * scale
+                outer = sums[grid.AREA, 0] - contact * scale
+                inner = sums[grid.AREA, 1] - plastic * scale
                 bias += weight * (outer - inner) / 2
         features.append(feature)
         biases.append(bias)
@@ -254,19 +251,18 @@ def calibrate_straight_tip(
             load = math.pi / period * math.sin(math.pi / 2 * share) ** 2
             for phase in phases:
                 sums, _ = front_sums(direction, 24, phase, load)
-                outward = offset * sums[grid.LENGTH] + harmonic * sums[grid.HARMONIC]
-                lacking += weight * (sums[grid.AREA] - outward - share * period / 2)
-                tips += weight * sums[grid.TIPS]
+                outward = offset * sums[grid.LENGTH, 0] + harmonic * sums[grid.HARMONIC, 0]
+                lacking += weight * (sums[grid.AREA, 0] - outward - share * period / 2)
+                tips += weight * sums[grid.TIPS, 0]
     return lacking / tips
 
 
 def _swept(heights: FloatArray, load: float, hardness: float = math.inf) -> FloatArray:
-    """The sums of `grid.sweep` over a solution on a square of side 1."""
-    n, sums = len(heights), np.zeros(grid.SUMS)
-    p, g = solved(heights, half_space((n, n), 1.0), load, hardness)
-    c = STIFFNESS * n
-    grid.sweep(p, g, hardness * (1 - 1e-12), (c, c), OFFSETS, sums)
-    return sums
+    """The sums of `grid.sweep` over a solution on a square of side 1, each of its two parts."""
+    nx, ny = heights.shape
+    p, g = solved(heights, half_space((nx, ny), 1.0), load, hardness)
+    sums = sums_of_fronts(p, g, hardness, (1 / nx, 1 / ny), 1.0)
+    return np.asarray(sums.sum(axis=-1))
 
 
 def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, float]:
@@ -278,9 +274,24 @@ def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, floa
     for shift in np.random.default_rng(1).uniform(size=(shifts, 2)):
         x, y = ((np.arange(n) + s) / n - 0.5 for s in shift)
         sums = _swept(-(x[:, None] ** 2 + y**2) / 2, force)
-        offset = sums[grid.OFFSET] + HARMONIC * sums[grid.HARMONIC]
-        out.append((exact - sums[grid.AREA] + offset) / sums[grid.TURN])
+        offset = sums[grid.OFFSET, 0] + HARMONIC * sums[grid.HARMONIC, 0]
+        out.append((exact - sums[grid.AREA, 0] + offset) / sums[grid.TURN, 0])
     return float(np.mean(out)), float(np.std(out) / math.sqrt(shifts))
+
+
+def calibrate_oblong(aspect: float = 2.0, points: int = 30, shifts: int = 24) -> float:
+    """OBLONG: by how much of ln^2(dx/dy) the mean offset grows, on spheres, exact by Hertz."""
+    nx, ny = (2 * round(points * aspect**power) for power in (-0.5, 0.5))
+    force = bumps.sphere_force(0.15, 1.0, 1.0)
+    exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2 * nx * ny
+    lacking = offset = 0.0
+    for shift in np.random.default_rng(2).uniform(size=(shifts, 2)):
+        x, y = ((np.arange(n) + s) / n - 0.5 for n, s in zip((nx, ny), shift, strict=True))
+        sums = _swept(-(x[:, None] ** 2 + y**2) / 2, force)
+        outward = sums[grid.OFFSET, 0] + HARMONIC * sums[grid.HARMONIC, 0]
+        lacking += sums[grid.AREA, 0] - outward + CORNER * sums[grid.TURN, 0] - exact
+        offset += sums[grid.OFFSET, 0]
+    return lacking / offset / math.log(aspect) ** 2
 
 
 def main() -> None:
@@ -293,6 +304,7 @@ def main() -> None:
         table, misfit = calibrate_strips(fronts)
         print(name, np.round(table, 4), " largest misfit", round(misfit, 4))
     print("corner", "{:.3f} +- {:.3f}".format(*calibrate_corner()), "in use", CORNER)
+    print("oblong", round(calibrate_oblong(), 3), "in use", OBLONG)
     tip = calibrate_straight_tip(all_directions(), float(OFFSETS[-1]), HARMONIC)
     print("tip", round(tip, 3))
     print("lone point", round(calibrate_straight_tip(along_axis(), AXIS_OFFSET, 0.0), 3))

@@ -29,11 +29,8 @@ AXIS_OFFSET = 0.190009285925947
 STIFFNESS = math.pi / (2 * math.e)
 MIX = 0.5894898722360835  # Si(pi)/pi
 #: A gap that changes between two points by more than this multiple of its changes beside them has
-#: a step there.  Of the links of smooth roughness at 4 points per wavelength 2 to 3 % exceed it, of
-#: those at steps 70 to 100 % (`epcontact chart areas`).
-PINNED_JUMP = 3.0
-#: Plastic zones at the kinks of worn plateaus are so many times as wide as at steps.
-KINK = 4.0
+#: a step there.
+STEP = 3.0
 
 _jit = numba.njit(cache=True, nogil=True)
 
@@ -90,59 +87,61 @@ def _cubic_shift(q: FloatArray, before: bool, after: bool) -> float:
 
 
 @_jit
-def _stepped(v: FloatArray) -> bool:
-    """True if v changes between v[1] and v[2] by far more than beside them."""
-    return v[1] - v[2] > PINNED_JUMP * max(v[0] - v[1], v[2] - v[3])  # type: ignore[no-any-return]
-
-
-@_jit
-def _zone(share: float, step: bool) -> float:
-    """Width of the plastic zone at an edge where the last point has this share of the hardness.
+def _hidden(p: float, before: float, hardness: float, step: bool) -> float:
+    """Width of the plastic zone between the last point in contact, of pressure p, and an edge.
 
     At a step the mean of K/sqrt(distance) over the last spacing is 2 K, and Dugdale's zone is
-    (pi^2/4) K^2/H^2 wide.  At a kink the pressure grows as a logarithm only, but over more points.
+    (pi^2/4) K^2/H^2 wide.  At a kink the pressure grows by p - before, as the logarithm of the
+    distance does from 3/2 to 1/2 of a spacing.  Capped, H - k ln s becomes H - k arcosh(s/w), and
+    the zone is twice as wide as that in which the elastic pressure exceeds the hardness.
     """
-    return (math.pi * share / 4) ** 2 * (1 if step else KINK) if share < 1 else 0.0
+    if p >= hardness:
+        return 0.0
+    if step:
+        return float((math.pi / 4 * p / hardness) ** 2)
+    return float(3 ** ((p - hardness) / (p - before)))
 
 
 @_jit
 def crossing(v: FloatArray, hardness: float, front: int) -> tuple[float, float, float, float]:
-    """The place, 0 to 1, between the middle two of four points where v crosses 0 or the hardness.
+    """The place, 0 to 1, between the middle two of six points where v crosses 0 or the hardness.
 
-    v: (4,) values of `field`, which are overwritten.  front: 0, or 1 for the hardness.
+    v: (6,) values of `field`, which are overwritten.  front: 0, or 1 for the hardness.
 
     Returns:
-        (place, bend, edge, beyond): bend is the distance of the place from the root of a straight
-        line, and edge and beyond are 0.  If an edge of the surface holds the front, any place in
-        the link is equally likely, and the result is (1/2, 0, 1, beyond), where beyond is the
-        width of the zone next to the edge in which the singular pressure exceeds the hardness.
+        (place, held, edge, hidden): edge is 1 if the surface has an edge there, else 0.  If it
+        holds the front, any place in the link is equally likely, and place is 1/2 and held is 1.
+        hidden is the width of the zone next to an edge in which the singular pressure exceeds the
+        hardness, but which no point shows.
 
-    At a resolved rim the pressure vanishes as sqrt(distance) and therefore falls towards the rim;
-    at an edge it is singular and rises.  If a plastic point has a point apart beside it, v is
-    proportional to the gap, which jumps at a step.
+    At a resolved rim the pressure vanishes as sqrt(distance).  At a step of the surface the gap
+    jumps.  At a kink the pressure rises towards the edge, and ever faster; if a rim follows at
+    more than half a spacing behind the last point, it is resolved after all.
     """
     if front:
-        for k in range(4):
+        for k in range(6):
             v[k] = hardness - v[k]
-    turned = v[1] <= 0
+    turned = v[2] <= 0
     if turned:
-        v[0], v[1], v[2], v[3] = v[3], v[2], v[1], v[0]
-    step = _stepped(v)
-    pinned = 0 < v[0] < v[1] if v[1] < hardness else step
-    last, line = v[1], v[1] / (v[1] - v[2])
-    root = line
-    if v[1] < hardness:
-        before, after = 0 < v[0] < hardness, v[3] <= 0
-        v[0] += MIX * v[1]
-        v[3] -= MIX * v[2]
-        root += _cubic_shift(v, before, after)
-    elif v[1] - v[2] > hardness:
-        # No point is in the strip.  The bend follows from the gap, which is smooth elsewhere.
-        before, after = v[0] >= hardness, v[3] <= 0
-        v[0] -= hardness
-        v[1] -= hardness
-        root += _cubic_shift(v, before, after)
-    if pinned and root < 0.5 + AXIS_OFFSET:
-        return 0.5, 0.0, 1.0, _zone(last / hardness, step)
+        v[0], v[1], v[2], v[3], v[4], v[5] = v[5], v[4], v[3], v[2], v[1], v[0]
+    last, before, jump = v[2], v[1], v[2] - v[3]
+    elastic = last < hardness
+    step = jump > STEP * max(before - last, v[3] - v[4]) and (0 < before < last or not elastic)
+    kink = elastic and v[0] > 0 and last - before > max(before - v[0], 0.0)
+    # The polynomial is that of the pressure, or, if no point is in the strip, of the gap.
+    root, q = last / jump, v[1:5]
+    if elastic:
+        inside, outside = 0 < before < hardness, q[3] <= 0
+        q[0] += MIX * last
+        q[3] -= MIX * q[2]
+    else:
+        inside, outside = before >= hardness, q[3] <= 0
+        q[0] -= hardness
+        q[1] -= hardness
+    root += _cubic_shift(q, inside, outside)
+    edge = 1.0 if step or kink else 0.0
+    hidden = _hidden(last, before, hardness, step) if edge else 0.0
+    if edge and (root < 0.5 or not elastic):
+        return 0.5, 1.0, edge, hidden
     root = min(max(root, 0.0), 1.0)
-    return float(1 - root if turned else root), abs(root - line), 0.0, 0.0
+    return float(1 - root if turned else root), 0.0, edge, hidden

@@ -8,26 +8,32 @@ Besides the area, the pass adds up over each front the sums that `rim_correction
 OFFSET    segment length times the tabulated offset at u = hardness/|grad v| (grad per spacing).
           u is the width of the elastic strip in spacings where both fronts pass the cell, and
           large where there is one front only.
-LENGTH    segment length; STRIP, the same for narrow strips
-PINNED    segment length that edges of the surface hold (`front`); ALIGNED, times cos 4 theta;
-          BEYOND, times the width of the zone hidden next to it
+LENGTH    segment length
 HARMONIC  segment length that no edge holds times cos 4 theta; OFFSET, too, has no other
+COS, SIN  segment length times cos 4 theta, sin 4 theta and the smaller of u and 1/u
+EDGE      segment length at edges of the surface (`front`)
+ALIGNED   segment length that edges hold times cos 4 theta
+HIDDEN    segment length times the width of the zone hidden at edges
 TURN      turn of the front, a quarter for each corner cut off.  Over a whole front this adds up
           to its Euler number.
 TIPS      points apart (or plastic) with at most two of their eight neighbours in the same state
 DIPS      squares of the areas of gaps that may be hidden between points that all touch
+
+Sums have two parts: those of the front for itself, and those of strips so narrow that both fronts
+move alike.  A strip of u < 1 spacings belongs by u^2 to the first.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem.areas.front import crossing, field, kind
-from epcontact.results import ELASTIC, FloatArray
+from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
 #: Values of u at which the offset is tabulated.
 U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
@@ -37,11 +43,18 @@ SEEN = 1.25
 TIP_NEIGHBOURS = 2
 
 _jit = numba.njit(cache=True, nogil=True)
-# Indices into the vector of sums; the value of the plastic part follows that of the contact.
-AREA, OFFSET, LENGTH, STRIP, HARMONIC, PINNED, ALIGNED, BEYOND, TURN, TIPS, DIPS = range(0, 22, 2)
-SUMS = 22
-#: A front with a smaller u belongs to a narrow strip.
-STRIP_BELOW = 0.9
+#: Indices of the sums (SUMS, front, part).
+AREA, OFFSET, LENGTH, HARMONIC, COS, SIN, EDGE, ALIGNED, HIDDEN, TURN, TIPS, DIPS = range(12)
+SUMS = (12, 2, 2)
+
+
+class Fields(NamedTuple):
+    """A solution (nx, ny), its hardness, and c of `front` for the links along x and along y."""
+
+    pressure: FloatArray
+    gap: FloatArray
+    hardness: float
+    stiffness: tuple[float, float]
 
 
 @_jit
@@ -86,75 +99,84 @@ def _polygon(inside: NDArray[np.int64], cut: FloatArray, joined: bool) -> tuple[
 
 
 @_jit
-def workspace() -> tuple[NDArray[np.int64], FloatArray]:
+def _is_strip(kinds: NDArray[np.int64]) -> bool:
+    """True if both fronts pass a cell side by side, and neither of them twice."""
+    if kinds.min() > APART or kinds.max() < PLASTIC:
+        return False
+    for front in range(2):
+        a, b, c, d = kinds[0] > front, kinds[1] > front, kinds[2] > front, kinds[3] > front
+        if a == c and b == d and a != b:
+            return False
+    return True
+
+
+@_jit
+def workspace() -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
     """Allocate the arrays of `add_cell` once for all cells."""
-    return np.empty((2, 4), np.int64), np.empty((4, 4))
+    return np.empty((2, 4), np.int64), np.empty((3, 4)), np.empty(6)
 
 
 @_jit
 def _locate(
-    pressure: FloatArray,
-    gap: FloatArray,
-    hardness: float,
-    stiffness: tuple[float, float],
+    fields: Fields,
     place: tuple[int, int],
     front: int,
-    work: tuple[NDArray[np.int64], FloatArray],
-) -> tuple[float, float]:
-    """Locate a front on the sides of a cell, into `work`; the means of `edge` and `beyond`."""
-    (i, j), (nx, ny) = place, pressure.shape
-    inside, cut, v = work[0][1], work[1][2], work[1][3]
-    crossings, edges, beyonds = 0, 0.0, 0.0
+    work: tuple[NDArray[np.int64], FloatArray, FloatArray],
+) -> tuple[float, float, float]:
+    """Locate a front on the sides of a cell, into `work`; the means of what else is found."""
+    (i, j), (nx, ny) = place, fields.pressure.shape
+    inside, cut, v = work[0][1], work[1][2], work[2]
+    crossings, helds, edges, hidden = 0, 0.0, 0.0, 0.0
     for k in range(4):
         if inside[k] == inside[(k + 1) % 4]:
             continue
         # Sides 0 and 2 run along x, 1 and 3 along y.
         x_side = k in (0, 2)
-        c = stiffness[0] if x_side else stiffness[1]
+        c = fields.stiffness[0] if x_side else fields.stiffness[1]
         row, column = i if k == 1 else i - 1, j if k == 2 else j - 1
-        for m in range(4):
-            a, b = (row + m - 1, column) if x_side else (row, column + m - 1)
+        for m in range(6):
+            a, b = (row + m - 2, column) if x_side else (row, column + m - 2)
             a, b = a if 0 <= a < nx else a % nx, b if 0 <= b < ny else b % ny
-            v[m] = field(pressure[a, b], gap[a, b], hardness, c)
-        where, _, edge, beyond = crossing(v, hardness, front)
+            v[m] = field(fields.pressure[a, b], fields.gap[a, b], fields.hardness, c)
+        where, held, edge, width = crossing(v, fields.hardness, front)
         cut[k] = where if k < 2 else 1 - where
         crossings += 1
+        helds += held
         edges += edge
-        beyonds += beyond
-    return edges / crossings, beyonds / crossings
+        hidden += width
+    return helds / crossings, edges / crossings, hidden / crossings
 
 
 @_jit
-def add_cell(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by one
-    pressure: FloatArray,
-    gap: FloatArray,
-    hardness: float,
-    stiffness: tuple[float, float],
+def add_cell(
+    fields: Fields,
     place: tuple[int, int],
     table: FloatArray,
     sums: FloatArray,
-    work: tuple[NDArray[np.int64], FloatArray],
+    work: tuple[NDArray[np.int64], FloatArray, FloatArray],
 ) -> None:
     """Add a cell with a front to the sums; its corners are (i - 1, j - 1) and (i, j)."""
     i, j = place
+    hardness, stiffness = fields.hardness, fields.stiffness
     kinds, inside = work[0][0], work[0][1]
     # along, across: v with the stiffness of links along x and along y; cut: crossings of the sides.
     along, across, cut = work[1][0], work[1][1], work[1][2]
     for k in range(4):
         a = i if k in (1, 2) else i - 1
         b = j if k >= 2 else j - 1
-        p, g = pressure[a, b], gap[a, b]
+        p, g = fields.pressure[a, b], fields.gap[a, b]
         kinds[k] = kind(p, hardness)
         along[k] = field(p, g, hardness, stiffness[0])
-        across[k] = along[k]
-        if stiffness[1] != stiffness[0]:
-            across[k] = field(p, g, hardness, stiffness[1])
+        across[k] = field(p, g, hardness, stiffness[1])
     dx = (along[1] + along[2] - along[0] - along[3]) / 2
     dy = (across[2] + across[3] - across[0] - across[1]) / 2
     square = dx * dx + dy * dy
     u = hardness / math.sqrt(square) if square > 0 else np.inf
-    harmonic = 1 - 8 * (dx * dy / square) ** 2 if square > 0 else 0.0
-    offset = interpolated(u, table)
+    cos4 = 1 - 8 * (dx * dy / square) ** 2 if square > 0 else 0.0
+    sin4 = 4 * dx * dy * (dx - dy) * (dx + dy) / square**2 if square > 0 else 0.0
+    strip = _is_strip(kinds)
+    offset, apart = interpolated(u, table), min(u, 1.0) ** 2 if strip else 1.0
+    narrow = min(u, 1 / max(u, 1.0))
     middle = (along.sum() + across.sum()) / 8
     for front in range(2):
         n = 0
@@ -162,37 +184,55 @@ def add_cell(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one b
             inside[k] = int(kinds[k] > front)
             n += inside[k]
         if n == 4:
-            sums[AREA + front] += 1
+            sums[AREA, front, 0] += 1
         if n in (0, 4):
             continue
-        pinned, beyond = _locate(pressure, gap, hardness, stiffness, place, front, work)
+        held, edge, hidden = _locate(fields, place, front, work)
         joined = middle > (hardness if front else 0.0)
         area, length = _polygon(inside, cut, joined)
-        sums[AREA + front] += area
-        sums[LENGTH + front] += length
-        resolved = (1 - pinned) * length
-        sums[OFFSET + front] += offset * resolved
-        sums[HARMONIC + front] += harmonic * resolved
-        sums[PINNED + front] += pinned * length
-        sums[ALIGNED + front] += harmonic * pinned * length
-        sums[BEYOND + front] += beyond * length
-        if u < STRIP_BELOW:
-            sums[STRIP + front] += length
+        turn = 0.0
         if n != 2:
-            sums[TURN + front] += 0.25 if n == 1 else -0.25
+            turn = 0.25 if n == 1 else -0.25
         elif inside[0] == inside[2]:
-            sums[TURN + front] += -0.5 if joined else 0.5
+            turn = -0.5 if joined else 0.5
+        resolved = (1 - held) * length
+        sums[AREA, front, 0] += area
+        sums[TURN, front, 0] += turn
+        sums[OFFSET, front, 0] += offset * resolved
+        add(sums[LENGTH, front], length, apart)
+        add(sums[HARMONIC, front], cos4 * resolved, apart)
+        add(sums[COS, front], cos4 * length * narrow, apart)
+        add(sums[SIN, front], sin4 * length * narrow, apart)
+        add(sums[EDGE, front], edge * length, apart)
+        add(sums[ALIGNED, front], cos4 * held * length, apart)
+        add(sums[HIDDEN, front], hidden * length, apart)
 
 
 @_jit
-def is_tip(pressure: FloatArray, hardness: float, i: int, j: int, state: int) -> bool:
-    """True if at most two of a point's eight neighbours are in its state."""
-    nx, ny = pressure.shape
-    like = -1
+def add(parts: FloatArray, value: float, apart: float) -> None:
+    """Add a value to the two parts of a sum."""
+    parts[0] += apart * value
+    parts[1] += (1 - apart) * value
+
+
+@_jit
+def add_tip(fields: Fields, place: tuple[int, int], sums: FloatArray) -> None:
+    """Count a point that is a tip; the steepest way to a neighbour gives the width of a strip."""
+    (i, j), (nx, ny), hardness = place, fields.pressure.shape, fields.hardness
+    p, g = fields.pressure, fields.gap
+    state, like, steepest = kind(p[i, j], hardness), -1, 0.0
+    if state == ELASTIC:
+        return
+    c = math.sqrt(fields.stiffness[0] * fields.stiffness[1])
+    here = field(p[i, j], g[i, j], hardness, c)
     for a in range(i - 1, i + 2):
         for b in range(j - 1, j + 2):
-            like += kind(pressure[a % nx, b % ny], hardness) == state
-    return like <= TIP_NEIGHBOURS
+            q, f = p[a % nx, b % ny], g[a % nx, b % ny]
+            like += kind(q, hardness) == state
+            steepest = max(steepest, abs(field(q, f, hardness, c) - here))
+    if like <= TIP_NEIGHBOURS:
+        apart = min(hardness / steepest, 1.0) ** 2 if steepest > hardness else 1.0
+        add(sums[TIPS, int(state == PLASTIC)], 1.0, apart)
 
 
 @_jit
@@ -223,32 +263,22 @@ def _dip(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> f
 
 
 @_jit
-def sweep(
-    pressure: FloatArray,
-    gap: FloatArray,
-    hardness: float,
-    stiffness: tuple[float, float],
-    table: FloatArray,
-    sums: FloatArray,
-) -> None:
-    """Add up the sums (SUMS,) over every cell of the periodic grid.
-
-    stiffness: c of `front` for the links along x and along y; table: offsets at U_NODES.
-    """
+def sweep(fields: Fields, table: FloatArray, sums: FloatArray) -> None:
+    """Add up the sums over every cell of the periodic grid; table: offsets at U_NODES."""
+    pressure, hardness = fields.pressure, fields.hardness
     (nx, ny), work = pressure.shape, workspace()
     for i in range(nx):
         above, here = kind(pressure[i - 1, -1], hardness), kind(pressure[i, -1], hardness)
         for j in range(ny):
             above_2, here_2 = kind(pressure[i - 1, j], hardness), kind(pressure[i, j], hardness)
             if above == here == above_2 == here_2:
-                sums[AREA] += here > 0
-                sums[AREA + 1] += here > 1
+                sums[AREA, 0, 0] += here > 0
+                sums[AREA, 1, 0] += here > 1
             else:
-                add_cell(pressure, gap, hardness, stiffness, (i, j), table, sums, work)
-                if here_2 != ELASTIC and is_tip(pressure, hardness, i, j, here_2):
-                    sums[TIPS + (here_2 > ELASTIC)] += 1
+                add_cell(fields, (i, j), table, sums, work)
+                add_tip(fields, (i, j), sums)
             if here_2 == ELASTIC:
-                sums[DIPS] += _dip(pressure, i, j, hardness, 0)
+                sums[DIPS, 0, 0] += _dip(pressure, i, j, hardness, 0)
                 if hardness < np.inf:
-                    sums[DIPS + 1] += _dip(pressure, i, j, hardness, 1)
+                    sums[DIPS, 1, 0] += _dip(pressure, i, j, hardness, 1)
             above, here = above_2, here_2

@@ -35,8 +35,8 @@ LINE_OFFSETS = np.array(
 #: Spacings missed for each lone point: by calibration (`rim.calibrate_straight_tip`), and as
 #: fitted to rough lines.
 STRAIGHT_LONE, LONE = 0.109, 0.2
-#: The `bend` of an edge, so that its place has the standard deviation of a uniform one.
-EDGE = 5 / math.sqrt(12)
+#: Standard deviation of the place of a front, and of one that an edge holds.
+PLACE, EDGE = 0.025, 1 / math.sqrt(12)
 
 _jit = numba.njit(cache=True, nogil=True)
 
@@ -94,14 +94,14 @@ def _located(p: FloatArray, g: FloatArray, hardness: float, c: float) -> tuple[f
         for d in (-1, 1):
             if p[i] <= 0 or p[(i + d) % n] > 0:
                 continue
-            outer, bend = _front(p, g, hardness, c, i, d, 0)
+            outer, doubt = _front(p, g, hardness, c, i, d, 0)
             width, middle = _strip(p, g, hardness, c, i, d, outer)
             if width < 1:
                 length += middle + width / 2
                 chance += (0.1 + 0.2 * width) ** 2
             else:
                 length += outer - 0.5
-                chance += 0.02**2 + (0.2 * bend) ** 2
+                chance += doubt**2
             # Short runs end where the half-line's solution does not hold any more.
             short = int(p[(i - d) % n] <= 0) + int(p[(i + 2 * d) % n] > 0)
             chance += (0.06 * short) ** 2
@@ -112,19 +112,16 @@ def _located(p: FloatArray, g: FloatArray, hardness: float, c: float) -> tuple[f
 def _front(
     p: FloatArray, g: FloatArray, hardness: float, c: float, i: int, d: int, front: int
 ) -> tuple[float, float]:
-    """Place of a front between i and i + d, and its distance from the root of a straight line.
-
-    Both are in spacings, from i towards i + d.
-    """
-    n, v = p.size, np.empty(4)
-    for m in range(4):
-        k = (i + (m - 1) * d) % n
+    """Place of a front between i and i + d and its standard deviation, in spacings from i."""
+    n, v = p.size, np.empty(6)
+    for m in range(6):
+        k = (i + (m - 2) * d) % n
         v[m] = field(p[k], g[k], hardness, c)
-    offset = interpolated(hardness / (v[1] - v[2]), LINE_OFFSETS)
-    where, bend, edge, _ = crossing(v, hardness, front)
-    if edge:
+    offset = interpolated(hardness / (v[2] - v[3]), LINE_OFFSETS)
+    where, held, _, _ = crossing(v, hardness, front)
+    if held:
         return where, EDGE
-    return where + (offset if front else -offset), bend
+    return where + (offset if front else -offset), PLACE
 
 
 @_jit

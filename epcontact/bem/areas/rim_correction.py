@@ -27,17 +27,20 @@ and for the plastic part the offset and the tips have the opposite sign.
   likely need for each tip; round ones need nothing.
 * Held by an edge: where the surface has a step or a kink, the front rests on it, somewhere between
   two points.  `front` recognises it by the singular pressure and puts the front in the middle, so
-  that the count is right there.  These parts of a front have no offset.
+  that the count is right there.  These parts of a front have no offset.  Where the singular
+  pressure exceeds the hardness next to an edge, but at no point, that zone is part of the plastic
+  area.
 
 The load is one more measurement of the areas (`_balanced`), and the estimated errors follow from
-the same sums (`_uncertainty`).  `epcontact.studies.rim` measures the constants and
-`epcontact.studies.areas` those of the errors.
+the same sums (`_covariance`).  `epcontact.studies.rim` measures the constants of the areas and
+`epcontact.studies.error_bars` those of the errors; `epcontact chart areas` judges them.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -63,23 +66,41 @@ HARMONIC = 0.0127
 CORNER = 0.6
 #: Cells missed for each tip by straight gaps (`rim.calibrate_straight_tip`).
 TIP = 0.277
-#: The mean offset on oblong cells is 1 + OBLONG ln^2(dx/dy) times that on square ones; needed by
-#: test_oblong_cells.
-OBLONG = 0.057
-#: Variance of an area in square cells for each spacing of its front, of narrow strips along it, for
-#: each tip, and for each spacing of edges.  The first is that of the smallest round gaps; the
-#: others are fitted to the ensemble of `studies.areas`.
-CHANCE = np.array([0.0006, 0.035, 0.78, 0.7])
-#: Standard deviation in cells of the errors common to a front, for each spacing of it, of it along
-#: the grid, of edges along the grid, and for each cell that may be hidden at edges.  The third is
-#: that of two edges with equally likely places, and the last covers worn plateaus; the others are
-#: fitted to the ensemble.
-COMMON = np.array([0.003, 0.017, 0.2, 3.5])
-#: The claimed error in standard deviations; `epcontact chart areas` shows what it covers.
-SURE = 2.5
-#: Standard deviation of the mean pressure in narrow elastic strips, in units of the hardness, and
-#: the correlation of the errors of its two fronts, both on the ensemble of `studies.areas`.
-PHI, SHARED = 0.06, 0.9
+#: The mean offset on oblong cells is 1 + OBLONG ln^2(dx/dy) times that on square ones
+#: (`rim.calibrate_oblong`).
+OBLONG = 0.07
+
+
+@dataclass(frozen=True)
+class ErrorConstants:
+    """What the errors of areas are made of, as standard deviations in cells.
+
+    Attributes:
+        spacing: for each spacing of a front, by chance.
+        tip: for each tip, by chance.
+        row: for each tip of a row of them, in common: a straight gap has the same width all along.
+        strip: for each spacing of narrow strips that run in one direction, in common, because they
+            meet their cells alike.
+        moved: for each spacing of edges beside a front that no edge holds, in common: a body whose
+            edges have uncertain places is stiffer or softer, so that its other fronts move.
+        mean_pressure: of the elastic area, in units of the hardness.
+    """
+
+    spacing: float
+    tip: float
+    row: float
+    strip: float
+    moved: float
+    mean_pressure: float
+
+
+#: Fitted by `epcontact.studies.error_bars`.
+ERRORS = ErrorConstants(0.16, 1.3, 0.32, 0.036, 0.18, 0.023)
+#: Standard deviation of the place of an edge between two points, each place being equally likely,
+#: and of the mean of two edges.
+EDGE, TWO_EDGES = 1 / math.sqrt(12), 1 / math.sqrt(24)
+#: The claimed error in standard deviations.
+SURE = 2.0
 # A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
 
@@ -147,24 +168,50 @@ def estimate_areas(
             f"pressure {pressure.shape}, gap {gap.shape} and {len(spacing)} spacings do not fit: "
             "a line (nx,) or a grid (nx, ny) each and one spacing a direction are needed"
         )
-    share = float(pressure.mean()) / hardness
-    hardness, n = hardness * _ROUNDING, pressure.size
+    share, n, limit = float(pressure.mean()) / hardness, pressure.size, hardness * _ROUNDING
     if pressure.ndim == 1:
-        lengths = line_lengths(pressure, gap, hardness, effective_modulus / spacing[0])
+        lengths = line_lengths(pressure, gap, limit, effective_modulus / spacing[0])
         counted, edges, sure = (np.array(pair) / n for pair in lengths)
         return _areas(*counted), *_possible(edges, np.diag((sure / SURE) ** 2), share)
-    stiffness = [STIFFNESS * effective_modulus / step for step in spacing]
-    sums = np.zeros(grid.SUMS)
-    grid.sweep(pressure, gap, hardness, (stiffness[0], stiffness[1]), OFFSETS, sums)
-    contact, plastic, _, _ = count(pressure, hardness)
-    oblong = OBLONG * math.log(spacing[0] / spacing[1]) ** 2
-    located = np.array([corrected(sums, front, oblong) for front in range(2)]) / n
-    errors = np.array([_uncertainty(sums, front, oblong) for front in range(2)]) / n
-    if math.isinf(hardness):
-        errors[1] = 0.0
+    sums = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus)
+    contact, plastic, _, _ = count(pressure, limit)
     raw = _areas(contact / n, plastic / n)
-    moved, covariance = _balanced(located, errors, SHARED * _narrow(sums), raw, share, 1 / n)
-    return raw, *_possible(moved, covariance, share)
+    return raw, *areas_of_sums(sums, raw, share, n, spacing[0] / spacing[1])
+
+
+def sums_of_fronts(
+    pressure: FloatArray,
+    gap: FloatArray,
+    hardness: float,
+    spacing: Sequence[float],
+    effective_modulus: float,
+) -> FloatArray:
+    """The sums of `grid` over a solution on a grid; see `estimate_areas` for the arguments."""
+    along, across = (STIFFNESS * effective_modulus / step for step in spacing)
+    sums = np.zeros(grid.SUMS)
+    fields = grid.Fields(pressure, gap, hardness * _ROUNDING, (along, across))
+    grid.sweep(fields, OFFSETS, sums)
+    return sums
+
+
+def areas_of_sums(
+    sums: FloatArray,
+    raw: Areas,
+    share: float,
+    cells: int,
+    aspect: float,
+    errors: ErrorConstants = ERRORS,
+) -> tuple[Areas, Areas]:
+    """(corrected, error) from the sums of `grid.sweep`.
+
+    share: p0/hardness; aspect: dx/dy.
+    """
+    oblong = OBLONG * math.log(aspect) ** 2
+    located, covariance = _located(sums, oblong) / cells, _covariance(sums, oblong, errors)
+    covariance /= cells**2
+    if raw.elastic > 0 and raw.plastic > 0:
+        located, covariance = _balanced(located, covariance, raw, share, errors.mean_pressure)
+    return _possible(located, covariance, share)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -198,7 +245,8 @@ def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[
     moved = np.clip(areas, (share, 0.0), (1.0, share))
     far = np.abs(moved - areas)
     total, plastic = SURE * np.sqrt(np.diag(covariance)) + far
-    elastic = SURE * math.sqrt(max(covariance.sum() - 4 * covariance[0, 1], 0.0)) + far.sum()
+    apart = covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]
+    elastic = SURE * math.sqrt(max(apart, 0.0)) + far.sum()
     error = Areas(total=float(total), elastic=float(elastic), plastic=float(plastic))
     return _areas(*moved), error
 
@@ -207,29 +255,46 @@ def _areas(total: float, plastic: float) -> Areas:
     return Areas(total=float(total), elastic=float(total - plastic), plastic=float(plastic))
 
 
-def corrected(sums: FloatArray, front: int, oblong: float) -> float:
-    """The corrected area of the contact (front 0) or of the plastic part (front 1), in cells.
+def _located(sums: FloatArray, oblong: float) -> FloatArray:
+    """The corrected areas of the contact and of the plastic part, in cells.
 
     sums: of `grid.sweep`; oblong: OBLONG ln^2(dx/dy).
     """
-    offset = (1 + oblong) * sums[grid.OFFSET + front] + HARMONIC * sums[grid.HARMONIC + front]
-    outward = offset + TIP * sums[grid.TIPS + front]
-    side = -1 if front == 0 else 1
-    return float(sums[grid.AREA + front] + side * outward + CORNER * sums[grid.TURN + front])
+    whole = sums.sum(axis=2)
+    outward = (1 + oblong) * whole[grid.OFFSET] + HARMONIC * whole[grid.HARMONIC]
+    outward += TIP * sums[grid.TIPS, :, 0] + whole[grid.HIDDEN, ::-1]
+    return np.asarray(whole[grid.AREA] + (-1, 1) * outward + CORNER * whole[grid.TURN])
 
 
-def _narrow(sums: FloatArray) -> float:
-    """The share of the fronts that belongs to narrow strips."""
-    length = sums[grid.LENGTH] + sums[grid.LENGTH + 1]
-    return float((sums[grid.STRIP] + sums[grid.STRIP + 1]) / length) if length else 0.0
+def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> FloatArray:
+    """Covariance (2, 2) of the two areas in square cells.
+
+    Errors by chance grow as the square root of a front's length, errors in common as the length.
+    Dips are bounds, and a hidden zone may not be there or be twice as wide.  Strips that are much
+    narrower than a spacing move as a whole.
+    """
+    length, edge, tips = sums[grid.LENGTH], sums[grid.EDGE], sums[grid.TIPS]
+    chance = errors.spacing**2 * length + errors.tip**2 * tips + EDGE**2 * edge
+    round_tips = np.abs(sums[grid.TURN, :, :1])
+    common = [
+        errors.row * np.maximum(tips - round_tips, 0.0),
+        errors.strip * np.hypot(sums[grid.COS], sums[grid.SIN]),
+        errors.moved * edge * (1 - edge / np.maximum(length, 1.0)) * (1, 0),
+        sums[grid.HIDDEN, ::-1] / SURE,
+        TWO_EDGES * sums[grid.ALIGNED],
+        oblong * sums[grid.OFFSET],
+    ]
+    alone, together = (chance + np.sum(np.square(common), axis=0)).T
+    alone = alone + sums[grid.DIPS, :, 0] / SURE**2
+    return np.asarray(np.diag(alone) + together.mean())
 
 
 def _balanced(
-    areas: FloatArray, errors: FloatArray, shared: float, raw: Areas, share: float, cell: float
+    areas: FloatArray, covariance: FloatArray, raw: Areas, share: float, doubt: float
 ) -> tuple[FloatArray, FloatArray]:
     """Total and plastic area and their covariance (2, 2), with the load as one more measurement.
 
-    shared: the correlation of the errors of both fronts; share: p0/hardness.
+    share: p0/hardness; doubt: `mean_pressure` of the constants.
 
     The elastic area carries the share phi of its hardness, share = A_pl + phi (A - A_pl).  The
     counted points have this exactly with phi of their own.  That phi is as wrong as the counts: a
@@ -237,40 +302,9 @@ def _balanced(
     contact between apart and plastic, whose pressure rises antisymmetrically, and worth little for
     wide elastic contacts.
     """
-    both = shared * errors[0] * errors[1]
-    covariance = np.array([[errors[0] ** 2, both], [both, errors[1] ** 2]])
-    if raw.elastic <= 0 or raw.plastic <= 0:
-        return areas, covariance
     phi = (share - raw.plastic) / raw.elastic
     slopes = np.array([phi, 1 - phi])
-    doubt = PHI * max(areas[0] - areas[1], cell)
     gain = covariance @ slopes
-    gain /= slopes @ gain + doubt * doubt
+    gain /= slopes @ gain + (doubt * max(areas[0] - areas[1], raw.elastic)) ** 2
     moved = areas + gain * (share - slopes @ areas)
     return moved, covariance - np.outer(gain, slopes @ covariance)
-
-
-def _uncertainty(sums: FloatArray, front: int, oblong: float) -> float:
-    """Standard deviation in cells of the area that a front encloses.
-
-    Random errors grow as the square root of a front's length; they are the widths of strips, tips
-    found by chance, the places of edges in their cells, and the dips, which are bounds.  Errors
-    common to a whole front grow as its length; they are those of its offset, which changes where a
-    front runs in one direction, of edges along the grid, which meet their cells alike, and of zones
-    hidden at edges.  A few links of a smooth surface look like edges, so that these count in
-    proportion to the share of edges in the other front.
-    """
-    pinned, other = sums[grid.PINNED + front], 1 - front
-    length, strip, tips = (sums[k + front] for k in (grid.LENGTH, grid.STRIP, grid.TIPS))
-    chance = CHANCE @ np.array([length, strip, tips, pinned])
-    edges = sums[grid.PINNED + other] / max(sums[grid.LENGTH + other], 1.0)
-    common = COMMON * np.array(
-        [
-            length,
-            sums[grid.HARMONIC + front],
-            sums[grid.ALIGNED + front],
-            edges * sums[grid.BEYOND + other],
-        ]
-    )
-    hidden = math.sqrt(sums[grid.DIPS + front]) / SURE
-    return math.hypot(math.sqrt(chance), *common, hidden, oblong * sums[grid.OFFSET + front])

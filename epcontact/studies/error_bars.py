@@ -1,0 +1,212 @@
+"""Fit the constants of the claimed errors of corrected areas.
+
+The constants are `rim_correction.ERRORS`.  They are fitted to an ensemble like that of
+`epcontact.studies.areas`, which judges them, but of other kinds of surfaces and other seeds.  The
+fit makes the claims as small as possible while COVERED of the errors lie within them: it minimises
+the mean of ln(claim) + max(0, ln(error/claim))/(1 - COVERED), whose minimum for a single claim is
+that quantile of the errors, and in which errors of all sizes and kinds count alike.
+
+`python -m epcontact.studies.error_bars` prints the constants, in some five minutes of one core.
+Two halves of the ensemble, each fitted alone, show how well it determines them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple, dataclass, fields
+
+import numpy as np
+from scipy.optimize import minimize
+
+from epcontact.bem.areas.rim_correction import (
+    ERRORS,
+    ErrorConstants,
+    areas_of_sums,
+    estimate_areas,
+    sums_of_fronts,
+)
+from epcontact.results import Areas, FloatArray
+from epcontact.studies.areas import FINER, Maker, Patch, member
+
+#: The share of errors that are to lie within their claim.
+COVERED = 0.92
+#: Errors and claims below this number of cells count as this number.
+_CELLS = 0.02
+
+
+def _waves(patch: Patch, rng: np.random.Generator, count: int = 60) -> FloatArray:
+    """Random waves of half to all of the highest wave number, of rms slope 1."""
+    (nx, ny), (x, y) = patch.shape, patch.offsets(np.zeros(2))
+    heights, slope = np.zeros((nx, ny)), 0.0
+    for _ in range(count):
+        size, turn, phase = rng.uniform(0.5, 1), rng.uniform(0, 2 * np.pi), rng.uniform()
+        a, b = (round(patch.high * size * f(turn)) for f in (math.cos, math.sin))
+        heights += np.cos(2 * np.pi * (a * x + b * y + phase))
+        slope += 2 * np.pi**2 * (a * a + b * b)
+    return heights / math.sqrt(slope)
+
+
+def _terraces(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    coarse = Patch(patch.shape, patch.periods, 3)
+    above = _waves(coarse, rng) > rng.uniform(-0.05, 0.05)
+    return rng.uniform(0.1, 0.5) * _waves(patch, rng) + rng.uniform(0.01, 0.1) * above
+
+
+def _ripples(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    x, y = patch.offsets(np.zeros(2))
+    heights = np.zeros(patch.shape)
+    for slope in (1.0, rng.choice([0.0, 0.3, 1.0])):
+        a, b = rng.choice([[1, 0], [0, 3], [1, 2], [2, 2], [4, 1]])
+        wave = np.cos(2 * np.pi * (a * x + b * y + rng.uniform()))
+        heights = heights + slope * wave / (2 * np.pi * math.hypot(a, b))
+    return heights
+
+
+def _ellipsoids(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    heights = np.full(patch.shape, -np.inf)
+    for _ in range(int(rng.integers(2, 7))):
+        along, across = _turned(patch, rng)
+        bent = along**2 * rng.uniform(1, 5) + across**2 * rng.uniform(1, 5)
+        heights = np.maximum(heights, rng.uniform(0, 0.04) - bent)
+    return heights
+
+
+def _rings(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    heights = np.zeros(patch.shape)
+    for _ in range(int(rng.integers(1, 3))):
+        along, across = _turned(patch, rng)
+        outer, depth = rng.uniform(0.15, 0.3), rng.uniform(0.02, 0.3)
+        away = np.hypot(along, across * rng.uniform(1, 1.5))
+        ring = (away < outer) & (away > outer * rng.choice([0.0, rng.uniform(0.3, 0.7)]))
+        heights = np.where(ring, depth, heights)
+    return heights
+
+
+def _pyramids(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    along, across = _turned(patch, rng)
+    away = np.maximum(np.abs(along), np.abs(across) * rng.uniform(0.7, 1.5))
+    return np.asarray(-rng.uniform(0.1, 0.8) * np.maximum(away - rng.uniform(0.05, 0.3), 0))
+
+
+def _grooves(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    (a, b), (x, y) = rng.choice([[2, 0], [1, 2], [3, 3], [0, 4]]), patch.offsets(np.zeros(2))
+    across = np.abs((a * x + b * y + rng.uniform()) % 1 - 0.5)
+    width = rng.uniform(0.1, 0.4)
+    depth = rng.uniform(0.2, 1) * np.maximum(width - across, 0) / math.hypot(a, b)
+    return np.asarray(0.1 * _waves(patch, rng) - depth)
+
+
+def _spikes(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    heights = _waves(patch, rng)
+    for _ in range(int(rng.integers(3, 30))):
+        along, across = _turned(patch, rng)
+        height, slope = rng.uniform(0.02, 0.1), rng.uniform(2, 8)
+        heights = heights + np.maximum(height - slope * np.hypot(along, across), 0)
+    return heights
+
+
+def _turned(patch: Patch, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Distances (nx, ny) from a random centre along two random directions at right angles."""
+    (x, y), turn = patch.offsets(rng.uniform(size=2)), rng.uniform(0, np.pi)
+    cosine, sine = math.cos(turn), math.sin(turn)
+    return x * cosine + y * sine, y * cosine - x * sine
+
+
+#: Kinds of surfaces other than those of `epcontact.studies.areas`.
+KINDS: dict[str, Maker] = {
+    "waves": _waves,
+    "oblong": _waves,
+    "terraces": _terraces,
+    "ripples": _ripples,
+    "ellipsoids": _ellipsoids,
+    "rings": _rings,
+    "pyramids": _pyramids,
+    "grooves": _grooves,
+    "spikes": _spikes,
+}
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """What the claim for one surface is made of, and the truth.
+
+    Attributes:
+        sums, raw, share, cells, aspect: arguments of `rim_correction.areas_of_sums`.
+        exact: the areas on the fine grid.
+    """
+
+    sums: FloatArray
+    raw: Areas
+    share: float
+    cells: int
+    aspect: float
+    exact: Areas
+
+
+def lessons(seeds: Iterable[int], points: int) -> list[Lesson]:
+    """Solve every kind with every seed on the coarse and on the fine grid."""
+    out = []
+    for seed in seeds:
+        for kind in KINDS:
+            one = member(KINDS, kind, seed, points)
+            pressure, gap, (dx, dy) = one.solved(1)
+            solution = (pressure, gap, one.hardness, [dx, dy], 1.0)
+            sums, raw = sums_of_fronts(*solution), estimate_areas(*solution)[0]
+            share = one.load / one.hardness
+            out.append(Lesson(sums, raw, share, pressure.size, dx / dy, one.areas(FINER)[1]))
+    return out
+
+
+def errors_and_claims(known: Sequence[Lesson], constants: ErrorConstants) -> FloatArray:
+    """(areas, 2): error and claim in cells of each part of the area of each surface."""
+    out = []
+    for one in known:
+        found, claim = areas_of_sums(one.sums, one.raw, one.share, one.cells, one.aspect, constants)
+        for part in ("total", "plastic", "elastic") if one.share else ("total",):
+            off = abs(getattr(found, part) - getattr(one.exact, part))
+            out.append([off * one.cells, getattr(claim, part) * one.cells])
+    return np.maximum(np.array(out), _CELLS)
+
+
+def loss(known: Sequence[Lesson], constants: ErrorConstants) -> float:
+    """The mean of ln(claim) + max(0, ln(error/claim))/(1 - COVERED)."""
+    error, claim = np.log(errors_and_claims(known, constants)).T
+    return float(np.mean(claim + np.maximum(error - claim, 0) / (1 - COVERED)))
+
+
+def fitted(known: Sequence[Lesson], start: ErrorConstants = ERRORS) -> ErrorConstants:
+    """The constants with the least loss, sought from `start` in factors."""
+
+    def cost(logarithms: FloatArray) -> float:
+        return loss(known, ErrorConstants(*np.exp(logarithms).tolist()))
+
+    at = np.log(astuple(start))
+    for _ in range(2):  # a second simplex leaves where the first one has collapsed
+        simplex = np.vstack([at, at + np.diag([0.7, -0.7, 0.7, -0.7, 0.7, -0.7])])
+        at = minimize(
+            cost,
+            at,
+            method="Nelder-Mead",
+            options={"initial_simplex": simplex, "xatol": 0.02, "fatol": 1e-3},
+        ).x
+    return ErrorConstants(*np.exp(at).tolist())
+
+
+def main(seeds: Sequence[int] = range(1000, 1030), points: int = 64) -> None:
+    """Print the constants in use, those that the ensemble gives, and those of its halves."""
+    known = lessons(seeds, points)
+    fits = [fitted(part) for part in (known, known[::2], known[1::2])]
+    print(f"{'':14s} in use  fitted  halves")
+    for field in fields(ErrorConstants):
+        here, whole, *halves = (getattr(c, field.name) for c in (ERRORS, *fits))
+        print(
+            f"{field.name:14s} {here:6.3f}  {whole:6.3f}  " + "  ".join(f"{h:.3f}" for h in halves)
+        )
+    for name, constants in (("in use", ERRORS), ("fitted", fits[0])):
+        error, claim = errors_and_claims(known, constants).T
+        print(f"{name}: {np.mean(error <= claim):.3f} covered, loss {loss(known, constants):.3f}")
+
+
+if __name__ == "__main__":
+    main()
