@@ -83,7 +83,7 @@ def write_text(path: Path | str, text: str) -> None:
 
 
 def write_json(path: Path | str, data: Any) -> None:
-    """Write `data` as indented JSON with a line for each list of numbers, whole or not at all.
+    """Write `data` as indented JSON, whole or not at all.
 
     Args:
         path: The destination.
@@ -94,25 +94,7 @@ def write_json(path: Path | str, data: Any) -> None:
         OutputError: If the system refuses.
         TypeError: If `data` holds anything else.
     """
-    write_text(path, _indented(plain(data), "\n") + "\n")
-
-
-def _indented(data: Any, end: str) -> str:
-    """Return JSON types as text whose lines end with `end`, which holds the indent of the next.
-
-    The library indents number by number in Python, which takes longer than a small solve.
-    """
-    if isinstance(data, dict) and data:
-        inner = [
-            f"{json.dumps(k, ensure_ascii=False)}: {_indented(v, end + '  ')}"
-            for k, v in data.items()
-        ]
-    elif isinstance(data, list) and any(isinstance(item, dict | list) for item in data):
-        inner = [_indented(item, end + "  ") for item in data]
-    else:
-        return json.dumps(data, allow_nan=False, ensure_ascii=False)
-    first, last = "{}" if isinstance(data, dict) else "[]"
-    return first + end + "  " + f",{end}  ".join(inner) + end + last
+    write_text(path, json.dumps(plain(data), indent=2, allow_nan=False, ensure_ascii=False) + "\n")
 
 
 def read_bytes(path: Path | str, count: int = -1) -> bytes:
