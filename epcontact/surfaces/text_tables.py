@@ -3,7 +3,7 @@
 The separator is a semicolon, a tabulator, a comma or white space.  With any but the comma, numbers
 may have a decimal comma.  Lines above the table that do not begin with a number are its header,
 and # begins a comment.  Empty cells and NaN are points without a height.  Text that is not UTF-8
-is read as UTF-16 if it begins like it, otherwise as Latin-1.  Coordinates among the heights are
+is read as UTF-16 if it begins like it, otherwise as Latin-1.  A list of x, y and height is
 refused.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import codecs
 import re
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -64,9 +65,15 @@ def read_table(path: Path) -> tuple[FloatArray, tuple[str, ...]]:
     table = np.array(rows)
     if table.shape[1] > 1 and separator and np.isnan(table[:, -1]).all():
         table = table[:, :-1]  # each line ends with a separator
-    if coordinates := _coordinates(table):
-        raise InvalidScene(f"{path}: holds coordinates, too: {coordinates}; leave only heights")
-    notes = []
+    if _is_list_of_points(table):
+        raise InvalidScene(
+            f"{path}: its three columns are x, y and height; write the heights alone, one row of "
+            "the grid in each line"
+        )
+    notes = [
+        f"the first {part} of the file has even steps; if these are coordinates, leave them out"
+        for part in _even_edges(table)
+    ]
     if header:
         notes.append(f"lines skipped above the table of heights: {header}")
     if decimal == ",":
@@ -86,21 +93,23 @@ def _text(path: Path) -> tuple[str, str]:
         return content.decode("latin-1"), "Latin-1"
 
 
-def _coordinates(table: FloatArray) -> str:
-    """Return which part of a table is no height but a place; empty if none is."""
-    if table.shape[1] == 3 and len(table) > 3:
-        places = len(np.unique(table[:, :2], axis=0))
-        grid = np.unique(table[:, 0]).size * np.unique(table[:, 1]).size
-        if places == len(table) and grid <= 2 * len(table):
-            return "its three columns are x, y and height"
+def _is_list_of_points(table: FloatArray) -> bool:
+    """Return whether the first two of three columns are the coordinates of a grid."""
+    if table.shape[1] != 3 or len(table) < 4:
+        return False
+    points = len(np.unique(table[:, :2], axis=0))
+    grid = np.unique(table[:, 0]).size * np.unique(table[:, 1]).size
+    return points == len(table) and grid <= 2 * len(table)
+
+
+def _even_edges(table: FloatArray) -> Iterator[str]:
+    """Yield the edges of a table that look like coordinates, which heights may do as well."""
     if min(table.shape) < 2:
-        return ""
+        return
     # The corner between the coordinates of both axes may be empty.
-    if _even_steps(table[1:, 0]) and not _even_steps(table[1:, 1]):
-        return "its first column counts the lines in even steps"
-    if _even_steps(table[0, 1:]) and not _even_steps(table[1, 1:]):
-        return "its first line counts the columns in even steps"
-    return ""
+    for part, grid in (("column", table), ("line", table.T)):
+        if _even_steps(grid[1:, 0]) and not _even_steps(grid[1:, 1]):
+            yield part
 
 
 def _even_steps(values: FloatArray) -> bool:
