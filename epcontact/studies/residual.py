@@ -125,24 +125,31 @@ def draw_power(table: pd.DataFrame, of_scene: str) -> Chart:
 
 
 def draw_skewness(table: pd.DataFrame, of_scene: str) -> Chart:
-    """Draw the change of the skewness against the hardness."""
+    """Draw the change of the skewness against the power that the shortest octave has kept.
+
+    The experiment is at (1, 0).
+    """
     means = _means(table[table["figure"] == "skewness"])
+    powers = table[table["figure"].str.startswith("power")]
+    octave = powers["figure"].str.removeprefix("power ").astype(int)
+    keys = ["model", "hardness_over_slope_modulus"]
+    kept = powers[octave == octave.max()].groupby(keys)["value"].mean()
+    means = means.join(kept.rename("power_kept"), on=keys)
     kurtosis = _means(table[table["figure"] == "excess_kurtosis"])
     others = _means(table[table["figure"].str.startswith("rms")])
     form = "{model} {figure} {value:.3f} at {hardness_over_slope_modulus:g}"
     return draw_table(
         means.rename(columns=lambda name: name.replace("value", "skewness_change")),
         Plot(
-            ("hardness_over_slope_modulus", r"hardness over $E^*\xi$ (–)"),
+            ("power_kept", "power kept by the shortest octave (–)"),
             ("skewness_change", "skewness after less before (–)"),
             series=("model",),
-            log="x",
-            ticks=HARDNESSES,
             level=0.0,
         ),
         "Change of the skewness of the heights by one load, means with their 95 % intervals, "
-        f"{of_scene}. 0 is as symmetric as before. By hardness over E* xi: "
-        f"{listed(means, _WITH_INTERVAL)}. Excess kurtosis after less before: "
+        f"{of_scene}, against the power that the shortest octave keeps. The experiment is near 1 "
+        "and 0: its short waves and the symmetry of its heights hardly change. By hardness over "
+        f"E* xi: {listed(means, _WITH_INTERVAL)}. Excess kurtosis after less before: "
         f"{listed(kurtosis, _WITH_INTERVAL)}. After over before: {listed(others, form)}.",
     )
 
