@@ -75,7 +75,7 @@ class MappedHardness:
             f"{known[name].min():g} to {known[name].max():g} in {symbol}"
             for name, symbol in SYMBOLS.items()
         )
-        wide = "" if self.error <= 0.02 else "; it is wider than 2 %, as the surfaces are few"
+        wide = "" if self.error <= 0.02 else "; the interval is wider than 2 %"
         return (
             f"by the formula fitted to {known['load'].size} places of the map, {reach}, each of "
             f"{known['surfaces'].min():g} to {known['surfaces'].max():g} self-affine surfaces, "
