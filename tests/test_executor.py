@@ -14,12 +14,12 @@ import pytest
 
 from epcontact import verify
 from epcontact.errors import EpcontactError, InvalidCase
-from epcontact.harness import solve
+from epcontact.harness import run, solve
 from epcontact.harness.case import load_case
 from epcontact.harness.cluster import dask
 from epcontact.harness.methods import METHODS
 from epcontact.harness.pool import made
-from epcontact.harness.run import run_cases
+from epcontact.harness.run import run_cases, tasks_of
 from epcontact.harness.store import Task, basis
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
@@ -93,6 +93,16 @@ def test_task_beyond_the_memory_of_every_worker_is_not_submitted(write_case, tmp
     error = gate_error(write_case(*THEORY), tmp_path, lambda: small)
     assert "needs about 0.3 GiB, but the largest worker has 0.0 GiB" in error
     assert not small.folder.exists()
+
+
+@pytest.mark.parametrize(("free", "jobs"), [(1e12, 4), (2e9, 3), (1e8, 1)])
+def test_no_more_processes_than_fit_into_memory(write_case, monkeypatch, free, jobs) -> None:
+    grid = ("points_per_shortest_wavelength = { fast = 4, full = 8 }", "shape = [4096, 2048]")
+    tasks = [*tasks_of(load_case(write_case(grid, ONE)), METHODS, "none", Path())]
+    monkeypatch.setattr(run, "available_memory", lambda: free)
+    # 2^28 bytes, and a point of a light contact takes 44 and some more, heights included.
+    assert 0.6e9 < max(task.memory for task in tasks) < 0.7e9
+    assert run._fitting(tasks, 4) == jobs
 
 
 def test_failure_of_a_worker_is_its_task_s_error(write_case, tmp_path) -> None:
