@@ -229,14 +229,15 @@ def path_costs(
 
     Returns:
         One row for each mesh, means over the surfaces: nodes, the iterations of the whole path as
-        "conjugate gradients" and "Newton", and time_in_fft_pairs (of 2048 x 2048 points).
+        "conjugate gradients" and "Newton", and time_in_fft_pairs (of 2048 x 2048 points), both of
+        one thread.
     """
     pair, rows = fft_pair_seconds(), []
     _solve(speed_scene(16))  # compiled before it is timed
     for nodes, layers in meshes:
         progress(f"fem: load paths, {nodes} x {nodes} x {layers}")
         for seed in seeds:
-            cost = _solve(speed_scene(nodes, seed=seed), layers=layers, steps=4).cost
+            cost = _solve(speed_scene(nodes, seed=seed), layers=layers, steps=4, threads=1).cost
             counts = (cost["cg_iterations"], cost["newton_steps"], cost["seconds"] / pair)
             rows.append((nodes, *counts))
     names = ["nodes", "conjugate gradients", "Newton", "time_in_fft_pairs"]
