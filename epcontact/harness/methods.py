@@ -286,6 +286,7 @@ def _registry() -> dict[str, Method]:
             "contact_mechanics", "epcontact.harness.peers:contact_mechanics", "ContactMechanics"
         ),
         method_of("tamaas", "epcontact.harness.peers:tamaas", "tamaas"),
+        method_of("tamaas_j2", "epcontact.harness.peers:tamaas_j2", "tamaas"),
     ]
     plugins = [method_of(e.name, e.value) for e in entry_points(group="epcontact.methods")]
     return {method.name: method for method in (*plugins, *own)}

@@ -3,6 +3,8 @@
     ContactMechanics   constrained conjugate gradients of Polonsky and Keer with a hardness
     tamaas             the same without one (PolonskyKeerRey), Kato's method with a saturation
                        pressure (KatoSaturated)
+    tamaas_j2          tamaas' volume integrals with J2 flow (EPICSolver), a second opinion on the
+                       finite elements: half-spaces under pressures that rise
 
 A peer gives a pressure field.  This module computes everything else of the result (gap, residuals,
 areas, energy) from that field in the same way for every peer, so that a gate judges the pressure
@@ -18,6 +20,7 @@ import importlib
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,6 +46,10 @@ Pressure = Callable[..., FloatArray]
 #: ContactMechanics on the penetration over the rms height, that of tamaas, and the number of
 #: iterations of its saturated solver, which reports no error to stop at.
 TOLERANCE, ITERATIONS = 1e-6, 3200
+
+#: Of J2 flow by tamaas: depth over the period down to which a body may flow, increments to each
+#: load, and the tolerance of its outer loop, that of its own examples.
+FLOWING, INCREMENTS, FLOW_TOLERANCE = 0.5, 4, 1e-5
 
 
 def _contact_mechanics_pressure(
@@ -113,9 +120,69 @@ def tamaas(scene: Scene) -> ContactResult:
     return _answer(scene, "tamaas", TOLERANCE if elastic else ITERATIONS)
 
 
-def _answer(scene: Scene, name: str, effort: float) -> ContactResult:
-    surface = scene.surface
-    if surface.heights.ndim != 2 or scene.body.kind != "half_space":
+def tamaas_j2(scene: Scene) -> ContactResult:
+    """Solve a scene by tamaas' volume integrals with perfectly plastic J2 flow.
+
+    The body may flow down to FLOWING of a period, in INCREMENTS from the load before to each load
+    (Frérot, Bonnet, Molinari and Anciaux 2019, Computer Methods in Applied Mechanics and
+    Engineering 351, 951).  Pressure, gap and displacement are tamaas' own.
+
+    Raises InvalidScene, StudyUnavailable, NotConverged.
+    """
+    if not (math.isfinite(scene.material.yield_stress) and scene.load.non_decreasing):
+        raise InvalidScene("tamaas_j2 needs a finite yield_stress and mean pressures that rise")
+    _require_peer(scene, "tamaas")
+    started = time.perf_counter()
+    E, period = effective_modulus(scene.material), scene.surface.periods[0]
+    try:
+        pressure, gap, displacement = _tamaas_flow(scene)
+    except (RuntimeError, ArithmeticError, ValueError) as error:
+        raise NotConverged(f"tamaas gave up: {' '.join(str(error).split())}") from error
+    uncapped = replace(scene, material=replace(scene.material, hardness=math.inf))
+    found = result_of(
+        uncapped,
+        pressure * E,
+        "tamaas_j2",
+        time.perf_counter() - started,
+        gap=gap * period,
+        displacement=displacement * period,
+    )
+    options = {"solver": "tamaas_j2", "law": "j2", "depth": FLOWING * period}
+    return replace(found, provenance=Provenance(scene.digest, scene.surface.seed, options))
+
+
+def _tamaas_flow(scene: Scene) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return pressure/E*, and gap and displacement over the period, after the path."""
+    import tamaas as tm
+    from tamaas.nonlinear_solvers import DFSANECXXSolver
+
+    tm.set_log_level(tm.LogLevel.error)
+    surface, material = scene.surface, scene.material
+    E, period = effective_modulus(material), surface.periods[0]
+    lengths = [FLOWING, 1.0, surface.periods[1] / period]
+    levels = round(FLOWING * surface.shape[0]) + 1  # as far apart as the points of the surface
+    model = tm.Model(tm.model_type.volume_2d, lengths, [levels, *surface.shape])
+    model.E, model.nu = material.young_modulus / E, material.poisson_ratio
+    # tamaas divides by the hardening; 1e-9 of E changes no digit that its tolerance leaves.
+    flow = tm.materials.IsotropicHardening(model, material.yield_stress / E, 1e-9 * model.E)
+    inner = DFSANECXXSolver(tm.Residual(model, flow))
+    inner.tolerance = 0.1 * FLOW_TOLERANCE
+    # It writes the residual displacement into its surface, which must not be the scene's.
+    heights = np.array(surface.heights) / period
+    contact = tm.PolonskyKeerRey(model, heights, 1e-8)
+    solver = tm.EPICSolver(contact, inner, FLOW_TOLERANCE, 0.3)
+    before = 0.0
+    for load in scene.load.path:
+        for share in range(1, INCREMENTS + 1):
+            solver.solve((before + (load - before) * share / INCREMENTS) / E)
+        before = load
+    pressure, gap = np.array(model.traction)[..., 2], np.array(model["gap"])[..., 2]
+    displacement = gap + surface.heights / period
+    return pressure, gap, displacement - displacement.mean()
+
+
+def _require_peer(scene: Scene, name: str) -> None:
+    if scene.surface.heights.ndim != 2 or scene.body.kind != "half_space":
         raise InvalidScene(f"{name} is asked for half-spaces under surfaces only, no line or layer")
     try:
         importlib.import_module(name)
@@ -123,6 +190,11 @@ def _answer(scene: Scene, name: str, effort: float) -> ContactResult:
         raise StudyUnavailable(
             f"{name} is not installed; pip install 'epcontact[peers]' brings it"
         ) from None
+
+
+def _answer(scene: Scene, name: str, effort: float) -> ContactResult:
+    surface = scene.surface
+    _require_peer(scene, name)
     E, period = effective_modulus(scene.material), surface.periods[0]
     started = time.perf_counter()
     try:
