@@ -286,7 +286,7 @@ def _conjugate_gradients(
         if size <= goal:
             break
         if spent == 0 and problem.flat and tangent.flows and goal < WORTH_SMOOTHING * size:
-            sweeps = smoother(tangent.rows, states == ELASTIC, problem.workers)
+            sweeps = smoother(tangent.rows, states == ELASTIC)
         z, Kz, d = precondition(
             tangent, sweeps, r, None if control.load is None else missing, states
         )
