@@ -46,7 +46,7 @@ from fem_check.vectors import axpy, dot, norm, xpay
 #: times the reduction of the residual that the linear solve aims at: the next Newton iteration
 #: moves more nodes than that.  A node in the wrong set shows in the residuals of tension and
 #: penetration, so this affects the work and not the answer.
-UNSETTLED = 0.3
+UNSETTLED = 0.1
 
 #: Levels whose residual is below this share of what the linear solve aims at are left out of it.
 NEGLIGIBLE = 0.01

@@ -81,7 +81,7 @@ class Smoother:
         x = np.zeros((len(self.rows.nodes), 3))
         for way in ascending:
             # In this order: levels of one parity before the others, which threads could share, took
-            # a tenth more iterations on 128 x 128 nodes.
+            # a few per cent more iterations on 128 x 128 nodes.
             _sweep(self.rows, self.inverses, residual.reshape(-1, 3), x, way)
         return x
 
