@@ -88,6 +88,18 @@ def test_what_is_missing_is_said(honest) -> None:
         measured("measured_residuals", with_step(honest, -1, residuals={}))
 
 
+def test_a_path_that_ends_as_it_began_is_refused_by_the_name_of_the_quantity(honest) -> None:
+    first, second, _ = honest.steps
+    there_and_back = replace(SCENE, load=Load((0.008, 0.01, 0.008)))
+    result = replace(honest, steps=(first, second, first))
+    with pytest.raises(InvalidCase, match=r"quantity\.path_work: .* energy that it began with"):
+        measure("quantity.path_work", there_and_back, result)
+    nothing = replace(first, areas=dict(first.areas) | {"corrected": Areas(0.0, 0.0, 0.0)})
+    bare = replace(honest, steps=(nothing, second, replace(nothing)))
+    with pytest.raises(InvalidCase, match=r"quantity\.cycle_area: .* no contact before"):
+        measure("quantity.cycle_area", there_and_back, bare)
+
+
 def test_a_repeated_member_is_found_and_no_other(honest) -> None:
     other = with_figure(honest, -1, "mean_gap", 1.001)
     assert Answer((honest, other), ("seed1", "seed2")).twins is None

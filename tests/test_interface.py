@@ -23,7 +23,8 @@ from epcontact.harness.interface import (
     patches,
     percolation_share,
 )
-from epcontact.surfaces import SelfAffine
+from epcontact.harness.quantities import measure
+from epcontact.surfaces import SelfAffine, residual_surface
 
 
 def strips(n: int, share: float = 0.5) -> Scene:
@@ -123,6 +124,23 @@ def test_patches_join_over_the_period(mask: np.ndarray, areas: list[int], spans:
 def test_a_line_percolates_only_if_all_of_it_touches() -> None:
     assert percolation_share(np.arange(8.0)) == 1.0
     assert not patches(np.arange(8) > 0).spans
+
+
+def test_an_unloaded_contact_percolates_like_the_elastic_one_on_the_surface_it_has_left() -> None:
+    scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.03), Load((0.008, 0.001)))
+    unloaded = bem.solve(scene, threads=1)
+    left = residual_surface(ROUGH, unloaded)
+    elastic = Scene(left, Material(1.0, 0.3), Load(0.001))
+    for name in ("quantity.contact_percolation", "quantity.gap_percolation"):
+        expected = measure(name, elastic, bem.solve(elastic, threads=1))
+        assert measure(name, scene, unloaded) == pytest.approx(expected, abs=2 / 64**2)
+
+
+def test_points_that_flow_percolate_in_the_order_of_their_depth_and_not_of_their_rows() -> None:
+    """Rows, the first of which is the closest in an order by index, would connect at 1/64."""
+    scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.03), Load(0.0299))
+    result = bem.solve(scene, threads=1)
+    assert measure("quantity.contact_percolation", scene, result) > 0.2
 
 
 def test_the_closest_and_the_widest_points_percolate_at_complementary_shares_on_noise() -> None:

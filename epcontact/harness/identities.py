@@ -21,6 +21,8 @@ from epcontact.harness.measurements import (
 )
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
+_SAME = 1e-6  # share of the largest energy of a path below which a change of it is an error
+
 
 def areas(a: Answered) -> float:
     """Return the largest error of the areas that needs no reference, as a share of the whole.
@@ -169,7 +171,13 @@ def work(a: Answered) -> float:
         raise InvalidCase("the work of a path is measured along three mean pressures or more")
     load = np.array(a.scene.load.path)
     approach, energy = _flowing_path(a) if a.flows else _capped_path(a, load)
-    return _work(load, approach) / float(energy[-1] - energy[0]) - 1
+    left = float(energy[-1] - energy[0])
+    if abs(left) <= _SAME * float(np.abs(energy).max()):
+        raise InvalidCase(
+            "the work of a path is measured by the energy that it leaves, but this path ends with "
+            "the energy that it began with; let it end at another load"
+        )
+    return _work(load, approach) / left - 1
 
 
 def _work(load: FloatArray, approach: FloatArray) -> float:
@@ -191,6 +199,8 @@ def cycle(a: Answered) -> float:
     first = next(step for step in a.result.steps if step.mean_pressure == last.mean_pressure)
     if first is last:
         raise InvalidCase("the last mean pressure of the path is not one that it had before")
+    if not first.areas["corrected"].total:
+        raise InvalidCase("the path ends at a load at which there was no contact before")
     return last.areas["corrected"].total / first.areas["corrected"].total - 1
 
 

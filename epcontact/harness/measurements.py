@@ -196,9 +196,12 @@ def patches_of(a: Answered, part: str, what: str) -> float:
 
 def percolation(a: Answered, sign: float) -> float:
     """Return the share of the area, by closeness times `sign`, that first percolates."""
-    closeness = np.where(a.pressure > 0, a.pressure / a.pressure.max(), 0.0)
-    apart = a.pressure <= 0
-    closeness[apart] = -a.field("gap")[apart] / np.ptp(a.scene.surface.heights)
+    p, gap, height = a.pressure, a.field("gap"), np.ptp(a.scene.surface.heights)
+    if "plastic_displacement" in a.result.fields and not a.flows:
+        gap = gap + np.where(a.at_the_cap, 0.0, a.field("plastic_displacement"))
+    # At the hardness all pressures are equal, and the points that have flowed furthest are closest.
+    loose = (p <= 0) | (a.at_the_cap & (not a.flows))
+    closeness = p / (p.max() or 1.0) - np.where(loose, gap / height, 0.0)
     return interface.percolation_share(sign * closeness)
 
 

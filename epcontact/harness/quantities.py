@@ -128,7 +128,10 @@ def measure_all(names: Collection[str], scene: Scene, result: ContactResult) -> 
             raise InvalidCase(f"{name} is reported by the methods, not measured")
         if "fields" in quantity.needs:
             answered.field("pressure")  # raises InvalidCase if it is missing
-        values[name] = quantity.measure(answered)
+        try:
+            values[name] = quantity.measure(answered)
+        except InvalidCase as error:  # a gate beside it must not be blamed
+            raise InvalidCase(f"{name}: {error}") from error
     return values
 
 
