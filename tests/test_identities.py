@@ -61,6 +61,14 @@ def test_the_work_sees_every_step_of_a_path(honest, step) -> None:
     assert abs(measured("path_work", wrong) - measured("path_work", honest)) > 1e-3
 
 
+def test_a_repeated_load_does_no_work(honest) -> None:
+    first, second, third = honest.steps
+    path = Load((*SCENE.load.path[:2], *SCENE.load.path[1:]))
+    twice = replace(honest, steps=(first, second, second, third))
+    again = measure("quantity.path_work", replace(SCENE, load=path), twice)
+    assert again == measured("path_work", honest)
+
+
 def test_the_areas_of_every_step_must_add_up(honest) -> None:
     wrong = dict(honest.steps[0].areas) | {"corrected": Areas(0.5, 0.1, 0.1)}
     assert measured("measured_areas", with_step(honest, 0, areas=wrong)) == pytest.approx(0.3)

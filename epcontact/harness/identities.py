@@ -184,6 +184,8 @@ def _work(load: FloatArray, approach: FloatArray) -> float:
     """Integrate the load over the approach, branch by branch."""
     from scipy.integrate import simpson  # slow to load
 
+    moved = np.append(True, np.diff(load) != 0)  # a load that is repeated does no work
+    load, approach = load[moved], approach[moved]
     turns = np.flatnonzero(np.diff(np.sign(np.diff(load)))) + 1
     ends = [0, *turns.tolist(), load.size - 1]
     done = load[-1] * approach[-1] - load[0] * approach[0]
