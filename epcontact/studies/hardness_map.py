@@ -234,7 +234,7 @@ def mapped(areas: pd.DataFrame) -> pd.DataFrame:
             "inverse_hardness": table["inverse"] * (1 + 1.5 * grid),
             "statistical_error": 2 * table["load"].map(scatter) / np.sqrt(table["surfaces"]),
             "grid_error": np.hypot(grid / 2, doubt),
-            "spectrum_error": float(np.sqrt((pd.concat(spectra) ** 2).mean())),
+            "spectrum_error": float(np.sqrt(np.mean(np.concatenate(spectra) ** 2))),
         }
     ).sort_values(["poisson_ratio", "severity", "load"])
 
