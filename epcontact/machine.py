@@ -6,24 +6,39 @@ service without a home runs it.  A private folder then replaces them; it is remo
 that made it.
 
 A kernel is compiled when it is first called on a machine.  A line in the log says so, and
-`compile_seconds` lets costs and time limits leave it out.
+`compile_seconds` lets costs and time limits leave it out.  Two dangers are kept away:
+
+* Numba writes the index of a kernel's files, and then the file, without a look at what another
+  process writes at the same time.  If two processes compile a kernel for different types, a third
+  one may then load the code for the wrong types.  So one process at a time compiles a kernel, and
+  the others wait and load it.
+* LLVM calls Python when it has compiled or loaded a kernel.  Python drops an exception that a
+  signal's handler raises there, and the kernel is lost.  So a handler asks `compiling` first.
 """
 
 from __future__ import annotations
 
 import atexit
+import contextlib
 import functools
 import gc
+import hashlib
 import logging
 import os
 import shutil
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 from typing import Any
 
 import psutil
+
+try:
+    import fcntl
+except ImportError:  # Windows, where numba refuses to replace a file that another process reads
+    fcntl = None  # type: ignore[assignment]
 
 _CACHE_VARIABLE = "NUMBA_CACHE_DIR"
 
@@ -53,9 +68,19 @@ def peak_memory() -> int:
 def compile_seconds() -> float:
     """Return the seconds that this process has spent on compiling kernels so far.
 
-    A compilation that is still running counts.  The time to load compiled kernels does not.
+    A compilation that is still running counts, and so does waiting for another process that
+    compiles the same kernel.  The time to load compiled kernels does not.
     """
     return float(_compilation().seconds()) if "numba" in sys.modules else 0.0
+
+
+def compiling() -> bool:
+    """Return True if this thread is compiling or loading a kernel.
+
+    The handler of a signal must not raise an exception then, but be called again later.
+    """
+    lock = sys.modules.get("numba.core.compiler_lock")
+    return lock is not None and bool(lock.global_compiler_lock.is_locked())
 
 
 @functools.cache
@@ -100,6 +125,7 @@ def provide_kernel_cache() -> None:
     compilation is timed.
     """
     _compilation()
+    _compile_in_turns()
     # At its end the interpreter would look through all objects of the compiler for cycles, which
     # takes as long as many a solve; the system gets their memory back anyway.
     atexit.register(gc.freeze)
@@ -120,6 +146,78 @@ def provide_kernel_cache() -> None:
     if "numba" in sys.modules:
         sys.modules["numba"].config.reload_config()
     atexit.register(_remove, folder, os.getpid())
+
+
+@functools.cache
+def _compile_in_turns() -> None:
+    """Let one process at a time compile and save a kernel, while others wait and then load it."""
+    from numba.core import caching, dispatcher, event
+
+    mine = threading.local()  # the caches of which a thread holds locks
+
+    class Leaving(event.Listener):  # type: ignore[misc]
+        """Gives back the locks of kernels that could not be compiled."""
+
+        def on_start(self, _: Any) -> None:
+            pass
+
+        def on_end(self, _: Any) -> None:
+            while not compiling() and getattr(mine, "caches", []):
+                mine.caches[-1].let_others()
+
+    class Cache(caching.FunctionCache):  # type: ignore[misc]
+        """Holds a lock from the moment when a kernel is missing until it is saved."""
+
+        def __init__(self, function: Any) -> None:
+            super().__init__(function)
+            self._held: contextlib.ExitStack | None = None
+            # Numba watches the file of a kernel, but not those of the kernels that it calls.
+            self._cache_file._source_stamp = _stamp(Path(function.__code__.co_filename).parent)
+
+        def load_overload(self, signature: Any, context: Any) -> Any:
+            context.refresh()  # takes long the first time, and needs no lock
+            with self._locked("LOCK_SH"):
+                found = super().load_overload(signature, context)
+            if found is None and self._held is None:
+                with event.trigger_event("numba:compile"):  # perhaps by another process
+                    self._held = self._locked("LOCK_EX")
+                mine.caches = [*getattr(mine, "caches", []), self]
+                found = super().load_overload(signature, context)
+                if found is not None:
+                    self.let_others()
+            return found
+
+        def save_overload(self, signature: Any, data: Any) -> None:
+            try:
+                super().save_overload(signature, data)
+            finally:
+                self.let_others()
+
+        def let_others(self) -> None:
+            """Give the lock back, if it is held."""
+            if self._held is not None:
+                self._held.close()
+                self._held = None
+                mine.caches.remove(self)
+
+        def _locked(self, kind: str) -> contextlib.ExitStack:
+            """A lock, which its closing gives back; none where the system has none."""
+            lock = contextlib.ExitStack()
+            with contextlib.suppress(OSError):
+                path = f"{self.cache_path}/{self._impl.filename_base}.lock"
+                if fcntl is not None:
+                    fcntl.flock(lock.enter_context(open(path, "ab")), getattr(fcntl, kind))  # noqa: SIM115
+            return lock
+
+    event.register("numba:compiler_lock", Leaving())
+    dispatcher.FunctionCache = Cache  # type: ignore[attr-defined]
+
+
+@functools.cache
+def _stamp(folder: Path) -> bytes:
+    """Return the digest of the sources in a folder."""
+    sources = (path.read_bytes() for path in sorted(folder.glob("*.py")))
+    return hashlib.sha256(b"".join(sources)).digest()
 
 
 def _writable(folder: Path) -> bool:

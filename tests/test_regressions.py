@@ -316,6 +316,63 @@ def test_time_limit_leaves_the_compilation_of_kernels_out() -> None:
     assert machine.compile_seconds() - before == taken
 
 
+KERNELS = """
+import signal, sys
+from epcontact.machine import provide_kernel_cache, compiling, compile_seconds
+provide_kernel_cache()
+from numba import njit
+import inner
+
+@njit(cache=True)
+def outer(x):
+    return inner.twice(x) + 1
+
+class Alarm(Exception):
+    pass
+
+def alarm(*_):
+    global seen
+    seen += compiling()
+    if not compiling() and len(found) < 2:
+        raise Alarm
+
+seen, found = 0, []
+signal.signal(signal.SIGALRM, alarm)
+signal.setitimer(signal.ITIMER_REAL, 0.001, 0.001)
+while len(found) < 2:
+    try:
+        found.append(outer((3, 3.0)[len(found)]))
+    except Alarm:
+        pass
+signal.setitimer(signal.ITIMER_REAL, 0)
+print(found, sum(outer.stats.cache_misses.values()), sum(outer.stats.cache_hits.values()), seen > 0)
+"""
+INNER = "from numba import njit\n@njit(cache=True)\ndef twice(x):\n    return 2 * x\n"
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms and locks of files")
+def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path) -> None:
+    # Numba alone loses a kernel to a signal that comes while LLVM runs, compiles it in every
+    # process, and does not see that the source of a kernel inside has changed.
+    (tmp_path / "outer.py").write_text(KERNELS)
+    for factor in (2, 5):
+        (tmp_path / "inner.py").write_text(INNER.replace("2", str(factor)))
+        running = [
+            subprocess.Popen(
+                [sys.executable, "-B", "outer.py"],
+                cwd=tmp_path, stdout=subprocess.PIPE, text=True,
+                env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels")},
+            )
+            for _ in range(2)
+        ]  # fmt: skip
+        said = [process.communicate(timeout=120)[0].splitlines()[-1] for process in running]
+        figures = [line.rsplit(maxsplit=3) for line in said]
+        assert [found for found, *_ in figures] == [f"[{3 * factor + 1}, {3 * factor + 1}.0]"] * 2
+        assert sum(int(misses) for _, misses, _, _ in figures) == 2
+        assert sum(int(hits) for _, _, hits, _ in figures) == 2
+        assert all(seen == "True" for *_, seen in figures)
+
+
 def test_broken_case_is_collected_as_its_sentence(write_case) -> None:
     path = write_case(("hurst", "hurts"))
     (path.parent / "pytest.ini").write_text("[pytest]\nepcontact_cases = *.toml\n")

@@ -15,6 +15,7 @@ import io
 import os
 import signal
 import sys
+import threading
 import traceback
 from importlib import import_module
 
@@ -86,7 +87,9 @@ def cli() -> None:
 
 def main() -> None:
     """Run the command line; an intended error is one sentence on stderr and exit code 2."""
-    signal.signal(signal.SIGTERM, _terminated)
+    signal.signal(signal.SIGTERM, _ended)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a job may ignore Ctrl-C
+        signal.signal(signal.SIGINT, _ended)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a code page without a symbol shows "?" for it
             stream.reconfigure(errors="replace")
@@ -135,5 +138,10 @@ def forget_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _terminated(*_: object) -> None:
+def _ended(number: int, _: object) -> None:
+    """End the command, but not in the middle of a compilation, see `machine`."""
+    machine = sys.modules.get("epcontact.machine")  # loaded with the first solver
+    if machine is not None and machine.compiling():
+        threading.Timer(0.05, signal.raise_signal, (number,)).start()
+        return
     raise KeyboardInterrupt

@@ -31,7 +31,7 @@ from epcontact.harness.child import Child, ChildDied
 from epcontact.harness.description import described
 from epcontact.harness.quantities import QUANTITIES, measure_all
 from epcontact.harness.store import Task, basis
-from epcontact.machine import available_cores, compile_seconds
+from epcontact.machine import available_cores, compile_seconds, compiling
 from epcontact.output.files import write_bytes
 from epcontact.output.vtk import step_name, write_collection, write_fields
 from epcontact.results import ContactResult
@@ -39,6 +39,8 @@ from epcontact.scene import Scene
 
 #: The unit of each quantity in the field data of a .vti.
 _UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
+
+_MOMENT = 0.05  # seconds after which an alarm that came at a wrong moment comes again
 
 Outcome = ContactResult | str  # the result of a task, or the sentence that says why there is none
 
@@ -122,9 +124,9 @@ def _limited(seconds: float) -> Iterator[None]:
 
     def expire(*_: object) -> None:
         nonlocal compiled
-        compiling, compiled = compile_seconds() - compiled, compile_seconds()
-        if compiling > 0:
-            signal.setitimer(signal.ITIMER_REAL, compiling)
+        more, compiled = compile_seconds() - compiled, compile_seconds()
+        if more > 0 or compiling():
+            signal.setitimer(signal.ITIMER_REAL, max(more, _MOMENT))
             return
         raise NotConverged(f"not finished within the case's time limit of {seconds:g} s")
 
