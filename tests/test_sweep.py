@@ -250,6 +250,13 @@ def test_any_executor_gives_the_same_table(swept, tmp_path) -> None:
     assert not list(far.folder.iterdir())
 
 
+def test_a_wrong_executor_leaves_nothing_behind(swept, tmp_path) -> None:
+    for name in ("no_such_module:pool", "os:getpid"):
+        with pytest.raises(InvalidCase, match="executor"):
+            sweep.run_sweep(swept(), output=tmp_path / "out", executor=name)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path) -> None:
     path = swept()
     path.write_text(

@@ -55,7 +55,10 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Case:
-    """One case at one size: a scene for each surface, method options and gates."""
+    """One case at one size: a scene for each surface, method options and gates.
+
+    `hardness_source` says where a hardness comes from that the file calls effective.
+    """
 
     id: str
     size: str
@@ -74,6 +77,7 @@ class Case:
     skip: str = ""
     not_judged: tuple[str, ...] = ()
     sweep: SweepTable | None = None
+    hardness_source: str = ""
 
     def digest(self, recipe: Recipe) -> str:
         """Return the digest of the scene on a surface, without making the surface."""
@@ -216,7 +220,7 @@ def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:
         raise InvalidCase(f"{where}: [surface] {error}") from None
     try:
         section = "material"
-        material = _material(table)
+        material, hardness_source = _material(table)
         section = "body"
         body = Body(**table.body.model_dump())
         section = "load"
@@ -247,12 +251,16 @@ def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:
         path=text.path,
         skip=skip,
         sweep=table.sweep,
+        hardness_source=hardness_source,
     )
 
 
-def _material(table: CaseFile) -> Material:
-    """Make the material; an effective hardness is that of the map at the largest mean pressure."""
-    given = table.material.model_dump()
+def _material(table: CaseFile) -> tuple[Material, str]:
+    """Make the material; an effective hardness is that of the map at the largest mean pressure.
+
+    The sentence says where an effective hardness comes from.
+    """
+    given, source = table.material.model_dump(), ""
     if given["hardness"] == "effective":
         surface, pressures = table.surface, table.load.mean_pressure
         if not isinstance(surface, SelfAffineEnsemble) or len(surface.recipes()[0].shape) == 1:
@@ -268,7 +276,8 @@ def _material(table: CaseFile) -> Material:
             mean_pressure=max(pressures) if isinstance(pressures, list) else pressures,
         )
         given["hardness"] = found.value
-    return Material(**given)
+        source = f"{found}; {found.rests_on}".replace("\n", " ")
+    return Material(**given), source
 
 
 def _not_installed(methods: Sequence[str]) -> str:

@@ -32,7 +32,8 @@ def gates_of(where: str, table: CaseFile, size: str) -> tuple[Gate, ...]:
     """Return the gates of a case at a size: its own, and the default gates of its methods.
 
     A gate of the case replaces the default gate on the same quantity of the same method; a table
-    [[omit]] removes a default gate.
+    [[omit]] removes a default gate.  A case that is there for its sweep, without a gate of its own,
+    is not judged.
 
     Raises:
         InvalidCase: if a gate cannot be judged, or [[omit]] names no default gate.
@@ -40,8 +41,10 @@ def gates_of(where: str, table: CaseFile, size: str) -> tuple[Gate, ...]:
     for number, gate in enumerate(table.gate, start=1):
         _require_answerable(f"{where}: gate {number}", gate, table)
     own = [gate for gate in table.gate if gate.sizes is None or size in gate.sizes]
-    if not table.gate and table.sweep is None:
-        raise InvalidCase(f"{where}: gate is missing; add it (a table [[gate]])")
+    if not table.gate:
+        if table.sweep is None:
+            raise InvalidCase(f"{where}: gate is missing; add it (a table [[gate]])")
+        return ()
     if table.gate and not own:
         raise InvalidCase(f"{where}: no gate applies to size {size!r}, which the case offers")
     names = [_gate(gate).name for gate in own]

@@ -64,6 +64,9 @@ class FemTable(Table):
     )
     depth: float | None = Field(default=None, gt=0, description="m; else chosen from the scene")
     layers: int | None = Field(default=None, ge=2, description="elements over the depth")
+    tolerance: float | None = Field(
+        default=None, gt=0, lt=1, description="on the residuals, dimensionless; else 1e-8"
+    )
     steps: int | None = Field(
         default=None, ge=1, description="equal load increments to the largest pressure; else chosen"
     )

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from epcontact.errors import InvalidCase, OutputError, nearest
 from epcontact.harness.axes import MOST_TASKS, Point, Scalar
 from epcontact.harness.case import Case, CaseText, case_at, find_case, sweep_of
 from epcontact.harness.methods import METHODS, Method
-from epcontact.harness.pool import Factory
+from epcontact.harness.pool import Factory, made
 from epcontact.harness.quantities import QUANTITIES, scalar_quantities
 from epcontact.harness.run import Progress, default_jobs, run_tasks, tasks_of
 from epcontact.harness.store import Task, key_of, read_member
@@ -160,16 +161,24 @@ def run_sweep(  # noqa: PLR0913 - the options of the command
     """
     sweep = read_sweep(case, size)
     folder = sweep.tasks[0].case.folder(Path(output))
-    _write_list(sweep, Path(output), folder)
+
+    def listed() -> Executor:  # the list is not left behind where there is no such executor
+        found = made(executor)
+        _write_list(sweep, Path(output), folder)
+        return found
+
+    if not executor:
+        _write_list(sweep, Path(output), folder)
     done = run_tasks(
         sweep.tasks,
         Path(output),
         jobs=jobs or (1 if executor else default_jobs(size)),
-        executor=executor,
+        executor=listed if executor else "",
         fresh=fresh,
         progress=progress,
         moving=moving,
     )
+    _write_list(sweep, Path(output), folder)
     failures = {
         f"{task.method.name}-{task.label}": outcome
         for task, outcome in done.outcomes.items()

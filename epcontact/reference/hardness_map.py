@@ -4,7 +4,7 @@
 load on the contact area of the J2 body; `epcontact.studies.hardness_map` measured it, and its first
 lines say how.  A short formula is fitted to it,
 
-    c = hardness/sigma_Y = a + b m + d m^2 - u (e - f nu - g nu^2),
+    c = hardness/sigma_Y = a + b sqrt(m) - u (e - f nu + g sqrt(m) - h nu sqrt(m)),
     u = 1/(1 + s/8),   s = E* xi/sigma_Y,   m = p0/sigma_Y,
 
 which is refused outside the map.  Where the contact is nearly full the cap follows the load and not
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import csv
 import functools
+import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,8 +30,8 @@ from epcontact.scene import Material
 
 #: Largest contact area of the map.
 FULL = 0.9
-#: Parts of the error: names of columns of the map, each relative.
-PARTS = ("statistical_error", "grid_error", "spectrum_error")
+#: Parts of the error: names of columns of the map, each relative and at 95 %.
+PARTS = ("statistical_error", "grid_error", "steps_error", "depth_error", "spectrum_error")
 
 #: The coordinates of the map, with their symbols.
 SYMBOLS = {"severity": "E*ξ/σ_Y", "poisson_ratio": "nu", "load": "p0/σ_Y"}
@@ -50,7 +51,8 @@ class MappedHardness:
         poisson_ratio: nu.
         area: contact area of the J2 body.
         errors: relative parts of the error: statistical_error (the surfaces of the map are few),
-            grid_error, spectrum_error (other spectra than the map's) and formula_error.
+            grid_error, steps_error (of the load paths), depth_error (of the bodies), spectrum_error
+            (other spectra than the map's) and formula_error (what the formula misses).
     """
 
     value: float
@@ -77,9 +79,9 @@ class MappedHardness:
         )
         wide = "" if self.error <= 0.02 else "; the interval is wider than 2 %"
         return (
-            f"by the formula fitted to {known['load'].size} places of the map, {reach}, each of "
-            f"{known['surfaces'].min():g} to {known['surfaces'].max():g} self-affine surfaces, "
-            f"solved by finite elements with perfectly plastic J2 flow{wide}"
+            f"by the formula fitted to {known['load'].size} places of the map {map_digest()}, "
+            f"{reach}, each of {known['surfaces'].min():g} to {known['surfaces'].max():g} "
+            "self-affine surfaces, solved by finite elements with perfectly plastic J2 flow" + wide
         )
 
     def __str__(self) -> str:
@@ -152,7 +154,8 @@ def effective_hardness(
             f"{FULL:g} the cap follows the load and not the material, so that no hardness stands "
             "for it"
         )
-    ratio = float(_terms(*(np.array([value]) for value in place.values()))[0] @ formula()[0])
+    at = terms(*(np.array([value]) for value in place.values()))
+    ratio = float(at[0] @ formula()[0])
     errors = {part: _between(place, known[part]) for part in PARTS}
     errors["formula_error"] = formula()[1]
     error = math.hypot(*errors.values())
@@ -167,46 +170,73 @@ def effective_hardness(
 def hardness_map() -> Mapping[str, FloatArray]:
     """Return the columns of `hardness_map.csv`, one value for each place of the map.
 
-    They are severity, poisson_ratio, load, surfaces, area, inverse_hardness (sigma_Y/hardness) and
-    the relative errors PARTS.
+    They are severity, poisson_ratio, load, surfaces, area, inverse_hardness (sigma_Y/hardness),
+    scatter (its relative error by the surfaces of the place alone), and the relative errors PARTS,
+    of which the statistical one is that of the formula.
 
     Example:
         >>> sorted(set(hardness_map()["severity"].tolist()))
         [3.0, 5.0, 8.0, 15.0, 30.0, 50.0, 100.0]
     """
-    text = (files("epcontact.reference") / "hardness_map.csv").read_text(encoding="utf-8")
-    header, *rows = csv.reader(line for line in text.splitlines() if not line.startswith("#"))
+    header, *rows = csv.reader(line for line in _text().splitlines() if not line.startswith("#"))
     values = np.array(rows, dtype=np.float64)
     return dict(zip(header, values.T, strict=True))
 
 
+def _text() -> str:
+    return (files("epcontact.reference") / "hardness_map.csv").read_text(encoding="utf-8")
+
+
+@functools.cache
+def map_digest() -> str:
+    """Return the first 12 digits of the SHA-256 of `hardness_map.csv`, with which values change.
+
+    Example:
+        >>> len(map_digest())
+        12
+    """
+    return hashlib.sha256(_text().encode()).hexdigest()[:12]
+
+
 def fitted_ratio(severity: FloatArray, poisson_ratio: FloatArray, load: FloatArray) -> FloatArray:
     """Return hardness/sigma_Y by the formula, which the caller must not leave the map with."""
-    return _terms(severity, poisson_ratio, load) @ formula()[0]
+    return terms(severity, poisson_ratio, load) @ formula()[0]
 
 
 @functools.cache
 def formula() -> tuple[FloatArray, float]:
-    """Return the coefficients (a, b, d, e, f, g) of the fit, and twice its relative residual.
+    """Return the coefficients of the formula for the kept map, and its error; see `fit`."""
+    return fit(hardness_map())
 
-    The fit weighs each place of the map by the errors that are its own; places that are nearly
-    full are left out.
+
+def fit(known: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
+    """Fit the formula to a map.
+
+    Each place has the weight of its own scatter; those that are nearly full are left out.
+
+    Args:
+        known: columns severity, poisson_ratio, load, area, inverse_hardness and scatter.
+
+    Returns:
+        The coefficients of `terms`, and twice the rms of what the formula misses: of its relative
+        residuals, less what the scatter of the places explains.
     """
-    known = hardness_map()
-    error = np.hypot(known["statistical_error"], known["grid_error"])
     inside = (known["area"] <= FULL) & (known["inverse_hardness"] > 0)
-    terms = _terms(known["severity"], known["poisson_ratio"], known["load"])[inside]
+    scatter, inverse = known["scatter"][inside], known["inverse_hardness"][inside]
     # Relative residuals: each row is divided by its hardness, 1/inverse.
-    weight = 1 / error[inside]
-    scaled = terms * known["inverse_hardness"][inside, None]
+    scaled = terms(*(known[name][inside] for name in SYMBOLS)) * inverse[:, None]
+    # Beyond 2 % the places differ by what the formula misses, not by their scatter.
+    weight = 1 / np.hypot(scatter, 0.02)
     found, *_ = np.linalg.lstsq(scaled * weight[:, None], weight, rcond=None)
-    residual = np.average((scaled @ found - 1) ** 2, weights=weight**2)
-    return np.asarray(found), 2 * math.sqrt(residual)
+    missed = np.average((scaled @ found - 1) ** 2 - (scatter / 2) ** 2, weights=weight**2)
+    return np.asarray(found), 2 * math.sqrt(max(missed, 0.0))
 
 
-def _terms(severity: FloatArray, nu: FloatArray, load: FloatArray) -> FloatArray:
-    u = 1 / (1 + severity / 8)
-    return np.column_stack([np.ones_like(u), load, load**2, -u, u * nu, u * nu**2])
+def terms(severity: FloatArray, poisson_ratio: FloatArray, load: FloatArray) -> FloatArray:
+    """Return the terms of the formula at places, one row each."""
+    u, q = 1 / (1 + severity / 8), np.sqrt(load)
+    rising = [-u, u * poisson_ratio, -u * q, u * poisson_ratio * q]
+    return np.column_stack([np.ones_like(u), q, *rising])
 
 
 def _between(place: Mapping[str, float], values: FloatArray) -> float:
@@ -231,14 +261,14 @@ def formula_text() -> str:
         >>> formula_text().startswith("c = ")
         True
     """
-    a, b, d, e, f, g = formula()[0]
+    a, b, e, f, g, h = formula()[0]
     known = hardness_map()
     reach = ", ".join(
         f"{symbol} = {known[name].min():g} to {known[name].max():g}"
         for name, symbol in SYMBOLS.items()
     )
     return (
-        f"c = {a:.3f} {b:+.3f} m {d:+.3f} m^2 - ({e:.3f} {-f:+.3f} nu {-g:+.3f} nu^2)/(1 + s/8), "
-        f"s = E* xi/sigma_Y, m = p0/sigma_Y, within {100 * formula()[1]:.1f} % (twice the weighted "
-        f"rms residual) for {reach}"
+        f"c = {a:.3f} {b:+.3f} √m - ({e:.3f} {-f:+.3f} nu {g:+.3f} √m {-h:+.3f} nu √m)/(1 + s/8), "
+        f"s = E* xi/sigma_Y, m = p0/sigma_Y, for {reach}; it misses {100 * formula()[1]:.1f} % "
+        "(twice the rms beyond the scatter of the map's places)"
     )

@@ -1,0 +1,227 @@
+"""From measured areas to the map of the effective hardness, with the parts of its error.
+
+The effective hardness of an ensemble is the cap under which the mean area of the capped bodies is
+that of the J2 bodies.  Its inverse is used throughout, because the area of a capped body is nearly
+linear in it, and because it is zero, not infinite, where the elastic bodies have that area already.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from epcontact.errors import InvalidCase
+from epcontact.reference.hardness_map import fit, terms
+from epcontact.results import FloatArray
+
+#: Columns that name a place of the map, and those in which a check may differ from it: nodes a
+#: side, shortest waves in a period, Hurst exponent, depth over the period, step tolerance.
+PLACE = ["severity", "poisson_ratio", "load"]
+VARIED = ["nodes", "waves", "hurst", "depth", "step_tolerance"]
+
+#: A surface: the area of the J2 body, the inverse caps over sigma_Y, rising, and their areas.
+_Body = tuple[float, Sequence[float], Sequence[float]]
+
+
+def inverse_hardness(areas: pd.DataFrame) -> pd.DataFrame:
+    """Find sigma_Y/hardness at which an ensemble under a cap has the area of its J2 bodies.
+
+    Args:
+        areas: one row for each surface, load and cap: VARIED, PLACE, seed, j2_area, cap
+            (hardness/sigma_Y, infinite for none) and cap_area.
+
+    Returns:
+        One row for each load of each kind of body: VARIED, PLACE, surfaces, area (of the J2
+        bodies), inverse, and shifts: by seed, what the choice of its surface adds to the error of
+        inverse, so that the sum of their squares is its variance (by the jackknife).
+    """
+    rows = []
+    for key, group in areas.groupby([*VARIED, *PLACE], sort=False):
+        place = dict(zip([*VARIED, *PLACE], key, strict=True))
+        bodies = {seed: _body(surface) for seed, surface in group.groupby("seed")}
+        n, whole = len(bodies), _inverse([*bodies.values()], place["nodes"])
+        shifts = {}
+        for seed in bodies if n > 1 else ():
+            others = [body for other, body in bodies.items() if other != seed]
+            shifts[seed] = math.sqrt((n - 1) / n) * (_inverse(others, place["nodes"]) - whole)
+        area = float(np.mean([j2_area for j2_area, _, _ in bodies.values()]))
+        rows.append(place | {"surfaces": n, "area": area, "inverse": whole, "shifts": shifts})
+    return pd.DataFrame(rows)
+
+
+def _body(surface: pd.DataFrame) -> _Body:
+    ordered = surface.sort_values("cap", ascending=False)
+    # A cap as large as the load needs the whole area.
+    inverse = [*(1 / ordered["cap"]), 1 / ordered["load"].iloc[0]]
+    return float(ordered["j2_area"].iloc[0]), inverse, [*ordered["cap_area"], 1.0]
+
+
+def _inverse(bodies: Sequence[_Body], nodes: int) -> float:
+    knots = np.unique(np.concatenate([inverse for _, inverse, _ in bodies]))
+    capped = np.mean([np.interp(knots, inverse, areas) for _, inverse, areas in bodies], axis=0)
+    wanted = float(np.mean([j2_area for j2_area, _, _ in bodies]))
+    # The mean area moves by whole nodes of single surfaces: both edges of a step are averaged.
+    half = 0.5 / (nodes**2 * len(bodies))
+    edges = np.interp([wanted - half, wanted + half], np.maximum.accumulate(capped), knots)
+    return float(edges.mean())
+
+
+def changes(usual: pd.DataFrame, other: pd.DataFrame, *, paired: bool = True) -> pd.DataFrame:
+    """Compare the inverse hardness of two kinds of bodies.
+
+    Args:
+        usual, other: areas, as for `inverse_hardness`, of one kind of bodies each.
+        paired: whether only surfaces of both are compared; else all.
+
+    Returns:
+        One row for each place that both have: PLACE, surfaces (of the fewer), change, the relative
+        one, and its shifts, as those of `inverse_hardness` (if paired).
+    """
+    keys = [*PLACE, "seed"] if paired else PLACE
+    common = usual[keys].drop_duplicates().merge(other[keys].drop_duplicates())
+    both = inverse_hardness(usual.merge(common)).merge(
+        inverse_hardness(other.merge(common)), on=PLACE, suffixes=("_usual", "")
+    )
+    ratio = both["inverse"] / both["inverse_usual"]
+    shifts = [
+        {s: row.inverse / row.inverse_usual * (row.shifts[s] / row.inverse
+         - row.shifts_usual[s] / row.inverse_usual) for s in row.shifts.keys() & row.shifts_usual}
+        for row in both.itertuples()
+    ]  # fmt: skip
+    fewer = np.minimum(both["surfaces"], both["surfaces_usual"])
+    return both[PLACE].assign(surfaces=fewer, change=ratio - 1, shifts=shifts)
+
+
+def mapped(areas: pd.DataFrame) -> pd.DataFrame:
+    """Make the map from the areas of its bodies and of those that differ from them in one thing.
+
+    Errors are relative and at 95 %.  The surfaces of a place are few, so that their scatter is
+    pooled over all places of a load.  `off_the_grid` has the grid's part; those of the steps, the
+    depth and the spectrum are the rms of all changes by them.
+
+    Args:
+        areas: as for `inverse_hardness`; the first body is one of the map, and so are all that are
+            like it in VARIED.  The others differ in nodes, step_tolerance or depth alone, or in the
+            spectrum.
+
+    Returns:
+        The columns of `reference/hardness_map.csv`.
+
+    Raises:
+        InvalidCase: if no body differs in one of these, or a place has a single surface.
+    """
+    usual, kinds = _kinds(areas)
+    table = inverse_hardness(usual)
+    if (table["surfaces"] == 1).any():
+        raise InvalidCase("a place of the map has one surface, but its scatter needs two or more")
+    grid, grid_error = off_the_grid(usual, kinds["nodes"], table)
+    kept = table[[*PLACE, "surfaces", "area"]].assign(
+        inverse_hardness=table["inverse"] * (1 + grid),
+        scatter=2 * _pooled_scatter(table) / np.sqrt(table["surfaces"]),
+    )
+    kept["statistical_error"] = _error_of_the_fit(kept, table, 1 + grid)
+    kept["grid_error"] = grid_error
+    for part, varied in (("steps", "step_tolerance"), ("depth", "depth"), ("spectrum", "")):
+        found = [changes(usual, other, paired=bool(varied)) for other in kinds[varied]]
+        change = pd.concat(found)["change"]
+        kept[f"{part}_error"] = math.sqrt((change**2).mean())
+    return kept.sort_values(["poisson_ratio", "severity", "load"], ignore_index=True)
+
+
+def _kinds(areas: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, list[pd.DataFrame]]]:
+    """The bodies of the map, and the others by the one field of VARIED that differs, or "" ."""
+    usual = areas[VARIED].iloc[0]
+    kinds: dict[str, list[pd.DataFrame]] = {}
+    for key, group in areas.groupby(VARIED):
+        differ = [name for name, value in zip(VARIED, key, strict=True) if value != usual[name]]
+        varied = differ[0] if differ in (["nodes"], ["step_tolerance"], ["depth"]) else ""
+        kinds.setdefault(varied if differ else "usual", []).append(group)
+    if missing := {"nodes", "step_tolerance", "depth", ""} - kinds.keys():
+        name = min(missing) or "the spectrum"
+        raise InvalidCase(f"no body differs from those of the map in {name} alone; solve one")
+    return kinds.pop("usual")[0], kinds
+
+
+def off_the_grid(
+    areas: pd.DataFrame, finer: Sequence[pd.DataFrame], places: pd.DataFrame
+) -> tuple[FloatArray, FloatArray]:
+    """Extrapolate the inverse hardness to a grid of vanishing spacing.
+
+    The change by half the spacing is fitted linearly in the load and in 1/(1 + severity/8), as in
+    the formula.  Each further halving changes the inverse by a share q of the change before, so
+    that q/(1 - q) of the first change is left after it.  A finer grid yet gives q with its error;
+    q is at most 1/2, for an error of first order, and anything up to it where it is not measured.
+
+    Args:
+        areas: as for `inverse_hardness`, on the grid of the map.
+        finer: on half the spacing and, if known, on a quarter.
+        places: PLACE, one row each.
+
+    Returns:
+        For each place the relative change of the inverse by the extrapolation, and its error.
+    """
+    half, *quarter = sorted(finer, key=lambda other: other["nodes"].iloc[0])
+    known = changes(areas, half)
+    first = _fit_at(known, known["change"], places)
+    shifted = [_fit_at(known, known["change"] + s, places) - first for s in _shifts(known)]
+    low, high = 0.0, 0.5
+    for fine in quarter:
+        surfaces = fine[[*PLACE, "seed"]].drop_duplicates()
+        both = changes(areas.merge(surfaces), half.merge(surfaces)).merge(
+            changes(half, fine), on=PLACE
+        )
+        before, after = both["change_x"], both["change_y"]
+        q = float(before @ after / (before @ before))
+        scatter = math.sqrt(((after - q * before) ** 2).sum() / (len(both) - 1))
+        error = 2 * scatter / math.sqrt(before @ before)
+        low, high = np.clip([q - error, q + error], low, high)
+    least, most = low / (1 - low), high / (1 - high)
+    doubt = first * (most - least) / 2
+    return first * (1 + (least + most) / 2), np.sqrt(doubt**2 + 4 * np.sum(np.square(shifted), 0))
+
+
+def _fit_at(known: pd.DataFrame, change: pd.Series, places: pd.DataFrame) -> FloatArray:
+    """A change at the places, by a fit linear in ln(severity) and load."""
+
+    def columns(at: pd.DataFrame) -> FloatArray:
+        u = 1 / (1 + at["severity"] / 8)
+        return np.column_stack([np.ones(len(at)), u, at["load"]])
+
+    weight = np.sqrt(known["surfaces"].to_numpy())
+    found, *_ = np.linalg.lstsq(columns(known) * weight[:, None], change * weight, rcond=None)
+    return np.asarray(columns(places) @ found)
+
+
+def _shifts(table: pd.DataFrame) -> list[FloatArray]:
+    """The shifts of a table, one array over its rows for each seed."""
+    seeds = sorted({seed for shifts in table["shifts"] for seed in shifts})
+    return [np.array([shifts.get(seed, 0.0) for shifts in table["shifts"]]) for seed in seeds]
+
+
+def _pooled_scatter(table: pd.DataFrame) -> pd.Series:
+    """The relative standard deviation of a single surface's inverse, pooled over a load."""
+    freedom = table["surfaces"] - 1
+    variance = [sum(shift**2 for shift in shifts.values()) for shifts in table["shifts"]]
+    square = freedom * table["surfaces"] * np.array(variance) / table["inverse"] ** 2
+    by_load = table["load"]
+    pooled = square.groupby(by_load).sum() / freedom.groupby(by_load).sum()
+    return np.sqrt(by_load.map(pooled))
+
+
+def _error_of_the_fit(kept: pd.DataFrame, table: pd.DataFrame, factor: FloatArray) -> FloatArray:
+    """Twice the relative standard error of the formula at each place, by its surfaces.
+
+    The formula pools all places, but a surface shifts many of them together.
+    """
+    columns: Mapping[str, Any] = {name: kept[name].to_numpy() for name in kept}
+    at = terms(*(columns[name] for name in PLACE))
+    ratio = at @ fit(columns)[0]
+    moved = []
+    for shift in _shifts(table):
+        inverse = columns["inverse_hardness"] + shift * factor
+        moved.append(at @ fit({**columns, "inverse_hardness": inverse})[0] - ratio)
+    return np.asarray(2 * np.sqrt(np.sum(np.square(moved), axis=0)) / ratio)
