@@ -21,14 +21,33 @@ from numpy.typing import NDArray
 
 from epcontact.errors import NotConverged
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
+from fem_check.lanes import compiled
 from fem_check.linear_solver import inverse, transform
-from fem_check.vectors import dot, norm
+from fem_check.vectors import axpy, dot, norm, xpay
 
 States = NDArray[np.int8]
 
 #: A gap times this share of the stiffness of the shortest wave predicts a force.  With larger
 #: shares nodes jump between apart and capped, and the sets can cycle.
 PREDICTION = 0.3
+
+
+@compiled
+def _project(values, contact, free):  # type: ignore[no-untyped-def]
+    """The values on the contact, less their mean there if `free`, and zeros elsewhere."""
+    nx, ny = values.shape
+    total, count = 0.0, 0
+    for i in range(nx):
+        for j in range(ny):
+            if contact[i, j]:
+                total += values[i, j]
+                count += 1
+    mean, out = total / count if free else 0.0, np.zeros((nx, ny))
+    for i in range(nx):
+        for j in range(ny):
+            if contact[i, j]:
+                out[i, j] = values[i, j] - mean
+    return out
 
 
 @dataclass(frozen=True)
@@ -78,9 +97,7 @@ def solve_contact_forces(
         return ContactForces(np.zeros(contact.shape), 0.0)
 
     def project(values: FloatArray) -> FloatArray:
-        out = np.where(contact, values, 0.0)
-        if free:
-            out = np.where(contact, out - out.sum() / count, 0.0)
+        out: FloatArray = _project(values, contact, free)
         return out
 
     def displacement(forces: FloatArray) -> FloatArray:
@@ -96,17 +113,17 @@ def solve_contact_forces(
     rounding = 8 * np.finfo(float).eps * (norm(wanted) + norm(answered))
     enough = max(tolerance * (norm(project(wanted)) + norm(residual)), rounding)
     direction = np.zeros_like(residual)
-    rho_before = 0.0
-    for iteration in range(499):
+    rho_before = np.inf
+    for _ in range(499):
         if norm(residual) <= enough:
             break
         z = project(inverse(transform(residual) / compliance, nx))
         rho = dot(residual, z)
-        direction = z if iteration == 0 else z + (rho / rho_before) * direction
+        xpay(direction, rho / rho_before, z)
         pushed = displacement(direction)
         step = rho / dot(direction, pushed)
-        forces = forces + step * direction
-        raw = raw - step * pushed
+        axpy(forces, step, direction)
+        axpy(raw, -step, pushed)
         residual = project(raw)
         rho_before = rho
     approach = -float(raw[contact].mean()) if free else 0.0

@@ -31,7 +31,7 @@ from fem_check.element import CORNERS, Elements, elastic_stiffness
 from fem_check.lanes import compiled
 from fem_check.mesh import PeriodicBlock
 from fem_check.plasticity import Law
-from fem_check.workers import ALONE, Workers, equal_parts
+from fem_check.workers import ALONE, Workers, pieces
 
 #: About as many nodes are transformed at once: calls then cost little, and threads share levels.
 _NODES_AT_ONCE = 8192
@@ -261,9 +261,7 @@ def _share_levels(
     A transform of other levels at once would round in another way.
     """
     size = shape[1] * shape[2]
-    some = max(1, _NODES_AT_ONCE // size)
-    cuts = np.append(np.arange(0, shape[0], some), shape[0])
-    workers.share(task, np.stack([cuts[:-1], cuts[1:]], axis=1), weight=size / 4)
+    workers.share(task, pieces(shape[0], max(1, _NODES_AT_ONCE // size)), weight=size / 4)
 
 
 def eliminate(factor: Factor, force: FloatArray) -> ComplexArray:
@@ -312,8 +310,7 @@ def extend_to_base(factor: Factor, level: FloatArray, above: int) -> FloatArray:
 
 def _share(factor: Factor, task: Callable[[NDArray[np.int64]], None]) -> None:
     """Call `task` with parts of the waves."""
-    waves = equal_parts(factor.compliances.shape[1], factor.workers.threads)
-    factor.workers.share(task, waves)
+    factor.workers.share(task, pieces(factor.compliances.shape[1], 256))
 
 
 def _flat(spectrum: ComplexArray) -> ComplexArray:

@@ -84,7 +84,7 @@ class Tangent:
         below, level = 0.0, len(R)
         while level > self.levels and below <= norm_below:
             level -= 1
-            below = math.hypot(below, norm(R[level]))
+            below = math.hypot(below, norm(R[level], self.problem.workers))
         return level if below <= norm_below else level + 1
 
     @cached_property
@@ -155,7 +155,8 @@ def linear_contact(
     """
     problem = tangent.problem
     missing = missing_load(problem, R, state.states, control)
-    scale = max(unbalanced_norm(R, state.states) + abs(missing), 1e-300)
+    balance = unbalanced_norm(R, state.states, problem.workers)
+    scale = max(balance + abs(missing), 1e-300)
     R = R[: tangent.levels_with(R, NEGLIGIBLE * forcing * scale)].copy()
     linear, counts = LinearSolution(np.zeros_like(R), R, state.approach, state.states), Counts()
     stiffness = 1.0 / float(problem.factor.surface.min())
@@ -205,24 +206,24 @@ def _elastic_solve(
 
 
 def precondition(
-    tangent: Tangent, sweeps: Smoother | None, r: FloatArray, missing: float | None, states: States
+    tangent: Tangent, sweeps: Smoother | None, R: FloatArray, missing: float | None, states: States
 ) -> tuple[FloatArray, FloatArray, float]:
     """Apply the preconditioner.
 
     Args:
         tangent: the frozen body.
         sweeps: the smoother over the flowing nodes, if it is used.
-        r: the residual (levels, nx, ny, 3), zero on the contact.
+        R: the reaction (levels, nx, ny, 3), whose part on the contact is not preconditioned.
         missing: the part of the load that is still missing; None: the approach is prescribed.
         states: contact states (nx, ny).
 
     Returns:
         (z, K z, approach): the preconditioned residual, its product, its part of the approach.
     """
-    problem, contact, remaining = tangent.problem, states == ELASTIC, r.copy()
+    problem, contact, remaining = tangent.problem, states == ELASTIC, unbalanced(R, states)
     swept = np.empty(0)
     if sweeps is not None:
-        swept = sweeps.pre_smooth(r)
+        swept = sweeps.pre_smooth(remaining)
         sweeps.add_product(-1.0, swept, remaining)
         without_base(problem, remaining)
         if missing is not None:
@@ -256,7 +257,8 @@ def _solve_on_set(
     target = problem.heights + offset + state.displacement[0, ..., 2] + linear.step[0, ..., 2]
     # R still contains the contact forces, so this solve finds the whole of them again.
     start = np.where(states == ELASTIC, R[0, ..., 2], 0.0)
-    z, forces, d = _elastic_solve(problem, R, states, target, load, 1e-11, start)
+    accuracy = max(1e-11, 1e-4 * goal / max(goal, norm(R, problem.workers)))
+    z, forces, d = _elastic_solve(problem, R, states, target, load, accuracy, start)
     elastic = R.copy()
     elastic[0, ..., 2] -= forces
     R -= tangent.product(z, elastic, overwrite=True)
@@ -275,32 +277,33 @@ def _conjugate_gradients(
     The arrays of `linear` are changed in place.
     """
     problem, states, levels = tangent.problem, linear.states, tangent.levels
+    workers = problem.workers
     whole, approach = linear.reaction, linear.approach
     R, spent, rho_before = whole[:levels], 0, 0.0
     sweeps, step = None, np.zeros_like(R)
     p = Kp = np.empty(0)
     p_approach = 0.0
     while spent < 400:
-        r, missing = unbalanced(R, states), missing_load(problem, R, states, control)
-        size = norm(r) + abs(missing)
+        missing = missing_load(problem, R, states, control)
+        size = unbalanced_norm(R, states, workers) + abs(missing)
         if size <= goal:
             break
         if spent == 0 and problem.flat and tangent.flows and goal < WORTH_SMOOTHING * size:
-            sweeps = smoother(tangent.rows, states == ELASTIC)
+            sweeps = smoother(tangent.rows, states == ELASTIC, problem.workers)
         z, Kz, d = precondition(
-            tangent, sweeps, r, None if control.load is None else missing, states
+            tangent, sweeps, R, None if control.load is None else missing, states
         )
-        rho = dot(r, z) + missing * d
+        rho = dot(unbalanced(R[:1], states), z[:1]) + dot(R[1:], z[1:], workers) + missing * d
         if spent == 0:
             p, Kp, p_approach = z, Kz, d
         else:
             beta = rho / rho_before
-            xpay(p, beta, z)
-            xpay(Kp, beta, Kz)
+            xpay(p, beta, z, workers)
+            xpay(Kp, beta, Kz, workers)
             p_approach = d + beta * p_approach
-        alpha = rho / dot(p, Kp)
-        axpy(step, alpha, p)
-        axpy(R, -alpha, Kp)
+        alpha = rho / dot(p, Kp, workers)
+        axpy(step, alpha, p, workers)
+        axpy(R, -alpha, Kp, workers)
         approach += alpha * p_approach
         rho_before = rho
         spent += 1

@@ -123,7 +123,9 @@ def _tangent(
     if not problem.plastic:
         return Tangent(problem, None, blend)
     u = state.displacement.reshape(-1, 3)
-    correction = plasticity.tangent_correction(u, problem.bricks, problem.law, history, flowing)
+    correction = plasticity.tangent_correction(
+        u, problem.bricks, problem.law, history, flowing, problem.workers
+    )
     return Tangent(problem, correction, blend)
 
 

@@ -27,7 +27,7 @@ from fem_check.plasticity import History
 from fem_check.problem import Counts, Problem, State, gap
 
 # Elements whose stresses are held at once, to find their energy.
-_ENERGY_BLOCK = 1 << 8
+_ENERGY_BLOCK = 1 << 12
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,10 @@ elastic stiffness.  The dilatation of the B-bar brick (`element`) is its mean ov
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,7 +175,7 @@ def _return(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
 
 @compiled
 def _stress_update(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
-    u, bricks, law, history, which, ranges, nodal, stress, updated, terms
+    u, bricks, law, history, which, nodal, stress, updated, terms, ranges
 ):
     """Radial return at every Gauss point of all elements, or of `which`.
 
@@ -227,7 +229,7 @@ def _correct(e, n, terms, k, scale):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _add_correction(v, bricks, correction, ranges, scale, f):  # type: ignore[no-untyped-def]
+def _add_correction(v, bricks, correction, scale, f, ranges):  # type: ignore[no-untyped-def]
     ue, d, s, fe = workspace()
     dilatation, shapes = np.empty(LANES), np.empty(LANES, np.int32)
     which, terms = correction
@@ -263,20 +265,17 @@ def internal_force(
         The (nodes, 3) force in N, and (m,) which elements flow.
     """
     force, flowing = np.zeros_like(u), np.zeros(bricks.number, dtype=np.bool_)
-
-    def add(ranges: NDArray[np.int64]) -> None:
-        _stress_update(u, bricks, law, history, None, ranges, (force, flowing), None, None, None)
-
-    for layers in layers_apart(bricks, None):
-        workers.share(add, layers)
+    nodal = (force, flowing)
+    task = partial(_stress_update, u, bricks, law, history, None, nodal, None, None, None)
+    _share(task, bricks, None, workers)
     return force, flowing
 
 
 def stresses(u: FloatArray, bricks: Elements, law: Law, history: History | None) -> FloatArray:
     """(m, 6, 8) stresses at the Gauss points in Pa; arguments as for `internal_force`."""
     stress = np.empty((bricks.number, 6, 8))
-    for ranges in layers_apart(bricks, None):
-        _stress_update(u, bricks, law, history, None, ranges, None, stress, None, None)
+    task = partial(_stress_update, u, bricks, law, history, None, None, stress, None, None)
+    _share(task, bricks, None, ALONE)
     return stress
 
 
@@ -315,13 +314,18 @@ def commit(
         np.concatenate([history.plastic_strain, np.zeros((new.size, 6, 8))]),
         np.concatenate([history.accumulated, np.zeros((new.size, 8))]),
     )
-    for ranges in layers_apart(bricks, which):
-        _stress_update(u, bricks, law, longer, which, ranges, None, None, longer, None)
+    task = partial(_stress_update, u, bricks, law, longer, which, None, None, longer, None)
+    _share(task, bricks, which, ALONE)
     return longer
 
 
 def tangent_correction(
-    u: FloatArray, bricks: Elements, law: Law, history: History, flowing: NDArray[np.bool_]
+    u: FloatArray,
+    bricks: Elements,
+    law: Law,
+    history: History,
+    flowing: NDArray[np.bool_],
+    workers: Workers = ALONE,
 ) -> TangentCorrection:
     """The consistent tangent less the elastic stiffness at the displacement `u`.
 
@@ -329,8 +333,8 @@ def tangent_correction(
     """
     which = np.flatnonzero(flowing)
     terms = np.empty((which.size, 8, 8))
-    for ranges in layers_apart(bricks, which):
-        _stress_update(u, bricks, law, history, which, ranges, None, None, None, terms)
+    task = partial(_stress_update, u, bricks, law, history, which, None, None, None, terms)
+    _share(task, bricks, which, workers)
     return TangentCorrection(which, terms)
 
 
@@ -343,9 +347,16 @@ def add_correction(
     workers: Workers = ALONE,
 ) -> None:
     """Add `scale` (tangent - elastic stiffness) v to `out`, in place; both are (nodes, 3)."""
+    task = partial(_add_correction, v, bricks, correction, scale, out)
+    _share(task, bricks, correction.which, workers)
 
-    def add(ranges: NDArray[np.int64]) -> None:
-        _add_correction(v, bricks, correction, ranges, scale, out)
 
-    for layers in layers_apart(bricks, correction.which):
-        workers.share(add, layers)
+def _share(
+    task: Callable[[NDArray[np.int64]], Any],
+    bricks: Elements,
+    which: NDArray[np.int64] | None,
+    workers: Workers,
+) -> None:
+    """Call `task` with the layers of all elements or of `which`, half of the layers at a time."""
+    for layers in layers_apart(bricks, which):
+        workers.share(task, layers)

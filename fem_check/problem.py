@@ -161,9 +161,9 @@ def unbalanced(R: FloatArray, states: States) -> FloatArray:
     return r
 
 
-def unbalanced_norm(R: FloatArray, states: States) -> float:
+def unbalanced_norm(R: FloatArray, states: States, workers: Workers = ALONE) -> float:
     """The norm of `unbalanced`, without a copy of all its levels."""
-    return math.hypot(norm(unbalanced(R[:1], states)), norm(R[1:]))
+    return math.hypot(norm(unbalanced(R[:1], states)), norm(R[1:], workers))
 
 
 def residuals(problem: Problem, state: State, R: FloatArray, control: Control) -> dict[str, float]:
@@ -185,7 +185,7 @@ def residuals(problem: Problem, state: State, R: FloatArray, control: Control) -
     g = gap(problem, state.displacement, state.approach)
     deepest = max(float((-g[apart]).max(initial=0.0)), float(g[capped].max(initial=0.0)))
     return {
-        "balance": unbalanced_norm(R, state.states) / total,
+        "balance": unbalanced_norm(R, state.states, problem.workers) / total,
         "load": abs(missing_load(problem, R, state.states, control)) / total,
         "gap": float(np.abs(g[contact]).max(initial=0.0)) / rms,
         "penetration": deepest / rms,

@@ -12,6 +12,10 @@ that the one before has left.
 
 The tangent's rows of the flowing nodes are assembled as 3 x 3 blocks, one for each of the at most
 27 nodes that share an element with a node.
+
+The rows go strip by strip across the surface, every other strip first.  Strips that are not beside
+each other have no element in common, so that threads share the first half of them and then the
+rest.
 """
 
 from __future__ import annotations
@@ -25,13 +29,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
-from fem_check.element import (
-    CORNERS,
-    Elements,
-    deviatoric_stiffness,
-    elastic_stiffness,
-    layers_apart,
-)
+from fem_check.element import CORNERS, Elements, deviatoric_stiffness, elastic_stiffness
 from fem_check.lanes import compiled
 from fem_check.plasticity import Law, TangentCorrection
 from fem_check.workers import ALONE, Workers
@@ -40,31 +38,37 @@ from fem_check.workers import ALONE, Workers
 #: (tests/test_fem_smoother.py).
 SWEEPS = 3
 
+#: Least width of a strip, in nodes.  It must be more than one.
+STRIP = 4
+
 
 class FlowRows(NamedTuple):
     """The tangent's matrix rows of the flowing nodes.
 
-    nodes: (n,) their numbers, ascending.
+    nodes: (n,) their numbers, strip by strip.
     neighbours: (n, 27) numbers of the nodes in their rows, -1 where there is none.
     places: (n, 27) the neighbours' indices in `nodes`; n where a neighbour does not flow.
     blocks: (n, 27, 3, 3) in N/m.
+    strips: two arrays (s, 2), the first row of each strip and the one after its last.
     """
 
     nodes: NDArray[np.int64]
     neighbours: NDArray[np.int32]
     places: NDArray[np.int32]
     blocks: FloatArray
+    strips: tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 @dataclass(frozen=True)
 class Smoother:
-    """The rows and the inverses (n, 3, 3) of their diagonal blocks.
+    """The rows, the inverses (n, 3, 3) of their diagonal blocks, and the threads.
 
     The inverses leave the normal motion of contact nodes at zero.
     """
 
     rows: FlowRows
     inverses: FloatArray
+    workers: Workers
 
     def pre_smooth(self, residual: FloatArray) -> FloatArray:
         """The displacement (n, 3) of the flowing nodes after sweeps from zero.
@@ -78,27 +82,29 @@ class Smoother:
         return self._swept(residual, [k % 2 == 1 for k in reversed(range(SWEEPS))])
 
     def _swept(self, residual: FloatArray, ascending: list[bool]) -> FloatArray:
-        x = np.zeros((len(self.rows.nodes), 3))
+        x, right = np.zeros((len(self.rows.nodes), 3)), residual.reshape(-1, 3)
         for way in ascending:
-            # In this order: levels of one parity before the others, which threads could share, took
-            # a few per cent more iterations on 128 x 128 nodes.
-            _sweep(self.rows, self.inverses, residual.reshape(-1, 3), x, way)
+            sweep = partial(_sweep, self.rows, self.inverses, right, x, way)
+            for strips in self.rows.strips if way else self.rows.strips[::-1]:
+                self.workers.share(sweep, strips, weight=0.5)
         return x
 
     def add_product(self, scale: float, x: FloatArray, force: FloatArray) -> None:
         """Add `scale` times K x to the (levels, nx, ny, 3) `force`, in place."""
-        _multiply(self.rows, scale * x, force.reshape(-1, 3))
+        multiply = partial(_multiply, self.rows, scale * x, force.reshape(-1, 3))
+        for strips in self.rows.strips:
+            self.workers.share(multiply, strips, weight=0.5)
 
     def add(self, x: FloatArray, displacement: FloatArray) -> None:
         """Add x to the flowing nodes' part of a (levels, nx, ny, 3) field, in place."""
         displacement.reshape(-1, 3)[self.rows.nodes] += x
 
 
-def smoother(rows: FlowRows, held: NDArray[np.bool_]) -> Smoother:
+def smoother(rows: FlowRows, held: NDArray[np.bool_], workers: Workers = ALONE) -> Smoother:
     """The smoother of `rows`; `held` (nx, ny) are the top nodes whose normal motion is zero."""
     inverses = np.empty((len(rows.nodes), 3, 3))
     _invert(rows, held.ravel(), inverses)
-    return Smoother(rows, inverses)
+    return Smoother(rows, inverses, workers)
 
 
 def flowing_levels(correction: TangentCorrection, shape: tuple[int, int]) -> int:
@@ -134,26 +140,40 @@ def assemble(
         workers: the threads.
     """
     nx, ny = shape
-    layers = bricks.number // (nx * ny)
-    levels = min(flowing_levels(correction, shape), layers + 1)
-    size = nx * ny
-    flows = np.zeros((layers + 1) * size, dtype=np.bool_)
-    flows[bricks.connectivity[correction.which]] = True
-    flows[layers * size :] = False
-    nodes = np.flatnonzero(flows)
-    places = np.full((layers + 1) * size, len(nodes), dtype=np.int32)
+    levels = bricks.number // (nx * ny) + 1
+    flows = np.zeros((levels, nx, ny), dtype=np.bool_)
+    flows.reshape(-1)[bricks.connectivity[correction.which]] = True
+    flows[-1] = False
+    nodes, strips = _in_strips(np.flatnonzero(flows), nx, ny)
+    places = np.full(flows.size, len(nodes), dtype=np.int32)
     places[nodes] = np.arange(len(nodes))
     number = np.full(bricks.number, -1, dtype=np.int32)
     number[correction.which] = np.arange(correction.which.size)
     neighbours = np.full((len(nodes), 27), -1, dtype=np.int32)
     blocks = np.zeros((len(nodes), 27, 3, 3))
-    reach = (levels - 1) * size
+    around = flows[:-1] | flows[1:]
+    around |= np.roll(around, -1, 1)
+    around |= np.roll(around, -1, 2)
+    which, parts = _in_strips(np.flatnonzero(around), nx, ny)
     body, flow = (bricks, *stiffness), (number, correction.terms, float(scale))
-    task = partial(_assemble, body, flow, places, _slots(nx, ny), neighbours, blocks)
-    for part in layers_apart(bricks, None):
-        workers.share(task, part[part[:, 1] <= reach])
+    task = partial(_assemble, body, flow, which, places, _slots(nx, ny), neighbours, blocks)
+    for part in parts:
+        workers.share(task, part, weight=8.0)
     within = np.where(neighbours < 0, len(nodes), places[neighbours]).astype(np.int32)
-    return FlowRows(nodes, neighbours, within, blocks)
+    return FlowRows(nodes, neighbours, within, blocks, strips)
+
+
+def _in_strips(
+    numbers: NDArray[np.int64], nx: int, ny: int
+) -> tuple[NDArray[np.int64], tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Numbers of nodes or elements in the order of strips, and the strips as in `FlowRows`."""
+    half = max(1, nx // (2 * STRIP))
+    strip = numbers // ny % nx * 2 * half // nx
+    place = strip // 2 + strip % 2 * half
+    order = np.argsort(place, kind="stable")
+    cuts = np.searchsorted(place[order], np.arange(2 * half + 1))
+    strips = np.stack([cuts[:-1], cuts[1:]], axis=1)
+    return numbers[order], (strips[:half], strips[half:])
 
 
 def _slots(nx: int, ny: int) -> NDArray[np.int64]:
@@ -207,23 +227,21 @@ def _add_rows(K, corners, places, slots, neighbours, blocks):  # type: ignore[no
 
 
 @compiled
-def _assemble(body, flow, places, slots, neighbours, blocks, layers):  # type: ignore[no-untyped-def]
+def _assemble(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one sum
+    body, flow, which, places, slots, neighbours, blocks, strips
+):
+    """Adds the stiffness of the elements `which` in the strips to the rows of the flowing nodes."""
     bricks, elastic, deviatoric = body
     number, terms, scale = flow
-    conn, K, count = bricks.connectivity, np.empty(24 * 24), blocks.shape[0]
-    for layer in range(layers.shape[0]):
-        for e in range(layers[layer, 0], layers[layer, 1]):
-            touched = False
-            for a in range(8):
-                touched = touched or places[conn[e, a]] < count
-            if not touched:
-                continue
+    K = np.empty(24 * 24)
+    for first, stop in strips:
+        for e in which[first:stop]:
             s = bricks.shape_of[e]
             K[:] = elastic[s]
             if number[e] >= 0:
                 gradients, weights = bricks.gradients[s], bricks.weights[s]
                 _element(K, deviatoric[s], gradients, weights, terms[number[e]], scale)
-            _add_rows(K, conn[e], places, slots, neighbours, blocks)
+            _add_rows(K, bricks.connectivity[e], places, slots, neighbours, blocks)
 
 
 @compiled
@@ -249,47 +267,49 @@ def _invert(rows, held, out):  # type: ignore[no-untyped-def]
 
 
 # The sums keep their order: reassociated, they would be gathered into slow vectors of neighbours.
-@njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
-def _sweep(rows, inverses, right, x, ascending):  # type: ignore[no-untyped-def]
-    """Make one Gauss-Seidel sweep, which starts from x and changes it."""
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
+def _sweep(rows, inverses, right, x, ascending, strips):  # type: ignore[no-untyped-def]
+    """Makes one Gauss-Seidel sweep of each strip, which starts from x and changes it."""
     count = rows.nodes.size
-    for k in range(count):
-        r = k if ascending else count - 1 - k
-        n = rows.nodes[r]
-        b0, b1, b2 = right[n, 0], right[n, 1], right[n, 2]
-        for s in range(27):
-            c = rows.places[r, s]
-            if c < count:
-                A = rows.blocks[r, s]
-                b0 -= A[0, 0] * x[c, 0] + A[0, 1] * x[c, 1] + A[0, 2] * x[c, 2]
-                b1 -= A[1, 0] * x[c, 0] + A[1, 1] * x[c, 1] + A[1, 2] * x[c, 2]
-                b2 -= A[2, 0] * x[c, 0] + A[2, 1] * x[c, 1] + A[2, 2] * x[c, 2]
-        D = inverses[r]
-        for i in range(3):
-            x[r, i] += D[i, 0] * b0 + D[i, 1] * b1 + D[i, 2] * b2
+    for first, stop in strips:
+        for k in range(stop - first):
+            r = first + k if ascending else stop - 1 - k
+            n = rows.nodes[r]
+            b0, b1, b2 = right[n, 0], right[n, 1], right[n, 2]
+            for s in range(27):
+                c = rows.places[r, s]
+                if c < count:
+                    A = rows.blocks[r, s]
+                    b0 -= A[0, 0] * x[c, 0] + A[0, 1] * x[c, 1] + A[0, 2] * x[c, 2]
+                    b1 -= A[1, 0] * x[c, 0] + A[1, 1] * x[c, 1] + A[1, 2] * x[c, 2]
+                    b2 -= A[2, 0] * x[c, 0] + A[2, 1] * x[c, 1] + A[2, 2] * x[c, 2]
+            D = inverses[r]
+            for i in range(3):
+                x[r, i] += D[i, 0] * b0 + D[i, 1] * b1 + D[i, 2] * b2
 
 
 @compiled
-def _multiply(rows, x, out):  # type: ignore[no-untyped-def]
-    """out += K x, in the rows of the flowing nodes and of their neighbours."""
+def _multiply(rows, x, out, strips):  # type: ignore[no-untyped-def]
+    """out += K x, in the rows of the strips' flowing nodes and, of all others, of neighbours."""
     count = rows.nodes.size
-    for r in range(count):
-        n = rows.nodes[r]
-        b0 = b1 = b2 = 0.0
-        x0, x1, x2 = x[r, 0], x[r, 1], x[r, 2]
-        for s in range(27):
-            m = rows.neighbours[r, s]
-            if m < 0:
-                continue
-            A, c = rows.blocks[r, s], rows.places[r, s]
-            if c < count:
-                b0 += A[0, 0] * x[c, 0] + A[0, 1] * x[c, 1] + A[0, 2] * x[c, 2]
-                b1 += A[1, 0] * x[c, 0] + A[1, 1] * x[c, 1] + A[1, 2] * x[c, 2]
-                b2 += A[2, 0] * x[c, 0] + A[2, 1] * x[c, 1] + A[2, 2] * x[c, 2]
-            else:
-                out[m, 0] += A[0, 0] * x0 + A[1, 0] * x1 + A[2, 0] * x2
-                out[m, 1] += A[0, 1] * x0 + A[1, 1] * x1 + A[2, 1] * x2
-                out[m, 2] += A[0, 2] * x0 + A[1, 2] * x1 + A[2, 2] * x2
-        out[n, 0] += b0
-        out[n, 1] += b1
-        out[n, 2] += b2
+    for first, stop in strips:
+        for r in range(first, stop):
+            n = rows.nodes[r]
+            b0 = b1 = b2 = 0.0
+            x0, x1, x2 = x[r, 0], x[r, 1], x[r, 2]
+            for s in range(27):
+                m = rows.neighbours[r, s]
+                if m < 0:
+                    continue
+                A, c = rows.blocks[r, s], rows.places[r, s]
+                if c < count:
+                    b0 += A[0, 0] * x[c, 0] + A[0, 1] * x[c, 1] + A[0, 2] * x[c, 2]
+                    b1 += A[1, 0] * x[c, 0] + A[1, 1] * x[c, 1] + A[1, 2] * x[c, 2]
+                    b2 += A[2, 0] * x[c, 0] + A[2, 1] * x[c, 1] + A[2, 2] * x[c, 2]
+                else:
+                    out[m, 0] += A[0, 0] * x0 + A[1, 0] * x1 + A[2, 0] * x2
+                    out[m, 1] += A[0, 1] * x0 + A[1, 1] * x1 + A[2, 1] * x2
+                    out[m, 2] += A[0, 2] * x0 + A[1, 2] * x1 + A[2, 2] * x2
+            out[n, 0] += b0
+            out[n, 1] += b1
+            out[n, 2] += b2
