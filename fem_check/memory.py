@@ -30,8 +30,9 @@ def bytes_needed(
         block: the block.
         flow: the share of each layer's elements that flow at once, from `flowing_shares`; None: the
             material is elastic.
-        certified: whether scikit-fem assembles the last state.  It takes 7000 bytes for each
-            element of a single layer, after most of the fields have been given back.
+        certified: whether scikit-fem assembles the last state.  It takes 7000 bytes, or
+            10000 with flow, for each element of a single layer, after most of the fields have been
+            given back.
     """
     surface, levels = block.shape[0] * block.shape[1], len(block.layers) + 1
     moved = block.moved is not None
@@ -43,7 +44,7 @@ def bytes_needed(
         fields = 24 * (6 * levels + 10 * (levels if moved else upper))
         solve = kept + fields + history + rows + 9 * 24 * 24 * 8 * len(block.layers) / surface
         kept += history
-    certificate = kept + levels * 6 * 24 + 7000
+    certificate = kept + levels * 6 * 24 + (7000 if flow is None else 10000)
     return surface * (max(solve, certificate) if certified else solve)
 
 
