@@ -118,14 +118,16 @@ def front_sums(
     out = np.zeros((len(grid.U_NODES), *grid.SUMS))
     stiffness = (STIFFNESS, STIFFNESS)
     fields = grid.Fields(p[column], g[column], hardness * (1 - 1e-12), stiffness)
-    _add_column(fields, np.eye(len(out)), out)
+    _add_column(fields, np.eye(len(out)), out, grid.workspace())
     scale = length / 2 / n
     return out[0].sum(axis=-1) * scale, out[:, grid.OFFSET].sum(axis=-1) * scale
 
 
 @numba.njit  # not cached: it contains code of another file, which the cache does not watch
-def _add_column(fields: grid.Fields, tables: FloatArray, out: FloatArray) -> None:
-    p, hardness, work = fields.pressure, fields.hardness, grid.workspace()
+def _add_column(
+    fields: grid.Fields, tables: FloatArray, out: FloatArray, work: grid.Work
+) -> None:
+    p, hardness = fields.pressure, fields.hardness
     for i in range(p.shape[0]):
         first = kind(p[i, 3], hardness)
         same = (

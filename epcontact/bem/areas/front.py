@@ -32,7 +32,7 @@ MIX = 0.5894898722360835  # Si(pi)/pi
 #: a step there.
 STEP = 3.0
 
-_jit = numba.njit(cache=True, nogil=True)
+_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 @_jit
@@ -52,7 +52,9 @@ def field(p: float, g: float, hardness: float, c: float) -> float:
 
 
 @_jit
-def _cubic_shift(q: FloatArray, before: bool, after: bool) -> float:
+def _cubic_shift(
+    q: tuple[float, float, float, float], before: bool, after: bool
+) -> float:
     """The root of a polynomial less the root of a straight line.
 
     The line goes through (0, q[1]) and (1, q[2]) with q[1] > 0 >= q[2]; the polynomial also
@@ -123,22 +125,20 @@ def crossing(v: FloatArray, hardness: float, front: int) -> tuple[float, float, 
             v[k] = hardness - v[k]
     turned = v[2] <= 0
     if turned:
-        v[0], v[1], v[2], v[3], v[4], v[5] = v[5], v[4], v[3], v[2], v[1], v[0]
+        for k in range(3):
+            v[k], v[5 - k] = v[5 - k], v[k]
     last, before, jump = v[2], v[1], v[2] - v[3]
     elastic = last < hardness
     step = jump > STEP * max(before - last, v[3] - v[4]) and (0 < before < last or not elastic)
     kink = elastic and v[0] > 0 and last - before > max(before - v[0], 0.0)
     # The polynomial is that of the pressure, or, if no point is in the strip, of the gap.
-    root, q = last / jump, v[1:5]
     if elastic:
-        inside, outside = 0 < before < hardness, q[3] <= 0
-        q[0] += MIX * last
-        q[3] -= MIX * q[2]
+        inside = 0 < before < hardness
+        q = before + MIX * last, last, v[3], v[4] - MIX * v[3]
     else:
-        inside, outside = before >= hardness, q[3] <= 0
-        q[0] -= hardness
-        q[1] -= hardness
-    root += _cubic_shift(q, inside, outside)
+        inside = before >= hardness
+        q = before - hardness, last - hardness, v[3], v[4]
+    root = last / jump + _cubic_shift(q, inside, v[4] <= 0)
     edge = 1.0 if step or kink else 0.0
     hidden = _hidden(last, before, hardness, step) if edge else 0.0
     if edge and (root < 0.5 or not elastic):

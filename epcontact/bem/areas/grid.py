@@ -42,7 +42,9 @@ SEEN = 1.25
 #: A tip has at most this number of neighbours in its own state.
 TIP_NEIGHBOURS = 2
 
-_jit = numba.njit(cache=True, nogil=True)
+_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+#: The corner, or the side, of a cell before and after each.
+_BEFORE, _AFTER = (3, 0, 1, 2), (1, 2, 3, 0)
 #: Indices of the sums (SUMS, front, part).
 AREA, OFFSET, LENGTH, HARMONIC, COS, SIN, EDGE, ALIGNED, HIDDEN, TURN, TIPS, DIPS = range(12)
 SUMS = (12, 2, 2)
@@ -57,6 +59,16 @@ class Fields(NamedTuple):
     stiffness: tuple[float, float]
 
 
+class Work(NamedTuple):
+    """Arrays for one cell: its states, v along x and y, the crossings of its sides, v of a link."""
+
+    kinds: NDArray[np.int64]
+    along: FloatArray
+    across: FloatArray
+    cut: FloatArray
+    v: FloatArray
+
+
 @_jit
 def interpolated(u: float, table: FloatArray) -> float:
     """A table given at U_NODES, interpolated to u; constant beyond the nodes."""
@@ -68,67 +80,62 @@ def interpolated(u: float, table: FloatArray) -> float:
 
 
 @_jit
-def _corner(x: float, y: float) -> tuple[float, float]:
-    return x * y / 2, math.sqrt(x * x + y * y)
+def _polygon(kinds: NDArray[np.int64], front: int, cut: FloatArray, joined: bool) -> tuple[float, float, float]:
+    """(area, length of front, turn) of the part of a unit cell that is inside a front.
 
-
-@_jit
-def _polygon(inside: NDArray[np.int64], cut: FloatArray, joined: bool) -> tuple[float, float]:
-    """(area, length of front) of the part of a unit cell that is inside the front.
-
-    inside: (4,), 0 or 1, whether the corners (0, 0), (1, 0), (1, 1), (0, 1) are inside; cut:
-    where the front crosses each side, from its first corner to the next; joined: whether two
-    opposite corners that are inside are connected.
+    kinds: (4,) the states of the corners (0, 0), (1, 0), (1, 1), (0, 1); cut: where the front
+    crosses each side, from its first corner to the next; joined: whether two opposite corners that
+    are inside are connected.  The turn is a quarter for each corner cut off.
     """
-    n = inside.sum()
-    if n == 2 and inside[0] != inside[2]:
-        first = 0 if inside[0] == inside[1] else 1  # the side with no crossing, or its opposite
-        s, t = cut[first + 1], 1 - cut[(first + 3) % 4]
+    n = 0
+    for k in range(4):
+        n += kinds[k] > front
+    opposite = n == 2 and (kinds[0] > front) == (kinds[2] > front)
+    if n == 2 and not opposite:
+        # first: the side with no crossing, or its opposite
+        first = 0 if (kinds[0] > front) == (kinds[1] > front) else 1
+        s, t = cut[first + 1], 1 - cut[_BEFORE[first]]
         area = (s + t) / 2
-        return (area if inside[first] == 1 else 1 - area), math.sqrt(1 + (s - t) ** 2)
+        return (area if kinds[first] > front else 1 - area), math.sqrt(1 + (s - t) ** 2), 0.0
     # Cut off the single corner or, of two opposite pairs, the outside one if the inside is
     # connected and else the inside one.
-    kind = 1 if n == 1 or (n == 2 and not joined) else 0
-    area = length = 0.0
+    inside = n == 1 or (opposite and not joined)
+    area = length = turn = 0.0
     for k in range(4):
-        if inside[k] == kind:
-            a, s = _corner(cut[k], 1 - cut[k - 1])
-            area += a
-            length += s
-    return (area if kind == 1 else 1 - area), length
+        if (kinds[k] > front) == inside:
+            x, y = cut[k], 1 - cut[_BEFORE[k]]
+            area += x * y / 2
+            length += math.sqrt(x * x + y * y)
+            turn += 0.25
+    return (area, length, turn) if inside else (1 - area, length, -turn)
 
 
 @_jit
 def _is_strip(kinds: NDArray[np.int64]) -> bool:
     """True if both fronts pass a cell side by side, and neither of them twice."""
-    if kinds.min() > APART or kinds.max() < PLASTIC:
-        return False
     for front in range(2):
-        a, b, c, d = kinds[0] > front, kinds[1] > front, kinds[2] > front, kinds[3] > front
-        if a == c and b == d and a != b:
+        switches = 0
+        for k in range(4):
+            switches += (kinds[k] > front) != (kinds[_BEFORE[k]] > front)
+        if switches != 2:
             return False
     return True
 
 
-@_jit
-def workspace() -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """Allocate the arrays of `add_cell` once for all cells."""
-    return np.empty((2, 4), np.int64), np.empty((3, 4)), np.empty(6)
+def workspace() -> Work:
+    """The arrays of `add_cell`, allocated once for all cells."""
+    return Work(np.empty(4, np.int64), *np.empty((4, 6)))
 
 
 @_jit
 def _locate(
-    fields: Fields,
-    place: tuple[int, int],
-    front: int,
-    work: tuple[NDArray[np.int64], FloatArray, FloatArray],
+    fields: Fields, place: tuple[int, int], front: int, work: Work
 ) -> tuple[float, float, float]:
-    """Locate a front on the sides of a cell, into `work`; the means of what else is found."""
-    (i, j), (nx, ny) = place, fields.pressure.shape
-    inside, cut, v = work[0][1], work[1][2], work[2]
+    """Locate a front on the sides of a cell, in `work.cut`; the means of what else is found."""
+    (i, j), (nx, ny), v = place, fields.pressure.shape, work.v
     crossings, helds, edges, hidden = 0, 0.0, 0.0, 0.0
     for k in range(4):
-        if inside[k] == inside[(k + 1) % 4]:
+        if (work.kinds[k] > front) == (work.kinds[_AFTER[k]] > front):
             continue
         # Sides 0 and 2 run along x, 1 and 3 along y.
         x_side = k in (0, 2)
@@ -139,7 +146,7 @@ def _locate(
             a, b = a if 0 <= a < nx else a % nx, b if 0 <= b < ny else b % ny
             v[m] = field(fields.pressure[a, b], fields.gap[a, b], fields.hardness, c)
         where, held, edge, width = crossing(v, fields.hardness, front)
-        cut[k] = where if k < 2 else 1 - where
+        work.cut[k] = where if k < 2 else 1 - where
         crossings += 1
         helds += held
         edges += edge
@@ -149,70 +156,55 @@ def _locate(
 
 @_jit
 def add_cell(
-    fields: Fields,
-    place: tuple[int, int],
-    table: FloatArray,
-    sums: FloatArray,
-    work: tuple[NDArray[np.int64], FloatArray, FloatArray],
+    fields: Fields, place: tuple[int, int], table: FloatArray, sums: FloatArray, work: Work
 ) -> None:
     """Add a cell with a front to the sums; its corners are (i - 1, j - 1) and (i, j)."""
     i, j = place
-    hardness, stiffness = fields.hardness, fields.stiffness
-    kinds, inside = work[0][0], work[0][1]
-    # along, across: v with the stiffness of links along x and along y; cut: crossings of the sides.
-    along, across, cut = work[1][0], work[1][1], work[1][2]
+    kinds, hardness, middle = work.kinds, fields.hardness, 0.0
+    # v with the stiffness of links along x and of links along y
+    along, across = work.along, work.across
     for k in range(4):
         a = i if k in (1, 2) else i - 1
         b = j if k >= 2 else j - 1
         p, g = fields.pressure[a, b], fields.gap[a, b]
         kinds[k] = kind(p, hardness)
-        along[k] = field(p, g, hardness, stiffness[0])
-        across[k] = field(p, g, hardness, stiffness[1])
+        along[k] = field(p, g, hardness, fields.stiffness[0])
+        across[k] = field(p, g, hardness, fields.stiffness[1])
+        middle += (along[k] + across[k]) / 8
     dx = (along[1] + along[2] - along[0] - along[3]) / 2
     dy = (across[2] + across[3] - across[0] - across[1]) / 2
     square = dx * dx + dy * dy
     u = hardness / math.sqrt(square) if square > 0 else np.inf
     cos4 = 1 - 8 * (dx * dy / square) ** 2 if square > 0 else 0.0
     sin4 = 4 * dx * dy * (dx - dy) * (dx + dy) / square**2 if square > 0 else 0.0
-    strip = _is_strip(kinds)
-    offset, apart = interpolated(u, table), min(u, 1.0) ** 2 if strip else 1.0
+    offset, apart = interpolated(u, table), min(u, 1.0) ** 2 if _is_strip(kinds) else 1.0
     narrow = min(u, 1 / max(u, 1.0))
-    middle = (along.sum() + across.sum()) / 8
     for front in range(2):
         n = 0
         for k in range(4):
-            inside[k] = int(kinds[k] > front)
-            n += inside[k]
+            n += kinds[k] > front
         if n == 4:
             sums[AREA, front, 0] += 1
         if n in (0, 4):
             continue
         held, edge, hidden = _locate(fields, place, front, work)
-        joined = middle > (hardness if front else 0.0)
-        area, length = _polygon(inside, cut, joined)
-        turn = 0.0
-        if n != 2:
-            turn = 0.25 if n == 1 else -0.25
-        elif inside[0] == inside[2]:
-            turn = -0.5 if joined else 0.5
+        area, length, turn = _polygon(kinds, front, work.cut, middle > (hardness if front else 0.0))
         resolved = (1 - held) * length
         sums[AREA, front, 0] += area
         sums[TURN, front, 0] += turn
         sums[OFFSET, front, 0] += offset * resolved
-        add(sums[LENGTH, front], length, apart)
-        add(sums[HARMONIC, front], cos4 * resolved, apart)
-        add(sums[COS, front], cos4 * length * narrow, apart)
-        add(sums[SIN, front], sin4 * length * narrow, apart)
-        add(sums[EDGE, front], edge * length, apart)
-        add(sums[ALIGNED, front], cos4 * held * length, apart)
-        add(sums[HIDDEN, front], hidden * length, apart)
-
-
-@_jit
-def add(parts: FloatArray, value: float, apart: float) -> None:
-    """Add a value to the two parts of a sum."""
-    parts[0] += apart * value
-    parts[1] += (1 - apart) * value
+        values = (
+            length,
+            cos4 * resolved,
+            cos4 * length * narrow,
+            sin4 * length * narrow,
+            edge * length,
+            cos4 * held * length,
+            hidden * length,
+        )
+        for m in range(7):  # LENGTH to HIDDEN
+            sums[LENGTH + m, front, 0] += apart * values[m]
+            sums[LENGTH + m, front, 1] += (1 - apart) * values[m]
 
 
 @_jit
@@ -232,7 +224,9 @@ def add_tip(fields: Fields, place: tuple[int, int], sums: FloatArray) -> None:
             steepest = max(steepest, abs(field(q, f, hardness, c) - here))
     if like <= TIP_NEIGHBOURS:
         apart = min(hardness / steepest, 1.0) ** 2 if steepest > hardness else 1.0
-        add(sums[TIPS, int(state == PLASTIC)], 1.0, apart)
+        front = int(state == PLASTIC)
+        sums[TIPS, front, 0] += apart
+        sums[TIPS, front, 1] += 1 - apart
 
 
 @_jit
@@ -263,10 +257,11 @@ def _dip(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> f
 
 
 @_jit
-def sweep(fields: Fields, table: FloatArray, sums: FloatArray) -> None:
+def sweep(fields: Fields, table: FloatArray, sums: FloatArray, work: Work) -> None:
     """Add up the sums over every cell of the periodic grid; table: offsets at U_NODES."""
     pressure, hardness = fields.pressure, fields.hardness
-    (nx, ny), work = pressure.shape, workspace()
+    nx, ny = pressure.shape
+    fronts = 2 if hardness < np.inf else 1
     for i in range(nx):
         above, here = kind(pressure[i - 1, -1], hardness), kind(pressure[i, -1], hardness)
         for j in range(ny):
@@ -278,7 +273,6 @@ def sweep(fields: Fields, table: FloatArray, sums: FloatArray) -> None:
                 add_cell(fields, (i, j), table, sums, work)
                 add_tip(fields, (i, j), sums)
             if here_2 == ELASTIC:
-                sums[DIPS, 0, 0] += _dip(pressure, i, j, hardness, 0)
-                if hardness < np.inf:
-                    sums[DIPS, 1, 0] += _dip(pressure, i, j, hardness, 1)
+                for front in range(fronts):
+                    sums[DIPS, front, 0] += _dip(pressure, i, j, hardness, front)
             above, here = above_2, here_2

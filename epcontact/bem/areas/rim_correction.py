@@ -190,7 +190,7 @@ def sums_of_fronts(
     along, across = (STIFFNESS * effective_modulus / step for step in spacing)
     sums = np.zeros(grid.SUMS)
     fields = grid.Fields(pressure, gap, hardness * _ROUNDING, (along, across))
-    grid.sweep(fields, OFFSETS, sums)
+    grid.sweep(fields, OFFSETS, sums, grid.workspace())
     return sums
 
 
