@@ -56,7 +56,7 @@ def scattered(shape, share, seed, size=4):
 def made(contact, workers, body=None):
     convolution = Convolution(symbol_of(contact.shape, body), 1e9, workers)
     points = points_of(contact, convolution)
-    found = cell_body(convolution.symbol, convolution.scale)
+    found = cell_body(convolution.symbol)
     masked = MaskedGrid(contact.shape, workers)
     return convolution, points, CellPreconditioner(found, Cells(convolution, points), masked)
 
@@ -127,12 +127,12 @@ def test_lines():
 
 
 def test_none_where_it_would_not_serve():
-    assert cell_body(symbol_of((30, 256)), 1.0) is None
-    assert cell_body(symbol_of((1, 30)), 1.0) is None
+    assert cell_body(symbol_of((30, 256))) is None
+    assert cell_body(symbol_of((1, 30))) is None
 
 
 def test_full_cells_have_the_displacement_of_the_whole():
-    body = cell_body(symbol_of((128, 128)), 1.0)
+    body = cell_body(symbol_of((128, 128)))
     # Denser contact is stiffer, and a full cell has next to nothing beyond the kernel of cells.
     assert np.all(np.diff(body.delta[1:]) <= 0)
     assert body.delta[CELL**2] < 0.1 * body.delta[CELL]

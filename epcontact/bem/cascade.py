@@ -26,8 +26,9 @@ from epcontact.bem.transforms import (
 from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
 
-#: A direction of at most this many points is not coarsened further.
-COARSEST = 32
+#: A direction of at most this many points is not coarsened further.  Solves of 107 scenes took 6 %
+#: less time than with 32, because the calls of a small grid cost more than its points.
+COARSEST = 64
 
 
 def coarser(symbol: Symbol) -> tuple[int, int] | None:

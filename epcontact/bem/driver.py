@@ -6,6 +6,7 @@ The modules below this one do not know the scene: they take a `GridProblem` for 
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections.abc import Callable
@@ -32,9 +33,12 @@ from epcontact.bem.transforms import Symbol
 from epcontact.machine import available_cores, compile_seconds, peak_memory
 from epcontact.moduli import effective_modulus, oedometric_modulus
 from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
-from epcontact.scene import Scene
+from epcontact.scene import Body, Material, Scene
 
 _DISTRIBUTION_BINS = 1024
+# Points up to which the symbols of the last grids are kept, with all that follows from them: on
+# 128 x 128 points they took a sixth of a solve.  Larger ones would be a burden on memory.
+_SMALL = 1 << 20
 # Along a load path the last solution is the better start up to this ratio of loads; beyond it,
 # coarse grids give the better one.
 _WARM_RATIO = 1.03
@@ -204,7 +208,15 @@ def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
     if len(shape) == 1:
         shape, periods = (1, shape[0]), (1.0, periods[0])
     grid, lengths = (shape[0], shape[1]), (periods[0], periods[1])
-    return Symbol.from_quarter(quarter_compliance(grid, lengths, scene.body, scene.material), grid)
+    made = _made_symbol if scene.surface.heights.size <= _SMALL else _made_symbol.__wrapped__
+    return made(grid, lengths, scene.body, scene.material)
+
+
+@functools.lru_cache(maxsize=4)
+def _made_symbol(
+    grid: tuple[int, int], lengths: tuple[float, float], body: Body, material: Material
+) -> Symbol:
+    return Symbol.from_quarter(quarter_compliance(grid, lengths, body, material), grid)
 
 
 def _warm_start(last: LoadedSurface, left: FloatArray, following: float) -> FloatArray | None:

@@ -24,6 +24,7 @@ from epcontact.bem.problem import (
     checked_start,
     checked_symbol,
 )
+from epcontact.bem.transforms import Symbol
 from epcontact.bem.workers import Workers
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.results import FloatArray
@@ -158,7 +159,7 @@ def _coarse_guess(
     coarse = replace(
         problem,
         heights=coarsened_heights(problem.heights, below, workers),
-        symbol=problem.symbol.coarsened(below),
+        symbol=problem.symbol.once(Symbol.coarsened, below),
     )
     guess, work = _coarse_guess(coarse, scale, options, workers)
     level = Level(coarse, scale, workers)

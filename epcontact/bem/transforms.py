@@ -4,7 +4,7 @@ One application transforms the rows; then, for each block of columns while it is
 transforms the columns, multiplies by the symbol and transforms them back; then it transforms the
 rows back.  If a convolution is from values at listed points (the elastic set) to values at these
 points, each thread makes and reads the rows in a small buffer, and the array of modes is the only
-one of the grid's size.
+one of the grid's size.  A grid that is in cache as a whole is transformed in one call.
 
 Each transform handles a fixed block on one thread.  The library's own threads would group lines by
 the number of threads, and the last digits of a result would depend on it.
@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import ducc0
 import numpy as np
@@ -24,10 +24,14 @@ from numpy.typing import NDArray
 from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
 
+T = TypeVar("T")
 IntArray = NDArray[np.signedinteger]
 RealArray = NDArray[np.floating]  # float64, or float32 in single precision
 ComplexArray = NDArray[np.complexfloating]
 
+#: The axes of a transform of each row, and of one of rows and columns.
+Axes = tuple[int, ...]
+ROWS, BOTH = (1,), (0, 1)
 #: Points of a block of rows or columns: 2 MiB of reals stay within a core's cache.
 BLOCK_POINTS = 262144
 # Points are far apart if the shortest wave along their axis is this much more compliant than the
@@ -37,20 +41,20 @@ _OBLONG = 2.0
 _FILTER_POINTS = 65536
 
 
-def to_modes(values: RealArray, modes: ComplexArray) -> None:
+def to_modes(values: RealArray, modes: ComplexArray, axes: Axes = ROWS) -> None:
     """Transform each row of `values`, and keep as many modes as `modes` has columns."""
     if modes.shape[1] == values.shape[1] // 2 + 1:
-        ducc0.fft.r2c(values, axes=(1,), out=modes, nthreads=1)
+        ducc0.fft.r2c(values, axes=axes, out=modes, nthreads=1)
     else:
-        modes[...] = ducc0.fft.r2c(values, axes=(1,), nthreads=1)[:, : modes.shape[1]]
+        modes[...] = ducc0.fft.r2c(values, axes=axes, nthreads=1)[:, : modes.shape[1]]
 
 
-def to_values(modes: ComplexArray, values: RealArray, inorm: int = 0) -> None:
+def to_values(modes: ComplexArray, values: RealArray, inorm: int = 0, axes: Axes = ROWS) -> None:
     """Transform each row of `modes` back into `values`; `modes` may be overwritten.
 
     inorm: 2 divides by the number of points, 0 does not.
     """
-    ducc0.fft.c2r(modes, axes=(1,), lastsize=values.shape[1], forward=False, inorm=inorm,
+    ducc0.fft.c2r(modes, axes=axes, lastsize=values.shape[1], forward=False, inorm=inorm,
                   out=values, nthreads=1, allow_overwriting_input=True)  # fmt: skip
 
 
@@ -78,13 +82,13 @@ def through_columns(
     workers.each(through, ranges(modes.shape[1], step))
 
 
-def filtered(field: FloatArray, modes: FloatArray, workers: Workers) -> FloatArray:
-    """`field` (mx, my) with each mode of its real transform times `modes` (mx, my // 2 + 1)."""
-    mx, my = field.shape
-    if field.size <= _FILTER_POINTS:
-        small = ducc0.fft.r2c(field, axes=(0, 1), nthreads=1)
+def filtered(values: FloatArray, modes: FloatArray, workers: Workers) -> FloatArray:
+    """`values` (mx, my) with each mode of its real transform times `modes` (mx, my // 2 + 1)."""
+    mx, my = values.shape
+    if values.size <= _FILTER_POINTS:
+        small = ducc0.fft.r2c(values, axes=BOTH, nthreads=1)
         small *= modes
-        found: FloatArray = ducc0.fft.c2r(small, axes=(0, 1), lastsize=my, forward=False, inorm=2,
+        found: FloatArray = ducc0.fft.c2r(small, axes=BOTH, lastsize=my, forward=False, inorm=2,
                                           nthreads=1, allow_overwriting_input=True)  # fmt: skip
         return found
     rows = ranges(mx, max(1, _FILTER_POINTS // my))
@@ -95,7 +99,7 @@ def filtered(field: FloatArray, modes: FloatArray, workers: Workers) -> FloatArr
         block *= modes[:, columns]
         return block
 
-    workers.each(to_modes, split(field, rows), split(spectrum, rows))
+    workers.each(to_modes, split(values, rows), split(spectrum, rows))
     through_columns(workers, spectrum, max(8, _FILTER_POINTS // mx), change, inorm=2)
     workers.each(to_values, split(spectrum, rows), split(out, rows), 2)
     return out
@@ -108,6 +112,18 @@ class Symbol:
     values: FloatArray
     rows: IntArray
     shape: tuple[int, int]
+    _known: dict[Any, Any] = field(default_factory=dict, repr=False)
+
+    def once(self, function: Callable[..., T], *arguments: Any) -> T:
+        """function(self, *arguments), computed at the first call only.
+
+        What a solver prepares for a symbol serves each of its solves: all loads of a path, and all
+        surfaces of an ensemble.
+        """
+        if (function, *arguments) not in self._known:
+            self._known[function, *arguments] = function(self, *arguments)
+        found: T = self._known[function, *arguments]
+        return found
 
     @classmethod
     def from_quarter(cls, values: FloatArray, shape: tuple[int, int]) -> Symbol:
@@ -200,13 +216,14 @@ class Convolution:
         self._dtype = np.dtype(dtype)
         self._modes = np.empty((nx, ny // 2 + 1), dtype=np.result_type(dtype, np.complex64))
         self._local = threading.local()
+        self._axes = BOTH if nx == self.row_step > 1 else ROWS
 
-    def apply(self, field: RealArray, out: RealArray) -> None:
-        """out = S field on the whole grid; both (nx, ny)."""
+    def apply(self, values: RealArray, out: RealArray) -> None:
+        """out = S values on the whole grid; both (nx, ny)."""
         modes = split(self._modes, self.rows)
-        self.workers.each(to_modes, split(field, self.rows), modes)
+        self.workers.each(to_modes, split(values, self.rows), modes, self._axes)
         self._multiply(inverse=False)
-        self.workers.each(to_values, modes, split(out, self.rows))
+        self.workers.each(to_values, modes, split(out, self.rows), 0, self._axes)
 
     def apply_on(
         self,
@@ -233,13 +250,13 @@ class Convolution:
     ) -> None:
         block = self._buffer(len(modes))
         scatter(block.reshape(-1), first, index, values)
-        to_modes(block, modes)
+        to_modes(block, modes, self._axes)
 
     def _backward(
         self, modes: ComplexArray, first: int, index: IntArray, out: FloatArray, other: FloatArray
     ) -> Any:
         block = self._buffer(len(modes))
-        to_values(modes, block)
+        to_values(modes, block, 0, self._axes)
         return gather_dot(block.reshape(-1), first, index, out, other)
 
     def _buffer(self, rows: int) -> RealArray:
@@ -263,17 +280,23 @@ class Convolution:
             return block
 
         step = max(8, min(ny // 2 + 1, BLOCK_POINTS // (2 * nx)))
-        through_columns(self.workers, self._modes, step, change)
+        if self._axes == BOTH:
+            change(self._modes, slice(0, ny // 2 + 1))
+        else:
+            through_columns(self.workers, self._modes, step, change)
         self.pairs += 1
 
 
 def single_precision(symbol: Symbol, scale: float, workers: Workers) -> Convolution:
     """The convolution of a symbol in single precision, the symbol brought to order one."""
+    single, largest = symbol.once(_single)
+    return Convolution(single, scale * largest, workers, np.float32)
+
+
+def _single(symbol: Symbol) -> tuple[Symbol, float]:
     largest = float(symbol.values.max())
     values: Any = (symbol.values / largest).astype(np.float32)
-    return Convolution(
-        Symbol(values, symbol.rows, symbol.shape), scale * largest, workers, np.float32
-    )
+    return Symbol(values, symbol.rows, symbol.shape), largest
 
 
 @compiled

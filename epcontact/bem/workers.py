@@ -69,8 +69,8 @@ class Workers:
 
     def each(self, task: Callable[..., T], *arguments: Any) -> list[T]:
         """The results of `task` for every block, in the order of the blocks."""
-        lists = [a for a in arguments if type(a) is list]
-        if len(lists[0]) == 1:  # a small grid, on which the calls themselves cost most
+        if len(next(a for a in arguments if type(a) is list)) == 1:
+            # On a small grid the calls themselves cost most.
             return [task(*[a[0] if type(a) is list else a for a in arguments])]
         columns = [a if type(a) is list else repeat(a) for a in arguments]
         return list((map if self._pool is None else self._pool.map)(task, *columns))

@@ -124,9 +124,7 @@ def front_sums(
 
 
 @numba.njit  # not cached: it contains code of another file, which the cache does not watch
-def _add_column(
-    fields: grid.Fields, tables: FloatArray, out: FloatArray, work: grid.Work
-) -> None:
+def _add_column(fields: grid.Fields, tables: FloatArray, out: FloatArray, work: grid.Work) -> None:
     p, hardness = fields.pressure, fields.hardness
     for i in range(p.shape[0]):
         first = kind(p[i, 3], hardness)

@@ -52,9 +52,7 @@ def field(p: float, g: float, hardness: float, c: float) -> float:
 
 
 @_jit
-def _cubic_shift(
-    q: tuple[float, float, float, float], before: bool, after: bool
-) -> float:
+def _cubic_shift(q: tuple[float, float, float, float], before: bool, after: bool) -> float:
     """The root of a polynomial less the root of a straight line.
 
     The line goes through (0, q[1]) and (1, q[2]) with q[1] > 0 >= q[2]; the polynomial also

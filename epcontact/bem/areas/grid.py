@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem.areas.front import crossing, field, kind
-from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
+from epcontact.results import ELASTIC, PLASTIC, FloatArray
 
 #: Values of u at which the offset is tabulated.
 U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
@@ -80,7 +80,9 @@ def interpolated(u: float, table: FloatArray) -> float:
 
 
 @_jit
-def _polygon(kinds: NDArray[np.int64], front: int, cut: FloatArray, joined: bool) -> tuple[float, float, float]:
+def _polygon(
+    kinds: NDArray[np.int64], front: int, cut: FloatArray, joined: bool
+) -> tuple[float, float, float]:
     """(area, length of front, turn) of the part of a unit cell that is inside a front.
 
     kinds: (4,) the states of the corners (0, 0), (1, 0), (1, 1), (0, 1); cut: where the front

@@ -40,7 +40,8 @@ class InnerOperators:
         self._convolution = convolution
         self._points = convolution.shape[0] * convolution.shape[1]
         self._masked = MaskedGrid(convolution.shape, convolution.workers)
-        self._body = cell_body(convolution.symbol, convolution.scale)
+        body = convolution.symbol.once(cell_body)
+        self._body = None if body is None else body.scaled(convolution.scale)
         self._split: SplitOperator | None = None
         self._single: Convolution | None = None
         self._half = half_shape(convolution.symbol)

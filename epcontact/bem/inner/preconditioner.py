@@ -64,9 +64,15 @@ class CellBody:
     delta: FloatArray
     field: FloatArray
 
+    def scaled(self, scale: float) -> CellBody:
+        """The cell body of the symbol times `scale`."""
+        return CellBody(
+            self.taps / scale, self.kernel * scale, self.delta * scale, self.field * scale
+        )
 
-def cell_body(symbol: Symbol, scale: float) -> CellBody | None:
-    """The cell body of a grid's symbol times `scale`.
+
+def cell_body(symbol: Symbol) -> CellBody | None:
+    """The cell body of a grid's symbol.
 
     None where there are too few cells, or where no stencil is near enough to the inverse (very
     oblong spacings, bodies unlike a half-space).
@@ -79,9 +85,8 @@ def cell_body(symbol: Symbol, scale: float) -> CellBody | None:
     taps = _stencil(sample, sides)
     if taps is None:
         return None
-    kernel = _kernel(symbol, cells) * scale
-    delta = _delta(sample, weights, sides) * scale
-    return CellBody(taps / scale, kernel, delta, np.fft.irfft2(kernel, s=cells))
+    kernel = _kernel(symbol, cells)
+    return CellBody(taps, kernel, _delta(sample, weights, sides), np.fft.irfft2(kernel, s=cells))
 
 
 class CellPreconditioner:

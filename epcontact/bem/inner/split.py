@@ -159,14 +159,9 @@ class SplitOperator:
 
     def __init__(self, convolution: Convolution, masked: MaskedGrid, half: tuple[int, int]) -> None:
         self.workers, self._masked = convolution.workers, masked
-        self._rows, self._columns = (
-            Interpolation.between(m, n) for m, n in zip(half, convolution.shape, strict=True)
-        )
-        taps, coarse = _parts(convolution.symbol, half, self._rows, self._columns)
+        taps, coarse, self._rows, self._columns = convolution.symbol.once(_parts, half)
         self._taps = (taps * convolution.scale).astype(np.float32)
-        self._coarse = single_precision(
-            Symbol.from_quarter(coarse, half), convolution.scale, self.workers
-        )
+        self._coarse = single_precision(coarse, convolution.scale, self.workers)
         self._half = np.empty(half, dtype=np.float32)
         self._parts = ranges(half[0], max(1, convolution.row_step * half[0] // len(masked.array)))
 
@@ -198,10 +193,11 @@ class SplitOperator:
 
 
 def _parts(
-    symbol: Symbol, half: tuple[int, int], rows: Interpolation, columns: Interpolation
-) -> tuple[FloatArray, FloatArray]:
-    """Stencil and coarse symbol (a quarter of the modes)."""
+    symbol: Symbol, half: tuple[int, int]
+) -> tuple[FloatArray, Symbol, Interpolation, Interpolation]:
+    """Stencil, coarse symbol, and interpolation of rows and of columns."""
     (nx, ny), (mx, my) = symbol.shape, half
+    rows, columns = Interpolation.between(mx, nx), Interpolation.between(my, ny)
     sample, (sx, sy), _ = symbol.sampled(_SAMPLE)
     i, j = np.arange(mx // 2 + 1), np.arange(my // 2 + 1)
     tx, ty = 2 * np.pi * i / nx, 2 * np.pi * j / ny
@@ -219,7 +215,7 @@ def _parts(
     interpolation = np.outer(along_x, along_y) ** 2 * (nx * ny / (mx * my))
     coarse = np.maximum((coarse * phi + rest * np.sqrt(phi)) / interpolation, 0.0)
     coarse[0, 0] = 0.0
-    return taps, coarse
+    return taps, Symbol.from_quarter(coarse, half), rows, columns
 
 
 def _stencil(part: FloatArray, shape: tuple[int, int]) -> FloatArray:
