@@ -64,7 +64,7 @@ def loaded(
     """
     solution = solve_problem(problem, options, start) if problem.mean_pressure else _apart(problem)
     if before is not None:
-        _put_on_hardness(problem, solution, before)
+        _put_on_hardness(problem, solution, before, options.tolerance)
     after = flowed(problem, solution, before) if math.isfinite(problem.hardness) else before
     return LoadedSurface(problem, solution, before, after)
 
@@ -104,16 +104,20 @@ def flowed(
     return w if before is None else np.add(before, w, out=w)
 
 
-def _put_on_hardness(problem: GridProblem, solution: PressureSolution, before: FloatArray) -> None:
+def _put_on_hardness(
+    problem: GridProblem, solution: PressureSolution, before: FloatArray, tolerance: float
+) -> None:
     """Put pressures on the hardness, in place, that have come back to it within their error.
 
     When a load returns to the largest one before it, both the gap and the distance of the pressure
     from the hardness vanish where the surface has flowed, so that rounding would decide which of
     these points count as plastic.  The error of a pressure is that of the gap, divided by the
-    compliance of the shortest wave.
+    compliance of the shortest wave.  The gap has the error of this solve and that of the one that
+    left the surface, which is within the tolerance.
     """
     pressure, hardness = solution.pressure, problem.hardness
-    error = max(solution.residuals.values()) * problem.gap_scale() / problem.symbol.shortest()
+    residual = max(solution.residuals.values()) + tolerance
+    error = residual * problem.gap_scale() / problem.symbol.shortest()
     back = (before > 0) & (pressure >= hardness - error)
     excess = float(np.sum(hardness - pressure, where=back))
     pressure[back] = hardness
