@@ -72,10 +72,9 @@ def student_half_width(deviation: float, count: int) -> float:
         deviation: standard deviation of a single value.
         count: number of averaged values.
     """
-    # Imported here: scipy.special takes a third of the time of `epcontact --help`.
-    from scipy.special import stdtrit
-
     if count == 1:
         return 0.0
+    from scipy.special import stdtrit  # takes longer to load than a solve of one small surface
+
     factor = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2))
     return factor * deviation / math.sqrt(count)

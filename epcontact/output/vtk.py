@@ -55,6 +55,7 @@ Precision = Literal["single", "double"]
 
 #: Most points of a piece that is copied and compressed at once.
 PIECE = 1 << 21
+_CACHED = 1 << 16  # points whose sums stay in cache
 
 
 @dataclass(frozen=True)
@@ -297,10 +298,13 @@ def _flat_height(fields: Mapping[str, NDArray[Any]]) -> float | None:
     gap, heights, displacement = (np.asarray(fields[name]) for name in names)
     if not gap.shape == heights.shape == displacement.shape:
         return None
-    low, high = np.inf, -np.inf
-    for rows in zip(gap, heights, displacement, strict=True):
-        level = rows[0] + rows[1] - rows[2]
-        low, high = min(low, float(np.min(level))), max(high, float(np.max(level)))
+    ends: list[float] = []
+    step = max(1, _CACHED // max(1, gap[0].size))
+    for start in range(0, len(gap), step):
+        rows = slice(start, start + step)
+        level = gap[rows] + heights[rows] - displacement[rows]
+        ends += [float(level.min()), float(level.max())]
+    low, high = float(np.min(ends)), float(np.max(ends))
     tolerance = 1e-6 * float(np.ptp(heights))  # ten roundings of a 32-bit number
     return (low + high) / 2 if high - low <= tolerance else None
 
@@ -361,7 +365,7 @@ def _streamed(
             part.SetSpacing(steps)
             for name, plane in planes.items():
                 kind = np.uint8 if name == "state" else real
-                values = np.ascontiguousarray(plane[x0 : x1 + 1, y0 : y1 + 1].T, dtype=kind)
+                values = _transposed(plane[x0 : x1 + 1, y0 : y1 + 1], kind)
                 array = numpy_to_vtk(values.ravel(), deep=True)
                 array.SetName(name)
                 if name in UNITS:
@@ -373,6 +377,14 @@ def _streamed(
             return 1
 
     return Source()
+
+
+def _transposed(plane: NDArray[Any], kind: Any) -> NDArray[Any]:
+    """Return a plane with its axes exchanged; a few rows at a time take half the time of all."""
+    values = np.empty(plane.shape[::-1], dtype=kind)
+    for i in range(0, len(plane), 8):
+        values[:, i : i + 8] = plane[i : i + 8].T
+    return values
 
 
 def _add_field_data(image: Any, attributes: Mapping[str, Attribute]) -> None:
