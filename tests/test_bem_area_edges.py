@@ -147,19 +147,21 @@ def test_what_holds_a_front():
     rim = np.array([2.6, 2.0, 1.0, -0.5, -2.0, -4.0])
     step = np.array([0.7, 1.0, 2.0, -50.0, -50.0, -50.0])
     kink = np.array([1.0, 1.1, 1.5, -3.0, -6.0, -9.0])
-    place, *edges = front.crossing(rim, math.inf, 0)
+    place, held, hidden, doubt = front.crossing(rim, math.inf, 0)
     assert 0.5 < place < 1
-    assert edges == [0, 0, 0]
+    assert (held, hidden) == (0, 0)
+    assert 0 < doubt < 0.02
     for edge, hidden in ((step, (math.pi / 8) ** 2), (kink, 3 ** (-2.5 / 0.4))):
-        assert front.crossing(edge.copy(), math.inf, 0) == (0.5, 1, 1, 0)
-        assert front.crossing(edge.copy(), 4.0, 0) == pytest.approx((0.5, 1, 1, hidden))
+        assert front.crossing(edge.copy(), math.inf, 0) == (0.5, 1, 0, 0)
+        assert front.crossing(edge.copy(), 4.0, 0) == pytest.approx((0.5, 1, hidden, 0))
         # Turned about, it is the same front; and so is the plastic one of the partner.
         assert front.crossing(edge[::-1].copy(), math.inf, 0)[:2] == (0.5, 1)
-        assert front.crossing(4.0 - edge, 4.0, 1) == pytest.approx((0.5, 1, 1, hidden))
+        assert front.crossing(4.0 - edge, 4.0, 1) == pytest.approx((0.5, 1, hidden, 0))
     # A rim far behind the kink is resolved, and pressure that does not rise ever faster is smooth.
-    place, held, edge, _ = front.crossing(np.array([1.0, 1.1, 1.5, -0.2, -1.0, -3.0]), math.inf, 0)
-    assert (place > 0.5, held, edge) == (True, 0, 1)
-    assert front.crossing(np.array([0.2, 1.0, 1.5, -3.0, -6.0, -9.0]), math.inf, 0)[1:3] == (0, 0)
+    place, held, hidden, _ = front.crossing(np.array([1.0, 1.1, 1.5, -0.2, -1.0, -3.0]), 2.0, 0)
+    assert (place > 0.5, held, hidden > 0) == (True, 0, True)
+    place, held, hidden, _ = front.crossing(np.array([0.2, 1.0, 1.5, -3.0, -6.0, -9.0]), 2.0, 0)
+    assert (held, hidden) == (0, 0)
     # Plastic points beside apart ones: at a step the gap jumps, on a steep flank it does not.
     assert front.crossing(np.array([1.3, 1.2, 1.1, -9.0, -9.0, -9.0]), 1.0, 0)[:2] == (0.5, 1)
     assert front.crossing(np.array([9.0, 6.0, 3.0, -1.0, -4.0, -7.0]), 1.0, 0)[1:3] == (0, 0)

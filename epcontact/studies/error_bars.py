@@ -23,7 +23,7 @@ from epcontact.bem.areas.rim_correction import (
     ERRORS,
     ErrorConstants,
     areas_of_sums,
-    estimate_areas,
+    perimeter_areas,
     sums_of_fronts,
 )
 from epcontact.results import Areas, FloatArray
@@ -151,9 +151,8 @@ def lessons(seeds: Iterable[int], points: int) -> list[Lesson]:
         for kind in KINDS:
             one = member(KINDS, kind, seed, points)
             pressure, gap, (dx, dy) = one.solved(1)
-            solution = (pressure, gap, one.hardness, [dx, dy], 1.0)
-            sums, raw = sums_of_fronts(*solution), estimate_areas(*solution)[0]
-            share = one.load / one.hardness
+            sums = sums_of_fronts(pressure, gap, one.hardness, [dx, dy], 1.0)
+            raw, share = perimeter_areas(pressure, one.hardness)[0], one.load / one.hardness
             out.append(Lesson(sums, raw, share, pressure.size, dx / dy, one.areas(FINER)[1]))
     return out
 
@@ -183,7 +182,7 @@ def fitted(known: Sequence[Lesson], start: ErrorConstants = ERRORS) -> ErrorCons
 
     at = np.log(astuple(start))
     for _ in range(2):  # a second simplex leaves where the first one has collapsed
-        simplex = np.vstack([at, at + np.diag([0.7, -0.7, 0.7, -0.7, 0.7, -0.7])])
+        simplex = np.vstack([at, at + np.diag([0.7, -0.7, 0.7, -0.7])])
         at = minimize(
             cost,
             at,

@@ -118,7 +118,7 @@ def front_sums(
     out = np.zeros((len(grid.U_NODES), *grid.SUMS))
     stiffness = (STIFFNESS, STIFFNESS)
     fields = grid.Fields(p[column], g[column], hardness * (1 - 1e-12), stiffness)
-    _add_column(fields, np.eye(len(out)), out, grid.workspace())
+    _add_column(fields, np.eye(len(out)), out, grid.workspace(6))
     scale = length / 2 / n
     return out[0].sum(axis=-1) * scale, out[:, grid.OFFSET].sum(axis=-1) * scale
 
@@ -138,7 +138,7 @@ def _add_column(fields: grid.Fields, tables: FloatArray, out: FloatArray, work: 
                 out[k, grid.AREA, 0, 0] += first > 0
                 out[k, grid.AREA, 1, 0] += first > 1
             else:
-                grid.add_cell(fields, (i, 3), tables[k], out[k], work)
+                grid.add_cell(fields, (i, 3), tables[k], out[k], (False, False), work)
                 grid.add_tip(fields, (i, 3), out[k])
 
 

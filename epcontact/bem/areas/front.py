@@ -28,6 +28,8 @@ AXIS_OFFSET = 0.190009285925947
 #: STIFFNESS is c in E*/dx, and MIX is b.
 STIFFNESS = math.pi / (2 * math.e)
 MIX = 0.5894898722360835  # Si(pi)/pi
+#: Standard deviation of the place of a front of which only the link is known.
+ANYWHERE = 1 / math.sqrt(12)
 #: A gap that changes between two points by more than this multiple of its changes beside them has
 #: a step there.
 STEP = 3.0
@@ -52,8 +54,10 @@ def field(p: float, g: float, hardness: float, c: float) -> float:
 
 
 @_jit
-def _cubic_shift(q: tuple[float, float, float, float], before: bool, after: bool) -> float:
-    """The root of a polynomial less the root of a straight line.
+def _cubic_root(
+    q: tuple[float, float, float, float], before: bool, after: bool
+) -> tuple[float, float]:
+    """The root of a polynomial less that of a straight line, and what its last term moves it by.
 
     The line goes through (0, q[1]) and (1, q[2]) with q[1] > 0 >= q[2]; the polynomial also
     through (-1, q[0]) if `before` and (2, q[3]) if `after`.
@@ -68,7 +72,7 @@ def _cubic_shift(q: tuple[float, float, float, float], before: bool, after: bool
     elif after:
         d = (q[3] - a - 2 * b) / 2
     line = x = -a / b
-    low, high = 0.0, 1.0
+    low, high, slope = 0.0, 1.0, b
     for _ in range(20):
         bend = d + e * (x + 1)
         value = a + b * x + x * (x - 1) * bend
@@ -83,7 +87,10 @@ def _cubic_shift(q: tuple[float, float, float, float], before: bool, after: bool
         step, x = abs(new - x), new
         if step < 1e-7:
             break
-    return float(x - line)
+    if not (before or after) or slope >= 0:
+        return float(x - line), ANYWHERE
+    last = abs(x * (x - 1) * (e * (x + 1) if before and after else d))
+    return float(x - line), min(last / -slope, ANYWHERE)
 
 
 @_jit
@@ -109,10 +116,10 @@ def crossing(v: FloatArray, hardness: float, front: int) -> tuple[float, float, 
     v: (6,) values of `field`, which are overwritten.  front: 0, or 1 for the hardness.
 
     Returns:
-        (place, held, edge, hidden): edge is 1 if the surface has an edge there, else 0.  If it
-        holds the front, any place in the link is equally likely, and place is 1/2 and held is 1.
-        hidden is the width of the zone next to an edge in which the singular pressure exceeds the
-        hardness, but which no point shows.
+        (place, held, hidden, doubt): if an edge of the surface holds the front, any place in the
+        link is equally likely, and place is 1/2 and held is 1, else held is 0.  hidden is the
+        width of the zone next to an edge in which the singular pressure exceeds the hardness, but
+        which no point shows.  doubt is what the last term of the polynomial moves the place by.
 
     At a resolved rim the pressure vanishes as sqrt(distance).  At a step of the surface the gap
     jumps.  At a kink the pressure rises towards the edge, and ever faster; if a rim follows at
@@ -136,10 +143,10 @@ def crossing(v: FloatArray, hardness: float, front: int) -> tuple[float, float, 
     else:
         inside = before >= hardness
         q = before - hardness, last - hardness, v[3], v[4]
-    root = last / jump + _cubic_shift(q, inside, v[4] <= 0)
-    edge = 1.0 if step or kink else 0.0
-    hidden = _hidden(last, before, hardness, step) if edge else 0.0
-    if edge and (root < 0.5 or not elastic):
-        return 0.5, 1.0, edge, hidden
+    shift, doubt = _cubic_root(q, inside, v[4] <= 0)
+    root = last / jump + shift
+    hidden = _hidden(last, before, hardness, step) if step or kink else 0.0
+    if (step or kink) and (root < 0.5 or not elastic):
+        return 0.5, 1.0, hidden, 0.0
     root = min(max(root, 0.0), 1.0)
-    return float(1 - root if turned else root), 0.0, edge, hidden
+    return float(1 - root if turned else root), 0.0, hidden, doubt

@@ -5,22 +5,25 @@ segments between the crossings of a cell bound the area.
 
 Besides the area, the pass adds up over each front the sums that `rim_correction` needs:
 
-OFFSET    segment length times the tabulated offset at u = hardness/|grad v| (grad per spacing).
-          u is the width of the elastic strip in spacings where both fronts pass the cell, and
-          large where there is one front only.
+OFFSET    segment length that no edge holds times the tabulated offset at u = hardness/|grad v|
+          (grad per spacing).  u is the width of the elastic strip in spacings where both fronts
+          pass the cell, and large where there is one front only.
 LENGTH    segment length
-HARMONIC  segment length that no edge holds times cos 4 theta; OFFSET, too, has no other
-COS, SIN  segment length times cos 4 theta, sin 4 theta and the smaller of u and 1/u
-EDGE      segment length at edges of the surface (`front`)
+HARMONIC  segment length that no edge holds times cos 4 theta
+DOUBT     segment length times the square of the doubt of `front`
+COS, SIN  segment length times cos 4 theta, sin 4 theta and, for the front for itself, the doubt
+HELD      segment length that edges hold
+FLOWING   segment length that edges hold where plastic points are next to points apart
 ALIGNED   segment length that edges hold times cos 4 theta
 HIDDEN    segment length times the width of the zone hidden at edges
 TURN      turn of the front, a quarter for each corner cut off.  Over a whole front this adds up
           to its Euler number.
 TIPS      points apart (or plastic) with at most two of their eight neighbours in the same state
-DIPS      squares of the areas of gaps that may be hidden between points that all touch
+DIPS      squares of the areas of round gaps that may be hidden between points that all touch
+CREASE    areas of gaps that may be hidden at creases between points that all touch
 
-Sums have two parts: those of the front for itself, and those of strips so narrow that both fronts
-move alike.  A strip of u < 1 spacings belongs by u^2 to the first.
+Sums have two parts: those of the front for itself, and those of fronts so steep that they move
+with the other front beside them.  A front of u < 1 spacings belongs by u^2 to the first.
 """
 
 from __future__ import annotations
@@ -39,6 +42,13 @@ from epcontact.results import ELASTIC, PLASTIC, FloatArray
 U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
 #: A wave's curvature divided by its second difference between points a quarter wavelength apart.
 SEEN = 1.25
+#: What `front` misses on straight fronts in directions of the grid, beside its doubt, in spacings
+#: (`rim.calibrate_directions`).
+LOCATED = 0.004
+#: Beside a crease the pressure bends at least by this share of its bend at the crease.
+BENT = 0.2
+#: Along a crease the pressure changes by less than this share of its change across.
+STRAIGHT = 0.25
 #: A tip has at most this number of neighbours in its own state.
 TIP_NEIGHBOURS = 2
 
@@ -46,8 +56,9 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 #: The corner, or the side, of a cell before and after each.
 _BEFORE, _AFTER = (3, 0, 1, 2), (1, 2, 3, 0)
 #: Indices of the sums (SUMS, front, part).
-AREA, OFFSET, LENGTH, HARMONIC, COS, SIN, EDGE, ALIGNED, HIDDEN, TURN, TIPS, DIPS = range(12)
-SUMS = (12, 2, 2)
+AREA, OFFSET, TURN, FLOWING, COS, SIN, TIPS, DIPS, CREASE = range(9)
+LENGTH, HARMONIC, DOUBT, HELD, ALIGNED, HIDDEN = range(9, 15)
+SUMS = (15, 2, 2)
 
 
 class Fields(NamedTuple):
@@ -60,13 +71,18 @@ class Fields(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Arrays for one cell: its states, v along x and y, the crossings of its sides, v of a link."""
+    """Arrays for one cell: its states, v along x and y, the crossings of its sides, v of a link.
+
+    links: (2, columns + 1, 4), what `front` found for each front on the sides that the cell shares
+    with those of the next row, and with the next cell of its own.
+    """
 
     kinds: NDArray[np.int64]
     along: FloatArray
     across: FloatArray
     cut: FloatArray
     v: FloatArray
+    links: FloatArray
 
 
 @_jit
@@ -112,57 +128,70 @@ def _polygon(
     return (area, length, turn) if inside else (1 - area, length, -turn)
 
 
-@_jit
-def _is_strip(kinds: NDArray[np.int64]) -> bool:
-    """True if both fronts pass a cell side by side, and neither of them twice."""
-    for front in range(2):
-        switches = 0
-        for k in range(4):
-            switches += (kinds[k] > front) != (kinds[_BEFORE[k]] > front)
-        if switches != 2:
-            return False
-    return True
-
-
-def workspace() -> Work:
+def workspace(columns: int) -> Work:
     """The arrays of `add_cell`, allocated once for all cells."""
-    return Work(np.empty(4, np.int64), *np.empty((4, 6)))
+    along, across, cut, v = np.empty((4, 6))
+    return Work(np.empty(4, np.int64), along, across, cut, v, np.empty((2, columns + 1, 4)))
 
 
 @_jit
 def _locate(
-    fields: Fields, place: tuple[int, int], front: int, work: Work
+    fields: Fields, place: tuple[int, int], front: int, known: tuple[bool, bool], work: Work
 ) -> tuple[float, float, float]:
     """Locate a front on the sides of a cell, in `work.cut`; the means of what else is found."""
-    (i, j), (nx, ny), v = place, fields.pressure.shape, work.v
-    crossings, helds, edges, hidden = 0, 0.0, 0.0, 0.0
-    for k in range(4):
+    (i, j), (nx, ny), v, links = place, fields.pressure.shape, work.v, work.links
+    crossings, helds, hidden, doubt = 0, 0.0, 0.0, 0.0
+    for k in (3, 0, 1, 2):
         if (work.kinds[k] > front) == (work.kinds[_AFTER[k]] > front):
             continue
         # Sides 0 and 2 run along x, 1 and 3 along y.
         x_side = k in (0, 2)
-        c = fields.stiffness[0] if x_side else fields.stiffness[1]
-        row, column = i if k == 1 else i - 1, j if k == 2 else j - 1
-        for m in range(6):
-            a, b = (row + m - 2, column) if x_side else (row, column + m - 2)
-            a, b = a if 0 <= a < nx else a % nx, b if 0 <= b < ny else b % ny
-            v[m] = field(fields.pressure[a, b], fields.gap[a, b], fields.hardness, c)
-        where, held, edge, width = crossing(v, fields.hardness, front)
-        work.cut[k] = where if k < 2 else 1 - where
+        m = ny if x_side else j
+        if not ((k == 3 and known[0]) or (k == 0 and known[1])):
+            c = fields.stiffness[0] if x_side else fields.stiffness[1]
+            row, column = i if k == 1 else i - 1, j if k == 2 else j - 1
+            for n in range(6):
+                a, b = (row + n - 2, column) if x_side else (row, column + n - 2)
+                a, b = a if 0 <= a < nx else a % nx, b if 0 <= b < ny else b % ny
+                v[n] = field(fields.pressure[a, b], fields.gap[a, b], fields.hardness, c)
+            found = crossing(v, fields.hardness, front)
+            for n in range(4):
+                links[front, m, n] = found[n]
+        work.cut[k] = links[front, m, 0] if k < 2 else 1 - links[front, m, 0]
         crossings += 1
-        helds += held
-        edges += edge
-        hidden += width
-    return helds / crossings, edges / crossings, hidden / crossings
+        helds += links[front, m, 1]
+        hidden += links[front, m, 2]
+        doubt += links[front, m, 3]
+    return helds / crossings, hidden / crossings, doubt / crossings
+
+
+@_jit
+def _slope(along: FloatArray, across: FloatArray, hardness: float) -> tuple[float, float, float]:
+    """(u, cos 4 theta, sin 4 theta) of a cell, from v at its corners."""
+    dx = (along[1] + along[2] - along[0] - along[3]) / 2
+    dy = (across[2] + across[3] - across[0] - across[1]) / 2
+    square = dx * dx + dy * dy
+    if square <= 0:
+        return np.inf, 0.0, 0.0
+    cos4 = 1 - 8 * (dx * dy / square) ** 2
+    return hardness / math.sqrt(square), cos4, 4 * dx * dy * (dx - dy) * (dx + dy) / square**2
 
 
 @_jit
 def add_cell(
-    fields: Fields, place: tuple[int, int], table: FloatArray, sums: FloatArray, work: Work
+    fields: Fields,
+    place: tuple[int, int],
+    table: FloatArray,
+    sums: FloatArray,
+    known: tuple[bool, bool],
+    work: Work,
 ) -> None:
-    """Add a cell with a front to the sums; its corners are (i - 1, j - 1) and (i, j)."""
+    """Add a cell with a front to the sums; its corners are (i - 1, j - 1) and (i, j).
+
+    known: whether the cell of the row before, and the cell before in this row, have been added.
+    """
     i, j = place
-    kinds, hardness, middle = work.kinds, fields.hardness, 0.0
+    kinds, hardness, middle, elastic = work.kinds, fields.hardness, 0.0, False
     # v with the stiffness of links along x and of links along y
     along, across = work.along, work.across
     for k in range(4):
@@ -170,17 +199,12 @@ def add_cell(
         b = j if k >= 2 else j - 1
         p, g = fields.pressure[a, b], fields.gap[a, b]
         kinds[k] = kind(p, hardness)
+        elastic = elastic or kinds[k] == ELASTIC
         along[k] = field(p, g, hardness, fields.stiffness[0])
         across[k] = field(p, g, hardness, fields.stiffness[1])
         middle += (along[k] + across[k]) / 8
-    dx = (along[1] + along[2] - along[0] - along[3]) / 2
-    dy = (across[2] + across[3] - across[0] - across[1]) / 2
-    square = dx * dx + dy * dy
-    u = hardness / math.sqrt(square) if square > 0 else np.inf
-    cos4 = 1 - 8 * (dx * dy / square) ** 2 if square > 0 else 0.0
-    sin4 = 4 * dx * dy * (dx - dy) * (dx + dy) / square**2 if square > 0 else 0.0
-    offset, apart = interpolated(u, table), min(u, 1.0) ** 2 if _is_strip(kinds) else 1.0
-    narrow = min(u, 1 / max(u, 1.0))
+    u, cos4, sin4 = _slope(along, across, hardness)
+    offset, narrow = interpolated(u, table), min(u, 1.0)
     for front in range(2):
         n = 0
         for k in range(4):
@@ -189,24 +213,21 @@ def add_cell(
             sums[AREA, front, 0] += 1
         if n in (0, 4):
             continue
-        held, edge, hidden = _locate(fields, place, front, work)
+        held, hidden, doubt = _locate(fields, place, front, known, work)
         area, length, turn = _polygon(kinds, front, work.cut, middle > (hardness if front else 0.0))
-        resolved = (1 - held) * length
-        sums[AREA, front, 0] += area
-        sums[TURN, front, 0] += turn
-        sums[OFFSET, front, 0] += offset * resolved
-        values = (
-            length,
-            cos4 * resolved,
-            cos4 * length * narrow,
-            sin4 * length * narrow,
-            edge * length,
-            cos4 * held * length,
-            hidden * length,
-        )
-        for m in range(7):  # LENGTH to HIDDEN
-            sums[LENGTH + m, front, 0] += apart * values[m]
-            sums[LENGTH + m, front, 1] += (1 - apart) * values[m]
+        resolved, stuck = (1 - held) * length, held * length
+        apart = max(narrow**2, held)
+        alone, shared = apart * resolved * (doubt + LOCATED), (1 - apart) * length * narrow
+        flowing = 0.0 if elastic else stuck
+        values = area, offset * resolved, turn, flowing, cos4 * alone, sin4 * alone
+        for m in range(6):  # AREA to SIN
+            sums[m, front, 0] += values[m]
+        sums[COS, front, 1] += cos4 * shared
+        sums[SIN, front, 1] += sin4 * shared
+        more = length, cos4 * resolved, doubt**2 * length, stuck, cos4 * stuck, hidden * length
+        for m in range(6):  # LENGTH to HIDDEN
+            sums[LENGTH + m, front, 0] += apart * more[m]
+            sums[LENGTH + m, front, 1] += (1 - apart) * more[m]
 
 
 @_jit
@@ -259,6 +280,37 @@ def _dip(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> f
 
 
 @_jit
+def _crease(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> float:
+    """Area of a gap that may be hidden beside a point at a crease of the surface.
+
+    At a crease the pressure falls to k ln s, where s is the distance from it, and k ln 3 is the
+    rise from half a spacing to 3/2.  A gap opens where it would fall below 0, and twice as wide
+    (as in `front`).  The pressure bends the other way beside a crease, and along it, it hardly
+    changes: waves of the surface, whose gaps are round, count the less the more it does.
+    """
+    (nx, ny), widest = pressure.shape, 0.0
+    sign, base, p = (-1, hardness, pressure[i, j]) if front else (1, 0.0, pressure[i, j])
+    here = base + sign * p
+    for x in range(2):
+        y = 1 - x
+        before = base + sign * pressure[i - x, j - y]
+        after = base + sign * pressure[(i + x) % nx, (j + y) % ny]
+        across = max(before, after) - here
+        if min(before, after) < here or min(before, after) <= 0 or across <= 0:
+            continue
+        one, two = pressure[i - y, j - x], pressure[(i + y) % nx, (j + x) % ny]
+        along = max(abs(one - p), abs(two - p)) / (STRAIGHT * across)
+        if along >= 1:
+            continue
+        outer = base + sign * pressure[i - 2 * x, j - 2 * y]
+        other = base + sign * pressure[(i + 2 * x) % nx, (j + 2 * y) % ny]
+        bend = min(outer + here - 2 * before, other + here - 2 * after)
+        if bend < -BENT * (before + after - 2 * here):
+            widest = max(widest, 2 * 3 ** (-here / across) * (1 - along))
+    return widest
+
+
+@_jit
 def sweep(fields: Fields, table: FloatArray, sums: FloatArray, work: Work) -> None:
     """Add up the sums over every cell of the periodic grid; table: offsets at U_NODES."""
     pressure, hardness = fields.pressure, fields.hardness
@@ -272,9 +324,10 @@ def sweep(fields: Fields, table: FloatArray, sums: FloatArray, work: Work) -> No
                 sums[AREA, 0, 0] += here > 0
                 sums[AREA, 1, 0] += here > 1
             else:
-                add_cell(fields, (i, j), table, sums, work)
+                add_cell(fields, (i, j), table, sums, (i > 0, j > 0), work)
                 add_tip(fields, (i, j), sums)
             if here_2 == ELASTIC:
                 for front in range(fronts):
                     sums[DIPS, front, 0] += _dip(pressure, i, j, hardness, front)
+                    sums[CREASE, front, 0] += _crease(pressure, i, j, hardness, front)
             above, here = above_2, here_2

@@ -19,7 +19,7 @@ import math
 import numba
 import numpy as np
 
-from epcontact.bem.areas.front import STIFFNESS, crossing, field
+from epcontact.bem.areas.front import ANYWHERE, STIFFNESS, crossing, field
 from epcontact.bem.areas.grid import SEEN, interpolated
 from epcontact.results import FloatArray
 
@@ -35,8 +35,8 @@ LINE_OFFSETS = np.array(
 #: Spacings missed for each lone point: by calibration (`rim.calibrate_straight_tip`), and as
 #: fitted to rough lines.
 STRAIGHT_LONE, LONE = 0.109, 0.2
-#: Standard deviation of the place of a front, and of one that an edge holds.
-PLACE, EDGE = 0.025, 1 / math.sqrt(12)
+#: Standard deviation of the place of a front that no edge holds.
+PLACE = 0.025
 
 _jit = numba.njit(cache=True, nogil=True)
 
@@ -120,7 +120,7 @@ def _front(
     offset = interpolated(hardness / (v[2] - v[3]), LINE_OFFSETS)
     where, held, _, _ = crossing(v, hardness, front)
     if held:
-        return where, EDGE
+        return where, ANYWHERE
     return where + (offset if front else -offset), PLACE
 
 

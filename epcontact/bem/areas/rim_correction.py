@@ -46,7 +46,7 @@ import numba
 import numpy as np
 
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS
+from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS
 from epcontact.bem.areas.line import line_lengths
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
@@ -69,6 +69,11 @@ TIP = 0.277
 #: The mean offset on oblong cells is 1 + OBLONG ln^2(dx/dy) times that on square ones
 #: (`rim.calibrate_oblong`).
 OBLONG = 0.07
+#: Mean over all directions of what a counted front has too much, in spacings (`rim.front_offset`).
+COUNTED = 0.129
+#: Variance of the number of points inside a front for each spacing of it, by chance (M. G. Kendall,
+#: Quarterly Journal of Mathematics 19 (1948) 1; B. Matern, Meddelanden 49:5 (1960)).
+POINTS = 0.0728
 
 
 @dataclass(frozen=True)
@@ -76,29 +81,23 @@ class ErrorConstants:
     """What the errors of areas are made of, as standard deviations in cells.
 
     Attributes:
-        spacing: for each spacing of a front, by chance.
+        place: of a front's place, by chance, in units of what the last term of `front` moves it by.
+        along: the same for fronts that run in one direction, in common, because they meet their
+            cells alike.
         tip: for each tip, by chance.
-        row: for each tip of a row of them, in common: a straight gap has the same width all along.
-        strip: for each spacing of narrow strips that run in one direction, in common, because they
-            meet their cells alike.
-        moved: for each spacing of edges beside a front that no edge holds, in common: a body whose
-            edges have uncertain places is stiffer or softer, so that its other fronts move.
-        mean_pressure: of the elastic area, in units of the hardness.
+        strip: for each spacing of narrow strips that run in one direction, in common.
     """
 
-    spacing: float
+    place: float
+    along: float
     tip: float
-    row: float
     strip: float
-    moved: float
-    mean_pressure: float
 
 
 #: Fitted by `epcontact.studies.error_bars`.
-ERRORS = ErrorConstants(0.16, 1.3, 0.32, 0.036, 0.18, 0.023)
-#: Standard deviation of the place of an edge between two points, each place being equally likely,
-#: and of the mean of two edges.
-EDGE, TWO_EDGES = 1 / math.sqrt(12), 1 / math.sqrt(24)
+ERRORS = ErrorConstants(3.8, 0.59, 0.87, 0.31)
+#: Standard deviation of the mean of the places of two edges.
+TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: The claimed error in standard deviations.
 SURE = 2.0
 # A pressure above this share of the hardness is plastic: the difference is rounding.
@@ -190,7 +189,7 @@ def sums_of_fronts(
     along, across = (STIFFNESS * effective_modulus / step for step in spacing)
     sums = np.zeros(grid.SUMS)
     fields = grid.Fields(pressure, gap, hardness * _ROUNDING, (along, across))
-    grid.sweep(fields, OFFSETS, sums, grid.workspace())
+    grid.sweep(fields, OFFSETS, sums, grid.workspace(pressure.shape[1]))
     return sums
 
 
@@ -207,11 +206,11 @@ def areas_of_sums(
     share: p0/hardness; aspect: dx/dy.
     """
     oblong = OBLONG * math.log(aspect) ** 2
-    located, covariance = _located(sums, oblong) / cells, _covariance(sums, oblong, errors)
-    covariance /= cells**2
+    located, covariance = _located(sums, oblong), _covariance(sums, oblong, errors)
     if raw.elastic > 0 and raw.plastic > 0:
-        located, covariance = _balanced(located, covariance, raw, share, errors.mean_pressure)
-    return _possible(located, covariance, share)
+        points = _areas(raw.total * cells, raw.plastic * cells)
+        located, covariance = _balanced(located, covariance, sums, points, share * cells)
+    return _possible(located / cells, covariance / cells**2, share)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -266,45 +265,57 @@ def _located(sums: FloatArray, oblong: float) -> FloatArray:
     return np.asarray(whole[grid.AREA] + (-1, 1) * outward + CORNER * whole[grid.TURN])
 
 
+def _unseen(sums: FloatArray) -> FloatArray:
+    """Variances (2,) of what may be hidden between points: zones at edges, dips and creases.
+
+    All are bounds, but a zone at an edge may not be there or be twice as wide.
+    """
+    bounds = sums[grid.HIDDEN, ::-1].sum(axis=1) ** 2 + sums[grid.CREASE, :, 0] ** 2
+    return np.asarray((bounds + sums[grid.DIPS, :, 0]) / SURE**2)
+
+
 def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length.
-    Dips are bounds, and a hidden zone may not be there or be twice as wide.  Strips that are much
-    narrower than a spacing move as a whole.
+    The body is softer than its surface where edges hold a front, because the pressure of points
+    beside them ends AXIS_OFFSET short of the cells' edge, and other fronts move by as much.
     """
-    length, edge, tips = sums[grid.LENGTH], sums[grid.EDGE], sums[grid.TIPS]
-    chance = errors.spacing**2 * length + errors.tip**2 * tips + EDGE**2 * edge
-    round_tips = np.abs(sums[grid.TURN, :, :1])
+    length, held, tips = sums[grid.LENGTH], sums[grid.HELD], sums[grid.TIPS]
+    chance = errors.place**2 * sums[grid.DOUBT] + errors.tip**2 * tips + ANYWHERE**2 * held
     common = [
-        errors.row * np.maximum(tips - round_tips, 0.0),
-        errors.strip * np.hypot(sums[grid.COS], sums[grid.SIN]),
-        errors.moved * edge * (1 - edge / np.maximum(length, 1.0)) * (1, 0),
-        sums[grid.HIDDEN, ::-1] / SURE,
+        np.array([errors.along, errors.strip]) * np.hypot(sums[grid.COS], sums[grid.SIN]),
+        AXIS_OFFSET * held * (1 - held / np.maximum(length, 1.0)) * (1, 0),
         TWO_EDGES * sums[grid.ALIGNED],
         oblong * sums[grid.OFFSET],
     ]
     alone, together = (chance + np.sum(np.square(common), axis=0)).T
-    alone = alone + sums[grid.DIPS, :, 0] / SURE**2
-    return np.asarray(np.diag(alone) + together.mean())
+    return np.asarray(np.diag(alone + _unseen(sums)) + together.mean())
 
 
 def _balanced(
-    areas: FloatArray, covariance: FloatArray, raw: Areas, share: float, doubt: float
+    areas: FloatArray, covariance: FloatArray, sums: FloatArray, points: Areas, load: float
 ) -> tuple[FloatArray, FloatArray]:
     """Total and plastic area and their covariance (2, 2), with the load as one more measurement.
 
-    share: p0/hardness; doubt: `mean_pressure` of the constants.
+    All in cells; points: as counted; load: by the hardness.
 
-    The elastic area carries the share phi of its hardness, share = A_pl + phi (A - A_pl).  The
-    counted points have this exactly with phi of their own.  That phi is as wrong as the counts: a
-    surplus of points next to both rims has phi = 1/2.  It is exact for narrow strips of elastic
-    contact between apart and plastic, whose pressure rises antisymmetrically, and worth little for
-    wide elastic contacts.
+    The elastic area carries the share phi of its hardness, load = A_pl + phi (A - A_pl).  The
+    counted points have this exactly with a phi of their own, which is as wrong as the counts are.
+    In narrow strips between apart and plastic points it is not, because there the pressure rises
+    antisymmetrically.  Other fronts count COUNTED too much for each spacing, by chance of POINTS,
+    or in common where they run along the grid.  What plastic points carry too much at edges, the
+    elastic ones carry too little, so that a lightly loaded front moves far.
     """
-    phi = (share - raw.plastic) / raw.elastic
+    phi = (load - points.plastic) / points.elastic
     slopes = np.array([phi, 1 - phi])
+    length, held = sums[grid.LENGTH, :, 0], sums[grid.HELD, :, 0]
+    free = 1 - held / np.maximum(length, 1.0)
+    flowing = ANYWHERE**2 * sums[grid.FLOWING, :, 0] * (free / slopes) ** 2
+    covariance = covariance + np.diag(flowing)
+    carried = load - COUNTED * (slopes * (1, -1)) @ (length - held)
+    doubt = POINTS * length + (ANYWHERE * sums[grid.HARMONIC, :, 0]) ** 2 + _unseen(sums)
     gain = covariance @ slopes
-    gain /= slopes @ gain + (doubt * max(areas[0] - areas[1], raw.elastic)) ** 2
-    moved = areas + gain * (share - slopes @ areas)
+    gain /= slopes @ gain + slopes**2 @ doubt
+    moved = areas + gain * (carried - slopes @ areas)
     return moved, covariance - np.outer(gain, slopes @ covariance)
