@@ -96,16 +96,16 @@ class Tangent:
             block.shape, bricks, stiffness, self.correction, 1 - self.blend, self.problem.workers
         )
 
-    def product(self, v: FloatArray, elastic: FloatArray, *, overwrite: bool = False) -> FloatArray:
-        """The stiffness times `v`; `elastic`, the flat block's elastic product, may be lost."""
+    def excess(self, v: FloatArray, elastic: FloatArray) -> FloatArray:
+        """The stiffness times `v`, less `elastic`, the flat block's elastic product."""
         problem, nodal = self.problem, v.reshape(-1, 3)
         if problem.flat:
-            out = elastic if overwrite else elastic.copy()
+            out = np.zeros_like(v)
         else:
             force, _ = plasticity.internal_force(
                 nodal, problem.bricks, problem.law, None, problem.workers
             )
-            out = force.reshape(v.shape)
+            out = force.reshape(v.shape) - elastic
         if self.correction is not None and self.flows:
             plasticity.add_correction(
                 nodal,
@@ -232,10 +232,11 @@ def precondition(
     z, forces, approach = _elastic_solve(
         problem, remaining, states, np.zeros(states.shape), missing, 1e-6
     )
-    remaining[0, ..., 2] -= forces
-    stiff = tangent.product(z, remaining)
+    remaining[0, ..., 2] -= forces  # the elastic product of z
+    excess = tangent.excess(z, remaining)
+    stiff = np.add(remaining, excess, out=remaining)
     if sweeps is not None:
-        swept += sweeps.post_smooth(np.subtract(remaining, stiff, out=remaining))
+        swept -= sweeps.post_smooth(excess)
         sweeps.add(swept, z)
         sweeps.add_product(1.0, swept, stiff)
         without_base(problem, stiff)
@@ -259,11 +260,11 @@ def _solve_on_set(
     start = np.where(states == ELASTIC, R[0, ..., 2], 0.0)
     accuracy = max(1e-11, 1e-4 * goal / max(goal, norm(R, problem.workers)))
     z, forces, d = _elastic_solve(problem, R, states, target, load, accuracy, start)
-    elastic = R.copy()
-    elastic[0, ..., 2] -= forces
-    R -= tangent.product(z, elastic, overwrite=True)
+    R[0, ..., 2] -= forces  # the elastic product of z
+    np.negative(tangent.excess(z, R), out=R)
+    R[0, ..., 2] += forces
     linear.step[:] += z
-    del z, elastic
+    del z
     begun = replace(linear, approach=d + offset)
     solved, spent = _conjugate_gradients(begun, tangent, control, goal)
     return solved, 1 + spent

@@ -53,14 +53,14 @@ class Workers:
         if self._pool is None or len(ranges) == 1:
             task(ranges)
             return
-        parts = _parts(ranges, self.threads, self.fewest / weight)
+        parts = in_parts(ranges, self.threads, self.fewest / weight)
         others = [self._pool.submit(task, part) for part in parts[1:]]
         task(parts[0])
         for other in others:
             other.result()
 
 
-def _parts(ranges: NDArray[np.int64], threads: int, fewest: float) -> Sequence[NDArray[np.int64]]:
+def in_parts(ranges: NDArray[np.int64], threads: int, fewest: float) -> Sequence[NDArray[np.int64]]:
     """At most `threads` parts of the ranges, in their order, and fewer if they are short."""
     ends = np.cumsum(ranges[:, 1] - ranges[:, 0])
     total = int(ends[-1]) if ends.size else 0

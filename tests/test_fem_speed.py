@@ -96,6 +96,7 @@ def test_the_growth_of_paths_is_that_of_their_results() -> None:
         assert costs["conjugate gradients"][nodes] == mean
         assert costs["Newton"][nodes] == np.mean([path["newton_steps"] for path in paths])
     assert (costs["time_in_fft_pairs"] > 0).all()
+    assert costs["two_threads"].between(1, 2).all()
     growth = costs["conjugate gradients"][16] / costs["conjugate gradients"][8]
     assert f"grow by {growth:.2f}" in fem.draw_paths(costs.reset_index(), 2).caption
 
