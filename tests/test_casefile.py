@@ -85,7 +85,12 @@ MISTAKES = {
     "tolerance and between": (("tolerance = 0.5", "tolerance = 1\nbetween = [0, 1]"), ["either"]),
     "model of the boundary elements": (
         ('quantity = "area.total.corrected"', 'quantity = "quantity.model_area"'),
-        ["gate 1", "model_area", "of fem against a number", "of bem against 'persson'"],
+        [
+            "gate 1",
+            "model_area",
+            "of fem or tamaas_j2 against a number or each other",
+            "of bem against 'persson'",
+        ],
     ),
     "size table": (("full = 8 }", "full = 8.5 }"), ["points_per", "8.5"]),
     "misspelt size": (("fast = 4", "fats = 4"), ["points_per", "'fats'", "did you mean 'fast'"]),

@@ -15,7 +15,9 @@ import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene, StudyUnavailable
 from epcontact.harness import peers
+from epcontact.harness.case import load_case
 from epcontact.harness.methods import solver_named
+from epcontact.harness.quantities import measure_all
 from epcontact.harness.verdict import verify
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
 from epcontact.surfaces import SelfAffine
@@ -89,6 +91,19 @@ def test_second_opinion_on_j2_flow_or_one_sentence(scene) -> None:
     assert found.final.areas["raw"].total == pytest.approx(own.final.areas["raw"].total, rel=0.2)
 
 
+def test_the_second_opinion_is_held_against_the_elements_on_its_own_compliance(scene) -> None:
+    names = [gate.name for gate in load_case("j2-peer-15", "full").gates]
+    assert "quantity.effective_hardness of fem against tamaas_j2 (relative)" in names
+    flowing = replace(scene, material=Material(1e11, 0.3, yield_stress=5e8))
+    known = bem.solve(replace(scene, material=Material(1e11, 0.3, hardness=1e9)))
+    options = {"law": "j2", "compliance": "half_space"}
+    origin = replace(known.provenance, options=options)
+    # A capped body on the same half-space has its own cap.
+    measured = measure_all([EFFECTIVE], flowing, replace(known, provenance=origin))
+    assert measured[EFFECTIVE] == pytest.approx(2.0, rel=0.01)
+
+
+EFFECTIVE = "quantity.effective_hardness"
 AGAINST_TAMAAS = (
     ('methods = ["persson", "bem"]', 'methods = ["bem", "tamaas"]'),
     (

@@ -141,11 +141,11 @@ def _require_closed_form(where: str, gate: GateTable) -> None:
 
 def _require_model(where: str, gate: GateTable, table: CaseFile, needs: tuple[str, ...]) -> None:
     """Refuse a gate on a model measure (J2 flow against a cap) that the case cannot answer."""
-    wrong = ""
-    if not METHODS[gate.of].has_model_measures or isinstance(gate.against, str):
-        able = " or ".join(m.name for m in METHODS.values() if m.has_model_measures)
+    wrong, able = "", [m.name for m in METHODS.values() if m.has_model_measures]
+    if not {gate.of, *([gate.against] if isinstance(gate.against, str) else [])} <= set(able):
         wrong = (
-            f"needs a gate of {able} against a number, not of {gate.of} against {gate.against!r}"
+            f"needs a gate of {' or '.join(able)} against a number or each other, not of {gate.of} "
+            f"against {gate.against!r}"
         )
     elif table.fem.law != "j2":
         wrong = f"needs fem.law = 'j2', but it is {table.fem.law!r}"

@@ -289,7 +289,10 @@ def _registry() -> dict[str, Method]:
             "contact_mechanics", "epcontact.harness.peers:contact_mechanics", "ContactMechanics"
         ),
         method_of("tamaas", "epcontact.harness.peers:tamaas", "tamaas"),
-        method_of("tamaas_j2", "epcontact.harness.peers:tamaas_j2", "tamaas"),
+        replace(
+            method_of("tamaas_j2", "epcontact.harness.peers:tamaas_j2", "tamaas"),
+            has_model_measures=True,
+        ),
     ]
     plugins = [method_of(e.name, e.value) for e in entry_points(group="epcontact.methods")]
     return {method.name: method for method in (*plugins, *own)}

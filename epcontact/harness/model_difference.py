@@ -167,16 +167,19 @@ def _half_the_steps(j2: ContactResult) -> int:
     return max(1, round(steps / 2))
 
 
-def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray:
-    """Return the surface compliance of the block of a finite-element result.
+def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray | None:
+    """Return the surface compliance of the body of a J2 result: of the block of its elements.
 
     Returns:
-        The compliance in m/Pa, one value for each mode of numpy.fft.rfftn.
+        The compliance in m/Pa, one value for each mode of numpy.fft.rfftn; None if the body is the
+        half-space itself, as that of volume integrals.
 
     Raises:
         InvalidCase: if the result does not describe its block.
     """
     options = result.provenance.options
+    if options.get("compliance") == "half_space":
+        return None
     # A layer's depth is the scene's own.
     names = ("layers", "first_layer") + (("depth",) if scene.body.kind == "half_space" else ())
     try:

@@ -48,8 +48,12 @@ Pressure = Callable[..., FloatArray]
 TOLERANCE, ITERATIONS = 1e-6, 3200
 
 #: Of J2 flow by tamaas: depth over the period down to which a body may flow, increments to each
-#: load, and the tolerance of its outer loop, that of its own examples.
-FLOWING, INCREMENTS, FLOW_TOLERANCE = 0.5, 4, 1e-5
+#: load, and the tolerance of both its loops.  At a tenth of it, areas and pressures of rough bodies
+#: of 17 x 17 points move by 0.3 % at most, in twice the time.
+FLOWING, INCREMENTS, FLOW_TOLERANCE = 0.5, 4, 1e-4
+#: Of its outer loop, in the order in which they are tried: some bodies have a single point in
+#: contact on the way to the answer, which it cannot go through, but not with every relaxation.
+RELAXATIONS = (0.5, 0.3, 0.2)
 
 
 def _contact_mechanics_pressure(
@@ -134,10 +138,15 @@ def tamaas_j2(scene: Scene) -> ContactResult:
     _require_peer(scene, "tamaas")
     started = time.perf_counter()
     E, period = effective_modulus(scene.material), scene.surface.periods[0]
-    try:
-        pressure, gap, displacement = _tamaas_flow(scene)
-    except (RuntimeError, ArithmeticError, ValueError) as error:
-        raise NotConverged(f"tamaas gave up: {' '.join(str(error).split())}") from error
+    for relaxation in RELAXATIONS:
+        try:
+            pressure, gap, displacement = _tamaas_flow(scene, relaxation)
+        except (RuntimeError, ArithmeticError, ValueError) as error:
+            reason = " ".join(str(error).split())
+        else:
+            break
+    else:
+        raise NotConverged(f"tamaas gave up: {reason}")
     uncapped = replace(scene, material=replace(scene.material, hardness=math.inf))
     found = result_of(
         uncapped,
@@ -147,11 +156,16 @@ def tamaas_j2(scene: Scene) -> ContactResult:
         gap=gap * period,
         displacement=displacement * period,
     )
-    options = {"solver": "tamaas_j2", "law": "j2", "depth": FLOWING * period}
+    options = {
+        "solver": "tamaas_j2",
+        "law": "j2",
+        "depth": FLOWING * period,
+        "compliance": "half_space",
+    }
     return replace(found, provenance=Provenance(scene.digest, scene.surface.seed, options))
 
 
-def _tamaas_flow(scene: Scene) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _tamaas_flow(scene: Scene, relaxation: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return pressure/E*, and gap and displacement over the period, after the path."""
     import tamaas as tm
     from tamaas.nonlinear_solvers import DFSANECXXSolver
@@ -166,11 +180,11 @@ def _tamaas_flow(scene: Scene) -> tuple[FloatArray, FloatArray, FloatArray]:
     # tamaas divides by the hardening; 1e-9 of E changes no digit that its tolerance leaves.
     flow = tm.materials.IsotropicHardening(model, material.yield_stress / E, 1e-9 * model.E)
     inner = DFSANECXXSolver(tm.Residual(model, flow))
-    inner.tolerance = 0.1 * FLOW_TOLERANCE
+    inner.tolerance = FLOW_TOLERANCE
     # It writes the residual displacement into its surface, which must not be the scene's.
     heights = np.array(surface.heights) / period
     contact = tm.PolonskyKeerRey(model, heights, 1e-8)
-    solver = tm.EPICSolver(contact, inner, FLOW_TOLERANCE, 0.3)
+    solver = tm.EPICSolver(contact, inner, FLOW_TOLERANCE, relaxation)
     before = 0.0
     for load in scene.load.path:
         for share in range(1, INCREMENTS + 1):
