@@ -185,7 +185,8 @@ def test_points_beyond_2_to_31_are_counted_right():
     side_cells = side // CELL
     cells, sums = np.empty(here.size, dtype=np.int32), np.empty((1, side_cells))
     last = (side_cells - 1) * side_cells
-    number_cells(cells, sums, index, (side, side), (side_cells, side_cells), last)
+    columns = np.arange(side, dtype=np.int32) // CELL
+    number_cells(cells, sums, index, columns, side, (side_cells, side_cells), last)
     np.testing.assert_array_equal(cells, here % side // CELL)
     row = np.zeros((1, HALO_LEFT + side + HALO_RIGHT), dtype=np.float32)
     masked = np.broadcast_to(row, (side, row.size))  # every row is the same memory

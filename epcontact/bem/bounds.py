@@ -121,29 +121,30 @@ def share_forces(left: Any, weight: Any, share: Any, rounding: float) -> None:
         worst = 0.0
         for i in range(0, mx, side):
             for j in range(0, my, side):
-                rows, columns = slice(i, i + side), slice(j, j + side)
-                block = left[rows, columns], weight[rows, columns], share[rows, columns]
-                worst = max(worst, share_block(*block))
+                block = i, min(i + side, mx), j, min(j + side, my)
+                worst = max(worst, share_block(left, weight, share, block))
         side *= 2
 
 
 @compiled
-def share_block(left: Any, weight: Any, share: Any) -> float:
+def share_block(left: Any, weight: Any, share: Any, block: tuple[int, int, int, int]) -> float:
     """Restore the sum of the forces `left` by equal parts of what the cells of a block can carry.
 
-    Takes off `left` what the cells have taken over; returns the largest force that remains.
+    block: its first cell and the one behind its last, along x and along y.  Takes off `left` what
+    the cells have taken over; returns the largest force that remains.
     """
+    first, last, begin, end = block
     wanted = able = worst = 0.0
-    for i in range(left.shape[0]):
-        for j in range(left.shape[1]):
+    for i in range(first, last):
+        for j in range(begin, end):
             wanted += left[i, j]
     sign = 1.0 if wanted >= 0.0 else -1.0
-    for i in range(left.shape[0]):
-        for j in range(left.shape[1]):
+    for i in range(first, last):
+        for j in range(begin, end):
             able += (_LARGEST_SHARE - sign * share[i, j]) * weight[i, j]
     part = min(max(wanted / able, -1.0), 1.0) if able > 0.0 else 0.0
-    for i in range(left.shape[0]):
-        for j in range(left.shape[1]):
+    for i in range(first, last):
+        for j in range(begin, end):
             if weight[i, j] > 0.0:
                 step = part * (_LARGEST_SHARE - sign * share[i, j])
                 share[i, j] += step

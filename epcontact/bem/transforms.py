@@ -273,8 +273,7 @@ class Convolution:
         symbol, reals = self.symbol, self._modes.view(self._dtype)
 
         def change(block: ComplexArray, columns: slice) -> ComplexArray:
-            part = reals[:, 2 * columns.start : 2 * columns.stop]
-            kernel(part, symbol.values[:, columns], symbol.rows, factor)
+            kernel(reals, symbol.values, symbol.rows, factor, columns.start, columns.stop)
             if columns.start == 0:
                 block[0, 0] = 0.0
             return block
@@ -300,22 +299,25 @@ def _single(symbol: Symbol) -> tuple[Symbol, float]:
 
 
 @compiled
-def multiply_rows(modes: Any, symbol: Any, rows: Any, factor: float) -> None:
-    """modes[i] *= factor symbol[rows[i]]; real and imaginary parts follow one another."""
+def multiply_rows(modes: Any, symbol: Any, rows: Any, factor: float, start: int, stop: int) -> None:
+    """modes[i] *= factor symbol[rows[i]] in a range of columns.
+
+    Real and imaginary parts follow one another.
+    """
     for i in range(modes.shape[0]):
         row = rows[i]
-        for j in range(symbol.shape[1]):
+        for j in range(start, stop):
             weight = factor * symbol[row, j]
             modes[i, 2 * j] *= weight
             modes[i, 2 * j + 1] *= weight
 
 
 @compiled
-def divide_rows(modes: Any, symbol: Any, rows: Any, factor: float) -> None:
+def divide_rows(modes: Any, symbol: Any, rows: Any, factor: float, start: int, stop: int) -> None:
     """modes[i] *= factor / symbol[rows[i]]; a mode without compliance becomes 0."""
     for i in range(modes.shape[0]):
         row = rows[i]
-        for j in range(symbol.shape[1]):
+        for j in range(start, stop):
             s = symbol[row, j]
             weight = factor / s if s > 0 else 0.0
             modes[i, 2 * j] *= weight

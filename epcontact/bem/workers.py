@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 T = TypeVar("T")
 
 #: Compiles a pass.  Its sums may be reordered so that they vectorise; infinities (an infinite
-#: hardness) keep their meaning.
-compiled = numba.njit(nogil=True, cache=True, fastmath={"reassoc", "contract", "nsz"})
+#: hardness) keep their meaning.  A division by zero gives one of these and needs no branch.
+compiled = numba.njit(
+    nogil=True, cache=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy"
+)
 
 
 def ranges(size: int, step: int) -> list[slice]:

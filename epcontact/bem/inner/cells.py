@@ -58,7 +58,8 @@ class Cells:
         self.numbers = split(np.empty(points.index.size, dtype=np.int32), points.parts)
         first = [cells.start for cells in self._ranges]
         (index,) = points.split(points.index)
-        (self.counts,) = self.sums(number_cells, 1, index, convolution.shape, self.shape, first)
+        columns = convolution.symbol.once(_cell_columns)
+        (self.counts,) = self.sums(number_cells, 1, index, columns, nx, self.shape, first)
 
     def split(self, values: FloatArray) -> list[NDArray[Any]]:
         """For each block the values (cells,) of its range of cells."""
@@ -80,16 +81,22 @@ class Cells:
         return out
 
 
+def _cell_columns(symbol: Symbol) -> NDArray[np.int32]:
+    """The column of cells of each column of points."""
+    ny = symbol.shape[1]
+    return (np.arange(ny) * cells_of(symbol)[1] // ny).astype(np.int32)
+
+
 @compiled
 def number_cells(
-    cell: Any, sums: Any, index: Any, shape: tuple[int, int], cells: tuple[int, int], first: int
+    cell: Any, sums: Any, index: Any, columns: Any, nx: int, cells: tuple[int, int], first: int
 ) -> None:
-    """cell = the number of the cell of each point, from `first` on; sums: points by cell."""
-    nx, ny = shape
+    """cell = the number of the cell of each point, from `first` on; sums: points by cell.
+
+    columns: the column of cells of each of the columns of points; nx: rows of points.
+    """
+    ny = columns.size
     mx, my = cells
-    columns = np.empty(ny, dtype=np.int32)
-    for j in range(ny):
-        columns[j] = j * my // ny
     sums[:] = 0.0
     row, end, begin = -1, 0, 0
     for k in range(index.size):

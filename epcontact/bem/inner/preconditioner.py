@@ -110,7 +110,8 @@ class CellPreconditioner:
         forces = self._solve(mean)
         cells.workers.each(subtract, cells.numbers, r_, cells.split(mean), rest)
         self._masked.put(points, scratch)
-        within = cells.sums(gather_stencil, 1, self._masked.array, self._body.taps, index, y_)[0]
+        masked, ny = self._masked.array.reshape(-1), self._masked.columns
+        within = cells.sums(gather_stencil, 1, masked, ny, self._body.taps, index, y_)[0]
         shift = cells.split((forces - within) * self._per_point)
         total, product = cells.workers.total(add_cells, cells.numbers, shift, y_, r_)
         return total, product
@@ -223,12 +224,15 @@ def subtract(cell: Any, values: Any, mean: Any, out: Any) -> None:
 
 
 @compiled
-def gather_stencil(cell: Any, sums: Any, masked: Any, taps: Any, index: Any, out: Any) -> None:
-    """out = the 3 x 3 stencil on `masked` at the points; sums: of out by cell."""
-    nx, width = masked.shape
-    ny = width - HALO_LEFT - HALO_RIGHT
-    flat = masked.reshape(-1)
-    size = nx * width
+def gather_stencil(
+    cell: Any, sums: Any, flat: Any, ny: int, taps: Any, index: Any, out: Any
+) -> None:
+    """out = the 3 x 3 stencil on a masked grid at the points; sums: of out by cell.
+
+    flat: the masked grid, of ny columns and their halo, in one dimension.
+    """
+    width = ny + HALO_LEFT + HALO_RIGHT
+    size = flat.size
     centre, along, across, corner = taps[1, 1], taps[1, 2], taps[2, 1], taps[2, 2]
     sums[:] = 0.0
     row, end = -1, 0

@@ -131,10 +131,12 @@ class MaskedGrid:
     """A grid in single precision that is 0 except at listed points.
 
     Attributes:
+        columns: ny.
         array: (nx, HALO_LEFT + ny + HALO_RIGHT), the columns at its sides repeated.
     """
 
     def __init__(self, shape: tuple[int, int], workers: Workers) -> None:
+        self.columns = shape[1]
         self.array = np.zeros((shape[0], HALO_LEFT + shape[1] + HALO_RIGHT), dtype=np.float32)
         self._workers = workers
         self._points: Points | None = None
@@ -186,8 +188,9 @@ class SplitOperator:
         self._coarse.apply(half, half)
         index, out_, other_ = points.split(points.index, out, other)
         total, product = self.workers.total(
-            gather_split, masked, half, self._taps, rows.first, rows.weights,
-            columns.first, columns.weights, index, out_, other_,
+            gather_split, masked.reshape(-1), half.reshape(-1), self._taps,
+            rows.first, rows.weights, columns.first, columns.weights, half.shape,
+            index, out_, other_,
         )  # fmt: skip
         return total, product
 
@@ -282,26 +285,26 @@ _UINT = np.uint64
 
 @compiled
 def gather_split(  # noqa: PLR0913, PLR0917 - one loop: cut into functions it took longer
-    masked: Any,
-    half: Any,
+    fine: Any,
+    coarse: Any,
     taps: Any,
     first_row: Any,
     row_weights: Any,
     first_column: Any,
     column_weights: Any,
+    half: tuple[int, int],
     index: Any,
     out: Any,
     other: Any,
 ) -> tuple[float, float]:
-    """out = the stencil on `masked` plus `half` interpolated, at the listed points.
+    """out = the stencil on the fine grid plus the coarse one interpolated, at the listed points.
 
-    Listed points among RUN neighbours of a row are handled together.  Returns sum(out) and
-    sum(out other).
+    fine: the masked grid in one dimension; coarse: the grid of the shape `half`, too.  Listed
+    points among RUN neighbours of a row are handled together.  Returns sum(out) and sum(out other).
     """
-    nx, width = masked.shape
-    ny = width - HALO_LEFT - HALO_RIGHT
-    mx, my = half.shape
-    fine, coarse = masked.reshape(-1), half.reshape(-1)
+    nx, ny = first_row.size, first_column.size
+    width = ny + HALO_LEFT + HALO_RIGHT
+    mx, my = half
     reach = taps.shape[0] // 2
     near = np.empty(RUN, dtype=np.float32)
     line = np.empty(_LINE, dtype=np.float32)
