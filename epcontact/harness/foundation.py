@@ -70,10 +70,12 @@ def foundation(
     """
     waiting, files = list(roots), {name: _file(name, home) for name in alone}
     libraries: set[str] = set()
+    seen = set(without) | set(alone)
     while waiting:
         name = waiting.pop()
-        file = _file(name, home)
-        if file is None or name in files or name in without:
+        file = None if name in seen else _file(name, home)
+        seen.add(name)
+        if file is None:
             continue
         files[name] = file
         for found in imported(file.read_text(encoding="utf-8")):
