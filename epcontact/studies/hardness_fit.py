@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -78,8 +79,8 @@ def changes(usual: pd.DataFrame, other: pd.DataFrame, *, paired: bool = True) ->
         paired: whether only surfaces of both are compared; else all.
 
     Returns:
-        One row for each place that both have: PLACE, surfaces (of the fewer), change, the relative
-        one, and its shifts, as those of `inverse_hardness` (if paired).
+        One row for each place that both have: PLACE, surfaces (of the fewer), area (of the usual),
+        change, the relative one, and its shifts, as those of `inverse_hardness` (if paired).
     """
     keys = [*PLACE, "seed"] if paired else PLACE
     common = usual[keys].drop_duplicates().merge(other[keys].drop_duplicates())
@@ -92,8 +93,12 @@ def changes(usual: pd.DataFrame, other: pd.DataFrame, *, paired: bool = True) ->
          - row.shifts_usual[s] / row.inverse_usual) for s in row.shifts.keys() & row.shifts_usual}
         for row in both.itertuples()
     ]  # fmt: skip
-    fewer = np.minimum(both["surfaces"], both["surfaces_usual"])
-    return both[PLACE].assign(surfaces=fewer, change=ratio - 1, shifts=shifts)
+    return both[PLACE].assign(
+        surfaces=np.minimum(both["surfaces"], both["surfaces_usual"]),
+        area=both["area_usual"],
+        change=ratio - 1,
+        shifts=shifts,
+    )
 
 
 def mapped(areas: pd.DataFrame) -> pd.DataFrame:
@@ -151,23 +156,30 @@ def off_the_grid(
 ) -> tuple[FloatArray, FloatArray]:
     """Extrapolate the inverse hardness to a grid of vanishing spacing.
 
-    The change by half the spacing is fitted linearly in the load and in 1/(1 + severity/8), as in
-    the formula.  Each further halving changes the inverse by a share q of the change before, so
-    that q/(1 - q) of the first change is left after it.  A finer grid yet gives q with its error;
-    q is at most 1/2, for an error of first order, and anything up to it where it is not measured.
+    The change by half the spacing is fitted by (1 - area) (k + l/(1 + severity/8)): it vanishes in
+    full contact, and the second factor is that of the formula.  Each further halving changes the
+    inverse by a share q of the change before, so that q/(1 - q) of the first change is left after
+    it.  A finer grid yet gives q with its error; q is at most 1/2, for an error of first order,
+    and anything up to it where it is not measured.
 
     Args:
         areas: as for `inverse_hardness`, on the grid of the map.
         finer: on half the spacing and, if known, on a quarter.
-        places: PLACE, one row each.
+        places: their inverse hardness.
 
     Returns:
         For each place the relative change of the inverse by the extrapolation, and its error.
     """
     half, *quarter = sorted(finer, key=lambda other: other["nodes"].iloc[0])
     known = changes(areas, half)
-    first = _fit_at(known, known["change"], places)
-    shifted = [_fit_at(known, known["change"] + s, places) - first for s in _shifts(known)]
+    known = known[known["surfaces"] > 1]  # a single one does not say how much it scatters
+    if known.empty:
+        raise InvalidCase("no place of the map has two surfaces on a finer grid; solve two")
+    by_load = dict(zip(places["load"], _pooled_scatter(places), strict=True))
+    weight = np.sqrt(known["surfaces"]) / known["load"].map(by_load)
+    fitted = partial(_fit_at, known, weight.to_numpy(), places)
+    first = fitted(known["change"])
+    shifted = [fitted(known["change"] + shift) - first for shift in _shifts(known)]
     low, high = 0.0, 0.5
     for fine in quarter:
         surfaces = fine[[*PLACE, "seed"]].drop_duplicates()
@@ -181,17 +193,19 @@ def off_the_grid(
         low, high = np.clip([q - error, q + error], low, high)
     least, most = low / (1 - low), high / (1 - high)
     doubt = first * (most - least) / 2
-    return first * (1 + (least + most) / 2), np.sqrt(doubt**2 + 4 * np.sum(np.square(shifted), 0))
+    whole = (1 + first) * (1 + first * (least + most) / 2) - 1
+    return whole, np.sqrt(doubt**2 + 4 * np.sum(np.square(shifted), axis=0))
 
 
-def _fit_at(known: pd.DataFrame, change: pd.Series, places: pd.DataFrame) -> FloatArray:
-    """A change at the places, by a fit linear in ln(severity) and load."""
+def _fit_at(
+    known: pd.DataFrame, weight: FloatArray, places: pd.DataFrame, change: pd.Series
+) -> FloatArray:
+    """A change at the places, by the fit of `off_the_grid` to that of known places."""
 
     def columns(at: pd.DataFrame) -> FloatArray:
         u = 1 / (1 + at["severity"] / 8)
-        return np.column_stack([np.ones(len(at)), u, at["load"]])
+        return np.column_stack([1 - at["area"], (1 - at["area"]) * u])
 
-    weight = np.sqrt(known["surfaces"].to_numpy())
     found, *_ = np.linalg.lstsq(columns(known) * weight[:, None], change * weight, rcond=None)
     return np.asarray(columns(places) @ found)
 
