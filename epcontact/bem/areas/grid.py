@@ -235,21 +235,24 @@ def add_tip(fields: Fields, place: tuple[int, int], sums: FloatArray) -> None:
     """Count a point that is a tip; the steepest way to a neighbour gives the width of a strip."""
     (i, j), (nx, ny), hardness = place, fields.pressure.shape, fields.hardness
     p, g = fields.pressure, fields.gap
-    state, like, steepest = kind(p[i, j], hardness), -1, 0.0
+    state, like = kind(p[i, j], hardness), -1
     if state == ELASTIC:
         return
-    c = math.sqrt(fields.stiffness[0] * fields.stiffness[1])
+    rows, columns = (i - 1, i, (i + 1) % nx), (j - 1, j, (j + 1) % ny)
+    for a in rows:
+        for b in columns:
+            like += kind(p[a, b], hardness) == state
+    if like > TIP_NEIGHBOURS:
+        return
+    c, steepest = math.sqrt(fields.stiffness[0] * fields.stiffness[1]), 0.0
     here = field(p[i, j], g[i, j], hardness, c)
-    for a in range(i - 1, i + 2):
-        for b in range(j - 1, j + 2):
-            q, f = p[a % nx, b % ny], g[a % nx, b % ny]
-            like += kind(q, hardness) == state
-            steepest = max(steepest, abs(field(q, f, hardness, c) - here))
-    if like <= TIP_NEIGHBOURS:
-        apart = min(hardness / steepest, 1.0) ** 2 if steepest > hardness else 1.0
-        front = int(state == PLASTIC)
-        sums[TIPS, front, 0] += apart
-        sums[TIPS, front, 1] += 1 - apart
+    for a in rows:
+        for b in columns:
+            steepest = max(steepest, abs(field(p[a, b], g[a, b], hardness, c) - here))
+    apart = min(hardness / steepest, 1.0) ** 2 if steepest > hardness else 1.0
+    front = int(state == PLASTIC)
+    sums[TIPS, front, 0] += apart
+    sums[TIPS, front, 1] += 1 - apart
 
 
 @_jit
