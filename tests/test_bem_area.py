@@ -429,8 +429,8 @@ def test_rough_surfaces_at_four_points_a_wavelength():
             1.2,
             marks=pytest.mark.xfail(
                 strict=True,
-                reason="plastic spots of a few points come out 2.4 to 2.9 % too large on the mean "
-                "of 20 surfaces, within claims of 10 to 12 %",
+                reason="plastic spots of a few points come out 1.7 % too large on the mean of 20 "
+                "surfaces, within claims of 12 %",
             ),
         ),
         (0.3, 0.9),

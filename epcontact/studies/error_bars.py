@@ -7,7 +7,10 @@ the mean of ln(claim) + max(0, ln(error/claim))/(1 - COVERED), whose minimum for
 that quantile of the errors, and in which errors of all sizes and kinds count alike.
 
 `python -m epcontact.studies.error_bars` prints the constants, in some five minutes of one core.
-Two halves of the ensemble, each fitted alone, show how well it determines them.
+Two halves of the ensemble, each fitted alone, show how well it determines them: one constant can
+stand in for another, so that `place` and `along` differ by a factor of 1.7 and `strip`, which few
+surfaces need, by 2.3, but the median claim by 5 %, nine in ten claims by less than 30 %, and the
+loss by 0.02.  So the constants have two digits.
 """
 
 from __future__ import annotations
@@ -202,9 +205,14 @@ def main(seeds: Sequence[int] = range(1000, 1030), points: int = 64) -> None:
         print(
             f"{field.name:14s} {here:6.3f}  {whole:6.3f}  " + "  ".join(f"{h:.3f}" for h in halves)
         )
-    for name, constants in (("in use", ERRORS), ("fitted", fits[0])):
+    usual = errors_and_claims(known, ERRORS)[:, 1]
+    for name, constants in zip(("in use", "fitted", "half", "half"), (ERRORS, *fits), strict=True):
         error, claim = errors_and_claims(known, constants).T
-        print(f"{name}: {np.mean(error <= claim):.3f} covered, loss {loss(known, constants):.3f}")
+        low, middle, high = np.quantile(claim / usual, [0.05, 0.5, 0.95])
+        print(
+            f"{name}: {np.mean(error <= claim):.3f} covered, loss {loss(known, constants):.3f}, "
+            f"claims {middle:.2f} ({low:.2f} to {high:.2f}) times those in use"
+        )
 
 
 if __name__ == "__main__":

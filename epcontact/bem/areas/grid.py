@@ -18,7 +18,7 @@ ALIGNED   segment length that edges hold times cos 4 theta
 HIDDEN    segment length times the width of the zone hidden at edges
 TURN      turn of the front, a quarter for each corner cut off.  Over a whole front this adds up
           to its Euler number.
-TIPS      points apart (or plastic) with at most two of their eight neighbours in the same state
+TIPS      points apart (or plastic) with one or two of their eight neighbours in the same state
 DIPS      squares of the areas of round gaps that may be hidden between points that all touch
 CREASE    areas of gaps that may be hidden at creases between points that all touch
 
@@ -242,7 +242,7 @@ def add_tip(fields: Fields, place: tuple[int, int], sums: FloatArray) -> None:
     for a in rows:
         for b in columns:
             like += kind(p[a, b], hardness) == state
-    if like > TIP_NEIGHBOURS:
+    if not 0 < like <= TIP_NEIGHBOURS:
         return
     c, steepest = math.sqrt(fields.stiffness[0] * fields.stiffness[1]), 0.0
     here = field(p[i, j], g[i, j], hardness, c)
