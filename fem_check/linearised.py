@@ -159,15 +159,12 @@ def linear_contact(
     scale = max(balance + abs(missing), 1e-300)
     R = R[: tangent.levels_with(R, NEGLIGIBLE * forcing * scale)].copy()
     linear, counts = LinearSolution(np.zeros_like(R), R, state.approach, state.states), Counts()
-    stiffness = 1.0 / float(problem.factor.surface.min())
     for sweep in range(sweeps):
         goal = forcing * scale * (5 if sweep < 8 else 1)
         linear, spent = _solve_on_set(state, linear, tangent, control, goal)
         counts += Counts(cg=spent, most_cg=spent, sweeps=1)
-        new = _predicted(problem, state, linear, stiffness)
-        changed = int((new != linear.states).sum())
-        linear = _with_states(problem, linear, new)
-        if changed <= UNSETTLED * forcing * int((new != APART).sum()):
+        linear, changed = _with_predicted_states(problem, state, linear)
+        if changed <= UNSETTLED * forcing * int((linear.states != APART).sum()):
             break
     return replace(linear, step=_to_base(problem, linear.step)), counts
 
@@ -317,21 +314,23 @@ def _conjugate_gradients(
     return LinearSolution(total, whole, approach, states), spent
 
 
-def _predicted(problem: Problem, state: State, linear: LinearSolution, stiffness: float) -> States:
-    """The contact states that the linear solution asks for."""
-    states = linear.states
-    forces = np.where(states == ELASTIC, linear.reaction[0, ..., 2], 0.0)
+def _with_predicted_states(
+    problem: Problem, state: State, linear: LinearSolution
+) -> tuple[LinearSolution, int]:
+    """The solution with the contact states that it asks for, and how many of them are new.
+
+    Capped forces move between the reaction and the states.
+    """
+    R, states = linear.reaction, linear.states
+    forces = np.where(states == ELASTIC, R[0, ..., 2], 0.0)
     if problem.capped:
         forces = np.where(states == PLASTIC, problem.cap, forces)
     g = gap(problem, state.displacement[:1] + linear.step[:1], linear.approach)
     g[states == ELASTIC] = 0
-    return predicted_states(forces, g, problem.cap, stiffness)
-
-
-def _with_states(problem: Problem, linear: LinearSolution, new: States) -> LinearSolution:
-    """The solution with new contact states; capped forces move between R and the states."""
-    R = linear.reaction
-    if problem.capped and (new != linear.states).any():
+    stiffness = 1.0 / float(problem.factor.surface.min())
+    new = predicted_states(forces, g, problem.cap, stiffness)
+    changed = int((new != states).sum())
+    if problem.capped and changed:
         R = R.copy()
-        R[0, ..., 2] += problem.cap * ((linear.states == PLASTIC) * 1.0 - (new == PLASTIC))
-    return replace(linear, reaction=R, states=new)
+        R[0, ..., 2] += problem.cap * ((states == PLASTIC) * 1.0 - (new == PLASTIC))
+    return replace(linear, reaction=R, states=new), changed
