@@ -80,6 +80,13 @@ def test_offsets_of_straight_fronts():
     diagonal = rim.front_offset(math.pi / 4)
     assert diagonal == pytest.approx(axis / math.sqrt(2), abs=2e-4)
     assert pytest.approx(sici(math.pi)[0] / math.pi, abs=1e-12) == area_front.MIX
+    # What counts have too much on the mean over directions, and the variance of their chance.
+    angles = (np.arange(8) + 0.5) * math.pi / 32
+    mean = np.mean([rim.front_offset(angle, points=200_000) for angle in angles])
+    assert mean == pytest.approx(rim_correction.COUNTED, abs=1e-3)
+    k = np.hypot(*np.mgrid[-99:100, -99:100])
+    lattice = np.sum(k[(k > 0) & (k < 99)] ** -3.0) + 2 * math.pi / 99
+    assert lattice / (4 * math.pi**3) == pytest.approx(rim_correction.POINTS, abs=5e-5)
 
 
 def test_one_front_of_any_direction():

@@ -33,7 +33,14 @@ import numpy as np
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
 from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS, kind
-from epcontact.bem.areas.rim_correction import CORNER, HARMONIC, OBLONG, OFFSETS, sums_of_fronts
+from epcontact.bem.areas.rim_correction import (
+    CORNER,
+    COUNTED,
+    HARMONIC,
+    OBLONG,
+    OFFSETS,
+    sums_of_fronts,
+)
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
@@ -297,6 +304,9 @@ def calibrate_oblong(aspect: float = 2.0, points: int = 30, shifts: int = 24) ->
 def main() -> None:
     """Print the constants and tables of `bem.areas.rim_correction` and `bem.areas.line`."""
     print("offset of a counted front along an axis", round(front_offset(0.0), 5))
+    angles = (np.arange(16) + 0.5) * math.pi / 64
+    counted = np.mean([front_offset(angle, points=200_000) for angle in angles])
+    print("of all directions", round(float(counted), 4), "in use", COUNTED)
     mean, amplitude = calibrate_directions()
     print("offset of a located front", round(mean, 4), "+", round(amplitude, 4), "cos 4 theta")
     print("u     ", grid.U_NODES)

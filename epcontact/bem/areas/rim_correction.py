@@ -34,7 +34,8 @@ and for the plastic part the offset and the tips have the opposite sign.
 
 The load is one more measurement of the areas (`_balanced`), and the estimated errors follow from
 the same sums (`_covariance`).  `epcontact.studies.rim` measures the constants of the areas and
-`epcontact.studies.error_bars` those of the errors; `epcontact chart areas` judges them.
+`epcontact.studies.error_bars` those of the errors; `epcontact chart areas` judges them, and
+`epcontact.studies.area_scenes` has the scenes in which they once were wrong.
 """
 
 from __future__ import annotations
@@ -72,8 +73,9 @@ TIP = 0.309
 OBLONG = 0.07
 #: Mean over all directions of what a counted front has too much, in spacings (`rim.front_offset`).
 COUNTED = 0.129
-#: Variance of the number of points inside a front for each spacing of it, by chance (M. G. Kendall,
-#: Quarterly Journal of Mathematics 19 (1948) 1; B. Matern, Meddelanden 49:5 (1960)).
+#: Variance of the number of points inside a front, for each spacing of it, by chance: the sum of
+#: k^-3 over the square lattice, by 4 pi^3 (M. G. Kendall, Quarterly Journal of Mathematics 19
+#: (1948) 1).
 POINTS = 0.0728
 
 
