@@ -88,10 +88,14 @@ class Answered:
     @cached_property
     def displacement(self) -> FloatArray:
         """The elastic displacement that the pressures cause, in m; half-space: of zero mean."""
-        shape = self.pressure.shape
-        modes = np.fft.rfftn(self.pressure)
+        p = self.pressure
+        modes = np.fft.rfft(p)
+        if p.ndim == 2:  # in place: another array of modes would take longer than its transform
+            np.fft.fft(modes, axis=0, out=modes)
         modes *= compliance(self.scene)
-        return np.asarray(np.fft.irfftn(modes, s=shape, axes=range(len(shape))))
+        if p.ndim == 2:
+            np.fft.ifft(modes, axis=0, out=modes)
+        return np.asarray(np.fft.irfft(modes, n=p.shape[-1]))
 
     @cached_property
     def between(self) -> Any:
