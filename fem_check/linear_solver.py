@@ -35,6 +35,8 @@ from fem_check.workers import ALONE, Workers, pieces
 
 #: About as many nodes are transformed at once: calls then cost little, and threads share levels.
 _NODES_AT_ONCE = 8192
+#: Waves in a piece that one thread takes.
+_WAVES = 256
 
 ComplexArray = NDArray[np.complex128]
 
@@ -65,17 +67,10 @@ def factorise(block: PeriodicBlock, flat: Elements, law: Law, workers: Workers =
     nx, ny = block.shape
     count, waves = len(block.layers), (nx // 2 + 1) * ny
     cosines, sines = _phases(nx, ny)
-    S = np.zeros((count + 1, waves, 6))
-    C = np.empty((count, waves, 9))
-    below = np.zeros((waves, 9))  # the bottom-bottom block of the layer above a level
-    tops, bottoms = [], []
-    for k in range(count):
-        top, cross, bottom = _stencils(elastic_stiffness(flat, k, law.shear, law.bulk))
-        C[k] = _symbol(cross, cosines, sines)
-        tops.append(top)
-        bottoms.append(bottom)
+    S, C = np.zeros((count + 1, waves, 6)), np.empty((count, waves, 9))
+    stencils = [_stencils(elastic_stiffness(flat, k, law.shear, law.bulk)) for k in range(count)]
     if block.sliding:
-        base = _symbol(bottoms[-1], cosines, sines).reshape(-1, 3, 3)[:, :2, :2]
+        base = _symbol(stencils[-1][2], cosines, sines).reshape(-1, 3, 3)[:, :2, :2]
         base[0] = np.eye(2)
         inverse = np.linalg.inv(base)
         inverse[0] = 0  # holds the mean of the sliding base still
@@ -84,11 +79,18 @@ def factorise(block: PeriodicBlock, flat: Elements, law: Law, workers: Workers =
             inverse[:, 1, 1],
             inverse[:, 0, 1],
         )
-    for k in range(count - 1, -1, -1):
-        below = _symbol(tops[k], cosines, sines)
-        if k > 0:
-            below = below + _symbol(bottoms[k - 1], cosines, sines)
-        _eliminate(below, C[k], S[k + 1], S[k])
+
+    def task(ranges: NDArray[np.int64]) -> None:
+        some = slice(ranges[0, 0], ranges[-1, 1])
+        for k in range(count - 1, -1, -1):
+            top, cross, _ = stencils[k]
+            C[k, some] = _symbol(cross, cosines[some], sines[some])
+            level = _symbol(top, cosines[some], sines[some])
+            if k > 0:
+                level += _symbol(stencils[k - 1][2], cosines[some], sines[some])
+            _eliminate(level, C[k, some], S[k + 1, some], S[k, some])
+
+    workers.share(task, pieces(waves, _WAVES))
     return Factor((nx, ny), S, C, workers)
 
 
@@ -114,7 +116,7 @@ def _stencils(stiffness: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray
     return out[0], out[1], out[2]
 
 
-@njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+@compiled
 def _symbol(stencil, cosines, sines):  # type: ignore[no-untyped-def]
     """(waves, 9) the real form of a stencil's transform, with u_z = i times the unknown.
 
@@ -135,7 +137,7 @@ def _symbol(stencil, cosines, sines):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _eliminate(A, C, below, S):  # type: ignore[no-untyped-def]
     """S <- (A - C below C^T)^-1 for every wave."""
     D, B, T = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
@@ -310,7 +312,7 @@ def extend_to_base(factor: Factor, level: FloatArray, above: int) -> FloatArray:
 
 def _share(factor: Factor, task: Callable[[NDArray[np.int64]], None]) -> None:
     """Call `task` with parts of the waves."""
-    factor.workers.share(task, pieces(factor.compliances.shape[1], 256))
+    factor.workers.share(task, pieces(factor.compliances.shape[1], _WAVES))
 
 
 def _flat(spectrum: ComplexArray) -> ComplexArray:
