@@ -29,16 +29,13 @@ from epcontact.bem.problem import (
     checked_start,
     checked_symbol,
 )
-from epcontact.bem.transforms import Symbol
+from epcontact.bem.transforms import KEPT_POINTS, Symbol
 from epcontact.machine import available_cores, compile_seconds, peak_memory
 from epcontact.moduli import effective_modulus, oedometric_modulus
 from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Body, Material, Scene
 
 _DISTRIBUTION_BINS = 1024
-# Points up to which the symbols of the last grids are kept, with all that follows from them: on
-# 128 x 128 points they took a sixth of a solve.  Larger ones would be a burden on memory.
-_SMALL = 1 << 20
 # Along a load path the last solution is the better start up to this ratio of loads; beyond it,
 # coarse grids give the better one.
 _WARM_RATIO = 1.03
@@ -208,7 +205,7 @@ def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
     if len(shape) == 1:
         shape, periods = (1, shape[0]), (1.0, periods[0])
     grid, lengths = (shape[0], shape[1]), (periods[0], periods[1])
-    made = _made_symbol if scene.surface.heights.size <= _SMALL else _made_symbol.__wrapped__
+    made = _made_symbol if scene.surface.heights.size <= KEPT_POINTS else _made_symbol.__wrapped__
     return made(grid, lengths, scene.body, scene.material)
 
 

@@ -34,6 +34,9 @@ Axes = tuple[int, ...]
 ROWS, BOTH = (1,), (0, 1)
 #: Points of a block of rows or columns: 2 MiB of reals stay within a core's cache.
 BLOCK_POINTS = 262144
+#: Points up to which a symbol keeps what follows from it: on 128 x 128 points it takes a sixth of a
+#: solve, on larger grids little, and memory.
+KEPT_POINTS = 1 << 20
 # Points are far apart if the shortest wave along their axis is this much more compliant than the
 # other's: on the half-space the spacing is then as many times the other.
 _OBLONG = 2.0
@@ -115,11 +118,13 @@ class Symbol:
     _known: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def once(self, function: Callable[..., T], *arguments: Any) -> T:
-        """function(self, *arguments), computed at the first call only.
+        """function(self, *arguments), up to KEPT_POINTS computed at the first call only.
 
         What a solver prepares for a symbol serves each of its solves: all loads of a path, and all
         surfaces of an ensemble.
         """
+        if self.shape[0] * self.shape[1] > KEPT_POINTS:
+            return function(self, *arguments)
         if (function, *arguments) not in self._known:
             self._known[function, *arguments] = function(self, *arguments)
         found: T = self._known[function, *arguments]
