@@ -41,6 +41,7 @@ except ImportError:  # Windows, where numba refuses to replace a file that anoth
     fcntl = None  # type: ignore[assignment]
 
 _CACHE_VARIABLE = "NUMBA_CACHE_DIR"
+_PACKAGES = ("epcontact", "fem_check")  # whose kernels compile in turns; a user's are left to numba
 
 
 def available_cores() -> int:
@@ -150,7 +151,10 @@ def provide_kernel_cache() -> None:
 
 @functools.cache
 def _compile_in_turns() -> None:
-    """Let one process at a time compile and save a kernel, while others wait and then load it."""
+    """Let one process at a time compile and save a kernel, while others wait and then load it.
+
+    Numba has no setting for this, so the class of its caches is replaced for our own kernels.
+    """
     from numba.core import caching, dispatcher, event
 
     mine = threading.local()  # the caches of which a thread holds locks
@@ -209,8 +213,12 @@ def _compile_in_turns() -> None:
                     fcntl.flock(lock.enter_context(open(path, "ab")), getattr(fcntl, kind))  # noqa: SIM115
             return lock
 
+    def cache_of(function: Any) -> Any:
+        ours = function.__module__.partition(".")[0] in _PACKAGES
+        return Cache(function) if ours else caching.FunctionCache(function)
+
     event.register("numba:compiler_lock", Leaving())
-    dispatcher.FunctionCache = Cache  # type: ignore[attr-defined]
+    dispatcher.FunctionCache = cache_of  # type: ignore[attr-defined]
 
 
 @functools.cache

@@ -321,7 +321,7 @@ import signal, sys
 from epcontact.machine import provide_kernel_cache, compiling, compile_seconds
 provide_kernel_cache()
 from numba import njit
-import inner
+from fem_check import inner
 
 @njit(cache=True)
 def outer(x):
@@ -354,14 +354,18 @@ INNER = "from numba import njit\n@njit(cache=True)\ndef twice(x):\n    return 2 
 def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path) -> None:
     # Numba alone loses a kernel to a signal that comes while LLVM runs, compiles it in every
     # process, and does not see that the source of a kernel inside has changed.
-    (tmp_path / "outer.py").write_text(KERNELS)
+    package = tmp_path / "fem_check"  # the kernels of other packages are left to numba
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "outer.py").write_text(KERNELS)
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
     for factor in (2, 5):
-        (tmp_path / "inner.py").write_text(INNER.replace("2", str(factor)))
+        (package / "inner.py").write_text(INNER.replace("2 *", f"{factor} *"))
         running = [
             subprocess.Popen(
-                [sys.executable, "-B", "outer.py"],
+                [sys.executable, "-B", "-c", "import fem_check.outer"],
                 cwd=tmp_path, stdout=subprocess.PIPE, text=True,
-                env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels")},
+                env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels"), "PYTHONPATH": path},
             )
             for _ in range(2)
         ]  # fmt: skip
