@@ -114,6 +114,26 @@ def test_failure_of_a_worker_is_its_task_s_error(write_case, tmp_path) -> None:
     assert "its worker failed: ValueError: invalid literal" in error
 
 
+def test_other_answers_and_ends_of_an_executor_are_one_sentence(write_case, tmp_path) -> None:
+    class Other(Elsewhere):
+        def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+            return super().submit(int, 42)
+
+    class Endless(Elsewhere):
+        def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+            raise RuntimeError("no connection")
+
+    case, far = write_case(*THEORY), tmp_path / "far"
+    error = gate_error(case, tmp_path, lambda: Other(far))
+    assert "the executor returned 42, not what the task returns" in error
+    with pytest.raises(EpcontactError, match="does not end: RuntimeError: no connection"):
+        verify(case, output=tmp_path, executor=lambda: Endless(far))
+    unknown = Elsewhere(far, memory="lots")  # type: ignore[arg-type]
+    with pytest.raises(InvalidCase, match="worker_memory is 'lots', but must be in bytes"):
+        verify(case, output=tmp_path / "new", executor=lambda: unknown)
+    assert not unknown.open
+
+
 def test_executor_that_takes_nothing_is_one_sentence(write_case, tmp_path) -> None:
     class Closed(Elsewhere):
         def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -129,6 +149,7 @@ def test_executor_that_takes_nothing_is_one_sentence(write_case, tmp_path) -> No
         ("no_such_module:pool", "cannot be made .* give module:function"),
         ("concurrent.futures:Nothing", "cannot be made"),
         ("concurrent.futures", "not a concurrent.futures.Executor|cannot be made"),
+        ("sys:exit", "cannot be made .SystemExit"),
         ("os:getpid", "is .*, not a concurrent.futures.Executor"),
         ("epcontact.harness.cluster:dask", "DASK_SCHEDULER_ADDRESS is not set|is not installed"),
     ],

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -41,7 +42,7 @@ CASES = Path(__file__).parent.parent / "cases"
 STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3, "rms_slope": 0.1}
 
 
-def at(**changed: float) -> MappedHardness:
+def at(**changed: Any) -> MappedHardness:
     return effective_hardness(**({"yield_stress": 1e9, "mean_pressure": 0.25e9} | STEEL | changed))
 
 
@@ -82,9 +83,12 @@ def test_only_ratios_matter_and_the_interval_holds_the_value() -> None:
         ({"rms_slope": 0.014, "mean_pressure": 2e9}, "follows the load and not the material"),
         ({"yield_stress": math.inf}, "yield_stress is inf, but must be positive"),
         ({"rms_slope": -1.0}, "rms_slope is -1.0, but must be positive"),
+        ({"mean_pressure": math.nan}, "mean_pressure is nan, but must be positive"),
+        ({"rms_slope": "steep"}, "rms_slope is 'steep', but must be a number"),
+        ({"poisson_ratio": None}, "poisson_ratio is None, but must be a number"),
     ],
 )
-def test_nothing_is_extrapolated(changed: dict[str, float], sentence: str) -> None:
+def test_nothing_is_extrapolated(changed: dict[str, Any], sentence: str) -> None:
     with pytest.raises(InvalidScene, match=sentence):
         at(**changed)
 
@@ -112,8 +116,11 @@ def test_a_case_may_take_its_hardness_from_the_map(write_case, tmp_path) -> None
     source = solve_task(theory, 1).provenance.about["hardness_source"]["value"]
     assert f"map {map_digest()}" in source
     assert f"95 % interval {expected.interval[0]:.3g} to" in source
-    with pytest.raises(InvalidCase, match=r"\[material\] yield_stress is inf"):
+    with pytest.raises(InvalidCase, match="but yield_stress, from which it follows, is missing"):
         load_case(write_case((given[0], 'hardness = "effective"')))
+    thin = (given[1] + '\n\n[body]\nkind = "bonded_layer"\ndepth = 1e-4', given[0])[::-1]
+    with pytest.raises(InvalidCase, match=r"for deep bodies, .* 0\.0001 m and the period 0\.001 m"):
+        load_case(write_case(thin))
     with pytest.raises(InvalidCase, match="hardness is 'efective', but must be"):
         load_case(write_case((given[0], 'hardness = "efective"')))
 

@@ -7,6 +7,7 @@ one is run.  No surface is made here: a case has recipes, and they give the dige
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -267,6 +268,15 @@ def _material(table: CaseFile) -> tuple[Material, str]:
             raise InvalidScene(
                 "hardness is 'effective', which is known for surfaces of kind self_affine only; "
                 "give it in Pa"
+            )
+        if given["yield_stress"] == math.inf:
+            raise InvalidScene(
+                "hardness is 'effective', but yield_stress, from which it follows, is missing"
+            )
+        if table.body.depth < min(surface.periods):
+            raise InvalidScene(
+                f"hardness is 'effective', which is known for deep bodies, but [body] depth is "
+                f"{table.body.depth:g} m and the period {min(surface.periods):g} m; give it in Pa"
             )
         found = effective_hardness(
             yield_stress=given["yield_stress"],

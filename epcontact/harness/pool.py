@@ -74,7 +74,7 @@ without arguments
         executor = function()
     except EpcontactError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InvalidCase(
             f"executor {name} cannot be made ({sentence_of(error)}); give module:function, which "
             "is called without arguments"
@@ -110,7 +110,10 @@ def spread(
     finally:
         for future in futures:
             future.cancel()
-        executor.shutdown(wait=finished)
+        try:
+            executor.shutdown(wait=finished)
+        except Exception as error:
+            raise EpcontactError(f"the executor does not end: {sentence_of(error)}") from None
 
 
 def _submitted(

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from numbers import Real
 from pathlib import Path
 
 from epcontact.errors import InvalidCase
@@ -186,10 +187,17 @@ def _solved_by(
         return
     executor = made(factory)
     room = getattr(executor, "worker_memory", math.inf)
+    if not isinstance(room, Real):
+        executor.shutdown(wait=False)
+        raise InvalidCase(f"the executor's worker_memory is {room!r}, but must be in bytes")
     large = [task for task in tasks if room < math.inf and task.memory > room]
     orders = [(task, basis(task)) for task in tasks if task not in large]
     for (task, _), parcel in spread(partial(solve_elsewhere, share=share), orders, executor):
-        yield task, parcel.unpacked() if isinstance(parcel, Parcel) else parcel
+        if isinstance(parcel, Parcel):
+            yield task, parcel.unpacked()
+        else:
+            other = f"the executor returned {parcel!r:.60}, not what the task returns"
+            yield task, parcel if isinstance(parcel, str) else other
     for task in large:
         yield (
             task,

@@ -20,6 +20,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
+from numbers import Real
 
 import numpy as np
 
@@ -121,7 +122,8 @@ def effective_hardness(
         mean_pressure: p0 in Pa, the force over the nominal area.
 
     Raises:
-        InvalidScene: if the scene is outside the map, or its contact is too full for a hardness.
+        InvalidScene: if a value is no number, the scene is outside the map, or its contact is too
+            full for a hardness.
 
     Example:
         >>> found = effective_hardness(yield_stress=1e9, young_modulus=210e9, poisson_ratio=0.3,
@@ -129,8 +131,14 @@ def effective_hardness(
         >>> 2.1 < found.ratio < 2.7, found.interval[0] < found.value < found.interval[1]
         (True, True)
     """
+    given = {"young_modulus": young_modulus, "poisson_ratio": poisson_ratio}
+    given |= {"yield_stress": yield_stress, "rms_slope": rms_slope, "mean_pressure": mean_pressure}
+    for name, value in given.items():
+        if not isinstance(value, Real):
+            raise InvalidScene(f"{name} is {value!r:.60}, but must be a number")
     material = Material(young_modulus, poisson_ratio, yield_stress=yield_stress)
-    for name, value in (("yield_stress", yield_stress), ("rms_slope", rms_slope)):
+    for name in ("yield_stress", "rms_slope", "mean_pressure"):
+        value = given[name]
         if not 0 < value < math.inf:
             raise InvalidScene(f"{name} is {value!r}, but must be positive and finite")
     severity = effective_modulus(material) * rms_slope / yield_stress
