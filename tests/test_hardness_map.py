@@ -100,6 +100,9 @@ def test_the_command_prints_value_interval_and_what_they_rest_on() -> None:
     assert done.exit_code == 0
     assert f"hardness = {at().value:.3g} Pa" in done.output
     assert "E*ξ/σ_Y = 23.1, p0/σ_Y = 0.25, nu = 0.3" in done.output
+    assert f"touch on {100 * at().area:.3g} % of their nodes (raw area)" in done.output
+    # A cap presses with at most its hardness; raw areas are larger than it needs.
+    assert at().area > 0.25 / at().ratio
     assert "places of the map" in done.output
 
 

@@ -21,6 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +51,8 @@ class MappedHardness:
         severity: s = E* xi/sigma_Y.
         load: m = p0/sigma_Y.
         poisson_ratio: nu.
-        area: contact area of the J2 body.
+        area: raw contact area of the map's J2 bodies, of six nodes to the shortest wave; it
+            is larger than in the limit of fine grids, which `value` is for.
         errors: relative parts of the error: statistical_error (the surfaces of the map are few),
             grid_error, steps_error (of the load paths), depth_error (of the bodies), spectrum_error
             (other spectra than the map's) and formula_error (what the formula misses).
@@ -95,8 +97,8 @@ class MappedHardness:
             f"hardness = {self.value:.3g} Pa, 95 % interval {low:.3g} to {high:.3g} Pa "
             f"({self.ratio:.2f} yield stresses, error {100 * self.error:.1f} %: {parts})\n"
             f"at E*ξ/σ_Y = {self.severity:.3g}, p0/σ_Y = {self.load:.3g}, nu = "
-            f"{self.poisson_ratio:.3g}, where the J2 body touches on {100 * self.area:.3g} % of "
-            "the area"
+            f"{self.poisson_ratio:.3g}, where the J2 bodies of the map touch on "
+            f"{100 * self.area:.3g} % of their nodes (raw area)"
         )
 
 
@@ -131,7 +133,7 @@ def effective_hardness(
         >>> 2.1 < found.ratio < 2.7, found.interval[0] < found.value < found.interval[1]
         (True, True)
     """
-    given = {"young_modulus": young_modulus, "poisson_ratio": poisson_ratio}
+    given: dict[str, Any] = {"young_modulus": young_modulus, "poisson_ratio": poisson_ratio}
     given |= {"yield_stress": yield_stress, "rms_slope": rms_slope, "mean_pressure": mean_pressure}
     for name, value in given.items():
         if not isinstance(value, Real):
