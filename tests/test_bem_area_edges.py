@@ -130,6 +130,16 @@ def test_what_may_hide_at_a_crease():
         assert corrected.total - exact <= error.total < 2.5 / 48
 
 
+@pytest.mark.parametrize("load", [1e-8, 1e-6])
+def test_lone_points_that_carry_next_to_nothing(load):
+    """The area of a sphere with its top at a point is within the claim, which is below a cell."""
+    x = np.arange(24) / 24 - 0.5
+    raw, corrected, error = solved(-(x[:, None] ** 2) - x**2, load)
+    hertz = math.pi * (0.75 * load * 0.5) ** (2 / 3)
+    assert raw.total == pytest.approx(1 / 576)
+    assert abs(corrected.total - hertz) <= error.total < 1 / 576
+
+
 @pytest.mark.parametrize(("load", "hardness"), [(0.05, math.inf), (0.1, 0.6), (0.1, 0.3)])
 def test_worn_plateaus(load, hardness):
     """A Gaussian surface cut off at 0.4 of its rms height, four points a wavelength."""

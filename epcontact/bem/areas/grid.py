@@ -20,7 +20,8 @@ TURN      turn of the front, a quarter for each corner cut off.  Over a whole fr
           to its Euler number.
 TIPS      points apart (or plastic) with one or two of their eight neighbours in the same state
 DIPS      squares of the areas of round gaps that may be hidden between points that all touch
-CREASE    areas of gaps that may be hidden at creases between points that all touch
+CREASE    areas of gaps that may be hidden at creases between points that all touch, and that lone
+          points lack of LONE
 
 Sums have two parts: those of the front for itself, and those of fronts so steep that they move
 with the other front beside them.  A front of u < 1 spacings belongs by u^2 to the first.
@@ -49,6 +50,8 @@ LOCATED = 0.004
 BENT = 0.2
 #: Along a crease the pressure changes by less than this share of its change across.
 STRAIGHT = 0.25
+#: A lone point that carries next to nothing is taken for a spot of this area (CORNER).
+LONE = 0.6
 #: A tip has at most this number of neighbours in its own state.
 TIP_NEIGHBOURS = 2
 
@@ -314,6 +317,20 @@ def _crease(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -
 
 
 @_jit
+def _lone(fields: Fields, i: int, j: int) -> float:
+    """What the located area of a lone point lacks of LONE, because its spot may have no area."""
+    (nx, ny), here, cuts = fields.pressure.shape, fields.pressure[i, j], np.zeros(2)
+    for x in range(2):
+        for side in (-1, 1):
+            a, b = (i + side * x) % nx, (j + side * (1 - x)) % ny
+            if fields.pressure[a, b] > 0:
+                return 0.0
+            c = fields.stiffness[1 - x]
+            cuts[x] += here / (here + c * max(fields.gap[a, b], 0.0))
+    return float(max(LONE - cuts[0] * cuts[1] / 2, 0.0))
+
+
+@_jit
 def sweep(fields: Fields, table: FloatArray, sums: FloatArray, work: Work) -> None:
     """Add up the sums over every cell of the periodic grid; table: offsets at U_NODES."""
     pressure, hardness = fields.pressure, fields.hardness
@@ -329,6 +346,8 @@ def sweep(fields: Fields, table: FloatArray, sums: FloatArray, work: Work) -> No
             else:
                 add_cell(fields, (i, j), table, sums, (i > 0, j > 0), work)
                 add_tip(fields, (i, j), sums)
+                if here_2 == ELASTIC:
+                    sums[CREASE, 0, 0] += _lone(fields, i, j)
             if here_2 == ELASTIC:
                 for front in range(fronts):
                     sums[DIPS, front, 0] += _dip(pressure, i, j, hardness, front)
