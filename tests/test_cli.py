@@ -298,7 +298,9 @@ def test_method_that_a_case_lacks(epcontact, write_case) -> None:
 def test_output_that_cannot_be_written(epcontact, write_case, tmp_path) -> None:
     # Even root cannot make a folder under a file.
     (tmp_path / "file").write_text("in the way")
-    refused(epcontact("verify", write_case(), "--output", tmp_path / "file" / "out"), "file")
+    done = epcontact("verify", write_case(), "--output", tmp_path / "file" / "out")
+    refused(done, "file")
+    assert "[1/" not in done.stderr  # nothing is solved in vain
 
 
 def test_absent_optional_surface_is_skipped_with_a_sentence(epcontact, write_case, tmp_path):

@@ -16,7 +16,13 @@ import numpy as np
 import pytest
 
 from epcontact.errors import EpcontactError, OutputError
-from epcontact.output.files import whole_file, write_bytes, write_json, write_text
+from epcontact.output.files import (
+    require_writable,
+    whole_file,
+    write_bytes,
+    write_json,
+    write_text,
+)
 
 ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
 
@@ -110,6 +116,15 @@ def test_a_file_where_a_folder_should_be(tmp_path: Path) -> None:
         write_text(tmp_path / "x" / "y", "")
     assert is_one_sentence(error, str(tmp_path / "x"), "file")
     assert (tmp_path / "x").read_text() == "keep"
+
+
+def test_a_folder_is_tried_without_a_trace(tmp_path: Path) -> None:
+    (tmp_path / "x").write_text("keep")
+    require_writable(tmp_path / "new" / "newer")
+    with pytest.raises(OutputError) as error:
+        require_writable(tmp_path / "x" / "y")
+    assert is_one_sentence(error, str(tmp_path / "x"), "not a directory")
+    assert os.listdir(tmp_path) == ["x"]
 
 
 def test_a_name_too_long(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from epcontact.harness.pool import Factory, Processes, made, spread
 from epcontact.harness.solve import Outcome, Parcel, solve_elsewhere, solve_task
 from epcontact.harness.store import Answer, Task, basis, keep, kept, summary
 from epcontact.machine import available_cores, available_memory
-from epcontact.output.files import write_json
+from epcontact.output.files import require_writable, write_json
 from epcontact.output.vtk import Precision
 from epcontact.results import ContactResult
 
@@ -132,7 +132,7 @@ def run_tasks(
 
     Raises:
         InvalidCase: if there is no such executor.
-        OutputError: if a result cannot be written.
+        OutputError: if a result cannot be written; asked before the first solve, too.
     """
     outcomes: dict[Task, Outcome] = {}
     reused: set[Task] = set()
@@ -152,6 +152,8 @@ def run_tasks(
             reused.add(task)
             finish(task, earlier, "reused")
     waiting = [task for task in tasks if task not in outcomes]
+    for folder in {task.case.folder(output) for task in waiting}:
+        require_writable(folder)
     started = time.monotonic()
     move: Callable[[float], None] | None = None
     if moving is not None:

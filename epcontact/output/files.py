@@ -6,7 +6,7 @@ into the same folder or a crash never sees half a file.  The temporary file is r
 exception, a keyboard interrupt included.  Only a killed process can leave one behind, with a name
 that begins with `.epcontact-`.
 
-`tempfile` is not used, because only their owner could read its files.
+Files are not made by `tempfile`, because only their owner could read them.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import contextlib
 import json
 import os
 import secrets
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -95,6 +96,19 @@ def write_json(path: Path | str, data: Any) -> None:
         TypeError: If `data` holds anything else.
     """
     write_text(path, json.dumps(plain(data), indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def require_writable(folder: Path | str) -> None:
+    """Raise OutputError if no file can be made in a folder, or in the folder where it will be made.
+
+    Nothing is left behind, so that a long computation can ask before it starts.
+    """
+    path = Path(folder).absolute()
+    present = next(place for place in (path, *path.parents) if place.exists())
+    try:
+        os.rmdir(tempfile.mkdtemp(prefix=".epcontact-", dir=present))
+    except OSError as error:
+        raise refusal("write", folder, error) from error
 
 
 def read_bytes(path: Path | str, count: int = -1) -> bytes:
