@@ -317,16 +317,21 @@ def _crease(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -
 
 
 @_jit
-def _lone(fields: Fields, i: int, j: int) -> float:
-    """What the located area of a lone point lacks of LONE, because its spot may have no area."""
-    (nx, ny), here, cuts = fields.pressure.shape, fields.pressure[i, j], np.zeros(2)
+def _lone(fields: Fields, i: int, j: int, front: int) -> float:
+    """What the located area of a lone point lacks of LONE, because its spot may have no area.
+
+    Front 1: the point is the only elastic one.
+    """
+    (nx, ny), hardness, cuts = fields.pressure.shape, fields.hardness, np.zeros(2)
+    here = hardness - fields.pressure[i, j] if front else fields.pressure[i, j]
     for x in range(2):
         for side in (-1, 1):
             a, b = (i + side * x) % nx, (j + side * (1 - x)) % ny
-            if fields.pressure[a, b] > 0:
+            v = field(fields.pressure[a, b], fields.gap[a, b], hardness, fields.stiffness[1 - x])
+            out = hardness - v if front else v
+            if out > 0:
                 return 0.0
-            c = fields.stiffness[1 - x]
-            cuts[x] += here / (here + c * max(fields.gap[a, b], 0.0))
+            cuts[x] += here / (here - out)
     return float(max(LONE - cuts[0] * cuts[1] / 2, 0.0))
 
 
@@ -346,8 +351,8 @@ def sweep(fields: Fields, table: FloatArray, sums: FloatArray, work: Work) -> No
             else:
                 add_cell(fields, (i, j), table, sums, (i > 0, j > 0), work)
                 add_tip(fields, (i, j), sums)
-                if here_2 == ELASTIC:
-                    sums[CREASE, 0, 0] += _lone(fields, i, j)
+                for front in range(fronts if here_2 == ELASTIC else 0):
+                    sums[CREASE, front, 0] += _lone(fields, i, j, front)
             if here_2 == ELASTIC:
                 for front in range(fronts):
                     sums[DIPS, front, 0] += _dip(pressure, i, j, hardness, front)
