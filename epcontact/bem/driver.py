@@ -33,7 +33,7 @@ from epcontact.bem.transforms import KEPT_POINTS, Symbol
 from epcontact.machine import available_cores, compile_seconds, peak_memory
 from epcontact.moduli import effective_modulus, oedometric_modulus
 from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
-from epcontact.scene import Body, Material, Scene
+from epcontact.scene import Scene
 
 _DISTRIBUTION_BINS = 1024
 # Along a load path the last solution is the better start up to this ratio of loads; beyond it,
@@ -205,15 +205,19 @@ def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
     if len(shape) == 1:
         shape, periods = (1, shape[0]), (1.0, periods[0])
     grid, lengths = (shape[0], shape[1]), (periods[0], periods[1])
-    made = _made_symbol if scene.surface.heights.size <= KEPT_POINTS else _made_symbol.__wrapped__
-    return made(grid, lengths, scene.body, scene.material)
+    symbol = Symbol.from_quarter(
+        quarter_compliance(grid, lengths, scene.body, scene.material), grid
+    )
+    if scene.surface.heights.size > KEPT_POINTS:
+        return symbol
+    return _kept(symbol.values.tobytes(), symbol.rows.astype(np.int32).tobytes(), grid)
 
 
 @functools.lru_cache(maxsize=4)
-def _made_symbol(
-    grid: tuple[int, int], lengths: tuple[float, float], body: Body, material: Material
-) -> Symbol:
-    return Symbol.from_quarter(quarter_compliance(grid, lengths, body, material), grid)
+def _kept(values: bytes, rows: bytes, grid: tuple[int, int]) -> Symbol:
+    """The one symbol of these values; it keeps what solves of other surfaces need, too."""
+    numbers = np.frombuffer(values).reshape(-1, grid[1] // 2 + 1).copy()
+    return Symbol(numbers, np.frombuffer(rows, dtype=np.int32).copy(), grid)
 
 
 def _warm_start(last: LoadedSurface, left: FloatArray, following: float) -> FloatArray | None:
