@@ -153,9 +153,13 @@ def provide_kernel_cache() -> None:
 def _compile_in_turns() -> None:
     """Let one process at a time compile and save a kernel, while others wait and then load it.
 
-    Numba has no setting for this, so the class of its caches is replaced for our own kernels.
+    Numba has no setting for this, so the class of its caches is replaced for our own kernels.  It
+    also loads a kernel without all that a compilation needs, such as scipy's linear algebra, which
+    takes longer than to load the kernels of a solve.  A numba that lacks the private names that
+    this rests on keeps its own caches.
     """
     from numba.core import caching, dispatcher, event
+    from numba.core.runtime import rtsys
 
     mine = threading.local()  # the caches of which a thread holds locks
 
@@ -175,21 +179,28 @@ def _compile_in_turns() -> None:
         def __init__(self, function: Any) -> None:
             super().__init__(function)
             self._held: contextlib.ExitStack | None = None
+            self._lock_path = f"{self.cache_path}/{self._impl.filename_base}.lock"
+            self._load, self._guarded = self._load_overload, self._guard_against_spurious_io_errors
             # Numba watches the file of a kernel, but not those of the kernels that it calls.
             self._cache_file._source_stamp = _stamp(Path(function.__code__.co_filename).parent)
 
         def load_overload(self, signature: Any, context: Any) -> Any:
-            context.refresh()  # takes long the first time, and needs no lock
             with self._locked("LOCK_SH"):
-                found = super().load_overload(signature, context)
+                found = self._saved(signature, context)
             if found is None and self._held is None:
                 with event.trigger_event("numba:compile"):  # perhaps by another process
                     self._held = self._locked("LOCK_EX")
                 mine.caches = [*getattr(mine, "caches", []), self]
-                found = super().load_overload(signature, context)
+                found = self._saved(signature, context)
                 if found is not None:
                     self.let_others()
             return found
+
+        def _saved(self, signature: Any, context: Any) -> Any:
+            """As numba's load_overload, but without the refresh of the context before it."""
+            rtsys.initialize(context)
+            with self._guarded():
+                return self._load(signature, context)
 
         def save_overload(self, signature: Any, data: Any) -> None:
             try:
@@ -208,14 +219,16 @@ def _compile_in_turns() -> None:
             """A lock, which its closing gives back; none where the system has none."""
             lock = contextlib.ExitStack()
             with contextlib.suppress(OSError):
-                path = f"{self.cache_path}/{self._impl.filename_base}.lock"
                 if fcntl is not None:
-                    fcntl.flock(lock.enter_context(open(path, "ab")), getattr(fcntl, kind))  # noqa: SIM115
+                    file = lock.enter_context(open(self._lock_path, "ab"))  # noqa: SIM115
+                    fcntl.flock(file, getattr(fcntl, kind))
             return lock
 
     def cache_of(function: Any) -> Any:
-        ours = function.__module__.partition(".")[0] in _PACKAGES
-        return Cache(function) if ours else caching.FunctionCache(function)
+        if function.__module__.partition(".")[0] in _PACKAGES:
+            with contextlib.suppress(AttributeError):
+                return Cache(function)
+        return caching.FunctionCache(function)
 
     event.register("numba:compiler_lock", Leaving())
     dispatcher.FunctionCache = cache_of  # type: ignore[attr-defined]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
-from numba.core import event
+from numba.core import caching, dispatcher, event
 from rich.console import Console
 
 from epcontact import bem, machine
@@ -375,6 +375,13 @@ def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path) -> None:
         assert sum(int(misses) for _, misses, _, _ in figures) == 2
         assert sum(int(hits) for _, _, hits, _ in figures) == 2
         assert all(seen == "True" for *_, seen in figures)
+
+
+def test_a_numba_of_other_names_keeps_its_own_caches(monkeypatch) -> None:
+    kernel = bem.level.measure.py_func
+    assert hasattr(dispatcher.FunctionCache(kernel), "let_others")
+    monkeypatch.delattr(caching.Cache, "_load_overload")
+    assert type(dispatcher.FunctionCache(kernel)) is caching.FunctionCache
 
 
 def test_broken_case_is_collected_as_its_sentence(write_case) -> None:
