@@ -1,9 +1,7 @@
-"""What several tests need: a small case to write, and the command line in a process of its own."""
+"""What several tests need: a small case to write."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -61,16 +59,3 @@ def write_case(tmp_path: Path) -> Callable[..., Path]:
         return path
 
     return write
-
-
-@pytest.fixture
-def epcontact() -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Run the command line as a user would; returns code, stdout and stderr."""
-
-    def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "epcontact", *map(str, arguments)]
-        return subprocess.run(
-            command, check=False, capture_output=True, text=True, timeout=300, **options
-        )
-
-    return run

@@ -17,15 +17,14 @@ import time
 import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import Done, invoke
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from epcontact.cli.main import main
 from epcontact.errors import InvalidCase
 from epcontact.harness import case as casefile
 
@@ -119,47 +118,20 @@ because = "rounding"
 """
 
 
-@dataclass(frozen=True)
-class Done:
-    """What a run of the command line came to."""
-
-    code: int
-    out: str
-    err: str
-
-
-def invoke(*arguments: object) -> Done:
-    """The command line in this very process: an exception that escapes is a traceback."""
-    out, err = io.StringIO(), io.StringIO()
-    before = signal.getsignal(signal.SIGTERM)
-    argv, sys.argv = sys.argv, ["epcontact", *map(str, arguments)]
-    try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            main()
-        code: object = 0
-    except SystemExit as stop:
-        code = stop.code or 0
-    finally:
-        sys.argv = argv
-        signal.signal(signal.SIGTERM, before)
-    assert isinstance(code, int), code
-    return Done(code, out.getvalue(), err.getvalue())
-
-
 def require_decent(done: Done, output: Path) -> None:
     """A clean exit: whole files; of an error one sentence, of a verdict the truth."""
-    assert done.code in (0, 1, 2), done
-    assert "Traceback" not in done.out + done.err
+    assert done.returncode in (0, 1, 2), done
+    assert "Traceback" not in done.stdout + done.stderr
     require_whole(output)
     if (output / "verdict.json").exists():
         verdict = json.loads((output / "verdict.json").read_bytes())
-        assert verdict["exit_code"] == done.code
+        assert verdict["exit_code"] == done.returncode
         statuses = {gate["status"] for case in verdict["cases"] for gate in case["gates"]}
-        assert (done.code == 0) == (statuses <= {"holds"})
+        assert (done.returncode == 0) == (statuses <= {"holds"})
         return
-    if done.code == 2:
-        sentence = done.err.splitlines()[-1]
-        assert sentence.startswith("epcontact: "), done.err
+    if done.returncode == 2:
+        sentence = done.stderr.splitlines()[-1]
+        assert sentence.startswith("epcontact: "), done.stderr
         assert len(sentence) < 2000
 
 
@@ -225,7 +197,7 @@ def judge_mutant(content: bytes, folder: Path) -> None:
     require_decent(done, output)
     sentence = why_no_case(path)
     if sentence:
-        assert (done.code, output.exists()) == (2, False)
+        assert (done.returncode, output.exists()) == (2, False)
 
 
 def why_no_case(path: Path) -> str:
@@ -268,7 +240,7 @@ def test_the_unspoilt_case_holds(fresh) -> None:
     folder = fresh()
     (folder / "small.toml").write_text(CASE)
     done = invoke("verify", folder / "small.toml", "--output", folder / "out", "--jobs", 1)
-    assert done.code == 0, done
+    assert done.returncode == 0, done
     require_decent(done, folder / "out")
 
 
@@ -386,11 +358,11 @@ def judge_line(words: list[str], folder: Path) -> None:
     (folder / "cases" / "small.toml").write_text(CASE)
     before = {p for p in folder.rglob("*") if p.is_file()}
     done = invoke(*words)
-    assert done.code in (0, 1, 2), (words, done)
-    assert "Traceback" not in done.out + done.err
-    if done.code == 2 and not (folder / "out").exists() and not (folder / "results").exists():
-        last = done.err.splitlines()[-1]
-        assert last.startswith("epcontact: ") or "Usage: epcontact" in done.err, (words, done)
+    assert done.returncode in (0, 1, 2), (words, done)
+    assert "Traceback" not in done.stdout + done.stderr
+    if done.returncode == 2 and not (folder / "out").exists() and not (folder / "results").exists():
+        last = done.stderr.splitlines()[-1]
+        assert last.startswith("epcontact: ") or "Usage: epcontact" in done.stderr, (words, done)
         assert {p for p in folder.rglob("*") if p.is_file()} == before
     require_whole(folder)
 
@@ -422,10 +394,10 @@ def test_many_command_lines(in_folder, words) -> None:
 
 
 def refused(done: Done, *words: str) -> None:
-    assert done.code == 2, done
-    assert done.err.splitlines()[-1].startswith("epcontact: "), done
+    assert done.returncode == 2, done
+    assert done.stderr.splitlines()[-1].startswith("epcontact: "), done
     for word in words:
-        assert word in done.err, done.err
+        assert word in done.stderr, done.stderr
 
 
 def test_links_to_case_files(fresh) -> None:
@@ -438,7 +410,7 @@ def test_links_to_case_files(fresh) -> None:
     (folder / "device.toml").symlink_to("/dev/zero")
     (folder / "folder.toml").mkdir()
     done = invoke("verify", folder / "small.toml", "--output", folder / "out", "--jobs", 1)
-    assert done.code == 0
+    assert done.returncode == 0
     for name in ("dangling", "loop", "device", "folder"):
         refused(invoke("verify", folder / f"{name}.toml"), f"{name}.toml")
 
@@ -569,7 +541,7 @@ def test_full_disk(small, tmp_path) -> None:
 
 def test_spoilt_result_is_not_reused(small, tmp_path) -> None:
     out = tmp_path / "out"
-    assert invoke("verify", small, "--output", out, "--jobs", 1).code == 0
+    assert invoke("verify", small, "--output", out, "--jobs", 1).returncode == 0
     member = out / "small" / "fast" / "members" / "bem-seed3.json"
     whole = member.read_bytes()
     changed = json.loads(whole)
@@ -581,8 +553,8 @@ def test_spoilt_result_is_not_reused(small, tmp_path) -> None:
         assert content != whole
         member.write_bytes(content)
         done = invoke("verify", small, "--output", out, "--jobs", 1)
-        assert done.code == 0, (content[:40], done)
-        assert "bem seed3 (reused)" not in done.err
+        assert done.returncode == 0, (content[:40], done)
+        assert "bem seed3 (reused)" not in done.stderr
         assert json.loads(member.read_bytes())["key"] == json.loads(whole)["key"]
 
 

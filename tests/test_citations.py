@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from command_line import invoke
 
 from epcontact.harness.case import find_cases, load_case
 from epcontact.harness.citations import PAPERS, citation, papers_of, sources_of
@@ -44,8 +45,8 @@ def test_lines_hold_sources_papers_and_versions(name) -> None:
     assert any(re.match(r"  numpy \d+\.\d+.* https://doi.org/10\.", line) for line in lines)
 
 
-def test_command_line(epcontact) -> None:
-    done = epcontact("cite", "westergaard-light")
+def test_command_line() -> None:
+    done = invoke("cite", "westergaard-light")
     assert (done.returncode, done.stderr) == (0, "")
     assert "10.1115/1.4008919" in done.stdout
-    assert "did you mean" in epcontact("cite", "westergard-light").stderr
+    assert "did you mean" in invoke("cite", "westergard-light").stderr
