@@ -371,7 +371,8 @@ def test_crosscheck_refuses_what_is_no_range_of_seeds(
 
 
 def test_plan_tells_the_model_and_why(write_case) -> None:
-    done = invoke("plan", write_case(), "--tolerance", "20%", "--check")
+    threads = ("--executor", "concurrent.futures:ThreadPoolExecutor")
+    done = invoke("plan", write_case(), "--tolerance", "20%", "--check", *threads)
     assert done.returncode == 0, done
     assert done.stdout.startswith("small: ")
     assert "promise held" in done.stdout
