@@ -170,6 +170,24 @@ def test_what_has_no_model_difference_cannot_gate_it(
     assert "gate 2: quantity.model_area" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("fem", "sentence"),
+    [
+        ('law = "j2"\nsteps = 4\nstep_tolerance = 0.1', "give either steps or step_tolerance"),
+        ('law = "elastic"\nsteps = 4', "steps has no effect on law 'elastic'"),
+        (
+            'law = "capped"\nstep_tolerance = 0.1',
+            "step_tolerance is for law 'j2', but law is 'capp",
+        ),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(tmp_path, fem: str, sentence: str) -> None:
+    path = tmp_path / "fem-model-5.toml"
+    path.write_text(J2_CASE.replace('law = "j2"', fem), encoding="utf-8")
+    with pytest.raises(InvalidCase, match=rf"\[fem\] {sentence}"):
+        load_case(path)
+
+
 def test_infinite_hardness_is_the_default(write_case) -> None:
     assert load_case(write_case(("hardness = 6.0e9", ""))).material.hardness == math.inf
 

@@ -220,8 +220,12 @@ def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny) -> None:
     assert 1.6 < float(re.findall(r"\d\.\d+", largest)[0]) < 3.5
 
 
-def test_seeds_that_make_no_ensemble_are_refused(tiny) -> None:
+def test_seeds_and_steps_that_mean_nothing_are_refused(tiny) -> None:
+    with pytest.raises(InvalidCase, match=r"steps is for fem.law = 'j2' only"):
+        crosscheck(load_case(tiny(('law = "j2"', 'law = "elastic"'))), steps=4)
     case = load_case(tiny())
+    with pytest.raises(InvalidCase, match="either steps or step_tolerance"):
+        crosscheck(case, steps=4, step_tolerance=0.1)
     with pytest.raises(InvalidCase, match="different numbers"):
         crosscheck(case, seeds=[3, 3])
     wavy = dataclasses.replace(case, recipes=(Sinusoid((1e-3,) * 2, (16, 16), 1e-6),))

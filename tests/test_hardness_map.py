@@ -230,10 +230,14 @@ def test_the_command_makes_a_map_and_uses_kept_paths_again(tmp_path) -> None:
     pd.testing.assert_frame_equal(pd.read_csv(file, comment="#"), made)
 
 
-def test_a_path_without_a_result_is_one_sentence(tmp_path) -> None:
+def test_a_path_without_a_result_is_one_sentence(tmp_path, monkeypatch) -> None:
     def fails(case, **options) -> Swept:
         return Swept(tmp_path, pd.DataFrame(), {"fem-1": "not finished"}, 0, ())
 
+    # The cases of the map are the package's own, whatever cases a user has.
+    (tmp_path / "cases").mkdir()
+    (tmp_path / "cases" / "hardness-map.toml").write_text("[case]\n")
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(EpcontactError, match=r"hardness-map-30: 1 paths .* fem-1 .not finished"):
         make_map("fast", tmp_path, fails, print)
 

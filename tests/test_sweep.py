@@ -112,6 +112,12 @@ def test_samples_are_a_latin_hypercube() -> None:
             "1000000000 points, but",
         ),
         ("samples = 3\nload.mean_pressure = [1e8]", "no key is a range without points"),
+        (
+            "samples = 0\nload.mean_pressure = {low = 1, high = 2}",
+            "sweep.samples is 0, but must be greater than or equal to 1",
+        ),
+        ("seed = 3\nload.mean_pressure = [1e8]", "seed is of samples, but there are none"),
+        ("bem.tolerance = [1e-6, 1e-8]", "no method of the case reads bem.tolerance"),
         ("seeds = [1, 2]", "no key has values; give such as"),
         ("seeds = [1, 1]\nload.mean_pressure = [1e8]", "give each seed once"),
         ("surface.seeds = [1, 2]", "give seeds = "),
@@ -248,6 +254,10 @@ def test_any_executor_gives_the_same_table(swept, tmp_path) -> None:
     there = sweep.run_sweep(path, output=tmp_path / "there", executor=lambda: far)
     assert sweep.digest(there.table) == sweep.digest(here.table)
     assert not list(far.folder.iterdir())
+    # The list of tasks is written where nothing is left to solve, too.
+    (there.folder / "sweep.json").unlink()
+    again = sweep.run_sweep(path, output=tmp_path / "there", executor=lambda: far)
+    assert (again.reused, sweep.digest(again.table)) == (6, sweep.digest(here.table))
 
 
 def test_a_wrong_executor_leaves_nothing_behind(swept, tmp_path) -> None:

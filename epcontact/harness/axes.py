@@ -155,6 +155,10 @@ class SweepTable(create_model("_Sections", __base__=Table, **{s: _section(s) for
             raise ValueError(f"{sampled[0]} is a range; give its points, or samples for the sweep")
         if self.samples is not None and not sampled:
             raise ValueError("samples is given, but no key is a range without points")
+        if "seed" in self.model_fields_set and not sampled:
+            raise ValueError(
+                "seed is of samples, but there are none; surfaces have seeds = [1, 2, 3]"
+            )
         for number, table in enumerate(tables, start=1):
             if table.keys() != tables[0].keys():
                 raise ValueError(f"point {number} and point 1 have different keys")

@@ -204,10 +204,15 @@ def case_at(text: CaseText, point: Mapping[str, Any], size: str) -> Case:
         section, _, name = key.partition(".")
         tables[section] = {**tables.get(section, {}), name: value}
     try:
-        return _build(replace(text, tables=tables), size, judged=False)
+        case = _build(replace(text, tables=tables), size, judged=False)
     except InvalidCase as error:
         values = ", ".join(f"{key} = {value!r:.40}" for key, value in point.items())
         raise InvalidCase(f"{error} (at the point {values} of its sweep)") from None
+    unread = {m.table for m in METHODS.values()} - {METHODS[name].table for name in case.methods}
+    for key in point:
+        if key.partition(".")[0] in unread:
+            raise InvalidCase(f"{text.where}: [sweep] no method of the case reads {key}")
+    return case
 
 
 def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:

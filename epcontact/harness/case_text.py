@@ -61,12 +61,15 @@ def case_name(path: Path) -> str:
 
 def case_files() -> list[Path]:
     """Return the case files in ./cases or, if there are none, those of the package."""
+    return sorted(Path("cases").glob("*.toml")) or package_files()
+
+
+def package_files() -> list[Path]:
+    """Return the case files that came with the package."""
     package = Path(str(files("epcontact")))
     # An editable install has the cases beside the package, a wheel inside it.
-    for folder in (Path("cases"), package / "_cases", package.parent / "cases"):
-        if found := sorted(folder.glob("*.toml")):
-            return found
-    return []
+    inside, beside = package / "_cases", package.parent / "cases"
+    return sorted(inside.glob("*.toml")) or sorted(beside.glob("*.toml"))
 
 
 def read_cases(path: Path) -> tuple[CaseText, ...]:

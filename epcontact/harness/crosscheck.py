@@ -174,9 +174,14 @@ def crosscheck(
         InvalidScene, NotConverged: as the solvers do.
     """
     _require_checkable(case)
+    given = [n for n, v in (("steps", steps), ("step_tolerance", step_tolerance)) if v is not None]
+    if len(given) == 2:
+        raise InvalidCase("give either steps or step_tolerance: equal increments, or chosen ones")
+    if given and case.options["fem"]["law"] != "j2":
+        raise InvalidCase(f"{case.path}: {given[0]} is for fem.law = 'j2' only")
     recipes = case.recipes if not seeds else _other_surfaces(case, seeds)
     options = dict(case.options["fem"])
-    if steps is not None or step_tolerance is not None:
+    if given:
         options |= {"steps": steps, "step_tolerance": step_tolerance}
     lines, checks = [], []
     for recipe in recipes:

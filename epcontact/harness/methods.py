@@ -19,7 +19,7 @@ from functools import partial
 from importlib.metadata import entry_points
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 import fem_check
 from epcontact.errors import InvalidCase, nearest
@@ -76,6 +76,21 @@ class FemTable(Table):
         lt=1,
         description="of the increments of a J2 path: share of the force that shorter ones may move",
     )
+
+    @model_validator(mode="after")
+    def _one_way_to_choose_increments(self) -> FemTable:
+        given = self.model_fields_set & {"steps", "step_tolerance"}
+        if len(given) == 2:
+            raise ValueError(
+                "give either steps or step_tolerance: equal increments, or chosen ones"
+            )
+        if "step_tolerance" in given and self.law != "j2":
+            raise ValueError(f"step_tolerance is for law 'j2', but law is {self.law!r}")
+        if "steps" in given and self.law == "elastic":
+            raise ValueError(
+                "steps has no effect on law 'elastic', which has no history; leave it out"
+            )
+        return self
 
 
 def _never(options: Mapping[str, Any]) -> bool:

@@ -294,8 +294,12 @@ def mistake(error: ValidationError) -> str:
         sentence = f"{where} has the keys {names}, but must be one value, or one each for the sizes"
         sentence += nearest(str(next(iter(given), "")), SIZES)
     else:
-        needed = first["msg"].lower().replace("valid tuple", "valid list")
-        sentence = f"{where} is {given!r}, but must be right: {needed}"
+        # Pydantic says "Input should be greater than 0", "List should have at least 1 item".
+        needed = first["msg"].lower().partition(" should ")[2] or "be valid"
+        needed = needed.replace("valid tuple", "valid list").removesuffix(
+            " after validation, not 0"
+        )
+        sentence = f"{where} is {given!r}, but must {needed}"
     return sentence + (f" (and {more} more)" if more else "")
 
 

@@ -178,7 +178,8 @@ def run_sweep(  # noqa: PLR0913 - the options of the command
         progress=progress,
         moving=moving,
     )
-    _write_list(sweep, Path(output), folder)
+    if executor and len(done.reused) == len(sweep.tasks):  # then no executor was made
+        _write_list(sweep, Path(output), folder)
     failures = {
         f"{task.method.name}-{task.label}": outcome
         for task, outcome in done.outcomes.items()

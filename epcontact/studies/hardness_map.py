@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact.errors import EpcontactError
-from epcontact.harness.case import find_named
+from epcontact.harness.case_text import case_name, package_files, read_cases
 from epcontact.harness.model_difference import capped_body, elements_compliance
 from epcontact.harness.store import Task, kept
 from epcontact.harness.sweep import Swept, read_sweep
@@ -37,7 +37,7 @@ from epcontact.studies.hardness import TABOR
 from epcontact.studies.hardness_fit import mapped
 from epcontact.studies.tables import Progress, Size
 
-#: The file of cases; the first of them has bodies of the map.
+#: The file of cases that came with the package, whatever the folder ./cases holds.
 CASES = "hardness-map"
 #: Caps over the yield stress that are tried, besides none.
 LADDER = tuple(1.08**k for k in range(21))
@@ -62,7 +62,8 @@ def make_map(
         OutputError: if a file cannot be written.
     """
     areas = []
-    for case in find_named(CASES):
+    (file,) = (file for file in package_files() if case_name(file) == CASES)
+    for case in read_cases(file):
         if size not in case.sizes:
             continue
         swept = solve(case, size=size, output=output)
