@@ -30,6 +30,8 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +121,19 @@ def _compilation() -> Any:
     return listener
 
 
+_COMPILES = ContextVar("_COMPILES", default=True)
+
+
+@contextlib.contextmanager
+def kept_kernels_only() -> Iterator[None]:
+    """Raise LookupError where a kernel would have to be compiled, as far as kernels are ours."""
+    before = _COMPILES.set(False)
+    try:
+        yield
+    finally:
+        _COMPILES.reset(before)
+
+
 def provide_kernel_cache() -> None:
     """Set a folder for numba's compiled kernels if numba could write to none of its own.
 
@@ -187,6 +202,8 @@ def _compile_in_turns() -> None:
         def load_overload(self, signature: Any, context: Any) -> Any:
             with self._locked("LOCK_SH"):
                 found = self._saved(signature, context)
+            if found is None and not _COMPILES.get():
+                raise LookupError(f"{self} holds no kernel for {signature}")
             if found is None and self._held is None:
                 with event.trigger_event("numba:compile"):  # perhaps by another process
                     self._held = self._locked("LOCK_EX")

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -124,7 +125,12 @@ def answers_or_dies(item: str) -> str:
     """A task of the pool, and not a solver."""
     if item == "dies":
         os._exit(0)
-    return item.upper()
+    return str(os.getppid()) if item == "parent" else item.upper()
+
+
+def starts_a_thread() -> None:
+    """What makes a process no template."""
+    threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
 
 
 if __name__ == "__main__":  # as a command: SCENE RESULT, both of numpy

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 import subprocess
 import sys
@@ -27,7 +28,7 @@ from click.testing import CliRunner
 from epcontact import planning
 from epcontact.cli.plans import plan
 from epcontact.errors import InvalidCase
-from epcontact.harness import exchange, foreign
+from epcontact.harness import exchange, foreign, template
 from epcontact.harness.case import load_case
 from epcontact.harness.methods import METHODS
 from epcontact.harness.pool import Processes, spread
@@ -248,9 +249,13 @@ def test_any_time_limit(scene, limit) -> None:
     assert foreign.solve("mine", "hostile:full_contact", scene, limit).converged
 
 
-def test_process_that_dies_costs_its_own_task_only() -> None:
-    items = ["one", "dies", "two", "three"]
-    found = dict(spread(hostile.answers_or_dies, items, Processes(2)))
+@pytest.mark.parametrize(
+    ("load", "copied"), [(os.getpid, template.POSSIBLE), (hostile.starts_a_thread, False)]
+)
+def test_process_that_dies_costs_its_own_task_only(load, copied) -> None:
+    items = ["one", "dies", "two", "three", "parent"]
+    found = dict(spread(hostile.answers_or_dies, items, Processes(2, load)))
+    assert (found.pop("parent") != str(os.getpid())) == copied
     assert found.pop("dies") == "its process ended with exit code 0 and gave no answer"
     assert found == {"one": "ONE", "two": "TWO", "three": "THREE"}
 

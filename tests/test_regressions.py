@@ -242,7 +242,7 @@ def test_interrupt_while_workers_start_is_quiet(write_case, tmp_path) -> None:
 
 
 def _children(pid: int) -> list[psutil.Process]:
-    return [p for p in psutil.Process(pid).children() if "harness.child" in str(p.cmdline())]
+    return [p for p in psutil.Process(pid).children() if "epcontact.harness" in str(p.cmdline())]
 
 
 @pytest.mark.parametrize("width", [60, 80, 200])

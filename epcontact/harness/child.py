@@ -24,7 +24,7 @@ import threading
 import time
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
-from typing import Any, NoReturn, TypeVar
+from typing import IO, Any, NoReturn, Protocol, TypeVar
 
 import psutil
 
@@ -43,10 +43,35 @@ class ChildDied(EpcontactError):
     """A process that ended or was ended before it answered; the message says how."""
 
 
+class Process(Protocol):
+    """What a `Child` needs of a `subprocess.Popen`, or of another process."""
+
+    @property
+    def pid(self) -> int:
+        """The number of the process."""
+
+    @property
+    def stdin(self) -> IO[bytes] | None:
+        """The file that its standard input reads."""
+
+    @property
+    def stdout(self) -> IO[bytes] | None:
+        """The file that its standard output writes."""
+
+    def poll(self) -> int | None:
+        """Return the exit code, or None while it runs."""
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Return the exit code at the end.  Raises subprocess.TimeoutExpired."""
+
+
 class Child:
     """A process that calls functions of modules that it can import.
 
     It starts at the first call, and again at the first call after its end.
+
+    Args:
+        copied: makes the process where it can, see `template`.
 
     Example:
         >>> child = Child()
@@ -55,8 +80,9 @@ class Child:
         >>> child.end()
     """
 
-    def __init__(self) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
+    def __init__(self, copied: Callable[[], Process | None] = lambda: None) -> None:
+        self._process: Process | None = None
+        self._copied = copied
         self._calling, self._starting = threading.Lock(), threading.Lock()
         self._ended = False
 
@@ -102,17 +128,19 @@ class Child:
         with self._starting:
             self._ended = True
         if self._process is not None and not now:
+            assert self._process.stdin is not None
             with contextlib.suppress(OSError, subprocess.TimeoutExpired):
-                self._process.communicate(timeout=_PATIENCE)
+                self._process.stdin.close()
+                self._process.wait(timeout=_PATIENCE)
         self._kill()
 
-    def _started(self) -> subprocess.Popen[bytes]:
+    def _started(self) -> Process:
         with self._starting:
             if self._ended:
                 raise ChildDied("was ended")
             if self._process is None or self._process.poll() is not None:
                 self._kill()
-                self._process = subprocess.Popen(
+                self._process = self._copied() or subprocess.Popen(
                     [sys.executable, "-c", _PROGRAM, json.dumps((os.getpid(), sys.path))],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
@@ -123,13 +151,13 @@ class Child:
     def _kill(self) -> None:
         process, self._process = self._process, None
         if process is not None:
-            _kill_tree(process.pid)
+            kill_tree(process.pid)
             process.wait()
             for pipe in (process.stdin, process.stdout):
                 with contextlib.suppress(OSError, AttributeError):
                     pipe.close()  # type: ignore[union-attr]
 
-    def _bury(self, process: subprocess.Popen[bytes]) -> NoReturn:
+    def _bury(self, process: Process) -> NoReturn:
         """Raise ChildDied with the way in which a process ended that gave no answer."""
         try:
             code = process.wait(timeout=_PATIENCE)
@@ -158,7 +186,7 @@ def death_of(code: int) -> str:
     return f"was killed by {name}{causes.get(name, '')}"
 
 
-def _exchange(process: subprocess.Popen[bytes], request: bytes) -> bytes:
+def _exchange(process: Process, request: bytes) -> bytes:
     """Send a request and return the answer; empty if the process ends before it."""
     assert process.stdin is not None
     assert process.stdout is not None
@@ -171,7 +199,7 @@ def _exchange(process: subprocess.Popen[bytes], request: bytes) -> bytes:
     return answer
 
 
-def _kill_tree(pid: int) -> None:
+def kill_tree(pid: int) -> None:
     """Kill a process and all that it started, also in sessions of their own."""
     with contextlib.suppress(psutil.NoSuchProcess):
         process = psutil.Process(pid)
@@ -213,4 +241,4 @@ def _end_with_parent(parent: int) -> None:
     """End this process and its children when its parent has gone."""
     while os.getppid() == parent:
         time.sleep(0.3)
-    _kill_tree(os.getpid())
+    kill_tree(os.getpid())

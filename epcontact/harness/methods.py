@@ -19,6 +19,7 @@ from functools import partial
 from importlib.metadata import entry_points
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 import fem_check
@@ -26,7 +27,7 @@ from epcontact.errors import InvalidCase, nearest
 from epcontact.harness import foreign, memory
 from epcontact.machine import compile_seconds, provide_kernel_cache
 from epcontact.results import ContactResult
-from epcontact.scene import Scene
+from epcontact.scene import Load, Material, Scene, Surface
 
 Solve = Callable[[Scene, Mapping[str, Any], int | None], ContactResult]
 
@@ -123,6 +124,7 @@ class Method:
         pilot: options of a quick solve, which only has to show the areas.
         one_answer: maps the options to True if one answer serves all surfaces of a case.
         memory: estimates the bytes of a solve, see `memory`.
+        load: loads the modules and the compiled kernels of a solve, by a solve that takes no time.
         source: `module:function` or command of a solver from outside the package.  It runs in a
             process of its own.  The harness does not see changes of its code, so it never reuses
             a kept result of such a method.
@@ -144,6 +146,7 @@ class Method:
     pilot: Mapping[str, Any] = field(default_factory=dict, hash=False)
     one_answer: Callable[[Mapping[str, Any]], bool] = _never
     memory: memory.Estimate = memory.of_surface
+    load: Callable[[], None] = lambda: None
     source: str = ""
     requires: str = ""
     modules: tuple[str, ...] = ()
@@ -184,6 +187,23 @@ def _fem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> Conta
     result = fem_check.solve(scene, threads=threads, **options)
     seconds = result.cost["seconds"] - (compile_seconds() - compiled)
     return replace(result, cost=dict(result.cost) | {"seconds": seconds})
+
+
+def _load_bem() -> None:
+    _bem(_small_scene(128), {}, 1)
+
+
+def _load_fem() -> None:
+    _fem(_small_scene(8), {"layers": 2}, 1)
+
+
+def _small_scene(points: int) -> Scene:
+    """Return a scene with points apart, in elastic and in plastic contact."""
+    x = 2 * np.pi * np.arange(points) / points
+    heights = np.add.outer(np.cos(x), np.cos(3 * x))
+    heights += np.random.default_rng(1).normal(0.0, 0.1, heights.shape)
+    material = Material(1.0, 0.3, hardness=0.02, yield_stress=0.007)
+    return Scene(Surface(1e-3 * heights, (1.0, 1.0)), material, Load(1e-3))
 
 
 def _judge(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
@@ -279,6 +299,7 @@ def _registry() -> dict[str, Method]:
             tells_progress=True,
             pilot={"area_tolerance": 1e-4},
             memory=memory.of_grid,
+            load=_load_bem,
             modules=("epcontact.bem",),
         ),
         Method(
@@ -292,6 +313,7 @@ def _registry() -> dict[str, Method]:
             steps="output",
             tells_progress=True,
             memory=memory.of_block,
+            load=_load_fem,
             modules=("fem_check",),
         ),
         Method(

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from epcontact.errors import EpcontactError, InvalidCase, sentence_of
 from epcontact.harness.child import Child, ChildDied
+from epcontact.harness.template import POSSIBLE, Template
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -26,11 +27,20 @@ class Processes(ThreadPoolExecutor):
     """Processes of this machine as an executor: each thread waits for the calls of a `Child`.
 
     A process that dies costs its own call and no other; `child` says why it is not a library's.
+
+    Args:
+        jobs: number of processes.
+        load: called with `arguments` before the first call, once for all processes where they can
+            be copies of one, see `template`; elsewhere each loads what its calls need.
     """
 
-    def __init__(self, jobs: int) -> None:
+    def __init__(
+        self, jobs: int, load: Callable[..., object] | None = None, *arguments: Any
+    ) -> None:
         super().__init__(jobs)
-        self._children, self._idle = [Child() for _ in range(jobs)], SimpleQueue[Child]()
+        self._template = Template(load, *arguments) if load is not None and POSSIBLE else None
+        copied = {} if self._template is None else {"copied": self._template.copy}
+        self._children, self._idle = [Child(**copied) for _ in range(jobs)], SimpleQueue[Child]()
         for child in self._children:
             self._idle.put(child)
 
@@ -48,8 +58,12 @@ class Processes(ThreadPoolExecutor):
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes: at once, or (wait=True) after what they are doing."""
         super().shutdown(wait=False, cancel_futures=cancel_futures)
+        if self._template is not None and not wait:
+            self._template.end()  # first, because a process may wait for it
         for child in self._children:
             child.end(now=not wait)
+        if self._template is not None:
+            self._template.end()
         super().shutdown(wait=True)
 
 

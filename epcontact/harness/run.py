@@ -18,7 +18,7 @@ from epcontact.errors import InvalidCase
 from epcontact.harness.case import Case
 from epcontact.harness.methods import METHODS, Method
 from epcontact.harness.pool import Factory, Processes, made, spread
-from epcontact.harness.solve import Outcome, Parcel, solve_elsewhere, solve_task
+from epcontact.harness.solve import Outcome, Parcel, get_ready, solve_elsewhere, solve_task
 from epcontact.harness.store import Answer, Task, basis, keep, kept, summary
 from epcontact.machine import available_cores, available_memory
 from epcontact.output.files import require_writable, write_json
@@ -178,7 +178,9 @@ def _solved(
     if jobs <= 1:
         yield from ((task, solve_task(task, threads, moving)) for task in tasks)
     else:
-        yield from spread(partial(solve_task, threads=threads), tasks, Processes(jobs))
+        names = {task.method.name for task in tasks}
+        processes = Processes(jobs, get_ready, [name for name in METHODS if name in names])
+        yield from spread(partial(solve_task, threads=threads), tasks, processes)
 
 
 def _solved_by(

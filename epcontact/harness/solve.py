@@ -20,7 +20,7 @@ import shutil
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,9 +29,10 @@ from epcontact.errors import NotConverged, sentence_of
 from epcontact.harness import foreign
 from epcontact.harness.child import Child, ChildDied
 from epcontact.harness.description import described
+from epcontact.harness.methods import METHODS
 from epcontact.harness.quantities import QUANTITIES, measure_all
 from epcontact.harness.store import Task, basis
-from epcontact.machine import available_cores, compile_seconds, compiling
+from epcontact.machine import available_cores, compile_seconds, compiling, kept_kernels_only
 from epcontact.output.files import write_bytes
 from epcontact.output.vtk import step_name, write_collection, write_fields
 from epcontact.results import ContactResult
@@ -68,6 +69,13 @@ def solve_task(task: Task, threads: int, moving: Callable[[float], None] | None 
     except Exception as error:
         logging.getLogger("epcontact").debug("%s failed", task.label, exc_info=error)
         return sentence_of(error)
+
+
+def get_ready(methods: Sequence[str]) -> None:
+    """Load the modules of methods, and those compiled kernels that this machine has already."""
+    for name in methods:
+        with kept_kernels_only(), contextlib.suppress(LookupError):
+            METHODS[name].load()
 
 
 def _told(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
