@@ -294,8 +294,7 @@ FINE = (
     2.651,
     2.623,
 )
-#: The grids on which their error bars were judged: 19 of the 20 hold the fine value, the first of
-#: them because it is infinite (half of its grid has no cap of equal area); number 15 does not.
+#: The grids on which their error bars are judged.
 NODES = (16,) * 10 + (24,) * 10
 
 
@@ -305,10 +304,14 @@ def scene_of(k: int, nodes: int) -> Scene:
     return dataclasses.replace(scene, body=Body()) if k % 2 == 0 else scene
 
 
-# The other scenes take longer: all 20 together some two minutes.
+# Some two minutes.
 @pytest.mark.long
-@pytest.mark.parametrize("k", [3, 4, 8, 9])
-def test_the_error_bar_holds_the_ratio_of_a_fine_grid(k: int) -> None:
-    found = effective_hardness(scene_of(k, NODES[k]))
-    assert abs(found.ratio - FINE[k]) <= found.error < 1
-    assert ("depth" in found.parts) == (k % 2 == 0)
+def test_the_error_bars_hold_the_ratios_of_a_fine_grid() -> None:
+    """Of 20 bars, 19; one may be infinite: half of its grid has no cap of equal area."""
+    found = [effective_hardness(scene_of(k, nodes)) for k, nodes in enumerate(NODES)]
+    held = [abs(own.ratio - fine) <= own.error for own, fine in zip(found, FINE, strict=True)]
+    assert sum(held) >= 19
+    assert sum(math.isfinite(each.error) for each in found) >= 19
+    # On grids as coarse as these they are wide: 0.29 of the ratio on the median.
+    assert np.median([each.error / each.ratio for each in found]) < 0.35
+    assert all(("depth" in each.parts) == (k % 2 == 0) for k, each in enumerate(found) if k)

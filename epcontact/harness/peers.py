@@ -3,7 +3,7 @@
     ContactMechanics   constrained conjugate gradients of Polonsky and Keer with a hardness
     tamaas             the same without one (PolonskyKeerRey), Kato's method with a saturation
                        pressure (KatoSaturated)
-    tamaas_j2          tamaas' volume integrals with J2 flow (EPICSolver), a second opinion on the
+    tamaas_j2          tamaas' volume integrals with J2 flow, a second opinion on the
                        finite elements: half-spaces under pressures that rise
 
 A peer gives a pressure field.  This module computes everything else of the result (gap, residuals,
@@ -21,9 +21,14 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from scipy.optimize import NoConvergence, anderson
 
+from epcontact import bem
 from epcontact.bem.areas.distribution import pressure_distribution
 from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
@@ -38,7 +43,7 @@ from epcontact.results import (
     LoadStep,
     Provenance,
 )
-from epcontact.scene import Scene
+from epcontact.scene import Load, Scene
 
 Pressure = Callable[..., FloatArray]
 
@@ -47,13 +52,16 @@ Pressure = Callable[..., FloatArray]
 #: iterations of its saturated solver, which reports no error to stop at.
 TOLERANCE, ITERATIONS = 1e-6, 3200
 
-#: Of J2 flow by tamaas: depth over the period down to which a body may flow, increments to each
-#: load, and the tolerance of both its loops.  At a tenth of it, areas and pressures of rough bodies
-#: of 17 x 17 points move by 0.3 % at most, in twice the time.
-FLOWING, INCREMENTS, FLOW_TOLERANCE = 0.5, 4, 1e-4
-#: Of its outer loop, in the order in which they are tried: some bodies have a single point in
-#: contact on the way to the answer, which it cannot go through, but not with every relaxation.
-RELAXATIONS = (0.5, 0.3, 0.2)
+#: Of J2 flow by tamaas: depths over the period down to which a body may flow, tried in this order
+#: until nothing flows in the lowest layer; increments to each load; and the tolerance of both
+#: loops.  At a tenth of it, areas and pressures of rough bodies of 17 x 17 points move by 0.3 % at
+#: most, in twice the time.
+FLOWING, INCREMENTS, FLOW_TOLERANCE = (0.5, 1.0), 4, 1e-4
+#: Cap over the yield stress from whose contact an increment starts: pressures of elastic bodies on
+#: fine grids are more than a flowing one can carry, so that the flow under them has no end.
+START_CAP = 2.5
+#: Mixing, and number of earlier iterations, of Anderson's acceleration of the outer loop.
+MIXING, EARLIER, MOST_ITERATIONS = 0.5, 3, 100
 
 
 def _contact_mechanics_pressure(
@@ -127,9 +135,10 @@ def tamaas(scene: Scene) -> ContactResult:
 def tamaas_j2(scene: Scene) -> ContactResult:
     """Solve a scene by tamaas' volume integrals with perfectly plastic J2 flow.
 
-    The body may flow down to FLOWING of a period, in INCREMENTS from the load before to each load
+    Contact and flow are solved in turns, by tamaas, until the residual displacement settles
     (Frérot, Bonnet, Molinari and Anciaux 2019, Computer Methods in Applied Mechanics and
-    Engineering 351, 951).  Pressure, gap and displacement are tamaas' own.
+    Engineering 351, 951), in INCREMENTS from the load before to each load.  tamaas' own outer loop,
+    EPICSolver, has the same answers, but a fixed relaxation, and starts from the elastic contact.
 
     Raises InvalidScene, StudyUnavailable, NotConverged.
     """
@@ -138,15 +147,20 @@ def tamaas_j2(scene: Scene) -> ContactResult:
     _require_peer(scene, "tamaas")
     started = time.perf_counter()
     E, period = effective_modulus(scene.material), scene.surface.periods[0]
-    for relaxation in RELAXATIONS:
+    for flowing in FLOWING:
         try:
-            pressure, gap, displacement = _tamaas_flow(scene, relaxation)
+            pressure, gap, deepest = _tamaas_flow(scene, flowing)
+        except NoConvergence:
+            raise NotConverged(
+                f"tamaas gave up: flow and contact do not settle in {MOST_ITERATIONS} iterations"
+            ) from None
         except (RuntimeError, ArithmeticError, ValueError) as error:
-            reason = " ".join(str(error).split())
-        else:
+            raise NotConverged(f"tamaas gave up: {' '.join(str(error).split())}") from error
+        if deepest == 0:
             break
     else:
-        raise NotConverged(f"tamaas gave up: {reason}")
+        raise NotConverged(f"tamaas gave up: the body flows deeper than {flowing:g} periods")
+    displacement = gap * period + scene.surface.heights
     uncapped = replace(scene, material=replace(scene.material, hardness=math.inf))
     found = result_of(
         uncapped,
@@ -154,45 +168,86 @@ def tamaas_j2(scene: Scene) -> ContactResult:
         "tamaas_j2",
         time.perf_counter() - started,
         gap=gap * period,
-        displacement=displacement * period,
+        displacement=displacement - displacement.mean(),
     )
     options = {
         "solver": "tamaas_j2",
         "law": "j2",
-        "depth": FLOWING * period,
+        "depth": flowing * period,
         "compliance": "half_space",
     }
     return replace(found, provenance=Provenance(scene.digest, scene.surface.seed, options))
 
 
-def _tamaas_flow(scene: Scene, relaxation: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return pressure/E*, and gap and displacement over the period, after the path."""
+def _tamaas_flow(scene: Scene, flowing: float) -> tuple[FloatArray, FloatArray, float]:
+    """Follow the path of loads on a body that may flow down to `flowing` periods.
+
+    Returns:
+        Pressure/E*, gap over the period, and the largest plastic strain in the lowest layer.
+    """
+    E, period = effective_modulus(scene.material), scene.surface.periods[0]
+    heights = scene.surface.heights / period
+    model, contact, flow = _tamaas_body(scene, flowing)
+    settled, carried = np.zeros_like(heights), np.zeros_like(model.traction)
+    least = 0.01 * float(np.linalg.norm(heights - heights.mean()))  # where next to nothing flows
+
+    def change(residual: FloatArray, load: float) -> FloatArray:
+        """Solve contact and flow, and return by how much the residual displacement is wrong."""
+        contact.surface[:] = (heights - settled - residual).ravel()
+        contact.solve(load)
+        traction = np.array(model.traction)
+        model.traction[...] = traction - carried  # flow is solved for what an increment adds
+        flow.solve()
+        made = np.array(model.displacement)[0, ..., 2]
+        model.traction[...] = traction
+        return np.asarray(made - made.mean() - residual)
+
+    path = (0.0, *scene.load.path)
+    shares = np.arange(1, INCREMENTS + 1) / INCREMENTS
+    for load in (p + (q - p) * share for p, q in pairwise(path) for share in shares):
+        guess = _plastic_displacement(scene, load) / period - settled
+        scale = max(float(np.linalg.norm(settled + guess)), least)
+        residual = anderson(
+            partial(change, load=load / E), guess, alpha=MIXING, M=EARLIER, line_search=None,
+            maxiter=MOST_ITERATIONS, f_tol=FLOW_TOLERANCE * scale, tol_norm=np.linalg.norm,
+        )  # fmt: skip
+        traction = np.array(model.traction)
+        model.traction[...] = traction - carried
+        flow.updateState()
+        model.traction[...] = traction
+        settled, carried = settled + residual, traction
+    gap = np.array(model["gap"]).reshape(*heights.shape, -1)[..., -1]
+    return carried[..., 2], gap, float(np.array(model["cumulated_plastic_strain"])[-1].max())
+
+
+def _tamaas_body(scene: Scene, flowing: float) -> tuple[Any, Any, Any]:
+    """Return tamaas' model of the body, and its solvers of contact and of flow."""
     import tamaas as tm
     from tamaas.nonlinear_solvers import DFSANECXXSolver
 
     tm.set_log_level(tm.LogLevel.error)
     surface, material = scene.surface, scene.material
     E, period = effective_modulus(material), surface.periods[0]
-    lengths = [FLOWING, 1.0, surface.periods[1] / period]
-    levels = round(FLOWING * surface.shape[0]) + 1  # as far apart as the points of the surface
+    lengths = [flowing, 1.0, surface.periods[1] / period]
+    levels = round(flowing * surface.shape[0]) + 1  # as far apart as the points of the surface
     model = tm.Model(tm.model_type.volume_2d, lengths, [levels, *surface.shape])
     model.E, model.nu = material.young_modulus / E, material.poisson_ratio
     # tamaas divides by the hardening; 1e-9 of E changes no digit that its tolerance leaves.
-    flow = tm.materials.IsotropicHardening(model, material.yield_stress / E, 1e-9 * model.E)
-    inner = DFSANECXXSolver(tm.Residual(model, flow))
-    inner.tolerance = FLOW_TOLERANCE
-    # It writes the residual displacement into its surface, which must not be the scene's.
-    heights = np.array(surface.heights) / period
-    contact = tm.PolonskyKeerRey(model, heights, 1e-8)
-    solver = tm.EPICSolver(contact, inner, FLOW_TOLERANCE, relaxation)
-    before = 0.0
-    for load in scene.load.path:
-        for share in range(1, INCREMENTS + 1):
-            solver.solve((before + (load - before) * share / INCREMENTS) / E)
-        before = load
-    pressure, gap = np.array(model.traction)[..., 2], np.array(model["gap"])[..., 2]
-    displacement = gap + surface.heights / period
-    return pressure, gap, displacement - displacement.mean()
+    law = tm.materials.IsotropicHardening(model, material.yield_stress / E, 1e-9 * model.E)
+    flow = DFSANECXXSolver(tm.Residual(model, law))
+    flow.tolerance = FLOW_TOLERANCE
+    return model, tm.PolonskyKeerRey(model, np.array(surface.heights) / period, 1e-8), flow
+
+
+def _plastic_displacement(scene: Scene, load: float) -> FloatArray:
+    """Return that of a body under a cap (m), of zero mean: no elastic body whose heights are less
+    by it presses with more than the cap."""
+    capped = replace(
+        scene.material, hardness=max(START_CAP * scene.material.yield_stress, 2 * load)
+    )
+    gap = bem.solve(replace(scene, material=capped, load=Load(load)), threads=1).fields["gap"]
+    sunk = np.maximum(-gap, 0.0)
+    return np.asarray(sunk - sunk.mean())
 
 
 def _require_peer(scene: Scene, name: str) -> None:
