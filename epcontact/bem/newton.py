@@ -49,7 +49,9 @@ _CHANGES_PER_ERROR = 5
 _CALM = 0.2
 # They count as settled only if the tolerance is worth at least one point of the smallest area, or
 # the residual is below this value, at which no point changes sets any more.  On 256 x 256 points
-# with a tolerance of 1e-4 this value saves the last steps.
+# with a tolerance of 1e-4 this value saves the last steps.  To stop as soon as a step changes no
+# point would save another tenth of the pairs on 96 x 96 and 128 x 128 points, but 10 of 312 scenes
+# then had areas that were up to .9 % off; with this value the largest error was 4e-6.
 _UNSEEN = 1e-5
 # The full step is taken if the minimum of the energy is beyond this share of it.  Along the step
 # the energy is a parabola, so the full step lowers it if the minimum is at 1/2 or beyond.
