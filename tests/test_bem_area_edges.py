@@ -130,6 +130,30 @@ def test_what_may_hide_at_a_crease():
         assert corrected.total - exact <= error.total < 2.5 / 48
 
 
+def test_what_may_hide_at_a_crease_that_is_oblique():
+    """Grooves along a direction of the lattice, whose bottoms no point shows."""
+
+    def groove(n):
+        x, y = np.meshgrid(np.arange(n) / n, np.arange(n) / n, indexing="ij")
+        return solved(abs((x + y + 0.5 + 0.25 / 32) % 1 - 0.5), 1.6 * math.sqrt(2))
+
+    exact, (raw, corrected, error) = groove(192)[1].total, groove(32)
+    assert raw.total == 1
+    assert corrected.total - exact <= error.total < 2 / 32
+
+
+def test_plastic_tip_that_no_point_shows():
+    """A sharp cone flows at its tip, however light the load, and no point is plastic."""
+
+    def cone(n):
+        x = (np.arange(n) + 0.3 * n / 24) / n - 0.5
+        return solved(-0.5 * np.hypot(x[:, None], x), 0.004, 0.6)
+
+    exact, (raw, corrected, error) = cone(192)[1].plastic, cone(24)
+    assert raw.plastic == corrected.plastic == 0
+    assert 0.5 / 576 < exact <= error.plastic < 4 / 576
+
+
 @pytest.mark.parametrize("load", [1e-8, 1e-6])
 def test_lone_points_that_carry_next_to_nothing(load):
     """The area of a sphere with its top at a point is within the claim, which is below a cell."""
@@ -175,13 +199,21 @@ def test_what_holds_a_front():
     place, held, hidden, doubt = front.crossing(rim, math.inf, 0)
     assert 0.5 < place < 1
     assert (held, hidden) == (0, 0)
-    assert 0 < doubt < 0.02
+    assert 0 < abs(doubt) < 0.02
     for edge, hidden in ((step, (math.pi / 8) ** 2), (kink, 3 ** (-2.5 / 0.4))):
         assert front.crossing(edge.copy(), math.inf, 0) == (0.5, 1, 0, 0)
         assert front.crossing(edge.copy(), 4.0, 0) == pytest.approx((0.5, 1, hidden, 0))
         # Turned about, it is the same front; and so is the plastic one of the partner.
         assert front.crossing(edge[::-1].copy(), math.inf, 0)[:2] == (0.5, 1)
         assert front.crossing(4.0 - edge, 4.0, 1) == pytest.approx((0.5, 1, hidden, 0))
+    # Of a cap on a step the pressure falls towards the step, but not as the gap jumps.
+    cap = np.array([0.303, 0.234, 0.054, -2.306, -2.178, -2.2])
+    assert front.crossing(cap.copy(), math.inf, 0) == (0.5, 1, 0, 0)
+    assert front.crossing(np.r_[-1.0, cap[1:]], math.inf, 0)[1] == 0  # two points may be a crest
+    # A front that falls on a point is in doubt as others are.
+    for point in (1e-9, 0.02):
+        crest = np.array([-2.0, -1.0, point, -1.0, -2.0, -2.5])
+        assert abs(front.crossing(crest, math.inf, 0)[3]) > 0.05
     # A rim far behind the kink is resolved, and pressure that does not rise ever faster is smooth.
     place, held, hidden, _ = front.crossing(np.array([1.0, 1.1, 1.5, -0.2, -1.0, -3.0]), 2.0, 0)
     assert (place > 0.5, held, hidden > 0) == (True, 0, True)

@@ -7,10 +7,9 @@ the mean of ln(claim) + max(0, ln(error/claim))/(1 - COVERED), whose minimum for
 that quantile of the errors, and in which errors of all sizes and kinds count alike.
 
 `python -m epcontact.studies.error_bars` prints the constants, in some five minutes of one core.
-Two halves of the ensemble, each fitted alone, show how well it determines them: one constant can
-stand in for another, so that `place` and `along` differ by a factor of 1.7 and `strip`, which few
-surfaces need, by 2.3, but the median claim by 5 %, nine in ten claims by less than 30 %, and the
-loss by 0.02.  So the constants have two digits.
+Two halves of the ensemble, each fitted alone, show how well it determines them.  The loss is flat:
+`place` in use is above the fitted one by as much as cones need, at a cost of 0.04 in the mean of
+ln(claim) and what misses it, so that of each kind which `chart areas` judges 85 % are covered.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from epcontact.results import Areas, FloatArray
 from epcontact.studies.areas import FINER, Maker, Patch, member
 
 #: The share of errors that are to lie within their claim.
-COVERED = 0.92
+COVERED = 0.95
 #: Errors and claims below this number of cells count as this number.
 _CELLS = 0.02
 
@@ -185,7 +184,7 @@ def fitted(known: Sequence[Lesson], start: ErrorConstants = ERRORS) -> ErrorCons
 
     at = np.log(astuple(start))
     for _ in range(2):  # a second simplex leaves where the first one has collapsed
-        simplex = np.vstack([at, at + np.diag([0.7, -0.7, 0.7, -0.7])])
+        simplex = np.vstack([at, at + np.diag([0.7, -0.7, 0.7])])
         at = minimize(
             cost,
             at,

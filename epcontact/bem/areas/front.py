@@ -30,6 +30,8 @@ STIFFNESS = math.pi / (2 * math.e)
 MIX = 0.5894898722360835  # Si(pi)/pi
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
+#: The most of x (1 - x) (1 + x) between 0 and 1.
+CUBIC = 2 / math.sqrt(27)
 #: A gap that changes between two points by more than this multiple of its changes beside them has
 #: a step there.
 STEP = 3.0
@@ -57,10 +59,12 @@ def field(p: float, g: float, hardness: float, c: float) -> float:
 def _cubic_root(
     q: tuple[float, float, float, float], before: bool, after: bool
 ) -> tuple[float, float]:
-    """The root of a polynomial less that of a straight line, and what its last term moves it by.
+    """The root of a polynomial less that of a straight line, and the doubt of it.
 
     The line goes through (0, q[1]) and (1, q[2]) with q[1] > 0 >= q[2]; the polynomial also
-    through (-1, q[0]) if `before` and (2, q[3]) if `after`.
+    through (-1, q[0]) if `before` and (2, q[3]) if `after`.  The doubt is the most that the last
+    term of a cubic moves the root between the two points, outwards if positive; of a parabola it
+    is four times as much, because a contact or gap of one point across is hardly resolved.
     """
     a, b = q[1], q[2] - q[1]
     # q = a + b x + x (x - 1) (d + e (x + 1)), or with (x - 2) without the point before.
@@ -72,7 +76,7 @@ def _cubic_root(
     elif after:
         d = (q[3] - a - 2 * b) / 2
     line = x = -a / b
-    low, high, slope = 0.0, 1.0, b
+    low, high = 0.0, 1.0
     for _ in range(20):
         bend = d + e * (x + 1)
         value = a + b * x + x * (x - 1) * bend
@@ -87,10 +91,10 @@ def _cubic_root(
         step, x = abs(new - x), new
         if step < 1e-7:
             break
-    if not (before or after) or slope >= 0:
+    if not (before or after):
         return float(x - line), ANYWHERE
-    last = abs(x * (x - 1) * (e * (x + 1) if before and after else d))
-    return float(x - line), min(last / -slope, ANYWHERE)
+    doubt = CUBIC * e / b if before and after else d / b
+    return float(x - line), min(max(doubt, -ANYWHERE), ANYWHERE)
 
 
 @_jit
@@ -119,11 +123,13 @@ def crossing(v: FloatArray, hardness: float, front: int) -> tuple[float, float, 
         (place, held, hidden, doubt): if an edge of the surface holds the front, any place in the
         link is equally likely, and place is 1/2 and held is 1, else held is 0.  hidden is the
         width of the zone next to an edge in which the singular pressure exceeds the hardness, but
-        which no point shows.  doubt is what the last term of the polynomial moves the place by.
+        which no point shows.  doubt is by how much the front may be elsewhere, outwards if
+        positive, as the last term of the polynomial says.
 
     At a resolved rim the pressure vanishes as sqrt(distance).  At a step of the surface the gap
     jumps.  At a kink the pressure rises towards the edge, and ever faster; if a rim follows at
-    more than half a spacing behind the last point, it is resolved after all.
+    more than half a spacing behind the last point, it is resolved after all, without the points
+    before the kink.
     """
     if front:
         for k in range(6):
@@ -134,16 +140,20 @@ def crossing(v: FloatArray, hardness: float, front: int) -> tuple[float, float, 
             v[k], v[5 - k] = v[5 - k], v[k]
     last, before, jump = v[2], v[1], v[2] - v[3]
     elastic = last < hardness
-    step = jump > STEP * max(before - last, v[3] - v[4]) and (0 < before < last or not elastic)
+    step = jump > STEP * max(before - last, v[3] - v[4]) and (
+        not elastic or 0 < before < last or (v[0] > 0 and before > 0 and v[4] <= 0)
+    )
     kink = elastic and v[0] > 0 and last - before > max(before - v[0], 0.0)
     # The polynomial is that of the pressure, or, if no point is in the strip, of the gap.
     if elastic:
-        inside = 0 < before < hardness
+        inside = 0 < before < hardness and not kink
         q = before + MIX * last, last, v[3], v[4] - MIX * v[3]
     else:
         inside = before >= hardness
         q = before - hardness, last - hardness, v[3], v[4]
     shift, doubt = _cubic_root(q, inside, v[4] <= 0)
+    if kink:  # it may be anywhere between the points
+        doubt = min(max(2 * doubt, -ANYWHERE), ANYWHERE)
     root = last / jump + shift
     hidden = _hidden(last, before, hardness, step) if step or kink else 0.0
     if (step or kink) and (root < 0.5 or not elastic):

@@ -10,8 +10,11 @@ OFFSET    segment length that no edge holds times the tabulated offset at u = ha
           pass the cell, and large where there is one front only.
 LENGTH    segment length
 HARMONIC  segment length that no edge holds times cos 4 theta
-DOUBT     segment length times the square of the doubt of `front`
-COS, SIN  segment length times cos 4 theta, sin 4 theta and, for the front for itself, the doubt
+SINE      segment length that no edge holds times sin 4 theta
+CHANCE    segment length that no edge holds times the square of the doubt of `front`
+COMMON    segment length that no edge holds times the doubt of `front`, outwards positive: it adds
+          up where all of a front meets the grid alike, or is bent alike
+STRIP     segment length times cos 4 theta and u, of fronts that move with the one beside them
 HELD      segment length that edges hold
 FLOWING   segment length that edges hold where plastic points are next to points apart
 ALIGNED   segment length that edges hold times cos 4 theta
@@ -19,9 +22,10 @@ HIDDEN    segment length times the width of the zone hidden at edges
 TURN      turn of the front, a quarter for each corner cut off.  Over a whole front this adds up
           to its Euler number.
 TIPS      points apart (or plastic) with one or two of their eight neighbours in the same state
-DIPS      squares of the areas of round gaps that may be hidden between points that all touch
-CREASE    areas of gaps that may be hidden at creases between points that all touch, and that lone
-          points lack of LONE
+DIPS      squares of the areas of gaps that may be hidden between points that all touch, in waves
+          and at tips
+CREASE    areas of gaps that may be hidden at creases between points that all touch
+LACKING   areas that lone points lack of LONE
 
 Sums have two parts: those of the front for itself, and those of fronts so steep that they move
 with the other front beside them.  A front of u < 1 spacings belongs by u^2 to the first.
@@ -43,13 +47,13 @@ from epcontact.results import ELASTIC, PLASTIC, FloatArray
 U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
 #: A wave's curvature divided by its second difference between points a quarter wavelength apart.
 SEEN = 1.25
-#: What `front` misses on straight fronts in directions of the grid, beside its doubt, in spacings
-#: (`rim.calibrate_directions`).
-LOCATED = 0.004
+#: What `front` misses on straight fronts that meet all their cells alike, beside its doubt, in
+#: spacings (`test_oblique_rims`).
+LOCATED = 0.007
 #: Beside a crease the pressure bends at least by this share of its bend at the crease.
 BENT = 0.2
 #: Along a crease the pressure changes by less than this share of its change across.
-STRAIGHT = 0.25
+STRAIGHT = 1 / 3
 #: A lone point that carries next to nothing is taken for a spot of this area (CORNER).
 LONE = 0.6
 #: A tip has at most this number of neighbours in its own state.
@@ -59,9 +63,9 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 #: The corner, or the side, of a cell before and after each.
 _BEFORE, _AFTER = (3, 0, 1, 2), (1, 2, 3, 0)
 #: Indices of the sums (SUMS, front, part).
-AREA, OFFSET, TURN, FLOWING, COS, SIN, TIPS, DIPS, CREASE = range(9)
-LENGTH, HARMONIC, DOUBT, HELD, ALIGNED, HIDDEN = range(9, 15)
-SUMS = (15, 2, 2)
+AREA, OFFSET, TURN, FLOWING, STRIP, TIPS, LACKING, DIPS, CREASE = range(9)
+LENGTH, HARMONIC, SINE, CHANCE, COMMON, HELD, ALIGNED, HIDDEN = range(9, 17)
+SUMS = (17, 2, 2)
 
 
 class Fields(NamedTuple):
@@ -176,8 +180,8 @@ def _slope(along: FloatArray, across: FloatArray, hardness: float) -> tuple[floa
     square = dx * dx + dy * dy
     if square <= 0:
         return np.inf, 0.0, 0.0
-    cos4 = 1 - 8 * (dx * dy / square) ** 2
-    return hardness / math.sqrt(square), cos4, 4 * dx * dy * (dx - dy) * (dx + dy) / square**2
+    sin4 = 4 * dx * dy * (dx - dy) * (dx + dy) / square**2
+    return hardness / math.sqrt(square), 1 - 8 * (dx * dy / square) ** 2, sin4
 
 
 @_jit
@@ -220,15 +224,21 @@ def add_cell(
         area, length, turn = _polygon(kinds, front, work.cut, middle > (hardness if front else 0.0))
         resolved, stuck = (1 - held) * length, held * length
         apart = max(narrow**2, held)
-        alone, shared = apart * resolved * (doubt + LOCATED), (1 - apart) * length * narrow
-        flowing = 0.0 if elastic else stuck
-        values = area, offset * resolved, turn, flowing, cos4 * alone, sin4 * alone
-        for m in range(6):  # AREA to SIN
+        values = area, offset * resolved, turn, 0.0 if elastic else stuck
+        for m in range(4):  # AREA to FLOWING
             sums[m, front, 0] += values[m]
-        sums[COS, front, 1] += cos4 * shared
-        sums[SIN, front, 1] += sin4 * shared
-        more = length, cos4 * resolved, doubt**2 * length, stuck, cos4 * stuck, hidden * length
-        for m in range(6):  # LENGTH to HIDDEN
+        sums[STRIP, front, 1] += cos4 * (1 - apart) * length * narrow
+        more = (
+            length,
+            cos4 * resolved,
+            sin4 * resolved,
+            doubt**2 * resolved,
+            doubt * resolved,
+            stuck,
+            cos4 * stuck,
+            hidden * length,
+        )
+        for m in range(8):  # LENGTH to HIDDEN
             sums[LENGTH + m, front, 0] += apart * more[m]
             sums[LENGTH + m, front, 1] += (1 - apart) * more[m]
 
@@ -286,34 +296,40 @@ def _dip(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> f
 
 
 @_jit
-def _crease(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> float:
-    """Area of a gap that may be hidden beside a point at a crease of the surface.
+def _crease(
+    pressure: FloatArray, i: int, j: int, hardness: float, front: int
+) -> tuple[float, float]:
+    """Areas of a gap that may be hidden beside a point, at a crease and at a tip of the surface.
 
     At a crease the pressure falls to k ln s, where s is the distance from it, and k ln 3 is the
     rise from half a spacing to 3/2.  A gap opens where it would fall below 0, and twice as wide
-    (as in `front`).  The pressure bends the other way beside a crease, and along it, it hardly
-    changes: waves of the surface, whose gaps are round, count the less the more it does.
+    (as in `front`).  The pressure bends the other way beside a crease, and along it, it changes
+    less than across by STRAIGHT.  At a tip it is the same in two directions at right angles.
     """
-    (nx, ny), widest = pressure.shape, 0.0
-    sign, base, p = (-1, hardness, pressure[i, j]) if front else (1, 0.0, pressure[i, j])
-    here = base + sign * p
+    nx, ny = pressure.shape
+    sign, base = (-1, hardness) if front else (1, 0.0)
+    here, widest, area = base + sign * pressure[i, j], 0.0, 1.0
     for x in range(2):
         y = 1 - x
-        before = base + sign * pressure[i - x, j - y]
-        after = base + sign * pressure[(i + x) % nx, (j + y) % ny]
-        across = max(before, after) - here
-        if min(before, after) < here or min(before, after) <= 0 or across <= 0:
-            continue
-        one, two = pressure[i - y, j - x], pressure[(i + y) % nx, (j + x) % ny]
-        along = max(abs(one - p), abs(two - p)) / (STRAIGHT * across)
-        if along >= 1:
-            continue
-        outer = base + sign * pressure[i - 2 * x, j - 2 * y]
-        other = base + sign * pressure[(i + 2 * x) % nx, (j + 2 * y) % ny]
-        bend = min(outer + here - 2 * before, other + here - 2 * after)
-        if bend < -BENT * (before + after - 2 * here):
-            widest = max(widest, 2 * 3 ** (-here / across) * (1 - along))
-    return widest
+        a, b = (i + x) % nx, (j + y) % ny
+        before, after = base + sign * pressure[i - x, j - y], base + sign * pressure[a, b]
+        across, width = max(before, after) - here, 0.0
+        if min(before, after) >= here and min(before, after) > 0 and across > 0:
+            outer = base + sign * pressure[i - 2 * x, j - 2 * y]
+            other = base + sign * pressure[(i + 2 * x) % nx, (j + 2 * y) % ny]
+            bend = min(outer + here - 2 * before, other + here - 2 * after)
+            if bend < -BENT * (before + after - 2 * here):
+                width = 2 * 3 ** (-here / across)
+                along = 0.0
+                for side in (-1, 1):
+                    lowest = hardness
+                    for shift in (-1, 0, 1):
+                        a, b = (i + side * y + shift * x) % nx, (j + side * x + shift * y) % ny
+                        lowest = min(lowest, base + sign * pressure[a, b])
+                    along = max(along, lowest - here)
+                widest = max(widest, width * max(1 - along / (STRAIGHT * across), 0.0))
+        area *= width
+    return widest, area
 
 
 @_jit
@@ -322,17 +338,19 @@ def _lone(fields: Fields, i: int, j: int, front: int) -> float:
 
     Front 1: the point is the only elastic one.
     """
-    (nx, ny), hardness, cuts = fields.pressure.shape, fields.hardness, np.zeros(2)
+    (nx, ny), hardness, area = fields.pressure.shape, fields.hardness, 1.0
     here = hardness - fields.pressure[i, j] if front else fields.pressure[i, j]
     for x in range(2):
+        cut = 0.0
         for side in (-1, 1):
             a, b = (i + side * x) % nx, (j + side * (1 - x)) % ny
             v = field(fields.pressure[a, b], fields.gap[a, b], hardness, fields.stiffness[1 - x])
             out = hardness - v if front else v
             if out > 0:
                 return 0.0
-            cuts[x] += here / (here - out)
-    return float(max(LONE - cuts[0] * cuts[1] / 2, 0.0))
+            cut += here / (here - out)
+        area *= cut
+    return float(max(LONE - area / 2, 0.0))
 
 
 @_jit
@@ -352,9 +370,11 @@ def sweep(fields: Fields, table: FloatArray, sums: FloatArray, work: Work) -> No
                 add_cell(fields, (i, j), table, sums, (i > 0, j > 0), work)
                 add_tip(fields, (i, j), sums)
                 for front in range(fronts if here_2 == ELASTIC else 0):
-                    sums[CREASE, front, 0] += _lone(fields, i, j, front)
+                    sums[LACKING, front, 0] += _lone(fields, i, j, front)
             if here_2 == ELASTIC:
                 for front in range(fronts):
                     sums[DIPS, front, 0] += _dip(pressure, i, j, hardness, front)
-                    sums[CREASE, front, 0] += _crease(pressure, i, j, hardness, front)
+                    crease, tip = _crease(pressure, i, j, hardness, front)
+                    sums[CREASE, front, 0] += crease
+                    sums[DIPS, front, 0] += tip**2
             above, here = above_2, here_2

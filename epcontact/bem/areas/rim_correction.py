@@ -84,21 +84,23 @@ class ErrorConstants:
     """What the errors of areas are made of, as standard deviations in cells.
 
     Attributes:
-        place: of a front's place, by chance, in units of what the last term of `front` moves it by.
-        along: the same for fronts that run in one direction, in common, because they meet their
-            cells alike.
-        tip: for each tip, by chance.
+        place: of a front's place, by chance, in units of its doubt (`front`); of this
+            IN_COMMON is in common.
+        gaps: of the areas of gaps hidden at creases, in units of their bounds.
         strip: for each spacing of narrow strips that run in one direction, in common.
     """
 
     place: float
-    along: float
-    tip: float
+    gaps: float
     strip: float
 
 
+#: Share of a front's doubt that is the same all along it.
+IN_COMMON = 0.4
+#: Doubt of the area at a tip, in cells: of one or two of them it is not known how they end.
+TIP_DOUBT = 2.0
 #: Fitted by `epcontact.studies.error_bars`.
-ERRORS = ErrorConstants(3.8, 0.59, 0.87, 0.31)
+ERRORS = ErrorConstants(1.2, 0.28, 0.8)
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: The claimed error in standard deviations.
@@ -209,10 +211,11 @@ def areas_of_sums(
     share: p0/hardness; aspect: dx/dy.
     """
     oblong = OBLONG * math.log(aspect) ** 2
-    located, covariance = _located(sums, oblong), _covariance(sums, oblong, errors)
+    located, unseen = _located(sums, oblong), _unseen(sums, errors.gaps)
+    covariance = _covariance(sums, oblong, errors) + np.diag(unseen)
     if raw.elastic > 0 and raw.plastic > 0:
         points = _areas(raw.total * cells, raw.plastic * cells)
-        located, covariance = _balanced(located, covariance, sums, points, share * cells)
+        located, covariance = _balanced(located, covariance, sums, points, share * cells, unseen)
     return _possible(located / cells, covariance / cells**2, share)
 
 
@@ -268,40 +271,51 @@ def _located(sums: FloatArray, oblong: float) -> FloatArray:
     return np.asarray(whole[grid.AREA] + (-1, 1) * outward + CORNER * whole[grid.TURN])
 
 
-def _unseen(sums: FloatArray) -> FloatArray:
-    """Variances (2,) of what may be hidden between points: zones at edges, dips and creases.
+def _unseen(sums: FloatArray, share: float) -> FloatArray:
+    """Variances (2,) of what may be hidden between points: zones at edges, lone spots, gaps.
 
-    All are bounds, but a zone at an edge may not be there or be twice as wide.
+    All are bounds, but a zone at an edge may not be there or be twice as wide, and of the bounds of
+    gaps at creases a share is one standard deviation.
     """
-    bounds = sums[grid.HIDDEN, ::-1].sum(axis=1) ** 2 + sums[grid.CREASE, :, 0] ** 2
-    return np.asarray((bounds + sums[grid.DIPS, :, 0]) / SURE**2)
+    sure = sums[grid.HIDDEN, ::-1].sum(axis=1) ** 2 + sums[grid.LACKING, :, 0] ** 2
+    sure += sums[grid.DIPS, :, 0]
+    return np.asarray(sure / SURE**2 + (share * sums[grid.CREASE, :, 0]) ** 2)
 
 
 def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> FloatArray:
-    """Covariance (2, 2) of the two areas in square cells.
+    """Covariance (2, 2) of the two areas in square cells, but for what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length.
-    The body is softer than its surface where edges hold a front, because the pressure of points
-    beside them ends AXIS_OFFSET short of the cells' edge, and other fronts move by as much.
+    What a spot lacks because its front is curved is known to a quarter.  The body is softer than
+    its surface where edges hold a front, because the pressure of points beside them ends
+    AXIS_OFFSET short of the cells' edge, and other fronts move by as much.
     """
     length, held, tips = sums[grid.LENGTH], sums[grid.HELD], sums[grid.TIPS]
-    chance = errors.place**2 * sums[grid.DOUBT] + errors.tip**2 * tips + ANYWHERE**2 * held
+    chance = errors.place**2 * (sums[grid.CHANCE] + TIP_DOUBT**2 * tips) + ANYWHERE**2 * held
+    chance += (CORNER / 4) ** 2 * np.abs(sums[grid.TURN])
     common = [
-        np.array([errors.along, errors.strip]) * np.hypot(sums[grid.COS], sums[grid.SIN]),
+        IN_COMMON * errors.place * sums[grid.COMMON],
+        grid.LOCATED * np.hypot(sums[grid.HARMONIC], sums[grid.SINE]),
+        errors.strip * sums[grid.STRIP],
         AXIS_OFFSET * held * (1 - held / np.maximum(length, 1.0)) * (1, 0),
         TWO_EDGES * sums[grid.ALIGNED],
         oblong * sums[grid.OFFSET],
     ]
     alone, together = (chance + np.sum(np.square(common), axis=0)).T
-    return np.asarray(np.diag(alone + _unseen(sums)) + together.mean())
+    return np.asarray(np.diag(alone) + together.mean())
 
 
 def _balanced(
-    areas: FloatArray, covariance: FloatArray, sums: FloatArray, points: Areas, load: float
+    areas: FloatArray,
+    covariance: FloatArray,
+    sums: FloatArray,
+    points: Areas,
+    load: float,
+    unseen: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Total and plastic area and their covariance (2, 2), with the load as one more measurement.
 
-    All in cells; points: as counted; load: by the hardness.
+    All in cells; points: as counted; load: by the hardness; unseen: variances of `_unseen`.
 
     The elastic area carries the share phi of its hardness, load = A_pl + phi (A - A_pl).  The
     counted points have this exactly with a phi of their own, which is as wrong as the counts are.
@@ -317,7 +331,7 @@ def _balanced(
     flowing = ANYWHERE**2 * sums[grid.FLOWING, :, 0] * (free / slopes) ** 2
     covariance = covariance + np.diag(flowing)
     carried = load - COUNTED * (slopes * (1, -1)) @ (length - held)
-    doubt = POINTS * length + (ANYWHERE * sums[grid.HARMONIC, :, 0]) ** 2 + _unseen(sums)
+    doubt = POINTS * length + (ANYWHERE * sums[grid.HARMONIC, :, 0]) ** 2 + unseen
     gain = covariance @ slopes
     gain /= slopes @ gain + slopes**2 @ doubt
     moved = areas + gain * (carried - slopes @ areas)
