@@ -34,7 +34,7 @@ from epcontact.surfaces import Sinusoid
 @pytest.mark.parametrize("dimensions", [1, 2])
 def test_the_budget_tells_the_parts_apart(dimensions: int) -> None:
     said: list[str] = []
-    nodes, highest = (48, 6) if dimensions == 2 else (256, 16)
+    nodes, highest = (48, 6) if dimensions == 2 else (128, 8)
     scene = rough_scene(nodes, highest, dimensions=dimensions)
     budget = error_budget(scene, law="j2", report=said.append)
     # The same discrete body: nothing but rounding and the solvers' tolerances.

@@ -21,13 +21,17 @@ HERTZ = 4 / 3 / (1 - 0.3**2) * 0.05**3
 
 
 def test_elements_without_mean_dilatation_lock() -> None:
-    """Their load under a strip punch overshoots and keeps climbing; B-bar stands on a plateau."""
+    """Their load under a strip punch overshoots and keeps climbing; B-bar stands on a plateau.
+
+    No scene has a limit load under a given pressure, so Prandtl's plateau is the element's gate.
+    """
     locked = strip_punch(4, mean_dilatation=False)
     free = strip_punch(4)
-    assert locked.computed[-1] / locked.exact[-1] > 1.2
+    assert locked.computed[-1] / locked.exact[-1] > 1.3
+    # 1.077 at four elements a half-width, 1.040 at eight: first order.
     assert free.computed[-1] / free.exact[-1] < 1.09
     assert locked.computed[-1] / locked.computed[-2] > 1.02
-    assert free.computed[-1] / free.computed[-2] < 1.002
+    assert free.computed[-1] / free.computed[-2] < 1.001
 
 
 def cold_start(scene, options: NewtonOptions):  # type: ignore[no-untyped-def]

@@ -214,7 +214,7 @@ def test_no_poisson_ratio_locks() -> None:
 def test_moved_nodes_tend_to_the_gap_as_the_slope_vanishes(law: str) -> None:
     """At equal groups the answers differ by an amount of first order in the slope (a little more
     where plastic flow adds its own), and by a measurable one at slope 0.2."""
-    slopes, differences = np.array([0.0125, 0.05, 0.2]), []
+    slopes, differences = np.array([0.0125, 0.2]), []
     for slope in slopes:
         scene = rough_scene(16, 2, slope=float(slope), pressure=0.2)
         gap, moved = (
