@@ -38,10 +38,9 @@ RESIDUAL, AREA = 1e-8, 1e-4
 #: The accuracies to which each grid is solved, by name, as options of `bem.solve`.
 TIGHT, LOOSE = f"residuals {RESIDUAL:g}", f"areas {AREA:g}"
 AIMS = {TIGHT: {"tolerance": RESIDUAL}, LOOSE: {"area_tolerance": AREA}}
-#: Upper limits of FFT pairs on the finest grid and of time in bare pairs, for the capped solve on
-#: GOAL_SIDE points a side.
-GOAL_SIDE = 2048
-GOALS = {"finest_pairs": {TIGHT: 60, LOOSE: 30}, "time": {TIGHT: 120, LOOSE: 60}}
+#: Goals of a capped solve by points a side, in bare pairs; a solve to areas has a share of each.
+GOALS = {128: 300.0, 256: 200.0, 512: 100.0, 1024: 65.0, 2048: 60.0, 4096: 50.0}
+GOAL_SHARES = {TIGHT: 1.0, LOOSE: 0.6}
 BANDWIDTH, FEWEST_POINTS = 256, 4
 #: Number of solves, of which the least time is taken; the most on small grids.
 FEWEST_SOLVES, MOST_SOLVES = 3, 10
@@ -193,13 +192,17 @@ def draw_speed(costs: pd.DataFrame) -> tuple[Chart, ...]:
         f"{listed(sides, '{points_a_side:.0f}² ({points_per_wavelength:g})')}; solved to "
         f"residuals of {RESIDUAL:g} or to areas settled within {AREA:g} (relative)"
     )
+    aimed_at = sides.assign(goal=sides["points_a_side"].map(GOALS)).dropna()
     drawn = []
     for column, (label, meaning) in _CHARTS.items():
         error = column == "area_error"
         table = costs[costs["aim"] == LOOSE] if error else costs
         goals = [
-            sides.assign(law="goal", aim=aim, style="curve", **{column: goal})
-            for aim, goal in GOALS.get(column, {}).items()
+            aimed_at.assign(
+                law="goal", aim=aim, style="curve", **{column: share * aimed_at["goal"]}
+            )
+            for aim, share in GOAL_SHARES.items()
+            if "time" in column and len(aimed_at)
         ]
         plot = Plot(
             ("points_a_side", "grid points a side (–)"),
@@ -210,7 +213,7 @@ def draw_speed(costs: pd.DataFrame) -> tuple[Chart, ...]:
             limits={} if error else {"ylim": (0, None)},
         )
         form = "{law}, {aim}: {" + column + ":.3g} at {points_a_side}²"
-        goal = f" Goals (lines) are for the capped body at {GOAL_SIDE}²." if goals else ""
+        goal = " Goals (lines) are for the capped body." if goals else ""
         caption = f"{meaning}, {scene}. {listed(table, form)}.{goal}"
         drawn.append(draw_table(pd.concat([table, *goals]), plot, caption))
     return tuple(drawn)
