@@ -53,7 +53,7 @@ LOCATED = 0.007
 #: Beside a crease the pressure bends at least by this share of its bend at the crease.
 BENT = 0.2
 #: Along a crease the pressure changes by less than this share of its change across.
-STRAIGHT = 1 / 3
+STRAIGHT = 0.2
 #: A lone point that carries next to nothing is taken for a spot of this area (CORNER).
 LONE = 0.6
 #: A tip has at most this number of neighbours in its own state.

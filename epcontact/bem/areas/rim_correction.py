@@ -97,6 +97,8 @@ class ErrorConstants:
 
 #: Share of a front's doubt that is the same all along it.
 IN_COMMON = 0.4
+#: What fronts have in common ends after so many spacings along each direction.
+REACH = 64
 #: Doubt of the area at a tip, in cells: of one or two of them it is not known how they end.
 TIP_DOUBT = 2.0
 #: Fitted by `epcontact.studies.error_bars`.
@@ -212,7 +214,7 @@ def areas_of_sums(
     """
     oblong = OBLONG * math.log(aspect) ** 2
     located, unseen = _located(sums, oblong), _unseen(sums, errors.gaps)
-    covariance = _covariance(sums, oblong, errors) + np.diag(unseen)
+    covariance = _covariance(sums, oblong, cells, errors) + np.diag(unseen)
     if raw.elastic > 0 and raw.plastic > 0:
         points = _areas(raw.total * cells, raw.plastic * cells)
         located, covariance = _balanced(located, covariance, sums, points, share * cells, unseen)
@@ -282,10 +284,11 @@ def _unseen(sums: FloatArray, share: float) -> FloatArray:
     return np.asarray(sure / SURE**2 + (share * sums[grid.CREASE, :, 0]) ** 2)
 
 
-def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> FloatArray:
+def _covariance(sums: FloatArray, oblong: float, cells: int, errors: ErrorConstants) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for what no point shows.
 
-    Errors by chance grow as the square root of a front's length, errors in common as the length.
+    Errors by chance grow as the square root of a front's length, errors in common as the length;
+    doubts are in common within REACH, as on large grids no front is bent alike all along.
     What a spot lacks because its front is curved is known to a quarter.  The body is softer than
     its surface where edges hold a front, because the pressure of points beside them ends
     AXIS_OFFSET short of the cells' edge, and other fronts move by as much.
@@ -294,7 +297,7 @@ def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> Floa
     chance = errors.place**2 * (sums[grid.CHANCE] + TIP_DOUBT**2 * tips) + ANYWHERE**2 * held
     chance += (CORNER / 4) ** 2 * np.abs(sums[grid.TURN])
     common = [
-        IN_COMMON * errors.place * sums[grid.COMMON],
+        IN_COMMON * errors.place * sums[grid.COMMON] / max(math.sqrt(cells) / REACH, 1.0),
         grid.LOCATED * np.hypot(sums[grid.HARMONIC], sums[grid.SINE]),
         errors.strip * sums[grid.STRIP],
         AXIS_OFFSET * held * (1 - held / np.maximum(length, 1.0)) * (1, 0),
