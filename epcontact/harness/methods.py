@@ -103,6 +103,10 @@ def _analytic(options: Mapping[str, Any]) -> bool:
     return bool(options["spectrum"] == "analytic")
 
 
+def _nothing() -> None:
+    """For a method that has nothing to load.  Unlike a lambda, this can be sent to a worker."""
+
+
 @dataclass(frozen=True)
 class Method:
     """One way to answer a scene.
@@ -146,7 +150,7 @@ class Method:
     pilot: Mapping[str, Any] = field(default_factory=dict, hash=False)
     one_answer: Callable[[Mapping[str, Any]], bool] = _never
     memory: memory.Estimate = memory.of_surface
-    load: Callable[[], None] = lambda: None
+    load: Callable[[], None] = _nothing
     source: str = ""
     requires: str = ""
     modules: tuple[str, ...] = ()
