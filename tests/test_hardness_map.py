@@ -185,7 +185,8 @@ def test_the_map_takes_off_the_grid_and_says_how_much_surfaces_scatter() -> None
     areas = made_up([{}, *CHECKS])
     found = mapped(areas)
     # The error of the grid is of second order: a quarter is left by each halving, not a half.
-    wanted = exact(found["severity"], found["load"])
+    # Shorter steps change all places by 1 %, which is taken off.
+    wanted = 1.01 * exact(found["severity"], found["load"])
     # The change is not quite proportional to the open share of the surface.
     np.testing.assert_allclose(found["inverse_hardness"], wanted, rtol=3e-3)
     assert (found["grid_error"] < 0.01).all()
@@ -193,9 +194,13 @@ def test_the_map_takes_off_the_grid_and_says_how_much_surfaces_scatter() -> None
     np.testing.assert_allclose(found["scatter"], 0.04, rtol=0.05)
     # They shift all places together, so that the formula pools nothing.
     np.testing.assert_allclose(found["statistical_error"], 0.04, rtol=0.05)
-    np.testing.assert_allclose(found["steps_error"], 0.01, rtol=0.1)
+    np.testing.assert_allclose(found["steps_error"], 0.005, rtol=0.1)
     np.testing.assert_allclose(found["depth_error"], 0, atol=1e-12)
-    np.testing.assert_allclose(found["spectrum_error"], 0.05 / math.sqrt(2), rtol=0.1)
+    # One spectrum of two changes it by 5 %; the surfaces scatter by 2 % in both ensembles.
+    by_surfaces = 2 * 0.02**2
+    np.testing.assert_allclose(
+        found["spectrum_error"], 2 * math.sqrt(0.05**2 / 2 - by_surfaces), rtol=0.1
+    )
     # Without the finest grid, its error may be of first order or of none.
     coarser = mapped(areas[areas["nodes"] != 96])
     share = 1 - wanted * found["load"]

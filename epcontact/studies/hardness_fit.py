@@ -8,7 +8,8 @@ linear in it, and because it is zero, not infinite, where the elastic bodies hav
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Hashable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -80,21 +81,23 @@ def changes(usual: pd.DataFrame, other: pd.DataFrame, *, paired: bool = True) ->
 
     Returns:
         One row for each place that both have: PLACE, surfaces (of the fewer), area (of the usual),
-        change, the relative one, and its shifts, as those of `inverse_hardness` (if paired).
+        change, the relative one, and its shifts, like those of `inverse_hardness`.
     """
     keys = [*PLACE, "seed"] if paired else PLACE
     common = usual[keys].drop_duplicates().merge(other[keys].drop_duplicates())
     both = inverse_hardness(usual.merge(common)).merge(
-        inverse_hardness(other.merge(common)), on=PLACE, suffixes=("_usual", "")
+        inverse_hardness(other.merge(common)), on=PLACE, suffixes=("_usual", "_other")
     )
-    ratio = both["inverse"] / both["inverse_usual"]
-    shifts = [
-        {s: row.inverse / row.inverse_usual * (row.shifts[s] / row.inverse
-         - row.shifts_usual[s] / row.inverse_usual) for s in row.shifts.keys() & row.shifts_usual}
-        for row in both.itertuples()
-    ]  # fmt: skip
+    ratio = both["inverse_other"] / both["inverse_usual"]
+    shifts: list[dict[Hashable, float]] = []
+    for row, changed in zip(both.to_dict("records"), ratio, strict=True):
+        found: dict[Hashable, float] = defaultdict(float)
+        for kind, sign in (("usual", -changed), ("other", changed)):
+            for seed, shift in row[f"shifts_{kind}"].items():
+                found[seed if paired else (kind, seed)] += sign * shift / row[f"inverse_{kind}"]
+        shifts.append(dict(found))
     return both[PLACE].assign(
-        surfaces=np.minimum(both["surfaces"], both["surfaces_usual"]),
+        surfaces=both[["surfaces_usual", "surfaces_other"]].min(axis=1),
         area=both["area_usual"],
         change=ratio - 1,
         shifts=shifts,
@@ -105,8 +108,12 @@ def mapped(areas: pd.DataFrame) -> pd.DataFrame:
     """Make the map from the areas of its bodies and of those that differ from them in one thing.
 
     Errors are relative and at 95 %.  The surfaces of a place are few, so that their scatter is
-    pooled over all places of a load.  `off_the_grid` has the grid's part; those of the steps, the
-    depth and the spectrum are the rms of all changes by them.
+    pooled over all places of a load.  `off_the_grid` has the grid's part.  Shorter steps of the
+    path change all places in about the same way, so that their mean change is taken off; the error
+    that is left is how the change differs between places, and half of the mean for steps that are
+    shorter yet, as if it fell with the tolerance.  The parts of the depth and of the spectrum are
+    all changes by them, the latter less what the surfaces' scatter explains, because bodies of
+    another spectrum have other surfaces.
 
     Args:
         areas: as for `inverse_hardness`; the first body is one of the map, and so are all that are
@@ -124,16 +131,24 @@ def mapped(areas: pd.DataFrame) -> pd.DataFrame:
     if (table["surfaces"] == 1).any():
         raise InvalidCase("a place of the map has one surface, but its scatter needs two or more")
     grid, grid_error = off_the_grid(usual, kinds["nodes"], table)
+    compared = {
+        part: pd.concat([changes(usual, other, paired=bool(part)) for other in kinds[part]])
+        for part in ("step_tolerance", "depth", "")
+    }
+    change = {part: table["change"].to_numpy() for part, table in compared.items()}
+    steps = change["step_tolerance"]
+    factor = (1 + grid) * (1 + steps.mean())
     kept = table[[*PLACE, "surfaces", "area"]].assign(
-        inverse_hardness=table["inverse"] * (1 + grid),
+        inverse_hardness=table["inverse"] * factor,
         scatter=2 * _pooled_scatter(table) / np.sqrt(table["surfaces"]),
     )
-    kept["statistical_error"] = _error_of_the_fit(kept, table, 1 + grid)
+    kept["statistical_error"] = _error_of_the_fit(kept, table, factor)
     kept["grid_error"] = grid_error
-    for part, varied in (("steps", "step_tolerance"), ("depth", "depth"), ("spectrum", "")):
-        found = [changes(usual, other, paired=bool(varied)) for other in kinds[varied]]
-        change = pd.concat(found)["change"]
-        kept[f"{part}_error"] = math.sqrt((change**2).mean())
+    kept["steps_error"] = math.hypot(2 * steps.std(), steps.mean() / 2)
+    kept["depth_error"] = 2 * math.sqrt((change["depth"] ** 2).mean())
+    by_surfaces = [sum(shift**2 for shift in shifts.values()) for shifts in compared[""]["shifts"]]
+    missed = float((change[""] ** 2 - by_surfaces).mean())
+    kept["spectrum_error"] = 2 * math.sqrt(max(missed, 0.0))
     return kept.sort_values(["poisson_ratio", "severity", "load"], ignore_index=True)
 
 
