@@ -102,7 +102,7 @@ REACH = 64
 #: Doubt of the area at a tip, in cells: of one or two of them it is not known how they end.
 TIP_DOUBT = 2.0
 #: Fitted by `epcontact.studies.error_bars`.
-ERRORS = ErrorConstants(1.2, 0.28, 0.8)
+ERRORS = ErrorConstants(0.7, 0.32, 1.0)
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: The claimed error in standard deviations.
@@ -164,7 +164,7 @@ def estimate_areas(
         InvalidScene: the shapes do not fit.
 
     Example:
-        >>> pressure, gap = np.array([2.0, 1.0, 0.0, 0.0, 1.0]), np.array([0.0, 0, 1, 1, 0])
+        >>> pressure, gap = np.array([2, 1, 0, 0, 1.0]), np.array([0, 0, 0.2, 0.2, 0])
         >>> raw, corrected, error = estimate_areas(pressure, gap, math.inf, [0.2], 1.0)
         >>> raw.total, corrected.total < raw.total
         (0.6, True)
