@@ -153,8 +153,8 @@ def draw_map(known: pd.DataFrame) -> Chart:
     """Draw the map at one Poisson's ratio, with the formula."""
     nu = float(known["poisson_ratio"].iloc[0])
     known = known[(known["area"] <= FULL) & (known["inverse_hardness"] > 0)]
-    parts = [name for name in known if name.endswith("_error") and name != "statistical_error"]
-    error = np.sqrt(sum(known[part] ** 2 for part in ("scatter", *parts)))
+    parts = ("scatter", "grid_error", "steps_error", "depth_error")
+    error = np.sqrt(sum(known[part] ** 2 for part in parts))
     inverse, name = (
         known["inverse_hardness"],
         known["severity"].map("E* xi / sigma_Y = {:g}".format),
@@ -192,6 +192,8 @@ def draw_map(known: pd.DataFrame) -> Chart:
         ),
         f"The effective hardness of rough J2 metals of Poisson's ratio {nu:g}: the cap, in yield "
         "stresses, under which capped boundary elements carry the load on the J2 body's area. "
-        f"Bars: 95 % intervals. Curves: {formula_text()}. Dotted: 3, Tabor's rule. Places of a "
-        f"contact area above {FULL:g} are left out.",
+        "Bars: 95 % intervals for the spectrum of the map; other spectra change it by "
+        f"{100 * known['spectrum_error'].iloc[0]:.0f} % (95 %). "
+        f"Curves: {formula_text()}. Dotted: 3, Tabor's rule. Places of a contact area above "
+        f"{FULL:g} are left out.",
     )
