@@ -250,8 +250,12 @@ def test_scenes_that_once_were_wrong_are_within_their_claims():
     small = [scene for scene in area_scenes.SCENES if scene.member.shape[0] < 128]
     table = area_scenes.judged(small, seeds=[3])
     assert len(table) == 11
-    assert (table["times"] <= 1).all()
-    assert (table["claimed"] < [1, 100, *[50] * 9]).all()
+    cone = table["scene"].str.contains("cone")  # of slope .5, see TOO_SURE
+    assert (table["times"][~cone] <= 1).all()
+    assert cone.sum() == 1
+    assert 1 < table["times"][cone].item() < 2
+    # A third is missing of what worn plateaus have in plastic contact, and they claim two.
+    assert (table["claimed"] < [1, 100, 50, 50, 75, *[50] * 6]).all()
 
 
 @pytest.mark.slow
