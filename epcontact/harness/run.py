@@ -178,8 +178,7 @@ def _solved(
     if jobs <= 1:
         yield from ((task, solve_task(task, threads, moving)) for task in tasks)
     else:
-        names = {task.method.name for task in tasks}
-        processes = Processes(jobs, get_ready, [name for name in METHODS if name in names])
+        processes = Processes(jobs, get_ready, sorted({task.method.name for task in tasks}))
         yield from spread(partial(solve_task, threads=threads), tasks, processes)
 
 
