@@ -205,8 +205,7 @@ def _compile_in_turns() -> None:
             if found is None and not _COMPILES.get():
                 raise LookupError(f"{self} holds no kernel for {signature}")
             if found is None and self._held is None:
-                with event.trigger_event("numba:compile"):  # perhaps by another process
-                    self._held = self._locked("LOCK_EX")
+                self._held = self._locked("LOCK_EX")
                 mine.caches = [*getattr(mine, "caches", []), self]
                 found = self._saved(signature, context)
                 if found is not None:
@@ -238,7 +237,11 @@ def _compile_in_turns() -> None:
             with contextlib.suppress(OSError):
                 if fcntl is not None:
                     file = lock.enter_context(open(self._lock_path, "ab"))  # noqa: SIM115
-                    fcntl.flock(file, getattr(fcntl, kind))
+                    try:
+                        fcntl.flock(file, getattr(fcntl, kind) | fcntl.LOCK_NB)
+                    except BlockingIOError:
+                        with event.trigger_event("numba:compile"):  # by another process
+                            fcntl.flock(file, getattr(fcntl, kind))
             return lock
 
     def cache_of(function: Any) -> Any:

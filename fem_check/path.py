@@ -25,6 +25,7 @@ from fem_check.contact import States
 from fem_check.increments import Along, Rule, advance
 from fem_check.plasticity import History
 from fem_check.problem import Counts, Problem, State, gap
+from fem_check.vectors import dot
 
 # Elements whose stresses are held at once, to find their energy.
 _ENERGY_BLOCK = 1 << 12
@@ -212,6 +213,6 @@ def _energies(problem: Problem, displacement: FloatArray, history: History) -> d
     flowed = np.flatnonzero(history.rows)
     a = history.accumulated[history.rows[flowed]]
     work = law.yield_stress * a + law.hardening * a**2 / 2
-    spent = float(np.vdot(bricks.weights[bricks.shape_of[flowed]], work))
+    spent = dot(bricks.weights[bricks.shape_of[flowed]], work)
     area = problem.block.node_area * problem.heights.size
     return {"stored_energy": stored / area, "plastic_work": spent / area}

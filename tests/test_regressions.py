@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -375,6 +376,19 @@ def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path) -> None:
         assert sum(int(misses) for _, misses, _, _ in figures) == 2
         assert sum(int(hits) for _, _, hits, _ in figures) == 2
         assert all(seen == "True" for *_, seen in figures)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs locks of files")
+def test_to_wait_for_a_kernel_of_another_process_is_no_cost() -> None:
+    import fcntl
+
+    cache = dispatcher.FunctionCache(bem.level.measure.py_func)
+    with open(cache._lock_path, "ab") as others:
+        fcntl.flock(others, fcntl.LOCK_EX)
+        threading.Timer(0.3, fcntl.flock, (others, fcntl.LOCK_UN)).start()
+        before = machine.compile_seconds()
+        cache._locked("LOCK_SH").close()
+    assert machine.compile_seconds() - before >= 0.2
 
 
 def test_a_numba_of_other_names_keeps_its_own_caches(monkeypatch) -> None:

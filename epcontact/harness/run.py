@@ -35,7 +35,7 @@ class Progress:
         total: number of tasks.
         task: the case, the method and the surface, in words.
         note: "reused", "failed" or empty.
-        seconds_left: the time that the other tasks will take at the pace of those solved so far;
+        seconds_left: the time that the other tasks will take at the pace of those solved last;
             nan before the first one.
     """
 
@@ -136,15 +136,14 @@ def run_tasks(
     """
     outcomes: dict[Task, Outcome] = {}
     reused: set[Task] = set()
-    started = time.monotonic()
+    moments: list[float] = []  # of the start, and of the end of each solve
 
     def finish(task: Task, outcome: Outcome, note: str) -> None:
         outcomes[task] = outcome
         if progress is not None:
             name = f"{task.case.id} {task.method.name} {task.words or task.label}"
-            solved, left = len(outcomes) - len(reused), len(tasks) - len(outcomes)
-            seconds = (time.monotonic() - started) / solved * left if solved else math.nan
-            progress(Progress(len(outcomes), len(tasks), name, note, seconds))
+            left = (len(tasks) - len(outcomes)) * _pace(moments)
+            progress(Progress(len(outcomes), len(tasks), name, note, left))
 
     for task in tasks:
         earlier = None if fresh else kept(task, output)
@@ -154,7 +153,7 @@ def run_tasks(
     waiting = [task for task in tasks if task not in outcomes]
     for folder in {task.case.folder(output) for task in waiting}:
         require_writable(folder)
-    started = time.monotonic()
+    moments.append(time.monotonic())
     move: Callable[[float], None] | None = None
     if moving is not None:
         moving(len(outcomes), len(tasks))
@@ -162,8 +161,24 @@ def run_tasks(
     for task, outcome in _solved(waiting, jobs, executor, move):
         if isinstance(outcome, ContactResult):
             keep(task, output, outcome)
+        moments.append(time.monotonic())
         finish(task, outcome, "failed" if isinstance(outcome, str) else "")
     return Done(outcomes, frozenset(reused))
+
+
+def _pace(moments: Sequence[float]) -> float:
+    """Return the seconds from one solve's end to the next; nan before the first.
+
+    The last half of them counts: the first ones may have compiled kernels.
+
+    Example:
+        >>> _pace([0.0, 60.0, 61.0, 62.0, 63.0])
+        1.0
+    """
+    if len(moments) < 2:
+        return math.nan
+    first = (len(moments) - 2) // 2
+    return (moments[-1] - moments[first]) / (len(moments) - 1 - first)
 
 
 def _solved(

@@ -144,7 +144,9 @@ def serve_copies(descriptor: int) -> None:
     os.environ.update({} if threads is None else {_THREADS: threads})
     gc.freeze()  # the collector would write to the pages that copies share
     while True:
-        request, files, _, _ = socket.recv_fds(channel, _REQUEST.size, 2)
+        request, files = b"", list[int]()
+        with contextlib.suppress(ConnectionResetError):  # the other end was killed
+            request, files, _, _ = socket.recv_fds(channel, _REQUEST.size, 2)
         if not request:
             return
         if not files:
