@@ -217,12 +217,15 @@ def plain(value: Any) -> Any:
     A number that JSON cannot hold becomes one of the strings "inf", "-inf" and "nan", which `float`
     reads back.
 
+    Raises:
+        TypeError: JSON has nothing for a value.
+
     Example:
         >>> plain({"hardness": math.inf, "pressure": np.array([1.0, 2.0])})
         {'hardness': 'inf', 'pressure': [1.0, 2.0]}
     """
-    if type(value) is float:  # first, because most values are such numbers
-        return value if math.isfinite(value) else str(value)
+    if isinstance(value, float):  # first, because most values are such numbers
+        return float(value) if math.isfinite(value) else str(float(value))
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -230,7 +233,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        return [plain(item) for item in value]
+        # Most of a result is lists of finite numbers.
+        finite = set(map(type, value)) == {float} and all(map(math.isfinite, value))
+        return list(value) if finite else [plain(item) for item in value]
+    if not (value is None or isinstance(value, str | int)):
+        raise TypeError(f"{value!r:.60} is nothing that JSON can hold")
     return value
 
 

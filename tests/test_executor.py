@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import pickle
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
@@ -174,6 +176,16 @@ def test_threads_have_processes_that_keep_the_time_limit(write_case, tmp_path) -
     error = gate_error(path, tmp_path, lambda: ThreadPoolExecutor(1))
     assert "time limit of 1e-06 s" in error
     assert solve._IDLE
+
+
+def test_process_that_nobody_ends_is_closed_with_its_parent() -> None:
+    program = (
+        "import math; from epcontact.harness.child import Child; Child().call(math.hypot, 3, 4)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-X", "dev", "-c", program], check=False, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 # --- Dask ----------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ joblib prints tracebacks on Ctrl-C and outlives its parent.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import io
 import json
@@ -68,7 +69,8 @@ class Process(Protocol):
 class Child:
     """A process that calls functions of modules that it can import.
 
-    It starts at the first call, and again at the first call after its end.
+    It starts at the first call, and again at the first call after its end.  It ends with this
+    process, if nobody ends it before.
 
     Args:
         copied: makes the process where it can, see `template`.
@@ -127,6 +129,7 @@ class Child:
         """End the process for good, at once or (now=False) after what it is doing."""
         with self._starting:
             self._ended = True
+        atexit.unregister(self.end)
         if self._process is not None and not now:
             assert self._process.stdin is not None
             with contextlib.suppress(OSError, subprocess.TimeoutExpired):
@@ -140,6 +143,7 @@ class Child:
                 raise ChildDied("was ended")
             if self._process is None or self._process.poll() is not None:
                 self._kill()
+                atexit.register(self.end)
                 self._process = self._copied() or subprocess.Popen(
                     [sys.executable, "-c", _PROGRAM, json.dumps((os.getpid(), sys.path))],
                     stdin=subprocess.PIPE,

@@ -92,7 +92,7 @@ def solve(name: str, source: str, scene: Scene, limit: float = math.inf) -> Cont
 
 @functools.cache
 def _child() -> Child:
-    """Return the process of the foreign solvers; it ends with this one."""
+    """Return the process of the foreign solvers."""
     return Child()
 
 
@@ -156,8 +156,8 @@ def _checked(result: Any, scene: Scene) -> _Plain:
             )
         if values.dtype.kind not in "biuf":
             raise InvalidCase(f"the field {name} of type {values.dtype}, but numbers are needed")
-    data = plain(replace(result, fields={}).to_json())
     try:
+        data = plain(replace(result, fields={}).to_json())
         ContactResult.from_json(data)
         return json.dumps(data, allow_nan=False), fields
     except (KeyError, TypeError, ValueError) as error:

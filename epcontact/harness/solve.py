@@ -10,7 +10,6 @@ worker's cores, and returns the content of every file that the task writes.
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import logging
 import math
@@ -208,7 +207,6 @@ def _called(task: Task, threads: int) -> Outcome:
         child = _IDLE.pop()
     except IndexError:
         child = Child()
-        atexit.register(child.end)
     try:
         return child.call(solve_task, task, threads)
     except ChildDied as error:
