@@ -81,9 +81,10 @@ class MappedHardness:
             for name, symbol in SYMBOLS.items()
         )
         wide = "" if self.error <= 0.02 else "; the interval is wider than 2 %"
+        places = (known["area"] <= FULL).sum()
         return (
-            f"by the formula fitted to {known['load'].size} places of the map {map_digest()}, "
-            f"{reach}, each of {known['surfaces'].min():g} to {known['surfaces'].max():g} "
+            f"by the formula fitted to {places} places of the map {map_digest()}, {reach}, each of "
+            f"{known['surfaces'].min():g} to {known['surfaces'].max():g} "
             "self-affine surfaces, solved by finite elements with perfectly plastic J2 flow" + wide
         )
 

@@ -11,6 +11,7 @@ import math
 from collections import defaultdict
 from collections.abc import Hashable, Mapping, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -171,49 +172,41 @@ def off_the_grid(
 ) -> tuple[FloatArray, FloatArray]:
     """Extrapolate the inverse hardness to a grid of vanishing spacing.
 
-    The change by half the spacing is fitted by (1 - area) (k + l/(1 + severity/8)): it vanishes in
-    full contact, and the second factor is that of the formula.  Each further halving changes the
-    inverse by a share q of the change before, so that q/(1 - q) of the first change is left after
-    it.  A finer grid yet gives q with its error; q is at most 1/2, for an error of first order,
-    and anything up to it where it is not measured.
+    The change by each halving of the spacing is fitted by (1 - area) (k + l/(1 + severity/8)): it
+    vanishes in full contact, and the second factor is that of the formula.  What is left after the
+    last halving is a third of its change if the error is of second order in the spacing, and all
+    of it if it is of first order: the middle is taken, and half of the range is doubted.
 
     Args:
         areas: as for `inverse_hardness`, on the grid of the map.
-        finer: on half the spacing and, if known, on a quarter.
+        finer: on half the spacing, and so on.
         places: their inverse hardness.
 
     Returns:
-        For each place the relative change of the inverse by the extrapolation, and its error.
+        For each place the relative change of the inverse by the extrapolation, and its error: the
+        doubt about the order, and twice the standard error by the surfaces.
     """
-    half, *quarter = sorted(finer, key=lambda other: other["nodes"].iloc[0])
-    known = changes(areas, half)
-    known = known[known["surfaces"] > 1]  # a single one does not say how much it scatters
-    if known.empty:
-        raise InvalidCase("no place of the map has two surfaces on a finer grid; solve two")
-    by_load = dict(zip(places["load"], _pooled_scatter(places), strict=True))
-    weight = np.sqrt(known["surfaces"]) / known["load"].map(by_load)
-    fitted = partial(_fit_at, known, weight.to_numpy(), places)
-    first = fitted(known["change"])
-    shifted = [fitted(known["change"] + shift) - first for shift in _shifts(known)]
-    low, high = 0.0, 0.5
-    for fine in quarter:
-        surfaces = fine[[*PLACE, "seed"]].drop_duplicates()
-        both = changes(areas.merge(surfaces), half.merge(surfaces)).merge(
-            changes(half, fine), on=PLACE
-        )
-        before, after = both["change_x"], both["change_y"]
-        q = float(before @ after / (before @ before))
-        scatter = math.sqrt(((after - q * before) ** 2).sum() / (len(both) - 1))
-        error = 2 * scatter / math.sqrt(before @ before)
-        low, high = np.clip([q - error, q + error], low, high)
-    least, most = low / (1 - low), high / (1 - high)
-    doubt = first * (most - least) / 2
-    whole = (1 + first) * (1 + first * (least + most) / 2) - 1
-    return whole, np.sqrt(doubt**2 + 4 * np.sum(np.square(shifted), axis=0))
+    scatter = dict(zip(places["load"], _pooled_scatter(places), strict=True))
+    grids = [areas, *sorted(finer, key=lambda other: other["nodes"].iloc[0])]
+    whole = np.ones(len(places))
+    moved: dict[Hashable, FloatArray] = defaultdict(lambda: np.zeros(len(places)))
+    for coarse, fine in pairwise(grids):
+        known = changes(coarse, fine)
+        known = known[known["surfaces"] > 1]  # a single one does not say how much it scatters
+        if known.empty:
+            raise InvalidCase("no place of the map has two surfaces on a finer grid; solve two")
+        weight = np.sqrt(known["surfaces"]) / known["load"].map(scatter)
+        fitted = partial(_fit_at, known, weight.to_numpy(), places)
+        change, counted = fitted(known["change"]), 5 / 3 if fine is grids[-1] else 1.0
+        whole *= 1 + counted * change
+        for seed, shift in _shifts(known).items():
+            moved[seed] += counted * fitted(shift)
+    by_surfaces = 4 * np.sum(np.square([*moved.values()]), axis=0)
+    return whole - 1, np.sqrt((change / 3) ** 2 + by_surfaces)
 
 
 def _fit_at(
-    known: pd.DataFrame, weight: FloatArray, places: pd.DataFrame, change: pd.Series
+    known: pd.DataFrame, weight: FloatArray, places: pd.DataFrame, change: pd.Series | FloatArray
 ) -> FloatArray:
     """A change at the places, by the fit of `off_the_grid` to that of known places."""
 
@@ -225,10 +218,10 @@ def _fit_at(
     return np.asarray(columns(places) @ found)
 
 
-def _shifts(table: pd.DataFrame) -> list[FloatArray]:
+def _shifts(table: pd.DataFrame) -> dict[Hashable, FloatArray]:
     """The shifts of a table, one array over its rows for each seed."""
-    seeds = sorted({seed for shifts in table["shifts"] for seed in shifts})
-    return [np.array([shifts.get(seed, 0.0) for shifts in table["shifts"]]) for seed in seeds]
+    seeds = {seed for shifts in table["shifts"] for seed in shifts}
+    return {seed: np.array([each.get(seed, 0.0) for each in table["shifts"]]) for seed in seeds}
 
 
 def _pooled_scatter(table: pd.DataFrame) -> pd.Series:
@@ -250,7 +243,7 @@ def _error_of_the_fit(kept: pd.DataFrame, table: pd.DataFrame, factor: FloatArra
     at = terms(*(columns[name] for name in PLACE))
     ratio = at @ fit(columns)[0]
     moved = []
-    for shift in _shifts(table):
+    for shift in _shifts(table).values():
         inverse = columns["inverse_hardness"] + shift * factor
         moved.append(at @ fit({**columns, "inverse_hardness": inverse})[0] - ratio)
     return np.asarray(2 * np.sqrt(np.sum(np.square(moved), axis=0)) / ratio)
