@@ -28,6 +28,7 @@ from epcontact.studies import (
     peers,
     resolution,
     save_charts,
+    speed,
     theory,
 )
 from epcontact.studies import paper_scene as scenes
@@ -464,6 +465,13 @@ def test_without_any_peer_one_sentence_says_what_to_install(monkeypatch):
         peers.installed()
 
 
+def test_peers_on_several_threads_are_not_compared(monkeypatch):
+    monkeypatch.setattr(peers, "installed", dict)
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    with pytest.raises(StudyUnavailable, match="set OMP_NUM_THREADS=1"):
+        peers.charts("fast", quiet)
+
+
 def test_a_peer_is_timed_only_where_its_areas_agree():
     def same(heights, load, hardness, _):
         scene = scenes.rough_scene(8, 7, 8, scenes.MODULUS * hardness)
@@ -473,9 +481,11 @@ def test_a_peer_is_timed_only_where_its_areas_agree():
         return np.full(heights.shape, load)
 
     found = peers.race(8, 8, "capped", {"ContactMechanics": same, "tamaas": wrong})
-    assert found["agrees"].tolist() == [True, True, False]
+    assert found["agrees"].tolist() == [True, False, True, True]
+    assert (found["seconds"] > 0).all()
     chart = peers.draw_races(found)
-    assert {row["series"] for row in rows_of(chart)} == {"epcontact", "ContactMechanics"}
+    aims = {f"epcontact, {aim}" for aim in speed.AIMS}
+    assert {row["series"] for row in rows_of(chart)} == {*aims, "ContactMechanics"}
     assert "Without agreement: tamaas at 64" in chart.caption
 
 

@@ -37,7 +37,7 @@ from epcontact.studies.tables import Progress, Size, listed
 RESIDUAL, AREA = 1e-8, 1e-4
 #: The accuracies to which each grid is solved, by name, as options of `bem.solve`.
 TIGHT, LOOSE = f"residuals {RESIDUAL:g}", f"areas {AREA:g}"
-AIMS = {TIGHT: {"tolerance": RESIDUAL}, LOOSE: {"area_tolerance": AREA}}
+AIMS: dict[str, dict[str, Any]] = {TIGHT: {"tolerance": RESIDUAL}, LOOSE: {"area_tolerance": AREA}}
 #: Goals of a capped solve by points a side, in bare pairs; a solve to areas has a share of each.
 GOALS = {128: 300.0, 256: 200.0, 512: 100.0, 1024: 65.0, 2048: 60.0, 4096: 50.0}
 GOAL_SHARES = {TIGHT: 1.0, LOOSE: 0.6}
