@@ -127,7 +127,7 @@ def test_a_case_may_take_its_hardness_from_the_map(write_case, tmp_path) -> None
     thin = (given[1] + '\n\n[body]\nkind = "bonded_layer"\ndepth = 1e-4', given[0])[::-1]
     with pytest.raises(InvalidCase, match=r"for deep bodies, .* 0\.0001 m and the period 0\.001 m"):
         load_case(write_case(thin))
-    with pytest.raises(InvalidCase, match="hardness is 'efective', but must be"):
+    with pytest.raises(InvalidCase, match="'efective', but must be a valid number or 'effective'"):
         load_case(write_case((given[0], 'hardness = "efective"')))
 
 

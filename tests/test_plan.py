@@ -348,3 +348,17 @@ def test_seeds_of_more_surfaces_than_the_case_has_are_new():
     chosen = plan(two, 0.05, threads=1)
     assert chosen.seeds[:2] == (5, 9)
     assert chosen.seeds[2:] == tuple(range(10, 10 + chosen.surfaces - 2))
+
+
+def test_a_plan_with_a_cap_says_whether_it_stands_for_the_j2_body(write_case):
+    fewer = ('methods = ["persson", "bem"]', 'methods = ["bem", "fem"]')
+    gate = ('against = "persson"', 'against = 0.1\nsource = "made"')
+    for given, tolerance, said in (
+        ("hardness = 6.0e9", 0.2, ("a cap of 6e+09 Pa, not for J2", "can stand for the J2 body")),
+        ('hardness = "effective"', 0.05, ("cannot stand for the J2 body",)),
+    ):
+        strength = ("hardness = 6.0e9", f"{given}\nyield_stress = 2.0e9")
+        chosen = plan(load_case(write_case(fewer, gate, strength)), tolerance)
+        assert chosen.method == "bem"
+        for reason, words in zip(chosen.reasons, said, strict=False):
+            assert words in reason

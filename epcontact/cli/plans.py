@@ -44,7 +44,7 @@ def plan(case: str, tolerance: str, size: str | None, check: bool, executor: str
     path = casefile.find_case(case)
     loaded = casefile.load_case(path, size or casefile.case_sizes(path)[-1])
     if loaded.skip:
-        raise InvalidCase(f"{path}: {loaded.skip}")
+        raise InvalidCase(f"{path.where}: {loaded.skip}")
     chosen = planning.plan(loaded, _share(tolerance), progress=_tell)
     surfaces = f"{chosen.surfaces} surface{'s' if chosen.surfaces > 1 else ''}"
     grid = " x ".join(map(str, chosen.shape))

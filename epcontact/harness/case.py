@@ -237,6 +237,9 @@ def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:
             check_loading(material, load)
     except EpcontactError as error:
         raise InvalidCase(f"{where}: [{section}] {error}") from None
+    options = _options(where, table)
+    if table.sweep is None or not judged:  # a sweep may give what its case lacks
+        _require_strength(where, options, material)
     absent = isinstance(table.surface, SurfaceAbsent)
     skip = f"skipped: {table.surface}" if absent else _not_installed(table.case.methods)
     return Case(
@@ -251,7 +254,7 @@ def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:
         material=material,
         body=body,
         load=load,
-        options=_options(where, table),
+        options=options,
         gates=gates_of(where, table, size) if judged else (),
         not_judged=not_judged(where, table, size, text.sizes) if judged else (),
         path=text.path,
@@ -293,6 +296,19 @@ def _material(table: CaseFile) -> tuple[Material, str]:
         given["hardness"] = found.value
         source = f"{found}; {found.rests_on}".replace("\n", " ")
     return Material(**given), source
+
+
+def _require_strength(
+    where: str, options: Mapping[str, Mapping[str, Any]], material: Material
+) -> None:
+    """Refuse a law of the finite elements without the stress at which it flows."""
+    law = options.get("fem", {}).get("law")
+    needed = {"j2": "yield_stress", "capped": "hardness"}.get(str(law), "")
+    if needed and not math.isfinite(getattr(material, needed)):
+        raise InvalidCase(
+            f"{where}: fem.law is {law!r}, but [material] {needed} is missing; give it, or another "
+            "law"
+        )
 
 
 def _not_installed(methods: Sequence[str]) -> str:

@@ -227,8 +227,12 @@ def serve(parent: int) -> None:
         except EOFError:
             return
         sys.path[:] = path
-        pickle.dump(_answer(request), answers)
-        answers.flush()
+        answer = _answer(request)
+        try:
+            pickle.dump(answer, answers)
+            answers.flush()
+        except BrokenPipeError:  # the parent was killed
+            return
 
 
 def _answer(request: bytes) -> bytes:

@@ -275,7 +275,7 @@ def mistake(error: ValidationError) -> str:
     # A misspelt key is both unknown and missing; the error of the unknown key says more.
     unknown = ("extra_forbidden", "unexpected_keyword_argument")
     errors = sorted(error.errors(), key=lambda e: e["type"] not in unknown)
-    first, more = errors[0], len(errors) - 1
+    first, more = errors[0], len({_where(e["loc"]) for e in errors}) - 1
     location, kind, given = first["loc"], first["type"], first.get("input")
     where = _where(location)
     if kind in unknown:
@@ -294,13 +294,18 @@ def mistake(error: ValidationError) -> str:
         sentence = f"{where} has the keys {names}, but must be one value, or one each for the sizes"
         sentence += nearest(str(next(iter(given), "")), SIZES)
     else:
-        # Pydantic says "Input should be greater than 0", "List should have at least 1 item".
-        needed = first["msg"].lower().partition(" should ")[2] or "be valid"
-        needed = needed.replace("valid tuple", "valid list").removesuffix(
-            " after validation, not 0"
-        )
-        sentence = f"{where} is {given!r}, but must {needed}"
+        # A key that takes a number or a word has an error for each.
+        needed = " or ".join(_needed(e["msg"]) for e in errors if _where(e["loc"]) == where)
+        sentence = f"{where} is {given!r}, but must {needed.replace(' or be ', ' or ')}"
     return sentence + (f" (and {more} more)" if more else "")
+
+
+def _needed(message: str) -> str:
+    """Return what pydantic asks for: "Input should be greater than 0", "List should have at least
+    1 item after validation, not 0".
+    """
+    needed = message.lower().partition(" should ")[2] or "be valid"
+    return needed.replace("valid tuple", "valid list").removesuffix(" after validation, not 0")
 
 
 def _kinds() -> list[str]:

@@ -165,8 +165,11 @@ def plan(
     if "depth" in METHODS[method].options.model_fields:
         options, reasons = finite_element_options(case, recipes[0], solve, tolerance)
         why += reasons
-        if case.options[method]["law"] == "j2" and isinstance(recipes[0], SelfAffine):
-            why.append(_cap_instead(case, recipes[0].spectrum.rms_slope, tolerance))
+    if case.options.get("fem", {}).get("law") == "j2" and isinstance(recipes[0], SelfAffine):
+        if method != "fem" and not case.hardness_source:
+            cap = case.material.hardness
+            why.append(f"the plan is for the body with a cap of {cap:.3g} Pa, not for J2 flow")
+        why.append(_cap_instead(case, recipes[0].spectrum.rms_slope, tolerance))
     chosen_solve = partial(solve, **options)
     pilots = climb(recipes, chosen_solve, tolerance, parts)
     pilots += sample_surfaces(recipes, chosen_solve)
@@ -220,7 +223,7 @@ def _cap_instead(case: Case, rms_slope: float, tolerance: float) -> str:
             young_modulus=material.young_modulus,
             poisson_ratio=material.poisson_ratio,
             rms_slope=rms_slope,
-            mean_pressure=case.load.final,
+            mean_pressure=max(case.load.path),
         )
     except InvalidScene as error:
         return f"no pressure cap is known to stand for the J2 body: {error}"
