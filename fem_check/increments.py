@@ -101,8 +101,8 @@ def advance(problem: Problem, along: Along, target: float, rule: Rule) -> Along:
             try:
                 solved = _solved(problem, along, step, rule)
                 along, step = _kept(problem, along, solved, step), end
-            except NotConverged:
-                along, step = _once_more_halved(along), (along.at + step) / 2
+            except NotConverged as failure:
+                along, step = _once_more_halved(along, failure), (along.at + step) / 2
     return along
 
 
@@ -132,13 +132,13 @@ def _pair(
         if along.states and middle != 0:
             between = _on_secant(problem, along.states[-1], whole.state, 0.5)
         half = _solved(problem, along, middle, rule, between)
-    except NotConverged:
-        return replace(_once_more_halved(along), pair=shorter), None
+    except NotConverged as failure:
+        return replace(_once_more_halved(along, failure), pair=shorter), None
     before, along = along, _kept(problem, along, half, middle)
     try:
         second = _solved(problem, along, end, rule, whole.state)
-    except NotConverged:
-        return replace(_once_more_halved(along), pair=shorter), None
+    except NotConverged as failure:
+        return replace(_once_more_halved(along, failure), pair=shorter), None
     peak = max(along.peak, float(second.state.forces.sum()))
     moved = float(np.abs(second.state.forces - whole.state.forces).sum())
     error = moved / peak if peak else 0.0
@@ -159,11 +159,11 @@ def _with_error(along: Along, error: float) -> Along:
     return replace(along, step_error=max(along.step_error, error))
 
 
-def _once_more_halved(along: Along) -> Along:
-    """The place with one more halving in its counts; re-raises if there were too many."""
+def _once_more_halved(along: Along, failure: NotConverged) -> Along:
+    """The place with one more halving in its counts; raises the failure if there were too many."""
     counts = along.counts + Counts(halvings=1)
     if counts.halvings > MOST_HALVINGS:
-        raise  # noqa: PLE0704 - called while the exception is handled
+        raise failure
     return replace(along, counts=counts)
 
 

@@ -174,15 +174,13 @@ def crosscheck(
         InvalidScene, NotConverged: as the solvers do.
     """
     _require_checkable(case)
-    given = [n for n, v in (("steps", steps), ("step_tolerance", step_tolerance)) if v is not None]
-    if len(given) == 2:
-        raise InvalidCase("give either steps or step_tolerance: equal increments, or chosen ones")
+    given = path_options(steps, step_tolerance)
     if given and case.options["fem"]["law"] != "j2":
-        raise InvalidCase(f"{case.path}: {given[0]} is for fem.law = 'j2' only")
+        raise InvalidCase(f"{case.path}: {min(given)} is for fem.law = 'j2' only")
     recipes = case.recipes if not seeds else _other_surfaces(case, seeds)
     options = dict(case.options["fem"])
     if given:
-        options |= {"steps": steps, "step_tolerance": step_tolerance}
+        options |= {"steps": None} | given
     lines, checks = [], []
     for recipe in recipes:
         seed = getattr(recipe, "seed", None)
@@ -231,7 +229,8 @@ def _require_checkable(case: Case) -> None:
 
 def _checked(scene: Scene, options: Mapping[str, Any]) -> Checked:
     block = {name: options.get(name) for name in ("depth", "layers")}
-    path = path_options(options.get("steps"), options.get("step_tolerance"))
+    steps = options.get("steps")
+    path = path_options(steps, None if steps else options.get("step_tolerance"))
     budget, j2 = _budget(scene, options["law"], block, path)
     halved = all(n % 2 == 0 and n >= 8 for n in scene.surface.shape)
     if j2 is None:

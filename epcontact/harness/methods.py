@@ -56,6 +56,9 @@ class BemTable(Table):
     tolerance: float = Field(default=1e-8, gt=0, description="on the KKT residuals, dimensionless")
 
 
+EITHER_WAY = "give either steps or step_tolerance: equal increments, or chosen ones"
+
+
 class FemTable(Table):
     """[fem]: the options of the finite elements."""
 
@@ -82,9 +85,7 @@ class FemTable(Table):
     def _one_way_to_choose_increments(self) -> FemTable:
         given = self.model_fields_set & {"steps", "step_tolerance"}
         if len(given) == 2:
-            raise ValueError(
-                "give either steps or step_tolerance: equal increments, or chosen ones"
-            )
+            raise ValueError(EITHER_WAY)
         if "step_tolerance" in given and self.law != "j2":
             raise ValueError(f"step_tolerance is for law 'j2', but law is {self.law!r}")
         if "steps" in given and self.law == "elastic":

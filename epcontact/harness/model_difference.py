@@ -21,6 +21,7 @@ import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.distances import Difference, difference, l2_distance
+from epcontact.harness.methods import EITHER_WAY
 from epcontact.moduli import effective_modulus
 from epcontact.reference.roughness import rms_slope
 from epcontact.results import ContactResult, FloatArray
@@ -156,7 +157,13 @@ def effective_hardness(
 
 
 def path_options(steps: int | None, step_tolerance: float | None) -> dict[str, Any]:
-    """Return the options of `fem_check.solve` that choose the increments; None is its default."""
+    """Return the options of `fem_check.solve` that choose the increments; None is its default.
+
+    Raises:
+        InvalidCase: if both are given.
+    """
+    if steps is not None and step_tolerance is not None:
+        raise InvalidCase(EITHER_WAY)
     given = {"steps": steps, "step_tolerance": step_tolerance}
     return {name: value for name, value in given.items() if value is not None}
 
