@@ -20,6 +20,7 @@ from numba.core import caching, dispatcher, event
 from rich.console import Console
 
 from epcontact import bem, machine
+from epcontact.bem import level
 from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.harness import solve
@@ -382,7 +383,7 @@ def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path) -> None:
 def test_to_wait_for_a_kernel_of_another_process_is_no_cost() -> None:
     import fcntl
 
-    cache = dispatcher.FunctionCache(bem.level.measure.py_func)
+    cache = dispatcher.FunctionCache(level.measure.py_func)
     with open(cache._lock_path, "ab") as others:
         fcntl.flock(others, fcntl.LOCK_EX)
         threading.Timer(0.3, fcntl.flock, (others, fcntl.LOCK_UN)).start()
@@ -392,7 +393,7 @@ def test_to_wait_for_a_kernel_of_another_process_is_no_cost() -> None:
 
 
 def test_a_numba_of_other_names_keeps_its_own_caches(monkeypatch) -> None:
-    kernel = bem.level.measure.py_func
+    kernel = level.measure.py_func
     assert hasattr(dispatcher.FunctionCache(kernel), "let_others")
     monkeypatch.delattr(caching.Cache, "_load_overload")
     assert type(dispatcher.FunctionCache(kernel)) is caching.FunctionCache

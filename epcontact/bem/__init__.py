@@ -11,12 +11,22 @@ in which a scene passes through them:
     areas/      contact areas in the continuum limit (the rim correction), pressure distributions
 """
 
-from epcontact.machine import provide_kernel_cache
+from __future__ import annotations
 
-provide_kernel_cache()  # before the first kernel is defined
+import importlib
+from typing import TYPE_CHECKING, Any
 
-from epcontact.bem.driver import solve  # noqa: E402
-from epcontact.bem.problem import METHODS, GridProblem, Options, PressureSolution  # noqa: E402
-from epcontact.bem.solver import solve_pressure  # noqa: E402
+if TYPE_CHECKING:
+    from epcontact.bem.driver import solve
+    from epcontact.bem.problem import METHODS, GridProblem, Options, PressureSolution
+    from epcontact.bem.solver import solve_pressure
 
 __all__ = ["METHODS", "GridProblem", "Options", "PressureSolution", "solve", "solve_pressure"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name at its first use: `import epcontact.bem` loads no compiler."""
+    if name not in __all__:
+        raise AttributeError(f"module 'epcontact.bem' has no attribute {name!r}")
+    homes = {"solve": "driver", "solve_pressure": "solver"}
+    return getattr(importlib.import_module(f"epcontact.bem.{homes.get(name, 'problem')}"), name)

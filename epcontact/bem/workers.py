@@ -18,6 +18,10 @@ from typing import Any, TypeVar
 import numba
 from numpy.typing import NDArray
 
+from epcontact.machine import provide_kernel_cache
+
+provide_kernel_cache()  # before the first kernel is defined
+
 T = TypeVar("T")
 
 #: Compiles a pass.  Its sums may be reordered so that they vectorise; infinities (an infinite

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from epcontact.bem.memory import bytes_per_point
 from epcontact.moduli import effective_modulus
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.surfaces import Recipe, SelfAffine
@@ -54,8 +55,6 @@ def of_grid(
     recipe: Recipe, material: Material, body: Body, load: Load, options: Mapping[str, Any]
 ) -> float:
     """Estimate the bytes of the boundary elements, heights included."""
-    from epcontact.bem.memory import bytes_per_point  # most commands load no solver
-
     del body, options
     slope = recipe.spectrum.rms_slope if isinstance(recipe, SelfAffine) else 0.0
     pressure = load.final or max(load.path)

@@ -23,6 +23,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 import fem_check
+from epcontact import bem
 from epcontact.errors import InvalidCase, nearest
 from epcontact.harness import foreign, memory
 from epcontact.machine import compile_seconds, provide_kernel_cache
@@ -169,8 +170,8 @@ class Method:
         return f"{self.requires} is not installed; pip install 'epcontact[peers]' brings it"
 
 
-# The solvers are imported by the functions that call them: their compiled kernels take a second
-# to load, and most commands solve nothing.
+# Solvers are loaded when they are called: their compiled kernels take a second to load, and most
+# commands solve nothing.
 
 
 def _persson(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
@@ -181,8 +182,6 @@ def _persson(scene: Scene, options: Mapping[str, Any], threads: int | None) -> C
 
 
 def _bem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
-    from epcontact import bem
-
     return bem.solve(scene, threads=threads, **options)
 
 

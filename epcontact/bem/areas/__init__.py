@@ -5,3 +5,7 @@ grid, line      the fronts of a contact, located on a grid or on a line
 front           where a front crosses between two neighbouring points
 distribution    the distribution of the pressures and its two ends
 """
+
+from epcontact.machine import provide_kernel_cache
+
+provide_kernel_cache()  # before the first kernel is defined
