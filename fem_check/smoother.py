@@ -237,7 +237,8 @@ def _assemble(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one s
     for first, stop in strips:
         for e in which[first:stop]:
             s = bricks.shape_of[e]
-            K[:] = elastic[s]
+            for n in range(K.size):  # the compiler takes seconds for K[:] = elastic[s]
+                K[n] = elastic[s, n]
             if number[e] >= 0:
                 gradients, weights = bricks.gradients[s], bricks.weights[s]
                 _element(K, deviatoric[s], gradients, weights, terms[number[e]], scale)

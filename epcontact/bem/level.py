@@ -40,7 +40,11 @@ class Level:
     """
 
     def __init__(self, problem: GridProblem, gap_scale: float, workers: Workers) -> None:
-        self.heights, self.cap, self.gap_scale = problem.heights, problem.cap, gap_scale
+        self.heights = problem.heights.view()
+        self.heights.flags.writeable = (
+            False  # those of a scene are, and kernels know the difference
+        )
+        self.cap, self.gap_scale = problem.cap, gap_scale
         self.workers = workers
         self.convolution = Convolution(problem.symbol, problem.mean_pressure, workers)
         self.step = GRADIENT_STEP / (problem.mean_pressure * problem.symbol.shortest())

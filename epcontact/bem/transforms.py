@@ -139,7 +139,8 @@ class Symbol:
     def coarsened(self, shape: tuple[int, int]) -> Symbol:
         """The symbol of the same body on a coarser grid of the same periods."""
         i = np.fft.fftfreq(shape[0], 1 / shape[0]).astype(int)
-        return Symbol(self.values[:, : shape[1] // 2 + 1], self.rows[i], shape)
+        values = np.ascontiguousarray(self.values[:, : shape[1] // 2 + 1])
+        return Symbol(values, self.rows[i], shape)
 
     def shortest(self) -> float:
         """The compliance of the shortest wave along an axis, the larger of the two, in m/Pa."""
