@@ -57,7 +57,7 @@ def made(contact, workers, body=None):
     convolution = Convolution(symbol_of(contact.shape, body), 1e9, workers)
     points = points_of(contact, convolution)
     found = cell_body(convolution.symbol)
-    masked = MaskedGrid(contact.shape, workers)
+    masked = MaskedGrid(points, np.empty(contact.shape), workers)
     return convolution, points, CellPreconditioner(found, Cells(convolution, points), masked)
 
 

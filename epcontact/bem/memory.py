@@ -21,12 +21,12 @@ def estimated_memory(
 ) -> int:
     """Estimate the bytes that a solve needs beside the heights, from the arrays that it keeps.
 
-    Every point takes about 36 bytes: pressure, displacement and modes (8 each), the compliance (2),
-    the sets (1), and the cheap operator and the preconditioner (6); afterwards the gap and the
+    Every point takes about 34 bytes: pressure, displacement and modes (8 each), the compliance (2),
+    the sets (1), the cheap operator (2), and what coarser grids leave; afterwards the gap and the
     plastic displacement (8 each) are in the place of the latter and the modes.  An elastic point
-    takes 80 more, those of a dense contact's transforms in single precision among them.  Twelve
-    scenes of 1024 to 2048 points a side, elastic and capped, from 1 % of contact to full contact,
-    took from 3 % less to 19 % more than this.
+    takes 64 more, those of a dense contact's transforms in single precision among them.  Thirteen
+    scenes of 1280 to 2048 points a side, elastic and capped, from 1 % of contact to full contact,
+    took from 9 % less to 9 % more than this.
 
     Args:
         heights: (nx, ny) or (nx,), in m.
@@ -38,7 +38,7 @@ def estimated_memory(
     Example:
         >>> flat = np.zeros((8, 8))  # all elastic
         >>> estimated_memory(flat, (1.0, 1.0), 1.0, math.inf, effective_modulus=1.0)
-        7424
+        6272
     """
     slope = 0.0
     for axis, step in enumerate(spacing):
@@ -63,17 +63,17 @@ def bytes_per_point(pressure: float, hardness: float, stiffness: float) -> float
 
     Example:
         >>> bytes_per_point(0.0, math.inf, 1.0), bytes_per_point(1.0, math.inf, 0.0)
-        (36.0, 116.0)
+        (34.0, 98.0)
     """
     if not stiffness > 0:
-        return 116.0
+        return 98.0
     lightest = min(pressure, hardness - pressure)  # gaps and plastic points change places
     share = math.erf(math.sqrt(math.pi) * lightest / stiffness)
     if math.isfinite(hardness):
         decay = math.exp(-math.pi / 4 * (stiffness / hardness) ** 2)
         capped = 4 / math.pi * math.sin(math.pi * lightest / hardness) * decay
         share = min(share, max(capped, share / 10))
-    return 36 + 80 * share
+    return 34 + 64 * share
 
 
 def require_memory(needed: int, shape: tuple[int, ...]) -> None:

@@ -28,6 +28,7 @@ from epcontact.bem.bounds import put
 from epcontact.bem.descent import Step, best_share, cut_back, gradient_steps
 from epcontact.bem.inner.cells import Cells
 from epcontact.bem.inner.cg import InnerOperators, conjugate_gradients
+from epcontact.bem.inner.split import MaskedGrid
 from epcontact.bem.level import Iterate, Level, StateArray, first_iterate, measured, states
 from epcontact.bem.problem import Options
 from epcontact.bem.transforms import Points, index_type
@@ -196,12 +197,14 @@ def _newton_step(
     step = Step(points, pressure, -r, energy)
     r -= r.mean()
     x = np.zeros(r.size)
-    operator = inner.choose(sets.changed, r.size, it.history[-1])
+    # The displacement is not needed until the step has been found, so its memory is.
+    masked = MaskedGrid(points, it.u, level.workers)
+    operator = inner.choose(sets.changed, masked, it.history[-1])
     exact = operator is level.convolution
     reduction = _LAST_REDUCTION if exact and not sets.changed else _REDUCTION
     floor = 0.3 * tolerance * level.gap_scale
     cells = Cells(level.convolution, points)
-    precondition = inner.preconditioner(cells)
+    precondition = inner.preconditioner(cells, masked)
     it.cg += conjugate_gradients(operator, precondition, points, r, x, reduction, floor)
     put(level, it.p, points, cells, pressure, x)
     level.convolution.apply(it.p, it.u)

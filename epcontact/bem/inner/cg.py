@@ -39,7 +39,6 @@ class InnerOperators:
     def __init__(self, convolution: Convolution) -> None:
         self._convolution = convolution
         self._points = convolution.shape[0] * convolution.shape[1]
-        self._masked = MaskedGrid(convolution.shape, convolution.workers)
         body = convolution.symbol.once(cell_body)
         self._body = None if body is None else body.scaled(convolution.scale)
         self._split: SplitOperator | None = None
@@ -53,8 +52,8 @@ class InnerOperators:
         single = 0.0 if self._single is None else self._single.pairs / 2
         return single if self._split is None else single + self._split.pairs
 
-    def choose(self, changed: int, elastic: int, residual: float) -> Operator:
-        """A cheap operator or the exact one for the next step.
+    def choose(self, changed: int, masked: MaskedGrid, residual: float) -> Operator:
+        """A cheap operator or the exact one for the next step, on the points of a masked grid.
 
         A cheap one is used while the sets change or the residual falls: the split one if the
         elastic points are few, because the cost of its stencil is proportional to their number,
@@ -63,6 +62,7 @@ class InnerOperators:
         if not changed and residual > 0.5 * self._last_residual:
             self._half = None
         self._last_residual, c = residual, self._convolution
+        elastic = masked.points.index.size
         if self._half is None or elastic == self._points:
             return self._convolution
         if elastic > _FEW * self._points:
@@ -70,13 +70,14 @@ class InnerOperators:
                 self._single = single_precision(c.symbol, c.scale, c.workers)
             return self._single
         if self._split is None:
-            self._split = SplitOperator(self._convolution, self._masked, self._half)
+            self._split = SplitOperator(self._convolution, self._half)
+        self._split.masked = masked
         return self._split
 
-    def preconditioner(self, cells: Cells) -> Preconditioner:
+    def preconditioner(self, cells: Cells, masked: MaskedGrid) -> Preconditioner:
         """The preconditioner by cells, or the inverse compliance (exact in full contact)."""
         if self._body is not None and cells.points.index.size < self._points:
-            return CellPreconditioner(self._body, cells, self._masked).apply
+            return CellPreconditioner(self._body, cells, masked).apply
 
         def inverse(r: FloatArray, y: FloatArray, _: FloatArray) -> tuple[float, float]:
             return self._convolution.apply_on(cells.points, r, y, r, inverse=True)

@@ -111,7 +111,7 @@ class CellPreconditioner:
         mean = cells.sums(sum_cells, 1, r_)[0] * self._per_point
         forces = self._solve(mean)
         cells.workers.each(subtract, cells.numbers, r_, cells.split(mean), rest)
-        self._masked.put(points, scratch)
+        self._masked.put(scratch)
         masked, ny = self._masked.array.reshape(-1), self._masked.columns
         within = cells.sums(gather_stencil, 1, masked, ny, self._body.taps, index, y_)[0]
         shift = cells.split((forces - within) * self._per_point)

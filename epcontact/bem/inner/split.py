@@ -128,44 +128,54 @@ def cubic_weights(t: FloatArray) -> FloatArray:
 
 
 class MaskedGrid:
-    """A grid in single precision that is 0 except at listed points.
+    """A grid in single precision that is 0 except at listed points, the same ones for ever.
 
     Attributes:
+        points: the points.
         columns: ny.
         array: (nx, HALO_LEFT + ny + HALO_RIGHT), the columns at its sides repeated.
+
+    Args:
+        points: the points.
+        field: (nx, ny) in double precision; the grid is in its memory, unless it is too narrow.
+        workers: threads to use.
     """
 
-    def __init__(self, shape: tuple[int, int], workers: Workers) -> None:
-        self.columns = shape[1]
-        self.array = np.zeros((shape[0], HALO_LEFT + shape[1] + HALO_RIGHT), dtype=np.float32)
-        self._workers = workers
-        self._points: Points | None = None
+    def __init__(self, points: Points, field: FloatArray, workers: Workers) -> None:
+        nx, self.columns = field.shape
+        shape = nx, HALO_LEFT + self.columns + HALO_RIGHT
+        memory = field.reshape(-1).view(np.float32)
+        if memory.size < math.prod(shape):
+            memory = np.empty(math.prod(shape), dtype=np.float32)
+        self.array = memory[: math.prod(shape)].reshape(shape)
+        self.array.fill(0)
+        self.points, self._workers = points, workers
 
-    def put(self, points: Points, values: FloatArray) -> None:
-        """Set the values at the points, and 0 elsewhere."""
-        if self._points is not points:
-            if self._points is not None:
-                self._write(self._points, np.zeros(self._points.index.size))
-            self._points = points
-        self._write(points, values)
-
-    def _write(self, points: Points, values: FloatArray) -> None:
-        self._workers.each(put_single, self.array, *points.split(points.index, values))
+    def put(self, values: FloatArray) -> None:
+        """Set the values at the points."""
+        at = self.points
+        self._workers.each(put_single, self.array, *at.split(at.index, values))
 
 
 class SplitOperator:
     """The approximate compliance of a grid on listed points.
 
     The counterpart of `Convolution.apply_on`, with the same units.
+
+    Attributes:
+        masked: of the points to which it is applied; to be set before.
     """
 
-    def __init__(self, convolution: Convolution, masked: MaskedGrid, half: tuple[int, int]) -> None:
-        self.workers, self._masked = convolution.workers, masked
+    masked: MaskedGrid
+
+    def __init__(self, convolution: Convolution, half: tuple[int, int]) -> None:
+        self.workers = convolution.workers
         taps, coarse, self._rows, self._columns = convolution.symbol.once(_parts, half)
         self._taps = (taps * convolution.scale).astype(np.float32)
         self._coarse = single_precision(coarse, convolution.scale, self.workers)
         self._half = np.empty(half, dtype=np.float32)
-        self._parts = ranges(half[0], max(1, convolution.row_step * half[0] // len(masked.array)))
+        step = max(1, convolution.row_step * half[0] // convolution.shape[0])
+        self._parts = ranges(half[0], step)
 
     @property
     def pairs(self) -> float:
@@ -181,8 +191,8 @@ class SplitOperator:
 
         out: the result at the points, overwritten.  Returns sum(out) and sum(out other).
         """
-        masked, half, rows, columns = self._masked.array, self._half, self._rows, self._columns
-        self._masked.put(points, values)
+        masked, half, rows, columns = self.masked.array, self._half, self._rows, self._columns
+        self.masked.put(values)
         coarse_rows = (split(a, self._parts) for a in (half, rows.first_fine, rows.fine_weights))
         self.workers.each(restrict, masked, *coarse_rows, columns.first_fine, columns.fine_weights)
         self._coarse.apply(half, half)
