@@ -105,18 +105,13 @@ def test_plastic_rim_of_a_punch_that_no_point_shows():
     assert abs(exact.plastic - corrected.plastic) <= error.plastic < 2 * exact.plastic
 
 
-TOO_SURE = "the error is 1.54 times the claim; constants of twice the fitted doubt would hold it"
-
-
-@pytest.mark.parametrize(
-    "slope", [0.1, pytest.param(0.5, marks=pytest.mark.xfail(strict=True, reason=TOO_SURE))]
-)
-def test_truncated_cone(slope):
-    """The contact ends a fraction of a cell beyond the kink of a steep flank."""
+@pytest.mark.parametrize(("slope", "off"), [(0.1, 0.001), (0.5, 0.004), (1.0, 0.01)])
+def test_truncated_cone(slope, off):
+    """The contact ends at or a fraction of a cell beyond the kink of a steep flank."""
     exact = solved(cone(384, slope), 0.03)[1]
     answers = solved(cone(48, slope), 0.03)
     assert misses(answers, exact)["total"] < 1
-    assert abs(answers[1].total / exact.total - 1) < 0.004
+    assert abs(answers[1].total / exact.total - 1) < off
     assert answers[2].total < 0.03 * exact.total
 
 
@@ -201,32 +196,55 @@ def test_what_holds_a_front():
     rim = np.array([2.6, 2.0, 1.0, -0.5, -2.0, -4.0])
     step = np.array([0.7, 1.0, 2.0, -50.0, -50.0, -50.0])
     kink = np.array([1.0, 1.1, 1.5, -3.0, -6.0, -9.0])
-    place, held, hidden, doubt = front.crossing(rim, math.inf, 0)
+    place, *others, doubt, kinked = front.crossing(rim, math.inf, 0)
     assert 0.5 < place < 1
-    assert (held, hidden) == (0, 0)
+    assert (*others, kinked) == (0, 0, 0)
     assert 0 < abs(doubt) < 0.02
+    assert front.crossing(step.copy(), math.inf, 0) == (0.5, 1, 0, 0, 0)
     for edge, hidden in ((step, (math.pi / 8) ** 2), (kink, 3 ** (-2.5 / 0.4))):
-        assert front.crossing(edge.copy(), math.inf, 0) == (0.5, 1, 0, 0)
-        assert front.crossing(edge.copy(), 4.0, 0) == pytest.approx((0.5, 1, hidden, 0))
+        found = front.crossing(edge.copy(), 4.0, 0)
+        assert found[2] == pytest.approx(hidden)
         # Turned about, it is the same front; and so is the plastic one of the partner.
-        assert front.crossing(edge[::-1].copy(), math.inf, 0)[:2] == (0.5, 1)
-        assert front.crossing(4.0 - edge, 4.0, 1) == pytest.approx((0.5, 1, hidden, 0))
+        turned = front.crossing(edge[::-1].copy(), 4.0, 0)
+        assert turned == pytest.approx((1 - found[0], *found[1:]))
+        assert front.crossing(4.0 - edge, 4.0, 1) == pytest.approx(found)
+    # At a kink, gaps in the ratio 3:6:9 close a spacing before the first; gaps of 1:4:9, which open
+    # as the square of the distance, as well; with 3:7:11 it is 3/4, where the front is.
+    for gaps, away in (([3, 6, 9], 1), ([1, 4, 9], 1), ([3, 7, 11], 3 / 4)):
+        kink[3:] = [-gap for gap in gaps]
+        place, held, _, _, kinked = front.crossing(kink.copy(), math.inf, 0)
+        assert (held, kinked) == ((1, 0) if away == 1 else (0, 1))
+        expected = 1 - away - front.KINK * 1.5 / (1.5 + gaps[0]) + front.AXIS_OFFSET
+        assert place == (0.5 if held else pytest.approx(expected))
     # Of a cap on a step the pressure falls towards the step, but not as the gap jumps.
     cap = np.array([0.303, 0.234, 0.054, -2.306, -2.178, -2.2])
-    assert front.crossing(cap.copy(), math.inf, 0) == (0.5, 1, 0, 0)
+    assert front.crossing(cap.copy(), math.inf, 0) == (0.5, 1, 0, 0, 0)
     assert front.crossing(np.r_[-1.0, cap[1:]], math.inf, 0)[1] == 0  # two points may be a crest
     # A front that falls on a point is in doubt as others are.
     for point in (1e-9, 0.02):
         crest = np.array([-2.0, -1.0, point, -1.0, -2.0, -2.5])
         assert abs(front.crossing(crest, math.inf, 0)[3]) > 0.05
-    # A rim far behind the kink is resolved, and pressure that does not rise ever faster is smooth.
-    place, held, hidden, _ = front.crossing(np.array([1.0, 1.1, 1.5, -0.2, -1.0, -3.0]), 2.0, 0)
-    assert (place > 0.5, held, hidden > 0) == (True, 0, True)
-    place, held, hidden, _ = front.crossing(np.array([0.2, 1.0, 1.5, -3.0, -6.0, -9.0]), 2.0, 0)
-    assert (held, hidden) == (0, 0)
+    # Pressure that does not rise ever faster is smooth.
+    smooth = np.array([0.2, 1.0, 1.5, -3.0, -6.0, -9.0])
+    assert front.crossing(smooth, 2.0, 0)[1:3] == (0, 0)
     # Plastic points beside apart ones: at a step the gap jumps, on a steep flank it does not.
     assert front.crossing(np.array([1.3, 1.2, 1.1, -9.0, -9.0, -9.0]), 1.0, 0)[:2] == (0.5, 1)
     assert front.crossing(np.array([9.0, 6.0, 3.0, -1.0, -4.0, -7.0]), 1.0, 0)[1:3] == (0, 0)
+
+
+@pytest.mark.parametrize("slope", [1.0, 2.0, 8.0])
+def test_fronts_at_kinks_of_a_line(slope):
+    """A wedge with a flat top: fronts half a spacing beyond the kink, closer, and at it."""
+
+    def flanks(n, shift):
+        away = abs((np.arange(n) + shift) / n - 0.5) - 0.2
+        return solved(-slope * np.maximum(away, 0), 0.05)
+
+    exact = flanks(96 * 32, 0.0)[1].total
+    assert 0 < 96 * (exact - 0.4) / 2 < 0.6
+    for shift in (0.1, 0.3, 0.5):
+        _, corrected, error = flanks(96, shift)
+        assert abs(corrected.total - exact) <= error.total < 0.6 / 96
 
 
 def test_the_ensemble_finds_claims_that_hold_and_claims_that_do_not():
@@ -250,12 +268,8 @@ def test_scenes_that_once_were_wrong_are_within_their_claims():
     small = [scene for scene in area_scenes.SCENES if scene.member.shape[0] < 128]
     table = area_scenes.judged(small, seeds=[3])
     assert len(table) == 11
-    cone = table["scene"].str.contains("cone")  # of slope .5, see TOO_SURE
-    assert (table["times"][~cone] <= 1).all()
-    assert cone.sum() == 1
-    assert 1 < table["times"][cone].item() < 2
-    # A third is missing of what worn plateaus have in plastic contact, and they claim two.
-    assert (table["claimed"] < [1, 100, 50, 50, 75, *[50] * 6]).all()
+    assert (table["times"] <= 1).all()
+    assert (table["claimed"] < [1, 100, 50, 50, *[50] * 7]).all()
 
 
 @pytest.mark.slow

@@ -32,7 +32,7 @@ from epcontact.results import Areas, FloatArray
 from epcontact.studies.areas import FINER, Maker, Patch, member
 
 #: The share of errors that are to lie within their claim.
-COVERED = 0.95
+COVERED = 0.92
 #: Errors and claims below this number of cells count as this number.
 _CELLS = 0.02
 
@@ -184,7 +184,7 @@ def fitted(known: Sequence[Lesson], start: ErrorConstants = ERRORS) -> ErrorCons
 
     at = np.log(astuple(start))
     for _ in range(2):  # a second simplex leaves where the first one has collapsed
-        simplex = np.vstack([at, at + np.diag([0.7, -0.7, 0.7])])
+        simplex = np.vstack([at, at + np.diag([0.7, -0.7, 0.7, -0.7, 0.7])])
         at = minimize(
             cost,
             at,

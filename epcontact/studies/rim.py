@@ -32,7 +32,7 @@ import numpy as np
 
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS, kind
+from epcontact.bem.areas.front import AXIS_OFFSET, KINK, STIFFNESS, crossing, kind
 from epcontact.bem.areas.rim_correction import (
     CORNER,
     COUNTED,
@@ -301,6 +301,31 @@ def calibrate_oblong(aspect: float = 2.0, points: int = 30, shifts: int = 24) ->
     return lacking / offset / math.log(aspect) ** 2
 
 
+def calibrate_kink(points: int = 96, finer: int = 32) -> tuple[float, float]:
+    """(KINK, standard deviation in dx of the places with it), where a flat top ends at a kink.
+
+    Its flanks have slopes from .3 to 30 and are straight or bent either way, and the loads differ
+    by a factor of 100.  A line that is `finer` times as fine has the exact places.
+    """
+    rng, shares, surplus = np.random.default_rng(7), [], []
+    for slope in np.geomspace(0.3, 30, 24):
+        for bend, load in ((0, 5e-4), (0, 5e-3), (0, 0.05), (20, 5e-3), (20, 0.05), (-2, 0.05)):
+            centre, half = rng.uniform(size=2) * (1, 0.15) + (0, 0.15)
+            places = []
+            for n in (points * finer, points):
+                away = np.maximum(abs((np.arange(n) / n - centre + 0.5) % 1 - 0.5) - half, 0)
+                p, g = solved(-slope * (away + bend * away**2), half_space((n,), 1.0), load)
+                last = next(i for i in range(round(centre * n), 2 * n) if p[(i + 1) % n] <= 0)
+                v = [p[k % n] - STIFFNESS * n * g[k % n] for k in range(last - 2, last + 4)]
+                place, held, _, doubt, kinked = crossing(np.array(v), math.inf, 0)
+                places.append((last + place - (0 if held else AXIS_OFFSET)) / n)
+            if kinked and v[2] > v[1]:  # the coarse line's; not where a kink is behind the front
+                shares.append(doubt / KINK)
+                surplus.append((places[1] - places[0]) * points + doubt)
+    pull = np.dot(surplus, shares) / np.dot(shares, shares)
+    return float(pull), float(np.std(surplus - pull * np.array(shares)))
+
+
 def main() -> None:
     """Print the constants and tables of `bem.areas.rim_correction` and `bem.areas.line`."""
     print("offset of a counted front along an axis", round(front_offset(0.0), 5))
@@ -317,6 +342,7 @@ def main() -> None:
     print("oblong", round(calibrate_oblong(), 3), "in use", OBLONG)
     tip = calibrate_straight_tip(all_directions(), float(OFFSETS[-1]), HARMONIC)
     print("tip", round(tip, 3))
+    print("kink", "{:.3f} (places +- {:.3f})".format(*calibrate_kink()), "in use", KINK)
     print("lone point", round(calibrate_straight_tip(along_axis(), AXIS_OFFSET, 0.0), 3))
 
 

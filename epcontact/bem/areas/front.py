@@ -28,13 +28,20 @@ AXIS_OFFSET = 0.190009285925947
 #: STIFFNESS is c in E*/dx, and MIX is b.
 STIFFNESS = math.pi / (2 * math.e)
 MIX = 0.5894898722360835  # Si(pi)/pi
+#: The coefficient after b: q(-2) = p_2 + b p_1 + MIX_2 p_0, with Si(2 pi)/(2 pi) + b^2/2.
+MIX_2 = 0.3994549881295272
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
 #: The most of x (1 - x) (1 + x) between 0 and 1.
 CUBIC = 2 / math.sqrt(27)
+#: The most of (x + 1) x (1 - x) (2 - x) there, by its value at -2.
+QUARTIC = 9 / 16 / 24
 #: A gap that changes between two points by more than this multiple of its changes beside them has
 #: a step there.
 STEP = 3.0
+#: At a kink, what the place where the gap closes is too far out, and its doubt, in spacings times
+#: the share of the pressure in the change of v (`epcontact.studies.rim.calibrate_kink`).
+KINK = 0.14
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
@@ -114,22 +121,40 @@ def _hidden(p: float, before: float, hardness: float, step: bool) -> float:
 
 
 @_jit
-def crossing(v: FloatArray, hardness: float, front: int) -> tuple[float, float, float, float]:
+def _closing(near: float, middle: float, far: float) -> float:
+    """How far before the first of three neighbouring points the parabola of their gaps is 0.
+
+    The distance is at most 1: there the gaps do not close within the spacing.
+    """
+    bend = (far - 2 * middle + near) / 2
+    slope = middle - near - bend
+    if slope <= 0:
+        return 1.0
+    square = max(slope * slope - 4 * bend * near, 0.0)
+    return float(min(2 * near / (slope + math.sqrt(square)), 1.0))
+
+
+@_jit
+def crossing(
+    v: FloatArray, hardness: float, front: int
+) -> tuple[float, float, float, float, float]:
     """The place, 0 to 1, between the middle two of six points where v crosses 0 or the hardness.
 
     v: (6,) values of `field`, which are overwritten.  front: 0, or 1 for the hardness.
 
     Returns:
-        (place, held, hidden, doubt): if an edge of the surface holds the front, any place in the
-        link is equally likely, and place is 1/2 and held is 1, else held is 0.  hidden is the
+        (place, held, hidden, doubt, kinked): if a step of the surface holds the front, any place in
+        the link is equally likely, and place is 1/2 and held is 1, else held is 0.  hidden is the
         width of the zone next to an edge in which the singular pressure exceeds the hardness, but
         which no point shows.  doubt is by how much the front may be elsewhere, outwards if
-        positive, as the last term of the polynomial says.
+        positive, as the last term of the polynomial says.  kinked is 1 where the surface has a kink
+        at the front or close behind it.
 
     At a resolved rim the pressure vanishes as sqrt(distance).  At a step of the surface the gap
-    jumps.  At a kink the pressure rises towards the edge, and ever faster; if a rim follows at
-    more than half a spacing behind the last point, it is resolved after all, without the points
-    before the kink.
+    jumps.  At a kink the pressure rises towards the edge, and ever faster, and the surfaces part at
+    an angle: the front is where the parabola of the gap closes, but for KINK.  Where a kink is
+    behind the front, the pressure has its peak at the last point but one, and the next term of the
+    polynomial is larger than its last.
     """
     if front:
         for k in range(6):
@@ -139,9 +164,9 @@ def crossing(v: FloatArray, hardness: float, front: int) -> tuple[float, float, 
         for k in range(3):
             v[k], v[5 - k] = v[5 - k], v[k]
     last, before, jump = v[2], v[1], v[2] - v[3]
-    elastic = last < hardness
+    elastic, open_after = last < hardness, v[4] <= 0
     step = jump > STEP * max(before - last, v[3] - v[4]) and (
-        not elastic or 0 < before < last or (v[0] > 0 and before > 0 and v[4] <= 0)
+        not elastic or 0 < before < last or (v[0] > 0 and before > 0 and open_after)
     )
     kink = elastic and v[0] > 0 and last - before > max(before - v[0], 0.0)
     # The polynomial is that of the pressure, or, if no point is in the strip, of the gap.
@@ -151,12 +176,22 @@ def crossing(v: FloatArray, hardness: float, front: int) -> tuple[float, float, 
     else:
         inside = before >= hardness
         q = before - hardness, last - hardness, v[3], v[4]
-    shift, doubt = _cubic_root(q, inside, v[4] <= 0)
-    if kink:  # it may be anywhere between the points
-        doubt = min(max(2 * doubt, -ANYWHERE), ANYWHERE)
+    shift, doubt = _cubic_root(q, inside, open_after)
     root = last / jump + shift
     hidden = _hidden(last, before, hardness, step) if step or kink else 0.0
-    if (step or kink) and (root < 0.5 or not elastic):
-        return 0.5, 1.0, hidden, 0.0
+    if step and (root < 0.5 or not elastic):
+        return 0.5, 1.0, hidden, 0.0, 0.0
+    kinked = 0.0
+    if kink:
+        away = 1.0
+        if open_after:
+            away = _closing(-v[3], -v[4], -v[5] if v[5] <= 0 else v[3] - 2 * v[4])
+        if away >= 1:
+            return 0.5, 1.0, hidden, 0.0, 0.0
+        doubt, kinked = KINK * last / jump, 1.0
+        root = 1 - away - doubt + AXIS_OFFSET
+    elif elastic and inside and open_after and before > v[0] > 0 and before > last:
+        next_term = v[0] + MIX * before + MIX_2 * last - (4 * q[0] - 6 * q[1] + 4 * q[2] - q[3])
+        kinked = 1.0 if QUARTIC * abs(next_term) > abs(doubt) * jump else 0.0
     root = min(max(root, 0.0), 1.0)
-    return float(1 - root if turned else root), 0.0, hidden, doubt
+    return float(1 - root if turned else root), 0.0, hidden, doubt, kinked

@@ -19,6 +19,7 @@ HELD      segment length that edges hold
 FLOWING   segment length that edges hold where plastic points are next to points apart
 ALIGNED   segment length that edges hold times cos 4 theta
 HIDDEN    segment length times the width of the zone hidden at edges
+KINKED    segment length where the surface has a kink
 TURN      turn of the front, a quarter for each corner cut off.  Over a whole front this adds up
           to its Euler number.
 TIPS      points apart (or plastic) with one or two of their eight neighbours in the same state
@@ -64,8 +65,8 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 _BEFORE, _AFTER = (3, 0, 1, 2), (1, 2, 3, 0)
 #: Indices of the sums (SUMS, front, part).
 AREA, OFFSET, TURN, FLOWING, STRIP, TIPS, LACKING, DIPS, CREASE = range(9)
-LENGTH, HARMONIC, SINE, CHANCE, COMMON, HELD, ALIGNED, HIDDEN = range(9, 17)
-SUMS = (17, 2, 2)
+LENGTH, HARMONIC, SINE, CHANCE, COMMON, HELD, ALIGNED, HIDDEN, KINKED = range(9, 18)
+SUMS = (18, 2, 2)
 
 
 class Fields(NamedTuple):
@@ -80,7 +81,7 @@ class Fields(NamedTuple):
 class Work(NamedTuple):
     """Arrays for one cell: its states, v along x and y, the crossings of its sides, v of a link.
 
-    links: (2, columns + 1, 4), what `front` found for each front on the sides that the cell shares
+    links: (2, columns + 1, 5), what `front` found for each front on the sides that the cell shares
     with those of the next row, and with the next cell of its own.
     """
 
@@ -138,16 +139,16 @@ def _polygon(
 def workspace(columns: int) -> Work:
     """The arrays of `add_cell`, allocated once for all cells."""
     along, across, cut, v = np.empty((4, 6))
-    return Work(np.empty(4, np.int64), along, across, cut, v, np.empty((2, columns + 1, 4)))
+    return Work(np.empty(4, np.int64), along, across, cut, v, np.empty((2, columns + 1, 5)))
 
 
 @_jit
 def _locate(
     fields: Fields, place: tuple[int, int], front: int, known: tuple[bool, bool], work: Work
-) -> tuple[float, float, float]:
+) -> tuple[float, float, float, float]:
     """Locate a front on the sides of a cell, in `work.cut`; the means of what else is found."""
     (i, j), (nx, ny), v, links = place, fields.pressure.shape, work.v, work.links
-    crossings, helds, hidden, doubt = 0, 0.0, 0.0, 0.0
+    crossings, held, hidden, doubt, kinked = 0, 0.0, 0.0, 0.0, 0.0
     for k in (3, 0, 1, 2):
         if (work.kinds[k] > front) == (work.kinds[_AFTER[k]] > front):
             continue
@@ -162,14 +163,15 @@ def _locate(
                 a, b = a if 0 <= a < nx else a % nx, b if 0 <= b < ny else b % ny
                 v[n] = field(fields.pressure[a, b], fields.gap[a, b], fields.hardness, c)
             found = crossing(v, fields.hardness, front)
-            for n in range(4):
+            for n in range(5):
                 links[front, m, n] = found[n]
         work.cut[k] = links[front, m, 0] if k < 2 else 1 - links[front, m, 0]
         crossings += 1
-        helds += links[front, m, 1]
+        held += links[front, m, 1]
         hidden += links[front, m, 2]
         doubt += links[front, m, 3]
-    return helds / crossings, hidden / crossings, doubt / crossings
+        kinked += links[front, m, 4]
+    return held / crossings, hidden / crossings, doubt / crossings, kinked / crossings
 
 
 @_jit
@@ -220,7 +222,7 @@ def add_cell(
             sums[AREA, front, 0] += 1
         if n in (0, 4):
             continue
-        held, hidden, doubt = _locate(fields, place, front, known, work)
+        held, hidden, doubt, kinked = _locate(fields, place, front, known, work)
         area, length, turn = _polygon(kinds, front, work.cut, middle > (hardness if front else 0.0))
         resolved, stuck = (1 - held) * length, held * length
         apart = max(narrow**2, held)
@@ -237,8 +239,9 @@ def add_cell(
             stuck,
             cos4 * stuck,
             hidden * length,
+            kinked * length,
         )
-        for m in range(8):  # LENGTH to HIDDEN
+        for m in range(9):  # LENGTH to KINKED
             sums[LENGTH + m, front, 0] += apart * more[m]
             sums[LENGTH + m, front, 1] += (1 - apart) * more[m]
 

@@ -35,7 +35,7 @@ LINE_OFFSETS = np.array(
 #: Spacings missed for each lone point: by calibration (`rim.calibrate_straight_tip`), and as
 #: fitted to rough lines.
 STRAIGHT_LONE, LONE = 0.109, 0.2
-#: Standard deviation of the place of a front that no edge holds.
+#: Least standard deviation of the place of a front that no edge holds.
 PLACE = 0.025
 
 _jit = numba.njit(cache=True, nogil=True)
@@ -118,10 +118,11 @@ def _front(
         k = (i + (m - 2) * d) % n
         v[m] = field(p[k], g[k], hardness, c)
     offset = interpolated(hardness / (v[2] - v[3]), LINE_OFFSETS)
-    where, held, _, _ = crossing(v, hardness, front)
+    where, held, _, doubt, _ = crossing(v, hardness, front)
     if held:
         return where, ANYWHERE
-    return where + (offset if front else -offset), PLACE
+    # Twice, because the two fronts of a contact are often alike.
+    return where + (offset if front else -offset), max(PLACE, 2 * abs(doubt))
 
 
 @_jit

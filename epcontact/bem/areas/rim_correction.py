@@ -26,11 +26,12 @@ and for the plastic part the offset and the tips have the opposite sign.
   grid point.  If it does, it shows as tips.  TIP is what straight gaps whose widths are equally
   likely need for each tip; round ones need nothing, and a lone point is round.  On the mean,
   plastic spots of a few points remain 1.7 % too large at four points per shortest wavelength.
-* Held by an edge: where the surface has a step or a kink, the front rests on it, somewhere between
-  two points.  `front` recognises it by the singular pressure and puts the front in the middle, so
-  that the count is right there.  These parts of a front have no offset.  Where the singular
-  pressure exceeds the hardness next to an edge, but at no point, that zone is part of the plastic
-  area.
+* Held by an edge: where the surface has a step, the front rests on it, somewhere between two
+  points.  `front` recognises it by the jump of the gap and puts the front in the middle, so that
+  the count is right there; at a kink the gap shows the place.  Where the singular pressure exceeds
+  the hardness next to an edge, but at no point, that zone is part of the plastic area.  The body is
+  softer than its surface at steps, because the pressure of the points beside them ends AXIS_OFFSET
+  short of the cells' edge, and other fronts come out too far by as much (`_softness`).
 
 The load is one more measurement of the areas (`_balanced`), and the estimated errors follow from
 the same sums (`_covariance`).  `epcontact.studies.rim` measures the constants of the areas and
@@ -84,25 +85,23 @@ class ErrorConstants:
     """What the errors of areas are made of, as standard deviations in cells.
 
     Attributes:
-        place: of a front's place, by chance, in units of its doubt (`front`); of this
-            IN_COMMON is in common.
-        gaps: of the areas of gaps hidden at creases, in units of their bounds.
+        place: of a front's place, in units of its doubt (`front`): by chance, and in common as far
+            as a front's directions are alike.
+        tip: of what each tip lacks, in common.
+        kink: for each spacing of a front at kinks, in common.
         strip: for each spacing of narrow strips that run in one direction, in common.
+        gaps: of the areas of gaps hidden at creases, in units of their bounds.
     """
 
     place: float
-    gaps: float
+    tip: float
+    kink: float
     strip: float
+    gaps: float
 
 
-#: Share of a front's doubt that is the same all along it.
-IN_COMMON = 0.4
-#: What fronts have in common ends after so many spacings along each direction.
-REACH = 64
-#: Doubt of the area at a tip, in cells: of one or two of them it is not known how they end.
-TIP_DOUBT = 2.0
 #: Fitted by `epcontact.studies.error_bars`.
-ERRORS = ErrorConstants(0.7, 0.32, 1.0)
+ERRORS = ErrorConstants(0.88, 0.22, 0.043, 0.41, 0.28)
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: The claimed error in standard deviations.
@@ -214,7 +213,7 @@ def areas_of_sums(
     """
     oblong = OBLONG * math.log(aspect) ** 2
     located, unseen = _located(sums, oblong), _unseen(sums, errors.gaps)
-    covariance = _covariance(sums, oblong, cells, errors) + np.diag(unseen)
+    covariance = _covariance(sums, oblong, errors) + np.diag(unseen)
     if raw.elastic > 0 and raw.plastic > 0:
         points = _areas(raw.total * cells, raw.plastic * cells)
         located, covariance = _balanced(located, covariance, sums, points, share * cells, unseen)
@@ -270,6 +269,7 @@ def _located(sums: FloatArray, oblong: float) -> FloatArray:
     whole = sums.sum(axis=2)
     outward = (1 + oblong) * whole[grid.OFFSET] + HARMONIC * whole[grid.HARMONIC]
     outward += TIP * sums[grid.TIPS, :, 0] + whole[grid.HIDDEN, ::-1]
+    outward += _softness(sums)
     return np.asarray(whole[grid.AREA] + (-1, 1) * outward + CORNER * whole[grid.TURN])
 
 
@@ -284,28 +284,46 @@ def _unseen(sums: FloatArray, share: float) -> FloatArray:
     return np.asarray(sure / SURE**2 + (share * sums[grid.CREASE, :, 0]) ** 2)
 
 
-def _covariance(sums: FloatArray, oblong: float, cells: int, errors: ErrorConstants) -> FloatArray:
+def _softness(sums: FloatArray) -> FloatArray:
+    """Cells (2,) by which other fronts are too far out where steps hold a part of them.
+
+    In proportion to the share of the load that steps carry, for which that of the fronts' length
+    stands.  Not where plastic points are next to a step: these carry the hardness in any case.
+    """
+    length, held = sums[grid.LENGTH].sum(axis=1), sums[grid.HELD].sum(axis=1)
+    share = held / np.maximum(length, 1.0)
+    return np.asarray(2 * AXIS_OFFSET * (held - sums[grid.FLOWING, :, 0]) * share * (1 - share))
+
+
+def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for what no point shows.
 
-    Errors by chance grow as the square root of a front's length, errors in common as the length;
-    doubts are in common within REACH, as on large grids no front is bent alike all along.
-    What a spot lacks because its front is curved is known to a quarter.  The body is softer than
-    its surface where edges hold a front, because the pressure of points beside them ends
-    AXIS_OFFSET short of the cells' edge, and other fronts move by as much.
+    Errors by chance grow as the square root of a front's length, errors in common as the length.
+    Those that depend on the direction of a front are in common as far as the directions are alike,
+    which is the length of the mean of exp(4 i theta).  What a spot lacks because its front is
+    curved is known to a quarter.  Oblong cells claim what they change.
     """
-    length, held, tips = sums[grid.LENGTH], sums[grid.HELD], sums[grid.TIPS]
-    chance = errors.place**2 * (sums[grid.CHANCE] + TIP_DOUBT**2 * tips) + ANYWHERE**2 * held
+    length, held = sums[grid.LENGTH], sums[grid.HELD]
+    directed = np.hypot(sums[grid.HARMONIC], sums[grid.SINE])
+    chance = errors.place**2 * sums[grid.CHANCE] + ANYWHERE**2 * held
     chance += (CORNER / 4) ** 2 * np.abs(sums[grid.TURN])
     common = [
-        IN_COMMON * errors.place * sums[grid.COMMON] / max(math.sqrt(cells) / REACH, 1.0),
-        grid.LOCATED * np.hypot(sums[grid.HARMONIC], sums[grid.SINE]),
-        errors.strip * sums[grid.STRIP],
-        AXIS_OFFSET * held * (1 - held / np.maximum(length, 1.0)) * (1, 0),
-        TWO_EDGES * sums[grid.ALIGNED],
-        oblong * sums[grid.OFFSET],
+        errors.place * sums[grid.COMMON] * _share(directed, length - held),
+        errors.tip * sums[grid.TIPS],
+        errors.kink * sums[grid.KINKED],
+        errors.strip * sums[grid.STRIP] * _share(sums[grid.STRIP], length),
+        grid.LOCATED * directed,
+        TWO_EDGES * sums[grid.ALIGNED] * _share(sums[grid.ALIGNED], held),
+        _softness(sums)[:, None] * (1, 0),
+        oblong / SURE * sums[grid.OFFSET],
     ]
     alone, together = (chance + np.sum(np.square(common), axis=0)).T
     return np.asarray(np.diag(alone) + together.mean())
+
+
+def _share(part: FloatArray, whole: FloatArray) -> FloatArray:
+    """|part|/whole, 0 where there is nothing."""
+    return np.asarray(np.abs(part) / np.where(whole > 0, whole, np.inf))
 
 
 def _balanced(
