@@ -82,6 +82,7 @@ def _tables(gates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "case": {"id": "known", "requirement": "-", "source": "-", "methods": ["bem", "fem"]},
         "surface": {"kind": "sinusoid", "period": 1.0, "shape": [8], "amplitude": 0.1},
         "material": {"young_modulus": 1.0, "poisson_ratio": 0.0, "hardness": 4.0},
+        "fem": {"law": "capped"},
         "load": {"mean_pressure": [0.5, 1.0]},
         "gate": list(gates),
     }
