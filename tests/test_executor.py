@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import pickle
 import signal
@@ -9,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from multiprocessing import get_all_start_methods
 from pathlib import Path
 from typing import Any
 
@@ -194,9 +196,14 @@ def test_process_that_nobody_ends_is_closed_with_its_parent() -> None:
 @pytest.fixture
 def cluster(monkeypatch) -> Iterator[Any]:
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=":0"
-    ) as local:
+    # A server imports Dask once for all workers that it forks, also for one that starts again.
+    method = {"distributed.worker.multiprocessing-method": get_all_start_methods()[-1]}
+    with (
+        importlib.import_module("dask.config").set(method),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=":0"
+        ) as local,
+    ):
         monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", local.scheduler_address)
         yield local
 

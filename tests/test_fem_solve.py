@@ -204,7 +204,9 @@ def test_hardening_bears_more_on_less() -> None:
 def test_no_poisson_ratio_locks() -> None:
     """As nu tends to 1/2 the answer settles; a locking element would stiffen without bound."""
     areas = [
-        fem_check.solve(rough_scene(32, 3, poisson_ratio=nu)).final.areas["raw"].total
+        fem_check.solve(rough_scene(24, 3, poisson_ratio=nu), certified=False)
+        .final.areas["raw"]
+        .total
         for nu in (0.45, 0.49, 0.499)
     ]
     assert max(areas) - min(areas) < 0.03 * areas[0]
@@ -216,9 +218,9 @@ def test_moved_nodes_tend_to_the_gap_as_the_slope_vanishes(law: str) -> None:
     where plastic flow adds its own), and by a measurable one at slope 0.2."""
     slopes, differences = np.array([0.0125, 0.2]), []
     for slope in slopes:
-        scene = rough_scene(16, 2, slope=float(slope), pressure=0.2)
+        scene = rough_scene(12, 2, slope=float(slope), pressure=0.2)
         gap, moved = (
-            fem_check.solve(scene, law=law, geometry=g).fields["pressure"]  # type: ignore[arg-type]
+            fem_check.solve(scene, law=law, geometry=g, certified=False).fields["pressure"]  # type: ignore[arg-type]
             for g in ("gap", "moved")
         )
         differences.append(np.linalg.norm(moved - gap) / np.linalg.norm(gap))
@@ -291,11 +293,11 @@ def test_progress_is_told() -> None:
 def test_a_scene_outside_what_it_can_answer_is_answered_with_a_warning() -> None:
     steep = fem_check.solve(rough_scene(16, 2, slope=0.3), law="elastic")
     assert any("slope" in note for note in steep.notes)
-    fine = fem_check.solve(rough_scene(32, 15, pressure=0.001), law="elastic")
+    fine = fem_check.solve(rough_scene(32, 15, pressure=0.001), law="elastic", certified=False)
     assert any("nodes across" in note for note in fine.notes)
     deep = fem_check.solve(rough_scene(16, 2, pressure=0.5))
     assert any("reaches the base" in note for note in deep.notes)
-    good = fem_check.solve(rough_scene(32, 2, pressure=0.1))
+    good = fem_check.solve(rough_scene(32, 2, pressure=0.1), certified=False)
     assert good.notes == ()
 
 

@@ -130,7 +130,8 @@ def test_what_a_better_start_of_an_increment_would_save(monkeypatch: pytest.Monk
     assert near[1] / near[0] >= 0.95 * as_it_is[1] / as_it_is[0]
 
 
-def test_the_growth_of_paths_is_that_of_their_results() -> None:
+def test_the_growth_of_paths_is_that_of_their_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fem, "fft_pair_seconds", lambda: 0.1)  # of 2048 x 2048: longer than these
     costs = fem.path_costs([(8, 4), (16, 8)], [5, 6], lambda sentence: None).set_index("nodes")
     for nodes in (8, 16):
         paths = [fem_check.solve(speed.speed_scene(nodes, seed=s), layers=nodes // 2, steps=4).cost
