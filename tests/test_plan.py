@@ -255,7 +255,7 @@ def test_the_theory_stands_in_only_where_it_is_near_enough(write_case):
     assert achieved_error(loose, Answer((object(),), ("x",))) <= 0.9
 
 
-def test_finite_elements_are_given_depth_and_load_steps(write_case):
+def test_finite_elements_are_given_depth_and_increments(write_case):
     path = write_case(
         ('methods = ["persson", "bem"]', 'methods = ["fem"]'),
         ("hardness = 6.0e9", "yield_stress = 2.0e9"),
@@ -269,8 +269,14 @@ def test_finite_elements_are_given_depth_and_load_steps(write_case):
     chosen = plan(case, 0.2, threads=1)
     assert chosen.method == "fem"
     assert chosen.options["depth"] > 0
-    assert chosen.options["steps"] in pilots.LOAD_STEPS
-    assert planned_case(case, chosen).options["fem"]["steps"] == chosen.options["steps"]
+    # The last step tolerance is the reference of the others, which is not compared with itself.
+    assert chosen.options["step_tolerance"] in pilots.STEP_TOLERANCES[:-1]
+    assert chosen.options["steps"] is None
+    options = planned_case(case, chosen).options["fem"]
+    assert (options["steps"], options["step_tolerance"]) == (
+        None,
+        chosen.options["step_tolerance"],
+    )
 
 
 # --- size = "auto" ------------------------------------------------------------------------------

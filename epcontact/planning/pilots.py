@@ -30,8 +30,8 @@ MOST_SURFACES = 1000
 PILOT_SURFACES = 8
 #: Largest work of all pilots together, as a share of the work of the given case.
 PILOT_SHARE = 0.2
-#: Numbers of load steps that are tried on a plastic path; the last is the reference.
-LOAD_STEPS = (1, 2, 4, 8)
+#: Step tolerances that are tried on a plastic path; the last is the reference of the others.
+STEP_TOLERANCES = (0.03, 0.01, 0.003)
 
 #: A function that solves one recipe; further keywords are options of the method.
 Solver = Callable[..., "Pilot"]
@@ -153,7 +153,7 @@ def _finest(pilots: Sequence[Pilot]) -> int:
 def finite_element_options(
     case: Case, recipe: surfaces.Recipe, solve: Solver, tolerance: float
 ) -> tuple[dict[str, Any], list[str]]:
-    """Choose the load steps by pilots on the coarsest grid and the depth by the layer's compliance.
+    """Choose the increments by pilots on the coarsest grid and the depth by the layer's compliance.
 
     Returns:
         The options and the reasons.
@@ -170,13 +170,22 @@ def finite_element_options(
         )
     if case.options["fem"].get("law") == "j2":
         coarse = on_grid(recipe, ladder(recipe, beyond=False)[0]) or recipe
-        areas = [solve(coarse, steps=steps, **options).areas.total for steps in LOAD_STEPS]
-        off = [abs(area / areas[-1] - 1) for area in areas]
-        at = next(i for i, e in enumerate(off) if e <= tolerance / 4)
-        options["steps"] = LOAD_STEPS[at]
+        options["steps"] = None  # chosen, whatever the case has
+        *tried, best = [
+            solve(coarse, step_tolerance=share, **options).areas.total for share in STEP_TOLERANCES
+        ]
+        off = [abs(area / best - 1) for area in tried]
+        enough = [
+            share for share, e in zip(STEP_TOLERANCES, off, strict=False) if e <= tolerance / 4
+        ]
+        options["step_tolerance"] = max(enough, default=STEP_TOLERANCES[-1])
+        changes = ", ".join(
+            f"{e:.1g} at {share:g}" for share, e in zip(STEP_TOLERANCES, off, strict=False)
+        )
         why.append(
-            f"{LOAD_STEPS[at]} load steps: on the coarsest grid the area differs from that of "
-            f"{LOAD_STEPS[-1]} steps by {off[at]:.1g}, a quarter of the tolerance at the most"
+            f"a step tolerance of {options['step_tolerance']:g}: on the coarsest grid the area "
+            f"differs from that at {STEP_TOLERANCES[-1]:g} by {changes}; a quarter of the "
+            "tolerance is allowed"
         )
     return options, why
 

@@ -2,7 +2,7 @@
 
 The plan chooses the method (theory, boundary or finite elements), a line if the roughness has one
 direction, the grid, raw or corrected areas, the number of surfaces and, for finite elements, depth
-and load steps.  The tolerance is on the area, relative, at 95 % confidence.  Cheap pilots
+and load increments.  The tolerance is on the area, relative, at 95 % confidence.  Cheap pilots
 (`pilots`) give the error e of each grid and the scatter s between surfaces.  Of all grids with
 e < tolerance the plan takes the one with the least cost times number n of surfaces, where
 
@@ -231,7 +231,7 @@ def _cap_instead(case: Case, rms_slope: float, tolerance: float) -> str:
     # The area under a cap grows at most as the inverse of the cap.
     return (
         f"boundary elements with hardness = 'effective', {found.value:.3g} Pa, {can} stand for the "
-        f"J2 body: their area is that of J2 within {found.error:.1g}, with the tolerance at "
+        f"J2 body: their area is that of J2 within {found.error:.2g}, with the tolerance at "
         f"{tolerance:g}; the two contacts overlap by 0.90 to 0.99 in the cases fem-model"
     )
 
