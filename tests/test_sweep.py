@@ -228,6 +228,26 @@ quantities = ["quantity.total_patches"]
     assert patches[1] != patches[2]
 
 
+def test_a_quantity_that_is_not_defined_leaves_the_rest_of_a_result(swept, tmp_path) -> None:
+    text = '[sweep]\nload.mean_pressure = [4e8]\nquantities = ["quantity.conductance_loading"]\n'
+    layer = ("[load]", '[body]\nkind = "bonded_layer"\ndepth = 1e-4\n\n[load]')
+    alone = (
+        ('methods = ["persson", "bem"]', 'methods = ["bem"]'),
+        ('against = "persson"', 'against = 0.1\nsource = "made"'),
+        ("seeds = [3, 5, 7]", "seeds = [9]"),
+    )
+    found = sweep.run_sweep(swept(text, layer, *alone), output=tmp_path, jobs=1)
+    assert found.failures == {}
+    assert found.table["area.total.raw"].notna().all()
+    (file,) = (found.folder / "members").glob("*.json")
+    assert "no value: quantity.conductance_loading: Barber's analogy" in file.read_text(
+        encoding="utf-8"
+    )
+    assert (
+        "quantity.conductance_loading" not in found.table
+    )  # a column without any value is left out
+
+
 def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch) -> None:
     path, real = swept(), METHODS["persson"].solve
     options = [str(path), "--output", str(tmp_path), "--jobs", "1"]

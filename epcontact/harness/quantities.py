@@ -114,25 +114,28 @@ def measure_all(names: Collection[str], scene: Scene, result: ContactResult) -> 
         InvalidCase: if the result lacks what a quantity needs.
     """
     answered = Answered(scene, result)
-    values = {}
-    for name in names:
-        group, _, rest = name.partition(".")
-        if group == "l2":
-            form, _, field = rest.partition(".")
-            values[name] = l2_distance(
-                answered.field(field), CLOSED_FORMS[form].field(field, scene)
-            )
-            continue
-        quantity = quantity_named(name)
-        if quantity.measure is None:
-            raise InvalidCase(f"{name} is reported by the methods, not measured")
-        if "fields" in quantity.needs:
-            answered.field("pressure")  # raises InvalidCase if it is missing
-        try:
-            values[name] = quantity.measure(answered)
-        except InvalidCase as error:  # a gate beside it must not be blamed
-            raise InvalidCase(f"{name}: {error}") from error
-    return values
+    return {name: measured(name, answered) for name in names}
+
+
+def measured(name: str, answered: Answered) -> float:
+    """Measure the quantity called `name` of a result that others may have been measured of.
+
+    Raises InvalidCase; see `measure_all`.
+    """
+    group, _, rest = name.partition(".")
+    if group == "l2":
+        form, _, field = rest.partition(".")
+        exact = CLOSED_FORMS[form].field(field, answered.scene)
+        return l2_distance(answered.field(field), exact)
+    quantity = quantity_named(name)
+    if quantity.measure is None:
+        raise InvalidCase(f"{name} is reported by the methods, not measured")
+    if "fields" in quantity.needs:
+        answered.field("pressure")  # raises InvalidCase if it is missing
+    try:
+        return quantity.measure(answered)
+    except InvalidCase as error:  # a gate beside it must not be blamed
+        raise InvalidCase(f"{name}: {error}") from error
 
 
 _AREAS = tuple(

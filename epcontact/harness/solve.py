@@ -24,12 +24,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from epcontact.errors import NotConverged, sentence_of
+from epcontact.errors import InvalidCase, NotConverged, sentence_of
 from epcontact.harness import foreign
 from epcontact.harness.child import Child, ChildDied
 from epcontact.harness.description import described
+from epcontact.harness.measurements import Answered
 from epcontact.harness.methods import METHODS
-from epcontact.harness.quantities import QUANTITIES, measure_all
+from epcontact.harness.quantities import QUANTITIES, measured
 from epcontact.harness.store import Task, basis
 from epcontact.machine import available_cores, compile_seconds, compiling, kept_kernels_only
 from epcontact.output.files import write_bytes
@@ -110,13 +111,24 @@ def _step_options(task: Task, scene: Scene) -> dict[str, Any]:
 
 
 def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
-    """Add the measured quantities that the gates need, while the fields are in memory."""
-    measured = measure_all(task.measured, scene, result)
-    if not measured:
-        return result
-    named = {name.removeprefix("quantity."): value for name, value in measured.items()}
-    final = replace(result.final, quantities=dict(result.final.quantities) | named)
-    return replace(result, steps=(*result.steps[:-1], final))
+    """Add the measured quantities that the gates need, while the fields are in memory.
+
+    One that a sweep asks for besides them is nan where it is not defined, and a note says why, so
+    that the rest of the result is kept.
+    """
+    answered, notes = Answered(scene, result), list(result.notes)
+    values = dict(result.final.quantities)
+    for name in task.measured:
+        try:
+            value = measured(name, answered)
+        except InvalidCase as error:
+            if name not in task.quantities:
+                raise
+            value = math.nan
+            notes.append(f"no value: {error}")
+        values[name.removeprefix("quantity.")] = value
+    final = replace(result.final, quantities=values)
+    return replace(result, steps=(*result.steps[:-1], final), notes=tuple(notes))
 
 
 @contextlib.contextmanager
