@@ -280,6 +280,21 @@ def test_any_executor_gives_the_same_table(swept, tmp_path) -> None:
     assert (again.reused, sweep.digest(again.table)) == (6, sweep.digest(here.table))
 
 
+def test_what_an_executor_has_solved_is_kept_when_it_takes_no_more(swept, tmp_path) -> None:
+    class Full(Elsewhere):
+        taken = 0
+
+        def submit(self, *given: Any, **named: Any) -> Any:
+            self.taken += 1
+            if self.taken > 2:
+                raise RuntimeError("the queue is full")
+            return super().submit(*given, **named)
+
+    with pytest.raises(EpcontactError, match="takes no task: RuntimeError: the queue is full"):
+        sweep.run_sweep(swept(), output=tmp_path, executor=lambda: Full(tmp_path / "far"))
+    assert list(sweep.table(tmp_path / "small" / "fast")["solved"]) == [True] * 2 + [False] * 4
+
+
 def test_a_wrong_executor_leaves_nothing_behind(swept, tmp_path) -> None:
     for name in ("no_such_module:pool", "os:getpid"):
         with pytest.raises(InvalidCase, match="executor"):

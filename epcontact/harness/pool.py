@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
@@ -112,14 +112,20 @@ def spread(
         Pairs in any order.  If a call or its worker fails, a sentence replaces the result.
     """
     futures: dict[Future[Result], Item] = {}
-    finished = False
+    done, finished = SimpleQueue[Future[Result]](), False
     try:
         for item in items:
-            futures[_submitted(executor, function, item)] = item
-        for future in as_completed(list(futures)):
-            item = futures.pop(future)
-            result = _result(future)
-            yield item, result
+            future = _submitted(executor, function, item)
+            futures[future] = item
+            future.add_done_callback(done.put)
+            while not done.empty():  # an executor may make a call when it takes it
+                ended = done.get()
+                result = _result(ended)
+                yield futures.pop(ended), result
+        while futures:
+            ended = done.get()
+            result = _result(ended)
+            yield futures.pop(ended), result
         finished = True
     finally:
         for future in futures:
