@@ -5,7 +5,13 @@ import pytest
 
 from epcontact.bem.bounds import project
 from epcontact.bem.cascade import coarsened_heights, interpolated
-from epcontact.bem.inner.split import Interpolation, MaskedGrid, SplitOperator, half_shape
+from epcontact.bem.inner.split import (
+    HALO_LEFT,
+    Interpolation,
+    MaskedGrid,
+    SplitOperator,
+    half_shape,
+)
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.transforms import Convolution, Points, Symbol
 from epcontact.bem.workers import Workers
@@ -66,6 +72,19 @@ def test_split_operator_forgets_the_last_points():
         used.apply_on(few, w, a, w)
         fresh.apply_on(few, w, b, w)
     np.testing.assert_array_equal(a, b)
+    assert np.shares_memory(used.masked.array, memory)
+
+
+@pytest.mark.parametrize(("columns", "room"), [(22, False), (23, True)])
+def test_masked_grid_is_in_the_memory_of_a_field_that_has_room(columns, room):
+    field, at = np.full((3, columns), np.nan), np.array([0, columns + 1, 3 * columns - 1])
+    with Workers(1) as workers:
+        masked = MaskedGrid(Points(at, [slice(0, 3)]), field, workers)
+        masked.put(np.array([1.0, 2.0, 3.0]))
+    assert np.shares_memory(masked.array, field) == room
+    inner = masked.array[:, HALO_LEFT : HALO_LEFT + columns]
+    assert np.flatnonzero(inner).tolist() == at.tolist()
+    assert inner.sum() == 6
 
 
 @pytest.mark.parametrize("shape", [(64, 66), (7, 9), (1, 40), (12, 5)])
