@@ -91,9 +91,10 @@ def test_offsets_of_straight_fronts():
 
 @pytest.mark.long
 def test_the_table_goes_on_where_strips_end():
-    mean, amplitude = rim.calibrate_directions()
+    mean, amplitude, scatter = rim.calibrate_directions()
     assert mean == pytest.approx(rim_correction.OFFSETS[-1], abs=6e-4)
     assert amplitude == pytest.approx(rim_correction.HARMONIC, abs=1e-4)
+    assert scatter == pytest.approx(area_grid.LOCATED, abs=5e-4)
 
 
 def test_one_front_along_an_axis():
@@ -138,6 +139,9 @@ def test_the_tables_come_from_the_calibration():
         rim.all_directions(), rim_correction.OFFSETS[-1], rim_correction.HARMONIC
     )
     assert tip == pytest.approx(rim_correction.TIP, abs=0.003)
+    kink, places = rim.calibrate_kink()
+    assert kink == pytest.approx(area_front.KINK, abs=0.01)
+    assert places < 0.05
     lone = rim.calibrate_straight_tip(rim.along_axis(), area_front.AXIS_OFFSET, 0.0)
     assert lone == pytest.approx(area_line.STRAIGHT_LONE, abs=0.003)
 

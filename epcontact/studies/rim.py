@@ -191,19 +191,26 @@ def all_directions(along: int = 40, across: int = 2) -> Fronts:
     return out
 
 
-def calibrate_directions() -> tuple[float, float]:
-    """(mean, amplitude of cos 4 theta) of the offset of one front, in dx."""
+def calibrate_directions() -> tuple[float, float, float]:
+    """(mean, amplitude of cos 4 theta, scatter) of the offset of one front, in dx.
+
+    The scatter is the largest rms distance of all directions, over the positions of the front.
+    """
     load = 0.5
     exact = line_contact_fraction(load) / 2
     offsets = []
     for direction, _, phases in all_directions(40, 1):
         period = row_period(direction, PERIOD)[1]
         pressure = load * math.pi / period
-        sums = np.mean([front_sums(direction, PERIOD, s, pressure)[0] for s in phases], axis=0)
-        offsets.append((sums[grid.AREA, 0] - exact * period) / sums[grid.LENGTH, 0])
+        sums = np.array([front_sums(direction, PERIOD, s, pressure)[0] for s in phases])
+        offsets.append((sums[:, grid.AREA, 0] - exact * period) / sums[:, grid.LENGTH, 0])
     waves = np.array([math.cos(4 * math.atan2(b, a)) for a, b in DIRECTIONS])
-    amplitude, mean = np.polyfit(waves, offsets, 1)
-    return float(mean), float(amplitude)
+    amplitude, mean = np.polyfit(waves, [each.mean() for each in offsets], 1)
+    scatter = max(
+        math.sqrt(np.mean((each - mean - amplitude * wave) ** 2))
+        for each, wave in zip(offsets, waves, strict=True)
+    )
+    return float(mean), float(amplitude), scatter
 
 
 def calibrate_strips(fronts: Fronts) -> tuple[FloatArray, float]:
@@ -332,8 +339,9 @@ def main() -> None:
     angles = (np.arange(16) + 0.5) * math.pi / 64
     counted = np.mean([front_offset(angle, points=200_000) for angle in angles])
     print("of all directions", round(float(counted), 4), "in use", COUNTED)
-    mean, amplitude = calibrate_directions()
+    mean, amplitude, scatter = calibrate_directions()
     print("offset of a located front", round(mean, 4), "+", round(amplitude, 4), "cos 4 theta")
+    print("scatter of it", round(scatter, 4), "in use", grid.LOCATED)
     print("u     ", grid.U_NODES)
     for name, fronts in (("offset", all_directions()), ("line", along_axis())):
         table, misfit = calibrate_strips(fronts)

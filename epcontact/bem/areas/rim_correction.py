@@ -87,21 +87,17 @@ class ErrorConstants:
     Attributes:
         place: of a front's place, in units of its doubt (`front`): by chance, and in common as far
             as a front's directions are alike.
-        tip: of what each tip lacks, in common.
         kink: for each spacing of a front at kinks, in common.
-        strip: for each spacing of narrow strips that run in one direction, in common.
         gaps: of the areas of gaps hidden at creases, in units of their bounds.
     """
 
     place: float
-    tip: float
     kink: float
-    strip: float
     gaps: float
 
 
 #: Fitted by `epcontact.studies.error_bars`.
-ERRORS = ErrorConstants(0.88, 0.22, 0.043, 0.41, 0.28)
+ERRORS = ErrorConstants(0.88, 0.05, 0.28)
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: The claimed error in standard deviations.
@@ -301,7 +297,8 @@ def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> Floa
     Errors by chance grow as the square root of a front's length, errors in common as the length.
     Those that depend on the direction of a front are in common as far as the directions are alike,
     which is the length of the mean of exp(4 i theta).  What a spot lacks because its front is
-    curved is known to a quarter.  Oblong cells claim what they change.
+    curved is known to a quarter, and what tips lack not better than as a whole.  Narrow strips of
+    one direction may be anywhere in their links.  Oblong cells claim what they change.
     """
     length, held = sums[grid.LENGTH], sums[grid.HELD]
     directed = np.hypot(sums[grid.HARMONIC], sums[grid.SINE])
@@ -309,9 +306,9 @@ def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> Floa
     chance += (CORNER / 4) ** 2 * np.abs(sums[grid.TURN])
     common = [
         errors.place * sums[grid.COMMON] * _share(directed, length - held),
-        errors.tip * sums[grid.TIPS],
+        TIP * sums[grid.TIPS],
         errors.kink * sums[grid.KINKED],
-        errors.strip * sums[grid.STRIP] * _share(sums[grid.STRIP], length),
+        ANYWHERE * sums[grid.STRIP] * _share(sums[grid.STRIP], length),
         grid.LOCATED * directed,
         TWO_EDGES * sums[grid.ALIGNED] * _share(sums[grid.ALIGNED], held),
         _softness(sums)[:, None] * (1, 0),
