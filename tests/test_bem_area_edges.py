@@ -269,13 +269,18 @@ def test_scenes_that_once_were_wrong_are_within_their_claims():
     table = area_scenes.judged(small, seeds=[3])
     assert len(table) == 11
     assert (table["times"] <= 1).all()
-    assert (table["claimed"] < [1, 100, 50, 50, *[50] * 7]).all()
+    # Three quarters of what worn plateaus have in plastic contact are beside kinks, where no point
+    # shows them: the estimate misses a fifth of all, and claims as much as it adds for them.
+    assert (table["claimed"] < [1, 100, 50, 50, 80, *[50] * 6]).all()
+    worn = table["scene"] == "worn plateaus"
+    assert abs(table["now"][worn].item()) < 25 < abs(table["raw"][worn].item()) / 2
 
 
 @pytest.mark.slow
 def test_the_error_constants_can_be_fitted_again():
-    """A small ensemble of the kinds they come from: the fit covers what it is to cover, does not
-    depend on where it begins, and finds nothing much better than the constants in use."""
+    """A small ensemble of the kinds they come from: the fit covers what it is to cover (or more,
+    because not all of a claim has a constant), does not depend on where it begins, and finds
+    nothing much better than the constants in use."""
     known = error_bars.lessons(range(1100, 1103), 32)
     begun = error_bars.ErrorConstants(*(2 * value for value in astuple(ERRORS)))
     fit, again = error_bars.fitted(known), error_bars.fitted(known, begun)
@@ -283,8 +288,8 @@ def test_the_error_constants_can_be_fitted_again():
     assert losses[1] == pytest.approx(losses[0], abs=0.03)
     assert losses[0] <= losses[2] < losses[0] + 0.4
     error, claim = error_bars.errors_and_claims(known, fit).T
-    assert np.mean(error <= claim) == pytest.approx(error_bars.COVERED, abs=0.03)
+    assert np.mean(error <= claim) >= error_bars.COVERED - 0.03
     tenth = error_bars.ErrorConstants(*(value / 10 for value in astuple(fit)))
     error, claim = error_bars.errors_and_claims(known, tenth).T
-    assert np.mean(error <= claim) < 0.8
-    assert error_bars.loss(known, tenth) > losses[0] + 1
+    assert np.mean(error <= claim) < error_bars.COVERED - 0.05
+    assert error_bars.loss(known, tenth) > losses[0] + 0.5
