@@ -166,15 +166,15 @@ CHECKS = [
 def made_up(kinds, severities=(5.0, 15.0, 50.0), seeds=(1, 2), order=2) -> pd.DataFrame:
     """Areas of bodies whose cap of equal area is known; under it the area is m/c.
 
-    order: of the error in the spacing, which is a tenth of the open share on 24 nodes.
+    order: of the error in the spacing, which is .04 of `size_of_error` on 24 nodes.
     """
     rows = []
     for kind, severity, seed, load in product(kinds, severities, seeds, (0.1, 0.25, 0.5)):
         body = USUAL | kind | {"severity": severity, "poisson_ratio": 0.3, "load": load}
         inverse = exact(severity, load) * (1 + 0.02 * (-1) ** seed)
-        open_share = 1 - load * exact(severity, load)
-        spacing = 24 / body["nodes"] if body["waves"] == 4 else 1
-        inverse *= 1 + 0.1 * open_share * spacing**order
+        spots = size_of_error(load * exact(severity, load))
+        spacing = 6 * body["waves"] / body["nodes"]
+        inverse *= 1 + 0.04 * spots * spacing**order
         inverse *= 1.05 if body["hurst"] != 0.8 else 1.01 if body["step_tolerance"] == 0.01 else 1
         for cap in (*LADDER, math.inf):
             area = min(1.0, load / cap) if cap > load else 1.0
@@ -182,6 +182,10 @@ def made_up(kinds, severities=(5.0, 15.0, 50.0), seeds=(1, 2), order=2) -> pd.Da
                 body | {"seed": seed, "j2_area": load * inverse, "cap": cap, "cap_area": area}
             )
     return pd.DataFrame(rows)
+
+
+def size_of_error(area):
+    return (1 - area) * area**-0.25
 
 
 def exact(severity, load):
@@ -193,7 +197,7 @@ def test_the_map_takes_off_the_grid_and_says_how_much_surfaces_scatter() -> None
     found = mapped(areas)
     # Shorter steps change all places by 1 %, which is taken off.
     wanted = 1.01 * exact(found["severity"], found["load"])
-    # Errors of second and of first order are at the two ends of the doubt about the order.
+    # Errors of second and of first order are at the two ends of what is doubted.
     assert_held(found, wanted)
     assert_held(mapped(made_up([{}, *CHECKS], order=1)), wanted)
     # Two surfaces, 2 % from their mean: 2.8 % of scatter, twice that over the root of two.
@@ -209,11 +213,14 @@ def test_the_map_takes_off_the_grid_and_says_how_much_surfaces_scatter() -> None
     )
     # After each halving a third of its change is left by second order, and all of it by first.
     coarser = mapped(areas[areas["nodes"] != 96])
-    share = 1 - wanted * found["load"]
-    np.testing.assert_allclose(
-        coarser["grid_error"], 0.075 * share / (1 + 0.1 * share) / 3, rtol=0.05
-    )
+    size = size_of_error(wanted * found["load"])
+    np.testing.assert_allclose(coarser["grid_error"], 0.03 * size / (1 + 0.04 * size) / 3, rtol=0.1)
     assert (found["grid_error"] < 0.3 * coarser["grid_error"]).all()
+    # Another spectrum shows what the next halving leaves, so that less is doubted.
+    others = [{"waves": 2, "nodes": nodes} for nodes in (24, 48, 96)]
+    shown = mapped(made_up([{}, *CHECKS, *others]))
+    assert (shown["grid_error"] < 0.5 * found["grid_error"]).all()
+    assert_held(shown, wanted)
 
 
 def assert_held(found, wanted) -> None:

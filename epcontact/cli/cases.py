@@ -101,6 +101,8 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
     print_surface_notes(open_console(), chosen, answers)
     if sentence := gamma_sentence([chosen]):
         click.echo(sentence)
+    if chosen.hardness_source:
+        click.echo(chosen.hardness_source.partition("; ")[0])
     errors = [sentence for answer in answers.values() for sentence in answer.errors]
     if errors:
         raise _Refusal(f"{loaded.id}: {'; '.join(errors)}")

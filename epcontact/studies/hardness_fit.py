@@ -26,6 +26,9 @@ from epcontact.results import FloatArray
 PLACE = ["severity", "poisson_ratio", "load"]
 VARIED = ["nodes", "waves", "hurst", "depth", "step_tolerance"]
 
+#: The least standard error of a relative change between two grids, and the terms of its fit.
+LEAST_SCATTER, TERMS_OF_GRID = 0.004, 2
+
 #: A surface: the area of the J2 body, the inverse caps over sigma_Y, rising, and their areas.
 _Body = tuple[float, Sequence[float], Sequence[float]]
 
@@ -119,7 +122,7 @@ def mapped(areas: pd.DataFrame) -> pd.DataFrame:
     Args:
         areas: as for `inverse_hardness`; the first body is one of the map, and so are all that are
             like it in VARIED.  The others differ in nodes, step_tolerance or depth alone, or in the
-            spectrum.
+            spectrum, or in the spectrum and in the nodes to the shortest wave.
 
     Returns:
         The columns of `reference/hardness_map.csv`.
@@ -131,7 +134,7 @@ def mapped(areas: pd.DataFrame) -> pd.DataFrame:
     table = inverse_hardness(usual)
     if (table["surfaces"] == 1).any():
         raise InvalidCase("a place of the map has one surface, but its scatter needs two or more")
-    grid, grid_error = off_the_grid(usual, kinds["nodes"], table)
+    grid, grid_error = off_the_grid(usual, kinds["nodes"], table, kinds.get("finer", ()))
     compared = {
         part: pd.concat([changes(usual, other, paired=bool(part)) for other in kinds[part]])
         for part in ("step_tolerance", "depth", "")
@@ -154,12 +157,18 @@ def mapped(areas: pd.DataFrame) -> pd.DataFrame:
 
 
 def _kinds(areas: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, list[pd.DataFrame]]]:
-    """The bodies of the map, and the others by the one field of VARIED that differs, or "" ."""
+    """The bodies of the map, and the others by the one field of VARIED that differs.
+
+    The key is "" for another spectrum, and "finer" for one with more nodes to the shortest wave.
+    """
     usual = areas[VARIED].iloc[0]
     kinds: dict[str, list[pd.DataFrame]] = {}
     for key, group in areas.groupby(VARIED):
-        differ = [name for name, value in zip(VARIED, key, strict=True) if value != usual[name]]
+        other = dict(zip(VARIED, key, strict=True))
+        differ = [name for name, value in other.items() if value != usual[name]]
         varied = differ[0] if differ in (["nodes"], ["step_tolerance"], ["depth"]) else ""
+        if not varied and other["nodes"] / other["waves"] > usual["nodes"] / usual["waves"]:
+            varied = "finer"
         kinds.setdefault(varied if differ else "usual", []).append(group)
     if missing := {"nodes", "step_tolerance", "depth", ""} - kinds.keys():
         name = min(missing) or "the spectrum"
@@ -168,26 +177,34 @@ def _kinds(areas: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, list[pd.DataFra
 
 
 def off_the_grid(
-    areas: pd.DataFrame, finer: Sequence[pd.DataFrame], places: pd.DataFrame
+    areas: pd.DataFrame,
+    finer: Sequence[pd.DataFrame],
+    places: pd.DataFrame,
+    others: Sequence[pd.DataFrame] = (),
 ) -> tuple[FloatArray, FloatArray]:
     """Extrapolate the inverse hardness to a grid of vanishing spacing.
 
-    The change by each halving of the spacing is fitted by (1 - area) (k + l/(1 + severity/8)): it
-    vanishes in full contact, and the second factor is that of the formula.  What is left after the
-    last halving is a third of its change if the error is of second order in the spacing, and all
-    of it if it is of first order: the middle is taken, and half of the range is doubted.
+    The change by each halving of the spacing is fitted by (1 - area) area^-1/4 (k + l/(1 +
+    severity/8)): it vanishes in full contact, grows as spots get smaller, and the last factor is
+    that of the formula.  What is left after the last halving is a share of its change, see
+    `_share_left`.
 
     Args:
         areas: as for `inverse_hardness`, on the grid of the map.
         finer: on half the spacing, and so on.
         places: their inverse hardness.
+        others: of other spectra, which are cheaper to solve with more nodes to the shortest wave.
 
     Returns:
-        For each place the relative change of the inverse by the extrapolation, and its error: the
-        doubt about the order, and twice the standard error by the surfaces.
+        For each place the relative change of the inverse by the extrapolation, and its error: that
+        of the share left, and twice the standard error by the surfaces, larger by as much as the
+        fit misses more than they explain.
+
+    Raises:
+        InvalidCase: if no place has two surfaces on a finer grid.
     """
-    scatter = dict(zip(places["load"], _pooled_scatter(places), strict=True))
     grids = [areas, *sorted(finer, key=lambda other: other["nodes"].iloc[0])]
+    left, doubt = _share_left(grids[-1], others)
     whole = np.ones(len(places))
     moved: dict[Hashable, FloatArray] = defaultdict(lambda: np.zeros(len(places)))
     for coarse, fine in pairwise(grids):
@@ -195,33 +212,60 @@ def off_the_grid(
         known = known[known["surfaces"] > 1]  # a single one does not say how much it scatters
         if known.empty:
             raise InvalidCase("no place of the map has two surfaces on a finer grid; solve two")
-        weight = np.sqrt(known["surfaces"]) / known["load"].map(scatter)
-        fitted = partial(_fit_at, known, weight.to_numpy(), places)
-        change, counted = fitted(known["change"]), 5 / 3 if fine is grids[-1] else 1.0
+        shifts = _shifts(known)
+        error = np.sqrt(np.sum(np.square([*shifts.values()]), axis=0))
+        # A few surfaces that happen to agree do not make a place exact.
+        fit = partial(_fit_at, known, 1 / np.hypot(error, LEAST_SCATTER))
+        missed = (known["change"] - fit(known["change"], known)) / np.hypot(error, LEAST_SCATTER)
+        freedom = max(len(known) - TERMS_OF_GRID, 1)
+        worse = max(1.0, math.sqrt(float(missed @ missed) / freedom))
+        change, counted = fit(known["change"], places), 1 + left if fine is grids[-1] else 1.0
         whole *= 1 + counted * change
-        for seed, shift in _shifts(known).items():
-            moved[seed] += counted * fitted(shift)
+        for seed, shift in shifts.items():
+            moved[seed] += counted * worse * fit(shift, places)
     by_surfaces = 4 * np.sum(np.square([*moved.values()]), axis=0)
-    return whole - 1, np.sqrt((change / 3) ** 2 + by_surfaces)
+    return whole - 1, np.sqrt((doubt * change) ** 2 + by_surfaces)
+
+
+def _share_left(finest: pd.DataFrame, others: Sequence[pd.DataFrame]) -> tuple[float, float]:
+    """What is left after the last halving of the spacing over its change, and the doubt of it.
+
+    It is 1/3 if the error is of second order in the spacing and 1 if it is of first order: the
+    middle is taken, and half of the range is doubted.  Other spectra with twice as many nodes to
+    the shortest wave give the next change, and the same holds after that.
+    """
+    points = finest["nodes"].iloc[0] / finest["waves"].iloc[0]
+    known = {other["nodes"].iloc[0] / other["waves"].iloc[0]: other for other in others}
+    if not {points / 2, points, 2 * points} <= known.keys():
+        return 2 / 3, 1 / 3
+    before = changes(known[points / 2], known[points])
+    both = before.merge(changes(known[points], known[2 * points]), on=PLACE)
+    error = np.sqrt(np.sum(np.square([*_shifts(both, "shifts_y").values()]), axis=0))
+    weight = 1 / np.hypot(error, LEAST_SCATTER)
+    first, second = both["change_x"] * weight, both["change_y"] * weight
+    share = float(first @ second / (first @ first))
+    missed = second - share * first
+    error = 2 * math.sqrt((missed @ missed) / (first @ first) / (len(both) - 1))
+    return share * 5 / 3, math.hypot(share / 3, error * 5 / 3)
 
 
 def _fit_at(
-    known: pd.DataFrame, weight: FloatArray, places: pd.DataFrame, change: pd.Series | FloatArray
+    known: pd.DataFrame, weight: FloatArray, change: pd.Series | FloatArray, places: pd.DataFrame
 ) -> FloatArray:
     """A change at the places, by the fit of `off_the_grid` to that of known places."""
 
     def columns(at: pd.DataFrame) -> FloatArray:
-        u = 1 / (1 + at["severity"] / 8)
-        return np.column_stack([1 - at["area"], (1 - at["area"]) * u])
+        spots = (1 - at["area"]) * at["area"] ** -0.25
+        return np.column_stack([spots, spots / (1 + at["severity"] / 8)])
 
     found, *_ = np.linalg.lstsq(columns(known) * weight[:, None], change * weight, rcond=None)
     return np.asarray(columns(places) @ found)
 
 
-def _shifts(table: pd.DataFrame) -> dict[Hashable, FloatArray]:
+def _shifts(table: pd.DataFrame, column: str = "shifts") -> dict[Hashable, FloatArray]:
     """The shifts of a table, one array over its rows for each seed."""
-    seeds = {seed for shifts in table["shifts"] for seed in shifts}
-    return {seed: np.array([each.get(seed, 0.0) for each in table["shifts"]]) for seed in seeds}
+    seeds = {seed for shifts in table[column] for seed in shifts}
+    return {seed: np.array([each.get(seed, 0.0) for each in table[column]]) for seed in seeds}
 
 
 def _pooled_scatter(table: pd.DataFrame) -> pd.Series:

@@ -78,10 +78,10 @@ def make_map(
         areas.append(pd.concat(found, ignore_index=True))
     made = mapped(pd.concat(areas))
     path = output / CASES / size / "hardness_map.csv"
-    version = package_versions()["epcontact"]
+    versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
     lines = (
         "The effective hardness of rough J2 metals; epcontact.reference.hardness_map says more.",
-        f"Made by `epcontact hardness-map --size {size}`, epcontact {version}.",
+        f"Made by `epcontact hardness-map --size {size}` with {versions}.",
         "Errors are relative, at 95 %: scatter by the surfaces of a place alone, the statistical",
         "one of the formula, which pools all places.",
     )
