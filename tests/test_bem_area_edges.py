@@ -269,11 +269,9 @@ def test_scenes_that_once_were_wrong_are_within_their_claims():
     table = area_scenes.judged(small, seeds=[3])
     assert len(table) == 11
     assert (table["times"] <= 1).all()
-    # Three quarters of what worn plateaus have in plastic contact are beside kinks, where no point
-    # shows them: the estimate misses a fifth of all, and claims as much as it adds for them.
-    assert (table["claimed"] < [1, 100, 50, 50, 80, *[50] * 6]).all()
-    worn = table["scene"] == "worn plateaus"
-    assert abs(table["now"][worn].item()) < 25 < abs(table["raw"][worn].item()) / 2
+    # Two thirds of what worn plateaus have in plastic contact are beside kinks, where no point
+    # shows them: a third is missing of all, and they claim two.
+    assert (table["claimed"] < [1, 100, 50, 50, 75, *[50] * 6]).all()
 
 
 @pytest.mark.slow

@@ -105,20 +105,19 @@ def _cubic_root(
 
 
 @_jit
-def _hidden(p: float, before: float, hardness: float, step: bool, edge: float) -> float:
+def _hidden(p: float, before: float, hardness: float, step: bool) -> float:
     """Width of the plastic zone between the last point in contact, of pressure p, and an edge.
 
     At a step the mean of K/sqrt(distance) over the last spacing is 2 K, and Dugdale's zone is
-    (pi^2/4) K^2/H^2 wide.  At a kink at the distance `edge` the pressure grows by p - before, as
-    the logarithm of the distance does from 1 + edge to edge.  Capped, H - k ln s becomes
-    H - k arcosh(s/w), and the zone is twice as wide as that in which the elastic pressure exceeds
-    the hardness.
+    (pi^2/4) K^2/H^2 wide.  At a kink the pressure grows by p - before, as the logarithm of the
+    distance does from 3/2 to 1/2 of a spacing.  Capped, H - k ln s becomes H - k arcosh(s/w), and
+    the zone is twice as wide as that in which the elastic pressure exceeds the hardness.
     """
     if p >= hardness:
         return 0.0
     if step:
         return float((math.pi / 4 * p / hardness) ** 2)
-    return float(2 * edge * (edge / (1 + edge)) ** ((hardness - p) / (p - before)))
+    return float(3 ** ((p - hardness) / (p - before)))
 
 
 @_jit
@@ -179,20 +178,18 @@ def crossing(
         q = before - hardness, last - hardness, v[3], v[4]
     shift, doubt = _cubic_root(q, inside, open_after)
     root = last / jump + shift
-    edge, located = 0.5, False
-    if kink and open_after:
-        away = 1 - _closing(-v[3], -v[4], -v[5] if v[5] <= 0 else v[3] - 2 * v[4])
-        located = away > 0
-        edge = away if located else edge
-    hidden = _hidden(last, before, hardness, step, edge) if step or kink else 0.0
+    hidden = _hidden(last, before, hardness, step) if step or kink else 0.0
     if step and (root < 0.5 or not elastic):
         return 0.5, 1.0, hidden, 0.0, 0.0
     kinked = 0.0
     if kink:
-        if not located:
+        away = 1.0
+        if open_after:
+            away = _closing(-v[3], -v[4], -v[5] if v[5] <= 0 else v[3] - 2 * v[4])
+        if away >= 1:
             return 0.5, 1.0, hidden, 0.0, 0.0
         doubt, kinked = KINK * last / jump, 1.0
-        root = edge - doubt + AXIS_OFFSET
+        root = 1 - away - doubt + AXIS_OFFSET
     elif elastic and inside and open_after and before > v[0] > 0 and before > last:
         next_term = v[0] + MIX * before + MIX_2 * last - (4 * q[0] - 6 * q[1] + 4 * q[2] - q[3])
         kinked = 1.0 if QUARTIC * abs(next_term) > abs(doubt) * jump else 0.0

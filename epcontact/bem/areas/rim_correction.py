@@ -97,7 +97,7 @@ class ErrorConstants:
 
 
 #: Fitted by `epcontact.studies.error_bars`.
-ERRORS = ErrorConstants(0.91, 0.05, 0.28)
+ERRORS = ErrorConstants(0.9, 0.05, 0.28)
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: The claimed error in standard deviations.
