@@ -152,6 +152,25 @@ def test_a_path_gives_the_hardness_that_a_single_load_gives() -> None:
     assert light == pytest.approx(found.ratio, rel=0.03)
 
 
+def test_loads_of_the_same_share_of_the_modulus_times_the_slope_are_similar() -> None:
+    task = read_sweep("hardness-map-30", "fast").tasks[0]
+    scene = task.case.scene(task.recipe)
+    surface, material = scene.surface, scene.material
+    twice = replace(
+        scene,
+        surface=replace(surface, heights=2 * surface.heights, spectrum=None),
+        material=replace(material, yield_stress=2 * material.yield_stress),
+        load=Load([2 * pressure for pressure in scene.load.path]),
+    )
+    one, other = (task.method.solve(s, task.case.options["fem"], 1) for s in (scene, twice))
+    # E* xi/sigma_Y, p0/sigma_Y and so p0/(E* xi) are the same, and so is the contact.
+    for step, similar in zip(one.steps, other.steps, strict=True):
+        assert similar.areas["raw"] == step.areas["raw"]
+    np.testing.assert_allclose(
+        other.fields["pressure"], 2 * one.fields["pressure"], atol=1e-6 * material.yield_stress
+    )
+
+
 USUAL = {"nodes": 24, "waves": 4, "hurst": 0.8, "depth": 1.0, "step_tolerance": 0.03}
 CHECKS = [
     {"nodes": 48},

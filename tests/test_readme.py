@@ -7,14 +7,17 @@ import re
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 from command_line import invoke
 
 from epcontact.cli.main import COMMANDS
+from epcontact.harness.pool import made
 
 ROOT = Path(__file__).parent.parent
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
@@ -86,6 +89,22 @@ def test_ten_lines_of_python(capsys) -> None:
     assert len([line for line in first.splitlines() if line]) <= 10
     exec(first, {})
     assert capsys.readouterr().out.count("Areas(") == 2
+
+
+def test_an_executor_for_slurm(monkeypatch) -> None:
+    def job_executor(max_workers: int, block_allocation: bool) -> ThreadPoolExecutor:
+        assert block_allocation
+        return ThreadPoolExecutor(max_workers)
+
+    # No Slurm here, and executorlib would ask for it.
+    library = SimpleNamespace(SlurmJobExecutor=job_executor)
+    monkeypatch.setitem(sys.modules, "executorlib", library)
+    (code,) = [text for text in blocks("python") if "on_slurm" in text]
+    module = ModuleType("on_slurm")
+    exec(code, module.__dict__)
+    monkeypatch.setitem(sys.modules, "on_slurm", module)
+    with made("on_slurm:pool") as executor:
+        assert executor.submit(max, 1, 2).result() == 2
 
 
 def test_solver_and_case_of_the_readers_own(home) -> None:
