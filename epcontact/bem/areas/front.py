@@ -41,7 +41,7 @@ QUARTIC = 9 / 16 / 24
 STEP = 3.0
 #: At a kink, what the place where the gap closes is too far out, and its doubt, in spacings times
 #: the share of the pressure in the change of v (`epcontact.studies.rim.calibrate_kink`).
-KINK = 0.14
+KINK = 0.13
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
