@@ -41,9 +41,8 @@ class Level:
 
     def __init__(self, problem: GridProblem, gap_scale: float, workers: Workers) -> None:
         self.heights = problem.heights.view()
-        self.heights.flags.writeable = (
-            False  # those of a scene are, and kernels know the difference
-        )
+        # As those of a scene, so that kernels are compiled for one kind of array.
+        self.heights.flags.writeable = False
         self.cap, self.gap_scale = problem.cap, gap_scale
         self.workers = workers
         self.convolution = Convolution(problem.symbol, problem.mean_pressure, workers)

@@ -174,14 +174,10 @@ def finite_element_options(
         *tried, best = [
             solve(coarse, step_tolerance=share, **options).areas.total for share in STEP_TOLERANCES
         ]
-        off = [abs(area / best - 1) for area in tried]
-        enough = [
-            share for share, e in zip(STEP_TOLERANCES, off, strict=False) if e <= tolerance / 4
-        ]
+        off = {s: abs(area / best - 1) for s, area in zip(STEP_TOLERANCES, tried, strict=False)}
+        enough = [share for share, error in off.items() if error <= tolerance / 4]
         options["step_tolerance"] = max(enough, default=STEP_TOLERANCES[-1])
-        changes = ", ".join(
-            f"{e:.1g} at {share:g}" for share, e in zip(STEP_TOLERANCES, off, strict=False)
-        )
+        changes = ", ".join(f"{error:.1g} at {share:g}" for share, error in off.items())
         why.append(
             f"a step tolerance of {options['step_tolerance']:g}: on the coarsest grid the area "
             f"differs from that at {STEP_TOLERANCES[-1]:g} by {changes}; a quarter of the "

@@ -215,8 +215,9 @@ def off_the_grid(
         shifts = _shifts(known)
         error = np.sqrt(np.sum(np.square([*shifts.values()]), axis=0))
         # A few surfaces that happen to agree do not make a place exact.
-        fit = partial(_fit_at, known, 1 / np.hypot(error, LEAST_SCATTER))
-        missed = (known["change"] - fit(known["change"], known)) / np.hypot(error, LEAST_SCATTER)
+        weight = 1 / np.hypot(error, LEAST_SCATTER)
+        fit = partial(_fit_at, known, weight)
+        missed = (known["change"] - fit(known["change"], known)) * weight
         freedom = max(len(known) - TERMS_OF_GRID, 1)
         worse = max(1.0, math.sqrt(float(missed @ missed) / freedom))
         change, counted = fit(known["change"], places), 1 + left if fine is grids[-1] else 1.0
