@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import ducc0
 import numpy as np
 
 from epcontact.errors import NotConverged
@@ -126,6 +127,11 @@ def answers_or_dies(item: str) -> str:
     if item == "dies":
         os._exit(0)
     return str(os.getppid()) if item == "parent" else item.upper()
+
+
+def transforms() -> None:
+    """What every solver does, for which ducc0 would start threads."""
+    ducc0.fft.r2c(np.ones((8, 8)), nthreads=1)
 
 
 def starts_a_thread() -> None:

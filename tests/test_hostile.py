@@ -250,7 +250,7 @@ def test_any_time_limit(scene, limit) -> None:
 
 
 @pytest.mark.parametrize(
-    ("load", "copied"), [(os.getpid, template.POSSIBLE), (hostile.starts_a_thread, False)]
+    ("load", "copied"), [(hostile.transforms, template.POSSIBLE), (hostile.starts_a_thread, False)]
 )
 def test_process_that_dies_costs_its_own_task_only(load, copied) -> None:
     items = ["one", "dies", "two", "three", "parent"]

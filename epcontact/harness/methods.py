@@ -36,7 +36,10 @@ Solve = Callable[[Scene, Mapping[str, Any], int | None], ContactResult]
 class Table(BaseModel):
     """A table of a case file: unknown keys and wrong types are errors."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=True)
+    # `defer_build`: a process that only solves checks no table, so that it needs no validators.
+    model_config = ConfigDict(
+        extra="forbid", strict=True, frozen=True, allow_inf_nan=True, defer_build=True
+    )
 
 
 class TheoryTable(Table):

@@ -34,7 +34,9 @@ _PROGRAM = (
 _REQUEST = struct.Struct("q")  # the copy whose end is asked for; with two files: make a copy
 _REPLY = struct.Struct("qq")  # the copy and its exit code; 0: there is none, or it has not ended
 _MOMENT = 0.01  # seconds
-_THREADS = "OPENBLAS_NUM_THREADS"  # more than 1: numpy starts them when it is imported
+#: Threads of libraries: more than 1, and numpy starts them when it is imported, and ducc0 when it
+#: transforms.
+_THREADS = ("OPENBLAS_NUM_THREADS", "DUCC0_NUM_THREADS")
 
 
 class Template:
@@ -55,12 +57,13 @@ class Template:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
-                env=os.environ | {_THREADS: "1"},
+                env=os.environ | dict.fromkeys(_THREADS, "1"),
                 start_new_session=True,
             )
         assert self._process.stdin is not None
         with contextlib.suppress(OSError), self._process.stdin as order:
-            pickle.dump((os.environ.get(_THREADS), pickle.dumps((load, arguments))), order)
+            threads = {name: os.environ[name] for name in _THREADS if name in os.environ}
+            pickle.dump((threads, pickle.dumps((load, arguments))), order)
 
     def copy(self) -> Copy | None:
         """Return a copy; None if it cannot be made, so that a process must start otherwise.
@@ -140,8 +143,9 @@ def serve_copies(descriptor: int) -> None:
     with contextlib.suppress(Exception):
         load, arguments = pickle.loads(order)
         load(*arguments)
-    os.environ.pop(_THREADS)
-    os.environ.update({} if threads is None else {_THREADS: threads})
+    for name in _THREADS:
+        del os.environ[name]
+    os.environ.update(threads)
     gc.freeze()  # the collector would write to the pages that copies share
     while True:
         request, files = b"", list[int]()
