@@ -15,6 +15,7 @@ import pytest
 
 from epcontact.bem import solve
 from epcontact.errors import StudyUnavailable
+from epcontact.harness.child import Child, ChildDied
 from epcontact.output.charts.study import Plot, draw_table
 from epcontact.persson import areas
 from epcontact.studies import (
@@ -480,13 +481,26 @@ def test_a_peer_is_timed_only_where_its_areas_agree():
     def wrong(heights, load, hardness, _):
         return np.full(heights.shape, load)
 
-    found = peers.race(8, 8, "capped", {"ContactMechanics": same, "tamaas": wrong})
-    assert found["agrees"].tolist() == [True, False, True, True]
-    assert (found["seconds"] > 0).all()
+    def late(*_):
+        raise ChildDied("was killed by SIGXCPU and gave no answer")
+
+    solvers = {"ContactMechanics": same, "tamaas": wrong, "slow": late}
+    found = peers.race(8, 8, "capped", solvers, lambda function, *arguments: function(*arguments))
+    assert found["agrees"].tolist() == [True, False, False, True, True]
+    assert (found["seconds"][found["agrees"]] > 0).all()
     chart = peers.draw_races(found)
     aims = {f"epcontact, {aim}" for aim in speed.AIMS}
     assert {row["series"] for row in rows_of(chart)} == {*aims, "ContactMechanics"}
     assert "Without agreement: tamaas at 64" in chart.caption
+    assert f"More than {peers.MOST} times, all settings together: slow at 64" in chart.caption
+
+
+@pytest.mark.slow
+def test_the_system_ends_a_peer_that_takes_too_long():
+    child = Child()
+    with pytest.raises(ChildDied, match="SIGXCPU"):
+        child.call(peers._timed, 0.1, sum, range(10**12))
+    child.end()
 
 
 def test_areas_agree_within_a_thousandth_only():
@@ -499,7 +513,7 @@ def test_areas_agree_within_a_thousandth_only():
 @pytest.mark.parametrize("law", ["capped", "elastic"])
 def test_installed_peers_find_the_same_areas(law):
     pytest.importorskip("tamaas")
-    assert peers.race(8, 8, law, peers.installed())["agrees"].all()
+    assert peers.race(8, 8, law, peers.installed(), Child().call)["agrees"].all()
 
 
 # --- every study --------------------------------------------------------------------------------
