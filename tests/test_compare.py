@@ -25,8 +25,9 @@ def uniform(low: float, high: float, area: float = 1.0) -> PressureDistribution:
     return PressureDistribution(sigma, area * np.clip((sigma - low) / (high - low), 0, 1))
 
 
-def test_interval_is_students() -> None:
-    values = [1.0, 1.2, 0.9, 1.4]
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 64, 1001])
+def test_interval_is_students(count: int) -> None:
+    values = np.random.default_rng(count).normal(1.0, 0.2, count)
     reference = ttest_1samp(values, 0).confidence_interval(0.95)
     found = estimate(values)
     assert (found.low, found.high) == pytest.approx(tuple(reference), rel=1e-12)

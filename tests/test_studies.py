@@ -492,7 +492,7 @@ def test_a_peer_is_timed_only_where_its_areas_agree():
     aims = {f"epcontact, {aim}" for aim in speed.AIMS}
     assert {row["series"] for row in rows_of(chart)} == {*aims, "ContactMechanics"}
     assert "Without agreement: tamaas at 64" in chart.caption
-    assert f"More than {peers.MOST} times, all settings together: slow at 64" in chart.caption
+    assert f"More than {peers.MOST} times to {speed.TIGHT}: slow at 64" in chart.caption
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # A pressure this close to the hardness counts as equal: scaling by p0 and back rounds.
 _AT_THE_CAP = 1e-12
-_BLOCK = 1 << 16  # points of which a few fields stay in cache
+_BLOCK = 1 << 15  # points of which a few fields stay in cache
 
 
 def largest(function: Callable[..., Any], *fields: Any) -> float:

@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic_core import to_json
+
 from epcontact.harness.case import Case
 from epcontact.harness.foundation import Foundation, foundation
 from epcontact.harness.memory import of_task
@@ -218,7 +220,7 @@ def read_member(path: Path) -> dict[str, Any]:
 
 
 def _content_digest(data: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(to_json(data)).hexdigest()
 
 
 def _digest(fields: Path | None) -> str | None:
