@@ -172,6 +172,16 @@ class Surface:
         return tuple(p / n for p, n in zip(self.periods, self.shape, strict=True))
 
     @functools.cached_property
+    def rms_height(self) -> float:
+        """Root mean square of the heights about their mean, in m."""
+        mean, total = float(self.heights.mean()), 0.0
+        for start in range(0, len(self.heights), _ROWS):
+            above = self.heights[start : start + _ROWS] - mean
+            above *= above
+            total += float(above.sum())
+        return math.sqrt(total / self.heights.size)
+
+    @functools.cached_property
     def rms_slope(self) -> float:
         """Root mean square of the gradient in m/m; see the function `rms_slope`."""
         return rms_slope(self.heights, self.spacing)

@@ -17,6 +17,7 @@ import signal
 import sys
 import threading
 import traceback
+from collections.abc import Iterator
 from importlib import import_module
 
 import click
@@ -43,6 +44,8 @@ COMMANDS = {
     "view": ("figures:view", "Show the fields of a result in three dimensions."),
 }
 
+_BLAS_THREADS = "OPENBLAS_NUM_THREADS"
+
 #: Click (from 8.2) raises it if no command is given; its message is the help.
 _NO_ARGUMENTS: type[click.UsageError] | tuple[()]
 _NO_ARGUMENTS = getattr(click.exceptions, "NoArgsIsHelpError", ())
@@ -62,7 +65,8 @@ class _Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         module, _, function = COMMANDS[cmd_name][0].partition(":")
-        command: click.Command = getattr(import_module(f"epcontact.cli.{module}"), function)
+        with _linear_algebra_on_one_thread():
+            command: click.Command = getattr(import_module(f"epcontact.cli.{module}"), function)
         return command
 
     def resolve_command(
@@ -122,6 +126,23 @@ def main() -> None:
     if sentence:
         click.echo(f"epcontact: {printable(sentence)}", err=True)
     sys.exit(code)
+
+
+@contextlib.contextmanager
+def _linear_algebra_on_one_thread() -> Iterator[None]:
+    """Let numpy start no threads for its linear algebra when it is imported.
+
+    No command has matrices that need them, and their start takes as long as numpy's import.  What
+    a command starts finds the environment as it was.
+    """
+    if _BLAS_THREADS in os.environ:
+        yield
+        return
+    os.environ[_BLAS_THREADS] = "1"
+    try:
+        yield
+    finally:
+        del os.environ[_BLAS_THREADS]
 
 
 def _unexpected(error: Exception) -> str:

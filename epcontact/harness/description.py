@@ -56,7 +56,7 @@ def described(scene: Scene, recipe: Recipe) -> dict[str, dict[str, Any]]:
         ("points", list(surface.shape), "–", "grid points along each direction"),
         ("periods", list(surface.periods), "m", "period"),
         ("spacing", list(surface.spacing), "m", "distance of grid points"),
-        ("rms_height", float(surface.heights.std()), "m", "rms height"),
+        ("rms_height", surface.rms_height, "m", "rms height"),
         ("rms_slope", slope, "–", how),
         ("young_modulus", material.young_modulus, "Pa", "Young's modulus E"),
         ("poisson_ratio", material.poisson_ratio, "–", "Poisson's ratio ν"),

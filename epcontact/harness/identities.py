@@ -56,7 +56,7 @@ def figures(a: Answered) -> float:
     Lengths are divided by the rms height, pressures by p0 and energies by p0 times the rms height
     or by the energy itself, whichever is larger.  J2 flow has no elastic energy at the surface.
     """
-    p, height, p0 = a.pressure, a.rms_height, load_scale(a)
+    p, height, p0 = a.pressure, a.scene.surface.rms_height, load_scale(a)
     reported = a.result.final.quantities
     expected = {"largest_pressure": (float(p.max()), p0)}
     if "mean_contact_pressure" in reported and (p > 0).any():
@@ -93,7 +93,7 @@ def fields(a: Answered) -> float:
     Lengths are divided by the rms height; a point in a wrong state counts as 1.
     """
     heights, found = a.scene.surface.heights, a.result.fields
-    height = a.rms_height
+    height = a.scene.surface.rms_height
     wrong = []
     if "heights" in found:
         wrong.append(largest(_distance, a.field("heights"), heights) / height)
@@ -154,7 +154,7 @@ def residuals(a: Answered) -> float:
     It is for a loose solve, whose residuals are far above rounding.
     """
     gap, touching = a.open_gap
-    rest, height = ~touching, a.rms_height
+    rest, height = ~touching, a.scene.surface.rms_height
     wrong_sign = np.where(a.pressure <= 0, -gap, gap)
     own = {
         "gap_elastic": float(np.abs(gap[touching]).max(initial=0.0)) / height,

@@ -72,7 +72,7 @@ class Answered:
                 f"{self.result.method} gives a {name} of shape {np.shape(values)} on a grid of "
                 f"{shape}"
             )
-        return np.asarray(values, dtype=np.float64)
+        return np.asarray(values, dtype=None if name == "state" else np.float64)
 
     @property
     def flows(self) -> bool:
@@ -106,11 +106,6 @@ class Answered:
     def at_the_cap(self) -> Any:
         """The mask of the points at which the body flows."""
         return self.pressure >= self.scene.material.hardness * (1 - _AT_THE_CAP)
-
-    @cached_property
-    def rms_height(self) -> float:
-        """The rms height of the surface in m."""
-        return float(self.scene.surface.heights.std())
 
     @cached_property
     def open_gap(self) -> tuple[FloatArray, Any]:
@@ -169,7 +164,7 @@ def gap(a: Answered) -> float:
     def wrong(p: Any, g: Any, flowing: Any, touching: Any) -> Any:
         return np.where(p <= 0, -g, np.where(flowing & ~touching, g, np.abs(g)))
 
-    return largest(wrong, a.pressure, gap, a.at_the_cap, touching) / a.rms_height
+    return largest(wrong, a.pressure, gap, a.at_the_cap, touching) / a.scene.surface.rms_height
 
 
 def compression(scene: Scene) -> float:

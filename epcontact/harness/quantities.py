@@ -241,7 +241,7 @@ _MEASURED = (
         "m",
         "rms height of the surface",
         (),
-        lambda a: a.rms_height,
+        lambda a: a.scene.surface.rms_height,
     ),
     Quantity(
         "quantity.surface_rms_slope",

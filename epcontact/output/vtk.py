@@ -346,6 +346,7 @@ def _streamed(
     class Source(VTKPythonAlgorithmBase):  # type: ignore[misc]
         def __init__(self) -> None:
             super().__init__(nInputPorts=0, nOutputPorts=1, outputType="vtkImageData")
+            self._held: list[NDArray[Any]] = []
 
         def RequestInformation(self, _request: Any, _inputs: Any, outputs: Any) -> int:
             about = outputs.GetInformationObject(0)
@@ -360,13 +361,14 @@ def _streamed(
             about = outputs.GetInformationObject(0)
             extent = about.Get(vtkStreamingDemandDrivenPipeline.UPDATE_EXTENT())
             x0, x1, y0, y1, *_ = extent
-            part = vtkImageData()
+            part, self._held = vtkImageData(), []  # VTK uses the memory of the arrays
             part.SetExtent(extent)
             part.SetSpacing(steps)
             for name, plane in planes.items():
                 kind = np.uint8 if name == "state" else real
                 values = _transposed(plane[x0 : x1 + 1, y0 : y1 + 1], kind)
-                array = numpy_to_vtk(values.ravel(), deep=True)
+                self._held.append(values.ravel())
+                array = numpy_to_vtk(self._held[-1])
                 array.SetName(name)
                 if name in UNITS:
                     array.GetInformation().Set(vtkDataArray.UNITS_LABEL(), UNITS[name])
