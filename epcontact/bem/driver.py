@@ -162,7 +162,7 @@ def _walk(
         problem = GridProblem(left, symbol, mean_pressure, scene.material.hardness)
         shown = replace(options, progress=_share_done(scene, options, len(steps), progress))
         now = loaded(problem, shown, start, before)
-        steps.append(_load_step(scene, now))
+        steps.append(_load_step(scene, now, options.threads))
         pairs = {name: count + now.solution.counts[name] for name, count in pairs.items()}
         if on_step is not None:
             on_step(_result(scene, options, tuple(steps), now, dict(pairs)))
@@ -238,7 +238,7 @@ def _warm_start(last: LoadedSurface, left: FloatArray, following: float) -> Floa
     return np.asarray(solution.pressure * ratio - GRADIENT_STEP / problem.symbol.shortest() * gap)
 
 
-def _load_step(scene: Scene, now: LoadedSurface) -> LoadStep:
+def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
     problem, solution = now.problem, now.solution
     shape, pressure, gap = scene.surface.shape, solution.pressure, now.gap()
     open_gap = float(np.sum(gap, where=gap > 0)) / gap.size
@@ -255,6 +255,7 @@ def _load_step(scene: Scene, now: LoadedSurface) -> LoadStep:
         problem.hardness,
         scene.surface.spacing,
         effective_modulus(scene.material),
+        threads,
     )
     compression = _compression(scene, problem.mean_pressure)
     # Unlike a product of a linear algebra library, this starts no threads.

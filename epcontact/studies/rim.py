@@ -27,12 +27,11 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import AXIS_OFFSET, KINK, STIFFNESS, crossing, kind
+from epcontact.bem.areas.front import AXIS_OFFSET, KINK, STIFFNESS, crossing
 from epcontact.bem.areas.rim_correction import (
     CORNER,
     COUNTED,
@@ -122,31 +121,15 @@ def front_sums(
     folded[0] = np.inf
     p, g = solved(wave(n, phase), 2 / folded, load, hardness)
     column = (a * np.arange(n)[:, None] + b * (np.arange(6) - 2)) % n  # this strip meets every row
-    out = np.zeros((len(grid.U_NODES), *grid.SUMS))
-    stiffness = (STIFFNESS, STIFFNESS)
-    fields = grid.Fields(p[column], g[column], hardness * (1 - 1e-12), stiffness)
-    _add_column(fields, np.eye(len(out)), out, grid.workspace(6))
+    limit, stiffness = hardness * (1 - 1e-12), (STIFFNESS, STIFFNESS)
+    # Cells whose last corner is in the fourth of the six columns have all that they need.
+    out = [
+        grid.sweep(p[column], g[column], limit, stiffness, table, (0, n), (3, 4))
+        for table in np.eye(len(grid.U_NODES))
+    ]
     scale = length / 2 / n
-    return out[0].sum(axis=-1) * scale, out[:, grid.OFFSET].sum(axis=-1) * scale
-
-
-@numba.njit  # not cached: it contains code of another file, which the cache does not watch
-def _add_column(fields: grid.Fields, tables: FloatArray, out: FloatArray, work: grid.Work) -> None:
-    p, hardness = fields.pressure, fields.hardness
-    for i in range(p.shape[0]):
-        first = kind(p[i, 3], hardness)
-        same = (
-            kind(p[i - 1, 3], hardness) == first
-            and kind(p[i, 2], hardness) == first
-            and kind(p[i - 1, 2], hardness) == first
-        )
-        for k in range(len(tables)):
-            if same:
-                out[k, grid.AREA, 0, 0] += first > 0
-                out[k, grid.AREA, 1, 0] += first > 1
-            else:
-                grid.add_cell(fields, (i, 3), tables[k], out[k], (False, False), work)
-                grid.add_tip(fields, (i, 3), out[k])
+    offsets = np.array([sums[grid.OFFSET] for sums in out])
+    return out[0].sum(axis=-1) * scale, offsets.sum(axis=-1) * scale
 
 
 def exact_fronts(hardness: float, period: float, points: int = 1 << 16) -> tuple[float, float]:
@@ -324,7 +307,7 @@ def calibrate_kink(points: int = 96, finer: int = 32) -> tuple[float, float]:
                 p, g = solved(-slope * (away + bend * away**2), half_space((n,), 1.0), load)
                 last = next(i for i in range(round(centre * n), 2 * n) if p[(i + 1) % n] <= 0)
                 v = [p[k % n] - STIFFNESS * n * g[k % n] for k in range(last - 2, last + 4)]
-                place, held, _, doubt, kinked = crossing(np.array(v), math.inf, 0)
+                place, held, _, doubt, kinked = crossing(tuple(v), math.inf, 0)
                 places.append((last + place - (0 if held else AXIS_OFFSET)) / n)
             if kinked and v[2] > v[1]:  # the coarse line's; not where a kink is behind the front
                 shares.append(doubt / KINK)

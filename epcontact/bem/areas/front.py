@@ -21,8 +21,6 @@ import math
 
 import numba
 
-from epcontact.results import FloatArray
-
 #: Offset of a front along an axis, in dx: 1/4 - (1/2 pi) int_0^{pi/2} (cot t/t - cot^2 t) dt.
 AXIS_OFFSET = 0.190009285925947
 #: STIFFNESS is c in E*/dx, and MIX is b.
@@ -43,6 +41,7 @@ STEP = 3.0
 #: the share of the pressure in the change of v (`epcontact.studies.rim.calibrate_kink`).
 KINK = 0.13
 
+Six = tuple[float, float, float, float, float, float]
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
@@ -135,12 +134,10 @@ def _closing(near: float, middle: float, far: float) -> float:
 
 
 @_jit
-def crossing(
-    v: FloatArray, hardness: float, front: int
-) -> tuple[float, float, float, float, float]:
+def crossing(v: Six, hardness: float, front: int) -> tuple[float, float, float, float, float]:
     """The place, 0 to 1, between the middle two of six points where v crosses 0 or the hardness.
 
-    v: (6,) values of `field`, which are overwritten.  front: 0, or 1 for the hardness.
+    v: values of `field`.  front: 0, or 1 for the hardness.
 
     Returns:
         (place, held, hidden, doubt, kinked): if a step of the surface holds the front, any place in
@@ -157,12 +154,17 @@ def crossing(
     polynomial is larger than its last.
     """
     if front:
-        for k in range(6):
-            v[k] = hardness - v[k]
+        v = (
+            hardness - v[0],
+            hardness - v[1],
+            hardness - v[2],
+            hardness - v[3],
+            hardness - v[4],
+            hardness - v[5],
+        )
     turned = v[2] <= 0
     if turned:
-        for k in range(3):
-            v[k], v[5 - k] = v[5 - k], v[k]
+        v = v[5], v[4], v[3], v[2], v[1], v[0]
     last, before, jump = v[2], v[1], v[2] - v[3]
     elastic, open_after = last < hardness, v[4] <= 0
     step = jump > STEP * max(before - last, v[3] - v[4]) and (

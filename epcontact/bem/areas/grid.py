@@ -1,7 +1,8 @@
 """The fronts of a contact on a grid: one pass locates them in every cell that has one.
 
 A front crosses the links between neighbouring points, where `front` locates it.  Straight
-segments between the crossings of a cell bound the area.
+segments between the crossings of a cell bound the area.  All that the pass needs to know of a point
+is `front.field`, v: at most 0 where apart, at least the hardness where plastic.
 
 Besides the area, the pass adds up over each front the sums that `rim_correction` needs:
 
@@ -39,9 +40,8 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from epcontact.bem.areas.front import crossing, field, kind
+from epcontact.bem.areas.front import Six, crossing, field, kind
 from epcontact.results import ELASTIC, PLASTIC, FloatArray
 
 #: Values of u at which the offset is tabulated.
@@ -61,42 +61,106 @@ LONE = 0.6
 TIP_NEIGHBOURS = 2
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+#: What is called at one place is compiled there: a call counts references to each array, which
+#: took a third of the time of the pass.
+_inlined = numba.njit(nogil=True, error_model="numpy", inline="always")
 #: The corner, or the side, of a cell before and after each.
 _BEFORE, _AFTER = (3, 0, 1, 2), (1, 2, 3, 0)
+#: v of eight rows is in memory, that of row i at i & _LAST, with _PAD columns repeated at both
+#: ends.  A cell needs three rows before its last corner and two after it.
+_LAST, _PAD = 7, 3
+Corners = tuple[float, float, float, float]
+
+
+class Rows(NamedTuple):
+    """v of the rows in memory, with c of `front` for the links along x and for those along y."""
+
+    along: FloatArray
+    across: FloatArray
+
+
+class Crossings(NamedTuple):
+    """Where a front crosses links.
+
+    links: (2, columns + 1, 5), what `front` found for each front on the sides that the cell shares
+    with those of the next row, and with the next cell of its own; cut: (4,) the places on a cell's
+    sides.
+    """
+
+    links: FloatArray
+    cut: FloatArray
+
+
 #: Indices of the sums (SUMS, front, part).
 AREA, OFFSET, TURN, FLOWING, STRIP, TIPS, LACKING, DIPS, CREASE = range(9)
 LENGTH, HARMONIC, SINE, CHANCE, COMMON, HELD, ALIGNED, HIDDEN, KINKED = range(9, 18)
 SUMS = (18, 2, 2)
 
 
-class Fields(NamedTuple):
-    """A solution (nx, ny), its hardness, and c of `front` for the links along x and along y."""
+@_jit
+def sweep(
+    pressure: FloatArray,
+    gap: FloatArray,
+    hardness: float,
+    stiffness: tuple[float, float],
+    table: FloatArray,
+    rows: tuple[int, int],
+    columns: tuple[int, int],
+) -> FloatArray:
+    """The sums over the cells of a periodic grid whose last corners are in `rows` and `columns`.
 
-    pressure: FloatArray
-    gap: FloatArray
-    hardness: float
-    stiffness: tuple[float, float]
-
-
-class Work(NamedTuple):
-    """Arrays for one cell: its states, v along x and y, the crossings of its sides, v of a link.
-
-    links: (2, columns + 1, 5), what `front` found for each front on the sides that the cell shares
-    with those of the next row, and with the next cell of its own.
+    pressure, gap: (nx, ny); stiffness: c of `front` for the links along x and along y; table:
+    offsets at U_NODES.
     """
-
-    kinds: NDArray[np.int64]
-    along: FloatArray
-    across: FloatArray
-    cut: FloatArray
-    v: FloatArray
-    links: FloatArray
+    sums, size = np.zeros(SUMS), pressure.shape[1]
+    along = np.empty((_LAST + 1, size + 2 * _PAD))
+    across = along if stiffness[0] == stiffness[1] else np.empty_like(along)
+    window, crossings = Rows(along, across), Crossings(np.empty((2, size + 1, 5)), np.empty(4))
+    fronts = 2 if hardness < np.inf else 1
+    for i in range(rows[0] - _PAD, rows[0] + 2):
+        _fill(pressure, gap, hardness, stiffness, i, window)
+    for i in range(rows[0], rows[1]):
+        _fill(pressure, gap, hardness, stiffness, i + 2, window)
+        row, last = i & _LAST, (i - 1) & _LAST
+        above = kind(along[last, columns[0] + _PAD - 1], hardness)
+        left = kind(along[row, columns[0] + _PAD - 1], hardness)
+        for j in range(columns[0], columns[1]):
+            over, here = kind(along[last, j + _PAD], hardness), kind(along[row, j + _PAD], hardness)
+            if above == left == over == here:
+                sums[AREA, 0, 0] += here > 0
+                sums[AREA, 1, 0] += here > 1
+            else:
+                known = i > rows[0], j > columns[0]
+                _add_cell(window, (i, j), hardness, table, known, crossings, sums)
+                if here != ELASTIC:
+                    _add_tip(window, (i, j), hardness, sums)
+            if here == ELASTIC:
+                for front in range(fronts):
+                    _add_hidden(window, (i, j), hardness, front, sums)
+            above, left = over, here
+    return sums
 
 
 @_jit
-def _wrapped(index: int, size: int) -> int:
-    """index modulo size; a division takes as long as all the rest of a point."""
-    return index if 0 <= index < size else index % size
+def _fill(
+    pressure: FloatArray,
+    gap: FloatArray,
+    hardness: float,
+    stiffness: tuple[float, float],
+    i: int,
+    window: Rows,
+) -> None:
+    """Put v of row i into memory, with the stiffness of links along x and of links along y."""
+    (rows, columns), into, (along, across) = pressure.shape, i & _LAST, window
+    for j in range(columns):
+        p, g = pressure[i % rows, j], gap[i % rows, j]
+        along[into, j + _PAD] = field(p, g, hardness, stiffness[0])
+        if across is not along:
+            across[into, j + _PAD] = field(p, g, hardness, stiffness[1])
+    for v in (along, across):
+        for j in range(_PAD):
+            v[into, j] = v[into, (j - _PAD) % columns + _PAD]
+            v[into, columns + _PAD + j] = v[into, j % columns + _PAD]
 
 
 @_jit
@@ -113,7 +177,7 @@ def interpolated(u: float, table: FloatArray) -> float:
 
 @_jit
 def _polygon(
-    kinds: NDArray[np.int64], front: int, cut: FloatArray, joined: bool
+    kinds: Corners, front: int, cut: FloatArray, joined: bool
 ) -> tuple[float, float, float]:
     """(area, length of front, turn) of the part of a unit cell that is inside a front.
 
@@ -144,36 +208,48 @@ def _polygon(
     return (area, length, turn) if inside else (1 - area, length, -turn)
 
 
-def workspace(columns: int) -> Work:
-    """The arrays of `add_cell`, allocated once for all cells."""
-    along, across, cut, v = np.empty((4, 6))
-    return Work(np.empty(4, np.int64), along, across, cut, v, np.empty((2, columns + 1, 5)))
-
-
 @_jit
+def _six(v: FloatArray, i: int, j: int, x: int) -> Six:
+    """Six values one after another along x (1) or y (0), from row i and column j of the memory."""
+    y = 1 - x
+    return (
+        v[i & _LAST, j],
+        v[(i + x) & _LAST, j + y],
+        v[(i + 2 * x) & _LAST, j + 2 * y],
+        v[(i + 3 * x) & _LAST, j + 3 * y],
+        v[(i + 4 * x) & _LAST, j + 4 * y],
+        v[(i + 5 * x) & _LAST, j + 5 * y],
+    )
+
+
+@_inlined
 def _locate(
-    fields: Fields, place: tuple[int, int], front: int, known: tuple[bool, bool], work: Work
+    window: Rows,
+    place: tuple[int, int],
+    hardness: float,
+    front: int,
+    known: tuple[bool, bool],
+    kinds: Corners,
+    found: Crossings,
 ) -> tuple[float, float, float, float]:
-    """Locate a front on the sides of a cell, in `work.cut`; the means of what else is found."""
-    (i, j), (nx, ny), v, links = place, fields.pressure.shape, work.v, work.links
+    """Locate a front on the sides of a cell, in `found.cut`; the means of what else is found."""
+    (i, j), (along, across), (links, cut) = place, window, found
     crossings, held, hidden, doubt, kinked = 0, 0.0, 0.0, 0.0, 0.0
     for k in (3, 0, 1, 2):
-        if (work.kinds[k] > front) == (work.kinds[_AFTER[k]] > front):
+        if (kinds[k] > front) == (kinds[_AFTER[k]] > front):
             continue
         # Sides 0 and 2 run along x, 1 and 3 along y.
         x_side = k in (0, 2)
-        m = ny if x_side else j
+        m = links.shape[1] - 1 if x_side else j
         if not ((k == 3 and known[0]) or (k == 0 and known[1])):
-            c = fields.stiffness[0] if x_side else fields.stiffness[1]
-            row, column = i if k == 1 else i - 1, j if k == 2 else j - 1
-            for n in range(6):
-                a, b = (row + n - 2, column) if x_side else (row, column + n - 2)
-                a, b = _wrapped(a, nx), _wrapped(b, ny)
-                v[n] = field(fields.pressure[a, b], fields.gap[a, b], fields.hardness, c)
-            found = crossing(v, fields.hardness, front)
+            if x_side:
+                v = _six(along, i - 3, j + _PAD - (k == 0), 1)
+            else:
+                v = _six(across, i - (k == 3), j, 0)
+            link = crossing(v, hardness, front)
             for n in range(5):
-                links[front, m, n] = found[n]
-        work.cut[k] = links[front, m, 0] if k < 2 else 1 - links[front, m, 0]
+                links[front, m, n] = link[n]
+        cut[k] = links[front, m, 0] if k < 2 else 1 - links[front, m, 0]
         crossings += 1
         held += links[front, m, 1]
         hidden += links[front, m, 2]
@@ -183,7 +259,7 @@ def _locate(
 
 
 @_jit
-def _slope(along: FloatArray, across: FloatArray, hardness: float) -> tuple[float, float, float]:
+def _slope(along: Corners, across: Corners, hardness: float) -> tuple[float, float, float]:
     """(u, cos 4 theta, sin 4 theta) of a cell, from v at its corners."""
     dx = (along[1] + along[2] - along[0] - along[3]) / 2
     dy = (across[2] + across[3] - across[0] - across[1]) / 2
@@ -194,33 +270,28 @@ def _slope(along: FloatArray, across: FloatArray, hardness: float) -> tuple[floa
     return hardness / math.sqrt(square), 1 - 8 * (dx * dy / square) ** 2, sin4
 
 
-@_jit
-def add_cell(
-    fields: Fields,
+@_inlined
+def _add_cell(
+    window: Rows,
     place: tuple[int, int],
+    hardness: float,
     table: FloatArray,
-    sums: FloatArray,
     known: tuple[bool, bool],
-    work: Work,
+    found: Crossings,
+    sums: FloatArray,
 ) -> None:
     """Add a cell with a front to the sums; its corners are (i - 1, j - 1) and (i, j).
 
     known: whether the cell of the row before, and the cell before in this row, have been added.
     """
-    i, j = place
-    kinds, hardness, middle, elastic = work.kinds, fields.hardness, 0.0, False
-    # v with the stiffness of links along x and of links along y
-    along, across = work.along, work.across
-    for k in range(4):
-        a = i if k in (1, 2) else i - 1
-        b = j if k >= 2 else j - 1
-        p, g = fields.pressure[a, b], fields.gap[a, b]
-        kinds[k] = kind(p, hardness)
-        elastic = elastic or kinds[k] == ELASTIC
-        along[k] = field(p, g, hardness, fields.stiffness[0])
-        across[k] = field(p, g, hardness, fields.stiffness[1])
-        middle += (along[k] + across[k]) / 8
-    u, cos4, sin4 = _slope(along, across, hardness)
+    (i, j), (along, across) = place, window
+    r, s, b, a = (i - 1) & _LAST, i & _LAST, j + _PAD, j + _PAD - 1
+    x = along[r, a], along[s, a], along[s, b], along[r, b]
+    y = across[r, a], across[s, a], across[s, b], across[r, b]
+    kinds = kind(x[0], hardness), kind(x[1], hardness), kind(x[2], hardness), kind(x[3], hardness)
+    elastic = ELASTIC in kinds
+    middle = (x[0] + x[1] + x[2] + x[3] + y[0] + y[1] + y[2] + y[3]) / 8
+    u, cos4, sin4 = _slope(x, y, hardness)
     offset, narrow = interpolated(u, table), min(u, 1.0)
     for front in range(2):
         n = 0
@@ -230,13 +301,16 @@ def add_cell(
             sums[AREA, front, 0] += 1
         if n in (0, 4):
             continue
-        held, hidden, doubt, kinked = _locate(fields, place, front, known, work)
-        area, length, turn = _polygon(kinds, front, work.cut, middle > (hardness if front else 0.0))
+        held, hidden, doubt, kinked = _locate(window, place, hardness, front, known, kinds, found)
+        area, length, turn = _polygon(
+            kinds, front, found.cut, middle > (hardness if front else 0.0)
+        )
         resolved, stuck = (1 - held) * length, held * length
         apart = max(narrow**2, held)
-        values = area, offset * resolved, turn, 0.0 if elastic else stuck
-        for m in range(4):  # AREA to FLOWING
-            sums[m, front, 0] += values[m]
+        sums[AREA, front, 0] += area
+        sums[OFFSET, front, 0] += offset * resolved
+        sums[TURN, front, 0] += turn
+        sums[FLOWING, front, 0] += 0.0 if elastic else stuck
         sums[STRIP, front, 1] += cos4 * (1 - apart) * length * narrow
         more = (
             length,
@@ -255,24 +329,21 @@ def add_cell(
 
 
 @_jit
-def add_tip(fields: Fields, place: tuple[int, int], sums: FloatArray) -> None:
+def _add_tip(window: Rows, place: tuple[int, int], hardness: float, sums: FloatArray) -> None:
     """Count a point that is a tip; the steepest way to a neighbour gives the width of a strip."""
-    (i, j), (nx, ny), hardness = place, fields.pressure.shape, fields.hardness
-    p, g = fields.pressure, fields.gap
-    state, like = kind(p[i, j], hardness), -1
-    if state == ELASTIC:
-        return
-    rows, columns = (i - 1, i, _wrapped(i + 1, nx)), (j - 1, j, _wrapped(j + 1, ny))
-    for a in rows:
-        for b in columns:
-            like += kind(p[a, b], hardness) == state
+    (i, j), (along, across) = place, window
+    here, column = along[i & _LAST, j + _PAD], j + _PAD
+    state, like, steepest = kind(here, hardness), -1, 0.0
+    for a in range(i - 1, i + 2):
+        for b in range(column - 1, column + 2):
+            like += kind(along[a & _LAST, b], hardness) == state
     if not 0 < like <= TIP_NEIGHBOURS:
         return
-    c, steepest = math.sqrt(fields.stiffness[0] * fields.stiffness[1]), 0.0
-    here = field(p[i, j], g[i, j], hardness, c)
-    for a in rows:
-        for b in columns:
-            steepest = max(steepest, abs(field(p[a, b], g[a, b], hardness, c) - here))
+    here += across[i & _LAST, column]
+    for a in range(i - 1, i + 2):
+        for b in range(column - 1, column + 2):
+            there = along[a & _LAST, b] + across[a & _LAST, b]
+            steepest = max(steepest, abs(there - here) / 2)
     apart = min(hardness / steepest, 1.0) ** 2 if steepest > hardness else 1.0
     front = int(state == PLASTIC)
     sums[TIPS, front, 0] += apart
@@ -280,8 +351,40 @@ def add_tip(fields: Fields, place: tuple[int, int], sums: FloatArray) -> None:
 
 
 @_jit
-def _dip(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> float:
+def _short(v: FloatArray, i: int, j: int, hardness: float, front: int) -> float:
+    """The pressure at a point, or what it lacks of the hardness for front 1."""
+    p = min(max(v[i & _LAST, j + _PAD], 0.0), hardness)
+    return float(hardness - p if front else p)
+
+
+@_inlined
+def _add_hidden(
+    window: Rows, place: tuple[int, int], hardness: float, front: int, sums: FloatArray
+) -> None:
+    """Add what an elastic point may hide beside it: gaps, or for front 1 plastic zones."""
+    v, (i, j) = window.along, place
+    here = _short(v, i, j, hardness, front)
+    above, below = _short(v, i - 1, j, hardness, front), _short(v, i + 1, j, hardness, front)
+    left, right = _short(v, i, j - 1, hardness, front), _short(v, i, j + 1, hardness, front)
+    least, most = min(above, below, left, right), max(above, below, left, right)
+    if most <= 0:
+        sums[LACKING, front, 0] += _lacking(window, place, hardness, front)
+    if here <= least and most < hardness:
+        sums[DIPS, front, 0] += _dip(here, (above + below + left + right) / 4 - here)
+    x_width = y_width = x_straight = y_straight = 0.0
+    if here <= min(above, below) and min(above, below) > 0:
+        x_width, x_straight = _crease(v, place, 1, hardness, front)
+    if here <= min(left, right) and min(left, right) > 0:
+        y_width, y_straight = _crease(v, place, 0, hardness, front)
+    sums[CREASE, front, 0] += max(x_straight, y_straight)
+    sums[DIPS, front, 0] += (x_width * y_width) ** 2
+
+
+@_jit
+def _dip(here: float, rise: float) -> float:
     """Square of the area of a gap that may be hidden next to a minimum of the pressure.
+
+    here: the pressure there; rise: the mean of its neighbours less it.
 
     Between the points p may fall to 0 (front 1: hardness - p).  In full contact p is a smooth
     wave.  If it would fall to -p1 + p2 s^2 at the distance s from its lowest place, a gap of
@@ -290,105 +393,55 @@ def _dip(pressure: FloatArray, i: int, j: int, hardness: float, front: int) -> f
     pressure at the point.  The second difference of a wave with four points to its length is p2
     divided by SEEN.
     """
-    nx, ny = pressure.shape
-    here, above, below = pressure[i, j], pressure[i - 1, j], pressure[_wrapped(i + 1, nx), j]
-    left, right = pressure[i, j - 1], pressure[i, _wrapped(j + 1, ny)]
-    if front:
-        here, above, below = hardness - here, hardness - above, hardness - below
-        left, right = hardness - left, hardness - right
-    if here <= 0 or here > min(above, below, left, right):
+    if here >= SEEN * rise / 2:
         return 0.0
-    if max(above, below, left, right) >= hardness:
-        return 0.0
-    bend = SEEN * (above + below + left + right - 4 * here) / 4
-    if here >= bend / 2:
-        return 0.0
-    return float((math.pi * 1.5 * (0.5 - here / bend)) ** 2)
+    return float((math.pi * 1.5 * (0.5 - here / (SEEN * rise))) ** 2)
 
 
 @_jit
 def _crease(
-    pressure: FloatArray, i: int, j: int, hardness: float, front: int
+    v: FloatArray, place: tuple[int, int], x: int, hardness: float, front: int
 ) -> tuple[float, float]:
-    """Areas of a gap that may be hidden beside a point, at a crease and at a tip of the surface.
+    """Width of a gap that may be hidden at a crease across x (1) or y (0), and that along which it
+    may be straight.
 
     At a crease the pressure falls to k ln s, where s is the distance from it, and k ln 3 is the
     rise from half a spacing to 3/2.  A gap opens where it would fall below 0, and twice as wide
     (as in `front`).  The pressure bends the other way beside a crease, and along it, it changes
-    less than across by STRAIGHT.  At a tip it is the same in two directions at right angles.
+    less than across by STRAIGHT.  A tip is a crease in both directions.
     """
-    nx, ny = pressure.shape
-    sign, base = (-1, hardness) if front else (1, 0.0)
-    here, widest, area = base + sign * pressure[i, j], 0.0, 1.0
-    for x in range(2):
-        y = 1 - x
-        a, b = _wrapped(i + x, nx), _wrapped(j + y, ny)
-        before, after = base + sign * pressure[i - x, j - y], base + sign * pressure[a, b]
-        across, width = max(before, after) - here, 0.0
-        if min(before, after) >= here and min(before, after) > 0 and across > 0:
-            outer = base + sign * pressure[i - 2 * x, j - 2 * y]
-            other = base + sign * pressure[_wrapped(i + 2 * x, nx), _wrapped(j + 2 * y, ny)]
-            bend = min(outer + here - 2 * before, other + here - 2 * after)
-            if bend < 0:
-                width = 2 * 3 ** (-here / across)
-                along = 0.0
-                for side in (-1, 1):
-                    lowest = hardness
-                    for shift in (-1, 0, 1):
-                        a, b = (
-                            _wrapped(i + side * y + shift * x, nx),
-                            _wrapped(j + side * x + shift * y, ny),
-                        )
-                        lowest = min(lowest, base + sign * pressure[a, b])
-                    along = max(along, lowest - here)
-                widest = max(widest, width * max(1 - along / (STRAIGHT * across), 0.0))
-        area *= width
-    return widest, area
+    (i, j), y = place, 1 - x
+    here = _short(v, i, j, hardness, front)
+    before = _short(v, i - x, j - y, hardness, front)
+    after = _short(v, i + x, j + y, hardness, front)
+    outer = _short(v, i - 2 * x, j - 2 * y, hardness, front)
+    other = _short(v, i + 2 * x, j + 2 * y, hardness, front)
+    across = max(before, after) - here
+    if across <= 0 or min(outer + here - 2 * before, other + here - 2 * after) >= 0:
+        return 0.0, 0.0
+    along = 0.0
+    for side in (-1, 1):
+        lowest = hardness
+        for shift in (-1, 0, 1):
+            a, b = i + side * y + shift * x, j + side * x + shift * y
+            lowest = min(lowest, _short(v, a, b, hardness, front))
+        along = max(along, lowest - here)
+    width = float(2 * 3 ** (-here / across))
+    return width, width * max(1 - along / (STRAIGHT * across), 0.0)
 
 
 @_jit
-def _lone(fields: Fields, i: int, j: int, front: int) -> float:
+def _lacking(window: Rows, place: tuple[int, int], hardness: float, front: int) -> float:
     """What the located area of a lone point lacks of LONE, because its spot may have no area.
 
     Front 1: the point is the only elastic one.
     """
-    (nx, ny), hardness, area = fields.pressure.shape, fields.hardness, 1.0
-    here = hardness - fields.pressure[i, j] if front else fields.pressure[i, j]
+    (i, j), area = place, 1.0
+    here = _short(window.along, i, j, hardness, front)
     for x in range(2):
-        cut = 0.0
+        v, cut = window.along if x else window.across, 0.0
         for side in (-1, 1):
-            a, b = _wrapped(i + side * x, nx), _wrapped(j + side * (1 - x), ny)
-            v = field(fields.pressure[a, b], fields.gap[a, b], hardness, fields.stiffness[1 - x])
-            out = hardness - v if front else v
-            if out > 0:
-                return 0.0
-            cut += here / (here - out)
+            out = v[(i + side * x) & _LAST, j + side * (1 - x) + _PAD]
+            cut += here / (here - (hardness - out if front else out))
         area *= cut
     return float(max(LONE - area / 2, 0.0))
-
-
-@_jit
-def sweep(fields: Fields, table: FloatArray, sums: FloatArray, work: Work) -> None:
-    """Add up the sums over every cell of the periodic grid; table: offsets at U_NODES."""
-    pressure, hardness = fields.pressure, fields.hardness
-    nx, ny = pressure.shape
-    fronts = 2 if hardness < np.inf else 1
-    for i in range(nx):
-        above, here = kind(pressure[i - 1, -1], hardness), kind(pressure[i, -1], hardness)
-        for j in range(ny):
-            above_2, here_2 = kind(pressure[i - 1, j], hardness), kind(pressure[i, j], hardness)
-            if above == here == above_2 == here_2:
-                sums[AREA, 0, 0] += here > 0
-                sums[AREA, 1, 0] += here > 1
-            else:
-                add_cell(fields, (i, j), table, sums, (i > 0, j > 0), work)
-                add_tip(fields, (i, j), sums)
-                for front in range(fronts if here_2 == ELASTIC else 0):
-                    sums[LACKING, front, 0] += _lone(fields, i, j, front)
-            if here_2 == ELASTIC:
-                for front in range(fronts):
-                    sums[DIPS, front, 0] += _dip(pressure, i, j, hardness, front)
-                    crease, tip = _crease(pressure, i, j, hardness, front)
-                    sums[CREASE, front, 0] += crease
-                    sums[DIPS, front, 0] += tip**2
-            above, here = above_2, here_2

@@ -113,10 +113,15 @@ def _front(
     p: FloatArray, g: FloatArray, hardness: float, c: float, i: int, d: int, front: int
 ) -> tuple[float, float]:
     """Place of a front between i and i + d and its standard deviation, in spacings from i."""
-    n, v = p.size, np.empty(6)
-    for m in range(6):
-        k = (i + (m - 2) * d) % n
-        v[m] = field(p[k], g[k], hardness, c)
+    n = p.size
+    v = (
+        field(p[(i - 2 * d) % n], g[(i - 2 * d) % n], hardness, c),
+        field(p[(i - d) % n], g[(i - d) % n], hardness, c),
+        field(p[i], g[i], hardness, c),
+        field(p[(i + d) % n], g[(i + d) % n], hardness, c),
+        field(p[(i + 2 * d) % n], g[(i + 2 * d) % n], hardness, c),
+        field(p[(i + 3 * d) % n], g[(i + 3 * d) % n], hardness, c),
+    )
     offset = interpolated(hardness / (v[2] - v[3]), LINE_OFFSETS)
     where, held, _, doubt, _ = crossing(v, hardness, front)
     if held:

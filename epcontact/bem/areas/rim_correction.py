@@ -51,6 +51,7 @@ import numpy as np
 from epcontact.bem.areas import grid
 from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS
 from epcontact.bem.areas.line import line_lengths
+from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
 
@@ -104,6 +105,8 @@ TWO_EDGES = ANYWHERE / math.sqrt(2)
 SURE = 2.0
 # A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
+# Rows that a thread sweeps at a time.  Five more are read, and one is located twice.
+_ROWS = 128
 
 
 def perimeter_areas(pressure: FloatArray, hardness: float = math.inf) -> tuple[Areas, Areas]:
@@ -138,6 +141,7 @@ def estimate_areas(
     hardness: float,
     spacing: Sequence[float],
     effective_modulus: float,
+    threads: int = 1,
 ) -> tuple[Areas, Areas, Areas]:
     """Areas as fractions of the nominal area, from one converged solution.
 
@@ -150,6 +154,7 @@ def estimate_areas(
         hardness: in Pa, may be infinite.
         spacing: (dx, dy) or (dx,), in m.
         effective_modulus: E* in Pa, also for a layer, because short waves determine a rim.
+        threads: share the pass over a grid; its sums have the same bits on any number of them.
 
     Returns:
         (raw, corrected, error).  The error is the estimated absolute error of the corrected
@@ -174,7 +179,7 @@ def estimate_areas(
         lengths = line_lengths(pressure, gap, limit, effective_modulus / spacing[0])
         counted, edges, sure = (np.array(pair) / n for pair in lengths)
         return _areas(*counted), *_possible(edges, np.diag((sure / SURE) ** 2), share)
-    sums = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus)
+    sums = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads)
     contact, plastic, _, _ = count(pressure, limit)
     raw = _areas(contact / n, plastic / n)
     return raw, *areas_of_sums(sums, raw, share, n, spacing[0] / spacing[1])
@@ -186,13 +191,17 @@ def sums_of_fronts(
     hardness: float,
     spacing: Sequence[float],
     effective_modulus: float,
+    threads: int = 1,
 ) -> FloatArray:
     """The sums of `grid` over a solution on a grid; see `estimate_areas` for the arguments."""
-    along, across = (STIFFNESS * effective_modulus / step for step in spacing)
-    sums = np.zeros(grid.SUMS)
-    fields = grid.Fields(pressure, gap, hardness * _ROUNDING, (along, across))
-    grid.sweep(fields, OFFSETS, sums, grid.workspace(pressure.shape[1]))
-    return sums
+    (dx, dy), (nx, ny) = spacing, pressure.shape
+    stiffness = STIFFNESS * effective_modulus / dx, STIFFNESS * effective_modulus / dy
+    rows = [(part.start, part.stop) for part in ranges(nx, _ROWS)]
+    with Workers(threads) as workers:
+        parts = workers.each(
+            grid.sweep, pressure, gap, hardness * _ROUNDING, stiffness, OFFSETS, rows, (0, ny)
+        )
+    return np.asarray(sum(parts))
 
 
 def areas_of_sums(
