@@ -275,14 +275,14 @@ def test_scenes_that_once_were_wrong_are_within_their_claims():
     assert (table["times"] <= 1).all()
     # Two thirds of what worn plateaus have in plastic contact are beside kinks, where no point
     # shows them: a third is missing of all, and they claim two.
-    assert (table["claimed"] < [1, 100, 50, 50, 75, *[50] * 6]).all()
+    assert (table["claimed"] < [1, 100, 50, 50, 65, *[50] * 6]).all()
 
 
 @pytest.mark.slow
 def test_the_error_constants_can_be_fitted_again():
-    """A small ensemble of the kinds they come from: the fit covers what it is to cover (or more,
-    because not all of a claim has a constant), does not depend on where it begins, and finds
-    nothing much better than the constants in use."""
+    """A small ensemble of their kinds: the fit covers what it is to cover, to twice the
+    standard error of its 65 areas, does not depend on where it begins, and finds nothing much
+    better than the constants in use."""
     known = error_bars.lessons(range(1100, 1103), 32)
     begun = error_bars.ErrorConstants(*(2 * value for value in astuple(ERRORS)))
     fit, again = error_bars.fitted(known), error_bars.fitted(known, begun)
@@ -290,8 +290,8 @@ def test_the_error_constants_can_be_fitted_again():
     assert losses[1] == pytest.approx(losses[0], abs=0.03)
     assert losses[0] <= losses[2] < losses[0] + 0.4
     error, claim = error_bars.errors_and_claims(known, fit).T
-    assert np.mean(error <= claim) >= error_bars.COVERED - 0.03
+    assert np.mean(error <= claim) == pytest.approx(error_bars.COVERED, abs=0.067)
     tenth = error_bars.ErrorConstants(*(value / 10 for value in astuple(fit)))
     error, claim = error_bars.errors_and_claims(known, tenth).T
-    assert np.mean(error <= claim) < error_bars.COVERED - 0.05
-    assert error_bars.loss(known, tenth) > losses[0] + 0.5
+    assert np.mean(error <= claim) < error_bars.COVERED - 0.1
+    assert error_bars.loss(known, tenth) > losses[0] + 0.9

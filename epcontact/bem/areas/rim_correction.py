@@ -294,6 +294,7 @@ def _softness(sums: FloatArray) -> FloatArray:
 
     In proportion to the share of the load that steps carry, for which that of the fronts' length
     stands.  Not where plastic points are next to a step: these carry the hardness in any case.
+    Without it the loss of the fit of `epcontact.studies.error_bars` is 2.47 instead of 2.39.
     """
     length, held = sums[grid.LENGTH].sum(axis=1), sums[grid.HELD].sum(axis=1)
     share = held / np.maximum(length, 1.0)
