@@ -15,7 +15,6 @@ SINE      segment length that no edge holds times sin 4 theta
 CHANCE    segment length that no edge holds times the square of the doubt of `front`
 COMMON    segment length that no edge holds times the doubt of `front`, outwards positive: it adds
           up where all of a front meets the grid alike, or is bent alike
-STRIP     segment length times cos 4 theta and u, of fronts that move with the one beside them
 HELD      segment length that edges hold
 FLOWING   segment length that edges hold where plastic points are next to points apart
 ALIGNED   segment length that edges hold times cos 4 theta
@@ -92,9 +91,9 @@ class Crossings(NamedTuple):
 
 
 #: Indices of the sums (SUMS, front, part).
-AREA, OFFSET, TURN, FLOWING, STRIP, TIPS, LACKING, DIPS, CREASE = range(9)
-LENGTH, HARMONIC, SINE, CHANCE, COMMON, HELD, ALIGNED, HIDDEN, KINKED = range(9, 18)
-SUMS = (18, 2, 2)
+AREA, OFFSET, TURN, FLOWING, TIPS, LACKING, DIPS, CREASE = range(8)
+LENGTH, HARMONIC, SINE, CHANCE, COMMON, HELD, ALIGNED, HIDDEN, KINKED = range(8, 17)
+SUMS = (17, 2, 2)
 
 
 @_jit
@@ -292,7 +291,7 @@ def _add_cell(
     elastic = ELASTIC in kinds
     middle = (x[0] + x[1] + x[2] + x[3] + y[0] + y[1] + y[2] + y[3]) / 8
     u, cos4, sin4 = _slope(x, y, hardness)
-    offset, narrow = interpolated(u, table), min(u, 1.0)
+    offset, steep = interpolated(u, table), min(u, 1.0) ** 2
     for front in range(2):
         n = 0
         for k in range(4):
@@ -306,12 +305,11 @@ def _add_cell(
             kinds, front, found.cut, middle > (hardness if front else 0.0)
         )
         resolved, stuck = (1 - held) * length, held * length
-        apart = max(narrow**2, held)
+        apart = max(steep, held)
         sums[AREA, front, 0] += area
         sums[OFFSET, front, 0] += offset * resolved
         sums[TURN, front, 0] += turn
         sums[FLOWING, front, 0] += 0.0 if elastic else stuck
-        sums[STRIP, front, 1] += cos4 * (1 - apart) * length * narrow
         more = (
             length,
             cos4 * resolved,

@@ -307,8 +307,8 @@ def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> Floa
     Errors by chance grow as the square root of a front's length, errors in common as the length.
     Those that depend on the direction of a front are in common as far as the directions are alike,
     which is the length of the mean of exp(4 i theta).  What a spot lacks because its front is
-    curved is known to a quarter, and what tips lack not better than as a whole.  Narrow strips of
-    one direction may be anywhere in their links.  Oblong cells claim what they change.
+    curved is known to a quarter, and what tips lack not better than as a whole.  Oblong cells
+    claim what they change.
     """
     length, held = sums[grid.LENGTH], sums[grid.HELD]
     directed = np.hypot(sums[grid.HARMONIC], sums[grid.SINE])
@@ -318,7 +318,6 @@ def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> Floa
         errors.place * sums[grid.COMMON] * _share(directed, length - held),
         TIP * sums[grid.TIPS],
         errors.kink * sums[grid.KINKED],
-        ANYWHERE * sums[grid.STRIP] * _share(sums[grid.STRIP], length),
         grid.LOCATED * directed,
         TWO_EDGES * sums[grid.ALIGNED] * _share(sums[grid.ALIGNED], held),
         _softness(sums)[:, None] * (1, 0),
