@@ -7,12 +7,13 @@ which are kept in VTK files.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -160,16 +161,16 @@ class ContactResult:
                 "method": self.method,
                 "converged": self.converged,
                 "mean_pressure": final.mean_pressure,
-                "areas": {name: asdict(areas) for name, areas in final.areas.items()},
+                "areas": final.areas,
                 "residuals": final.residuals,
                 "iterations": final.iterations,
                 "quantities": final.quantities,
-                "steps": [asdict(step) for step in self.steps],
-                "distribution": None if self.distribution is None else vars(self.distribution),
+                "steps": self.steps,
+                "distribution": self.distribution,
                 "cost": self.cost,
                 "history": self.history,
                 "notes": self.notes,
-                "provenance": asdict(self.provenance),
+                "provenance": self.provenance,
             }
         )
         return data
@@ -212,7 +213,7 @@ class ContactResult:
 
 
 def plain(value: Any) -> Any:
-    """Return `value` in JSON types, without arrays, tuples, paths and infinities.
+    """Return `value` in JSON types, without arrays, tuples, dataclasses, paths and infinities.
 
     A number that JSON cannot hold becomes one of the strings "inf", "-inf" and "nan", which `float`
     reads back.
@@ -226,19 +227,21 @@ def plain(value: Any) -> Any:
     """
     if isinstance(value, float):  # first, because most values are such numbers
         return float(value) if math.isfinite(value) else str(float(value))
+    if value is None or isinstance(value, str | int):
+        return value
+    if is_dataclass(value):
+        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        # Most of a result is lists of finite numbers.
-        finite = set(map(type, value)) == {float} and all(map(math.isfinite, value))
-        return list(value) if finite else [plain(item) for item in value]
-    if not (value is None or isinstance(value, str | int)):
+    if not isinstance(value, Sequence) or isinstance(value, bytes):
         raise TypeError(f"{value!r:.60} is nothing that JSON can hold")
-    return value
+    # Most of a result is lists of finite numbers.
+    finite = set(map(type, value)) == {float} and all(map(math.isfinite, value))
+    return list(value) if finite else [plain(item) for item in value]
 
 
 def _floats(data: Mapping[str, Any]) -> dict[str, Any]:
