@@ -42,6 +42,7 @@ try:
 except ImportError:  # Windows, where numba refuses to replace a file that another process reads
     fcntl = None  # type: ignore[assignment]
 
+_OBJECTS = 100_000  # made between two searches for cycles while a kernel compiles
 _CACHE_VARIABLE = "NUMBA_CACHE_DIR"
 _PACKAGES = ("epcontact", "fem_check")  # whose kernels compile in turns; a user's are left to numba
 
@@ -96,10 +97,14 @@ def _compilation() -> Any:
 
         def __init__(self) -> None:
             self._depth, self._started, self._total = 0, 0.0, 0.0
+            self._thresholds = gc.get_threshold()
 
         def on_start(self, _: Any) -> None:
             if not self._depth:
                 self._started = time.perf_counter()
+                # A compiler makes so many objects that to look for cycles takes a seventh of it.
+                self._thresholds = gc.get_threshold()
+                gc.set_threshold(max(_OBJECTS, self._thresholds[0]), *self._thresholds[1:])
                 if not self._total:
                     logging.getLogger("epcontact").warning(
                         "epcontact compiles its kernels, once on a machine; "
@@ -110,6 +115,7 @@ def _compilation() -> Any:
         def on_end(self, _: Any) -> None:
             self._depth -= 1
             if not self._depth:
+                gc.set_threshold(*self._thresholds)
                 self._total += time.perf_counter() - self._started
 
         def seconds(self) -> float:

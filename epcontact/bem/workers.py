@@ -25,9 +25,14 @@ provide_kernel_cache()  # before the first kernel is defined
 T = TypeVar("T")
 
 #: Compiles a pass.  Its sums may be reordered so that they vectorise; infinities (an infinite
-#: hardness) keep their meaning.  A division by zero gives one of these and needs no branch.
+#: hardness) keep their meaning.  A division by zero gives one of these and needs no branch.  No C
+#: code calls a pass, so it needs no wrapper for that, which takes a tenth of a compilation.
 compiled = numba.njit(
-    nogil=True, cache=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy"
+    nogil=True,
+    cache=True,
+    fastmath={"reassoc", "contract", "nsz"},
+    error_model="numpy",
+    no_cfunc_wrapper=True,
 )
 
 
