@@ -157,7 +157,8 @@ class Surface:
             f"heights span {span:g} m, too much to be squared; check their unit",
         )
         slope = self.rms_slope if self.spectrum is None else self.spectrum.rms_slope
-        warnings = (*levels_note(np.asarray(given).dtype), *_slope_note(slope))
+        steps = _steps_note(heights, slope * min(self.spacing))
+        warnings = (*levels_note(np.asarray(given).dtype), *_slope_note(slope), *steps)
         new = tuple(note for note in warnings if note not in self.notes)
         object.__setattr__(self, "notes", (*self.notes, *new))
 
@@ -222,6 +223,32 @@ def _slope_note(slope: float) -> tuple[str, ...]:
     return (
         f"the rms slope is {slope:.3g}, beyond the small slopes that the methods assume; check "
         "that heights and periods are in m",
+    )
+
+
+def _steps_note(heights: FloatArray, change: float) -> tuple[str, ...]:
+    """Return a warning for heights in steps of which most lie between two neighbouring points.
+
+    A corner of the grid shows it: its heights have few values, which are multiples of a step that
+    their rms change from point to point hardly exceeds, and they bend at most points.
+    """
+    corner = heights[tuple(slice(100) for _ in heights.shape)]
+    levels = np.unique(corner)
+    if not 3 <= levels.size < corner.size / 4:
+        return ()
+    step = float(np.diff(levels).min())
+    multiples = (levels - levels[0]) / step
+    bent = [np.abs(np.diff(corner, 2, axis)) > step / 2 for axis in range(corner.ndim)]
+    if (
+        step < change / 8
+        or np.max(np.abs(multiples - np.round(multiples))) > 1e-3
+        or np.mean([axis.mean() for axis in bent if axis.size]) < 1 / 4
+    ):
+        return ()
+    return (
+        f"the heights are in steps of {step:.3g} m at most points, as a map of few bits is: "
+        "claimed errors of areas do not hold; smooth the heights if the steps are rounding, or "
+        "refine the grid until each tread is several points wide",
     )
 
 

@@ -338,6 +338,26 @@ def test_slopes_beyond_one_are_said_once() -> None:
         Surface(np.ones((4, 4)) * 1j, (1.0, 1.0))
 
 
+def test_heights_in_steps_that_the_grid_does_not_resolve_are_noted() -> None:
+    """Not treads that are wide, nor slopes that rise by one step from each point to the next."""
+    x = np.arange(64.0) - 32
+    wave = np.sin(x[:, None] / 2) + np.cos(x / 3 + 0.4 * x[:, None])
+    wide = np.sin(2 * np.pi * x / 64)[:, None] + np.sin(2 * np.pi * x / 64)
+    pyramid = -np.maximum(np.abs(x)[:, None], np.abs(x))
+    for heights, noted in (
+        (np.round(8 * wave), True),
+        (np.round(8 * wave).astype(np.float32) * np.float32(0.1), True),
+        (np.round(8 * wave[3]), True),
+        (wave, False),
+        (np.round(300 * wave), False),
+        (np.round(wide), False),
+        (pyramid, False),
+        (np.sign(wave), False),
+    ):
+        notes = Surface(1e-3 * heights, (1.0,) * heights.ndim).notes
+        assert any("are in steps of" in note for note in notes) is noted
+
+
 def test_the_given_array_is_left_alone() -> None:
     given = cut_out()
     copy = given.copy()

@@ -145,6 +145,28 @@ def _outliers(patch: Patch, rng: np.random.Generator) -> FloatArray:
     return heights
 
 
+def _sharp(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    count, (x, y) = int(rng.integers(1, 4)), patch.offsets(np.zeros(2))
+    u, v = ((count * s + rng.uniform()) % 1 - 0.5 for s in (x, y))
+    return np.asarray(-rng.uniform(0.3, 1.0) * np.hypot(u, v) / count)
+
+
+def _honed(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    heights = rng.uniform(0.05, 0.3) * _rough(patch, rng, 0.8, 0.8)
+    (x, y), width = patch.offsets(np.zeros(2)), rng.uniform(0.05, 0.2)
+    for side in (-1, 1):
+        a, b = int(rng.integers(1, 4)), side * int(rng.integers(1, 4))
+        away = np.abs((2 * (a * x + b * y) + rng.uniform()) % 1 - 0.5)
+        heights = heights - 0.7 * np.maximum(width - away, 0) / (2 * math.hypot(a, b))
+    return heights
+
+
+def _quantised(patch: Patch, rng: np.random.Generator) -> FloatArray:
+    rough, levels = _rough(patch, rng, 0.5, 0.95), int(rng.integers(6, 41))
+    step = 6 * _HEIGHT / levels
+    return np.asarray(np.round(rough / step) * step)
+
+
 #: Heights of each kind on a patch.  Elliptic roughness is the isotropic one on other periods, and
 #: oblong is on cells of 2 to 1.
 KINDS: dict[str, Maker] = {
@@ -160,6 +182,9 @@ KINDS: dict[str, Maker] = {
     "truncated cones": _cones,
     "dimples": _dimples,
     "outliers": _outliers,
+    "sharp cones": _sharp,
+    "honed": _honed,
+    "quantised": _quantised,
 }
 
 
