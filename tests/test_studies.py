@@ -503,6 +503,13 @@ def test_the_system_ends_a_peer_that_takes_too_long():
     child.end()
 
 
+def test_a_process_that_has_timed_a_peer_has_no_limit_left():
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_CPU)
+    assert peers._timed(1.0, sum, [1, 2])[1] == 3
+    assert resource.getrlimit(resource.RLIMIT_CPU) == before
+
+
 def test_areas_agree_within_a_thousandth_only():
     assert peers.agree((0.1, 0.05), (0.1 * 1.0009, 0.05))
     assert not peers.agree((0.1, 0.05), (0.1, 0.05 * 1.002))

@@ -19,7 +19,7 @@ import importlib
 import math
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -126,14 +126,26 @@ def _timed(allowed: float, solver: Pressure, *arguments: Any) -> tuple[float, Fl
 
     The system ends the process when the solver has taken the seconds `allowed`, where it can.
     """
-    started = time.process_time()
-    with contextlib.suppress(ImportError):
-        import resource  # does not exist on Windows
+    with _ended_after(allowed):
+        started = time.process_time()
+        pressure = solver(*arguments)
+        return time.process_time() - started, pressure
 
-        _, most = resource.getrlimit(resource.RLIMIT_CPU)
-        resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(started + allowed), most))
-    pressure = solver(*arguments)
-    return time.process_time() - started, pressure
+
+@contextlib.contextmanager
+def _ended_after(seconds: float) -> Iterator[None]:
+    try:
+        import resource  # does not exist on Windows
+    except ImportError:
+        yield
+        return
+    before = resource.getrlimit(resource.RLIMIT_CPU)
+    limit = math.ceil(time.process_time() + seconds)
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_CPU, before)
 
 
 def installed() -> dict[str, Pressure]:
