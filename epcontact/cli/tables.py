@@ -20,21 +20,31 @@ STYLES = {"holds": "green", "falls short": "bold red", "error": "bold red", "ski
 
 
 def answers_table(answers: Mapping[str, Answer]) -> Table:
-    """Tabulate the areas of each method, with the interval of their mean."""
+    """Tabulate the areas of each method, with the interval of their mean.
+
+    The estimated error of the corrected areas is the mean of the surfaces' errors.
+    """
     table = Table(box=None, pad_edge=False)
     headings = ("method", "areas", "total", "elastic", "plastic", "surfaces", "reused")
     for heading in headings:
         side: JustifyMethod = "left" if heading in ("method", "areas") else "right"
         table.add_column(heading, justify=side, overflow="fold")
     for method, answer in answers.items():
-        for kind in ("raw", "corrected"):
+        for kind in ("raw", "corrected", "error"):
             if not answer.results or kind not in answer.results[0].final.areas:
                 continue
-            parts = [
-                shown_estimate(estimate([getattr(r.final.areas[kind], p) for r in answer.results]))
-                for p in ("total", "elastic", "plastic")
+            areas = [result.final.areas[kind] for result in answer.results]
+            means = [
+                estimate([getattr(area, part) for area in areas])
+                for part in ("total", "elastic", "plastic")
             ]
-            table.add_row(method, kind, *parts, str(len(answer.results)), str(answer.reused))
+            if kind != "error":
+                parts = [shown_estimate(mean) for mean in means]
+            elif any(mean.mean for mean in means):
+                parts = [f"{mean.mean:.2g}" for mean in means]
+            else:  # a theory, which has no grid
+                continue
+            table.add_row(method, kind, *parts, str(len(areas)), str(answer.reused))
     return table
 
 
