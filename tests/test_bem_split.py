@@ -55,6 +55,15 @@ def test_split_operator_is_near_the_exact_one(shape, periods, body):
     assert np.linalg.norm(got - want) < 0.06 * np.linalg.norm(want)
 
 
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_results_of_blocks_are_in_order_and_their_errors_are_raised(threads):
+    with Workers(threads) as workers:
+        assert workers.each(divmod, list(range(40)), 7) == [divmod(k, 7) for k in range(40)]
+        with pytest.raises(ZeroDivisionError):
+            workers.each(divmod, 7, [3, 2, 0, 1])
+        assert workers.total(divmod, [7, 8], 3) == (4, 3)
+
+
 def test_split_operator_forgets_the_last_points():
     shape = (64, 64)
     symbol = Symbol.from_quarter(quarter_compliance(shape, (1e-4, 1e-4), Body(), STEEL), shape)

@@ -9,8 +9,9 @@ processes.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import repeat
 from types import TracebackType
 from typing import Any, TypeVar
@@ -64,7 +65,8 @@ class Workers:
     """
 
     def __init__(self, threads: int = 1) -> None:
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._helpers = threads - 1
+        self._pool = ThreadPoolExecutor(self._helpers) if threads > 1 else None
 
     def __enter__(self) -> Workers:
         return self
@@ -80,11 +82,29 @@ class Workers:
 
     def each(self, task: Callable[..., T], *arguments: Any) -> list[T]:
         """The results of `task` for every block, in the order of the blocks."""
-        if len(next(a for a in arguments if type(a) is list)) == 1:
-            # On a small grid the calls themselves cost most.
+        blocks = len(next(a for a in arguments if type(a) is list))
+        if blocks == 1:  # on a small grid the calls themselves cost most
             return [task(*[a[0] if type(a) is list else a for a in arguments])]
         columns = [a if type(a) is list else repeat(a) for a in arguments]
-        return list((map if self._pool is None else self._pool.map)(task, *columns))
+        if self._pool is None:
+            return list(map(task, *columns))
+        # This thread works, too, and each of the others takes blocks for one request.
+        helpers = min(self._helpers, blocks - 1)
+        waiting = deque([*enumerate(zip(*columns, strict=False)), *repeat(None, helpers + 1)])
+        found: dict[int, T] = {}
+
+        def work() -> None:
+            for number, block in iter(waiting.popleft, None):
+                found[number] = task(*block)
+
+        requests = [self._pool.submit(work) for _ in range(helpers)]
+        try:
+            work()
+        finally:
+            wait(requests)
+        for request in requests:
+            request.result()
+        return [found[number] for number in range(blocks)]
 
     def total(self, task: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
         """The sum over the blocks of each number that `task` returns."""
