@@ -32,8 +32,9 @@ ComplexArray = NDArray[np.complexfloating]
 #: The axes of a transform of each row, and of one of rows and columns.
 Axes = tuple[int, ...]
 ROWS, BOTH = (1,), (0, 1)
-#: Points of a block of rows or columns: 2 MiB of reals stay within a core's cache.
-BLOCK_POINTS = 262144
+#: Points of a block of rows or columns: 4 MiB of reals are near a core, and most passes over them
+#: take ten times as long as a request to a thread.
+BLOCK_POINTS = 524288
 #: Points up to which a symbol keeps what follows from it: on 128 x 128 points it takes a sixth of a
 #: solve, on larger grids little, and memory.
 KEPT_POINTS = 1 << 20
