@@ -193,7 +193,10 @@ def _solved(
     if jobs <= 1:
         yield from ((task, solve_task(task, threads, moving)) for task in tasks)
     else:
-        processes = Processes(jobs, get_ready, sorted({task.method.name for task in tasks}))
+        # Each method begins at once, so that on a new machine processes compile different kernels.
+        first = {task.method.name: task for task in reversed(tasks)}
+        tasks = [*first.values(), *(task for task in tasks if first[task.method.name] is not task)]
+        processes = Processes(jobs, get_ready, sorted(first))
         yield from spread(partial(solve_task, threads=threads), tasks, processes)
 
 
