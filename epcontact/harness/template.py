@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import json
+import logging
 import os
 import pickle
 import socket
@@ -81,6 +82,9 @@ class Template:
         os.close(stdout)
         if self._gone:
             raise ChildDied("was ended")
+        logging.getLogger("epcontact").debug(
+            "a process loads everything itself, as its template has several threads"
+        )
         return None
 
     def exit_code(self, pid: int) -> int | None:
