@@ -10,7 +10,6 @@ from scipy.special import sici
 from epcontact import bem
 from epcontact.bem.areas import front as area_front
 from epcontact.bem.areas import grid as area_grid
-from epcontact.bem.areas import line as area_line
 from epcontact.bem.areas import rim_correction
 from epcontact.bem.areas.rim_correction import estimate_areas, perimeter_areas
 from epcontact.bem.kernel import rfft_wavenumbers
@@ -115,10 +114,10 @@ def test_the_corner_is_that_of_spheres_and_of_gaps():
 @pytest.mark.long
 def test_the_calibration_does_not_depend_on_rounding():
     """Processors differ in their last digits, as phases that differ by 1e-9 of a spacing do."""
-    one, _ = rim.calibrate_strips(rim.along_axis())
+    fronts = rim.all_directions(8, 1)
+    one, _ = rim.calibrate_strips(fronts)
     moved = [
-        (direction, weight, [s + 1e-9 for s in phases])
-        for direction, weight, phases in rim.along_axis()
+        (direction, weight, [s + 1e-9 for s in phases]) for direction, weight, phases in fronts
     ]
     other, _ = rim.calibrate_strips(moved)
     np.testing.assert_allclose(other, one, atol=1e-6)
@@ -127,14 +126,10 @@ def test_the_calibration_does_not_depend_on_rounding():
 @pytest.mark.long
 def test_the_tables_come_from_the_calibration():
     # What the choice of positions leaves: moving all of them by a thousandth of a spacing changes
-    # the grid's table by 2.2e-4 and the line's by 9e-4.
-    for fronts, known, positions, bound in (
-        (rim.all_directions(), rim_correction.OFFSETS, 3e-4, 1e-3),
-        (rim.along_axis(), area_line.LINE_OFFSETS, 1.2e-3, 2e-3),
-    ):
-        table, misfit = rim.calibrate_strips(fronts)
-        np.testing.assert_allclose(table, known, atol=positions)
-        assert misfit < bound
+    # the table by 2.2e-4.
+    table, misfit = rim.calibrate_strips(rim.all_directions())
+    np.testing.assert_allclose(table, rim_correction.OFFSETS, atol=3e-4)
+    assert misfit < 1e-3
     tip = rim.calibrate_straight_tip(
         rim.all_directions(), rim_correction.OFFSETS[-1], rim_correction.HARMONIC
     )
@@ -142,8 +137,6 @@ def test_the_tables_come_from_the_calibration():
     kink, places = rim.calibrate_kink()
     assert kink == pytest.approx(area_front.KINK, abs=0.01)
     assert places < 0.05
-    lone = rim.calibrate_straight_tip(rim.along_axis(), area_front.AXIS_OFFSET, 0.0)
-    assert lone == pytest.approx(area_line.STRAIGHT_LONE, abs=0.003)
 
 
 # Lines -----------------------------------------------------------------------------------------
@@ -172,7 +165,8 @@ def test_cylinders_on_a_line(points):
 
 
 def test_plastic_strips_of_any_width_on_a_line():
-    """Narrow elastic strips between apart and plastic against a grid 64 times as fine."""
+    """Narrow elastic strips between apart and plastic against a grid 64 times as fine: within the
+    claims, and two fronts by a third of a spacing, the worst where a point is in the middle."""
     n = 64
     # A load that no number of points at the hardness carries: else the offset of the gap is free.
     share = 0.487
@@ -181,11 +175,22 @@ def test_plastic_strips_of_any_width_on_a_line():
         exact = estimate(*solve(fine, share * hardness, hardness), hardness)[1]
         for shift in (0.05, 0.3, 0.55, 0.8):
             h = np.cos(2 * np.pi * (np.arange(n) + shift) / n)
-            raw, located, _ = estimate(*solve(h, share * hardness, hardness), hardness)
-            # Two fronts by 0.06 of a spacing, the worst where the strip is half a spacing wide.
-            assert located.total == pytest.approx(exact.total, abs=0.12 / n)
-            assert located.plastic == pytest.approx(exact.plastic, abs=0.12 / n)
+            raw, located, error = estimate(*solve(h, share * hardness, hardness), hardness)
+            for part in ("total", "plastic"):
+                off = abs(getattr(located, part) - getattr(exact, part))
+                assert off < min(getattr(error, part), 0.34 / n) + 1e-6
             assert raw.total >= raw.plastic
+
+
+def test_what_no_point_of_a_line_shows():
+    """A groove that is open at its bottom only, and a crest that flows at its top only."""
+    x = np.arange(2048) / 2048
+    for slope, load, hardness, part in ((0.2, 0.3, math.inf, "total"), (-0.2, 0.1, 0.5, "plastic")):
+        heights = slope * abs(x - 0.5 - 0.3 / 32)
+        fine = estimate(*solve(heights, load, hardness), hardness)[1]
+        raw, located, error = estimate(*solve(heights[::64], load, hardness), hardness)
+        assert getattr(raw, part) == (1 if slope > 0 else 0)
+        assert abs(getattr(located, part) - getattr(fine, part)) <= getattr(error, part) < 0.1
 
 
 # Grids -----------------------------------------------------------------------------------------

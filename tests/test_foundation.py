@@ -32,7 +32,7 @@ def task(case: str, method: str) -> Task:
     ("case", "method", "changed", "kept"),
     [
         ("rough-capped", "bem", "epcontact/bem/inner/cells.py", False),
-        ("rough-capped", "bem", "epcontact/bem/areas/line.py", False),
+        ("rough-capped", "bem", "epcontact/bem/areas/front.py", False),
         ("rough-capped", "bem", "epcontact/surfaces/self_affine.py", False),
         ("rough-capped", "bem", "epcontact/harness/measurements.py", False),
         ("rough-capped", "bem", "epcontact/harness/solve.py", False),

@@ -156,11 +156,6 @@ def _length(field: FloatArray) -> float:
 Fronts = list[tuple[tuple[int, int], float, list[float]]]
 
 
-def along_axis(count: int = 60) -> Fronts:
-    """Return fronts along the grid only, as on a line."""
-    return [((1, 0), 1 / count, [(k + 0.5) / count for k in range(count)])]
-
-
 def all_directions(along: int = 40, across: int = 2) -> Fronts:
     """Return fronts of all directions; those along the grid or its diagonal need many phases."""
     angles = np.array([math.atan2(b, a) for a, b in DIRECTIONS])
@@ -317,7 +312,7 @@ def calibrate_kink(points: int = 96, finer: int = 32) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Print the constants and tables of `bem.areas.rim_correction` and `bem.areas.line`."""
+    """Print the constants and the table of `bem.areas`."""
     print("offset of a counted front along an axis", round(front_offset(0.0), 5))
     angles = (np.arange(16) + 0.5) * math.pi / 64
     counted = np.mean([front_offset(angle, points=200_000) for angle in angles])
@@ -326,15 +321,13 @@ def main() -> None:
     print("offset of a located front", round(mean, 4), "+", round(amplitude, 4), "cos 4 theta")
     print("scatter of it", round(scatter, 4), "in use", grid.LOCATED)
     print("u     ", grid.U_NODES)
-    for name, fronts in (("offset", all_directions()), ("line", along_axis())):
-        table, misfit = calibrate_strips(fronts)
-        print(name, np.round(table, 4), " largest misfit", round(misfit, 4))
+    table, misfit = calibrate_strips(all_directions())
+    print("offset", np.round(table, 4), " largest misfit", round(misfit, 4))
     print("corner", "{:.3f} +- {:.3f}".format(*calibrate_corner()), "in use", CORNER)
     print("oblong", round(calibrate_oblong(), 3), "in use", OBLONG)
     tip = calibrate_straight_tip(all_directions(), float(OFFSETS[-1]), HARMONIC)
     print("tip", round(tip, 3))
     print("kink", "{:.3f} (places +- {:.3f})".format(*calibrate_kink()), "in use", KINK)
-    print("lone point", round(calibrate_straight_tip(along_axis(), AXIS_OFFSET, 0.0), 3))
 
 
 if __name__ == "__main__":

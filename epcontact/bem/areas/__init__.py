@@ -1,7 +1,7 @@
 """Areas and pressure distributions of a solution in the limit of a vanishing grid spacing.
 
 rim_correction  raw and corrected areas, and their estimated error; the constants
-grid, line      the fronts of a contact, located on a grid or on a line
+grid            the fronts of a contact, located in the cells of a grid
 front           where a front crosses between two neighbouring points
 distribution    the distribution of the pressures and its two ends
 """

@@ -8,7 +8,7 @@ plastic part as it overestimates the contact.
 International 114 (2017) 161): A = A_raw - (pi - 1 + ln 2)/24 S dx with S the length of the rim,
 counted by the switches along rows and columns.  It takes off a sixth too much.
 
-`estimate_areas` locates the fronts inside the cells (`grid`; on a line, `line`) and corrects the
+`estimate_areas` locates the fronts inside the cells (`grid`) and corrects the
 area A_located that they enclose.  In cells, with a front's length L in spacings, the contact is
 
     A = A_located - (integral of offset(u) + HARMONIC cos 4 theta along the front)
@@ -50,7 +50,6 @@ import numpy as np
 
 from epcontact.bem.areas import grid
 from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS
-from epcontact.bem.areas.line import line_lengths
 from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
@@ -174,13 +173,11 @@ def estimate_areas(
             f"pressure {pressure.shape}, gap {gap.shape} and {len(spacing)} spacings do not fit: "
             "a line (nx,) or a grid (nx, ny) each and one spacing a direction are needed"
         )
-    share, n, limit = float(pressure.mean()) / hardness, pressure.size, hardness * _ROUNDING
-    if pressure.ndim == 1:
-        lengths = line_lengths(pressure, gap, limit, effective_modulus / spacing[0])
-        counted, edges, sure = (np.array(pair) / n for pair in lengths)
-        return _areas(*counted), *_possible(edges, np.diag((sure / SURE) ** 2), share)
+    if pressure.ndim == 1:  # a grid of one column, whose fronts are all straight
+        pressure, gap, spacing = pressure[:, None], gap[:, None], [spacing[0], spacing[0]]
+    share, n = float(pressure.mean()) / hardness, pressure.size
     sums = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads)
-    contact, plastic, _, _ = count(pressure, limit)
+    contact, plastic, _, _ = count(pressure, hardness * _ROUNDING)
     raw = _areas(contact / n, plastic / n)
     return raw, *areas_of_sums(sums, raw, share, n, spacing[0] / spacing[1])
 
@@ -196,10 +193,12 @@ def sums_of_fronts(
     """The sums of `grid` over a solution on a grid; see `estimate_areas` for the arguments."""
     (dx, dy), (nx, ny) = spacing, pressure.shape
     stiffness = STIFFNESS * effective_modulus / dx, STIFFNESS * effective_modulus / dy
+    # The fronts of a line run along one axis, for which the offset is known exactly.
+    offsets = OFFSETS * ((AXIS_OFFSET - HARMONIC) / OFFSETS[-1]) if ny == 1 else OFFSETS
     rows = [(part.start, part.stop) for part in ranges(nx, _ROWS)]
     with Workers(threads) as workers:
         parts = workers.each(
-            grid.sweep, pressure, gap, hardness * _ROUNDING, stiffness, OFFSETS, rows, (0, ny)
+            grid.sweep, pressure, gap, hardness * _ROUNDING, stiffness, offsets, rows, (0, ny)
         )
     return np.asarray(sum(parts))
 
