@@ -195,7 +195,7 @@ FAULTS = (
     ),
     Fault(
         "E for E* in the area estimate", "bem",
-        given(B + "driver.estimate_areas", lambda p, g, H, d, E: (p, g, H, d, 0.91 * E)),
+        given(B + "driver.estimate_areas", lambda p, g, H, d, E, n: (p, g, H, d, 0.91 * E, n)),
         "hertz-cylinder", "area.total.corrected",
     ),
     Fault(

@@ -25,7 +25,7 @@ and for the plastic part the offset and the tips have the opposite sign.
 * Not resolved: chance decides whether a gap (or plastic spot) narrower than a spacing contains a
   grid point.  If it does, it shows as tips.  TIP is what straight gaps whose widths are equally
   likely need for each tip; round ones need nothing, and a lone point is round.  On the mean,
-  plastic spots of a few points remain 1.7 % too large at four points per shortest wavelength.
+  plastic spots of a few points remain 1.1 % too large at four points per shortest wavelength.
 * Held by an edge: where the surface has a step, the front rests on it, somewhere between two
   points.  `front` recognises it by the jump of the gap and puts the front in the middle, so that
   the count is right there; at a kink the gap shows the place.  Where the singular pressure exceeds
