@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from typing import Annotated
@@ -73,30 +72,9 @@ def student_half_width(deviation: float, count: int) -> float:
         deviation: standard deviation of a single value.
         count: number of averaged values.
     """
-    return 0.0 if count == 1 else _student(count - 1) * deviation / math.sqrt(count)
+    if count == 1:
+        return 0.0
+    from scipy.special import stdtrit  # takes longer to load than a solve of one small surface
 
-
-@functools.cache
-def _student(freedoms: int) -> float:
-    """Return the t of P(|T| < t) = CONFIDENCE, Student's distribution of `freedoms` degrees.
-
-    The closed form of P in the angle atan(t/sqrt(freedoms)) is that of Abramowitz and Stegun,
-    26.7.3 and 26.7.4; it is concave, so that Newton's steps from 0 never pass the solution.  The
-    same from scipy.special takes longer to load than three small surfaces to solve.
-    """
-    odd = freedoms % 2
-    unit = 2 / math.pi if odd else 1.0
-    log_slope = math.lgamma((freedoms + 1) / 2) - math.lgamma(freedoms / 2)
-    angle, step = 0.0, 1.0
-    while step > 1e-14:
-        cosine = math.cos(angle)
-        term = cosine if odd else 1.0
-        total = 0.0
-        for power in range(odd, freedoms - 1, 2):
-            total += term
-            term *= (power + 1) / (power + 2) * cosine**2
-        inside = unit * (odd * angle + math.sin(angle) * total)
-        slope = 2 / math.sqrt(math.pi) * math.exp(log_slope) * cosine ** (freedoms - 1)
-        step = (CONFIDENCE - inside) / slope
-        angle += step
-    return math.sqrt(freedoms) * math.tan(angle)
+    factor = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2))
+    return factor * deviation / math.sqrt(count)

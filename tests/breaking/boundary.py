@@ -308,7 +308,7 @@ FAULTS = (
     # fronts along the grid, which no sphere and no rough surface has
     Fault(
         "spacings of the two axes exchanged in the areas", "bem",
-        given(B + "driver.estimate_areas", lambda p, g, H, d, E: (p, g, H, d[::-1], E)),
+        given(B + "driver.estimate_areas", lambda p, g, H, d, *rest: (p, g, H, d[::-1], *rest)),
         "ridge-oblong", "area.total.corrected",
     ),
     Fault(
