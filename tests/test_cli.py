@@ -132,8 +132,10 @@ def test_second_run_reuses_the_first(write_case, tmp_path) -> None:
 def test_run_writes_results_and_fields(write_case, tmp_path) -> None:
     from epcontact.output.vtk import read_fields
 
-    done = invoke("run", write_case(), "--method", "bem", "--output", tmp_path / "out", "--jobs", 1)
+    case = write_case(("rms_slope = 0.1", "rms_slope = 1.1"))
+    done = invoke("run", case, "--method", "bem", "--output", tmp_path / "out", "--jobs", 1)
     assert done.returncode == 0, done
+    assert done.stdout.count("the rms slope is 1.1, beyond the small slopes") == 1
     folder = tmp_path / "out" / "small" / "fast"
     summary = json.loads((folder / "bem.json").read_text())
     assert summary["case"] == "small"

@@ -32,6 +32,7 @@ from epcontact.harness.verdict import Verdict, cases_to_verify, remove_verdict
 from epcontact.harness.verdict import verify as run_gates
 from epcontact.output.vtk import Precision
 from epcontact.results import plain
+from epcontact.surfaces import HeightsFromFile
 
 
 class _Refusal(EpcontactError):
@@ -208,7 +209,8 @@ def _show(verdict: Verdict, output: Path) -> None:
     if sentence := gamma_sentence([case.case for case in verdict.cases]):
         click.echo(sentence)
     for case in verdict.cases:
-        print_surface_notes(console, case.case, case.answers)
+        if isinstance(next(iter(case.case.recipes), None), HeightsFromFile):
+            print_surface_notes(console, case.case, case.answers)
         print_shortfalls(console, case)
     counts = [sum(case.status == s for case in verdict.cases) for s in STYLES]
     summary = ", ".join(f"{n} {s}" for n, s in zip(counts, STYLES, strict=True) if n)

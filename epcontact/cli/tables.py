@@ -12,7 +12,6 @@ from epcontact.harness.gates import GateVerdict
 from epcontact.harness.statistics import Estimate, estimate
 from epcontact.harness.store import Answer
 from epcontact.harness.verdict import CaseVerdict
-from epcontact.surfaces import HeightsFromFile
 
 #: Smallest terminal width, in columns, at which a row shows every figure of a gate.
 WIDE = 150
@@ -131,13 +130,12 @@ def shown_estimate(estimate: Estimate) -> str:
 
 
 def print_surface_notes(console: Console, case: Case, answers: Mapping[str, Answer]) -> None:
-    """Print what was done to the measured surfaces of a case, and what to beware of."""
-    if case.recipes and isinstance(case.recipes[0], HeightsFromFile):
-        results = [result for answer in answers.values() for result in answer.results]
-        shared = [set(result.notes) for result in results] or [set()]
-        for note in results[0].notes if results else ():
-            if all(note in notes for notes in shared):
-                console.print(f"{case.id}: {note}", markup=False, highlight=False)
+    """Print what was done to the surfaces of a case, and what to beware of."""
+    results = [result for answer in answers.values() for result in answer.results]
+    shared = [set(result.notes) for result in results] or [set()]
+    for note in results[0].notes if results else ():
+        if all(note in notes for notes in shared):
+            console.print(f"{case.id}: {note}", markup=False, highlight=False)
 
 
 def print_shortfalls(console: Console, case: CaseVerdict) -> None:
