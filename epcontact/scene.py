@@ -133,7 +133,12 @@ class Surface:
             heights = heights.copy()
             heights.flags.writeable = False
         object.__setattr__(self, "heights", heights)
-        object.__setattr__(self, "periods", tuple(float(p) for p in self.periods))
+        try:
+            object.__setattr__(self, "periods", tuple(float(p) for p in self.periods))
+        except (TypeError, ValueError):
+            raise InvalidScene(
+                f"periods is {self.periods!r}, but must be a length in m for each direction"
+            ) from None
         _require(
             heights.ndim in (1, 2) and min(heights.shape, default=0) >= 2,
             f"heights have shape {heights.shape}, but a line (nx,) or a grid (nx, ny) of at "

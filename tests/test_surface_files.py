@@ -336,6 +336,8 @@ def test_slopes_beyond_one_are_said_once() -> None:
     assert not any("slopes" in n for n in HeightsFromArray(periodic(), (L, L)).build().notes)
     with pytest.raises(InvalidScene, match="complex"):
         Surface(np.ones((4, 4)) * 1j, (1.0, 1.0))
+    with pytest.raises(InvalidScene, match=r"periods is 1\.0, but must be a length in m for each"):
+        Surface(np.ones(4), 1.0)
 
 
 def test_heights_in_steps_that_the_grid_does_not_resolve_are_noted() -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import Literal, get_args
 
 import numpy as np
@@ -102,7 +103,10 @@ class Options:
                 area is None or 0 < area < 1,
                 f"area_tolerance is {area!r}, but must lie between 0 and 1",
             ),
-            (self.threads >= 1, f"threads is {self.threads!r}, but must be at least 1"),
+            (
+                isinstance(self.threads, Integral) and self.threads >= 1,
+                f"threads is {self.threads!r}, but must be a whole number of at least 1",
+            ),
             (
                 self.max_steps is None or self.max_steps >= 1,
                 f"max_steps is {self.max_steps!r}, but must be >= 1",
