@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from numbers import Integral
 from typing import Literal, get_args
 
 import numpy as np
@@ -104,7 +103,7 @@ class Options:
                 f"area_tolerance is {area!r}, but must lie between 0 and 1",
             ),
             (
-                isinstance(self.threads, Integral) and self.threads >= 1,
+                int(self.threads) == self.threads >= 1,
                 f"threads is {self.threads!r}, but must be a whole number of at least 1",
             ),
             (
