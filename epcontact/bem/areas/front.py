@@ -43,16 +43,17 @@ STEP = 6.0
 KINK = 0.13
 
 Six = tuple[float, float, float, float, float, float]
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+#: Compiles a function of this room; nothing calls one from C.
+compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
 
-@_jit
+@compiled
 def kind(p: float, hardness: float) -> int:
     """The state of a point with the pressure p: APART, ELASTIC or PLASTIC."""
     return int(p > 0) + int(p >= hardness)
 
 
-@_jit
+@compiled
 def field(p: float, g: float, hardness: float, c: float) -> float:
     """v = p - c g: at most 0 where apart, at least the hardness where plastic."""
     if p <= 0:
@@ -62,7 +63,7 @@ def field(p: float, g: float, hardness: float, c: float) -> float:
     return p
 
 
-@_jit
+@compiled
 def _cubic_root(
     q: tuple[float, float, float, float], before: bool, after: bool
 ) -> tuple[float, float]:
@@ -104,7 +105,7 @@ def _cubic_root(
     return float(x - line), min(max(doubt, -ANYWHERE), ANYWHERE)
 
 
-@_jit
+@compiled
 def _hidden(p: float, before: float, hardness: float, step: bool) -> float:
     """Width of the plastic zone between the last point in contact, of pressure p, and an edge.
 
@@ -120,7 +121,7 @@ def _hidden(p: float, before: float, hardness: float, step: bool) -> float:
     return float(3 ** ((p - hardness) / (p - before)))
 
 
-@_jit
+@compiled
 def _closing(near: float, middle: float, far: float) -> float:
     """How far before the first of three neighbouring points the parabola of their gaps is 0.
 
@@ -134,7 +135,7 @@ def _closing(near: float, middle: float, far: float) -> float:
     return float(min(2 * near / (slope + math.sqrt(square)), 1.0))
 
 
-@_jit
+@compiled
 def crossing(v: Six, hardness: float, front: int) -> tuple[float, float, float, float, float]:
     """The place, 0 to 1, between the middle two of six points where v crosses 0 or the hardness.
 

@@ -40,7 +40,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from epcontact.bem.areas.front import Six, crossing, field, kind
+from epcontact.bem.areas.front import Six, compiled, crossing, field, kind
 from epcontact.results import ELASTIC, PLASTIC, FloatArray
 
 #: Values of u at which the offset is tabulated.
@@ -59,7 +59,6 @@ LONE = 0.6
 #: A tip has at most this number of neighbours in its own state.
 TIP_NEIGHBOURS = 2
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 #: What is called at one place is compiled there: a call counts references to each array, which
 #: took a third of the time of the pass.
 _inlined = numba.njit(nogil=True, error_model="numpy", inline="always")
@@ -96,7 +95,7 @@ LENGTH, HARMONIC, SINE, CHANCE, COMMON, HELD, ALIGNED, HIDDEN, KINKED = range(8,
 SUMS = (17, 2, 2)
 
 
-@_jit
+@compiled
 def sweep(
     pressure: FloatArray,
     gap: FloatArray,
@@ -140,7 +139,7 @@ def sweep(
     return sums
 
 
-@_jit
+@compiled
 def _fill(
     pressure: FloatArray,
     gap: FloatArray,
@@ -162,7 +161,7 @@ def _fill(
             v[into, columns + _PAD + j] = v[into, j % columns + _PAD]
 
 
-@_jit
+@compiled
 def interpolated(u: float, table: FloatArray) -> float:
     """A table given at U_NODES, interpolated to u; constant beyond the nodes."""
     if u >= U_NODES[-1]:
@@ -174,7 +173,7 @@ def interpolated(u: float, table: FloatArray) -> float:
     return float(table[k - 1] + t * (table[k] - table[k - 1]))
 
 
-@_jit
+@compiled
 def _polygon(
     kinds: Corners, front: int, cut: FloatArray, joined: bool
 ) -> tuple[float, float, float]:
@@ -207,7 +206,7 @@ def _polygon(
     return (area, length, turn) if inside else (1 - area, length, -turn)
 
 
-@_jit
+@compiled
 def _six(v: FloatArray, i: int, j: int, x: int) -> Six:
     """Six values one after another along x (1) or y (0), from row i and column j of the memory."""
     y = 1 - x
@@ -257,7 +256,7 @@ def _locate(
     return held / crossings, hidden / crossings, doubt / crossings, kinked / crossings
 
 
-@_jit
+@compiled
 def _slope(along: Corners, across: Corners, hardness: float) -> tuple[float, float, float]:
     """(u, cos 4 theta, sin 4 theta) of a cell, from v at its corners."""
     dx = (along[1] + along[2] - along[0] - along[3]) / 2
@@ -326,7 +325,7 @@ def _add_cell(
             sums[LENGTH + m, front, 1] += (1 - apart) * more[m]
 
 
-@_jit
+@compiled
 def _add_tip(window: Rows, place: tuple[int, int], hardness: float, sums: FloatArray) -> None:
     """Count a point that is a tip; the steepest way to a neighbour gives the width of a strip."""
     (i, j), (along, across) = place, window
@@ -348,7 +347,7 @@ def _add_tip(window: Rows, place: tuple[int, int], hardness: float, sums: FloatA
     sums[TIPS, front, 1] += 1 - apart
 
 
-@_jit
+@compiled
 def _short(v: FloatArray, i: int, j: int, hardness: float, front: int) -> float:
     """The pressure at a point, or what it lacks of the hardness for front 1."""
     p = min(max(v[i & _LAST, j + _PAD], 0.0), hardness)
@@ -378,7 +377,7 @@ def _add_hidden(
     sums[DIPS, front, 0] += (x_width * y_width) ** 2
 
 
-@_jit
+@compiled
 def _dip(here: float, rise: float) -> float:
     """Square of the area of a gap that may be hidden next to a minimum of the pressure.
 
@@ -396,7 +395,7 @@ def _dip(here: float, rise: float) -> float:
     return float((math.pi * 1.5 * (0.5 - here / (SEEN * rise))) ** 2)
 
 
-@_jit
+@compiled
 def _crease(
     v: FloatArray, place: tuple[int, int], x: int, hardness: float, front: int
 ) -> tuple[float, float]:
@@ -430,7 +429,7 @@ def _crease(
     return width, width * max(1 - along / (STRAIGHT * across), 0.0)
 
 
-@_jit
+@compiled
 def _lacking(window: Rows, place: tuple[int, int], hardness: float, front: int) -> float:
     """What the located area of a lone point lacks of LONE, because its spot may have no area.
 

@@ -45,11 +45,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS
+from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS, compiled
 from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
@@ -224,7 +223,7 @@ def areas_of_sums(
     return _possible(located / cells, covariance / cells**2, share)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def count(pressure: FloatArray, hardness: float) -> tuple[int, int, int, int]:
     """Numbers of points in contact and at the hardness, and of switches of each along the axes."""
     nx, ny = pressure.shape
