@@ -51,7 +51,7 @@ SEEN = 1.25
 #: spacings: the rms of the direction that has most of it (`rim.calibrate_directions`).
 LOCATED = 0.005
 #: Along a crease the pressure changes by less than this share of its change across.  The loss of
-#: the fit of `epcontact.studies.error_bars` is 2.55 with 0.1, 2.53 with 0.2 and 1, and 2.52 with
+#: the fit of `epcontact.studies.error_bars` is 2.68 with 0.1, 2.65 with 0.2 and 1, and 2.63 with
 #: 1/3, but from 1/3 on the claims of straight grooves that no point shows become too small.
 STRAIGHT = 0.2
 #: A lone point that carries next to nothing is taken for a spot of this area (CORNER).
