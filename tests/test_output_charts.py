@@ -419,6 +419,9 @@ def test_methods_keep_their_colours_and_others_do_not_borrow_them() -> None:
     assert len(set(colours)) == 5
     assert colours[0] == series_looks(["fem"], [True])[0]["color"]
     assert len({look["marker"] for look in looks}) == 5
+    for lines in ([True] * 20, [False] * 20):
+        looks = series_looks([f"kind {n}" for n in range(20)], lines)
+        assert len({tuple(map(str, look.values())) for look in looks}) == 20
 
 
 @pytest.mark.parametrize(

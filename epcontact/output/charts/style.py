@@ -28,8 +28,9 @@ DIFFERENCE_MAP = "RdBu_r"
 #: A method has the same colour in every chart.
 METHOD_COLOURS = MappingProxyType({"persson": "#000000", "bem": "#0072b2", "fem": "#d55e00"})
 CYCLE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#000000")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-DASHES = ("-", "--", "-.", ":")
+#: Their numbers have no factor in common with that of the colours, so that looks differ for long.
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "h")
+DASHES = ("-", "--", "-.")
 
 #: matplotlib settings; text is drawn as paths, so that an SVG looks the same everywhere.
 SETTINGS: Mapping[str, Any] = MappingProxyType(
