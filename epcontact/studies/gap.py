@@ -134,8 +134,7 @@ def block_deviations(blocks: pd.DataFrame) -> pd.DataFrame:
 
 def gaps(result: ContactResult, scene: Scene, name: str) -> list[float]:
     """Return one of QUANTITIES at each load step, over the rms height."""
-    rms_height = float(scene.surface.heights.std())
-    return [length / rms_height for length in _along(result, QUANTITIES[name])]
+    return [length / scene.surface.rms_height for length in _along(result, QUANTITIES[name])]
 
 
 def _along(result: ContactResult, quantity: str) -> list[float]:

@@ -31,7 +31,7 @@ GAPS = np.linspace(0, 6, 601)[1:]
 
 def cumulative(method: str, scene: Scene) -> FloatArray:
     """Share of the nominal area with a gap of at most GAPS times the rms height."""
-    u = GAPS * float(scene.surface.heights.std())
+    u = GAPS * scene.surface.rms_height
     if method == "persson":
         theory = Theory.of_scene(scene, energy_reduction=GAMMA, spectrum="surface")
         return gap_distribution(theory, scene.load.final, u).cumulative

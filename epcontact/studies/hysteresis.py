@@ -66,7 +66,7 @@ def cycle_table(
     tables = []
     for seed in seeds:
         scene = rough_scene(points, seed, bandwidth, HARDNESS * MODULUS)
-        height = float(scene.surface.heights.std())
+        height = scene.surface.rms_height
         for model in models:
             progress(f"hysteresis: {model}, seed {seed}")
             if model == "theory":

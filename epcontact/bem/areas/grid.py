@@ -68,6 +68,7 @@ _BEFORE, _AFTER = (3, 0, 1, 2), (1, 2, 3, 0)
 #: ends.  A cell needs three rows before its last corner and two after it.
 _LAST, _PAD = 7, 3
 Corners = tuple[float, float, float, float]
+States = tuple[int, int, int, int]
 
 
 class Rows(NamedTuple):
@@ -162,7 +163,7 @@ def _fill(
 
 
 @compiled
-def interpolated(u: float, table: FloatArray) -> float:
+def _interpolated(u: float, table: FloatArray) -> float:
     """A table given at U_NODES, interpolated to u; constant beyond the nodes."""
     if u >= U_NODES[-1]:
         return float(table[-1])
@@ -175,7 +176,7 @@ def interpolated(u: float, table: FloatArray) -> float:
 
 @compiled
 def _polygon(
-    kinds: Corners, front: int, cut: FloatArray, joined: bool
+    kinds: States, front: int, cut: FloatArray, joined: bool
 ) -> tuple[float, float, float]:
     """(area, length of front, turn) of the part of a unit cell that is inside a front.
 
@@ -227,7 +228,7 @@ def _locate(
     hardness: float,
     front: int,
     known: tuple[bool, bool],
-    kinds: Corners,
+    kinds: States,
     found: Crossings,
 ) -> tuple[float, float, float, float]:
     """Locate a front on the sides of a cell, in `found.cut`; the means of what else is found."""
@@ -290,7 +291,7 @@ def _add_cell(
     elastic = ELASTIC in kinds
     middle = (x[0] + x[1] + x[2] + x[3] + y[0] + y[1] + y[2] + y[3]) / 8
     u, cos4, sin4 = _slope(x, y, hardness)
-    offset, steep = interpolated(u, table), min(u, 1.0) ** 2
+    offset, steep = _interpolated(u, table), min(u, 1.0) ** 2
     for front in range(2):
         n = 0
         for k in range(4):

@@ -8,8 +8,8 @@ plastic part as it overestimates the contact.
 International 114 (2017) 161): A = A_raw - (pi - 1 + ln 2)/24 S dx with S the length of the rim,
 counted by the switches along rows and columns.  It takes off a sixth too much.
 
-`estimate_areas` locates the fronts inside the cells (`grid`) and corrects the
-area A_located that they enclose.  In cells, with a front's length L in spacings, the contact is
+`estimate_areas` locates the fronts inside the cells (`grid`) and corrects the area A_located that
+they enclose.  In cells, with a front's length L in spacings, the contact is
 
     A = A_located - (integral of offset(u) + HARMONIC cos 4 theta along the front)
         + CORNER * (Euler number) - TIP * (number of tips)
