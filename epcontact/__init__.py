@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         NotConverged,
         NotEnoughMemory,
         OutputError,
+        SurfaceWarning,
     )
     from epcontact.harness.verdict import Verdict, verify
     from epcontact.reference.hardness_map import MappedHardness, effective_hardness
@@ -73,6 +74,7 @@ __all__ = [
     "Scene",
     "SelfAffineSpectrum",
     "Surface",
+    "SurfaceWarning",
     "Verdict",
     "effective_hardness",
     "verify",

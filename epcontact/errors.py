@@ -18,6 +18,10 @@ class InvalidScene(EpcontactError, ValueError):
     """A surface, material, body or load that describes no contact problem."""
 
 
+class SurfaceWarning(UserWarning):
+    """A surface that can be answered and is probably not what its maker means."""
+
+
 class InvalidCase(EpcontactError, ValueError):
     """A case file that cannot be read or is inconsistent."""
 

@@ -16,16 +16,23 @@ import hashlib
 import itertools
 import json
 import math
+import sys
+import warnings
 from dataclasses import asdict, dataclass, field, fields
+from types import FrameType
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from epcontact.errors import InvalidScene
+from epcontact.errors import InvalidScene, SurfaceWarning
 from epcontact.results import FloatArray
 
 #: The rms slope above which a surface carries a warning.
 LARGEST_SLOPE = 1.0
+#: Lengths, pressures and wave numbers in SI units.  Their products and squares, which the methods
+#: form, neither overflow nor underflow: all answers keep their digits at both ends of the range.
+SMALLEST, LARGEST = 1e-40, 1e40
 #: Rows of a grid that are differentiated at once.
 _ROWS = 64
 
@@ -38,8 +45,16 @@ def _require(condition: bool, message: str) -> None:
 
 
 def _require_positive(name: str, value: float, unit: str, *, finite: bool = True) -> None:
-    good = isinstance(value, int | float) and value > 0 and (math.isfinite(value) or not finite)
-    _require(good, f"{name} is {value!r}, but must be a positive number in {unit}")
+    good = isinstance(value, int | float) and value > 0
+    _require(
+        good and (value < math.inf or not finite),
+        f"{name} is {value!r}, but must be a positive number in {unit}",
+    )
+    _require(
+        SMALLEST <= value <= LARGEST or value == math.inf,
+        f"{name} is {value!r:.40} {unit}, but must lie between {SMALLEST:g} and {LARGEST:g}, where "
+        "products keep their digits",
+    )
 
 
 @dataclass(frozen=True)
@@ -97,10 +112,12 @@ class Surface:
         recipe: A text that identifies generated heights in the scene's digest.  If it is empty,
             the bytes of the heights identify them.
         notes: Sentences for the reader of a result, for example about the jump that was removed
-            at the edges of a measured map.
+            at the edges of a measured map.  The class adds one for an rms slope above 1, for
+            heights in steps and for those of a picture, and warns of it by a `SurfaceWarning`.
 
     Raises:
-        InvalidScene: The heights are not finite, or the shape and the periods do not fit.
+        InvalidScene: The heights are not finite real numbers, or the shape and the periods do not
+            fit.
 
     Example:
         >>> Surface(np.zeros((4, 8)), periods=(1e-3, 2e-3)).spacing
@@ -116,19 +133,13 @@ class Surface:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        given = self.heights
+        given = checked_heights(self.heights, "heights")
         _require(
             not np.ma.is_masked(given),
             "heights are a masked array with missing points; fill them first, or let "
             'epcontact.surfaces.HeightsFromArray(..., missing="harmonic") do so',
         )
-        _require(
-            not np.iscomplexobj(given), "heights are complex; give their real part, for example"
-        )
-        try:
-            heights = np.ascontiguousarray(given, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise InvalidScene("heights are not an array of real numbers") from None
+        heights = np.ascontiguousarray(given, dtype=np.float64)
         if heights.flags.writeable or heights.base is not None:
             heights = heights.copy()
             heights.flags.writeable = False
@@ -139,11 +150,6 @@ class Surface:
             raise InvalidScene(
                 f"periods is {self.periods!r}, but must be a length in m for each direction"
             ) from None
-        _require(
-            heights.ndim in (1, 2) and min(heights.shape, default=0) >= 2,
-            f"heights have shape {heights.shape}, but a line (nx,) or a grid (nx, ny) of at "
-            "least two points a direction is needed",
-        )
         _require(
             len(self.periods) == heights.ndim,
             f"periods has {len(self.periods)} lengths for heights of {heights.ndim} dimensions",
@@ -156,15 +162,11 @@ class Surface:
             bool(np.all(np.isfinite(extremes))),
             "heights hold NaN or infinite values; fill or crop them first",
         )
-        span = float(extremes[1]) - float(extremes[0])
-        _require(
-            span * span < math.inf,
-            f"heights span {span:g} m, too much to be squared; check their unit",
-        )
+        check_extremes(float(extremes[0]), float(extremes[1]), "heights")
         slope = self.rms_slope if self.spectrum is None else self.spectrum.rms_slope
         steps = _steps_note(heights, slope * min(self.spacing))
-        warnings = (*levels_note(np.asarray(given).dtype), *_slope_note(slope), *steps)
-        new = tuple(note for note in warnings if note not in self.notes)
+        cautions = (*levels_note(given.dtype), *_slope_note(slope), *steps)
+        new = cautioned(tuple(note for note in cautions if note not in self.notes))
         object.__setattr__(self, "notes", (*self.notes, *new))
 
     @property
@@ -220,6 +222,56 @@ def rms_slope(heights: FloatArray, spacing: tuple[float, ...]) -> float:
             count += steps.size
         total += squares / max(count, 1) / step**2
     return math.sqrt(total)
+
+
+def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
+    """Return heights as an array of real numbers on a line or grid.  Raises InvalidScene."""
+    try:
+        heights = np.asanyarray(given)
+    except ValueError:
+        raise InvalidScene(f"{where}: rows of unequal length are no grid of heights") from None
+    if heights.dtype.kind not in "buif":
+        kind = "complex" if heights.dtype.kind == "c" else str(heights.dtype)
+        raise InvalidScene(f"{where}: holds {kind} values, but heights are real numbers")
+    if heights.ndim not in (1, 2) or min(heights.shape) < 2:
+        raise InvalidScene(
+            f"{where}: has shape {heights.shape}, but heights are a line (nx,) or a grid (nx, ny) "
+            "of at least two points a direction"
+        )
+    return heights
+
+
+def check_extremes(low: float, high: float, where: str) -> None:
+    """Raise InvalidScene if the lowest and the highest height are too large or too close."""
+    span, largest = high - low, max(abs(low), abs(high))
+    _require(largest <= LARGEST, f"{where}: heights reach {largest:.3g} m; check their unit")
+    _require(
+        span == 0 or span >= SMALLEST,
+        f"{where}: heights span {span:.3g} m, less than {SMALLEST:g} m; check their unit",
+    )
+
+
+def cautioned(notes: tuple[str, ...]) -> tuple[str, ...]:
+    """Warn the code that makes a surface of each note, and return the notes.
+
+    The package makes surfaces, too: for a case, on other grids, in workers.  It shows the notes of
+    the results instead, so only a line of code outside the package is warned.
+    """
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and _module(frame).startswith(_MAKERS):
+        frame, level = frame.f_back, level + 1
+    if not _module(frame).startswith(("epcontact.", "fem_check.")):
+        for note in notes:
+            warnings.warn(note, SurfaceWarning, stacklevel=level)
+    return notes
+
+
+def _module(frame: FrameType) -> str:
+    return str(frame.f_globals.get("__name__", ""))
+
+
+#: The modules between `cautioned` and the code that makes a surface.
+_MAKERS = ("epcontact.scene", "epcontact.surfaces", "dataclasses")
 
 
 def _slope_note(slope: float) -> tuple[str, ...]:
@@ -374,7 +426,8 @@ class Scene:
             hardness carries such a load.
 
     Example:
-        >>> surface = Surface(np.cos(np.linspace(0, 2 * np.pi, 64, endpoint=False)), (1.0,))
+        >>> wave = np.cos(np.linspace(0, 2 * np.pi, 64, endpoint=False))
+        >>> surface = Surface(1e-3 * wave, periods=(1.0,))
         >>> material = Material(young_modulus=100.0, poisson_ratio=0.3)
         >>> Scene(surface, material, Load(mean_pressure=1.0)).load.final
         1.0

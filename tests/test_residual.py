@@ -32,6 +32,9 @@ from epcontact.surfaces import (
     topography,
 )
 
+# The heights are about as large as the period, which changes nothing of what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
+
 SCENE = rough_scene(4, seed=3, bandwidth=16, hardness=75e9)
 
 

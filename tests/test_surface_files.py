@@ -7,6 +7,7 @@ import pickle
 import shutil
 import sys
 import types
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from epcontact.errors import InvalidScene
+from epcontact.errors import InvalidScene, SurfaceWarning
+from epcontact.planning.grids import one_directional
 from epcontact.scene import (
     Body,
     Load,
@@ -27,6 +29,9 @@ from epcontact.scene import (
 )
 from epcontact.surfaces import HeightsFromArray, HeightsFromFile, SelfAffine
 from epcontact.surfaces.treatment import edge_jumps, filled, form_removed, windowed
+
+# The heights are about as large as the period, which changes nothing of what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 
 L = 2 * math.pi
 SPECTRUM = SelfAffineSpectrum(0.8, 1.0, 4.0, 20.0, 0.5)
@@ -328,14 +333,60 @@ def test_a_mark_of_missing_points_is_told_from_heights(mark: float) -> None:
 
 
 def test_slopes_beyond_one_are_said_once() -> None:
-    steep = HeightsFromArray(periodic() * 1e3, (L, L)).build()
+    """As a note, and as a warning of the line that makes the surface, not of later ones."""
+    recipe = HeightsFromArray(periodic() * 1e3, (L, L))
+    with pytest.warns(SurfaceWarning) as warned:
+        steep = recipe.build()
     told = [note for note in steep.notes if "beyond the small slopes" in note]
-    assert len(told) == 1
-    assert f"{steep.rms_slope:.3g}" in told[0]
-    assert replace(steep).notes == steep.notes
-    assert not any("slopes" in n for n in HeightsFromArray(periodic(), (L, L)).build().notes)
-    with pytest.raises(InvalidScene, match="complex"):
-        Surface(np.ones((4, 4)) * 1j, (1.0, 1.0))
+    assert [str(one.message) for one in warned] == told
+    assert warned[0].filename == __file__
+    assert f"the rms slope is {steep.rms_slope:.3g}" in told[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert replace(steep).notes == steep.notes
+        assert pickle.loads(pickle.dumps(steep)).notes == steep.notes
+        assert one_directional(recipe) is None  # the package builds it and shows the notes itself
+        assert HeightsFromArray(periodic() / 10, (L, L)).build().notes[1:] == ()
+    picture = (periodic() > 0).astype("u1")
+    for build in (lambda: Surface(picture, (L, L)), HeightsFromArray(picture, (L, L)).build):
+        with pytest.warns(SurfaceWarning, match="8 bits") as warned:
+            build()
+        assert {one.filename for one in warned} == {__file__}
+        assert sum("8 bits" in str(one.message) for one in warned) == 1
+
+
+@pytest.mark.parametrize(
+    ("heights", "message"),
+    [
+        (np.ma.masked_greater(periodic(), 0), "masked array with missing points; fill them"),
+        (np.ones((4, 4)) * 1j, "holds complex values"),
+        (np.array([[None, 1], [2, 3]]), "holds object values"),
+        (np.array([["1", "2"], ["3", "4"]]), "holds <U1 values"),
+        (np.zeros((4, 4), "M8[s]"), r"holds datetime64\[s\] values"),
+        (np.float64(3), r"shape \(\)"),
+        (np.zeros((0, 4)), r"shape \(0, 4\)"),
+        (np.zeros((1, 4)), r"shape \(1, 4\)"),
+        (np.full((4, 4), np.nan), "NaN or infinite"),
+        (periodic() * 1e41, "heights reach .*; check their unit"),
+        (periodic() * 1e-300, "heights span .* less than 1e-40 m; check their unit"),
+    ],
+)
+def test_arrays_that_are_no_surface(heights: Any, message: str) -> None:
+    with pytest.raises(InvalidScene, match=message):
+        Surface(heights, (1.0, 1.0))
+
+
+def test_numbers_whose_squares_are_not_finite_are_refused() -> None:
+    with pytest.raises(InvalidScene, match=r"young_modulus is 1e\+200 Pa, .* between 1e-40 and"):
+        Material(1e200, 0.3)
+    with pytest.raises(InvalidScene, match="hardness is 1e-300 Pa"):
+        Material(1.0, 0.3, hardness=1e-300)
+    with pytest.raises(InvalidScene, match=r"mean_pressure is 1e\+99 Pa"):
+        Load((1.0, 1e99))
+    with pytest.raises(InvalidScene, match="periods is 1e-50 m"):
+        Surface(np.zeros(4), (1e-50,))
+    with pytest.raises(InvalidScene, match=r"depth is 1000* m"):
+        Body("bonded_layer", depth=10**400)
     with pytest.raises(InvalidScene, match=r"periods is 1\.0, but must be a length in m for each"):
         Surface(np.ones(4), 1.0)
 

@@ -28,6 +28,9 @@ from epcontact.surfaces.power_spectrum import surface_moments
 from epcontact.surfaces.self_affine import _phases
 from epcontact.surfaces.spectrum import density, slope_variance_up_to
 
+# The heights are about as large as the period, which changes nothing of what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
+
 L = 2 * math.pi
 NARROW = SelfAffineSpectrum(0.8, 1.0, 4.0, 20.0, 0.5)
 PAPER = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 1.0)

@@ -25,7 +25,7 @@ def filtered(surface: Surface, wavenumber_high: float, wavenumber_low: float = 0
         InvalidScene: unless 0 <= wavenumber_low < wavenumber_high.
 
     Example:
-        >>> surface = Surface(np.cos(2 * math.pi * np.arange(8) / 4), (2 * math.pi,))
+        >>> surface = Surface(0.1 * np.cos(2 * math.pi * np.arange(8) / 4), (2 * math.pi,))
         >>> float(abs(filtered(surface, 1.0).heights).max()) < 1e-15
         True
     """
@@ -39,28 +39,12 @@ def filtered(surface: Surface, wavenumber_high: float, wavenumber_low: float = 0
             f"wavenumber_low is {wavenumber_low!r}, but must lie between 0 and wavenumber_high = "
             f"{wavenumber_high:g} rad/m"
         )
-    n = surface.shape[-1]
-    low, high = wavenumber_low * (1 - BAND_TOLERANCE), wavenumber_high * (1 + BAND_TOLERANCE)
-    axes = tuple(range(len(surface.shape)))
-    modes = ducc0.fft.r2c(surface.heights)
-    rows = modes.reshape(-1, modes.shape[-1])
-    q_last = 2 * math.pi / surface.periods[-1] * np.arange(n // 2 + 1)
-    q_first: FloatArray = np.zeros(1)
-    if len(surface.shape) == 2:
-        q_first = np.asarray(2 * math.pi * np.fft.fftfreq(surface.shape[0], surface.spacing[0]))
-    for row, q_row in zip(rows, q_first, strict=True):
-        q = np.hypot(q_row, q_last)
-        row[(q > high) | ((q < low) & (q > 0))] = 0.0
-    modes *= 1 / surface.heights.size
-    if len(axes) == 2:
-        ducc0.fft.c2c(modes, axes=(0,), forward=False, out=modes)
-    heights = np.empty(surface.shape)
-    ducc0.fft.c2r(modes, axes[-1:], n, forward=False, out=heights)
-    heights.flags.writeable = False
+    heights = kept_waves(surface.heights, surface.periods, wavenumber_high, wavenumber_low)
     spectrum = surface.spectrum
     if spectrum is not None:
+        low = wavenumber_low * (1 - BAND_TOLERANCE)
         left = wavenumber_high > spectrum.wavenumber_low >= low
-        spectrum = truncated(spectrum, wavenumber_high, len(axes)) if left else None
+        spectrum = truncated(spectrum, wavenumber_high, heights.ndim) if left else None
     shortest = max(2 * math.pi / wavenumber_high, surface.shortest_wavelength or 0.0) or None
     band = f"{float(wavenumber_low)!r} to " if wavenumber_low else ""
     recipe = f"filtered/1 {band}{float(wavenumber_high)!r} of {surface.fingerprint}"
@@ -71,3 +55,31 @@ def filtered(surface: Surface, wavenumber_high: float, wavenumber_low: float = 0
         shortest_wavelength=shortest,
         recipe=recipe,
     )
+
+
+def kept_waves(
+    heights: FloatArray,
+    periods: tuple[float, ...],
+    wavenumber_high: float,
+    wavenumber_low: float = 0.0,
+) -> FloatArray:
+    """Return heights of these periods without the waves outside a band; see `filtered`."""
+    n = heights.shape[-1]
+    low, high = wavenumber_low * (1 - BAND_TOLERANCE), wavenumber_high * (1 + BAND_TOLERANCE)
+    modes = ducc0.fft.r2c(heights)
+    rows = modes.reshape(-1, modes.shape[-1])
+    q_last = 2 * math.pi / periods[-1] * np.arange(n // 2 + 1)
+    q_first: FloatArray = np.zeros(1)
+    if heights.ndim == 2:
+        spacing = periods[0] / len(heights)
+        q_first = np.asarray(2 * math.pi * np.fft.fftfreq(len(heights), spacing))
+    for row, q_row in zip(rows, q_first, strict=True):
+        q = np.hypot(q_row, q_last)
+        row[(q > high) | ((q < low) & (q > 0))] = 0.0
+    modes *= 1 / heights.size
+    if heights.ndim == 2:
+        ducc0.fft.c2c(modes, axes=(0,), forward=False, out=modes)
+    kept = np.empty(heights.shape)
+    ducc0.fft.c2r(modes, (heights.ndim - 1,), n, forward=False, out=kept)
+    kept.flags.writeable = False
+    return kept

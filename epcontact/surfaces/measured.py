@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, Strict, ValidationInfo
 
 from epcontact.errors import InvalidScene
-from epcontact.scene import Surface, levels_note
+from epcontact.scene import Surface, cautioned, checked_heights, levels_note
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
 from epcontact.surfaces.recipe import Periods, Real, SurfaceAbsent, checked_grid, out_of_memory
 from epcontact.surfaces.treatment import (
@@ -86,8 +86,8 @@ class HeightsFromArray(Preparation):
     def build(self) -> Surface:
         """Treat the heights.  Raises InvalidScene if they are refused."""
         heights = np.asarray(self.heights)
-        surface = prepared(heights.astype(np.float64), self, "heights")
-        return replace(surface, notes=(*levels_note(heights.dtype), *surface.notes))
+        levels = cautioned(levels_note(heights.dtype))
+        return prepared(heights.astype(np.float64), self, "heights", levels)
 
 
 @dataclass(frozen=True)
@@ -210,11 +210,9 @@ class HeightsFromFile(Preparation):
             raise out_of_memory(self.shape, arrays=2) from None
         if self.unit is not None:
             heights *= self.unit
-        surface = prepared(heights, self, str(self.path))
-        levels = levels_note(self._map.heights.dtype)
-        return replace(
-            surface, notes=(*levels, *self._map.notes, *self._spacing_note(), *surface.notes)
-        )
+        levels = cautioned(levels_note(self._map.heights.dtype))
+        told = (*levels, *self._map.notes, *self._spacing_note())
+        return prepared(heights, self, str(self.path), told)
 
     def _spacing_note(self) -> tuple[str, ...]:
         """Periods given in the wrong order show in spacings that differ."""
@@ -227,20 +225,3 @@ class HeightsFromFile(Preparation):
             f"the periods make the grid {x:.3g} m wide along x, over {self.shape[0]} lines of the "
             f"file, and {y:.3g} m along y, over {self.shape[1]} heights in each",
         )
-
-
-def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
-    """Return heights as an array of real numbers on a line or grid.  Raises InvalidScene."""
-    try:
-        heights = np.asanyarray(given)
-    except ValueError:
-        raise InvalidScene(f"{where}: rows of unequal length are no grid of heights") from None
-    if heights.dtype.kind not in "buif":
-        kind = "complex" if heights.dtype.kind == "c" else str(heights.dtype)
-        raise InvalidScene(f"{where}: holds {kind} values, but heights are real numbers")
-    if heights.ndim not in (1, 2) or min(heights.shape) < 2:
-        raise InvalidScene(
-            f"{where}: has shape {heights.shape}, but heights are a line (nx,) or a grid (nx, ny) "
-            "of at least two points a direction"
-        )
-    return heights

@@ -128,8 +128,8 @@ class Paraboloid:
         InvalidScene: if a length is not positive or the sizes do not fit.
 
     Example:
-        >>> bump = Paraboloid((1e-3, 1e-3), (8, 8), radius=1e-2).build()
-        >>> bool(bump.heights[4, 4] == 0.0), f"{bump.heights[4, 0]:.4g} m"
+        >>> bump = Paraboloid((1e-3, 1e-3), (64, 64), radius=1e-2).build()
+        >>> bool(bump.heights[32, 32] == 0.0), f"{bump.heights[32, 0]:.4g} m"
         (True, '-1.25e-05 m')
     """
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -26,8 +26,8 @@ from pydantic import Field
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import Surface, rms_slope
-from epcontact.surfaces.filters import filtered
+from epcontact.scene import Surface, check_extremes, rms_slope
+from epcontact.surfaces.filters import kept_waves
 from epcontact.surfaces.recipe import Real
 
 Treatment = Literal["refuse", "periodic", "detrend_and_window"]
@@ -99,14 +99,16 @@ def preparation_words(recipe: Any) -> str:
     return words
 
 
-def prepared(heights: FloatArray, recipe: Any, where: str) -> Surface:
+def prepared(heights: FloatArray, recipe: Any, where: str, told: tuple[str, ...] = ()) -> Surface:
     """Treat a recipe's own writable heights, NaN where missing, and return the surface.
+
+    Its notes begin with `told`.
 
     Raises:
         InvalidScene: if heights are missing, or jump at the edges, and no remedy is chosen.
     """
     require_measured(heights, recipe.missing, where)
-    notes = [*_mark_notes(heights, getattr(recipe, "unit", None) or 1.0)]
+    notes = [*told, *_mark_notes(heights, getattr(recipe, "unit", None) or 1.0)]
     window = recipe.treatment == "detrend_and_window"
     order = recipe.form if recipe.form is not None else 1 if window else None
     if order is not None:
@@ -136,9 +138,15 @@ def prepared(heights: FloatArray, recipe: Any, where: str) -> Surface:
             f"{where}: not periodic, {words}; set treatment to detrend_and_window, or to periodic "
             "to take it as it is"
         )
+    heights, removed = _in_band(heights, recipe)
     heights.flags.writeable = False
-    surface = Surface(heights, recipe.periods, recipe=recipe.fingerprint, notes=(*notes, words))
-    return _in_band(surface, recipe, (*notes, words))
+    return Surface(
+        heights,
+        recipe.periods,
+        shortest_wavelength=recipe.shortest_wavelength,
+        recipe=recipe.fingerprint,
+        notes=(*notes, words, *removed),
+    )
 
 
 def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
@@ -160,17 +168,17 @@ def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
             )
 
 
-def _in_band(surface: Surface, recipe: Any, notes: tuple[str, ...]) -> Surface:
+def _in_band(heights: FloatArray, recipe: Any) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return the heights without the waves outside the recipe's band, and a note on them."""
     longest, shortest = recipe.longest_wavelength, recipe.shortest_wavelength
     if longest is None and shortest is None:
-        return surface
+        return heights, ()
     high = math.inf if shortest is None else 2 * math.pi / shortest
     low = 0.0 if longest is None else 2 * math.pi / longest
     limits = [] if longest is None else [f"longer than {longest:.3g} m"]
     limits += [] if shortest is None else [f"shorter than {shortest:.3g} m"]
     note = f"waves {' and '.join(limits)} removed"
-    kept = filtered(surface, high, low)
-    return replace(kept, recipe=recipe.fingerprint, notes=(*notes, note))
+    return kept_waves(heights, recipe.periods, high, low), (note,)
 
 
 def require_measured(heights: NDArray[Any], missing: str, where: str) -> None:
@@ -182,7 +190,7 @@ def require_measured(heights: NDArray[Any], missing: str, where: str) -> None:
         where: the name of the heights in the message.
     """
     if np.isfinite(low := heights.min()) and np.isfinite(high := heights.max()):
-        span = float(high) - float(low)
+        extremes = (low, high)
     else:
         known = heights[~np.isnan(heights)]
         if known.size == 0:
@@ -198,9 +206,8 @@ def require_measured(heights: NDArray[Any], missing: str, where: str) -> None:
                 f"{where}: {heights.size - known.size} of {heights.size} heights are NaN or "
                 'masked; set missing to "harmonic" or "nearest" to fill them, or crop the map'
             )
-        span = float(np.ptp(known))
-    if not span * span < math.inf:
-        raise InvalidScene(f"{where}: heights span {span:g} m; check their unit")
+        extremes = (known.min(), known.max())
+    check_extremes(float(extremes[0]), float(extremes[1]), where)
 
 
 def form_removed(heights: FloatArray, order: int) -> FloatArray:
