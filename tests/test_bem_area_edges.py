@@ -15,6 +15,9 @@ from epcontact.scene import SelfAffineSpectrum
 from epcontact.studies import area_scenes, areas, error_bars
 from epcontact.surfaces import FlatPunch, SelfAffine
 
+# The walls of punches are steep.
+pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
+
 PARTS = ("total", "plastic", "elastic")
 
 

@@ -337,6 +337,7 @@ def test_work_does_not_grow_with_roughness(hardness):
     assert counts[1] <= counts[0] + 1
 
 
+@pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 def test_long_thin_grids_are_no_dearer():
     """They took 415 where a direction of fewer than 64 points had no cells; 60 to 90 since."""
     heights = rough((1024, 1024))[:32]

@@ -84,6 +84,7 @@ def test_moved_nodes_put_the_top_at_the_heights_and_leave_the_base() -> None:
     assert volume == pytest.approx(block.depth, rel=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 def test_what_cannot_be_meshed_is_refused() -> None:
     scene = rough_scene(8, 2, body=Body("bonded_layer", 0.5))
     with pytest.raises(InvalidScene, match=r"depth is 1 m.*0\.5 m"):

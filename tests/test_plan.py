@@ -14,7 +14,15 @@ from epcontact.errors import InvalidCase
 from epcontact.harness.case import case_sizes, find_case, find_cases, load_case
 from epcontact.harness.statistics import student_half_width
 from epcontact.harness.store import Answer
-from epcontact.planning import achieved_error, auto_case, grids, pilots, plan, planned_case
+from epcontact.planning import (
+    achieved_error,
+    auto_case,
+    finer_case,
+    grids,
+    pilots,
+    plan,
+    planned_case,
+)
 from epcontact.planning.grids import Section
 from epcontact.planning.pilots import Pilot
 from epcontact.reference import CLOSED_FORMS
@@ -29,7 +37,10 @@ def shipped(name: str, size: str = "full"):
 
 
 def answer_of(case, chosen) -> Answer:
-    auto = planned_case(case, chosen)
+    return solved(planned_case(case, chosen))
+
+
+def solved(auto) -> Answer:
     results = [
         bem.solve(auto.scene(recipe), threads=1, **auto.options["bem"]) for recipe in auto.recipes
     ]
@@ -170,6 +181,7 @@ def test_a_plan_refines_where_edges_hold_the_fronts():
     stuck = plan(replace(punch, recipes=(measured,)), 0.02, threads=1)
     assert not stuck.meets
     assert any("is not met" in reason for reason in stuck.reasons)
+    assert finer_case(punch, stuck) is None
 
 
 def test_a_one_directional_surface_becomes_a_line_with_the_same_area():
@@ -199,6 +211,21 @@ def test_a_broken_promise_is_told():
     assert achieved_error(chosen, answer_of(case, chosen)) > chosen.tolerance
     with pytest.raises(InvalidCase, match="no answer"):
         achieved_error(chosen, Answer())
+
+
+def test_a_finer_grid_finds_out_a_claim_that_is_too_small():
+    case = shipped("rough-capped", "fast")
+    chosen = plan(case, 0.02, threads=1)
+    answer, check = answer_of(case, chosen), finer_case(case, chosen)
+    assert check.recipes[0].shape == tuple(2 * n for n in chosen.shape)
+    finer = solved(check)
+    assert achieved_error(chosen, answer, finer) <= 0.02
+    (result,) = answer.results
+    wrong = {"raw": result.final.areas["raw"], "error": Areas(0.0, 0.0, 0.0)}
+    wrong["corrected"] = Areas(1.1 * result.final.areas["corrected"].total, 0.0, 0.0)
+    sure = Answer((replace(result, steps=(replace(result.final, areas=wrong),)),), ("seed0",))
+    assert achieved_error(chosen, sure) == 0
+    assert achieved_error(chosen, sure, finer) == pytest.approx(0.1, rel=0.05)
 
 
 def test_an_ensemble_s_error_holds_its_scatter(write_case):

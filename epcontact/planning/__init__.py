@@ -1,11 +1,11 @@
 """The cheapest model of a scene that meets a tolerance.
 
 `plan` chooses the model by a few pilot solves, `planned_case` applies it to the case, and
-`achieved_error` judges its answer.  `auto_case` and `load_auto` make a case as cheap as its gates
-allow.
+`achieved_error` judges its answer by that to `finer_case`.  `auto_case` and `load_auto` make a case
+as cheap as its gates allow.
 """
 
 from epcontact.planning.auto_size import auto_case, load_auto
-from epcontact.planning.plan import Plan, achieved_error, plan, planned_case
+from epcontact.planning.plan import Plan, achieved_error, finer_case, plan, planned_case
 
-__all__ = ["Plan", "achieved_error", "auto_case", "load_auto", "plan", "planned_case"]
+__all__ = ["Plan", "achieved_error", "auto_case", "finer_case", "load_auto", "plan", "planned_case"]

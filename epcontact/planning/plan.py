@@ -37,6 +37,7 @@ from epcontact.planning.grids import (
     points_per_wavelength,
 )
 from epcontact.planning.pilots import (
+    PILOT_SURFACES,
     Candidate,
     Pilot,
     candidates_for,
@@ -323,29 +324,55 @@ def planned_case(case: Case, chosen: Plan) -> Case:
     return replace(case, size="auto", recipes=chosen.recipes, options=options)
 
 
-def achieved_error(chosen: Plan, answer: Answer) -> float:
+def finer_case(case: Case, chosen: Plan) -> Case | None:
+    """Return the case that checks a plan: its first surfaces on twice the points each way.
+
+    A method on a grid answers it, of a theory's plan, too.  Heights that have but one grid, such as
+    measured ones, leave nothing to check by: None.
+    """
+    doubled = (on_grid(r, tuple(2 * n for n in r.shape)) for r in chosen.recipes[:PILOT_SURFACES])
+    recipes = tuple(r for r in doubled if r is not None)
+    if not recipes:
+        return None
+    planned = planned_case(case, chosen)
+    methods = tuple(methods_on_grids(case)[:1])
+    return replace(planned, id=f"{case.id}-finer", methods=methods, recipes=recipes, gates=())
+
+
+def achieved_error(chosen: Plan, answer: Answer, finer: Answer | None = None) -> float:
     """Return the relative error of the answer to a planned case, the largest of its parts.
 
-    It combines the error that the areas claim and the 95 % interval of their mean.  The theory
-    claims no error, so there it is the expected error from the pilots.
+    It combines, as independent errors, the difference of the mean areas from those of a finer grid,
+    the error that the finer grid still claims, and the 95 % interval of the mean over the surfaces.
+    Without a finer grid it rests on the error that the areas claim themselves or, for a theory,
+    that the pilots expected.
 
     Args:
         chosen: the plan.
         answer: the answer of the plan's method to `planned_case`.
+        finer: the answer to `finer_case`.
 
     Raises:
-        InvalidCase: the answer has no results.
+        InvalidCase: an answer has no results.
     """
-    if not answer.results:
+    if not answer.results or (finer is not None and not finer.results):
         raise InvalidCase(f"{chosen.case}: there is no answer to judge the plan by")
-    if not chosen.on_grid:
+    if finer is None and not chosen.on_grid:
         return chosen.expected_error
-    areas = [result.final.areas for result in answer.results]
+    best = answer if finer is None else finer
+    sample = answer if chosen.on_grid else best
     errors = []
     for part in chosen.parts:
-        values = [getattr(a["corrected"], part) for a in areas]
-        mean = float(np.mean(values))
-        claimed = float(np.mean([getattr(a["error"], part) for a in areas])) / mean
+        found = _areas(answer, chosen.areas, part)[: len(best.results)]
+        nearest = _areas(best, "corrected", part)
+        mean = float(np.mean(nearest))
+        off = float(np.mean(found)) / mean - 1 if finer is not None else 0.0
+        claimed = float(np.mean(_areas(best, "error", part))) / mean
+        values = _areas(sample, "corrected", part)
         scatter = student_half_width(standard_deviation(values) / mean, len(values))
-        errors.append(math.hypot(claimed, scatter))
+        errors.append(math.hypot(off, claimed, scatter))
     return max(errors)
+
+
+def _areas(answer: Answer, kind: str, part: str) -> list[float]:
+    return [getattr(result.final.areas[kind], part) for result in answer.results]
