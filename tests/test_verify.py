@@ -15,9 +15,11 @@ from epcontact.harness.verdict import Verdict, judge_case, write_verdict
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
 
-def result(method: str, total: float) -> ContactResult:
+def result(method: str, total: float, claim: float = 0.0) -> ContactResult:
     areas = Areas(total, total / 2, total / 2)
-    step = LoadStep(5e8, {"raw": areas, "corrected": areas})
+    step = LoadStep(
+        5e8, {"raw": areas, "corrected": areas, "error": Areas(claim, claim / 2, claim / 2)}
+    )
     distribution = PressureDistribution(
         np.array([0.0, 6e9]), np.array([0, total / 2]), plastic=total / 2
     )
@@ -56,6 +58,23 @@ def test_status_and_exit_code(case, areas, status, code) -> None:
     outcome = judge_case(case, answers(areas))
     assert outcome.status == status
     assert Verdict.on([outcome], "fast").exit_code == code
+
+
+def test_areas_less_sure_than_the_band_do_not_hold(case) -> None:
+    """The surer of two grids counts, and that of one beside a theory."""
+    sure, unsure, lost = (result("bem", 0.1, claim) for claim in (0.005, 0.02, float("nan")))
+    fem = {"fem": Answer((result("fem", 0.1, 0.03),), ("seed0",))}
+    on_fem = replace(case.gates[0], against="fem")
+    gates = replace(case, methods=("persson", "bem", "fem"), gates=(case.gates[0], on_fem))
+    for given, theory_gate, fem_gate in (
+        (sure, "holds", "holds"),
+        (unsure, "falls short", "falls short"),
+        (lost, "falls short", "falls short"),
+    ):
+        judged = judge_case(gates, answers([0.1]) | fem | {"bem": Answer((given,), ("seed0",))})
+        assert [gate.status for gate in judged.gates] == [theory_gate, fem_gate]
+    assert judged.gates[1].grid_error == pytest.approx(0.3)
+    assert "± 0.3 (of which 0.3 by the grid)" in str(judged.gates[1])
 
 
 def test_method_without_answer_is_an_error_not_a_shortfall(case) -> None:

@@ -93,8 +93,8 @@ def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
         return f"{100 * x:+.{digits}f} %" if percent else f"{x:+.{digits}e}"
 
     difference = show(gate.difference.mean)
-    if gate.difference.half_width:
-        difference += f" ± {show(gate.difference.half_width).lstrip('+')}"
+    if gate.half_width:
+        difference += f" ± {show(gate.half_width).lstrip('+')}"
     if gate.low == -gate.high:
         band = f"± {show(gate.high)[1:]}"
     else:

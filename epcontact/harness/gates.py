@@ -12,6 +12,12 @@ The scatter of an ensemble enters the verdict.  The interval of the mean of n su
 Student's at 95 %.  A gate holds only if the *whole* interval of the difference is within its
 band, so an ensemble that is too small to decide does not pass.  Two ensembles over the same seeds
 are compared pair by pair.  A single surface has an interval of width 0.
+
+A corrected area is an estimate with a claimed error, which widens the interval as well: a gate does
+not hold if its answers are less sure than its band is wide.  Of two estimates of the same area the
+surer one shows how right the other is, so that the smaller claim counts.  A theory and a published
+number claim no error, so that the claim of the other side counts.  A closed form shows the true
+error, and no claim counts.
 """
 
 from __future__ import annotations
@@ -82,6 +88,11 @@ class GateVerdict(BaseModel):
     value: Estimate | None = None
     reference: Estimate | None = None
     difference: Estimate | None = None
+    grid_error: Number | None = Field(
+        default=None,
+        description="claimed error of the corrected areas in the difference, which widens its "
+        "interval",
+    )
     error: str | None = Field(default=None, description="why the gate could not be judged")
 
     @property
@@ -89,19 +100,30 @@ class GateVerdict(BaseModel):
         """True if the gate was judged and held."""
         return self.status == HOLDS
 
+    @property
+    def half_width(self) -> float:
+        """Half the width of the interval that must be within the band."""
+        scatter = 0.0 if self.difference is None else self.difference.half_width
+        return math.hypot(scatter, self.grid_error or 0.0)
+
     def __str__(self) -> str:
         """Return one line with the gate, its figures and its reason."""
         if self.value is None or self.reference is None or self.difference is None:
             return f"{self.name}: {self.error}"
+        grid = f" (of which {self.grid_error:.2g} by the grid)" if self.grid_error else ""
         return (
             f"{self.name}: difference {self.difference.mean:+.4g} "
-            f"± {self.difference.half_width:.2g} must lie in [{self.low:g}, {self.high:g}] "
+            f"± {self.half_width:.2g}{grid} must lie in [{self.low:g}, {self.high:g}] "
             f"({self.value.mean:.6g} against {self.reference.mean:.6g}); because {self.because}"
         )
 
 
 def judge(
-    gate: Gate, value: Sequence[float], reference: Sequence[float], paired: bool
+    gate: Gate,
+    value: Sequence[float],
+    reference: Sequence[float],
+    paired: bool,
+    claim: float | None = None,
 ) -> GateVerdict:
     """Compare the values of a scalar quantity, one for each surface, with those of its reference.
 
@@ -111,18 +133,24 @@ def judge(
         reference: the values of the reference.
         paired: True if both come from the same surfaces in the same order; otherwise they are
             taken as independent.
+        claim: the claimed error of corrected areas that counts, absolute; None if none does.
     """
     a, b = estimate(value), estimate(reference)
+    grid_error = claim
+    if claim is not None and gate.norm == "relative":
+        grid_error = claim / (abs(b.mean) or math.inf)
     if paired:
         pairs = zip(value, reference, strict=True)
-        return _judged(gate, a, b, estimate([deviation(gate.norm, x, y) for x, y in pairs]))
+        difference = estimate([deviation(gate.norm, x, y) for x, y in pairs])
+        return _judged(gate, a, b, difference, grid_error)
     half_width = math.hypot(a.half_width, b.half_width)
     if gate.norm == "relative":
         # First order: the relative difference is (a - b)/b, so b's width counts times a/b.
         scale = abs(b.mean) or math.inf
         half_width = math.hypot(a.half_width, a.mean / scale * b.half_width) / scale
     mean = deviation(gate.norm, a.mean, b.mean)
-    return _judged(gate, a, b, Estimate(mean=mean, half_width_95=half_width, surfaces=0))
+    difference = Estimate(mean=mean, half_width_95=half_width, surfaces=0)
+    return _judged(gate, a, b, difference, grid_error)
 
 
 def judge_distance(gate: Gate, distances: Sequence[float]) -> GateVerdict:
@@ -145,9 +173,12 @@ def deviation(norm: str, value: float, reference: float) -> float:
     return (value - reference) / abs(reference)
 
 
-def _judged(gate: Gate, a: Estimate, b: Estimate, difference: Estimate) -> GateVerdict:
+def _judged(
+    gate: Gate, a: Estimate, b: Estimate, difference: Estimate, grid_error: float | None = None
+) -> GateVerdict:
+    half_width = math.hypot(difference.half_width, grid_error or 0.0)
     # NaN compares false, so a difference that is NaN never holds.
-    holds = gate.low <= difference.low and difference.high <= gate.high
+    holds = gate.low <= difference.mean - half_width and difference.mean + half_width <= gate.high
     return GateVerdict(
         **vars(gate),
         name=gate.name,
@@ -155,4 +186,5 @@ def _judged(gate: Gate, a: Estimate, b: Estimate, difference: Estimate) -> GateV
         value=a,
         reference=b,
         difference=difference,
+        grid_error=grid_error,
     )

@@ -155,6 +155,11 @@ def _verdicts() -> list[tuple[str, object, object]]:
         ("pairs in their band", HOLDS, _judged(paired)),
         ("pairs beyond the band of another size", FALLS_SHORT, _judged(paired, "full")),
         ("unpaired surfaces", FALLS_SHORT, _judged(apart)),
+        (
+            "areas less sure than the band",
+            FALLS_SHORT,
+            _judged(paired, quantity="area.total.corrected"),
+        ),
         ("a method that failed", ERROR, _judged(_answers(failed="bem"))),
         ("a reference that failed", ERROR, _judged(_answers(failed="fem"))),
         ("a scalar that is not there", ERROR, _judged(paired, quantity="quantity.diffusion")),

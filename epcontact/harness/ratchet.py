@@ -161,7 +161,7 @@ def margin(gate: GateVerdict) -> float | None:
     one_sided = gate.norm in (*DISTRIBUTION_NORMS, "l2") and gate.low <= 0
     low = -gate.high if one_sided else gate.low
     middle, half = (low + gate.high) / 2, (gate.high - low) / 2
-    used = abs(gate.difference.mean - middle) + gate.difference.half_width
+    used = abs(gate.difference.mean - middle) + gate.half_width
     return half / used if used > 0 else math.inf
 
 

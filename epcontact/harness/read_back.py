@@ -92,13 +92,14 @@ def _verdict_errors(verdict: Data) -> Iterator[str]:
 def _status(gate: Data) -> str:
     if "difference" not in gate:
         return "error"
-    mean, half_width, low, high = (
+    mean, scatter, grid_error, low, high = (
         float(x)
         for x in (
             gate["difference"]["mean"], gate["difference"]["half_width_95"],
-            gate["low"], gate["high"],
+            gate.get("grid_error", 0.0), gate["low"], gate["high"],
         )
     )  # fmt: skip
+    half_width = math.hypot(scatter, grid_error)
     inside = low <= mean - half_width and mean + half_width <= high
     return "holds" if inside else "falls short"
 
@@ -168,6 +169,20 @@ def _gate_errors(gate: Data, answers: Mapping[str, Data]) -> Iterator[str]:
     for name, theirs, mine in zip(names, shown, found, strict=True):
         if not _equal(theirs, mine, lost):
             yield f"{gate['name']} has a {name} of {theirs}, and its members have {mine:.6g}"
+    unit = fmean(references) if relative else 1.0
+    found_error = _grid_error(gate, of, against) / (abs(unit) or math.inf)
+    if not _equal(gate.get("grid_error", 0.0), found_error):
+        yield f"{gate['name']} has a grid error that is not claimed by its members"
+
+
+def _grid_error(gate: Data, of: Data, against: Data | None) -> float:
+    """Return the smaller claim of two sides, of one beside a theory or a number; 0 for none."""
+    area, _, kind = gate["quantity"].rpartition(".")
+    if kind != "corrected" or (against is None and isinstance(gate["against"], str)):
+        return 0.0
+    sides = [side for side in (of, against) if side is not None and "error" in side["areas"]]
+    claimed = [fmean(_values(side, f"{area}.error")) for side in sides]
+    return min((math.inf if math.isnan(c) else c for c in claimed if c), default=0.0)
 
 
 def _deviation(value: float, reference: float, relative: bool) -> float:

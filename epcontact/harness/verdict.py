@@ -9,9 +9,11 @@ Version 1 of the schema may gain keys; no key is renamed, removed or given anoth
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 from typing import Any, Literal
 
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
@@ -323,7 +325,7 @@ def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdic
             return judge_distance(gate, [read_quantity(r, name) for r in of.results])
         value = [read_quantity(result, gate.quantity) for result in of.results]
         paired = against is not None and len(value) > 1 and of.labels == against.labels
-        return judge(gate, value, _references(case, gate, against), paired)
+        return judge(gate, value, _references(case, gate, against), paired, _claim(gate, answers))
     except Exception as error:  # of a closed form, too, in numbers that it cannot hold
         return unjudged(gate, sentence_of(error))
 
@@ -335,6 +337,21 @@ def _references(case: Case, gate: Gate, against: Answer | None) -> list[float]:
         form = CLOSED_FORMS[gate.against]
         return [form.scalar(gate.quantity, case.scene(case.recipes[0]))]
     return [gate.against]
+
+
+def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
+    """Return the claimed error that counts in a difference of corrected areas; see `gates`."""
+    group, _, kind = gate.quantity.rpartition(".")
+    sides = [answers[str(name)] for name in (gate.of, gate.against) if name in answers]
+    if kind != "corrected" or (isinstance(gate.against, str) and len(sides) == 1):
+        return None
+    claims = [
+        fmean(read_quantity(result, f"{group}.error") for result in side.results)
+        for side in sides
+        if all("error" in result.final.areas for result in side.results)
+    ]
+    # A theory says 0 and claims nothing by it; what is no number is no assurance.
+    return min((math.inf if math.isnan(c) else c for c in claims if c != 0), default=None)
 
 
 def _joined(sentences: Sequence[str]) -> str:

@@ -174,7 +174,7 @@ FAULTS = (
                 H + "statistics.standard_deviation", 0.5**0.5
             ),
             "pairs taken as independent": given(
-                H + "verdict.judge", lambda gate, a, b, paired: (gate, a, b, False)
+                H + "verdict.judge", lambda gate, a, b, paired, claim: (gate, a, b, False, claim)
             ),
             "the answers in the reverse order": on_result(H + "verdict.run_cases", _reversed),
             "labels of the surfaces shifted": on_result(H + "run.summary", _shifted),
