@@ -267,6 +267,11 @@ FAULTS = (
         _estimated(lambda raw, good, e: (raw, good, Areas(*(v / 10 for v in vars(e).values())))),
         "hertz-sphere-coarse", "area.total.error",
     ),
+    Fault(
+        "areas that are thirty times less sure", "bem",
+        _estimated(lambda raw, good, e: (raw, good, Areas(*(30 * v for v in vars(e).values())))),
+        "fem-capped", "area.total.corrected",
+    ),
     _reported(
         "energy of the capped body 3 % off", "elastic_energy", lambda U: 1.03 * U,
         "rough-capped", "quantity.measured_figures",
