@@ -23,6 +23,7 @@ from functools import cached_property
 
 import numpy as np
 
+from epcontact.errors import NotConverged
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 from fem_check import plasticity
 from fem_check.contact import States, predicted_states, solve_contact_forces
@@ -272,7 +273,7 @@ def _conjugate_gradients(
 ) -> tuple[LinearSolution, int]:
     """Iterate on the levels that flow until the residual is below `goal`; count the iterations.
 
-    The arrays of `linear` are changed in place.
+    The arrays of `linear` are changed in place.  Raises NotConverged if no node can take the load.
     """
     problem, states, levels = tangent.problem, linear.states, tangent.levels
     workers = problem.workers
@@ -299,7 +300,13 @@ def _conjugate_gradients(
             xpay(p, beta, z, workers)
             xpay(Kp, beta, Kz, workers)
             p_approach = d + beta * p_approach
-        alpha = rho / dot(p, Kp, workers)
+        curvature = dot(p, Kp, workers)
+        if curvature == 0:
+            raise NotConverged(
+                f"every contact node is at the cap, and none can take {missing:.2g} N of the load: "
+                "the elastic part of the contact is narrower than a node; refine the grid"
+            )
+        alpha = rho / curvature
         axpy(step, alpha, p, workers)
         axpy(R, -alpha, Kp, workers)
         approach += alpha * p_approach

@@ -11,7 +11,11 @@ of the grid (tests/test_fem_elastic.py), a straight rim is
 spacings inside the count.  `corrected` subtracts this for every end of a contact on a line, and
 pi/4 of it for every switch along rows and columns of a surface, because a rim of any direction
 crosses 4/pi as many rows and columns as its length.  The front between elastic and capped contact
-is corrected in the same way, with the other sign.  `error` is a quarter of the correction.
+is corrected in the same way, with the other sign.  `error` is a quarter of the correction.  Where a
+capped node is the neighbour of an open one, the elastic rim is narrower than a spacing, and the cap
+on the counted nodes is the load: neither front is corrected there, only doubted.  The correction
+would make the total area of rough surfaces with a hardness of 0.01 to 0.1 E* xi too small by 3 to
+19 %; without it the area is right to 0.5 % in the mean, and to 4.3 % at worst.
 
 Plastic area.  For the law "capped" it counts the nodes at the hardness; for "j2", the contact nodes
 that touch an element of the top layer in which some Gauss point has flowed, now or earlier.  A
@@ -31,6 +35,7 @@ from scipy.sparse.csgraph import connected_components
 
 from epcontact.results import (
     APART,
+    ELASTIC,
     PLASTIC,
     Areas,
     ContactResult,
@@ -173,26 +178,27 @@ def areas(
     """The raw and corrected areas and their error, as the module's docstring defines them.
 
     Example:
-        >>> from epcontact.results import ELASTIC
         >>> states = np.array([[APART], [ELASTIC], [ELASTIC], [APART]], dtype=np.int8)
         >>> raw, corrected, error = areas(states, poisson_ratio=0.0, capped=False)
         >>> raw.total, corrected.total, error.total
         (0.5, 0.375, 0.03125)
     """
-    touching, plastic = states != APART, states == PLASTIC
+    touching, plastic, elastic = states != APART, states == PLASTIC, states == ELASTIC
     total, flowing = float(touching.mean()), float(plastic.mean())
     rim = (0.25 + 0.21 * poisson_ratio) * (1.0 if states.shape[1] == 1 else math.pi / 4)
     rim /= states.size
-    less = min(total, rim * count_switches(touching))
-    more = rim * count_switches(plastic) if capped else 0.0
-    right_total = total - less
+    outer, inner = rim * count_switches(touching), rim * count_switches(plastic) * capped
+    # Each pair of an open and a capped node is a switch of both fronts.
+    direct = (outer + inner - rim * count_switches(elastic)) / 2 if capped else 0.0
+    right_total = max(0.0, total - (outer - direct))
     if capped:
-        right_plastic = min(right_total, flowing + more)
+        right_plastic = min(right_total, flowing + inner - direct)
     else:
         right_plastic = flowing * (right_total / total if total else 1.0)
     raw = Areas(total, total - flowing, flowing)
     corrected = Areas(right_total, right_total - right_plastic, right_plastic)
-    return raw, corrected, Areas(less / 4, (less + more) / 4, more / 4)
+    outer = min(total, outer)
+    return raw, corrected, Areas(outer / 4, (outer + inner) / 4, inner / 4)
 
 
 def count_switches(inside: NDArray[np.bool_]) -> int:

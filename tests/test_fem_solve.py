@@ -253,6 +253,18 @@ def test_what_makes_no_sense_is_refused_in_one_sentence() -> None:
         fem_check.solve(rough_scene(8, 2, hardness=math.inf), law="capped")
 
 
+def test_a_body_that_flows_wherever_it_touches_has_the_area_of_the_load_over_the_hardness() -> None:
+    """Fronts between open and capped nodes are not corrected, as no elastic rim is between them.
+    On a scene without any the load is a whole number of nodes at the cap, or cannot be met."""
+    soft = rough_scene(16, 4, hardness=0.03, pressure=0.006)
+    areas = fem_check.solve(soft, law="capped", threads=1, certified=False).final.areas
+    assert areas["corrected"].total == pytest.approx(0.2, rel=0.01)
+    assert areas["error"].total > 0.01
+    softest = rough_scene(16, 4, hardness=1e-5, pressure=2e-6)
+    with pytest.raises(NotConverged, match="narrower than a node"):
+        fem_check.solve(softest, law="capped", threads=1)
+
+
 def test_a_step_that_does_not_converge_raises_with_its_history_and_commits_nothing() -> None:
     path = driver.solve_path(rough_scene(16, 3))
     history, state = path.history, path.points[-1].state
