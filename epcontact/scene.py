@@ -44,7 +44,8 @@ def _require(condition: bool, message: str) -> None:
         raise InvalidScene(message)
 
 
-def _require_positive(name: str, value: float, unit: str, *, finite: bool = True) -> None:
+def require_positive(name: str, value: float, unit: str, *, finite: bool = True) -> None:
+    """Raise InvalidScene unless a value is positive, and finite, and its products are numbers."""
     good = isinstance(value, int | float) and value > 0
     _require(
         good and (value < math.inf or not finite),
@@ -86,8 +87,8 @@ class SelfAffineSpectrum:
 
     def __post_init__(self) -> None:
         for name in ("wavenumber_low", "wavenumber_roll_off", "wavenumber_high"):
-            _require_positive(name, getattr(self, name), "rad/m")
-        _require_positive("rms_slope", self.rms_slope, "m/m")
+            require_positive(name, getattr(self, name), "rad/m")
+        require_positive("rms_slope", self.rms_slope, "m/m")
         _require(0 <= self.hurst <= 1, f"hurst is {self.hurst!r}, but must lie between 0 and 1")
         _require(
             self.wavenumber_low <= self.wavenumber_roll_off <= self.wavenumber_high,
@@ -155,7 +156,7 @@ class Surface:
             f"periods has {len(self.periods)} lengths for heights of {heights.ndim} dimensions",
         )
         for period in self.periods:
-            _require_positive("periods", period, "m")
+            require_positive("periods", period, "m")
         # One pass without a temporary array: min and max propagate infinities and NaN.
         extremes = (heights.min(), heights.max())
         _require(
@@ -343,14 +344,14 @@ class Material:
     yield_stress: float = math.inf
 
     def __post_init__(self) -> None:
-        _require_positive("young_modulus", self.young_modulus, "Pa")
+        require_positive("young_modulus", self.young_modulus, "Pa")
         _require(
             -1 < self.poisson_ratio < 0.5,
             f"poisson_ratio is {self.poisson_ratio!r}, but must lie between -1 and 0.5, "
             "both excluded",
         )
-        _require_positive("hardness", self.hardness, "Pa", finite=False)
-        _require_positive("yield_stress", self.yield_stress, "Pa", finite=False)
+        require_positive("hardness", self.hardness, "Pa", finite=False)
+        require_positive("yield_stress", self.yield_stress, "Pa", finite=False)
 
 
 @dataclass(frozen=True)
@@ -377,7 +378,7 @@ class Body:
         if self.kind == "half_space":
             _require(self.depth == math.inf, "a half_space takes no depth")
         else:
-            _require_positive("depth", self.depth, "m")
+            require_positive("depth", self.depth, "m")
 
 
 @dataclass(frozen=True)
@@ -397,7 +398,7 @@ class Load:
         _require(len(path) > 0, "mean_pressure is an empty path; give at least one pressure")
         for i, pressure in enumerate(path):
             if i == 0 or pressure != 0:
-                _require_positive("mean_pressure", pressure, "Pa")
+                require_positive("mean_pressure", pressure, "Pa")
         object.__setattr__(self, "mean_pressure", tuple(float(p) for p in path))
 
     @property

@@ -181,9 +181,9 @@ def graded_layers(
 
 def _ratio(total: float, count: int) -> float:
     """The ratio r >= 1 with 1 + r + ... + r^(count - 1) = total, by bisection."""
-    low, high = 1.0, max(2.0, total)
     if count >= total:
         return 1.0
+    low, high = 1.0, math.pow(total, 1 / max(1, count - 1))  # as r^(count - 1) is below the total
     for _ in range(100):
         middle = (low + high) / 2
         reached = sum(middle**k for k in range(count))

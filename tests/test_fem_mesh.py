@@ -94,3 +94,10 @@ def test_what_cannot_be_meshed_is_refused() -> None:
     rough = rough_scene(16, 6, slope=20.0, body=Body("bonded_layer", 0.2))
     with pytest.raises(InvalidScene, match="inside out"):
         moved_elements(block_for(rough, moved=True))
+
+
+def test_a_block_may_be_a_million_spacings_deep() -> None:
+    """The bisection for the ratio of its layers once raised large ratios to high powers."""
+    layers = graded_layers(1e7, 1.0)
+    assert layers.sum() == pytest.approx(1e7)
+    assert layers[0] == pytest.approx(1.0, rel=0.1)

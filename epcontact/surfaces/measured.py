@@ -14,7 +14,13 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, Strict, ValidationInfo
 
 from epcontact.errors import InvalidScene
-from epcontact.scene import Surface, cautioned, checked_heights, levels_note
+from epcontact.scene import (
+    Surface,
+    cautioned,
+    checked_heights,
+    levels_note,
+    require_positive,
+)
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
 from epcontact.surfaces.recipe import Periods, Real, SurfaceAbsent, checked_grid, out_of_memory
 from epcontact.surfaces.treatment import (
@@ -148,10 +154,8 @@ class HeightsFromFile(Preparation):
                 f"its surface {self.path} is not here; put the file there to run it"
             )
         for name in ("unit", "pixel_size"):
-            value = getattr(self, name)
-            good = isinstance(value, int | float) and value > 0 and math.isfinite(value)
-            if not good and value is not None:
-                raise InvalidScene(f"{name} is {value!r}, but must be a positive length in m")
+            if (value := getattr(self, name)) is not None:
+                require_positive(name, value, "m")
         object.__setattr__(self, "periods", checked_grid(self.shape, self._periods())[1])
         # Read now, so that the fingerprint belongs to the content whose shape was just read.
         _ = self.fingerprint

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, Strict
 
 from epcontact.errors import InvalidScene, NotEnoughMemory
 from epcontact.machine import available_memory
-from epcontact.scene import Surface
+from epcontact.scene import Surface, require_positive
 
 #: Largest number of points that an array can address.
 LARGEST_GRID = 2**56
@@ -112,6 +112,8 @@ def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...],
         raise InvalidScene(
             f"periods is {given_periods!r}, but must be {len(shape)} positive lengths in m"
         )
+    for period in periods:
+        require_positive("periods", period, "m")
     if math.prod(shape) > LARGEST_GRID:
         raise out_of_memory(shape, arrays=1)
     return shape, periods
