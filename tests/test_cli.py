@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -374,10 +375,14 @@ def test_crosscheck_refuses_what_is_no_range_of_seeds(
 
 def test_plan_tells_the_model_and_why(write_case) -> None:
     threads = ("--executor", "concurrent.futures:ThreadPoolExecutor")
-    done = invoke("plan", write_case(), "--tolerance", "20%", "--check", *threads)
+    one = write_case(("seeds = [3, 5, 7]", "seeds = [3]"))
+    done = invoke("plan", one, "--tolerance", "2%", "--check", *threads)
     assert done.returncode == 0, done
-    assert done.stdout.startswith("small: ")
+    assert done.stdout.startswith("small: bem, ")
+    grid = re.search(r"bem, (\d+) x", done.stdout)
+    assert grid is not None
     assert "promise held" in done.stdout
+    assert f"by {2 * int(grid[1])} x " in done.stdout
     refused(invoke("plan", write_case(), "--tolerance", "little"), "--tolerance", "1%")
 
 
