@@ -54,7 +54,7 @@ def require_positive(name: str, value: float, unit: str, *, finite: bool = True)
     _require(
         SMALLEST <= value <= LARGEST or value == math.inf,
         f"{name} is {value!r:.40} {unit}, but must lie between {SMALLEST:g} and {LARGEST:g}, where "
-        "products keep their digits",
+        "products neither overflow nor vanish",
     )
 
 
