@@ -229,7 +229,7 @@ def test_what_holds_a_front():
     assert crossed(np.r_[-1.0, cap[1:]], math.inf, 0)[1] == 0  # two points may be a crest
     # A front that falls on a point is in doubt as others are.
     for point in (1e-9, 0.02):
-        crest = np.array([-2.0, -1.0, point, -1.0, -2.0, -2.5])
+        crest = np.array([-2.0, -1.0, point, -1.0, -2.0, -4.5])
         assert abs(crossed(crest, math.inf, 0)[3]) > 0.05
     # Pressure that does not rise ever faster is smooth.
     smooth = np.array([0.2, 1.0, 1.5, -3.0, -6.0, -9.0])

@@ -37,7 +37,6 @@ from epcontact.bem.areas.rim_correction import (
     COUNTED,
     HARMONIC,
     OBLONG,
-    OFFSETS,
     sums_of_fronts,
 )
 from epcontact.bem.kernel import rfft_wavenumbers
@@ -228,27 +227,6 @@ def _fit(features: FloatArray, biases: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq(np.r_[features, smooth], target, rcond=None)[0])
 
 
-def calibrate_straight_tip(
-    fronts: Fronts, offset: float, harmonic: float, step: float = 0.1
-) -> float:
-    """Cells that a straight gap lacks for each tip, where widths of 0 to 2.2 dx are equally likely.
-
-    offset, harmonic: of a located front, in dx.
-    """
-    lacking = tips = 0.0
-    for width in np.arange(step / 2, 2.2, step):
-        for direction, weight, phases in fronts:
-            period = row_period(direction, 24)[1]
-            share = 1 - width / period
-            load = math.pi / period * math.sin(math.pi / 2 * share) ** 2
-            for phase in phases:
-                sums, _ = front_sums(direction, 24, phase, load)
-                outward = offset * sums[grid.LENGTH, 0] + harmonic * sums[grid.HARMONIC, 0]
-                lacking += weight * (sums[grid.AREA, 0] - outward - share * period / 2)
-                tips += weight * sums[grid.TIPS, 0]
-    return lacking / tips
-
-
 def _swept(heights: FloatArray, load: float, hardness: float = math.inf) -> FloatArray:
     """The sums of `grid.sweep` over a solution on a square of side 1, each of its two parts."""
     nx, ny = heights.shape
@@ -325,8 +303,6 @@ def main() -> None:
     print("offset", np.round(table, 4), " largest misfit", round(misfit, 4))
     print("corner", "{:.3f} +- {:.3f}".format(*calibrate_corner()), "in use", CORNER)
     print("oblong", round(calibrate_oblong(), 3), "in use", OBLONG)
-    tip = calibrate_straight_tip(all_directions(), float(OFFSETS[-1]), HARMONIC)
-    print("tip", round(tip, 3))
     print("kink", "{:.3f} (places +- {:.3f})".format(*calibrate_kink()), "in use", KINK)
 
 

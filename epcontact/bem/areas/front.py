@@ -6,11 +6,14 @@ Wiener-Hopf factorisation of the compliance 2/(E* |q|), |q| < pi/dx.  Let q(x) =
 (1/S_+) q and the gap outside is -S_- q.  The leading coefficients of S give, in units of
 c = pi E*/(2 e dx), with b = Si(pi)/pi and points counted from the last in contact outwards,
 
-    q(0) = p_0,  q(-1) = p_1 + b p_0 (to a common factor),  q(1) = -c g_1,  q(2) = -c g_2 + b c g_1.
+    q(0) = p_0,  q(-1) = p_1 + b p_0,  q(-2) = p_2 + b p_1 + (b^2/2 + d) p_0  (to a common factor),
+    q(1) = -c g_1,  q(2) = -c (g_2 - b g_1),  q(3) = -c (g_3 - b g_2 + (b^2/2 - d) g_1)
 
-The front is AXIS_OFFSET dx short of the root of q between 0 and 1.  The root is that of the
-polynomial through the four values (three or two where the contact or the gap has one point only):
-the offset is exact up to the third order in dx, as the magnitude of S has no further terms.
+with d = Si(2 pi)/(2 pi).  The front is AXIS_OFFSET dx short of the root of q between 0 and 1.  The
+root is that of the polynomial through those of the six values that this contact and this gap have:
+the offset is exact up to the fifth order in dx, as the magnitude of S has no further terms.  A
+parabola beside a contact of one point would put the fronts of waves of four points a tenth of a
+spacing too far in.
 
 The plastic front is the same with hardness - p for p and -g for g.
 """
@@ -26,14 +29,12 @@ AXIS_OFFSET = 0.190009285925947
 #: STIFFNESS is c in E*/dx, and MIX is b.
 STIFFNESS = math.pi / (2 * math.e)
 MIX = 0.5894898722360835  # Si(pi)/pi
-#: The coefficient after b: q(-2) = p_2 + b p_1 + MIX_2 p_0, with Si(2 pi)/(2 pi) + b^2/2.
-MIX_2 = 0.3994549881295272
+#: b^2/2 + d and b^2/2 - d.
+INNER, OUTER = 0.3994549881295272, -0.05195667866061313
+#: With this ratio to the third difference, a fourth one moves the middle of a link as far.
+EQUAL = 8 / 3
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
-#: The most of x (1 - x) (1 + x) between 0 and 1.
-CUBIC = 2 / math.sqrt(27)
-#: The most of (x + 1) x (1 - x) (2 - x) there, by its value at -2.
-QUARTIC = 9 / 16 / 24
 #: A gap that changes between two points by more than this multiple of its changes beside them has
 #: a step there.  The loss of the fit of `epcontact.studies.error_bars` is 2.78 with 1.5, 2.67 with
 #: 3, 2.65 with 6 and 2.68 with 12.
@@ -64,45 +65,71 @@ def field(p: float, g: float, hardness: float, c: float) -> float:
 
 
 @compiled
-def _cubic_root(
-    q: tuple[float, float, float, float], before: bool, after: bool
-) -> tuple[float, float]:
-    """The root of a polynomial less that of a straight line, and the doubt of it.
+def _differences(
+    q: Six, inside: int, outside: int
+) -> tuple[float, float, float, float, float, bool]:
+    """(second to fifth differences, last term, whether q(-2) is left out) of `_shift`.
 
-    The line goes through (0, q[1]) and (1, q[2]) with q[1] > 0 >= q[2]; the polynomial also
-    through (-1, q[0]) if `before` and (2, q[3]) if `after`.  The doubt is the most that the last
-    term of a cubic moves the root between the two points, outwards if positive; of a parabola it
-    is four times as much, because a contact or gap of one point across is hardly resolved.
+    The outermost values may belong to another part of the surface: they are left out where the term
+    of the fourth difference exceeds that of the third.  The last term is the one in the middle of
+    the link.
     """
-    a, b = q[1], q[2] - q[1]
-    # q = a + b x + x (x - 1) (d + e (x + 1)), or with (x - 2) without the point before.
-    d = e = 0.0
-    if before:
-        d = (q[0] - a + b) / 2
-        if after:
-            e = ((q[3] - a - 2 * b) / 2 - d) / 3
-    elif after:
-        d = (q[3] - a - 2 * b) / 2
-    line = x = -a / b
-    low, high = 0.0, 1.0
+    # Second differences about -1, 0, 1 and 2.
+    first, near = q[2] - 2 * q[1] + q[0], q[3] - 2 * q[2] + q[1]
+    far, last = q[4] - 2 * q[3] + q[2], q[5] - 2 * q[4] + q[3]
+    if inside > 0 and outside > 0:
+        third, inner, outer = far - near, far - 2 * near + first, last - 2 * far + near
+        most = EQUAL * abs(third)
+        deep, wide = inside > 1 and abs(inner) <= most, outside > 1 and abs(outer) <= most
+        left = inside > 1 and not deep
+        if deep and wide:
+            return near, third, inner, outer - inner, (outer - inner) * 3 / 256, left
+        if deep or wide:
+            fourth = inner if deep else outer
+            return near, third, fourth, 0.0, fourth * 3 / 128, left
+        return near, third, 0.0, 0.0, -third / 16, left
+    if inside > 0:
+        third = near - first if inside > 1 else 0.0
+        return near, third, 0.0, 0.0, -(third / 16 if inside > 1 else near / 8), False
+    third = last - far if outside > 1 else 0.0
+    return far - third, third, 0.0, 0.0, third / 16 if outside > 1 else -far / 8, False
+
+
+@compiled
+def _shift(q: Six, inside: int, outside: int) -> tuple[float, float, bool]:
+    """The root of the polynomial through q less that of a straight line, and the doubt of it.
+
+    q: at -2 to 3, with q(0) > 0 >= q(1); inside, outside: how many of the two values before, and of
+    the two after these, there are.
+
+    Returns:
+        (shift, doubt, left): the root is between 0 and 1.  The doubt is by how much the last term
+        of the polynomial moves the middle of the link, outwards if positive.  left: whether q(-2)
+        is left out.
+    """
+    slope = q[3] - q[2]
+    line = -q[2] / slope
+    if inside + outside == 0:
+        return 0.0, ANYWHERE, False
+    second, third, fourth, fifth, term, left = _differences(q, inside, outside)
+    x, low, high = line, 0.0, 1.0
     for _ in range(20):
-        bend = d + e * (x + 1)
-        value = a + b * x + x * (x - 1) * bend
-        slope = b + (2 * x - 1) * bend + x * (x - 1) * e
+        value, rate = fourth + fifth * (x + 2) / 5, fifth / 5
+        value, rate = third + value * (x - 2) / 4, (value + rate * (x - 2)) / 4
+        value, rate = second + value * (x + 1) / 3, (value + rate * (x + 1)) / 3
+        value, rate = slope + value * (x - 1) / 2, (value + rate * (x - 1)) / 2
+        value, rate = q[2] + value * x, value + rate * x
         if value > 0:
             low = x
         else:
             high = x
-        new = x - value / slope if slope < 0 else -1.0
+        new = x - value / rate if rate < 0 else -1.0
         if not low <= new <= high:
             new = (low + high) / 2
         step, x = abs(new - x), new
         if step < 1e-7:
             break
-    if not (before or after):
-        return float(x - line), ANYWHERE
-    doubt = CUBIC * e / b if before and after else d / b
-    return float(x - line), min(max(doubt, -ANYWHERE), ANYWHERE)
+    return float(x - line), min(max(-term / slope, -ANYWHERE), ANYWHERE), left
 
 
 @compiled
@@ -152,8 +179,8 @@ def crossing(v: Six, hardness: float, front: int) -> tuple[float, float, float, 
     At a resolved rim the pressure vanishes as sqrt(distance).  At a step of the surface the gap
     jumps.  At a kink the pressure rises towards the edge, and ever faster, and the surfaces part at
     an angle: the front is where the parabola of the gap closes, but for KINK.  Where a kink is
-    behind the front, the pressure has its peak at the last point but one, and the next term of the
-    polynomial is larger than its last.
+    behind the front, the pressure has its peak at the last point but one, and the value before that
+    is left out of the polynomial.
     """
     if front:
         v = (
@@ -174,13 +201,25 @@ def crossing(v: Six, hardness: float, front: int) -> tuple[float, float, float, 
     )
     kink = elastic and v[0] > 0 and last - before > max(before - v[0], 0.0)
     # The polynomial is that of the pressure, or, if no point is in the strip, of the gap.
+    inside = outside = 0
     if elastic:
-        inside = 0 < before < hardness and not kink
-        q = before + MIX * last, last, v[3], v[4] - MIX * v[3]
+        q = (
+            v[0] + MIX * before + INNER * last,
+            before + MIX * last,
+            last,
+            v[3],
+            v[4] - MIX * v[3],
+            v[5] - MIX * v[4] + OUTER * v[3],
+        )
+        if 0 < before < hardness and not kink:
+            inside = 1 + int(0 < v[0] < hardness)
     else:
-        inside = before >= hardness
-        q = before - hardness, last - hardness, v[3], v[4]
-    shift, doubt = _cubic_root(q, inside, open_after)
+        q = v[0] - hardness, before - hardness, last - hardness, v[3], v[4], v[5]
+        if before >= hardness:
+            inside = 1 + int(v[0] >= hardness)
+    if open_after:
+        outside = 1 + int(v[5] <= 0)
+    shift, doubt, left = _shift(q, inside, outside)
     root = last / jump + shift
     hidden = _hidden(last, before, hardness, step) if step or kink else 0.0
     if step and (root < 0.5 or not elastic):
@@ -192,10 +231,9 @@ def crossing(v: Six, hardness: float, front: int) -> tuple[float, float, float, 
             away = _closing(-v[3], -v[4], -v[5] if v[5] <= 0 else v[3] - 2 * v[4])
         if away >= 1:
             return 0.5, 1.0, hidden, 0.0, 0.0
-        doubt, kinked = KINK * last / jump, 1.0
-        root = 1 - away - doubt + AXIS_OFFSET
-    elif elastic and inside and open_after and before > v[0] > 0 and before > last:
-        next_term = v[0] + MIX * before + MIX_2 * last - (4 * q[0] - 6 * q[1] + 4 * q[2] - q[3])
-        kinked = 1.0 if QUARTIC * abs(next_term) > abs(doubt) * jump else 0.0
+        root = 1 - away - KINK * last / jump + AXIS_OFFSET
+        doubt, kinked = 0.0, 1.0
+    elif left and elastic and before > max(v[0], last):
+        kinked = 1.0
     root = min(max(root, 0.0), 1.0)
     return float(1 - root if turned else root), 0.0, hidden, doubt, kinked
