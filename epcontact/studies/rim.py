@@ -31,7 +31,7 @@ import numpy as np
 
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import AXIS_OFFSET, KINK, STIFFNESS, crossing
+from epcontact.bem.areas.front import AXIS_OFFSET, KINK, LINK_ROWS, STIFFNESS, locate
 from epcontact.bem.areas.rim_correction import (
     CORNER,
     COUNTED,
@@ -39,6 +39,7 @@ from epcontact.bem.areas.rim_correction import (
     OBLONG,
     sums_of_fronts,
 )
+from epcontact.bem.areas.rows import Solution
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
@@ -120,12 +121,11 @@ def front_sums(
     folded[0] = np.inf
     p, g = solved(wave(n, phase), 2 / folded, load, hardness)
     column = (a * np.arange(n)[:, None] + b * (np.arange(6) - 2)) % n  # this strip meets every row
-    limit, stiffness = hardness * (1 - 1e-12), (STIFFNESS, STIFFNESS)
+    solution = Solution(p[column], g[column], hardness * (1 - 1e-12), (STIFFNESS, STIFFNESS))
     # Cells whose last corner is in the fourth of the six columns have all that they need.
-    out = [
-        grid.sweep(p[column], g[column], limit, stiffness, table, (0, n), (3, 4))
-        for table in np.eye(len(grid.U_NODES))
-    ]
+    block = np.array([[0, n, 3, 4]])
+    tables = map(grid.tabulated, np.eye(len(grid.U_NODES)))
+    out = [grid.sweep(solution, table, block)[0] for table in tables]
     scale = length / 2 / n
     offsets = np.array([sums[grid.OFFSET] for sums in out])
     return out[0].sum(axis=-1) * scale, offsets.sum(axis=-1) * scale
@@ -279,12 +279,14 @@ def calibrate_kink(points: int = 96, finer: int = 32) -> tuple[float, float]:
                 away = np.maximum(abs((np.arange(n) / n - centre + 0.5) % 1 - 0.5) - half, 0)
                 p, g = solved(-slope * (away + bend * away**2), half_space((n,), 1.0), load)
                 last = next(i for i in range(round(centre * n), 2 * n) if p[(i + 1) % n] <= 0)
-                v = [p[k % n] - STIFFNESS * n * g[k % n] for k in range(last - 2, last + 4)]
-                place, held, _, doubt, kinked = crossing(tuple(v), math.inf, 0)
+                link, nearby = np.zeros((LINK_ROWS, 1)), np.arange(last - 2, last + 4) % n
+                link[:6, 0] = v = p[nearby] - STIFFNESS * n * g[nearby]
+                locate(link, 1, math.inf)
+                place, held, _, _, kinked = link[6:, 0]
                 places.append((last + place - (0 if held else AXIS_OFFSET)) / n)
             if kinked and v[2] > v[1]:  # the coarse line's; not where a kink is behind the front
-                shares.append(doubt / KINK)
-                surplus.append((places[1] - places[0]) * points + doubt)
+                shares.append(v[2] / (v[2] - v[3]))
+                surplus.append((places[1] - places[0]) * points + KINK * shares[-1])
     pull = np.dot(surplus, shares) / np.dot(shares, shares)
     return float(pull), float(np.std(surplus - pull * np.array(shares)))
 

@@ -23,6 +23,9 @@ from __future__ import annotations
 import math
 
 import numba
+import numpy as np
+
+from epcontact.results import FloatArray
 
 #: Offset of a front along an axis, in dx: 1/4 - (1/2 pi) int_0^{pi/2} (cot t/t - cot^2 t) dt.
 AXIS_OFFSET = 0.190009285925947
@@ -43,32 +46,72 @@ STEP = 6.0
 #: the share of the pressure in the change of v (`epcontact.studies.rim.calibrate_kink`).
 KINK = 0.13
 
-Six = tuple[float, float, float, float, float, float]
+#: Rows of a table of links: six values of v, the first three inside, and what `locate` finds.
+PLACE, HELD, HIDDEN, DOUBT, KINKED = range(6, 11)
+LINK_ROWS = 11
 #: Compiles a function of this room; nothing calls one from C.
 compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
 
 @compiled
-def kind(p: float, hardness: float) -> int:
-    """The state of a point with the pressure p: APART, ELASTIC or PLASTIC."""
-    return int(p > 0) + int(p >= hardness)
+def locate(links: FloatArray, count: int, hardness: float) -> None:
+    """Find where v of `rows` crosses 0, between the third and the fourth of six points in a row.
 
+    links: (LINK_ROWS, at least `count`).  The first three of the six are inside.  For the plastic
+    front v is hardness - v.  What is found, in spacings:
 
-@compiled
-def field(p: float, g: float, hardness: float, c: float) -> float:
-    """v = p - c g: at most 0 where apart, at least the hardness where plastic."""
-    if p <= 0:
-        return float(-c * max(g, 0.0))
-    if p >= hardness:
-        return float(hardness - c * min(g, 0.0))
-    return p
+    PLACE   from the third point, 0 to 1; 1/2 where a step holds the front
+    HELD    1 if a step of the surface holds the front, so that any place is equally likely, else 0
+    HIDDEN  width of the zone next to an edge in which the singular pressure exceeds the hardness,
+            but which no point shows
+    DOUBT   by how much the last term of the polynomial moves the middle of the link, outwards if
+            positive: the front may be elsewhere by as much
+    KINKED  1 where the surface has a kink at the front or close behind it, else 0
+
+    At a resolved rim the pressure vanishes as sqrt(distance).  Where a kink is behind the front,
+    the pressure has its peak at the last point but one, and the value before that is left out of
+    the polynomial.  The loop has no branches, so that processors do several links at a time.
+    """
+    roots = np.empty((9, count))
+    for n in range(count):
+        first, before, last = links[0, n], links[1, n], links[2, n]
+        out, after, end = links[3, n], links[4, n], links[5, n]
+        step, kink = _edges(first, before, last, out, after, hardness)
+        # The polynomial is that of the pressure, or, if no point is in the strip, of the gap.
+        elastic = last < hardness
+        mix, inner, outer, less = (MIX, INNER, OUTER, 0.0) if elastic else (0.0, 0.0, 0.0, hardness)
+        one = (before > 0) & (before < hardness) & (not kink) if elastic else before >= hardness
+        two = (first > 0) & (first < hardness) if elastic else first >= hardness
+        q_0, q_3 = first + mix * before + inner * last - less, after - mix * out
+        q_1, q_2, q_4 = before + mix * last - less, last - less, end - mix * after + outer * out
+        q, inside = (q_0, q_1, q_2, out, q_3, q_4), one * (1 + two)
+        outside, slope = (after <= 0) * (1 + (end <= 0)), out - q_2
+        second, third, fourth, fifth, term, left = _differences(q, inside, outside)
+        # q(0) + x (slope + (x - 1) (second/2 + (x + 1) (third/6 + (x - 2) (fourth/24 + ...
+        roots[0, n], roots[1, n], roots[2, n], roots[3, n] = q_2, slope, second / 2, third / 6
+        roots[4, n], roots[5, n], roots[6, n] = fourth / 24, fifth / 120, -q_2 / slope
+        roots[7, n], roots[8, n] = 0.0, 1.0
+        doubt = min(max(-term / slope, -ANYWHERE), ANYWHERE)
+        links[DOUBT, n] = doubt if inside + outside > 0 else ANYWHERE
+        links[KINKED, n] = 1.0 if left & elastic & (before > max(first, last)) else 0.0
+        links[HELD, n] = 1.0 if step | kink else 0.0
+    _solve(roots)
+    for n in range(count):
+        shift = roots[6, n] + roots[0, n] / roots[1, n]  # to the root from that of a straight line
+        root = links[2, n] / (links[2, n] - links[3, n]) + shift
+        links[PLACE, n], links[HIDDEN, n] = min(max(root, 0.0), 1.0), 0.0
+        if links[HELD, n] > 0:
+            _place_at_edge(links, n, hardness)
 
 
 @compiled
 def _differences(
-    q: Six, inside: int, outside: int
+    q: tuple[float, float, float, float, float, float], inside: int, outside: int
 ) -> tuple[float, float, float, float, float, bool]:
-    """(second to fifth differences, last term, whether q(-2) is left out) of `_shift`.
+    """(second to fifth differences, last term, whether q(-2) is left out) of a polynomial.
+
+    q: at -2 to 3; inside, outside: how many of the two values before 0, and of the two after 1,
+    there are.
 
     The outermost values may belong to another part of the surface: they are left out where the term
     of the fourth difference exceeds that of the third.  The last term is the one in the middle of
@@ -77,59 +120,81 @@ def _differences(
     # Second differences about -1, 0, 1 and 2.
     first, near = q[2] - 2 * q[1] + q[0], q[3] - 2 * q[2] + q[1]
     far, last = q[4] - 2 * q[3] + q[2], q[5] - 2 * q[4] + q[3]
-    if inside > 0 and outside > 0:
-        third, inner, outer = far - near, far - 2 * near + first, last - 2 * far + near
-        most = EQUAL * abs(third)
-        deep, wide = inside > 1 and abs(inner) <= most, outside > 1 and abs(outer) <= most
-        left = inside > 1 and not deep
-        if deep and wide:
-            return near, third, inner, outer - inner, (outer - inner) * 3 / 256, left
-        if deep or wide:
-            fourth = inner if deep else outer
-            return near, third, fourth, 0.0, fourth * 3 / 128, left
-        return near, third, 0.0, 0.0, -third / 16, left
-    if inside > 0:
-        third = near - first if inside > 1 else 0.0
-        return near, third, 0.0, 0.0, -(third / 16 if inside > 1 else near / 8), False
-    third = last - far if outside > 1 else 0.0
-    return far - third, third, 0.0, 0.0, third / 16 if outside > 1 else -far / 8, False
+    both, inner, outer = (inside > 0) & (outside > 0), far - 2 * near + first, last - 2 * far + near
+    deep = both & (inside > 1) & (abs(inner) <= EQUAL * abs(far - near))
+    wide = both & (outside > 1) & (abs(outer) <= EQUAL * abs(far - near))
+    third = near - first if inside > 1 else last - far if outside > 1 else 0.0
+    third = far - near if both else third
+    second = near if inside > 0 else far - third if outside > 0 else 0.0
+    fourth = inner if deep else outer if wide else 0.0
+    fifth = outer - inner if deep & wide else 0.0
+    term = -third / 16 if both | (inside > 1) else third / 16 if outside > 1 else -second / 8
+    term = fifth * 3 / 256 if deep & wide else fourth * 3 / 128 if deep | wide else term
+    return second, third, fourth, fifth, term, both & (inside > 1) & (not deep)
 
 
 @compiled
-def _shift(q: Six, inside: int, outside: int) -> tuple[float, float, bool]:
-    """The root of the polynomial through q less that of a straight line, and the doubt of it.
+def _edges(
+    first: float, before: float, last: float, out: float, after: float, hardness: float
+) -> tuple[bool, bool]:
+    """Whether the surface has a step, or a kink, at a front.
 
-    q: at -2 to 3, with q(0) > 0 >= q(1); inside, outside: how many of the two values before, and of
-    the two after these, there are.
-
-    Returns:
-        (shift, doubt, left): the root is between 0 and 1.  The doubt is by how much the last term
-        of the polynomial moves the middle of the link, outwards if positive.  left: whether q(-2)
-        is left out.
+    At a step the gap jumps.  At a kink the pressure rises towards the edge, and ever faster.
     """
-    slope = q[3] - q[2]
-    line = -q[2] / slope
-    if inside + outside == 0:
-        return 0.0, ANYWHERE, False
-    second, third, fourth, fifth, term, left = _differences(q, inside, outside)
-    x, low, high = line, 0.0, 1.0
+    elastic, carried = last < hardness, (first > 0) & (before > 0) & (after <= 0)
+    step = last - out > STEP * max(before - last, out - after)
+    step &= (not elastic) | (before > 0) & (before < last) | carried
+    kink = elastic & (first > 0) & (last - before > max(before - first, 0.0))
+    return step, kink
+
+
+@compiled
+def _solve(roots: FloatArray) -> None:
+    """Roots of polynomials between 0, where they are positive, and 1, where they are not.
+
+    roots: (9, n) the polynomials' differences as `locate` has them, x, and the bounds of x.
+    """
     for _ in range(20):
-        value, rate = fourth + fifth * (x + 2) / 5, fifth / 5
-        value, rate = third + value * (x - 2) / 4, (value + rate * (x - 2)) / 4
-        value, rate = second + value * (x + 1) / 3, (value + rate * (x + 1)) / 3
-        value, rate = slope + value * (x - 1) / 2, (value + rate * (x - 1)) / 2
-        value, rate = q[2] + value * x, value + rate * x
-        if value > 0:
-            low = x
-        else:
-            high = x
-        new = x - value / rate if rate < 0 else -1.0
-        if not low <= new <= high:
-            new = (low + high) / 2
-        step, x = abs(new - x), new
-        if step < 1e-7:
+        moving = 0
+        for n in range(roots.shape[1]):
+            x, low, high = roots[6, n], roots[7, n], roots[8, n]
+            value, rate = roots[4, n] + (x + 2) * roots[5, n], roots[5, n]
+            value, rate = roots[3, n] + (x - 2) * value, value + (x - 2) * rate
+            value, rate = roots[2, n] + (x + 1) * value, value + (x + 1) * rate
+            value, rate = roots[1, n] + (x - 1) * value, value + (x - 1) * rate
+            value, rate = roots[0, n] + x * value, value + x * rate
+            low = x if value > 0 else low
+            high = high if value > 0 else x
+            new = x - value / rate
+            new = new if (rate < 0) & (low <= new) & (new <= high) else (low + high) / 2
+            moving += abs(new - x) > 1e-5
+            roots[6, n], roots[7, n], roots[8, n] = new, low, high
+        if moving == 0:
             break
-    return float(x - line), min(max(-term / slope, -ANYWHERE), ANYWHERE), left
+
+
+@compiled
+def _place_at_edge(links: FloatArray, n: int, hardness: float) -> None:
+    """Place a front at a step or kink.
+
+    At a kink the surfaces part at an angle: the front is where the parabola of the gap closes, but
+    for KINK.
+    """
+    first, before, last = links[0, n], links[1, n], links[2, n]
+    out, after, far = links[3, n], links[4, n], links[5, n]
+    step, kink = _edges(first, before, last, out, after, hardness)
+    held, away = step and (links[PLACE, n] < 0.5 or last >= hardness), 1.0
+    if kink and not held:
+        if after <= 0:
+            away = _closing(-out, -after, -far if far <= 0 else out - 2 * after)
+        held = away >= 1
+    links[HIDDEN, n], links[HELD, n] = _hidden(last, before, hardness, step), 1.0 if held else 0.0
+    if held:
+        links[PLACE, n], links[DOUBT, n], links[KINKED, n] = 0.5, 0.0, 0.0
+    elif kink:
+        root = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
+        links[PLACE, n], links[DOUBT, n] = min(max(root, 0.0), 1.0), 0.0
+        links[KINKED, n] = 1.0
 
 
 @compiled
@@ -160,80 +225,3 @@ def _closing(near: float, middle: float, far: float) -> float:
         return 1.0
     square = max(slope * slope - 4 * bend * near, 0.0)
     return float(min(2 * near / (slope + math.sqrt(square)), 1.0))
-
-
-@compiled
-def crossing(v: Six, hardness: float, front: int) -> tuple[float, float, float, float, float]:
-    """The place, 0 to 1, between the middle two of six points where v crosses 0 or the hardness.
-
-    v: values of `field`.  front: 0, or 1 for the hardness.
-
-    Returns:
-        (place, held, hidden, doubt, kinked): if a step of the surface holds the front, any place in
-        the link is equally likely, and place is 1/2 and held is 1, else held is 0.  hidden is the
-        width of the zone next to an edge in which the singular pressure exceeds the hardness, but
-        which no point shows.  doubt is by how much the front may be elsewhere, outwards if
-        positive, as the last term of the polynomial says.  kinked is 1 where the surface has a kink
-        at the front or close behind it.
-
-    At a resolved rim the pressure vanishes as sqrt(distance).  At a step of the surface the gap
-    jumps.  At a kink the pressure rises towards the edge, and ever faster, and the surfaces part at
-    an angle: the front is where the parabola of the gap closes, but for KINK.  Where a kink is
-    behind the front, the pressure has its peak at the last point but one, and the value before that
-    is left out of the polynomial.
-    """
-    if front:
-        v = (
-            hardness - v[0],
-            hardness - v[1],
-            hardness - v[2],
-            hardness - v[3],
-            hardness - v[4],
-            hardness - v[5],
-        )
-    turned = v[2] <= 0
-    if turned:
-        v = v[5], v[4], v[3], v[2], v[1], v[0]
-    last, before, jump = v[2], v[1], v[2] - v[3]
-    elastic, open_after = last < hardness, v[4] <= 0
-    step = jump > STEP * max(before - last, v[3] - v[4]) and (
-        not elastic or 0 < before < last or (v[0] > 0 and before > 0 and open_after)
-    )
-    kink = elastic and v[0] > 0 and last - before > max(before - v[0], 0.0)
-    # The polynomial is that of the pressure, or, if no point is in the strip, of the gap.
-    inside = outside = 0
-    if elastic:
-        q = (
-            v[0] + MIX * before + INNER * last,
-            before + MIX * last,
-            last,
-            v[3],
-            v[4] - MIX * v[3],
-            v[5] - MIX * v[4] + OUTER * v[3],
-        )
-        if 0 < before < hardness and not kink:
-            inside = 1 + int(0 < v[0] < hardness)
-    else:
-        q = v[0] - hardness, before - hardness, last - hardness, v[3], v[4], v[5]
-        if before >= hardness:
-            inside = 1 + int(v[0] >= hardness)
-    if open_after:
-        outside = 1 + int(v[5] <= 0)
-    shift, doubt, left = _shift(q, inside, outside)
-    root = last / jump + shift
-    hidden = _hidden(last, before, hardness, step) if step or kink else 0.0
-    if step and (root < 0.5 or not elastic):
-        return 0.5, 1.0, hidden, 0.0, 0.0
-    kinked = 0.0
-    if kink:
-        away = 1.0
-        if open_after:
-            away = _closing(-v[3], -v[4], -v[5] if v[5] <= 0 else v[3] - 2 * v[4])
-        if away >= 1:
-            return 0.5, 1.0, hidden, 0.0, 0.0
-        root = 1 - away - KINK * last / jump + AXIS_OFFSET
-        doubt, kinked = 0.0, 1.0
-    elif left and elastic and before > max(v[0], last):
-        kinked = 1.0
-    root = min(max(root, 0.0), 1.0)
-    return float(1 - root if turned else root), 0.0, hidden, doubt, kinked

@@ -49,6 +49,7 @@ import numpy as np
 
 from epcontact.bem.areas import grid
 from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS, compiled
+from epcontact.bem.areas.rows import Solution
 from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
@@ -104,8 +105,8 @@ TWO_EDGES = ANYWHERE / math.sqrt(2)
 SURE = 2.2
 # A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
-# Rows that a thread sweeps at a time.  Five more are read, and one is located twice.
-_ROWS = 128
+# Rows and columns that are swept at a time.  Six more rows are read, and one is located twice.
+_ROWS, _COLUMNS = 128, 1024
 
 
 def perimeter_areas(pressure: FloatArray, hardness: float = math.inf) -> tuple[Areas, Areas]:
@@ -177,8 +178,7 @@ def estimate_areas(
         pressure, gap, spacing = pressure[:, None], gap[:, None], [spacing[0], spacing[0]]
     share, n = float(pressure.mean()) / hardness, pressure.size
     sums = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads)
-    contact, plastic, _, _ = count(pressure, hardness * _ROUNDING)
-    raw = _areas(contact / n, plastic / n)
+    raw = _areas(*(sums[grid.POINTS, :, 0] / n))
     return raw, *areas_of_sums(sums, raw, share, n, spacing[0] / spacing[1])
 
 
@@ -195,12 +195,19 @@ def sums_of_fronts(
     stiffness = STIFFNESS * effective_modulus / dx, STIFFNESS * effective_modulus / dy
     # The fronts of a line run along one axis, for which the offset is known exactly.
     offsets = OFFSETS * ((AXIS_OFFSET - HARMONIC) / OFFSETS[-1]) if ny == 1 else OFFSETS
-    rows = [(part.start, part.stop) for part in ranges(nx, _ROWS)]
+    solution = Solution(pressure, gap, hardness * _ROUNDING, stiffness)
+    blocks = np.array(
+        [
+            (row.start, row.stop, column.start, column.stop)
+            for row in ranges(nx, _ROWS)
+            for column in ranges(ny, _COLUMNS)
+        ]
+    )
+    # Each call makes its own memory, which takes longer than to sweep a few rows.
+    shares = np.array_split(blocks, min(len(blocks), 4 * threads if threads > 1 else 1))
     with Workers(threads) as workers:
-        parts = workers.each(
-            grid.sweep, pressure, gap, hardness * _ROUNDING, stiffness, offsets, rows, (0, ny)
-        )
-    return np.asarray(sum(parts))
+        parts = workers.each(grid.sweep, solution, grid.tabulated(offsets), shares)
+    return np.asarray(np.concatenate(parts).sum(axis=0))
 
 
 def areas_of_sums(
