@@ -13,7 +13,7 @@ with d = Si(2 pi)/(2 pi).  The front is AXIS_OFFSET dx short of the root of q be
 root is that of the polynomial through those of the six values that this contact and this gap have:
 the offset is exact up to the fifth order in dx, as the magnitude of S has no further terms.  A
 parabola beside a contact of one point would put the fronts of waves of four points a tenth of a
-spacing too far in.
+spacing too far in.  Near the cap (FAR) only four values are used.
 
 The plastic front is the same with hardness - p for p and -g for g.
 """
@@ -36,6 +36,10 @@ MIX = 0.5894898722360835  # Si(pi)/pi
 INNER, OUTER = 0.3994549881295272, -0.05195667866061313
 #: With this ratio to the third difference, a fourth one moves the middle of a link as far.
 EQUAL = 8 / 3
+#: Six points are used where those in contact carry less than this share of the hardness.  Nearer to
+#: the cap, a contact of one point hides a plastic spot, and with four points the errors of the two
+#: fronts cancel in the elastic area.
+FAR = 0.1
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
 #: A gap that changes between two points by more than this multiple of its changes beside them has
@@ -86,7 +90,8 @@ def locate(links: FloatArray, count: int, hardness: float) -> None:
         q_1, q_2, q_4 = before + mix * last - less, last - less, end - mix * after + outer * out
         q, inside = (q_0, q_1, q_2, out, q_3, q_4), one * (1 + two)
         outside, slope = (after <= 0) * (1 + (end <= 0)), out - q_2
-        second, third, fourth, fifth, term, left = _differences(q, inside, outside)
+        free = elastic & (max(first, before, last) <= FAR * hardness)
+        second, third, fourth, fifth, term, left = _differences(q, inside, outside, free)
         # q(0) + x (slope + (x - 1) (second/2 + (x + 1) (third/6 + (x - 2) (fourth/24 + ...
         roots[0, n], roots[1, n], roots[2, n], roots[3, n] = q_2, slope, second / 2, third / 6
         roots[4, n], roots[5, n], roots[6, n] = fourth / 24, fifth / 120, -q_2 / slope
@@ -106,12 +111,12 @@ def locate(links: FloatArray, count: int, hardness: float) -> None:
 
 @compiled
 def _differences(
-    q: tuple[float, float, float, float, float, float], inside: int, outside: int
+    q: tuple[float, float, float, float, float, float], inside: int, outside: int, free: bool
 ) -> tuple[float, float, float, float, float, bool]:
     """(second to fifth differences, last term, whether q(-2) is left out) of a polynomial.
 
     q: at -2 to 3; inside, outside: how many of the two values before 0, and of the two after 1,
-    there are.
+    there are; free: whether to use the outermost of them.
 
     The outermost values may belong to another part of the surface: they are left out where the term
     of the fourth difference exceeds that of the third.  The last term is the one in the middle of
@@ -121,16 +126,20 @@ def _differences(
     first, near = q[2] - 2 * q[1] + q[0], q[3] - 2 * q[2] + q[1]
     far, last = q[4] - 2 * q[3] + q[2], q[5] - 2 * q[4] + q[3]
     both, inner, outer = (inside > 0) & (outside > 0), far - 2 * near + first, last - 2 * far + near
-    deep = both & (inside > 1) & (abs(inner) <= EQUAL * abs(far - near))
-    wide = both & (outside > 1) & (abs(outer) <= EQUAL * abs(far - near))
-    third = near - first if inside > 1 else last - far if outside > 1 else 0.0
+    left = both & (inside > 1) & (abs(inner) > EQUAL * abs(far - near))
+    deep = both & (inside > 1) & free & (not left)
+    wide = both & (outside > 1) & free & (abs(outer) <= EQUAL * abs(far - near))
+    more = (inside + outside > 1) & free  # than a parabola, on one side
+    third = near - first if inside > 1 else last - far
+    third = third if more else 0.0
     third = far - near if both else third
     second = near if inside > 0 else far - third if outside > 0 else 0.0
     fourth = inner if deep else outer if wide else 0.0
     fifth = outer - inner if deep & wide else 0.0
-    term = -third / 16 if both | (inside > 1) else third / 16 if outside > 1 else -second / 8
+    term = third / 16 if outside > 1 else -third / 16
+    term = -third / 16 if both else term if more else -second / 8
     term = fifth * 3 / 256 if deep & wide else fourth * 3 / 128 if deep | wide else term
-    return second, third, fourth, fifth, term, both & (inside > 1) & (not deep)
+    return second, third, fourth, fifth, term, left
 
 
 @compiled

@@ -56,11 +56,12 @@ from epcontact.results import Areas, FloatArray
 
 #: Share of a grid cell's area that each switch takes off (Yastrebov, Anciaux and Molinari, 2017).
 PERIMETER_FACTOR = (math.pi - 1 + math.log(2)) / 24
-#: Offset of a located front in spacings at grid.U_NODES (`rim.calibrate_strips`).
+#: Offset of a located front in spacings at grid.U_NODES (`rim.calibrate_strips`); the last is that
+#: of a front alone (`rim.calibrate_directions`).
 OFFSETS = np.array(
     [
-        *(0.0, 0.0716, 0.1344, 0.1866, 0.2122, 0.2134, 0.2051, 0.1819),
-        *(0.1762, 0.1721, 0.1729, 0.179, 0.1771, 0.1783),
+        *(0.0, 0.0721, 0.1369, 0.1915, 0.2198, 0.2229, 0.215, 0.1934),
+        *(0.18, 0.1743, 0.1695, 0.1784, 0.1778, 0.1778),
     ]
 )
 #: Amplitude of the offset's change with the direction of a front (`rim.calibrate_directions`).
@@ -68,10 +69,10 @@ HARMONIC = 0.0132
 #: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).
 CORNER = 0.6
 #: Cells missed for each tip: 0.23 to 0.35 on different ensembles (`error_bars.fitted_tip`).
-TIP = 0.31
+TIP = 0.35
 #: The mean offset on oblong cells is 1 + OBLONG ln^2(dx/dy) times that on square ones
 #: (`rim.calibrate_oblong`).
-OBLONG = 0.062
+OBLONG = 0.07
 #: Mean over all directions of what a counted front has too much, in spacings (`rim.front_offset`).
 COUNTED = 0.129
 #: Variance of the number of points inside a front, for each spacing of it, by chance: the sum of
@@ -97,7 +98,7 @@ class ErrorConstants:
 
 
 #: Fitted by `epcontact.studies.error_bars`.
-ERRORS = ErrorConstants(2.4, 0.06, 0.25)
+ERRORS = ErrorConstants(1.8, 0.07, 0.25)
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: The claimed error in standard deviations.  With 2, each kind of the ensemble of the errors' fit
