@@ -56,6 +56,9 @@ LINK_ROWS = 11
 #: Compiles a function of this room; nothing calls one from C.
 compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
+#: Becomes a part of the loop that calls it, which is else not done several links at a time.
+_inlined = numba.njit(nogil=True, error_model="numpy", inline="always")
+
 
 @compiled
 def locate(links: FloatArray, count: int, hardness: float) -> None:
@@ -74,7 +77,8 @@ def locate(links: FloatArray, count: int, hardness: float) -> None:
 
     At a resolved rim the pressure vanishes as sqrt(distance).  Where a kink is behind the front,
     the pressure has its peak at the last point but one, and the value before that is left out of
-    the polynomial.  The loop has no branches, so that processors do several links at a time.
+    the polynomial.  The loop has no branches and writes few rows, so that the compiler sees that
+    processors can do several links at a time.
     """
     roots = np.empty((9, count))
     for n in range(count):
@@ -94,8 +98,7 @@ def locate(links: FloatArray, count: int, hardness: float) -> None:
         second, third, fourth, fifth, term, left = _differences(q, inside, outside, free)
         # q(0) + x (slope + (x - 1) (second/2 + (x + 1) (third/6 + (x - 2) (fourth/24 + ...
         roots[0, n], roots[1, n], roots[2, n], roots[3, n] = q_2, slope, second / 2, third / 6
-        roots[4, n], roots[5, n], roots[6, n] = fourth / 24, fifth / 120, -q_2 / slope
-        roots[7, n], roots[8, n] = 0.0, 1.0
+        roots[4, n], roots[5, n] = fourth / 24, fifth / 120
         doubt = min(max(-term / slope, -ANYWHERE), ANYWHERE)
         links[DOUBT, n] = doubt if inside + outside > 0 else ANYWHERE
         links[KINKED, n] = 1.0 if left & elastic & (before > max(first, last)) else 0.0
@@ -109,7 +112,7 @@ def locate(links: FloatArray, count: int, hardness: float) -> None:
             _place_at_edge(links, n, hardness)
 
 
-@compiled
+@_inlined
 def _differences(
     q: tuple[float, float, float, float, float, float], inside: int, outside: int, free: bool
 ) -> tuple[float, float, float, float, float, bool]:
@@ -161,8 +164,10 @@ def _edges(
 def _solve(roots: FloatArray) -> None:
     """Roots of polynomials between 0, where they are positive, and 1, where they are not.
 
-    roots: (9, n) the polynomials' differences as `locate` has them, x, and the bounds of x.
+    roots: (9, n) the polynomials' differences as `locate` has them; x and its bounds are added.
     """
+    for n in range(roots.shape[1]):
+        roots[6, n], roots[7, n], roots[8, n] = -roots[0, n] / roots[1, n], 0.0, 1.0
     for _ in range(20):
         moving = 0
         for n in range(roots.shape[1]):
