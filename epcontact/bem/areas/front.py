@@ -56,8 +56,9 @@ LINK_ROWS = 11
 #: Compiles a function of this room; nothing calls one from C.
 compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
-#: Becomes a part of the loop that calls it, which is else not done several links at a time.
-_inlined = numba.njit(nogil=True, error_model="numpy", inline="always")
+#: Compiles a function with the one that calls it, which takes less time.  A loop that calls it can
+#: be done several times at once, but not if the function has max or min.
+inlined = numba.njit(nogil=True, error_model="numpy", inline="always")
 
 
 @compiled
@@ -112,7 +113,7 @@ def locate(links: FloatArray, count: int, hardness: float) -> None:
             _place_at_edge(links, n, hardness)
 
 
-@_inlined
+@inlined
 def _differences(
     q: tuple[float, float, float, float, float, float], inside: int, outside: int, free: bool
 ) -> tuple[float, float, float, float, float, bool]:

@@ -42,11 +42,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem import workers
-from epcontact.bem.areas.front import LINK_ROWS, PLACE, compiled, locate
+from epcontact.bem.areas.front import LINK_ROWS, PLACE, compiled, inlined, locate
 from epcontact.bem.areas.hidden import add_hidden, add_tips
 from epcontact.bem.areas.rows import (
     LAST,
     PAD,
+    Bytes,
     Columns,
     Rows,
     Solution,
@@ -134,11 +135,9 @@ def sweep(solution: Solution, table: FloatArray, blocks: NDArray[np.int64]) -> F
     """The sums (n, *SUMS) over blocks of the cells of a periodic grid.
 
     table: of `tabulated`; blocks: (n, 4) the first row and the row after the last of the cells'
-    last corners, and so their columns.
+    last corners, and so their columns; none has more columns than the first.
     """
-    sums, w = np.zeros((len(blocks), *SUMS)), 0
-    for n in range(len(blocks)):
-        w = max(w, blocks[n, 3] - blocks[n, 2] + 2 * PAD)
+    sums, w = np.zeros((len(blocks), *SUMS)), blocks[0, 3] - blocks[0, 2] + 2 * PAD
     rows = empty_rows(w, solution.stiffness[0] != solution.stiffness[1])
     links, found = np.empty((LINK_ROWS, 4 * w)), np.empty((6 * w + 1, 5))
     segments = np.empty((2, 15, _BATCH + 2 * w))
@@ -149,7 +148,7 @@ def sweep(solution: Solution, table: FloatArray, blocks: NDArray[np.int64]) -> F
     return sums
 
 
-@compiled
+@inlined
 def _sweep_block(
     solution: Solution,
     table: FloatArray,
@@ -188,15 +187,22 @@ def _sweep_block(
 
 
 @compiled
-def _locate(rows: Rows, fronts: Fronts, i: int, columns: Columns, hardness: float) -> None:
-    """Locate fronts on the links along x and y that end in row i and in `columns`."""
-    codes, (crossed, links, found, _), w = rows.codes, fronts, len(rows.codes)
+def _find_links(codes: Bytes, columns: Columns, crossed: Columns) -> int:
+    """Put the links along x and y that fronts cross, at last corners in `columns`, into memory."""
     count = 0
     for j in columns:
         changes = codes[j] ^ codes[j] >> 1
         for link in (1, 2, 5, 6):
             crossed[count] = 8 * (j - 3) + link
             count += (changes >> link) & 1
+    return count
+
+
+@inlined
+def _locate(rows: Rows, fronts: Fronts, i: int, columns: Columns, hardness: float) -> None:
+    """Locate fronts on the links along x and y that end in row i and in `columns`."""
+    codes, (crossed, links, found, _), w = rows.codes, fronts, len(rows.codes)
+    count = _find_links(codes, columns, crossed)
     v, across = rows.v.reshape(-1), (len(rows.v) - 1) * (LAST + 1) * w
     six = np.empty((4, 6), np.uint32)  # the points of links along y and x, from inside or outside
     for k in range(6):
@@ -222,7 +228,7 @@ def _locate(rows: Rows, fronts: Fronts, i: int, columns: Columns, hardness: floa
             found[to, k] = links[PLACE + k, n]
 
 
-@compiled
+@inlined
 def _put_segments(
     rows: Rows, fronts: Fronts, i: int, columns: Columns, front: int, hardness: float, start: int
 ) -> int:
