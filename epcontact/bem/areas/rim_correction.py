@@ -101,8 +101,8 @@ class ErrorConstants:
 ERRORS = ErrorConstants(1.8, 0.07, 0.25)
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
-#: The claimed error in standard deviations.  With 2, each kind of the ensemble of the errors' fit
-#: holds its claims in 90 % or more, but dimples and spheres of other ensembles in 82 to 88 %.
+#: The claimed error in standard deviations.  With 2.2, the kinds of `epcontact chart areas` that
+#: hold their claims least often (spheres, dimples and honed surfaces) hold 88 %.
 SURE = 2.2
 # A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
