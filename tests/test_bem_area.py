@@ -366,6 +366,20 @@ def test_symmetries_and_units(capped):
         assert vars(b) == pytest.approx(a, rel=1e-9)
 
 
+def test_blocks_do_not_change_the_sums(capped, monkeypatch):
+    p, g, hardness = capped
+    whole = rim_correction.sums_of_fronts(p, g, hardness, (1 / 64, 1 / 64), 1.0)
+    monkeypatch.setattr(rim_correction, "_ROWS", 7)
+    monkeypatch.setattr(rim_correction, "_COLUMNS", 25)
+    # A root is found to 1e-9, and more exactly if another one in its row and block takes longer.
+    one, *more = (
+        rim_correction.sums_of_fronts(p, g, hardness, (1 / 64, 1 / 64), 1.0, threads)
+        for threads in (1, 2, 3)
+    )
+    assert one == pytest.approx(whole, rel=1e-9, abs=1e-9)
+    assert all(np.array_equal(one, other) for other in more)  # the same bits on any number
+
+
 def test_inputs_are_left_alone_and_repeat(capped):
     p, g, hardness = capped
     before = p.copy(), g.copy()  # frozen arrays would be another type, for which kernels compile

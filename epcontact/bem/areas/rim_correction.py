@@ -200,8 +200,8 @@ def sums_of_fronts(
     blocks = np.array(
         [
             (row.start, row.stop, column.start, column.stop)
+            for column in ranges(ny, _COLUMNS)  # the narrowest is the last, as `grid` needs it
             for row in ranges(nx, _ROWS)
-            for column in ranges(ny, _COLUMNS)
         ]
     )
     # Each call makes its own memory, which takes longer than to sweep a few rows.
