@@ -13,8 +13,9 @@ from epcontact.results import FloatArray
 #: A wave's curvature divided by its second difference between points a quarter wavelength apart.
 SEEN = 1.25
 #: Along a crease the pressure changes by less than this share of its change across.  The loss of
-#: the fit of `epcontact.studies.error_bars` is 2.68 with 0.1, 2.65 with 0.2 and 1, and 2.63 with
-#: 1/3, but from 1/3 on the claims of straight grooves that no point shows become too small.
+#: the fit of `epcontact.studies.error_bars` on the seeds 3000 to 3149 is 2.51 with 0.1, 0.2 and 1/3
+#: and 2.55 with 1, but from 1/3 on the claims of straight grooves that no point shows become too
+#: small.
 STRAIGHT = 0.2
 #: A lone point that carries next to nothing is taken for a spot of this area (CORNER).
 LONE = 0.6
