@@ -293,5 +293,6 @@ def test_the_error_constants_can_be_fitted_again():
     assert np.mean(error <= claim) == pytest.approx(error_bars.COVERED, abs=0.067)
     tenth = error_bars.ErrorConstants(*(value / 10 for value in astuple(fit)))
     error, claim = error_bars.errors_and_claims(known, tenth).T
-    assert np.mean(error <= claim) < error_bars.COVERED - 0.1
-    assert error_bars.loss(known, tenth) > losses[0] + 0.9
+    # What narrow strips, edges and tips claim is not fitted, so that a tenth is not nothing.
+    assert np.mean(error <= claim) < error_bars.COVERED - 0.05
+    assert error_bars.loss(known, tenth) > losses[0] + 0.5
