@@ -169,20 +169,23 @@ def all_directions(along: int = 40, across: int = 2) -> Fronts:
 
 
 def calibrate_directions() -> tuple[float, float, float]:
-    """(mean, amplitude of cos 4 theta, scatter) of the offset of one front, in dx.
+    """(mean over all angles, amplitude of cos 4 theta, scatter) of the offset of one front, in dx.
 
     The scatter is the largest rms distance of all directions, over the positions of the front.
     """
     load = 0.5
     exact = line_contact_fraction(load) / 2
-    offsets = []
-    for direction, _, phases in all_directions(40, 1):
+    offsets, weights = [], []
+    for direction, weight, phases in all_directions(40, 1):
+        weights.append(weight * len(phases))
         period = row_period(direction, PERIOD)[1]
         pressure = load * math.pi / period
         sums = np.array([front_sums(direction, PERIOD, s, pressure)[0] for s in phases])
         offsets.append((sums[:, grid.AREA, 0] - exact * period) / sums[:, grid.LENGTH, 0])
     waves = np.array([math.cos(4 * math.atan2(b, a)) for a, b in DIRECTIONS])
-    amplitude, mean = np.polyfit(waves, [each.mean() for each in offsets], 1)
+    means = [each.mean() for each in offsets]
+    amplitude, _ = np.polyfit(waves, means, 1)
+    mean = np.average(means - amplitude * waves, weights=weights)
     scatter = max(
         math.sqrt(np.mean((each - mean - amplitude * wave) ** 2))
         for each, wave in zip(offsets, waves, strict=True)
