@@ -142,8 +142,8 @@ def _differences(
     second = near if inside > 0 else far - third if outside > 0 else 0.0
     fourth = inner if deep else outer if wide else 0.0
     fifth = outer - inner if deep & wide else 0.0
-    term = third / 16 if outside > 1 else -third / 16
-    term = -third / 16 if both else term if more else -second / 8
+    # Of a contact or gap of one point the doubt is that of a parabola: it may be a crest.
+    term = -third / 16 if both else -second / 8
     term = fifth * 3 / 256 if deep & wide else fourth * 3 / 128 if deep | wide else term
     return second, third, fourth, fifth, term, left
 
