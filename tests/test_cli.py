@@ -386,6 +386,45 @@ def test_plan_tells_the_model_and_why(write_case) -> None:
     refused(invoke("plan", write_case(), "--tolerance", "little"), "--tolerance", "1%")
 
 
+def test_the_plan_of_a_map_rests_on_its_claim_and_says_so(tmp_path: Path) -> None:
+    """With the notes of its heights, here that they are in steps."""
+    x = 2 * np.pi * np.arange(32) / 32
+    heights = np.round(2 * (np.cos(x)[:, None] + np.cos(x))) / 2 * 1e-6
+    np.save(tmp_path / "steps.npy", heights)
+    (tmp_path / "map.toml").write_text("""
+[case]
+id = "map"
+requirement = "x."
+source = "y"
+methods = ["bem"]
+[surface]
+kind = "file"
+path = "steps.npy"
+unit = 1.0
+pixel_size = 1e-6
+treatment = "periodic"
+[material]
+young_modulus = 1e11
+poisson_ratio = 0.3
+[load]
+mean_pressure = 1e9
+[[gate]]
+quantity = "area.total.corrected"
+of = "bem"
+against = 0.1
+source = "y"
+tolerance = 0.3
+because = "x"
+""")
+    threads = ("--executor", "concurrent.futures:ThreadPoolExecutor")
+    done = invoke("plan", tmp_path / "map.toml", "--tolerance", "90%", "--check", *threads)
+    assert done.returncode == 0, done
+    said = " ".join(done.stdout.split())
+    assert "nothing checks the claim" in said
+    assert "promise" not in said
+    assert "claimed errors of areas do not hold" in said
+
+
 def test_chart_of_no_name_is_refused_with_the_names() -> None:
     refused(invoke("chart", "gama"), "gamma")
 

@@ -12,6 +12,8 @@ import click
 
 from epcontact import planning
 from epcontact.cli import options
+from epcontact.cli.listing import open_console
+from epcontact.cli.tables import print_surface_notes
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness import case as casefile
 from epcontact.harness.crosscheck import crosscheck as check_models
@@ -72,15 +74,19 @@ def _check(case: casefile.Case, chosen: planning.Plan, executor: str) -> None:
     answers = [answer for one in judged for answer in one.answers.values()]
     if errors := [error for answer in answers for error in answer.errors]:
         raise EpcontactError("; ".join(errors))
+    print_surface_notes(open_console(), judged[0].case, judged[0].answers)
     error = planning.achieved_error(chosen, *answers)
     held = error <= chosen.tolerance
-    by = "its own claim, as its heights have one grid"
-    if finer is not None:
+    figures = f"{chosen.expected_error:.2g} expected, {chosen.tolerance:.2g} allowed"
+    if finer is None:
+        click.echo(
+            f"  {chosen.case}: the error is {error:.2g} by its own claim, {figures}; nothing "
+            "checks the claim, because the heights have one grid"
+        )
+    else:
         by = f"{' x '.join(map(str, finer.recipes[0].shape))} points"
-    click.echo(
-        f"  {chosen.case}: the promise {'held' if held else 'was broken'}: error {error:.2g} by "
-        f"{by}, {chosen.expected_error:.2g} expected, {chosen.tolerance:.2g} allowed"
-    )
+        kept = "held" if held else "was broken"
+        click.echo(f"  {chosen.case}: the promise {kept}: error {error:.2g} by {by}, {figures}")
     if not held:
         sys.exit(1)
 
