@@ -105,7 +105,7 @@ ERRORS = ErrorConstants(1.8, 0.07, 0.25)
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: The claimed error in standard deviations.  With 2.2, the kinds of `epcontact chart areas` that
-#: hold their claims least often (spheres, dimples and honed surfaces) hold 88 %.
+#: hold their claims least often hold 88 % of them, but for heights in steps.
 SURE = 2.2
 # A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
