@@ -322,6 +322,10 @@ def test_what_cannot_be_reported(tmp_path: Path) -> None:
     (tmp_path / "verdict.json").write_text("{")
     with pytest.raises(OutputError, match="it is no JSON"):
         report_folder(tmp_path)
+    for other in ("{}", "[1]", "3", '{"cases": [1]}', '{"cases": [{"id": "a"}]}'):
+        (tmp_path / "verdict.json").write_text(other)
+        with pytest.raises(OutputError, match="it is no verdict"):
+            report_folder(tmp_path)
 
 
 def browse(page: Path, profile: Path, width: int) -> tuple[str, str]:

@@ -83,10 +83,16 @@ def report_folder(
     """
     home = Path(folder)
     verdict = _read_json(home / "verdict.json")
+    cases: Any = verdict.get("cases") if isinstance(verdict, dict) else None
+    needed = {"id", "size", "methods", "gates"}
+    if not isinstance(cases, list) or not all(
+        isinstance(case, dict) and needed <= case.keys() for case in cases
+    ):
+        raise OutputError(f"cannot read {home / 'verdict.json'}: it is no verdict of this program")
     results: dict[str, dict[str, Data]] = {}
     pictures: dict[str, list[Picture]] = {}
     notes: list[str] = []
-    for case in verdict["cases"]:
+    for case in cases:
         here = home / case["id"] / case["size"]
         answers = {
             method: _read_json(here / f"{method}.json")
