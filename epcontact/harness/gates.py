@@ -176,15 +176,16 @@ def deviation(norm: str, value: float, reference: float) -> float:
 def _judged(
     gate: Gate, a: Estimate, b: Estimate, difference: Estimate, grid_error: float | None = None
 ) -> GateVerdict:
-    half_width = math.hypot(difference.half_width, grid_error or 0.0)
-    # NaN compares false, so a difference that is NaN never holds.
-    holds = gate.low <= difference.mean - half_width and difference.mean + half_width <= gate.high
-    return GateVerdict(
+    verdict = GateVerdict(
         **vars(gate),
         name=gate.name,
-        status=HOLDS if holds else FALLS_SHORT,
+        status=HOLDS,
         value=a,
         reference=b,
         difference=difference,
         grid_error=grid_error,
     )
+    low, high = difference.mean - verdict.half_width, difference.mean + verdict.half_width
+    # NaN compares false, so a difference that is NaN never holds.
+    holds = gate.low <= low and high <= gate.high
+    return verdict if holds else verdict.model_copy(update={"status": FALLS_SHORT})
