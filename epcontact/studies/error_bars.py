@@ -6,13 +6,13 @@ fit makes the claims as small as possible while COVERED of the errors lie within
 the mean of ln(claim) + max(0, ln(error/claim))/(1 - COVERED), whose minimum for a single claim is
 that quantile of the errors, and in which errors of all sizes and kinds count alike.
 
-A fifth of the ensemble is on larger grids, because they tell errors in common, which grow as the
+One surface in fourteen is on a larger grid, because these tell errors in common, which grow as the
 length of a front, from those by chance, which grow as its square root.
 
-`python -m epcontact.studies.error_bars` prints the constants, in some eight minutes of one core.
+`python -m epcontact.studies.error_bars` prints the constants, in some ten minutes of one core.
 Two halves of the ensemble, each fitted alone, show how well it determines them: the constants
-of places and gaps differ by factors of up to 2, but the loss of all by 0.04 only, because one can
-stand in for another.  So they have two digits, and the tolerance is that of the loss.
+of gaps differ by a factor of 2 and those of kinks by 8, but the loss of all by 0.04 only, because
+one can stand in for another.  So the tolerance is that of the loss.
 """
 
 from __future__ import annotations

@@ -24,8 +24,7 @@ and for the plastic part the offset and the tips have the opposite sign.
   measured on a sphere (and, of the other sign, on a penny-shaped gap) holds for any shape.
 * Not resolved: chance decides whether a gap (or plastic spot) narrower than a spacing contains a
   grid point.  If it does, it shows as tips.  TIP is the median of what each tip needs on many
-  kinds of surfaces: straight gaps whose widths are equally likely need 0.45, round ones nothing,
-  and a lone point is round.
+  kinds of surfaces: straight gaps need more, round ones nothing, and a lone point is round.
 * Held by an edge: where the surface has a step, the front rests on it, somewhere between two
   points.  `front` recognises it by the jump of the gap and puts the front in the middle, so that
   the count is right there; at a kink the gap shows the place.  Where the singular pressure exceeds
