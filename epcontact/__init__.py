@@ -45,7 +45,7 @@ if TYPE_CHECKING:
         SurfaceWarning,
     )
     from epcontact.harness.verdict import Verdict, verify
-    from epcontact.reference.hardness_map import MappedHardness, effective_hardness
+    from epcontact.materials.hardness_map import MappedHardness, effective_hardness
     from epcontact.results import (
         Areas,
         ContactResult,
@@ -81,7 +81,7 @@ __all__ = [
 ]
 
 #: The modules that define these names; the last one brings the solvers, so it is asked last.
-_HOMES = ("scene", "results", "errors", "reference.hardness_map", "harness.verdict")
+_HOMES = ("scene", "results", "errors", "materials.hardness_map", "harness.verdict")
 
 
 def __getattr__(name: str) -> Any:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from epcontact.bem.kernel import quarter_compliance, rfft_wavenumbers, surface_compliance
-from epcontact.moduli import effective_modulus, oedometric_modulus
+from epcontact.materials.moduli import effective_modulus, oedometric_modulus
 from epcontact.reference.layers import surface_compliance as plane_strain_compliance
 from epcontact.scene import Body, Material
 

@@ -22,7 +22,7 @@ from epcontact.harness.model_difference import effective_hardness as measured_ha
 from epcontact.harness.run import tasks_of
 from epcontact.harness.solve import solve_task
 from epcontact.harness.sweep import Swept, read_sweep
-from epcontact.reference.hardness_map import (
+from epcontact.materials.hardness_map import (
     FULL,
     PARTS,
     SYMBOLS,

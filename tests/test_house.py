@@ -13,7 +13,7 @@ ROOT = Path(__file__).parent.parent
 FLOORS = (
     {"epcontact.errors", "epcontact.results", "epcontact.machine"},
     {"epcontact.scene"},
-    {"epcontact.moduli", "epcontact.surfaces", "epcontact.output", "fem_check"},
+    {"epcontact.materials", "epcontact.surfaces", "epcontact.output", "fem_check"},
     {"epcontact.reference", "epcontact.persson", "epcontact.bem"},
     {"epcontact.harness"},
     {"epcontact.planning", "epcontact.studies"},

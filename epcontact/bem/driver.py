@@ -31,7 +31,7 @@ from epcontact.bem.problem import (
 )
 from epcontact.bem.transforms import KEPT_POINTS, Symbol
 from epcontact.machine import available_cores, compile_seconds, peak_memory
-from epcontact.moduli import effective_modulus, oedometric_modulus
+from epcontact.materials.moduli import effective_modulus, oedometric_modulus
 from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Scene
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from epcontact.moduli import effective_modulus, oedometric_modulus
+from epcontact.materials.moduli import effective_modulus, oedometric_modulus
 from epcontact.results import FloatArray
 from epcontact.scene import Body, Material
 

@@ -20,7 +20,7 @@ from epcontact.harness.crosscheck import crosscheck as check_models
 from epcontact.harness.sweep import run_sweep
 from epcontact.harness.verdict import verify
 from epcontact.machine import available_cores
-from epcontact.reference.hardness_map import PARTS, effective_hardness
+from epcontact.materials.hardness_map import PARTS, effective_hardness
 
 
 @click.command()

@@ -22,7 +22,7 @@ from epcontact.harness.case_text import SIZES, CaseText, at_size, case_files, ca
 from epcontact.harness.gates import Gate
 from epcontact.harness.methods import METHODS
 from epcontact.harness.schema import CaseFile, mistake
-from epcontact.reference.hardness_map import effective_hardness
+from epcontact.materials.hardness_map import effective_hardness
 from epcontact.scene import (
     Body,
     Load,

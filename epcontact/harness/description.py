@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from pydantic.fields import FieldInfo
 
-from epcontact.moduli import effective_modulus
+from epcontact.materials.moduli import effective_modulus
 from epcontact.scene import Body, Scene, Surface
 from epcontact.surfaces import Recipe
 

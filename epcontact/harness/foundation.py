@@ -63,7 +63,7 @@ def foundation(
 
     Example:
         >>> found = foundation(("epcontact.persson",), without=("epcontact.machine",))
-        >>> "epcontact.moduli" in found.modules, "epcontact.output" in found.modules
+        >>> "epcontact.materials.moduli" in found.modules, "epcontact.output" in found.modules
         (True, False)
         >>> found.libraries
         ('ducc0', 'numpy', 'scipy')

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import InvalidCase, NotConverged
-from epcontact.moduli import effective_modulus
+from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.layers import compliance
 from epcontact.results import APART, ELASTIC, ContactResult
 from epcontact.scene import Scene

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from epcontact.bem.memory import bytes_per_point
-from epcontact.moduli import effective_modulus
+from epcontact.materials.moduli import effective_modulus
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.surfaces import Recipe, SelfAffine
 

@@ -22,7 +22,7 @@ from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.distances import Difference, difference, l2_distance
 from epcontact.harness.methods import EITHER_WAY
-from epcontact.moduli import effective_modulus
+from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.roughness import rms_slope
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Load, Scene, Surface

@@ -33,7 +33,7 @@ from epcontact.bem.areas.distribution import pressure_distribution
 from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.errors import InvalidScene, NotConverged, StudyUnavailable
-from epcontact.moduli import effective_modulus
+from epcontact.materials.moduli import effective_modulus
 from epcontact.results import (
     APART,
     ELASTIC,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from epcontact.errors import InvalidScene
-from epcontact.moduli import effective_modulus
+from epcontact.materials.moduli import effective_modulus
 from epcontact.persson.elastoplastic import areas, pressure_cumulative, pressure_density
 from epcontact.persson.reduction import (
     EnergyReduction,

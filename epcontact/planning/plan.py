@@ -30,6 +30,7 @@ from epcontact.harness.case import Case
 from epcontact.harness.methods import METHODS
 from epcontact.harness.statistics import standard_deviation, student_half_width
 from epcontact.harness.store import Answer
+from epcontact.materials.hardness_map import effective_hardness
 from epcontact.planning.grids import (
     Section,
     on_grid,
@@ -51,7 +52,6 @@ from epcontact.planning.pilots import (
     solve_pilot,
     worst,
 )
-from epcontact.reference.hardness_map import effective_hardness
 from epcontact.surfaces import Recipe, SelfAffine
 
 

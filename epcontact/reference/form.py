@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from epcontact.errors import InvalidCase
-from epcontact.moduli import effective_modulus
+from epcontact.materials.moduli import effective_modulus
 from epcontact.results import FloatArray, PressureDistribution
 from epcontact.scene import Scene
 

@@ -25,7 +25,7 @@ import math
 
 import numpy as np
 
-from epcontact.moduli import effective_modulus, oedometric_modulus
+from epcontact.materials.moduli import effective_modulus, oedometric_modulus
 from epcontact.reference.form import ClosedForm, areas, refuse_unless
 from epcontact.results import FloatArray, PressureDistribution
 from epcontact.scene import Scene

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from epcontact.moduli import effective_modulus
+from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
 from epcontact.scene import Scene
 

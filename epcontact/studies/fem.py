@@ -23,7 +23,7 @@ import scipy.sparse.linalg as sla
 
 import fem_check
 from epcontact.errors import NotConverged
-from epcontact.moduli import effective_modulus
+from epcontact.materials.moduli import effective_modulus
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.study import Plot, draw_table
 from epcontact.results import ContactResult

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact.errors import InvalidCase
-from epcontact.reference.hardness_map import fit, terms
+from epcontact.materials.hardness_map import fit, terms
 from epcontact.results import FloatArray
 
 #: Columns that name a place of the map, and those in which a check may differ from it: nodes a
@@ -125,7 +125,7 @@ def mapped(areas: pd.DataFrame) -> pd.DataFrame:
             spectrum, or in the spectrum and in the nodes to the shortest wave.
 
     Returns:
-        The columns of `reference/hardness_map.csv`.
+        The columns of `materials/hardness_map.csv`.
 
     Raises:
         InvalidCase: if no body differs in one of these, or a place has a single surface.

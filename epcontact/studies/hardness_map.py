@@ -20,17 +20,17 @@ from epcontact.harness.case_text import case_name, package_files, read_cases
 from epcontact.harness.model_difference import capped_body, elements_compliance
 from epcontact.harness.store import Task, kept
 from epcontact.harness.sweep import Swept, read_sweep
-from epcontact.moduli import effective_modulus
-from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
-from epcontact.output.files import whole_file
-from epcontact.reference.hardness_map import (
+from epcontact.materials.hardness_map import (
     FULL,
     SYMBOLS,
     fitted_ratio,
     formula_text,
     hardness_map,
 )
+from epcontact.materials.moduli import effective_modulus
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.files import whole_file
 from epcontact.results import ContactResult, package_versions
 from epcontact.scene import Load
 from epcontact.studies.hardness import TABOR
@@ -55,7 +55,7 @@ def make_map(
         progress: called with a sentence before the areas of a sweep are measured.
 
     Returns:
-        The map (the columns of `reference/hardness_map.csv`) and its file.
+        The map (the columns of `materials/hardness_map.csv`) and its file.
 
     Raises:
         EpcontactError: if a path has no result; the paths that have one are kept.
@@ -80,7 +80,7 @@ def make_map(
     path = output / CASES / size / "hardness_map.csv"
     versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
     lines = (
-        "The effective hardness of rough J2 metals; epcontact.reference.hardness_map says more.",
+        "The effective hardness of rough J2 metals; help(epcontact.effective_hardness) says more.",
         f"Made by `epcontact hardness-map --size {size}` with {versions}.",
         "Errors are relative, at 95 %: scatter by the surfaces of a place alone, the statistical",
         "one of the formula, which pools all places.",

@@ -17,7 +17,7 @@ import pandas as pd
 
 import fem_check
 from epcontact import bem, persson
-from epcontact.moduli import effective_modulus
+from epcontact.materials.moduli import effective_modulus
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.study import Plot, draw_table
 from epcontact.results import ContactResult

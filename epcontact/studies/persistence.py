@@ -18,9 +18,9 @@ import fem_check
 from epcontact import persson
 from epcontact.errors import InvalidScene
 from epcontact.harness.model_difference import capped_body, elements_compliance
+from epcontact.materials.hardness_map import effective_hardness
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.study import Plot, draw_table
-from epcontact.reference.hardness_map import effective_hardness
 from epcontact.scene import Body, Load, Scene
 from epcontact.studies.hardness import SLOPE, TABOR, model_scene
 from epcontact.studies.paper_scene import GAMMA, area_of

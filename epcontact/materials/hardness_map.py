@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from epcontact.errors import InvalidScene
-from epcontact.moduli import effective_modulus
+from epcontact.materials.moduli import effective_modulus
 from epcontact.results import FloatArray
 from epcontact.scene import Material
 
@@ -197,7 +197,7 @@ def hardness_map() -> Mapping[str, FloatArray]:
 
 
 def _text() -> str:
-    return (files("epcontact.reference") / "hardness_map.csv").read_text(encoding="utf-8")
+    return (files("epcontact.materials") / "hardness_map.csv").read_text(encoding="utf-8")
 
 
 @functools.cache
