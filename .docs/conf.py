@@ -19,11 +19,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))  # the guide is that of this checkout
 
-from epcontact.harness.case import CaseText, find_cases, load_case  # noqa: E402
-from epcontact.harness.citations import papers_of, sources_of  # noqa: E402
-from epcontact.harness.methods import METHODS  # noqa: E402
-from epcontact.harness.quantities import QUANTITIES  # noqa: E402
-from epcontact.harness.schema import key_table  # noqa: E402
+from epcontact.harness.case_files.case import CaseText, find_cases, load_case  # noqa: E402
+from epcontact.harness.case_files.citations import papers_of, sources_of  # noqa: E402
+from epcontact.harness.case_files.schema import key_table  # noqa: E402
+from epcontact.harness.methods.registry import METHODS  # noqa: E402
+from epcontact.harness.quantities.registry import QUANTITIES  # noqa: E402
 from epcontact.reference import CLOSED_FORMS  # noqa: E402
 from epcontact.results import package_versions  # noqa: E402
 

@@ -26,7 +26,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from epcontact.errors import InvalidCase
-from epcontact.harness import case as casefile
+from epcontact.harness.case_files import case as casefile
 
 CASE = """
 [case]

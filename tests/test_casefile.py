@@ -9,11 +9,17 @@ import pytest
 from fem_scenes import J2_CASE, MODEL_GATE
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.case import case_sizes, find_case, find_cases, find_named, load_case
-from epcontact.harness.case_gates import default_gates
-from epcontact.harness.case_text import at_size
-from epcontact.harness.quantities import QUANTITIES
-from epcontact.harness.verdict import verify
+from epcontact.harness.case_files.case import (
+    case_sizes,
+    find_case,
+    find_cases,
+    find_named,
+    load_case,
+)
+from epcontact.harness.case_files.case_gates import default_gates
+from epcontact.harness.case_files.text import at_size
+from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.verdict.verification import verify
 
 
 def test_sizes_replace_every_table_of_sizes() -> None:

@@ -7,9 +7,9 @@ import re
 import pytest
 from command_line import invoke
 
-from epcontact.harness.case import find_cases, load_case
-from epcontact.harness.citations import PAPERS, citation, papers_of, sources_of
-from epcontact.harness.methods import METHODS
+from epcontact.harness.case_files.case import find_cases, load_case
+from epcontact.harness.case_files.citations import PAPERS, citation, papers_of, sources_of
+from epcontact.harness.methods.registry import METHODS
 
 
 def test_papers_are_different_and_their_identifiers_well_formed() -> None:

@@ -21,8 +21,8 @@ from rich.console import Console
 
 from epcontact.cli import listing
 from epcontact.cli.main import COMMANDS, cli
-from epcontact.harness.case import load_case
-from epcontact.harness.run import run_cases
+from epcontact.harness.answers.run import run_cases
+from epcontact.harness.case_files.case import load_case
 from epcontact.scene import Load
 
 
@@ -175,9 +175,9 @@ def test_the_bar_moves_within_a_solve(write_case, tmp_path) -> None:
 
 
 def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> None:
-    from epcontact.harness.methods import METHODS
-    from epcontact.harness.run import tasks_of
-    from epcontact.harness.store import kept
+    from epcontact.harness.answers.run import tasks_of
+    from epcontact.harness.answers.store import kept
+    from epcontact.harness.methods.registry import METHODS
     from epcontact.output.view import load_steps
     from epcontact.output.vtk import Precision, read_fields
 

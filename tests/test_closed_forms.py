@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import quad
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.distances import distance
-from epcontact.harness.quantities import QUANTITIES, measure
+from epcontact.harness.gates.distances import distance
+from epcontact.harness.quantities.registry import QUANTITIES, measure
 from epcontact.persson import areas
 from epcontact.reference import CLOSED_FORMS
 from epcontact.reference.layers import compliance

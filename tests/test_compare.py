@@ -9,10 +9,10 @@ import pytest
 from scipy.stats import ttest_1samp
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.distances import distance
-from epcontact.harness.gates import Gate, judge, judge_distance
-from epcontact.harness.quantities import read_quantity
-from epcontact.harness.statistics import estimate
+from epcontact.harness.gates.distances import distance
+from epcontact.harness.gates.gate import Gate, judge, judge_distance
+from epcontact.harness.gates.statistics import estimate
+from epcontact.harness.quantities.registry import read_quantity
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
 

@@ -16,7 +16,7 @@ from reference_plasticity import sphere_onset
 import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene
-from epcontact.harness.case import load_case
+from epcontact.harness.case_files.case import load_case
 from epcontact.harness.crosscheck import (
     Difference,
     EffectiveHardness,
@@ -25,7 +25,7 @@ from epcontact.harness.crosscheck import (
     effective_hardness,
     error_budget,
 )
-from epcontact.harness.model_difference import combined
+from epcontact.harness.quantities.model_difference import combined
 from epcontact.scene import Body, Scene
 from epcontact.studies.hardness import model_scene
 from epcontact.surfaces import Sinusoid

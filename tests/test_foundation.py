@@ -9,11 +9,11 @@ import pytest
 from test_house import MODULES
 from test_house import imported as by_syntax
 
-from epcontact.harness import store
-from epcontact.harness.case import load_case
-from epcontact.harness.foundation import HOME, foundation, imported
-from epcontact.harness.methods import METHODS
-from epcontact.harness.store import Task, rests_on
+from epcontact.harness.answers import store
+from epcontact.harness.answers.foundation import HOME, foundation, imported
+from epcontact.harness.answers.store import Task, rests_on
+from epcontact.harness.case_files.case import load_case
+from epcontact.harness.methods.registry import METHODS
 from epcontact.results import package_versions
 
 
@@ -34,13 +34,13 @@ def task(case: str, method: str) -> Task:
         ("rough-capped", "bem", "epcontact/bem/inner/cells.py", False),
         ("rough-capped", "bem", "epcontact/bem/areas/front.py", False),
         ("rough-capped", "bem", "epcontact/surfaces/self_affine.py", False),
-        ("rough-capped", "bem", "epcontact/harness/measurements.py", False),
-        ("rough-capped", "bem", "epcontact/harness/solve.py", False),
-        ("rough-capped", "bem", "epcontact/harness/run.py", True),
+        ("rough-capped", "bem", "epcontact/harness/quantities/measurements.py", False),
+        ("rough-capped", "bem", "epcontact/harness/answers/solve.py", False),
+        ("rough-capped", "bem", "epcontact/harness/answers/run.py", True),
         ("rough-capped", "bem", "epcontact/output/vtk.py", True),
         ("rough-capped", "bem", "epcontact/cli/cases.py", True),
         ("rough-capped", "bem", "epcontact/persson/series.py", True),
-        ("rough-capped", "bem", "epcontact/harness/gates.py", True),
+        ("rough-capped", "bem", "epcontact/harness/gates/gate.py", True),
         ("rough-capped", "bem", "fem_check/plasticity.py", True),
         ("fem-model-5", "fem", "fem_check/plasticity.py", False),
         ("fem-model-5", "fem", "epcontact/bem/newton.py", False),  # measured against a cap

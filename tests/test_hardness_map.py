@@ -16,11 +16,11 @@ from click.testing import CliRunner
 from epcontact import MappedHardness, effective_hardness
 from epcontact.cli.main import cli
 from epcontact.errors import EpcontactError, InvalidCase, InvalidScene
-from epcontact.harness.case import load_case
-from epcontact.harness.methods import METHODS
-from epcontact.harness.model_difference import effective_hardness as measured_hardness
-from epcontact.harness.run import tasks_of
-from epcontact.harness.solve import solve_task
+from epcontact.harness.answers.run import tasks_of
+from epcontact.harness.answers.solve import solve_task
+from epcontact.harness.case_files.case import load_case
+from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.quantities.model_difference import effective_hardness as measured_hardness
 from epcontact.harness.sweep import Swept, read_sweep
 from epcontact.materials.hardness_map import (
     FULL,

@@ -28,13 +28,14 @@ from click.testing import CliRunner
 from epcontact import planning
 from epcontact.cli.plans import plan
 from epcontact.errors import InvalidCase
-from epcontact.harness import exchange, foreign, template
-from epcontact.harness.case import load_case
-from epcontact.harness.methods import METHODS
-from epcontact.harness.pool import Processes, spread
-from epcontact.harness.pytest_cases import GateFellShort, GateItem
-from epcontact.harness.store import Answer
-from epcontact.harness.verdict import Verdict, judge_case, verify
+from epcontact.harness.answers.store import Answer
+from epcontact.harness.case_files.case import load_case
+from epcontact.harness.methods import exchange, foreign
+from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.processes import template
+from epcontact.harness.processes.pool import Processes, spread
+from epcontact.harness.verdict.pytest_cases import GateFellShort, GateItem
+from epcontact.harness.verdict.verification import Verdict, judge_case, verify
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
 from epcontact.scene import Load, Material, Scene, Surface
 

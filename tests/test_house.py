@@ -62,14 +62,39 @@ def test_imports_lead_down(module: str) -> None:
         assert there == here or floor[there] < floor[here], f"{module} imports {name}"
 
 
+#: Faces of packages, which import their modules to hand names on: they are no rooms.
+FACES = {module_of(file) for file in FILES if file.name == "__init__.py"}
+#: What each module imports.
+NEEDS = {name: set(imported(MODULES[name])) - FACES for name in MODULES.keys() - FACES}
+
+
+def circle(needs: dict[str, set[str]]) -> list[str]:
+    """The names that need each other in a circle, and those that need them."""
+    left = {name: needed - {name} for name, needed in needs.items()}
+    while ready := {name for name, needed in left.items() if not needed & left.keys()}:
+        left = {name: needed for name, needed in left.items() if name not in ready}
+    return sorted(left)
+
+
 def test_there_are_no_circles() -> None:
-    waiting = {name: set(imported(tree)) - {name} for name, tree in MODULES.items()}
-    # A package's face imports its modules, and they import each other: only modules count.
-    faces = {module_of(file) for file in FILES if file.name == "__init__.py"}
-    waiting = {name: needed - faces for name, needed in waiting.items() if name not in faces}
-    while ready := {name for name, needed in waiting.items() if not needed & waiting.keys()}:
-        waiting = {name: needed for name, needed in waiting.items() if name not in ready}
-    assert not waiting, f"modules that import each other in a circle: {sorted(waiting)}"
+    assert not circle(NEEDS), "modules that import each other in a circle"
+
+
+@pytest.mark.parametrize(
+    "package", ["epcontact.bem", "epcontact.harness", "epcontact.output", "fem_check"]
+)
+def test_rooms_inside_a_room_lead_one_way(package: str) -> None:
+    """A folder counts as one room, so that no two folders import from each other."""
+    depth = package.count(".") + 2
+    rooms: dict[str, set[str]] = {}
+    for name, needed in NEEDS.items():
+        if name.startswith(f"{package}."):
+            room = ".".join(name.split(".")[:depth])
+            rooms.setdefault(room, set()).update(
+                ".".join(other.split(".")[:depth]) for other in needed
+            )
+    assert len(rooms) > 1
+    assert not circle(rooms), "rooms that import from each other"
 
 
 def test_imports_stand_at_the_top() -> None:

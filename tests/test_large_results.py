@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from epcontact.harness.case import find_case, load_case
-from epcontact.harness.store import Answer
-from epcontact.harness.verdict import judge_case
+from epcontact.harness.answers.store import Answer
+from epcontact.harness.case_files.case import find_case, load_case
+from epcontact.harness.verdict.verification import judge_case
 from epcontact.results import ContactResult
 
 FOLDER = Path(__file__).parent.parent / "cases" / "regression"

@@ -18,11 +18,12 @@ from fem_scenes import J2_CASE, MODEL_GATE, rough_scene
 import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase
-from epcontact.harness import crosscheck, model_difference
-from epcontact.harness.case import load_case
-from epcontact.harness.distances import distance
-from epcontact.harness.model_difference import elements_compliance
-from epcontact.harness.quantities import QUANTITIES, measure, measure_all
+from epcontact.harness import crosscheck
+from epcontact.harness.case_files.case import load_case
+from epcontact.harness.gates.distances import distance
+from epcontact.harness.quantities import model_difference
+from epcontact.harness.quantities.model_difference import elements_compliance
+from epcontact.harness.quantities.registry import QUANTITIES, measure, measure_all
 from epcontact.results import Areas, ContactResult
 from epcontact.scene import Body, Scene
 from epcontact.studies import STUDIES, save_charts

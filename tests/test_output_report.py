@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from epcontact.errors import OutputError
-from epcontact.harness.pictures import theory_densities
+from epcontact.harness.answers.pictures import theory_densities
 from epcontact.output.files import write_json
 from epcontact.output.report import Picture, number, report_folder, write_report
 from epcontact.output.vtk import write_image

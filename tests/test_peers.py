@@ -14,11 +14,11 @@ import pytest
 import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene, StudyUnavailable
-from epcontact.harness import peers
-from epcontact.harness.case import load_case
-from epcontact.harness.methods import solver_named
-from epcontact.harness.quantities import measure_all
-from epcontact.harness.verdict import verify
+from epcontact.harness.case_files.case import load_case
+from epcontact.harness.methods import peers
+from epcontact.harness.methods.registry import solver_named
+from epcontact.harness.quantities.registry import measure_all
+from epcontact.harness.verdict.verification import verify
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
 from epcontact.surfaces import SelfAffine
 
@@ -155,7 +155,8 @@ def test_entry_points_are_methods(tmp_path) -> None:
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
     (about / "entry_points.txt").write_text("[epcontact.methods]\nother = other:solve\n")
     program = (
-        "from epcontact.harness.methods import METHODS; print(METHODS['other'].source, end='')"
+        "from epcontact.harness.methods.registry import METHODS; "
+        "print(METHODS['other'].source, end='')"
     )
     path = os.pathsep.join([str(tmp_path), *sys.path])
     shown = subprocess.run(

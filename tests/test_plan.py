@@ -11,9 +11,9 @@ import pytest
 
 from epcontact import bem
 from epcontact.errors import InvalidCase
-from epcontact.harness.case import case_sizes, find_case, find_cases, load_case
-from epcontact.harness.statistics import student_half_width
-from epcontact.harness.store import Answer
+from epcontact.harness.answers.store import Answer
+from epcontact.harness.case_files.case import case_sizes, find_case, find_cases, load_case
+from epcontact.harness.gates.statistics import student_half_width
 from epcontact.planning import (
     achieved_error,
     auto_case,

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 
 from epcontact.cli.main import cli
 from epcontact.errors import InvalidCase
-from epcontact.harness.gates import Gate, judge, judge_distance, unjudged
-from epcontact.harness.ratchet import (
+from epcontact.harness.gates.gate import Gate, judge, judge_distance, unjudged
+from epcontact.harness.verdict.ratchet import (
     KEPT,
     Banded,
     Change,

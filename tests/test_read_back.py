@@ -12,8 +12,8 @@ import conftest
 import pytest
 
 from epcontact.errors import OutputError
-from epcontact.harness.read_back import require_faithful
-from epcontact.harness.verdict import verify
+from epcontact.harness.verdict.read_back import require_faithful
+from epcontact.harness.verdict.verification import verify
 
 GATES = """
 [[gate]]

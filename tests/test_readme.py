@@ -17,7 +17,7 @@ import pytest
 from command_line import invoke
 
 from epcontact.cli.main import COMMANDS
-from epcontact.harness.pool import made
+from epcontact.harness.processes.pool import made
 
 ROOT = Path(__file__).parent.parent
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
@@ -158,7 +158,7 @@ def test_pytest_collects_the_gates_of_the_cases_it_is_told_of(home) -> None:
     (home / "other.toml").write_text("not a case")
     command = [sys.executable, "-m", "pytest", "-n", "2", "--dist", "loadscope", "-v"]
     out = run([*command, "-p", "no:cacheprovider"], home)
-    defaults = (ROOT / "epcontact/harness/default_gates.toml").read_text()
+    defaults = (ROOT / "epcontact/harness/case_files/default_gates.toml").read_text()
     expected = 1 + defaults.count('of = "bem"')  # its own gate, and the default ones
     assert f"{expected} passed" in out
     workers = set(re.findall(r"\[(gw\d)\].* PASSED", out))

@@ -23,11 +23,11 @@ from epcontact import bem, machine
 from epcontact.bem import level
 from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
 from epcontact.errors import InvalidCase, NotConverged
-from epcontact.harness import solve
-from epcontact.harness.case import find_case, load_case
-from epcontact.harness.run import run_cases
-from epcontact.harness.store import Answer
-from epcontact.harness.verdict import judge_case, verify
+from epcontact.harness.answers import solve
+from epcontact.harness.answers.run import run_cases
+from epcontact.harness.answers.store import Answer
+from epcontact.harness.case_files.case import find_case, load_case
+from epcontact.harness.verdict.verification import judge_case, verify
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
@@ -212,8 +212,8 @@ def test_full_output_is_no_bug() -> None:
 def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short() -> None:
     program = (
         "from epcontact.cli import main as cli\n"
-        "from epcontact.harness import case_text\n"
-        "case_text.case_files = lambda: 1 / 0\n"
+        "from epcontact.harness.case_files import text\n"
+        "text.case_files = lambda: 1 / 0\n"
         "import sys; sys.argv = ['epcontact', 'list']; cli.main()"
     )
     done = subprocess.run(

@@ -18,13 +18,13 @@ from rich.console import Console
 
 from epcontact.cli.tables import answers_table, verdict_table
 from epcontact.errors import OutputError
-from epcontact.harness.case import load_case
-from epcontact.harness.gates import GateVerdict
-from epcontact.harness.pictures import theory_densities
-from epcontact.harness.run import run_cases
-from epcontact.harness.statistics import Estimate
-from epcontact.harness.store import Answer
-from epcontact.harness.verdict import CaseVerdict, MethodEntry, Verdict
+from epcontact.harness.answers.pictures import theory_densities
+from epcontact.harness.answers.run import run_cases
+from epcontact.harness.answers.store import Answer
+from epcontact.harness.case_files.case import load_case
+from epcontact.harness.gates.gate import GateVerdict
+from epcontact.harness.gates.statistics import Estimate
+from epcontact.harness.verdict.verification import CaseVerdict, MethodEntry, Verdict
 from epcontact.output.charts.curves import pressure_distribution
 from epcontact.output.charts.maps import contact_map
 from epcontact.output.charts.style import STATE_NAMES

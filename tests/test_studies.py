@@ -15,7 +15,7 @@ import pytest
 
 from epcontact.bem import solve
 from epcontact.errors import StudyUnavailable
-from epcontact.harness.child import Child, ChildDied
+from epcontact.harness.processes.child import Child, ChildDied
 from epcontact.output.charts.study import Plot, draw_table
 from epcontact.persson import areas
 from epcontact.studies import (

@@ -24,10 +24,10 @@ from epcontact import persson
 from epcontact.cli.sweeps import sweep as command
 from epcontact.errors import EpcontactError, InvalidCase, NotConverged, OutputError
 from epcontact.harness import sweep
-from epcontact.harness.axes import SweepTable
-from epcontact.harness.case import load_case
-from epcontact.harness.methods import METHODS
-from epcontact.harness.verdict import verify
+from epcontact.harness.case_files.axes import SweepTable
+from epcontact.harness.case_files.case import load_case
+from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.verdict.verification import verify
 
 THEORY = (
     ('methods = ["persson", "bem"]', 'methods = ["persson"]'),

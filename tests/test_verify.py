@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from epcontact.harness.case import Case, load_case
-from epcontact.harness.store import Answer
-from epcontact.harness.verdict import Verdict, judge_case, write_verdict
+from epcontact.harness.answers.store import Answer
+from epcontact.harness.case_files.case import Case, load_case
+from epcontact.harness.verdict.verification import Verdict, judge_case, write_verdict
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
 

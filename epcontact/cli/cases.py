@@ -22,14 +22,14 @@ from epcontact.cli.tables import (
     verdict_table,
 )
 from epcontact.errors import EpcontactError, OutputError
-from epcontact.harness import case as casefile
-from epcontact.harness.case import Case
-from epcontact.harness.methods import METHODS
-from epcontact.harness.quantities import QUANTITIES
-from epcontact.harness.run import default_jobs, run_cases
-from epcontact.harness.schema import Family, key_table
-from epcontact.harness.verdict import Verdict, cases_to_verify, remove_verdict
-from epcontact.harness.verdict import verify as run_gates
+from epcontact.harness.answers.run import default_jobs, run_cases
+from epcontact.harness.case_files import case as casefile
+from epcontact.harness.case_files.case import Case
+from epcontact.harness.case_files.schema import Family, key_table
+from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.verdict.verification import Verdict, cases_to_verify, remove_verdict
+from epcontact.harness.verdict.verification import verify as run_gates
 from epcontact.output.vtk import Precision
 from epcontact.results import plain
 from epcontact.surfaces import HeightsFromFile
@@ -159,7 +159,7 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
     A command reads the scene from one file and writes its result to the other:
       --solver 'mine=./my_solver {scene} {result}'
     Both are text; {scene.npz} and {result.npz} are files of numpy instead.
-    `python -m pydoc epcontact.harness.exchange` describes them line by line.
+    `python -m pydoc epcontact.harness.methods.exchange` describes them line by line.
     """
     remove_verdict(output)
     given: Sequence[str | Case] = cases

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
-from epcontact.harness import case as casefile
-from epcontact.harness.citations import citation
+from epcontact.harness.case_files import case as casefile
+from epcontact.harness.case_files.citations import citation
 
 
 @click.command()

@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.table import Table
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.case import Case
-from epcontact.harness.pictures import theory_densities, write_pictures
-from epcontact.harness.store import Answer
+from epcontact.harness.answers.pictures import theory_densities, write_pictures
+from epcontact.harness.answers.store import Answer
+from epcontact.harness.case_files.case import Case
 from epcontact.output import view as viewing
 from epcontact.output.charts.maps import save_map
 from epcontact.output.report import report_folder

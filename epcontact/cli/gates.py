@@ -13,10 +13,10 @@ from rich.console import Console
 
 from epcontact.cli.listing import print_rows
 from epcontact.errors import InvalidCase
-from epcontact.harness import case as casefile
-from epcontact.harness import ratchet
-from epcontact.harness.ratchet import Banded, Kept
-from epcontact.harness.verdict import Verdict
+from epcontact.harness.case_files import case as casefile
+from epcontact.harness.verdict import ratchet
+from epcontact.harness.verdict.ratchet import Banded, Kept
+from epcontact.harness.verdict.verification import Verdict
 
 
 @click.command()

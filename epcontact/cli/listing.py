@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.case_text import CaseText, at_size, case_files, read_cases
+from epcontact.harness.case_files.text import CaseText, at_size, case_files, read_cases
 
 #: Smallest terminal width, in columns, at which rows of long texts are a table.
 WIDE = 150

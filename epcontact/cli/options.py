@@ -18,8 +18,8 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bar
 
-from epcontact.harness import case as casefile
-from epcontact.harness.run import Progress
+from epcontact.harness.answers.run import Progress
+from epcontact.harness.case_files import case as casefile
 
 size = click.option(
     "--size",

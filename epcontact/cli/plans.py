@@ -15,10 +15,10 @@ from epcontact.cli import options
 from epcontact.cli.listing import open_console
 from epcontact.cli.tables import print_surface_notes
 from epcontact.errors import EpcontactError, InvalidCase
-from epcontact.harness import case as casefile
+from epcontact.harness.case_files import case as casefile
 from epcontact.harness.crosscheck import crosscheck as check_models
 from epcontact.harness.sweep import run_sweep
-from epcontact.harness.verdict import verify
+from epcontact.harness.verdict.verification import verify
 from epcontact.machine import available_cores
 from epcontact.materials.hardness_map import PARTS, effective_hardness
 

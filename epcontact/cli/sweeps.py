@@ -12,8 +12,8 @@ from epcontact.cli import options
 from epcontact.cli.listing import open_console
 from epcontact.cli.tables import shown_estimate
 from epcontact.errors import EpcontactError
-from epcontact.harness import case as casefile
-from epcontact.harness.statistics import estimate
+from epcontact.harness.case_files import case as casefile
+from epcontact.harness.gates.statistics import estimate
 from epcontact.harness.sweep import Swept, digest, in_words, run_sweep
 
 #: Rows that a terminal shows; the CSV file has all.

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from rich.console import Console, JustifyMethod
 from rich.table import Table
 
-from epcontact.harness.case import Case
-from epcontact.harness.gates import GateVerdict
-from epcontact.harness.statistics import Estimate, estimate
-from epcontact.harness.store import Answer
-from epcontact.harness.verdict import CaseVerdict
+from epcontact.harness.answers.store import Answer
+from epcontact.harness.case_files.case import Case
+from epcontact.harness.gates.gate import GateVerdict
+from epcontact.harness.gates.statistics import Estimate, estimate
+from epcontact.harness.verdict.verification import CaseVerdict
 
 #: Smallest terminal width, in columns, at which a row shows every figure of a gate.
 WIDE = 150

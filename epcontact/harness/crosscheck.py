@@ -29,15 +29,15 @@ from typing import Any, Literal
 import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene
-from epcontact.harness.case import Case
-from epcontact.harness.distances import Difference, difference
-from epcontact.harness.model_difference import (
+from epcontact.harness.case_files.case import Case
+from epcontact.harness.gates.distances import Difference, difference
+from epcontact.harness.gates.statistics import estimate, standard_deviation
+from epcontact.harness.quantities.model_difference import (
     EffectiveHardness,
     combined,
     effective_hardness,
     path_options,
 )
-from epcontact.harness.statistics import estimate, standard_deviation
 from epcontact.results import ContactResult
 from epcontact.scene import Body, Scene
 from epcontact.surfaces import SelfAffine

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-#: The sizes of `epcontact.harness.case_text`, which this module does not import.
+#: The sizes of `epcontact.harness.case_files.text`, which this module does not import.
 _SIZES = ("fast", "full", "large")
 
 
@@ -36,6 +36,6 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
     """Collect the files that the setting epcontact_cases names."""
     if not any(file_path.match(pattern) for pattern in parent.config.getini("epcontact_cases")):
         return None
-    from epcontact.harness.pytest_cases import CaseModule  # brings the solvers with it
+    from epcontact.harness.verdict.pytest_cases import CaseModule  # brings the solvers with it
 
     return CaseModule.from_parent(parent, path=file_path)

@@ -19,13 +19,13 @@ from typing import Any
 import pandas as pd
 
 from epcontact.errors import InvalidCase, OutputError, nearest
-from epcontact.harness.axes import MOST_TASKS, Point, Scalar
-from epcontact.harness.case import Case, CaseText, case_at, find_case, sweep_of
-from epcontact.harness.methods import METHODS, Method
-from epcontact.harness.pool import Factory, made
-from epcontact.harness.quantities import QUANTITIES, scalar_quantities
-from epcontact.harness.run import Progress, default_jobs, run_tasks, tasks_of
-from epcontact.harness.store import Task, key_of, read_member
+from epcontact.harness.answers.run import Progress, default_jobs, run_tasks, tasks_of
+from epcontact.harness.answers.store import Task, key_of, read_member
+from epcontact.harness.case_files.axes import MOST_TASKS, Point, Scalar
+from epcontact.harness.case_files.case import Case, CaseText, case_at, find_case, sweep_of
+from epcontact.harness.methods.registry import METHODS, Method
+from epcontact.harness.processes.pool import Factory, made
+from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
 from epcontact.output.files import read_bytes, whole_file, write_json
 from epcontact.results import ContactResult
 

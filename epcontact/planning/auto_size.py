@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from epcontact.errors import EpcontactError
-from epcontact.harness.case import Case, CaseText, load_case
-from epcontact.harness.gates import Gate
-from epcontact.harness.methods import METHODS
+from epcontact.harness.case_files.case import Case, CaseText, load_case
+from epcontact.harness.gates.gate import Gate
+from epcontact.harness.methods.registry import METHODS
 from epcontact.planning.pilots import PARTS
 from epcontact.planning.plan import methods_on_grids, plan, planned_case
 

@@ -17,9 +17,9 @@ import numpy as np
 from scipy.special import chdtri
 
 from epcontact import surfaces
-from epcontact.harness.case import Case
-from epcontact.harness.methods import METHODS
-from epcontact.harness.statistics import standard_deviation, student_half_width
+from epcontact.harness.case_files.case import Case
+from epcontact.harness.gates.statistics import standard_deviation, student_half_width
+from epcontact.harness.methods.registry import METHODS
 from epcontact.machine import available_cores
 from epcontact.planning.grids import ladder, on_grid
 from epcontact.results import Areas, ContactResult

@@ -26,10 +26,10 @@ from typing import Any
 import numpy as np
 
 from epcontact.errors import InvalidCase, InvalidScene
-from epcontact.harness.case import Case
-from epcontact.harness.methods import METHODS
-from epcontact.harness.statistics import standard_deviation, student_half_width
-from epcontact.harness.store import Answer
+from epcontact.harness.answers.store import Answer
+from epcontact.harness.case_files.case import Case
+from epcontact.harness.gates.statistics import standard_deviation, student_half_width
+from epcontact.harness.methods.registry import METHODS
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.planning.grids import (
     Section,

@@ -16,9 +16,9 @@ import numpy as np
 import pandas as pd
 
 from epcontact.errors import EpcontactError
-from epcontact.harness.case_text import case_name, package_files, read_cases
-from epcontact.harness.model_difference import capped_body, elements_compliance
-from epcontact.harness.store import Task, kept
+from epcontact.harness.answers.store import Task, kept
+from epcontact.harness.case_files.text import case_name, package_files, read_cases
+from epcontact.harness.quantities.model_difference import capped_body, elements_compliance
 from epcontact.harness.sweep import Swept, read_sweep
 from epcontact.materials.hardness_map import (
     FULL,

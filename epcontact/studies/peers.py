@@ -27,8 +27,8 @@ import pandas as pd
 
 from epcontact import bem
 from epcontact.errors import StudyUnavailable
-from epcontact.harness.child import Child, ChildDied
-from epcontact.harness.peers import PEERS, Pressure
+from epcontact.harness.methods.peers import PEERS, Pressure
+from epcontact.harness.processes.child import Child, ChildDied
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.study import Plot, draw_table
 from epcontact.results import FloatArray

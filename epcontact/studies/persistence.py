@@ -17,7 +17,7 @@ import pandas as pd
 import fem_check
 from epcontact import persson
 from epcontact.errors import InvalidScene
-from epcontact.harness.model_difference import capped_body, elements_compliance
+from epcontact.harness.quantities.model_difference import capped_body, elements_compliance
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.study import Plot, draw_table

@@ -27,7 +27,7 @@ import pandas as pd
 
 from epcontact import bem, persson
 from epcontact.bem.areas.distribution import end_fit, end_fits, extrapolated
-from epcontact.harness.statistics import estimate
+from epcontact.harness.gates.statistics import estimate
 from epcontact.output.charts.curves import pressure_density
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.study import Plot, draw_table

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 import fem_check
 from epcontact import bem, persson
 from epcontact.errors import EpcontactError, InvalidCase
-from epcontact.harness.quantities import measure
+from epcontact.harness.quantities.registry import measure
 from epcontact.output.charts.maps import stability_map as draw_map
 from epcontact.output.files import write_json
 from epcontact.results import package_versions
@@ -37,7 +37,7 @@ from epcontact.surfaces import SelfAffine
 
 MAPS = ("capped", "elastic", "theory", "fem")
 #: Largest allowed violation of the contact conditions, measured by the harness, of a solve that
-#: claims 1e-8; see `epcontact.harness.quantities`.
+#: claims 1e-8; see `epcontact.harness.quantities.registry`.
 EXAMINED = 1e-6
 #: Relative error of an area up to which a sum of the theory counts as converged.
 AREA_ERROR = 1e-9

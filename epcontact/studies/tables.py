@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from epcontact.harness.statistics import estimate
+from epcontact.harness.gates.statistics import estimate
 
 Size = Literal["fast", "full"]
 #: Called with a sentence before each longer piece of work.

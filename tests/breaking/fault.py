@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 
 from epcontact.errors import OutputError
-from epcontact.harness.case import Case, find_named, load_case
-from epcontact.harness.gates import FALLS_SHORT
-from epcontact.harness.methods import METHODS
-from epcontact.harness.verdict import verify
+from epcontact.harness.case_files.case import Case, find_named, load_case
+from epcontact.harness.gates.gate import FALLS_SHORT
+from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.verdict.verification import verify
 
 Patch = Callable[[pytest.MonkeyPatch], None]
 TESTS = Path(__file__).parents[1]

@@ -24,9 +24,11 @@ from breaking.fault import (
     scaled,
     solver,
 )
-from epcontact.harness.quantities import QUANTITIES
+from epcontact.harness.quantities.registry import QUANTITIES
 
 H = "epcontact.harness."
+GATE, QUANTITY = H + "gates.gate.", H + "quantities.registry."
+RUN, VERDICT = H + "answers.run.", H + "verdict.verification."
 
 
 def _blind(name: str) -> Patch:
@@ -88,58 +90,59 @@ MEASURES = "tests/test_closed_forms.py::test_measures_see_what_is_wrong_by_as_mu
 FAULTS = (
     # comparison
     _fault(
-        "no distance between distributions", at(H + "verdict.distance", lambda *_: 0.0),
+        "no distance between distributions", at(VERDICT + "distance", lambda *_: 0.0),
         "yardstick", "distribution",
     ),
     _fault(
-        "distance not divided by its scale", scaled(H + "verdict.distance", 1e9),
+        "distance not divided by its scale", scaled(VERDICT + "distance", 1e9),
         "yardstick", "distribution",
     ),
     _fault(
         "the reference's distribution compared with itself",
-        given(H + "verdict.distance", lambda norm, a, b, hardness: (norm, b, b, hardness)),
+        given(VERDICT + "distance", lambda norm, a, b, hardness: (norm, b, b, hardness)),
         "yardstick", "distribution",
     ),
     _fault(
         "the supremum for the Wasserstein distance",
-        given(H + "verdict.distance", lambda norm, *rest: ("supremum", *rest)),
+        given(VERDICT + "distance", lambda norm, *rest: ("supremum", *rest)),
         "yardstick", "distribution",
     ),
     _fault(
-        "carried pressure without the factor 1/2", scaled(H + "distances.carried_pressure", 2.0),
+        "carried pressure without the factor 1/2",
+        scaled(H + "gates.distances.carried_pressure", 2.0),
         "yardstick", "distribution",
     ),
     _fault(
         "absolute for relative",
-        at(H + "gates.deviation", lambda norm, value, reference: value - reference),
+        at(GATE + "deviation", lambda norm, value, reference: value - reference),
         "yardstick", "area.total.raw", 0.5, status=REFUSED,
     ),
     _fault(
         "relative to the value, not to the reference",
-        changed(H + "gates.deviation", lambda f: lambda norm, a, b: -f(norm, b, a)),
+        changed(GATE + "deviation", lambda f: lambda norm, a, b: -f(norm, b, a)),
         "yardstick", "area.total.raw", 0.5, status=REFUSED,
     ),
     _fault(
         "sign of a difference lost",
-        changed(H + "gates.deviation", lambda f: lambda *a: abs(f(*a))),
+        changed(GATE + "deviation", lambda f: lambda *a: abs(f(*a))),
         "yardstick", "area.total.raw", 1.5, status=REFUSED,
     ),
     _fault(
-        "half a difference", scaled(H + "gates.deviation", 0.5), "yardstick", "area.total.raw", 1.5,
+        "half a difference", scaled(GATE + "deviation", 0.5), "yardstick", "area.total.raw", 1.5,
         status=REFUSED,
     ),
     _fault(
-        "distance of a field not measured", at(H + "quantities.l2_distance", lambda *_: 0.0),
+        "distance of a field not measured", at(QUANTITY + "l2_distance", lambda *_: 0.0),
         "yardstick", "field.pressure",
     ),
     _fault(
         "the maximum norm for L2",
-        at(H + "quantities.l2_distance", lambda a, b: float(np.abs(a - b).max() / np.abs(b).max())),
+        at(QUANTITY + "l2_distance", lambda a, b: float(np.abs(a - b).max() / np.abs(b).max())),
         "yardstick", "field.pressure",
     ),
     _fault(
         "L2 relative to the answer, not to the closed form",
-        given(H + "quantities.l2_distance", lambda a, b: (b, a)),
+        given(QUANTITY + "l2_distance", lambda a, b: (b, a)),
         "yardstick", "field.pressure",
     ),
     _fault(
@@ -150,40 +153,40 @@ FAULTS = (
     _fault(
         "the closed form of another surface",
         given(
-            H + "case.Case.scene",
+            H + "case_files.case.Case.scene",
             lambda case, recipe: (case, replace(recipe, amplitude=1.01 * recipe.amplitude)),
         ),
         "westergaard-line", "quantity.surface_rms_height",
     ),
     _fault(
         "the hardness of a case lost",
-        given(H + "case.Case.scene", _elastic),
+        given(H + "case_files.case.Case.scene", _elastic),
         "punch-capped", "area.plastic.corrected", status="error",
     ),
     # statistics and bookkeeping: two surfaces and a paired gate
     *(
         Fault(what, "harness", patch, *PAIRED, surfaces=2, status=REFUSED)
         for what, patch in {
-            "intervals without width": on_result(H + "gates.estimate", _without_width),
-            "the largest for the mean": changed(H + "gates.estimate", _largest),
-            "an interval of 68 %": at(H + "statistics.CONFIDENCE", 0.68),
+            "intervals without width": on_result(GATE + "estimate", _without_width),
+            "the largest for the mean": changed(GATE + "estimate", _largest),
+            "an interval of 68 %": at(H + "gates.statistics.CONFIDENCE", 0.68),
             "the interval of a single value for that of the mean": changed(
-                H + "statistics.student_half_width", lambda f: lambda s, n: f(s, n) * n**0.5
+                H + "gates.statistics.student_half_width", lambda f: lambda s, n: f(s, n) * n**0.5
             ),
             "n for n - 1 in the standard deviation": scaled(
-                H + "statistics.standard_deviation", 0.5**0.5
+                H + "gates.statistics.standard_deviation", 0.5**0.5
             ),
             "pairs taken as independent": given(
-                H + "verdict.judge", lambda gate, a, b, paired, claim: (gate, a, b, False, claim)
+                VERDICT + "judge", lambda gate, a, b, paired, claim: (gate, a, b, False, claim)
             ),
-            "the answers in the reverse order": on_result(H + "verdict.run_cases", _reversed),
-            "labels of the surfaces shifted": on_result(H + "run.summary", _shifted),
+            "the answers in the reverse order": on_result(VERDICT + "run_cases", _reversed),
+            "labels of the surfaces shifted": on_result(RUN + "summary", _shifted),
             "raw and corrected areas exchanged in the answer": on_result(
-                H + "run.summary", _exchanged
+                RUN + "summary", _exchanged
             ),
-            "the best residual of an ensemble": on_result(H + "run.summary", _best),
+            "the best residual of an ensemble": on_result(RUN + "summary", _best),
             "one member of an ensemble left out": on_result(
-                H + "run.summary", lambda answer: answer | {"members": answer["members"][1:]}
+                RUN + "summary", lambda answer: answer | {"members": answer["members"][1:]}
             ),
         }.items()
     ),
@@ -194,38 +197,38 @@ FAULTS = (
     ),
     # gates and verdict
     _fault(
-        "claimed errors of areas do not count", at(H + "verdict._claim", lambda *_: None),
+        "claimed errors of areas do not count", at(VERDICT + "_claim", lambda *_: None),
         test="tests/test_verify.py::test_areas_less_sure_than_the_band_do_not_hold",
     ),
     _fault(
-        "the default gates dropped", at(H + "case_gates.default_gates", lambda: ()),
+        "the default gates dropped", at(H + "case_files.case_gates.default_gates", lambda: ()),
         test="tests/test_casefile.py::test_a_case_has_the_default_gates_of_its_methods",
     ),
     _fault(
         "a shortfall passes",
-        both(at(H + "verdict.FALLS_SHORT", "fell short"), solver(faults.stiff)),
+        both(at(VERDICT + "FALLS_SHORT", "fell short"), solver(faults.stiff)),
         "westergaard-line", "quantity.mean_gap", status=REFUSED,
     ),
     *(
         _fault(
             f"every {what} holds",
             both(
-                on_result(H + judged, lambda v: v.model_copy(update={"status": "holds"})),
+                on_result(VERDICT + judged, lambda v: v.model_copy(update={"status": "holds"})),
                 solver(faults.stiff),
             ),
             "westergaard-line", "quantity.mean_gap", status=REFUSED,
         )
-        for what, judged in (("case", "verdict.judge_case"), ("gate", "verdict.judge"))
+        for what, judged in (("case", "judge_case"), ("gate", "judge"))
     ),
     _fault(
         "no failure in junit.xml",
-        both(at(H + "verdict.Failure", Skipped), solver(faults.stiff)),
+        both(at(VERDICT + "Failure", Skipped), solver(faults.stiff)),
         "westergaard-line", "quantity.mean_gap", status=REFUSED,
     ),
     _fault(
         "the exit code of an error for a shortfall",
         both(
-            changed(H + "verdict.Verdict.on", _with_exit_code), solver(faults.stiff)
+            changed(VERDICT + "Verdict.on", _with_exit_code), solver(faults.stiff)
         ),
         "westergaard-line", "quantity.mean_gap", status=REFUSED,
     ),

@@ -1,0 +1,191 @@
+"""Gates: comparisons of two answers, or of an answer with a reference.
+
+A gate compares one quantity a of a method with the reference b: the same quantity of another
+method, a closed form or a published number.  It judges their difference d by a norm:
+
+    relative                 d = (a - b) / b
+    absolute                 d = a - b
+    wasserstein, supremum    distances of pressure distributions, see `distances.distance`
+    l2                       d = ||a - b||_2 / ||b||_2 of a field, over the grid
+
+The scatter of an ensemble enters the verdict.  The interval of the mean of n surfaces is
+Student's at 95 %.  A gate holds only if the *whole* interval of the difference is within its
+band, so an ensemble that is too small to decide does not pass.  Two ensembles over the same seeds
+are compared pair by pair.  A single surface has an interval of width 0.
+
+A corrected area is an estimate with a claimed error, which widens the interval as well: a gate does
+not hold if its answers are less sure than its band is wide.  Of two estimates of the same area the
+surer one shows how right the other is, so that the smaller claim counts.  A theory and a published
+number claim no error, so that the claim of the other side counts.  A closed form shows the true
+error, and no claim counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from epcontact.harness.gates.statistics import Estimate, Number, estimate
+
+Norm = Literal["relative", "absolute", "wasserstein", "supremum", "l2"]
+DISTRIBUTION_NORMS = ("wasserstein", "supremum")
+
+HOLDS: Literal["holds"] = "holds"
+FALLS_SHORT: Literal["falls short"] = "falls short"
+ERROR: Literal["error"] = "error"
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One comparison that must hold; see the docstring of the module.
+
+    Attributes:
+        quantity: name in `quantities.QUANTITIES`, such as area.plastic.corrected.
+        of: the method that is judged.
+        against: a method, the name of a closed form, or a number.
+        norm: one of `Norm`.
+        low: lower end of the band that must contain the difference.
+        high: upper end of the band.
+        because: the reason for the width of the band.
+        source: the source of a number.
+    """
+
+    quantity: str
+    of: str
+    against: str | float
+    norm: str
+    low: float
+    high: float
+    because: str
+    source: str = ""
+
+    @property
+    def name(self) -> str:
+        """One line for tables and test reports."""
+        against = self.against if isinstance(self.against, str) else f"{self.against:g}"
+        return f"{self.quantity} of {self.of} against {against} ({self.norm})"
+
+
+class GateVerdict(BaseModel):
+    """One gate, judged: the whole interval of the difference must be within [low, high]."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str
+    status: Literal["holds", "falls short", "error"]
+    quantity: str
+    of: str
+    against: str | float
+    norm: str
+    low: Number
+    high: Number
+    because: str
+    source: str
+    value: Estimate | None = None
+    reference: Estimate | None = None
+    difference: Estimate | None = None
+    grid_error: Number | None = Field(
+        default=None,
+        description="claimed error of the corrected areas in the difference, which widens its "
+        "interval",
+    )
+    error: str | None = Field(default=None, description="why the gate could not be judged")
+
+    @property
+    def holds(self) -> bool:
+        """True if the gate was judged and held."""
+        return self.status == HOLDS
+
+    @property
+    def half_width(self) -> float:
+        """Half the width of the interval that must be within the band."""
+        scatter = 0.0 if self.difference is None else self.difference.half_width
+        return math.hypot(scatter, self.grid_error or 0.0)
+
+    def __str__(self) -> str:
+        """Return one line with the gate, its figures and its reason."""
+        if self.value is None or self.reference is None or self.difference is None:
+            return f"{self.name}: {self.error}"
+        grid = f" (of which {self.grid_error:.2g} by the grid)" if self.grid_error else ""
+        return (
+            f"{self.name}: difference {self.difference.mean:+.4g} "
+            f"± {self.half_width:.2g}{grid} must lie in [{self.low:g}, {self.high:g}] "
+            f"({self.value.mean:.6g} against {self.reference.mean:.6g}); because {self.because}"
+        )
+
+
+def judge(
+    gate: Gate,
+    value: Sequence[float],
+    reference: Sequence[float],
+    paired: bool,
+    claim: float | None = None,
+) -> GateVerdict:
+    """Compare the values of a scalar quantity, one for each surface, with those of its reference.
+
+    Args:
+        gate: a gate with the norm relative or absolute.
+        value: the values of the method that is judged.
+        reference: the values of the reference.
+        paired: True if both come from the same surfaces in the same order; otherwise they are
+            taken as independent.
+        claim: the claimed error of corrected areas that counts, absolute; None if none does.
+    """
+    a, b = estimate(value), estimate(reference)
+    grid_error = claim
+    if claim is not None and gate.norm == "relative":
+        grid_error = claim / (abs(b.mean) or math.inf)
+    if paired:
+        pairs = zip(value, reference, strict=True)
+        difference = estimate([deviation(gate.norm, x, y) for x, y in pairs])
+        return _judged(gate, a, b, difference, grid_error)
+    half_width = math.hypot(a.half_width, b.half_width)
+    if gate.norm == "relative":
+        # First order: the relative difference is (a - b)/b, so b's width counts times a/b.
+        scale = abs(b.mean) or math.inf
+        half_width = math.hypot(a.half_width, a.mean / scale * b.half_width) / scale
+    mean = deviation(gate.norm, a.mean, b.mean)
+    difference = Estimate(mean=mean, half_width_95=half_width, surfaces=0)
+    return _judged(gate, a, b, difference, grid_error)
+
+
+def judge_distance(gate: Gate, distances: Sequence[float]) -> GateVerdict:
+    """Compare distances, one for each surface, with the gate's band; the reference is 0."""
+    difference = estimate(distances)
+    return _judged(gate, difference, estimate([0.0]), difference)
+
+
+def unjudged(gate: Gate, reason: str) -> GateVerdict:
+    """Return the verdict on a gate that could not be judged for the given reason."""
+    return GateVerdict(**vars(gate), name=gate.name, status=ERROR, error=reason)
+
+
+def deviation(norm: str, value: float, reference: float) -> float:
+    """Return the difference of a value from its reference by the norm relative or absolute."""
+    if norm == "absolute":
+        return value - reference
+    if reference == 0:
+        return 0.0 if value == 0 else math.copysign(math.inf, value)
+    return (value - reference) / abs(reference)
+
+
+def _judged(
+    gate: Gate, a: Estimate, b: Estimate, difference: Estimate, grid_error: float | None = None
+) -> GateVerdict:
+    verdict = GateVerdict(
+        **vars(gate),
+        name=gate.name,
+        status=HOLDS,
+        value=a,
+        reference=b,
+        difference=difference,
+        grid_error=grid_error,
+    )
+    low, high = difference.mean - verdict.half_width, difference.mean + verdict.half_width
+    # NaN compares false, so a difference that is NaN never holds.
+    holds = gate.low <= low and high <= gate.high
+    return verdict if holds else verdict.model_copy(update={"status": FALLS_SHORT})
