@@ -17,12 +17,12 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Iterator
 from importlib import import_module
 
 import click
 
 from epcontact.errors import EpcontactError, nearest, printable
+from epcontact.harness.processes.threads import LINEAR_ALGEBRA, single_threads
 
 #: The module and function of each command, and its line in `epcontact --help`.
 COMMANDS = {
@@ -44,8 +44,6 @@ COMMANDS = {
     "view": ("figures:view", "Show the fields of a result in three dimensions."),
 }
 
-_BLAS_THREADS = "OPENBLAS_NUM_THREADS"
-
 #: Click (from 8.2) raises it if no command is given; its message is the help.
 _NO_ARGUMENTS: type[click.UsageError] | tuple[()]
 _NO_ARGUMENTS = getattr(click.exceptions, "NoArgsIsHelpError", ())
@@ -65,7 +63,9 @@ class _Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         module, _, function = COMMANDS[cmd_name][0].partition(":")
-        with _linear_algebra_on_one_thread():
+        # No command has matrices that need threads, and to start them takes as long as numpy's
+        # import.  A number of threads that the user sets counts.
+        with single_threads(*({LINEAR_ALGEBRA} - os.environ.keys())):
             command: click.Command = getattr(import_module(f"epcontact.cli.{module}"), function)
         return command
 
@@ -126,23 +126,6 @@ def main() -> None:
     if sentence:
         click.echo(f"epcontact: {printable(sentence)}", err=True)
     sys.exit(code)
-
-
-@contextlib.contextmanager
-def _linear_algebra_on_one_thread() -> Iterator[None]:
-    """Let numpy start no threads for its linear algebra when it is imported.
-
-    No command has matrices that need them, and their start takes as long as numpy's import.  What
-    a command starts finds the environment as it was.
-    """
-    if _BLAS_THREADS in os.environ:
-        yield
-        return
-    os.environ[_BLAS_THREADS] = "1"
-    try:
-        yield
-    finally:
-        del os.environ[_BLAS_THREADS]
 
 
 def _unexpected(error: Exception) -> str:

@@ -3,4 +3,5 @@
 child             a process that can be ended at any moment
 template          a process of which others are copies
 pool              calls spread over an executor
+threads           libraries that are loaded without threads of their own
 """

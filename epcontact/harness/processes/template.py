@@ -24,6 +24,7 @@ from collections.abc import Callable
 from typing import IO, Any
 
 from epcontact.harness.processes.child import ChildDied, kill_tree, serve
+from epcontact.harness.processes.threads import LINEAR_ALGEBRA, TRANSFORMS, single_threads
 
 #: Windows cannot fork, and libraries of macOS start threads of their own.
 POSSIBLE = sys.platform == "linux"
@@ -35,9 +36,6 @@ _PROGRAM = (
 _REQUEST = struct.Struct("q")  # the copy whose end is asked for; with two files: make a copy
 _REPLY = struct.Struct("qq")  # the copy and its exit code; 0: there is none, or it has not ended
 _MOMENT = 0.01  # seconds
-#: Threads of libraries: more than 1, and numpy starts them when it is imported, and ducc0 when it
-#: transforms.
-_THREADS = ("OPENBLAS_NUM_THREADS", "DUCC0_NUM_THREADS")
 
 
 class Template:
@@ -58,13 +56,11 @@ class Template:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
-                env=os.environ | dict.fromkeys(_THREADS, "1"),
                 start_new_session=True,
             )
         assert self._process.stdin is not None
         with contextlib.suppress(OSError), self._process.stdin as order:
-            threads = {name: os.environ[name] for name in _THREADS if name in os.environ}
-            pickle.dump((threads, pickle.dumps((load, arguments))), order)
+            pickle.dump(pickle.dumps((load, arguments)), order)
 
     def copy(self) -> Copy | None:
         """Return a copy; None if it cannot be made, so that a process must start otherwise.
@@ -141,15 +137,12 @@ def serve_copies(descriptor: int) -> None:
     """Load what standard input names, and make copies until the other end of the socket closes."""
     channel = socket.socket(fileno=descriptor)
     try:
-        threads, order = pickle.load(sys.stdin.buffer)
+        order = pickle.load(sys.stdin.buffer)
     except EOFError:  # the other end was interrupted before it could ask
         return
-    with contextlib.suppress(Exception):
+    with contextlib.suppress(Exception), single_threads(LINEAR_ALGEBRA, TRANSFORMS):
         load, arguments = pickle.loads(order)
         load(*arguments)
-    for name in _THREADS:
-        del os.environ[name]
-    os.environ.update(threads)
     gc.freeze()  # the collector would write to the pages that copies share
     while True:
         request, files = b"", list[int]()
