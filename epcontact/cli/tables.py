@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from rich.console import Console, JustifyMethod
 from rich.table import Table
@@ -12,6 +12,7 @@ from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates.gate import GateVerdict
 from epcontact.harness.gates.statistics import Estimate, estimate
 from epcontact.harness.verdict.verification import CaseVerdict
+from epcontact.results import ContactResult
 
 #: Smallest terminal width, in columns, at which a row shows every figure of a gate.
 WIDE = 150
@@ -29,22 +30,25 @@ def answers_table(answers: Mapping[str, Answer]) -> Table:
         side: JustifyMethod = "left" if heading in ("method", "areas") else "right"
         table.add_column(heading, justify=side, overflow="fold")
     for method, answer in answers.items():
-        for kind in ("raw", "corrected", "error"):
-            if not answer.results or kind not in answer.results[0].final.areas:
-                continue
-            areas = [result.final.areas[kind] for result in answer.results]
-            means = [
-                estimate([getattr(area, part) for area in areas])
-                for part in ("total", "elastic", "plastic")
-            ]
-            if kind != "error":
-                parts = [shown_estimate(mean) for mean in means]
-            elif any(mean.mean for mean in means):
-                parts = [f"{mean.mean:.2g}" for mean in means]
-            else:  # a theory, which has no grid
-                continue
-            table.add_row(method, kind, *parts, str(len(areas)), str(answer.reused))
+        for kind, parts in _area_rows(answer.results):
+            table.add_row(method, kind, *parts, str(len(answer.results)), str(answer.reused))
     return table
+
+
+def _area_rows(results: Sequence[ContactResult]) -> Iterator[tuple[str, list[str]]]:
+    """Yield the kinds of areas that a method has, with their three parts as text."""
+    means = {
+        kind: [
+            estimate([getattr(result.final.areas[kind], part) for result in results])
+            for part in ("total", "elastic", "plastic")
+        ]
+        for kind in (results[0].final.areas if results else ())
+    }
+    for kind in ("raw", "corrected"):
+        if kind in means:
+            yield kind, [shown_estimate(mean) for mean in means[kind]]
+    if any(mean.mean for mean in means.get("error", ())):  # a theory has no grid, so no error
+        yield "error", [f"{mean.mean:.2g}" for mean in means["error"]]
 
 
 def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:
