@@ -137,7 +137,7 @@ def _symbol(stencil, cosines, sines):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 def _eliminate(A, C, below, S):  # type: ignore[no-untyped-def]
     """S <- (A - C below C^T)^-1 for every wave."""
     D, B, T = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))

@@ -268,7 +268,13 @@ def _invert(rows, held, out):  # type: ignore[no-untyped-def]
 
 
 # The sums keep their order: reassociated, they would be gathered into slow vectors of neighbours.
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
+@njit(
+    cache=True,
+    nogil=True,
+    fastmath={"contract", "nsz"},
+    error_model="numpy",
+    no_cfunc_wrapper=True,
+)
 def _sweep(rows, inverses, right, x, ascending, strips):  # type: ignore[no-untyped-def]
     """Makes one Gauss-Seidel sweep of each strip, which starts from x and changes it."""
     count = rows.nodes.size
