@@ -11,6 +11,7 @@ any surface is made.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import itertools
@@ -18,7 +19,9 @@ import json
 import math
 import sys
 import warnings
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields
+from numbers import Real
 from types import FrameType
 from typing import Any, Literal
 
@@ -44,18 +47,75 @@ def _require(condition: bool, message: str) -> None:
         raise InvalidScene(message)
 
 
-def require_positive(name: str, value: float, unit: str, *, finite: bool = True) -> None:
-    """Raise InvalidScene unless a value is positive, and finite, and its products are numbers."""
-    good = isinstance(value, int | float) and value > 0
-    _require(
-        good and (value < math.inf or not finite),
-        f"{name} is {value!r}, but must be a positive number in {unit}",
-    )
+def number(name: str, given: Any, right: str, good: Callable[[float], bool]) -> float:
+    """Return a number of Python or numpy as a float, for every input of the package that is one.
+
+    Raises:
+        InvalidScene: It is no real number, as text, None and a truth value are none, or it is not
+            `good`; the sentence says that `name` must be `right`.
+
+    Example:
+        >>> number("taper", np.float32(0.25), "below 0.5", lambda share: share < 0.5)
+        0.25
+    """
+    plain = given.item() if isinstance(given, np.generic | np.ndarray) and not given.ndim else given
+    value = math.nan
+    if not isinstance(plain, bool) and isinstance(plain, Real):
+        with contextlib.suppress(OverflowError):  # a whole number of Python has no limit
+            value = float(plain)
+    _require(good(value), f"{name} is {plain!r:.60}, but must be {right}")
+    return value
+
+
+def positive(name: str, given: Any, unit: str, *, finite: bool = True) -> float:
+    """Return a positive number whose products are numbers; see `number`."""
+    right = f"a positive number in {unit}"
+    value = number(name, given, right, lambda v: v > 0 and (v < math.inf or not finite))
     _require(
         SMALLEST <= value <= LARGEST or value == math.inf,
-        f"{name} is {value!r:.40} {unit}, but must lie between {SMALLEST:g} and {LARGEST:g}, where "
+        f"{name} is {value:g} {unit}, but must lie between {SMALLEST:g} and {LARGEST:g}, where "
         "products neither overflow nor vanish",
     )
+    return value
+
+
+def share(name: str, given: Any) -> float:
+    """Return a number between 0 and 1, both excluded, as a tolerance is; see `number`."""
+    return number(name, given, "a number between 0 and 1, both excluded", lambda v: 0 < v < 1)
+
+
+def whole(name: str, given: Any, least: int) -> int:
+    """Return a whole number of at least `least` as an int; see `number`."""
+    right = f"a whole number of at least {least}"
+    number(name, given, right, lambda v: v >= least and v.is_integer())
+    return int(given)
+
+
+def array(name: str, given: Any) -> FloatArray:
+    """Return an array of 64-bit floats, in this machine's byte order.  Raises InvalidScene."""
+    try:
+        return np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidScene(f"{name} is {given!r:.60}, but must be an array of numbers") from None
+
+
+def listed(given: Any) -> tuple[Any, ...]:
+    """Return one value, or several in any sequence, as a tuple."""
+    try:
+        return (given,) if isinstance(given, str | bytes) else tuple(given)
+    except TypeError:
+        return (given,)
+
+
+def require_kind(name: str, given: Any, kind: type) -> None:
+    """Raise InvalidScene unless an input is an instance of a class of the package."""
+    _require(isinstance(given, kind), f"{name} is {given!r:.60}, but must be a {kind.__name__}")
+
+
+def settle(frozen: Any, **checked: Any) -> None:
+    """Set fields of a frozen dataclass to their checked values."""
+    for name, value in checked.items():
+        object.__setattr__(frozen, name, value)
 
 
 @dataclass(frozen=True)
@@ -87,9 +147,9 @@ class SelfAffineSpectrum:
 
     def __post_init__(self) -> None:
         for name in ("wavenumber_low", "wavenumber_roll_off", "wavenumber_high"):
-            require_positive(name, getattr(self, name), "rad/m")
-        require_positive("rms_slope", self.rms_slope, "m/m")
-        _require(0 <= self.hurst <= 1, f"hurst is {self.hurst!r}, but must lie between 0 and 1")
+            settle(self, **{name: positive(name, getattr(self, name), "rad/m")})
+        hurst = number("hurst", self.hurst, "a number between 0 and 1", lambda v: 0 <= v <= 1)
+        settle(self, hurst=hurst, rms_slope=positive("rms_slope", self.rms_slope, "m/m"))
         _require(
             self.wavenumber_low <= self.wavenumber_roll_off <= self.wavenumber_high,
             "wavenumbers are out of order: wavenumber_low <= wavenumber_roll_off <= "
@@ -144,19 +204,19 @@ class Surface:
         if heights.flags.writeable or heights.base is not None:
             heights = heights.copy()
             heights.flags.writeable = False
-        object.__setattr__(self, "heights", heights)
-        try:
-            object.__setattr__(self, "periods", tuple(float(p) for p in self.periods))
-        except (TypeError, ValueError):
-            raise InvalidScene(
-                f"periods is {self.periods!r}, but must be a length in m for each direction"
-            ) from None
+        periods = tuple(positive("periods", p, "m") for p in listed(self.periods))
+        settle(self, heights=heights, periods=periods)
         _require(
-            len(self.periods) == heights.ndim,
-            f"periods has {len(self.periods)} lengths for heights of {heights.ndim} dimensions",
+            len(periods) == heights.ndim,
+            f"periods has {len(periods)} lengths for heights of {heights.ndim} dimensions",
         )
-        for period in self.periods:
-            require_positive("periods", period, "m")
+        if self.spectrum is not None:
+            require_kind("spectrum", self.spectrum, SelfAffineSpectrum)
+        if self.shortest_wavelength is not None:
+            shortest = positive("shortest_wavelength", self.shortest_wavelength, "m")
+            settle(self, shortest_wavelength=shortest)
+        if self.seed is not None:
+            settle(self, seed=whole("seed", self.seed, 0))
         # One pass without a temporary array: min and max propagate infinities and NaN.
         extremes = (heights.min(), heights.max())
         _require(
@@ -168,7 +228,7 @@ class Surface:
         steps = _steps_note(heights, slope * min(self.spacing))
         cautions = (*levels_note(given.dtype), *_slope_note(slope), *steps)
         new = cautioned(tuple(note for note in cautions if note not in self.notes))
-        object.__setattr__(self, "notes", (*self.notes, *new))
+        settle(self, notes=(*self.notes, *new))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -344,14 +404,16 @@ class Material:
     yield_stress: float = math.inf
 
     def __post_init__(self) -> None:
-        require_positive("young_modulus", self.young_modulus, "Pa")
-        _require(
-            -1 < self.poisson_ratio < 0.5,
-            f"poisson_ratio is {self.poisson_ratio!r}, but must lie between -1 and 0.5, "
-            "both excluded",
+        right = "a number between -1 and 0.5, both excluded"
+        settle(
+            self,
+            young_modulus=positive("young_modulus", self.young_modulus, "Pa"),
+            poisson_ratio=number(
+                "poisson_ratio", self.poisson_ratio, right, lambda v: -1 < v < 0.5
+            ),
+            hardness=positive("hardness", self.hardness, "Pa", finite=False),
+            yield_stress=positive("yield_stress", self.yield_stress, "Pa", finite=False),
         )
-        require_positive("hardness", self.hardness, "Pa", finite=False)
-        require_positive("yield_stress", self.yield_stress, "Pa", finite=False)
 
 
 @dataclass(frozen=True)
@@ -378,7 +440,7 @@ class Body:
         if self.kind == "half_space":
             _require(self.depth == math.inf, "a half_space takes no depth")
         else:
-            require_positive("depth", self.depth, "m")
+            settle(self, depth=positive("depth", self.depth, "m"))
 
 
 @dataclass(frozen=True)
@@ -394,18 +456,18 @@ class Load:
     mean_pressure: float | tuple[float, ...]
 
     def __post_init__(self) -> None:
-        path = self.path
-        _require(len(path) > 0, "mean_pressure is an empty path; give at least one pressure")
-        for i, pressure in enumerate(path):
-            if i == 0 or pressure != 0:
-                require_positive("mean_pressure", pressure, "Pa")
-        object.__setattr__(self, "mean_pressure", tuple(float(p) for p in path))
+        given = listed(self.mean_pressure)
+        _require(len(given) > 0, "mean_pressure is an empty path; give at least one pressure")
+        first = positive("mean_pressure", given[0], "Pa")
+        right = "a positive number in Pa, or 0 after the first"
+        later = [number("mean_pressure", p, right, lambda v: v >= 0) for p in given[1:]]
+        path = (first, *(p and positive("mean_pressure", p, "Pa") for p in later))
+        settle(self, mean_pressure=path)
 
     @property
     def path(self) -> tuple[float, ...]:
         """The mean pressures in order, in Pa; a single one is a path of length one."""
-        given = self.mean_pressure
-        return (given,) if isinstance(given, int | float) else tuple(given)
+        return listed(self.mean_pressure)
 
     @property
     def final(self) -> float:
@@ -440,6 +502,9 @@ class Scene:
     body: Body = field(default_factory=Body)
 
     def __post_init__(self) -> None:
+        kinds = {"surface": Surface, "material": Material, "load": Load, "body": Body}
+        for name, kind in kinds.items():
+            require_kind(name, getattr(self, name), kind)
         check_load(self.material, self.load)
 
     def require_loading(self) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.results import ContactResult, FloatArray, package_versions
-from epcontact.scene import Scene
+from epcontact.scene import Scene, number, share, whole
 from fem_check import plasticity
 from fem_check.certify import certify
 from fem_check.increments import Rule
@@ -151,10 +151,11 @@ def solve_path(  # noqa: PLR0913 - the options of `solve`
         >>> [point.state.displacement.shape for point in path.points]
         [(9, 16, 1, 3), (9, 16, 1, 3)]
     """
-    _check_options(scene, law, geometry, hardening, steps)
-    for name, share in (("tolerance", tolerance), ("step_tolerance", step_tolerance)):
-        if not 0 < share < 1:
-            raise InvalidScene(f"{name} is {share!r}, but must lie between 0 and 1")
+    _check_names(scene, law, geometry)
+    tolerance = share("tolerance", tolerance)
+    step_tolerance = share("step_tolerance", step_tolerance)
+    steps = None if steps is None else whole("steps", steps, 1)
+    hardening = number("hardening", hardening, "0 or positive, in Pa", lambda v: 0 <= v < math.inf)
     begin = time.perf_counter()
     problem = problem_of(
         scene,
@@ -283,7 +284,8 @@ def problem_of(  # noqa: PLR0913 - the options of `solve` that make the problem
         material.yield_stress if plastic else math.inf,
         hardening,
     )
-    flat, workers = flat_elements(block), Workers(threads or available_cores())
+    flat = flat_elements(block)
+    workers = Workers(available_cores() if threads is None else whole("threads", threads, 1))
     heights = scene.surface.heights.reshape(block.shape)
     return Problem(
         block,
@@ -297,9 +299,7 @@ def problem_of(  # noqa: PLR0913 - the options of `solve` that make the problem
     )
 
 
-def _check_options(
-    scene: Scene, law: str, geometry: str, hardening: float, steps: int | None
-) -> None:
+def _check_names(scene: Scene, law: str, geometry: str) -> None:
     material = scene.material
     if law not in ("elastic", "capped", "j2"):
         raise InvalidScene(f"law is {law!r}, but must be elastic, capped or j2")
@@ -309,10 +309,6 @@ def _check_options(
         raise InvalidScene("law j2 needs a finite yield_stress; give one or take law='elastic'")
     if law == "capped" and not math.isfinite(material.hardness):
         raise InvalidScene("law capped needs a finite hardness; give one or take law='elastic'")
-    if not (math.isfinite(hardening) and hardening >= 0):
-        raise InvalidScene(f"hardening is {hardening!r}, but must be zero or positive, in Pa")
-    if steps is not None and steps < 1:
-        raise InvalidScene(f"steps is {steps!r}, but must be a positive number of increments")
 
 
 def _certificate(

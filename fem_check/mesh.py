@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import Scene
+from epcontact.scene import Scene, positive, whole
 from fem_check.element import CORNERS, Elements, elements
 
 #: Ratio of neighbouring layers.  Compared with equal layers as thin as the first, no compliance
@@ -212,9 +212,9 @@ def block_for(
         InvalidScene: a length is not positive, or the depth is not that of the scene's layer.
     """
     surface, body = scene.surface, scene.body
-    for name, value in (("depth", depth), ("first_layer", first_layer), ("layers", layers)):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise InvalidScene(f"{name} is {value!r}, but must be a positive number")
+    depth = None if depth is None else positive("depth", depth, "m")
+    first_layer = None if first_layer is None else positive("first_layer", first_layer, "m")
+    layers = None if layers is None else whole("layers", layers, 1)
     if body.kind != "half_space":
         if depth is not None and depth != body.depth:
             raise InvalidScene(

@@ -9,7 +9,6 @@ turned back.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
-from epcontact.scene import Scene
+from epcontact.scene import Scene, listed, positive
 from fem_check import plasticity
 from fem_check.contact import States
 from fem_check.increments import Along, Rule, advance
@@ -90,9 +89,9 @@ def path_targets(
     if approach is None:
         area = problem.block.node_area * problem.heights.size
         return tuple(p * area for p in scene.load.path)
-    given = (approach,) if isinstance(approach, int | float) else tuple(approach)
-    if not given or not all(math.isfinite(a) and a > 0 for a in given):
-        raise InvalidScene(f"approach is {approach!r}, but must be positive lengths in m")
+    given = tuple(positive("approach", a, "m") for a in listed(approach))
+    if not given:
+        raise InvalidScene("approach is (), but must be at least one length in m")
     return given
 
 

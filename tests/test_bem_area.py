@@ -460,6 +460,26 @@ def test_shapes_that_do_not_fit():
             estimate_areas(p, gap, 1.0, spacing, 1.0)
 
 
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"pressure": np.full((8, 8), np.nan)}, "pressure is empty or holds NaN"),
+        ({"gap": np.full((8, 8), np.inf)}, "gap is empty or holds NaN or infinite"),
+        ({"pressure": np.zeros((0, 0)), "gap": np.zeros((0, 0))}, "pressure is empty"),
+        ({"pressure": "none"}, "pressure is 'none', but must be an array of numbers"),
+        ({"hardness": 0.0}, "hardness is 0.0, but must be positive, in Pa"),
+        ({"hardness": math.nan}, "hardness is nan"),
+        ({"spacing": (1.0, -1.0)}, "spacing is -1.0, but must be positive, in m"),
+        ({"spacing": (math.inf, 1.0)}, "spacing is inf"),
+    ],
+)
+def test_areas_of_what_is_no_solution(changed, sentence):
+    good = {"pressure": np.zeros((8, 8)), "gap": np.ones((8, 8)), "hardness": 1.0}
+    good |= {"spacing": (1.0, 1.0), "effective_modulus": 1.0}
+    with pytest.raises(InvalidScene, match=sentence):
+        estimate_areas(**(good | changed))
+
+
 # Rough surfaces, against the same surface on finer grids -----------------------------------------
 
 

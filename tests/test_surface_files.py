@@ -385,10 +385,10 @@ def test_numbers_whose_squares_are_not_finite_are_refused() -> None:
         Load((1.0, 1e99))
     with pytest.raises(InvalidScene, match="periods is 1e-50 m"):
         Surface(np.zeros(4), (1e-50,))
-    with pytest.raises(InvalidScene, match=r"depth is 1000* m"):
+    with pytest.raises(InvalidScene, match=r"depth is 1000*, but must be a positive number"):
         Body("bonded_layer", depth=10**400)
-    with pytest.raises(InvalidScene, match=r"periods is 1\.0, but must be a length in m for each"):
-        Surface(np.ones(4), 1.0)
+    with pytest.raises(InvalidScene, match="periods has 1 lengths for heights of 2 dimensions"):
+        Surface(np.ones((4, 4)), 1.0)
 
 
 def test_heights_in_steps_that_the_grid_does_not_resolve_are_noted() -> None:

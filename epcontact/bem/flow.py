@@ -28,6 +28,7 @@ from epcontact.bem.problem import GridProblem, Options, PressureSolution
 from epcontact.bem.solver import solve_problem
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
+from epcontact.scene import array
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,7 @@ def checked_plastic_displacement(given: NDArray[np.floating], shape: tuple[int, 
     Raises:
         InvalidScene: it is not that.
     """
-    w = np.array(given, dtype=np.float64)
+    w = array("plastic_displacement", given).copy()
     if w.shape != shape or not (np.isfinite(w).all() and w.min() >= 0):
         raise InvalidScene(
             f"plastic_displacement has shape {w.shape}, but finite lengths of at least 0 m in an "

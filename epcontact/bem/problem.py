@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from epcontact.bem.transforms import Symbol
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
+from epcontact.scene import array, settle, share, whole
 
 #: The largest factor by which a user's compliance may fall from a wave to the one of half its
 #: length.  On 256 x 256 points 1/q^1.5 takes 10 to 25 pairs of transforms on the finest grid, 1/q^2
@@ -92,32 +93,16 @@ class Options:
     progress: Callable[[tuple[int, ...], float], None] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        area = self.area_tolerance
-        checks = (
-            (
-                0 < self.tolerance < 1,
-                f"tolerance is {self.tolerance!r}, but must lie between 0 and 1",
-            ),
-            (
-                area is None or 0 < area < 1,
-                f"area_tolerance is {area!r}, but must lie between 0 and 1",
-            ),
-            (
-                int(self.threads) == self.threads >= 1,
-                f"threads is {self.threads!r}, but must be a whole number of at least 1",
-            ),
-            (
-                self.max_steps is None or self.max_steps >= 1,
-                f"max_steps is {self.max_steps!r}, but must be >= 1",
-            ),
-            (
-                self.method in METHODS,
-                f"method is {self.method!r}, but must be one of {', '.join(METHODS)}",
-            ),
-        )
-        for good, message in checks:
-            if not good:
-                raise InvalidScene(message)
+        settle(self, tolerance=share("tolerance", self.tolerance))
+        if self.area_tolerance is not None:
+            settle(self, area_tolerance=share("area_tolerance", self.area_tolerance))
+        settle(self, threads=whole("threads", self.threads, 1))
+        if self.max_steps is not None:
+            settle(self, max_steps=whole("max_steps", self.max_steps, 1))
+        if self.method not in METHODS:
+            raise InvalidScene(
+                f"method is {self.method!r}, but must be one of {', '.join(METHODS)}"
+            )
 
     def steps(self, default: int) -> int:
         """The most steps that a method may take; its own limit is `default`."""
@@ -160,7 +145,7 @@ def checked_symbol(compliance: NDArray[np.floating], shape: tuple[int, ...]) -> 
     Raises InvalidScene unless it has the modes' shape, is finite, is positive except in mode zero,
     belongs to a real symmetric operator, and falls no faster than about 1/q^1.5.
     """
-    values = np.atleast_2d(np.array(compliance, dtype=np.float64))
+    values = np.atleast_2d(array("compliance", compliance).copy())
     grid = (1, shape[0]) if len(shape) == 1 else (shape[0], shape[1])
     expected = (grid[0], grid[1] // 2 + 1)
     if values.shape != expected:
@@ -210,7 +195,7 @@ def checked_start(start: NDArray[np.floating], shape: tuple[int, ...]) -> FloatA
     A point without pressure is to stay apart: rounding of the load would else put all such points
     into contact.  Raises InvalidScene unless the pressures are finite.
     """
-    first = np.asarray(start, dtype=np.float64)
+    first = array("start", start)
     if first.shape != shape or not np.isfinite(first).all():
         raise InvalidScene(
             f"start has shape {np.shape(start)}, but a finite pressure field of shape {shape} "

@@ -28,6 +28,7 @@ from epcontact.bem.transforms import Symbol
 from epcontact.bem.workers import Workers
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.results import FloatArray
+from epcontact.scene import array, number, positive
 
 # Tolerances on the coarse grids.  With 1e-4 for the areas, finer grids took as many steps; with
 # 1e-2 they took more where there are many points a wavelength.
@@ -71,18 +72,16 @@ def solve_pressure(
         >>> int(np.count_nonzero(solution.pressure))
         5
     """
-    h = np.asarray(heights, dtype=np.float64)
+    h = array("heights", heights)
     if h.ndim not in (1, 2) or not np.isfinite(h).all():
         raise InvalidScene("heights must be a finite array of one or two dimensions")
-    if not 0 < mean_pressure < hardness:
-        raise InvalidScene(
-            f"mean_pressure is {mean_pressure:g} Pa, but must lie between 0 and the hardness of "
-            f"{hardness:g} Pa"
-        )
+    cap = positive("hardness", hardness, "Pa", finite=False)
+    right = f"a number between 0 and the hardness of {cap:g} Pa"
+    load = number("mean_pressure", mean_pressure, right, lambda p: 0 < p < cap)
     symbol = checked_symbol(compliance, h.shape)
     first = None if start is None else checked_start(start, h.shape).reshape(symbol.shape)
     grid = np.ascontiguousarray(h).reshape(symbol.shape)
-    problem = GridProblem(grid, symbol, mean_pressure, hardness)
+    problem = GridProblem(grid, symbol, load, cap)
     solution = solve_problem(problem, options or Options(), first)
     return replace(
         solution,

@@ -20,15 +20,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
-from numbers import Real
-from typing import Any
 
 import numpy as np
 
 from epcontact.errors import InvalidScene
 from epcontact.materials.moduli import effective_modulus
 from epcontact.results import FloatArray
-from epcontact.scene import Material
+from epcontact.scene import Material, positive
 
 #: Largest contact area of the map.
 FULL = 0.9
@@ -136,20 +134,14 @@ def effective_hardness(
         >>> 2.1 < found.ratio < 2.7, found.interval[0] < found.value < found.interval[1]
         (True, True)
     """
-    given: dict[str, Any] = {"young_modulus": young_modulus, "poisson_ratio": poisson_ratio}
-    given |= {"yield_stress": yield_stress, "rms_slope": rms_slope, "mean_pressure": mean_pressure}
-    for name, value in given.items():
-        if not isinstance(value, Real):
-            raise InvalidScene(f"{name} is {value!r:.60}, but must be a number")
-    material = Material(young_modulus, poisson_ratio, yield_stress=yield_stress)
-    for name in ("yield_stress", "rms_slope", "mean_pressure"):
-        value = given[name]
-        if not 0 < value < math.inf:
-            raise InvalidScene(f"{name} is {value!r}, but must be positive and finite")
+    material = Material(young_modulus, poisson_ratio)
+    yield_stress = positive("yield_stress", yield_stress, "Pa")
+    rms_slope = positive("rms_slope", rms_slope, "m/m")
+    mean_pressure = positive("mean_pressure", mean_pressure, "Pa")
     severity = effective_modulus(material) * rms_slope / yield_stress
     place = {
         "severity": severity,
-        "poisson_ratio": poisson_ratio,
+        "poisson_ratio": material.poisson_ratio,
         "load": mean_pressure / yield_stress,
     }
     known = hardness_map()
@@ -175,7 +167,7 @@ def effective_hardness(
     value = ratio * yield_stress
     interval = (value / (1 + error), value / (1 - error) if error < 1 else math.inf)
     return MappedHardness(
-        value, interval, ratio, severity, place["load"], poisson_ratio, area, errors
+        value, interval, ratio, severity, place["load"], material.poisson_ratio, area, errors
     )
 
 

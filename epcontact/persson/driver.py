@@ -11,7 +11,7 @@ from epcontact.persson.roughness import SpectrumKind
 from epcontact.persson.separation import elastic_energy, mean_separation
 from epcontact.persson.theory import Theory, pressure_curve
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
-from epcontact.scene import Scene
+from epcontact.scene import Scene, whole
 
 
 def solve(
@@ -57,9 +57,9 @@ def solve(
     )
     steps = tuple(_step(theory, mean_pressure) for mean_pressure in scene.load.path)
     diffusion = steps[-1].quantities["diffusion"]
-    curve = pressure_curve(diffusion, scene.load.final, theory.hardness, points)
+    curve = pressure_curve(diffusion, scene.load.final, theory.hardness, whole("points", points, 2))
     options = {
-        "energy_reduction": energy_reduction,
+        "energy_reduction": theory.reduction.gamma,
         "reduction": reduction,
         "spectrum": spectrum,
     }
@@ -71,7 +71,7 @@ def solve(
         cost={"seconds": time.perf_counter() - started, "unknowns": 0},
         notes=(
             *scene.surface.notes,
-            f"energy reduction gamma = {energy_reduction:g}, rule {reduction!r}, "
+            f"energy reduction gamma = {theory.reduction.gamma:g}, rule {reduction!r}, "
             f"{spectrum} spectrum",
             "the areas solve the theory's equations to a relative error of 1e-10, without a grid "
             "to correct for; the error of the theory itself is not included",

@@ -30,6 +30,7 @@ from epcontact.errors import InvalidScene
 from epcontact.persson import series
 from epcontact.persson.series import Walk, evaluate
 from epcontact.results import FloatArray
+from epcontact.scene import array
 
 # The spread c is clipped to a range in which its powers neither overflow nor vanish.  Outside of
 # it only the limits G -> 0 and G -> inf are left.
@@ -141,7 +142,9 @@ def pressure_density(
         >>> pressure_density([0.0, 50.0, 150.0], 4187.5, 12.5, 150.0).round(5)
         array([0.     , 0.00048, 0.     ])
     """  # fmt: skip
-    sigma, G, p0, H = _broadcast(pressure, diffusion, mean_pressure, hardness)
+    sigma, G, p0, H = _broadcast(
+        pressure=pressure, diffusion=diffusion, mean_pressure=mean_pressure, hardness=hardness
+    )
     inside = (sigma > 0) & (sigma < H)
     walk, unit = _scaled(G, p0, H, np.where(inside, sigma, p0))
     if np.any(G == 0):
@@ -172,7 +175,9 @@ def pressure_cumulative(
         >>> pressure_cumulative([0.0, 75.0, 150.0], 4187.5, 12.5, 150.0).round(4)
         array([0.    , 0.0265, 0.0525])
     """
-    sigma, G, p0, H = _broadcast(pressure, diffusion, mean_pressure, hardness)
+    sigma, G, p0, H = _broadcast(
+        pressure=pressure, diffusion=diffusion, mean_pressure=mean_pressure, hardness=hardness
+    )
     if np.isnan(sigma).any():
         raise InvalidScene("pressure is not a number (NaN)")
     inside = (sigma > 0) & (sigma < H)
@@ -215,8 +220,8 @@ def boundary_slopes(
     return at_zero, 0.0 - mirrored
 
 
-def _broadcast(*given: ArrayLike) -> tuple[FloatArray, ...]:
-    return np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in given))
+def _broadcast(**given: ArrayLike) -> tuple[FloatArray, ...]:
+    return np.broadcast_arrays(*(array(name, values) for name, values in given.items()))
 
 
 def _scaled(
@@ -229,7 +234,7 @@ def _scaled(
 
     The pressure is between 0 and the hardness; by default it is the mean pressure.
     """
-    G, p0, H = _broadcast(diffusion, mean_pressure, hardness)
+    G, p0, H = _broadcast(diffusion=diffusion, mean_pressure=mean_pressure, hardness=hardness)
     good = np.isfinite(G) & (G >= 0)
     if not good.all():
         raise InvalidScene(

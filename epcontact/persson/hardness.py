@@ -21,6 +21,7 @@ from epcontact.persson.reduction import full_contact_diffusion
 from epcontact.persson.roughness import Roughness
 from epcontact.persson.theory import MagnificationCurve, PressureCurve, Theory
 from epcontact.results import FloatArray
+from epcontact.scene import array
 
 #: Points at which G(zeta) and sigma_P(zeta) are sampled to place the steps.
 _SAMPLES = 20001
@@ -112,7 +113,7 @@ def _magnifications(roughness: Roughness, given: ArrayLike | None) -> FloatArray
     highest = roughness.highest / roughness.lowest
     if given is None:
         return np.geomspace(1.0, highest, 200)
-    zeta = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    zeta = np.atleast_1d(array("magnifications", given))
     inside = (zeta >= 1) & (zeta <= highest * (1 + 1e-9))
     if zeta.ndim != 1 or not inside.all() or not (np.diff(zeta) > 0).all():
         raise InvalidScene(

@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.persson.elastoplastic import areas, boundary_slopes
 from epcontact.results import FloatArray
+from epcontact.scene import array, number, settle
 
 Rule = Literal["constant", "persson", "wang_muser", "xu"]
 
@@ -62,11 +63,9 @@ class EnergyReduction:
                 f"energy reduction rule is {self.rule!r}, but must be one of {', '.join(rules)}"
             )
         least = 0.011 if self.rule == "wang_muser" else 0.0
-        if not least < self.gamma <= 1:
-            raise InvalidScene(
-                f"energy_reduction is {self.gamma!r}, but must lie between {least:g} (excluded) "
-                "and 1"
-            )
+        right = f"a number between {least:g} (excluded) and 1"
+        gamma = number("energy_reduction", self.gamma, right, lambda v: least < v <= 1)
+        settle(self, gamma=gamma)
 
     def factor(self, contact_area: ArrayLike) -> FloatArray:
         """S at a relative contact area A in [0, 1] of any shape; for "xu", the factor G / tau."""
@@ -129,7 +128,7 @@ def reduced_diffusion(
         >>> print(f"{reduced_diffusion(EnergyReduction(0.45, 'persson'), 7812.5, 12.5, 150.0):.0f}")
         3743
     """
-    tau = np.asarray(full_contact_diffusion, dtype=np.float64)
+    tau = array("full_contact_diffusion", full_contact_diffusion)
     if not (np.isfinite(tau).all() and (tau >= 0).all()):
         raise InvalidScene("full_contact_diffusion must hold finite numbers >= 0 in Pa^2")
     areas(0.0, mean_pressure, hardness)  # checks the pressures
@@ -223,7 +222,7 @@ def gamma_columns(
         >>> columns["total_area"].round(4), columns["elastic_body_area"].round(4)
         (array([0.1097, 0.1024]), array([0.1086, 0.1003]))
     """
-    values = np.linspace(0.3, 1.0, 141) if gammas is None else np.asarray(gammas, dtype=np.float64)
+    values = np.linspace(0.3, 1.0, 141) if gammas is None else array("gammas", gammas)
     for extreme in (values.min(), values.max()):
         EnergyReduction(float(extreme))  # checks the range
     capped = areas(values * full_contact_diffusion, mean_pressure, hardness)

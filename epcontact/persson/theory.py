@@ -19,7 +19,7 @@ from epcontact.persson.reduction import (
 )
 from epcontact.persson.roughness import Roughness, SpectrumKind, roughness_of
 from epcontact.results import FloatArray
-from epcontact.scene import Scene
+from epcontact.scene import Scene, array
 
 #: An elastic distribution is tabulated to the mean pressure + 12 sqrt(G): exp(-12^2 / 4) = 2e-16.
 _TAIL = 12.0
@@ -190,7 +190,7 @@ class Theory:
         if magnification is None:
             variance = np.asarray(self.roughness.rms_slope**2)
         else:
-            zeta = np.asarray(magnification, dtype=np.float64)
+            zeta = array("magnification", magnification)
             bad = ~((zeta >= 1) & np.isfinite(zeta))
             if bad.any():
                 raise InvalidScene(
@@ -217,7 +217,7 @@ class Theory:
             highest = self.roughness.highest / self.roughness.lowest
             zeta = np.geomspace(1.0, highest, 1000)
         else:
-            zeta = np.atleast_1d(np.asarray(magnifications, dtype=np.float64))
+            zeta = np.atleast_1d(array("magnifications", magnifications))
         if zeta.ndim != 1:
             raise InvalidScene("magnifications must be a list of numbers, not a table")
         G = self.diffusion(mean_pressure, zeta)

@@ -8,9 +8,8 @@ from dataclasses import replace
 import ducc0
 import numpy as np
 
-from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import Surface
+from epcontact.scene import Surface, number, positive
 from epcontact.surfaces.spectrum import BAND_TOLERANCE, truncated
 
 
@@ -29,25 +28,17 @@ def filtered(surface: Surface, wavenumber_high: float, wavenumber_low: float = 0
         >>> float(abs(filtered(surface, 1.0).heights).max()) < 1e-15
         True
     """
-    good = isinstance(wavenumber_high, int | float) and wavenumber_high > 0
-    if not good:
-        raise InvalidScene(
-            f"wavenumber_high is {wavenumber_high!r}, but must be a positive number in rad/m"
-        )
-    if not 0 <= wavenumber_low < wavenumber_high:
-        raise InvalidScene(
-            f"wavenumber_low is {wavenumber_low!r}, but must lie between 0 and wavenumber_high = "
-            f"{wavenumber_high:g} rad/m"
-        )
-    heights = kept_waves(surface.heights, surface.periods, wavenumber_high, wavenumber_low)
+    highest = positive("wavenumber_high", wavenumber_high, "rad/m", finite=False)
+    right = f"a number between 0 and wavenumber_high = {highest:g} rad/m"
+    lowest = number("wavenumber_low", wavenumber_low, right, lambda q: 0 <= q < highest)
+    heights = kept_waves(surface.heights, surface.periods, highest, lowest)
     spectrum = surface.spectrum
     if spectrum is not None:
-        low = wavenumber_low * (1 - BAND_TOLERANCE)
-        left = wavenumber_high > spectrum.wavenumber_low >= low
-        spectrum = truncated(spectrum, wavenumber_high, heights.ndim) if left else None
-    shortest = max(2 * math.pi / wavenumber_high, surface.shortest_wavelength or 0.0) or None
-    band = f"{float(wavenumber_low)!r} to " if wavenumber_low else ""
-    recipe = f"filtered/1 {band}{float(wavenumber_high)!r} of {surface.fingerprint}"
+        left = highest > spectrum.wavenumber_low >= lowest * (1 - BAND_TOLERANCE)
+        spectrum = truncated(spectrum, highest, heights.ndim) if left else None
+    shortest = max(2 * math.pi / highest, surface.shortest_wavelength or 0.0) or None
+    band = f"{lowest!r} to " if lowest else ""
+    recipe = f"filtered/1 {band}{highest!r} of {surface.fingerprint}"
     return replace(
         surface,
         heights=heights,

@@ -19,7 +19,9 @@ from epcontact.scene import (
     cautioned,
     checked_heights,
     levels_note,
-    require_positive,
+    listed,
+    positive,
+    settle,
 )
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
 from epcontact.surfaces.recipe import Periods, Real, SurfaceAbsent, checked_grid, out_of_memory
@@ -74,9 +76,9 @@ class HeightsFromArray(Preparation):
             given = np.ma.filled(given.astype(np.float64), np.nan)
         heights = np.array(given)
         heights.flags.writeable = False
-        object.__setattr__(self, "heights", heights)
+        settle(self, heights=heights)
         require_measured(heights, self.missing, "heights")
-        object.__setattr__(self, "periods", checked_grid(self.shape, self.periods)[1])
+        settle(self, periods=checked_grid(self.shape, self.periods)[1])
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -148,15 +150,15 @@ class HeightsFromFile(Preparation):
 
     def __post_init__(self) -> None:
         check_preparation(self)
-        object.__setattr__(self, "path", Path(self.path))  # it may be a text
+        settle(self, path=Path(self.path))  # it may be a text
         if self.optional and not Path(self.path).exists():
             raise SurfaceAbsent(
                 f"its surface {self.path} is not here; put the file there to run it"
             )
         for name in ("unit", "pixel_size"):
             if (value := getattr(self, name)) is not None:
-                require_positive(name, value, "m")
-        object.__setattr__(self, "periods", checked_grid(self.shape, self._periods())[1])
+                settle(self, **{name: positive(name, value, "m")})
+        settle(self, periods=checked_grid(self.shape, self._periods())[1])
         # Read now, so that the fingerprint belongs to the content whose shape was just read.
         _ = self.fingerprint
 
@@ -170,7 +172,7 @@ class HeightsFromFile(Preparation):
         return {name: value for name, value in self.__dict__.items() if name != "_map"}
 
     def _periods(self) -> tuple[float, ...]:
-        known, given, shape = self._map.periods, self.periods or (), self.shape
+        known, given, shape = self._map.periods, listed(self.periods), self.shape
         if self._map.in_metres and self.unit is not None:
             raise InvalidScene(f"{self.path} knows the unit of its heights; leave out unit")
         if not self._map.in_metres and self.unit is None:
@@ -203,7 +205,7 @@ class HeightsFromFile(Preparation):
     @cached_property
     def fingerprint(self) -> str:
         """The SHA-256 of the file's content, the unit, and the treatment of the heights."""
-        unit = 1.0 if self.unit is None else float(self.unit)
+        unit = 1.0 if self.unit is None else self.unit
         return f"file/1 {file_digest(Path(self.path))} unit={unit!r} {preparation_words(self)}"
 
     def build(self) -> Surface:

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, Strict
 
 from epcontact.errors import InvalidScene, NotEnoughMemory
 from epcontact.machine import available_memory
-from epcontact.scene import Surface, require_positive
+from epcontact.scene import Surface, positive, settle, whole
 
 #: Largest number of points that an array can address.
 LARGEST_GRID = 2**56
@@ -89,31 +89,25 @@ def normalise_grid(recipe: Any) -> None:
     if isinstance(periods, tuple) and len(periods) == 1 and isinstance(recipe.shape, tuple):
         periods = periods * max(1, len(recipe.shape))
     shape, periods = checked_grid(recipe.shape, periods)
-    object.__setattr__(recipe, "shape", shape)
-    object.__setattr__(recipe, "periods", periods)
+    settle(recipe, shape=shape, periods=periods)
 
 
 def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...], tuple[float, ...]]:
     """Return matching shape and periods as tuples of int and float.  Raises InvalidScene."""
     try:
-        shape = tuple(int(n) for n in given_shape)
-        periods = tuple(float(p) for p in given_periods)
-        whole = shape == tuple(given_shape)
-    except (TypeError, ValueError, OverflowError):
+        shape = tuple(whole("shape", n, 2) for n in given_shape)
+        periods = tuple(positive("periods", p, "m") for p in given_periods)
+    except TypeError:
         raise InvalidScene(
             f"shape = {given_shape!r} and periods = {given_periods!r} are given, but "
             "(nx, ny) and (Lx, Ly), or (nx,) and (L,) for a line, are needed"
         ) from None
-    if not whole or len(shape) not in (1, 2) or min(shape) < 2:
-        raise InvalidScene(
-            f"shape is {given_shape!r}, but must be one or two whole numbers of at least 2"
-        )
-    if len(periods) != len(shape) or not all(p > 0 and math.isfinite(p) for p in periods):
+    if len(shape) not in (1, 2):
+        raise InvalidScene(f"shape is {given_shape!r}, but must be one or two whole numbers")
+    if len(periods) != len(shape):
         raise InvalidScene(
             f"periods is {given_periods!r}, but must be {len(shape)} positive lengths in m"
         )
-    for period in periods:
-        require_positive("periods", period, "m")
     if math.prod(shape) > LARGEST_GRID:
         raise out_of_memory(shape, arrays=1)
     return shape, periods

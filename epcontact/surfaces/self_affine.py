@@ -24,7 +24,15 @@ from pydantic import BeforeValidator, Field
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import SelfAffineSpectrum, Surface
+from epcontact.scene import (
+    SelfAffineSpectrum,
+    Surface,
+    listed,
+    positive,
+    require_kind,
+    settle,
+    whole,
+)
 from epcontact.surfaces.recipe import (
     Periods,
     Real,
@@ -59,17 +67,18 @@ def grid_shape(
         The grid's shape, for `SelfAffine`.
 
     Raises:
-        InvalidScene: if a period is not a positive length.
+        InvalidScene: if a number is not positive.
 
     Example:
         >>> spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, 64.0, rms_slope=1.0)
         >>> grid_shape(spectrum, (2 * math.pi, 2 * math.pi), 4)
         (256, 256)
     """
-    if not all(0 < p < math.inf for p in periods):
-        raise InvalidScene(f"period is {periods!r}, but must be positive lengths in m")
-    waves = [p * spectrum.wavenumber_high / (2 * math.pi) for p in periods]
-    return tuple(round(points_per_shortest_wavelength * w) for w in waves)
+    require_kind("spectrum", spectrum, SelfAffineSpectrum)
+    lengths = [positive("periods", p, "m") for p in listed(periods)]
+    name = "points_per_shortest_wavelength"
+    points = positive(name, points_per_shortest_wavelength, "points")
+    return tuple(round(points * p * spectrum.wavenumber_high / (2 * math.pi)) for p in lengths)
 
 
 @dataclass(frozen=True)
@@ -100,10 +109,9 @@ class SelfAffine:
     seed: int
 
     def __post_init__(self) -> None:
+        require_kind("spectrum", self.spectrum, SelfAffineSpectrum)
         normalise_grid(self)
-        if not isinstance(self.seed, int | np.integer) or self.seed < 0:
-            raise InvalidScene(f"seed is {self.seed!r}, but must be a whole number >= 0")
-        object.__setattr__(self, "seed", int(self.seed))
+        settle(self, seed=whole("seed", self.seed, 0))
         q0, q1 = self.spectrum.wavenumber_low, self.spectrum.wavenumber_high
         for period, points in zip(self.periods, self.shape, strict=True):
             if 2 * math.pi / period > q0 * (1 + BAND_TOLERANCE):
@@ -184,6 +192,11 @@ class SelfAffineEnsemble:
     def __post_init__(self) -> None:
         if (self.shape is None) == (self.points_per_shortest_wavelength is None):
             raise InvalidScene("give either points_per_shortest_wavelength or shape")
+        settle(
+            self,
+            periods=listed(self.periods),
+            seeds=tuple(whole("seeds", n, 0) for n in listed(self.seeds)),
+        )
         if len(set(self.seeds)) != len(self.seeds):
             raise InvalidScene("seeds repeat a surface; give each seed once")
         self.recipes()  # raises if the spectrum or the grid is wrong

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import Surface
+from epcontact.scene import Surface, listed, number, positive, settle, whole
 from epcontact.surfaces.recipe import (
     Centre,
     Periods,
@@ -75,13 +75,12 @@ class Sinusoid:
 
     def __post_init__(self) -> None:
         normalise_grid(self)
-        _require_length("amplitude", self.amplitude)
+        settle(self, amplitude=positive("amplitude", self.amplitude, "m"))
+        settle(self, waves=whole("waves", self.waves, 1))
         if self.direction not in ("x", "y", "both"):
             raise InvalidScene(f"direction is {self.direction!r}, but must be x, y or both")
         if self.direction != "x" and len(self.shape) == 1:
             raise InvalidScene(f"direction is {self.direction!r}, but a line has only x")
-        if not isinstance(self.waves, int | np.integer) or self.waves < 1:
-            raise InvalidScene(f"waves is {self.waves!r}, but must be a whole number >= 1")
         for axis in self._axes:
             if self.shape[axis] <= 2 * self.waves:
                 raise InvalidScene(
@@ -141,7 +140,7 @@ class Paraboloid:
 
     def __post_init__(self) -> None:
         normalise_grid(self)
-        _require_length("radius", self.radius)
+        settle(self, radius=positive("radius", self.radius, "m"))
         _normalise_centre(self)
 
     @property
@@ -177,7 +176,7 @@ class Sphere:
 
     def __post_init__(self) -> None:
         normalise_grid(self)
-        _require_length("radius", self.radius)
+        settle(self, radius=positive("radius", self.radius, "m"))
         _normalise_centre(self)
 
     @property
@@ -224,8 +223,8 @@ class FlatPunch:
 
     def __post_init__(self) -> None:
         normalise_grid(self)
-        _require_length("radius", self.radius)
-        _require_length("depth", self.depth)
+        settle(self, radius=positive("radius", self.radius, "m"))
+        settle(self, depth=positive("depth", self.depth, "m"))
         _normalise_centre(self)
 
     @property
@@ -242,18 +241,13 @@ class FlatPunch:
         return surface_with(self, heights)
 
 
-def _require_length(name: str, value: float) -> None:
-    if not isinstance(value, int | float) or not (value > 0 and math.isfinite(value)):
-        raise InvalidScene(f"{name} is {value!r}, but must be a positive length in m")
-
-
 def _normalise_centre(recipe: Any) -> None:
-    centre = tuple(recipe.centre) or (0.5,) * len(recipe.shape)
-    if len(centre) != len(recipe.shape) or not all(math.isfinite(c) for c in centre):
-        raise InvalidScene(
-            f"centre is {recipe.centre!r}, but must be {len(recipe.shape)} fractions of the period"
-        )
-    object.__setattr__(recipe, "centre", tuple(float(c) % 1.0 for c in centre))
+    centre = listed(recipe.centre) or (0.5,) * len(recipe.shape)
+    right = f"{len(recipe.shape)} fractions of the period"
+    if len(centre) != len(recipe.shape):
+        raise InvalidScene(f"centre is {recipe.centre!r}, but must be {right}")
+    shares = [number("centre", c, right, math.isfinite) for c in centre]
+    settle(recipe, centre=tuple(c % 1.0 for c in shares))
 
 
 def squared_distance(recipe: Any) -> FloatArray:

@@ -26,7 +26,7 @@ from pydantic import Field
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import Surface, check_extremes, rms_slope
+from epcontact.scene import Surface, check_extremes, number, positive, rms_slope, settle
 from epcontact.surfaces.filters import kept_waves
 from epcontact.surfaces.recipe import Real
 
@@ -68,18 +68,19 @@ class Preparation:
 
 
 def check_preparation(recipe: Any) -> None:
-    """Raise InvalidScene if a step of a recipe is none of those above."""
+    """Set a recipe's numbers; raise InvalidScene if a step is none of those above."""
     words = {"treatment": Treatment, "missing": Missing}
     for name, known in words.items():
         if getattr(recipe, name) not in known.__args__:  # type: ignore[attr-defined]
             allowed = ", ".join(known.__args__)  # type: ignore[attr-defined]
             raise InvalidScene(f"{name} is {getattr(recipe, name)!r}, but must be one of {allowed}")
-    if recipe.form not in (None, 0, 1, 2):
-        raise InvalidScene(f"form is {recipe.form!r}, but must be 0, 1 or 2")
-    if not isinstance(recipe.taper, int | float) or not 0 < recipe.taper <= 0.5:
-        raise InvalidScene(
-            f"taper is {recipe.taper!r}, but must lie in (0, 0.5], a share of the period"
-        )
+    if recipe.form is not None:
+        settle(recipe, form=int(number("form", recipe.form, "0, 1 or 2", lambda v: v in (0, 1, 2))))
+    right = "a share of the period above 0 and up to 0.5"
+    settle(recipe, taper=number("taper", recipe.taper, right, lambda v: 0 < v <= 0.5))
+    for name in ("longest_wavelength", "shortest_wavelength"):
+        if (value := getattr(recipe, name)) is not None:
+            settle(recipe, **{name: positive(name, value, "m")})
     longest, shortest = recipe.longest_wavelength, recipe.shortest_wavelength
     if longest is not None and shortest is not None and not shortest < longest:
         raise InvalidScene(
@@ -92,7 +93,7 @@ def preparation_words(recipe: Any) -> str:
     """Return the steps of a recipe as a part of its fingerprint."""
     words: str = recipe.treatment
     if recipe.treatment == "detrend_and_window":
-        words = f"detrend_and_window/2 taper={float(recipe.taper)!r}"
+        words = f"detrend_and_window/2 taper={recipe.taper!r}"
     for name in ("missing", "form", "longest_wavelength", "shortest_wavelength"):
         if getattr(recipe, name) not in (None, "refuse"):
             words += f" {name}={getattr(recipe, name)!r}"

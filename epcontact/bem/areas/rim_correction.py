@@ -52,6 +52,7 @@ from epcontact.bem.areas.rows import Solution
 from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
+from epcontact.scene import array, number
 
 #: Share of a grid cell's area that each switch takes off (Yastrebov, Anciaux and Molinari, 2017).
 PERIMETER_FACTOR = (math.pi - 1 + math.log(2)) / 24
@@ -164,7 +165,7 @@ def estimate_areas(
         areas; it is meant to cover nine out of ten errors.
 
     Raises:
-        InvalidScene: the shapes do not fit.
+        InvalidScene: the shapes do not fit, or a value is no number or out of its range.
 
     Example:
         >>> pressure, gap = np.array([2, 1, 0, 0, 1.0]), np.array([0, 0, 0.2, 0.2, 0])
@@ -173,12 +174,20 @@ def estimate_areas(
         (0.6, True)
     """
     # Also arrays of another byte order, which compiled loops would misread.
-    pressure, gap = np.asarray(pressure, np.float64), np.asarray(gap, np.float64)
+    pressure, gap = array("pressure", pressure), array("gap", gap)
     if pressure.shape != gap.shape or len(spacing) != pressure.ndim or pressure.ndim > 2:
         raise InvalidScene(
             f"pressure {pressure.shape}, gap {gap.shape} and {len(spacing)} spacings do not fit: "
             "a line (nx,) or a grid (nx, ny) each and one spacing a direction are needed"
         )
+    hardness = number("hardness", hardness, "positive, in Pa", lambda v: v > 0)
+    spacing = [number("spacing", d, "positive, in m", lambda v: 0 < v < math.inf) for d in spacing]
+    for name, values in (("pressure", pressure), ("gap", gap)):
+        if not (values.size and math.isfinite(values.sum())):
+            raise InvalidScene(
+                f"{name} is empty or holds NaN or infinite values, but areas need "
+                "a finite one at each point"
+            )
     if pressure.ndim == 1:  # a grid of one column, whose fronts are all straight
         pressure, gap, spacing = pressure[:, None], gap[:, None], [spacing[0], spacing[0]]
     share, n = float(pressure.mean()) / hardness, pressure.size
