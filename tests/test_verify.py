@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from epcontact.errors import OutputError
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case, load_case
-from epcontact.harness.verdict.verification import Verdict, judge_case, write_verdict
+from epcontact.harness.verdict.verification import Verdict, judge_case, verify, write_verdict
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
 
@@ -134,3 +138,23 @@ def test_versions_are_those_of_the_results(case) -> None:
         result = replace(given[method].results[0], provenance=made)
         given[method] = replace(given[method], results=(result,))
     assert Verdict.on([judge_case(case, given)], "fast").versions == {"numpy": "1.0, 2"}
+
+
+def test_the_last_verdict_survives_a_full_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    verify("bearing-area", output=tmp_path, jobs=1)
+    last = {name: (tmp_path / name).read_bytes() for name in ("verdict.json", "junit.xml")}
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "fsync", full)
+        for _ in range(2):
+            with pytest.raises(OutputError, match="no space left on device"):
+                verify("bearing-area", output=tmp_path, jobs=1)
+            # Under its own name it would pass for the verdict of the run that has failed.
+            assert not [name for name in last if (tmp_path / name).exists()]
+            assert {name: (tmp_path / f"earlier-{name}").read_bytes() for name in last} == last
+    assert verify("bearing-area", output=tmp_path, jobs=1).passed
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == sorted(last)

@@ -28,7 +28,7 @@ from epcontact.harness.case_files.case import Case
 from epcontact.harness.case_files.schema import Family, key_table
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES
-from epcontact.harness.verdict.verification import Verdict, cases_to_verify, remove_verdict
+from epcontact.harness.verdict.verification import Verdict, cases_to_verify, set_verdict_aside
 from epcontact.harness.verdict.verification import verify as run_gates
 from epcontact.output.vtk import Precision
 from epcontact.results import plain
@@ -153,7 +153,8 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
 ) -> None:
     """Run the gates of the cases (all, where none is named) and write the verdict.
 
-    Writes verdict.json and junit.xml into the output folder.
+    Writes verdict.json and junit.xml into the output folder.  Until then, those of the last run are
+    there as earlier-verdict.json and earlier-junit.xml.
 
     \b
     A command reads the scene from one file and writes its result to the other:
@@ -161,7 +162,7 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
     Both are text; {scene.npz} and {result.npz} are files of numpy instead.
     `python -m pydoc epcontact.harness.methods.exchange` describes them line by line.
     """
-    remove_verdict(output)
+    set_verdict_aside(output)
     given: Sequence[str | Case] = cases
     fields = fields or ("first" if with_report else "none")
     if size == "auto":
@@ -193,7 +194,7 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
                     draw(case.case, case.answers, case.case.folder(output))
             write_report(output)
     except Exception:
-        remove_verdict(output)  # the exit code is 2 now, and the verdict would not say so
+        set_verdict_aside(output)  # the exit code is 2 now, and the verdict would not say so
         raise
     try:
         _show(verdict, output)

@@ -9,6 +9,7 @@ Version 1 of the schema may gain keys; no key is renamed, removed or given anoth
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -201,7 +202,7 @@ def verify(  # noqa: PLR0913 - the options of the command
         >>> verdict.passed, verdict.cases[0].gates[0].status
         (True, 'holds')
     """
-    remove_verdict(Path(output))
+    set_verdict_aside(Path(output))
     methods = dict(METHODS)
     named = [cases] if isinstance(cases, str | Path | Case) else list(cases or ())
     loaded = [case for each in named or cases_to_verify(size) for case in _loaded(each, size)]
@@ -229,6 +230,9 @@ def verify(  # noqa: PLR0913 - the options of the command
     verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size)
     write_verdict(verdict, Path(output))
     require_faithful(Path(output), _content(verdict))
+    for name in FILES:
+        with contextlib.suppress(OSError):
+            (Path(output) / f"{EARLIER}{name}").unlink()
     return verdict
 
 
@@ -402,20 +406,24 @@ def _distances(case: Case, gate: Gate, of: Answer, against: Answer | None) -> li
 
 #: The files that say what a run found.
 FILES = ("verdict.json", "junit.xml", "report.html")
+#: Before the name of a file of the verdict that was there before.
+EARLIER = "earlier-"
 
 
-def remove_verdict(folder: Path) -> None:
-    """Remove the verdict of an earlier run, which would pass for that of a run that breaks off.
+def set_verdict_aside(folder: Path) -> None:
+    """Rename the verdict of an earlier run, which would pass for that of a run that breaks off.
+
+    It stays, with `EARLIER` before its name, until there is a new one.
 
     Raises:
-        OutputError: if a file cannot be removed.
+        OutputError: if a file cannot be renamed.
     """
     for path in (folder / name for name in FILES):
         if path.is_file():  # what else has that name is refused when the file is written
             try:
-                path.unlink()
+                path.replace(path.with_name(f"{EARLIER}{path.name}"))
             except OSError as error:
-                raise refusal("remove", path, error) from None
+                raise refusal("rename", path, error) from None
 
 
 def _content(verdict: Verdict) -> dict[str, Any]:
