@@ -26,6 +26,7 @@ import hashlib
 import logging
 import os
 import shutil
+import signal
 import sys
 import tempfile
 import threading
@@ -67,6 +68,36 @@ def peak_memory() -> int:
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def alive(pid: int) -> bool:
+    """Return True if a process of this machine runs; a dead one whose parent has not asked, not."""
+    try:
+        return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return False
+
+
+@contextlib.contextmanager
+def signals_wait() -> Iterator[None]:
+    """Let the handlers of signals that come within the block run at its end.
+
+    It is for a block of C++ that calls Python: an exception that a handler raises there is lost.
+    """
+    came: dict[int, None] = {}
+    handlers: dict[int, Any] = {}
+    try:
+        if threading.current_thread() is threading.main_thread():  # no other one runs handlers
+            for number in signal.valid_signals():
+                if callable(handler := signal.getsignal(number)):
+                    handlers[number] = handler
+                    signal.signal(number, lambda this, _: came.setdefault(this))
+        yield
+    finally:
+        for handled, handler in handlers.items():
+            signal.signal(handled, handler)
+        for late in came:
+            signal.raise_signal(late)
 
 
 def compile_seconds() -> float:

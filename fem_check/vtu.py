@@ -16,6 +16,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
+import platform
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -189,7 +190,9 @@ def _write_grid(grid: Any, path: str) -> None:
 def _write_atomically(target: Path, write: Callable[[str], object]) -> None:
     """Call `write` with a temporary name beside `target`, and rename the file at the end."""
     # Not `tempfile`, because only their owner could read its files.
-    temporary = target.with_name(f".{secrets.token_hex(6)}{target.suffix}")
+    # The harness, by which a process may be killed, knows its files by this name.
+    owner = f"{platform.node()}-{os.getpid()}"
+    temporary = target.with_name(f".epcontact-{owner}-{secrets.token_hex(6)}{target.suffix}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         write(str(temporary))

@@ -6,6 +6,7 @@ import errno
 import json
 import math
 import os
+import platform
 import stat
 import subprocess
 import sys
@@ -15,8 +16,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import epcontact
 from epcontact.errors import EpcontactError, OutputError
 from epcontact.output.files import (
+    remove_leftovers,
     require_writable,
     whole_file,
     write_bytes,
@@ -254,3 +257,34 @@ def test_importing_the_package_loads_no_heavy_library() -> None:
         "sys.exit(f'{heavy} loaded' if heavy else 0)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path: Path) -> None:
+    program = (
+        "import sys; from epcontact.output.files import whole_file\n"
+        "with whole_file(sys.argv[1]) as path: print(path.name, flush=True); sys.stdin.read()"
+    )
+    deep = tmp_path / "steps" / "x.vti"
+    with subprocess.Popen(
+        [sys.executable, "-c", program, deep], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        text=True,
+    ) as process, whole_file(tmp_path / "mine"):  # fmt: skip
+        assert process.stdout is not None
+        name = process.stdout.readline().strip()
+        remove_leftovers(tmp_path)
+        assert [path.name for path in deep.parent.iterdir()] == [name]
+        process.kill()
+        while (deep.parent / name).exists():  # the system takes a moment to end it
+            remove_leftovers(tmp_path)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["mine", "steps"]
+
+
+def test_a_run_removes_what_a_killed_one_has_left(tmp_path: Path) -> None:
+    folder = tmp_path / "bearing-area" / "fast"
+    folder.mkdir(parents=True)
+    done = subprocess.Popen([sys.executable, "-c", ""])
+    done.wait()
+    leftover = folder / f".epcontact-{platform.node()}-{done.pid}-0123456789ab.vti"
+    leftover.touch()
+    epcontact.verify("bearing-area", output=tmp_path, jobs=1)
+    assert not leftover.exists()

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -281,3 +283,24 @@ def test_no_truncated_file_is_taken_for_a_whole_one(
             assert all(np.array_equal(read.fields[n], whole.fields[n]) for n in whole.fields)
     assert refused > 0.9 * len(content) / 61
     assert capfd.readouterr() == ("", "")
+
+
+def test_an_interrupt_within_the_writer_of_vtk_is_not_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """VTK calls Python for each piece of a field, and drops the exception of a handler there."""
+    copied = vtk._transposed
+
+    def interrupted(plane: Any, kind: Any) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        return copied(plane, kind)
+
+    monkeypatch.setattr(vtk, "_transposed", interrupted)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            write_image(tmp_path / "a.vti", {"gap": np.ones((4, 4))}, (1.0, 1.0), {})
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert os.listdir(tmp_path) == []

@@ -3,8 +3,8 @@
 A file is written under a temporary name in the folder of its destination, flushed to the disk and
 then renamed over the destination, which the system does in one step.  So a reader, a second run
 into the same folder or a crash never sees half a file.  The temporary file is removed on every
-exception, a keyboard interrupt included.  Only a killed process can leave one behind, with a name
-that begins with `.epcontact-`.
+exception, a keyboard interrupt included.  Only a killed process can leave one behind; its name says
+on which machine it was and which process, so that `remove_leftovers` knows it.
 
 Files are not made by `tempfile`, because only their owner could read them.
 """
@@ -12,7 +12,9 @@ Files are not made by `tempfile`, because only their owner could read them.
 from __future__ import annotations
 
 import contextlib
+import glob
 import os
+import platform
 import secrets
 import tempfile
 from collections.abc import Iterator
@@ -20,7 +22,11 @@ from pathlib import Path
 from typing import Any
 
 from epcontact.errors import OutputError
+from epcontact.machine import alive
 from epcontact.results import plain
+
+#: The begin of the name of a temporary file; the number of the process follows.
+_BEGIN = f".epcontact-{platform.node()}-"
 
 
 @contextlib.contextmanager
@@ -55,7 +61,7 @@ def whole_file(path: Path | str) -> Iterator[Path]:
     if os.path.exists(final) and not os.path.isfile(final):
         kind = "folder" if os.path.isdir(final) else "device or pipe"
         raise OutputError(f"cannot write {path}: it is a {kind}, not a file")
-    temporary = final.with_name(f".epcontact-{secrets.token_hex(6)}{final.suffix[:16]}")
+    temporary = final.with_name(f"{_BEGIN}{os.getpid()}-{secrets.token_hex(6)}{final.suffix[:16]}")
     try:
         temporary.touch(exist_ok=False)
         yield temporary
@@ -69,6 +75,15 @@ def whole_file(path: Path | str) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink()
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove the temporary files that killed processes of this machine have left below a folder."""
+    for path in folder.rglob(f"{glob.escape(_BEGIN)}*"):
+        pid = path.name.removeprefix(_BEGIN).partition("-")[0]
+        if pid.isdecimal() and not alive(int(pid)):
+            with contextlib.suppress(OSError):
+                path.unlink()
 
 
 def write_bytes(path: Path | str, content: bytes) -> None:

@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import OutputError
+from epcontact.machine import signals_wait
 from epcontact.output.files import read_bytes, whole_file, write_text
 from epcontact.results import ContactResult
 from epcontact.scene import Surface
@@ -184,7 +185,8 @@ def write_image(
         shown = vtkObject.GetGlobalWarningDisplay()
         vtkObject.GlobalWarningDisplayOff()
         try:
-            written = writer.Write()
+            with signals_wait():
+                written = writer.Write()
         finally:
             vtkObject.SetGlobalWarningDisplay(shown)
         if not written or writer.GetErrorCode():

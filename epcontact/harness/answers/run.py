@@ -6,9 +6,10 @@ stopped.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Real
@@ -21,7 +22,7 @@ from epcontact.harness.case_files.case import Case
 from epcontact.harness.methods.registry import METHODS, Method
 from epcontact.harness.processes.pool import Factory, Processes, made, spread
 from epcontact.machine import available_cores, available_memory
-from epcontact.output.files import require_writable, write_json
+from epcontact.output.files import remove_leftovers, require_writable, write_json
 from epcontact.output.vtk import Precision
 from epcontact.results import ContactResult
 
@@ -151,18 +152,24 @@ def run_tasks(
             reused.add(task)
             finish(task, earlier, "reused")
     waiting = [task for task in tasks if task not in outcomes]
-    for folder in {task.case.folder(output) for task in waiting}:
+    folders = {task.case.folder(output) for task in waiting}
+    for folder in folders:
         require_writable(folder)
     moments.append(time.monotonic())
     move: Callable[[float], None] | None = None
     if moving is not None:
         moving(len(outcomes), len(tasks))
         move = lambda share: moving(len(outcomes) + share, len(tasks))  # noqa: E731
-    for task, outcome in _solved(waiting, jobs, executor, move):
-        if isinstance(outcome, ContactResult):
-            keep(task, output, outcome)
-        moments.append(time.monotonic())
-        finish(task, outcome, "failed" if isinstance(outcome, str) else "")
+    try:
+        with contextlib.closing(_solved(waiting, jobs, executor, move)) as solved:
+            for task, outcome in solved:
+                if isinstance(outcome, ContactResult):
+                    keep(task, output, outcome)
+                moments.append(time.monotonic())
+                finish(task, outcome, "failed" if isinstance(outcome, str) else "")
+    finally:
+        for folder in folders:
+            remove_leftovers(folder)
     return Done(outcomes, frozenset(reused))
 
 
@@ -183,7 +190,7 @@ def _pace(moments: Sequence[float]) -> float:
 
 def _solved(
     tasks: Sequence[Task], jobs: int, executor: Factory, moving: Callable[[float], None] | None
-) -> Iterator[tuple[Task, Outcome]]:
+) -> Generator[tuple[Task, Outcome]]:
     """Yield each task with its outcome, in any order."""
     if executor:
         yield from _solved_by(executor, tasks, jobs)

@@ -31,6 +31,7 @@ from typing import IO, Any, NoReturn, Protocol, TypeVar
 import psutil
 
 from epcontact.errors import EpcontactError, printable
+from epcontact.machine import alive
 
 Result = TypeVar("Result")
 
@@ -205,12 +206,16 @@ def _exchange(process: Process, request: bytes) -> bytes:
 
 
 def kill_tree(pid: int) -> None:
-    """Kill a process and all that it started, also in sessions of their own."""
+    """Kill a process and all that it started, also in sessions of their own, and see them end."""
     with contextlib.suppress(psutil.NoSuchProcess):
         process = psutil.Process(pid)
-        for each in (*process.children(recursive=True), process):
+        all_of_them = (*process.children(recursive=True), process)
+        for each in all_of_them:
             with contextlib.suppress(psutil.NoSuchProcess):
                 each.kill()
+        patience = time.monotonic() + _PATIENCE
+        while any(alive(each.pid) for each in all_of_them) and time.monotonic() < patience:
+            time.sleep(0.001)
 
 
 def serve(parent: int) -> None:
