@@ -33,6 +33,8 @@ from epcontact.results import FloatArray
 
 #: The rms slope above which a surface carries a warning.
 LARGEST_SLOPE = 1.0
+#: The ratio of a grid's spacings above which a surface carries a warning.
+LARGEST_RATIO = 2.0
 #: Lengths, pressures and wave numbers in SI units.  Their products and squares, which the methods
 #: form, neither overflow nor underflow: all answers keep their digits at both ends of the range.
 SMALLEST, LARGEST = 1e-40, 1e40
@@ -174,7 +176,8 @@ class Surface:
             the bytes of the heights identify them.
         notes: Sentences for the reader of a result, for example about the jump that was removed
             at the edges of a measured map.  The class adds one for an rms slope above 1, for
-            heights in steps and for those of a picture, and warns of it by a `SurfaceWarning`.
+            heights in steps, for those of a picture and for oblong cells, and warns of it by a
+            `SurfaceWarning`.
 
     Raises:
         InvalidScene: The heights are not finite real numbers, or the shape and the periods do not
@@ -226,7 +229,12 @@ class Surface:
         check_extremes(float(extremes[0]), float(extremes[1]), "heights")
         slope = self.rms_slope if self.spectrum is None else self.spectrum.rms_slope
         steps = _steps_note(heights, slope * min(self.spacing))
-        cautions = (*levels_note(given.dtype), *_slope_note(slope), *steps)
+        cautions = (
+            *levels_note(given.dtype),
+            *_slope_note(slope),
+            *steps,
+            *_oblong_note(self.spacing),
+        )
         new = cautioned(tuple(note for note in cautions if note not in self.notes))
         settle(self, notes=(*self.notes, *new))
 
@@ -341,6 +349,17 @@ def _slope_note(slope: float) -> tuple[str, ...]:
     return (
         f"the rms slope is {slope:.3g}, beyond the small slopes that the methods assume; check "
         "that heights and periods are in m",
+    )
+
+
+def _oblong_note(spacing: tuple[float, ...]) -> tuple[str, ...]:
+    ratio = max(spacing) / min(spacing)
+    if ratio <= LARGEST_RATIO * (1 + 1e-9):
+        return ()
+    return (
+        f"the grid's cells are {ratio:.3g} times as long as wide: corrected areas and their "
+        f"claimed errors hold up to {LARGEST_RATIO:g}; take points at like distances in both "
+        "directions",
     )
 
 

@@ -659,3 +659,13 @@ def test_a_real_instrument_file(tmp_path: Path) -> None:
     path.write_bytes(b"CDF" + bytes(100))
     with pytest.raises(InvalidScene, match="SurfaceTopography cannot read it"):
         HeightsFromFile(path)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "noted"), [(1.0, False), (2.0, False), (0.5, False), (2.1, True), (0.01, True)]
+)
+def test_oblong_cells_are_noted(ratio: float, noted: bool) -> None:
+    notes = Surface(np.zeros((8, 8)), (ratio, 1.0)).notes
+    assert len(notes) == noted
+    if noted:
+        assert f"the grid's cells are {max(ratio, 1 / ratio):.3g} times as long as wide" in notes[0]

@@ -12,8 +12,6 @@ import click
 
 from epcontact import planning
 from epcontact.cli import options
-from epcontact.cli.listing import open_console
-from epcontact.cli.tables import print_surface_notes
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.case_files import case as casefile
 from epcontact.harness.crosscheck import crosscheck as check_models
@@ -52,8 +50,8 @@ def plan(case: str, tolerance: str, size: str | None, check: bool, executor: str
     grid = " x ".join(map(str, chosen.shape))
     areas = f", {grid} points, {surfaces}" if chosen.on_grid else ""
     click.echo(f"{chosen.case}: {chosen.method}{areas}, {chosen.areas} areas")
-    for reason in chosen.reasons:
-        click.echo(f"  {reason}")
+    for sentence in (*chosen.reasons, *chosen.notes):
+        click.echo(f"  {sentence}")
     click.echo(
         f"  expected: error {100 * chosen.expected_error:.2g} %, "
         f"work {chosen.work:.3g} point-transforms against {chosen.given_work:.3g} of the case"
@@ -74,7 +72,6 @@ def _check(case: casefile.Case, chosen: planning.Plan, executor: str) -> None:
     answers = [answer for one in judged for answer in one.answers.values()]
     if errors := [error for answer in answers for error in answer.errors]:
         raise EpcontactError("; ".join(errors))
-    print_surface_notes(open_console(), judged[0].case, judged[0].answers)
     error = planning.achieved_error(chosen, *answers)
     held = error <= chosen.tolerance
     figures = f"{chosen.expected_error:.2g} expected, {chosen.tolerance:.2g} allowed"

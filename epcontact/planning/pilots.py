@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,7 @@ class Pilot:
         errors, raw_errors: relative errors of the corrected and the raw areas, by part; NaN if
             the area is zero.
         work: FFT pairs, or sweeps over the unknowns, times points.
+        notes: those of the surface.
     """
 
     shape: tuple[int, ...]
@@ -53,6 +54,7 @@ class Pilot:
     raw_errors: dict[str, float]
     work: float
     seconds: float
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -87,8 +89,10 @@ def solve_pilot(
     """
     started = time.perf_counter()
     given = dict(METHODS[method].pilot) | dict(case.options.get(method, {})) | options
-    result = METHODS[method].solve(case.scene(recipe), given, threads or available_cores())
-    return _pilot(result, recipe.shape, time.perf_counter() - started)
+    scene = case.scene(recipe)
+    result = METHODS[method].solve(scene, given, threads or available_cores())
+    pilot = _pilot(result, recipe.shape, time.perf_counter() - started)
+    return replace(pilot, notes=scene.surface.notes)
 
 
 def _pilot(result: ContactResult, shape: tuple[int, ...], seconds: float) -> Pilot:

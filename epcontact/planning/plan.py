@@ -74,6 +74,7 @@ class Plan:
         pilot_work: the work of the pilots.
         seconds, pilot_seconds: times of the chosen model and of the pilots.
         reasons: the reasons, as sentences.
+        notes: those of the surface that the finest pilot solved.
         recipes: recipes of the surfaces on the chosen grid.
     """
 
@@ -91,6 +92,7 @@ class Plan:
     seconds: float
     pilot_seconds: float
     reasons: tuple[str, ...]
+    notes: tuple[str, ...]
     recipes: tuple[Recipe, ...] = field(repr=False)
 
     @property
@@ -193,6 +195,7 @@ def plan(
         seconds=chosen.seconds,
         pilot_seconds=sum(pilot.seconds for pilot in pilots),
         reasons=tuple(why),
+        notes=max(pilots, key=lambda pilot: math.prod(pilot.shape)).notes,
         recipes=_chosen_recipes(recipes, chosen),
     )
     theories = [m for m in case.methods if not METHODS[m].has_fields]
