@@ -34,8 +34,10 @@ from epcontact.harness.methods import exchange, foreign
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.processes import template
 from epcontact.harness.processes.pool import Processes, spread
+from epcontact.harness.verdict.judgement import judge_case
 from epcontact.harness.verdict.pytest_cases import GateFellShort, GateItem
-from epcontact.harness.verdict.verification import Verdict, judge_case, verify
+from epcontact.harness.verdict.record import Verdict
+from epcontact.harness.verdict.verification import verify
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
 from epcontact.scene import Load, Material, Scene, Surface
 

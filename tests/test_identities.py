@@ -117,6 +117,6 @@ def test_a_repeated_member_is_found_and_no_other(honest) -> None:
 def test_a_wrong_judge_is_an_error(monkeypatch) -> None:
     honest = known.solve(SCENE)
     assert max(honest.final.quantities.values()) < 1e-6
-    monkeypatch.setattr("epcontact.harness.verdict.verification.HOLDS", "falls short")
+    monkeypatch.setattr("epcontact.harness.verdict.judgement.HOLDS", "falls short")
     with pytest.raises(InvalidCase, match="misjudges known comparisons"):
         known.solve(SCENE)

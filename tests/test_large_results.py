@@ -14,7 +14,7 @@ import pytest
 
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import find_case, load_case
-from epcontact.harness.verdict.verification import judge_case
+from epcontact.harness.verdict.judgement import judge_case
 from epcontact.results import ContactResult
 
 FOLDER = Path(__file__).parent.parent / "cases" / "regression"

@@ -27,7 +27,8 @@ from epcontact.harness.answers import solve
 from epcontact.harness.answers.run import run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import find_case, load_case
-from epcontact.harness.verdict.verification import judge_case, verify
+from epcontact.harness.verdict.judgement import judge_case
+from epcontact.harness.verdict.verification import verify
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
 from epcontact.scene import Scene

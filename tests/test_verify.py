@@ -15,7 +15,10 @@ import pytest
 from epcontact.errors import OutputError
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case, load_case
-from epcontact.harness.verdict.verification import Verdict, judge_case, verify, write_verdict
+from epcontact.harness.verdict.files import write_verdict
+from epcontact.harness.verdict.judgement import judge_case
+from epcontact.harness.verdict.record import Verdict
+from epcontact.harness.verdict.verification import verify
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
 

@@ -28,7 +28,9 @@ from epcontact.harness.case_files.case import Case
 from epcontact.harness.case_files.schema import Family, key_table
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES
-from epcontact.harness.verdict.verification import Verdict, cases_to_verify, set_verdict_aside
+from epcontact.harness.verdict.files import set_verdict_aside
+from epcontact.harness.verdict.record import Verdict
+from epcontact.harness.verdict.verification import cases_to_verify
 from epcontact.harness.verdict.verification import verify as run_gates
 from epcontact.output.vtk import Precision
 from epcontact.results import plain

@@ -16,7 +16,7 @@ from epcontact.errors import InvalidCase
 from epcontact.harness.case_files import case as casefile
 from epcontact.harness.verdict import ratchet
 from epcontact.harness.verdict.ratchet import Banded, Kept
-from epcontact.harness.verdict.verification import Verdict
+from epcontact.harness.verdict.record import Verdict
 
 
 @click.command()

@@ -11,7 +11,7 @@ from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates.gate import GateVerdict
 from epcontact.harness.gates.statistics import Estimate, estimate
-from epcontact.harness.verdict.verification import CaseVerdict
+from epcontact.harness.verdict.record import CaseVerdict
 from epcontact.results import ContactResult
 
 #: Smallest terminal width, in columns, at which a row shows every figure of a gate.

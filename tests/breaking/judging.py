@@ -28,7 +28,7 @@ from epcontact.harness.quantities.registry import QUANTITIES
 
 H = "epcontact.harness."
 GATE, QUANTITY = H + "gates.gate.", H + "quantities.registry."
-RUN, VERDICT = H + "answers.run.", H + "verdict.verification."
+RUN, VERDICT = H + "answers.run.", H + "verdict."
 
 
 def _blind(name: str) -> Patch:
@@ -90,21 +90,21 @@ MEASURES = "tests/test_closed_forms.py::test_measures_see_what_is_wrong_by_as_mu
 FAULTS = (
     # comparison
     _fault(
-        "no distance between distributions", at(VERDICT + "distance", lambda *_: 0.0),
+        "no distance between distributions", at(VERDICT + "judgement.distance", lambda *_: 0.0),
         "yardstick", "distribution",
     ),
     _fault(
-        "distance not divided by its scale", scaled(VERDICT + "distance", 1e9),
+        "distance not divided by its scale", scaled(VERDICT + "judgement.distance", 1e9),
         "yardstick", "distribution",
     ),
     _fault(
         "the reference's distribution compared with itself",
-        given(VERDICT + "distance", lambda norm, a, b, hardness: (norm, b, b, hardness)),
+        given(VERDICT + "judgement.distance", lambda norm, a, b, hardness: (norm, b, b, hardness)),
         "yardstick", "distribution",
     ),
     _fault(
         "the supremum for the Wasserstein distance",
-        given(VERDICT + "distance", lambda norm, *rest: ("supremum", *rest)),
+        given(VERDICT + "judgement.distance", lambda norm, *rest: ("supremum", *rest)),
         "yardstick", "distribution",
     ),
     _fault(
@@ -177,9 +177,12 @@ FAULTS = (
                 H + "gates.statistics.standard_deviation", 0.5**0.5
             ),
             "pairs taken as independent": given(
-                VERDICT + "judge", lambda gate, a, b, paired, claim: (gate, a, b, False, claim)
+                VERDICT + "judgement.judge",
+                lambda gate, a, b, paired, claim: (gate, a, b, False, claim),
             ),
-            "the answers in the reverse order": on_result(VERDICT + "run_cases", _reversed),
+            "the answers in the reverse order": on_result(
+                VERDICT + "verification.run_cases", _reversed
+            ),
             "labels of the surfaces shifted": on_result(RUN + "summary", _shifted),
             "raw and corrected areas exchanged in the answer": on_result(
                 RUN + "summary", _exchanged
@@ -197,7 +200,7 @@ FAULTS = (
     ),
     # gates and verdict
     _fault(
-        "claimed errors of areas do not count", at(VERDICT + "_claim", lambda *_: None),
+        "claimed errors of areas do not count", at(VERDICT + "judgement._claim", lambda *_: None),
         test="tests/test_verify.py::test_areas_less_sure_than_the_band_do_not_hold",
     ),
     _fault(
@@ -206,7 +209,7 @@ FAULTS = (
     ),
     _fault(
         "a shortfall passes",
-        both(at(VERDICT + "FALLS_SHORT", "fell short"), solver(faults.stiff)),
+        both(at(VERDICT + "judgement.FALLS_SHORT", "fell short"), solver(faults.stiff)),
         "westergaard-line", "quantity.mean_gap", status=REFUSED,
     ),
     *(
@@ -218,17 +221,17 @@ FAULTS = (
             ),
             "westergaard-line", "quantity.mean_gap", status=REFUSED,
         )
-        for what, judged in (("case", "judge_case"), ("gate", "judge"))
+        for what, judged in (("case", "verification.judge_case"), ("gate", "judgement.judge"))
     ),
     _fault(
         "no failure in junit.xml",
-        both(at(VERDICT + "Failure", Skipped), solver(faults.stiff)),
+        both(at(VERDICT + "files.Failure", Skipped), solver(faults.stiff)),
         "westergaard-line", "quantity.mean_gap", status=REFUSED,
     ),
     _fault(
         "the exit code of an error for a shortfall",
         both(
-            changed(VERDICT + "Verdict.on", _with_exit_code), solver(faults.stiff)
+            changed(VERDICT + "record.Verdict.on", _with_exit_code), solver(faults.stiff)
         ),
         "westergaard-line", "quantity.mean_gap", status=REFUSED,
     ),

@@ -29,7 +29,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import CaseText, find_cases, load_case
 from epcontact.harness.gates.gate import DISTRIBUTION_NORMS, GateVerdict
-from epcontact.harness.verdict.verification import Verdict
+from epcontact.harness.verdict.record import Verdict
 from epcontact.output.files import whole_file
 
 #: The kept bands, relative to the folder of the cases.

@@ -3,8 +3,8 @@
 `require_faithful` reads verdict.json, junit.xml and the answers of the methods as a user's script
 would, and checks them against each other: every gate is judged again from the figures that stand
 beside its status, every case and the whole from their gates, every value, difference and interval
-from the members of the answers.  It shares no code with `gate`, `verification` and `store`, which
-wrote the files.
+from the members of the answers.  It shares no code with `gate`, `judgement`, `files` and `store`,
+which wrote the files.
 """
 
 from __future__ import annotations

@@ -1,0 +1,145 @@
+"""A case judged: every gate, on the answers of its methods.
+
+A case *holds* if all its gates hold, *falls short* if one does not, is *skipped* if its surface or
+a solver is missing, and is in *error* if a method gave no answer that a gate needs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from statistics import fmean
+
+from epcontact.errors import EpcontactError, sentence_of
+from epcontact.harness.answers.store import Answer
+from epcontact.harness.case_files.case import Case
+from epcontact.harness.gates.distances import distance
+from epcontact.harness.gates.gate import (
+    DISTRIBUTION_NORMS,
+    ERROR,
+    FALLS_SHORT,
+    HOLDS,
+    Gate,
+    GateVerdict,
+    judge,
+    judge_distance,
+    unjudged,
+)
+from epcontact.harness.quantities.registry import read_quantity
+from epcontact.harness.verdict.record import SKIPPED, CaseVerdict, MethodEntry
+from epcontact.reference import CLOSED_FORMS
+from epcontact.results import PressureDistribution
+
+
+def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
+    """Judge every gate of a case on the answers of its methods."""
+    if case.skip:
+        answers = {}
+    gates = [] if case.skip else [_judged(case, gate, answers) for gate in case.gates]
+    statuses = {gate.status for gate in gates}
+    if any(answer.errors for answer in answers.values()):
+        statuses.add(ERROR)  # also of a method that no gate reads
+    worst = next((status for status in (ERROR, FALLS_SHORT) if status in statuses), HOLDS)
+    judged = CaseVerdict(
+        id=case.id,
+        size=case.size,
+        status=SKIPPED if case.skip else worst,
+        requirement=case.requirement,
+        source=case.source,
+        skipped_because=case.skip,
+        methods={
+            name: MethodEntry(surfaces=len(a.results), reused=a.reused, errors=list(a.errors))
+            for name, a in answers.items()
+        },
+        gates=gates,
+        not_judged=list(case.not_judged),
+    )
+    judged._case, judged._answers = case, answers
+    return judged
+
+
+def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdict:
+    needed = [m for m in (gate.of, gate.against) if isinstance(m, str) and m in case.methods]
+    failed = [sentence for m in needed for sentence in answers[m].errors]
+    if failed:
+        return unjudged(gate, _joined(failed))
+    for method in needed:
+        if twins := answers[method].twins:
+            return unjudged(
+                gate,
+                f"{method} gives the surfaces {' and '.join(twins)} the same answer, so that the "
+                "scatter of the ensemble says nothing; give it different surfaces",
+            )
+    of, against = answers[gate.of], answers.get(str(gate.against))
+    try:
+        if gate.norm in DISTRIBUTION_NORMS:
+            return judge_distance(gate, _distances(case, gate, of, against))
+        if gate.norm == "l2":
+            name = f"quantity.l2.{gate.against}." + gate.quantity.removeprefix("field.")
+            return judge_distance(gate, [read_quantity(r, name) for r in of.results])
+        value = [read_quantity(result, gate.quantity) for result in of.results]
+        paired = against is not None and len(value) > 1 and of.labels == against.labels
+        return judge(gate, value, _references(case, gate, against), paired, _claim(gate, answers))
+    except Exception as error:  # of a closed form, too, in numbers that it cannot hold
+        return unjudged(gate, sentence_of(error))
+
+
+def _references(case: Case, gate: Gate, against: Answer | None) -> list[float]:
+    if against is not None:
+        return [read_quantity(result, gate.quantity) for result in against.results]
+    if isinstance(gate.against, str):
+        form = CLOSED_FORMS[gate.against]
+        return [form.scalar(gate.quantity, case.scene(case.recipes[0]))]
+    return [gate.against]
+
+
+def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
+    """Return the claimed error that counts in a difference of corrected areas; see `gate`."""
+    group, _, kind = gate.quantity.rpartition(".")
+    sides = [answers[str(name)] for name in (gate.of, gate.against) if name in answers]
+    if kind != "corrected" or (isinstance(gate.against, str) and len(sides) == 1):
+        return None
+    claims = [
+        fmean(read_quantity(result, f"{group}.error") for result in side.results)
+        for side in sides
+        if all("error" in result.final.areas for result in side.results)
+    ]
+    # A theory says 0 and claims nothing by it; what is no number is no assurance.
+    return min((math.inf if math.isnan(c) else c for c in claims if c != 0), default=None)
+
+
+def _joined(sentences: Sequence[str]) -> str:
+    """Join the errors of many surfaces in one line that states each reason once.
+
+    Each sentence is "method, surface: reason", as `run_cases` makes it.
+    """
+    by_reason: dict[str, list[str]] = {}
+    for sentence in dict.fromkeys(sentences):
+        where, _, reason = sentence.partition(": ")
+        by_reason.setdefault(reason, []).append(where)
+    parts = []
+    for reason, places in by_reason.items():
+        more = f" and {len(places) - 1} more" if len(places) > 1 else ""
+        parts.append(f"{places[0]}{more}: {reason}")
+    return "; ".join(parts)
+
+
+def _distances(case: Case, gate: Gate, of: Answer, against: Answer | None) -> list[float]:
+    others: list[PressureDistribution | None]
+    if against is None:
+        form = CLOSED_FORMS[str(gate.against)]
+        others = [form.pressures(case.scene(recipe)) for recipe in case.recipes]
+    else:
+        others = [result.distribution for result in against.results]
+    if len(others) == 1:
+        others *= len(of.results)
+    if len(others) != len(of.results):
+        raise EpcontactError(
+            "distributions can be compared with one answer, or with one for each surface"
+        )
+    distances: list[float] = []
+    for mine, other in zip(of.results, others, strict=True):
+        if mine.distribution is None or other is None:
+            raise EpcontactError(f"{gate.name}: a method gave no pressure distribution")
+        distances.append(distance(gate.norm, mine.distribution, other, case.material.hardness))
+    return distances
