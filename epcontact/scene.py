@@ -236,7 +236,7 @@ class Surface:
             *_oblong_note(self.spacing),
         )
         new = cautioned(tuple(note for note in cautions if note not in self.notes))
-        settle(self, notes=(*self.notes, *new))
+        settle(self, notes=(*listed(self.notes), *new))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -457,7 +457,7 @@ class Body:
             f"body kind is {self.kind!r}, but must be one of {', '.join(kinds)}",
         )
         if self.kind == "half_space":
-            _require(self.depth == math.inf, "a half_space takes no depth")
+            number("depth", self.depth, "left out, as a half_space takes no depth", math.isinf)
         else:
             settle(self, depth=positive("depth", self.depth, "m"))
 

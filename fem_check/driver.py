@@ -21,7 +21,7 @@ import numpy as np
 
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.results import ContactResult, FloatArray, package_versions
-from epcontact.scene import Scene, number, share, whole
+from epcontact.scene import Scene, number, require_kind, share, whole
 from fem_check import plasticity
 from fem_check.certify import certify
 from fem_check.increments import Rule
@@ -151,6 +151,7 @@ def solve_path(  # noqa: PLR0913 - the options of `solve`
         >>> [point.state.displacement.shape for point in path.points]
         [(9, 16, 1, 3), (9, 16, 1, 3)]
     """
+    require_kind("scene", scene, Scene)
     _check_names(scene, law, geometry)
     tolerance = share("tolerance", tolerance)
     step_tolerance = share("step_tolerance", step_tolerance)

@@ -471,6 +471,7 @@ def test_shapes_that_do_not_fit():
         ({"hardness": math.nan}, "hardness is nan"),
         ({"spacing": (1.0, -1.0)}, "spacing is -1.0, but must be positive, in m"),
         ({"spacing": (math.inf, 1.0)}, "spacing is inf"),
+        ({"effective_modulus": 0.0}, "effective_modulus is 0.0, but must be positive"),
     ],
 )
 def test_areas_of_what_is_no_solution(changed, sentence):

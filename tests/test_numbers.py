@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from epcontact import Body, Load, Material, Scene, SelfAffineSpectrum, Surface, bem, persson
-from epcontact.errors import InvalidScene
+from epcontact import Body, Load, Material, Scene, SelfAffineSpectrum, Surface, bem, persson, verify
+from epcontact.errors import EpcontactError, InvalidScene
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.surfaces import (
     FlatPunch,
@@ -176,3 +177,42 @@ def test_parts_of_a_scene_in_the_place_of_others() -> None:
 def test_fields_that_are_no_numbers(name: str) -> None:
     with pytest.raises(InvalidScene, match=f"{name} is 'none', but must be an array of numbers"):
         bem.solve(SCENE, **{name: "none"})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: bem.solve(SURFACE), r"scene is Surface\(.*, but must be a Scene"),
+        (lambda: fem_solve(None), "scene is None, but must be a Scene"),
+        (lambda: persson.solve("x", energy_reduction=0.5), "scene is 'x', but must be a Scene"),
+        (lambda: filtered(WAVE, 1.0), "surface is array.*, but must be a Surface"),
+        (lambda: persson.analytic_roughness("x"), "spectrum is 'x', but must be a SelfAffine"),
+        (lambda: persson.analytic_roughness(SPECTRUM, 0), "bands is 0, but must be a whole"),
+        (lambda: persson.pressure_curve(1.0, 0.1, 1.0, 1), "points is 1, but must be a whole"),
+        (lambda: persson.gamma_columns("a", 0.1), "full_contact_diffusion is 'a', but must be an"),
+        (lambda: persson.gamma_columns(1.0, 0.1, 1.0, [[0.5]]), "energy_reduction is array"),
+        (lambda: persson.areas([1.0, 2.0], [0.1, 0.2, 0.3]), r"diffusion \(2,\) and .* do not fit"),
+        (lambda: Body("half_space", "deep"), "depth is 'deep', .* a half_space takes no depth"),
+        (lambda: HeightsFromFile(3), "path is 3, but must be the path of a file"),
+    ],
+)
+def test_other_arguments(call: Callable[[], Any], sentence: str) -> None:
+    with pytest.raises(InvalidScene, match=sentence):
+        call()
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"cases": 3}, "cases has 3, but must be names, paths or loaded cases"),
+        ({"cases": ["bearing-area", None]}, "cases has None, but"),
+        ({"jobs": 0}, "jobs is 0, but must be a whole number of at least 1"),
+        ({"jobs": "2"}, "jobs is '2', but"),
+        ({"fields": "some"}, "fields is 'some', but must be one of none, first, all, steps"),
+        ({"precision": "half"}, "precision is 'half', but must be one of single, double"),
+    ],
+)
+def test_options_of_the_main_job(given: dict[str, Any], sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(EpcontactError, match=sentence):
+        verify(**{"cases": "bearing-area", "output": tmp_path} | given)
+    assert not any(tmp_path.iterdir())

@@ -33,7 +33,7 @@ from epcontact.bem.transforms import KEPT_POINTS, Symbol
 from epcontact.machine import available_cores, compile_seconds, peak_memory
 from epcontact.materials.moduli import effective_modulus, oedometric_modulus
 from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
-from epcontact.scene import Scene
+from epcontact.scene import Scene, require_kind
 
 _DISTRIBUTION_BINS = 1024
 # Along a load path the last solution is the better start up to this ratio of loads; beyond it,
@@ -95,6 +95,7 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         >>> round(solve(scene).final.areas["corrected"].total, 4)
         0.3816
     """
+    require_kind("scene", scene, Scene)
     cores = available_cores() if threads is None else threads
     options = Options(tolerance, area_tolerance, cores, method, max_steps)
     started, compiled = time.perf_counter(), compile_seconds()

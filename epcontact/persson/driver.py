@@ -11,7 +11,7 @@ from epcontact.persson.roughness import SpectrumKind
 from epcontact.persson.separation import elastic_energy, mean_separation
 from epcontact.persson.theory import Theory, pressure_curve
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
-from epcontact.scene import Scene, whole
+from epcontact.scene import Scene
 
 
 def solve(
@@ -57,7 +57,7 @@ def solve(
     )
     steps = tuple(_step(theory, mean_pressure) for mean_pressure in scene.load.path)
     diffusion = steps[-1].quantities["diffusion"]
-    curve = pressure_curve(diffusion, scene.load.final, theory.hardness, whole("points", points, 2))
+    curve = pressure_curve(diffusion, scene.load.final, theory.hardness, points)
     options = {
         "energy_reduction": theory.reduction.gamma,
         "reduction": reduction,

@@ -221,7 +221,12 @@ def boundary_slopes(
 
 
 def _broadcast(**given: ArrayLike) -> tuple[FloatArray, ...]:
-    return np.broadcast_arrays(*(array(name, values) for name, values in given.items()))
+    arrays = [array(name, values) for name, values in given.items()]
+    try:
+        return np.broadcast_arrays(*arrays)
+    except ValueError:
+        shapes = " and ".join(f"{name} {a.shape}" for name, a in zip(given, arrays, strict=True))
+        raise InvalidScene(f"{shapes} do not fit: give numbers, or arrays of one shape") from None
 
 
 def _scaled(

@@ -223,13 +223,14 @@ def gamma_columns(
         (array([0.1097, 0.1024]), array([0.1086, 0.1003]))
     """
     values = np.linspace(0.3, 1.0, 141) if gammas is None else array("gammas", gammas)
-    for extreme in (values.min(), values.max()):
-        EnergyReduction(float(extreme))  # checks the range
-    capped = areas(values * full_contact_diffusion, mean_pressure, hardness)
+    for gamma in values:
+        EnergyReduction(gamma)  # checks the range
+    tau = array("full_contact_diffusion", full_contact_diffusion)
+    capped = areas(values * tau, mean_pressure, hardness)
     return {
         "gamma": values,
         "elastic_area": capped.elastic,
         "plastic_area": capped.plastic,
         "total_area": capped.total,
-        "elastic_body_area": areas(values * full_contact_diffusion, mean_pressure).total,
+        "elastic_body_area": areas(values * tau, mean_pressure).total,
     }

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import SelfAffineSpectrum, Surface
+from epcontact.scene import SelfAffineSpectrum, Surface, require_kind, whole
 from epcontact.surfaces.power_spectrum import cumulative_slope_variance, radial_spectrum
 from epcontact.surfaces.spectrum import slope_variance_up_to, spectral_moment
 
@@ -73,6 +73,8 @@ def analytic_roughness(spectrum: SelfAffineSpectrum, bands: int = 512) -> Roughn
         >>> print(f"{rough.rms_slope:.6f} {rough.lowest:g} {rough.highest:g}")
         0.100000 100000 1.6e+06
     """
+    require_kind("spectrum", spectrum, SelfAffineSpectrum)
+    bands = whole("bands", bands, 1)
     q0, q1 = spectrum.wavenumber_low, spectrum.wavenumber_high
     edges = q0 * np.exp(np.linspace(0, 1, bands + 1) ** 2 * math.log(q1 / q0))
     edges[-1] = q1

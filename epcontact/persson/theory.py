@@ -19,7 +19,7 @@ from epcontact.persson.reduction import (
 )
 from epcontact.persson.roughness import Roughness, SpectrumKind, roughness_of
 from epcontact.results import FloatArray
-from epcontact.scene import Scene, array
+from epcontact.scene import Scene, array, require_kind, whole
 
 #: An elastic distribution is tabulated to the mean pressure + 12 sqrt(G): exp(-12^2 / 4) = 2e-16.
 _TAIL = 12.0
@@ -112,7 +112,7 @@ def pressure_curve(
     last = hardness
     if math.isinf(hardness):
         last = mean_pressure + _TAIL * math.sqrt(diffusion)
-    pressure = np.linspace(0.0, last, points)
+    pressure = np.linspace(0.0, last, whole("points", points, 2))
     return PressureCurve(
         pressure,
         pressure_density(pressure, diffusion, mean_pressure, hardness),
@@ -169,6 +169,7 @@ class Theory:
             InvalidScene: The scene is a line, a layer or an unloading path, or has no analytic
                 spectrum; or gamma is out of range.
         """
+        require_kind("scene", scene, Scene)
         if scene.body.kind != "half_space":
             raise InvalidScene(
                 f"the body is a {scene.body.kind}, but the theory here is that of the half-space"

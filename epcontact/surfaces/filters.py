@@ -9,7 +9,7 @@ import ducc0
 import numpy as np
 
 from epcontact.results import FloatArray
-from epcontact.scene import Surface, number, positive
+from epcontact.scene import Surface, number, positive, require_kind
 from epcontact.surfaces.spectrum import BAND_TOLERANCE, truncated
 
 
@@ -28,6 +28,7 @@ def filtered(surface: Surface, wavenumber_high: float, wavenumber_low: float = 0
         >>> float(abs(filtered(surface, 1.0).heights).max()) < 1e-15
         True
     """
+    require_kind("surface", surface, Surface)
     highest = positive("wavenumber_high", wavenumber_high, "rad/m", finite=False)
     right = f"a number between 0 and wavenumber_high = {highest:g} rad/m"
     lowest = number("wavenumber_low", wavenumber_low, right, lambda q: 0 <= q < highest)

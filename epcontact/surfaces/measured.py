@@ -150,7 +150,9 @@ class HeightsFromFile(Preparation):
 
     def __post_init__(self) -> None:
         check_preparation(self)
-        settle(self, path=Path(self.path))  # it may be a text
+        if not isinstance(self.path, str | Path):
+            raise InvalidScene(f"path is {self.path!r:.60}, but must be the path of a file")
+        settle(self, path=Path(self.path))
         if self.optional and not Path(self.path).exists():
             raise SurfaceAbsent(
                 f"its surface {self.path} is not here; put the file there to run it"

@@ -182,6 +182,9 @@ def estimate_areas(
         )
     hardness = number("hardness", hardness, "positive, in Pa", lambda v: v > 0)
     spacing = [number("spacing", d, "positive, in m", lambda v: 0 < v < math.inf) for d in spacing]
+    effective_modulus = number(
+        "effective_modulus", effective_modulus, "positive, in Pa", lambda v: 0 < v < math.inf
+    )
     for name, values in (("pressure", pressure), ("gap", gap)):
         if not (values.size and math.isfinite(values.sum())):
             raise InvalidScene(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 from epcontact.errors import InvalidCase, nearest
 from epcontact.harness.answers.run import Progress, default_jobs, run_cases
@@ -28,6 +29,10 @@ from epcontact.harness.verdict.judgement import judge_case
 from epcontact.harness.verdict.read_back import require_faithful
 from epcontact.harness.verdict.record import Verdict
 from epcontact.output.vtk import Precision
+from epcontact.scene import listed, whole
+
+#: The fields that can be written, see `verify`, and the precisions of their numbers.
+FIELDS, PRECISIONS = ("none", "first", "all", "steps"), get_args(Precision)
 
 
 def verify(  # noqa: PLR0913 - the options of the command
@@ -71,7 +76,7 @@ def verify(  # noqa: PLR0913 - the options of the command
         The verdict.  `verdict.cases[i].answers` holds the results in memory.
 
     Raises:
-        InvalidCase: if a case or the solver cannot be read.
+        InvalidCase, InvalidScene: if a case or the solver cannot be read, or an option is none.
         OutputError: if a file cannot be written, or does not say what was judged.
 
     Example:
@@ -81,9 +86,13 @@ def verify(  # noqa: PLR0913 - the options of the command
         >>> verdict.passed, verdict.cases[0].gates[0].status
         (True, 'holds')
     """
+    jobs = None if jobs is None else whole("jobs", jobs, 1)
+    for name, given, known in (("fields", fields, FIELDS), ("precision", precision, PRECISIONS)):
+        if given not in known:
+            raise InvalidCase(f"{name} is {given!r}, but must be one of {', '.join(known)}")
     set_verdict_aside(Path(output))
     methods = dict(METHODS)
-    named = [cases] if isinstance(cases, str | Path | Case) else list(cases or ())
+    named = () if cases is None else listed(cases)
     loaded = [case for each in named or cases_to_verify(size) for case in _loaded(each, size)]
     if solver:
         stand_in = solver_named(solver)
@@ -116,6 +125,8 @@ def verify(  # noqa: PLR0913 - the options of the command
 def _loaded(case: str | Path | CaseText | Case, size: str) -> list[Case]:
     if isinstance(case, Case):
         return [case]
+    if not isinstance(case, str | Path | CaseText):
+        raise InvalidCase(f"cases has {case!r:.60}, but must be names, paths or loaded cases")
     texts = (case,) if isinstance(case, CaseText) else find_named(case)
     loaded = [load_case(text, size) for text in texts]
     for one in loaded:
