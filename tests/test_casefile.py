@@ -55,6 +55,16 @@ def test_every_shipped_case_reads_at_every_size() -> None:
 # What is done to the file, and what the sentence must name: the key and the remedy.
 MISTAKES = {
     "unknown key": (("hurst =", "hurts ="), ["hurts", "did you mean 'hurst'"]),
+    "table for a list of tables": (
+        ("[[gate]]", "[gate]"),
+        ["[gate] is one table", "write [[gate]]"],
+    ),
+    "list of tables for a table": (("[theory]", "[[theory]]"), ["theory is [{", "must be a table"]),
+    "a word for a length": (("period = 1", 'period = "1e-3"  # '), ["period", "a valid number"]),
+    "a period without points": (
+        ("period = 1", "period = [1e-3, 1e-7] # "),
+        ["are 0 on a period of 1e-07 m, but at least 2 are needed"],
+    ),
     "unknown table": (("[theory]", "[theroy]"), ["theroy", "did you mean 'theory'"]),
     "unknown key in a gate": (("tolerance", "tolerence"), ["tolerence", "'tolerance'"]),
     "missing key": (("rms_slope = 0.1", ""), ["surface.rms_slope", "missing", "m/m"]),

@@ -78,6 +78,7 @@ def test_westergaard_is_consistent(share) -> None:
     )  # a step a point
 
 
+@pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")  # of oblong cells
 def test_westergaard_on_a_surface_with_waves_is_that_of_the_line() -> None:
     line, surface = wave(0.3, (512,), waves=2), wave(0.3, (512, 8), waves=2)
     for quantity in ("area.total.raw", "quantity.mean_gap", "quantity.elastic_energy"):

@@ -29,8 +29,8 @@ def as_tuple(value: Any) -> Any:
 
 
 def _lengths(value: Any) -> Any:
-    """Turn one length or a list of lengths into a tuple."""
-    return (value,) if isinstance(value, int | float) else as_tuple(value)
+    """Turn one length or a list of lengths into a tuple; return a table unchanged."""
+    return as_tuple(value) if isinstance(value, list | tuple | dict) else (value,)
 
 
 _PERIOD = BeforeValidator(_lengths, json_schema_input_type=float | list[float])

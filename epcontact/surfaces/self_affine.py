@@ -67,7 +67,7 @@ def grid_shape(
         The grid's shape, for `SelfAffine`.
 
     Raises:
-        InvalidScene: if a number is not positive.
+        InvalidScene: if a number is not positive, or a period has less than two points.
 
     Example:
         >>> spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, 64.0, rms_slope=1.0)
@@ -78,7 +78,14 @@ def grid_shape(
     lengths = [positive("periods", p, "m") for p in listed(periods)]
     name = "points_per_shortest_wavelength"
     points = positive(name, points_per_shortest_wavelength, "points")
-    return tuple(round(points * p * spectrum.wavenumber_high / (2 * math.pi)) for p in lengths)
+    shape = tuple(round(points * p * spectrum.wavenumber_high / (2 * math.pi)) for p in lengths)
+    for period, count in zip(lengths, shape, strict=True):
+        if count < 2:
+            raise InvalidScene(
+                f"{points:g} points per shortest wavelength are {count} on a period of "
+                f"{period:g} m, but at least 2 are needed; check the periods"
+            )
+    return shape
 
 
 @dataclass(frozen=True)

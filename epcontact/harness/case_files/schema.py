@@ -289,6 +289,8 @@ def mistake(error: ValidationError) -> str:
     elif kind == "value_error":
         table = len(location) == 1 or location[0] == "surface"
         sentence = f"{f'[{where}]' if table else f'{where}:'} {first['ctx']['error']}"
+    elif isinstance(given, dict) and kind in ("list_type", "tuple_type") and len(location) == 1:
+        sentence = f"[{where}] is one table of a list; write [[{where}]]"
     elif isinstance(given, dict):
         names = ", ".join(map(repr, given))
         sentence = f"{where} has the keys {names}, but must be one value, or one each for the sizes"
@@ -305,6 +307,8 @@ def _needed(message: str) -> str:
     1 item after validation, not 0".
     """
     needed = message.lower().partition(" should ")[2] or "be valid"
+    if "valid dictionary" in needed:
+        return "be a table"
     return needed.replace("valid tuple", "valid list").removesuffix(" after validation, not 0")
 
 
