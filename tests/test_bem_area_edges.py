@@ -1,16 +1,17 @@
 """Corrected areas where edges, kinks and lone peaks hold the fronts: right within their claim."""
 
 import math
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from epcontact import bem
-from epcontact.bem.areas import front
+from epcontact.bem.areas import front, grid, rim_correction
 from epcontact.bem.areas.rim_correction import ERRORS, estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
+from epcontact.results import Areas
 from epcontact.scene import SelfAffineSpectrum
 from epcontact.studies import area_scenes, areas, error_bars
 from epcontact.surfaces import FlatPunch, SelfAffine
@@ -267,6 +268,26 @@ def test_the_ensemble_finds_claims_that_hold_and_claims_that_do_not():
     pd.testing.assert_frame_equal(again, table.head(len(again)), rtol=1e-6)
 
 
+@pytest.mark.parametrize(("load", "hardness"), [(0.05, math.inf), (0.1, 0.6)])
+def test_claims_on_rough_surfaces_fall_as_the_surface_grows(load, hardness):
+    """Errors of many alike spots are by chance: four times the period, a quarter of the claim.
+
+    The kinks and creases that are seen here and there must not add up as if they were alike."""
+    claims = [
+        np.median(
+            [
+                error.total / corrected.total
+                for seed in range(seeds)
+                for _, corrected, error in [
+                    solved(rough((n, n), seed, high=n // 4), load, hardness)
+                ]
+            ]
+        )
+        for n, seeds in ((64, 8), (256, 3))
+    ]
+    assert 1 / 5 < claims[1] / claims[0] < 0.36
+
+
 @pytest.mark.slow
 def test_scenes_that_once_were_wrong_are_within_their_claims():
     small = [scene for scene in area_scenes.SCENES if scene.member.shape[0] < 128]
@@ -296,3 +317,18 @@ def test_the_error_constants_can_be_fitted_again():
     # What narrow strips, edges and tips claim is not fitted, so that a tenth is not nothing.
     assert np.mean(error <= claim) < error_bars.COVERED - 0.05
     assert error_bars.loss(known, tenth) > losses[0] + 0.5
+
+
+@pytest.mark.slow
+def test_what_tips_need_is_found_again():
+    """Where tips lack exactly 0.5 + 0.1 phi cells, the fit of TIP and TIP_PRESSED says so."""
+    lacking = []
+    for one in error_bars.lessons([1100], 32):
+        pressed = rim_correction.pressed_shares(one.sums, one.share * one.cells)
+        oblong = rim_correction.OBLONG * math.log(one.aspect) ** 2
+        located = rim_correction.located_areas(one.sums, pressed, oblong)
+        more = 0.5 + 0.1 * pressed - rim_correction.TIP - rim_correction.TIP_PRESSED * pressed
+        total, plastic = located - more * one.sums[grid.TIPS, :, 0] * (1, -1)
+        exact = Areas(total / one.cells, (total - plastic) / one.cells, plastic / one.cells)
+        lacking.append(replace(one, exact=exact))
+    assert error_bars.fitted_tip(lacking) == pytest.approx((0.5, 0.1), abs=1e-3)

@@ -29,10 +29,11 @@ from epcontact.bem.areas.rim_correction import (
     ERRORS,
     OBLONG,
     TIP,
+    TIP_PRESSED,
     ErrorConstants,
     areas_of_sums,
     located_areas,
-    perimeter_areas,
+    pressed_shares,
     sums_of_fronts,
 )
 from epcontact.results import Areas, FloatArray
@@ -149,12 +150,11 @@ class Lesson:
     """What the claim for one surface is made of, and the truth.
 
     Attributes:
-        sums, raw, share, cells, aspect: arguments of `rim_correction.areas_of_sums`.
+        sums, share, cells, aspect: arguments of `rim_correction.areas_of_sums`.
         exact: the areas on the fine grid.
     """
 
     sums: FloatArray
-    raw: Areas
     share: float
     cells: int
     aspect: float
@@ -169,31 +169,39 @@ def lessons(seeds: Iterable[int], points: int) -> list[Lesson]:
             one = member(KINDS, kind, seed, points)
             pressure, gap, (dx, dy) = one.solved(1)
             sums = sums_of_fronts(pressure, gap, one.hardness, [dx, dy], 1.0)
-            raw, share = perimeter_areas(pressure, one.hardness)[0], one.load / one.hardness
-            out.append(Lesson(sums, raw, share, pressure.size, dx / dy, one.areas(FINER)[1]))
+            share, exact = one.load / one.hardness, one.areas(FINER)[1]
+            out.append(Lesson(sums, share, pressure.size, dx / dy, exact))
     return out
 
 
-def fitted_tip(known: Sequence[Lesson]) -> float:
-    """Cells that each tip needs: the median over surfaces, those with more tips counting more."""
-    needs, weights = [], []
+def fitted_tip(known: Sequence[Lesson]) -> tuple[float, float]:
+    """(TIP, TIP_PRESSED): the line next to what tips need, by the pressure beside them.
+
+    The mean distance is the least, and surfaces with more tips count more.
+    """
+    rows = []
     for one in known:
-        located = located_areas(one.sums, OBLONG * math.log(one.aspect) ** 2)
-        exact = np.array([one.exact.total, one.exact.plastic]) * one.cells
+        pressed = pressed_shares(one.sums, one.share * one.cells)
+        located = located_areas(one.sums, pressed, OBLONG * math.log(one.aspect) ** 2)
+        off = (located - np.array([one.exact.total, one.exact.plastic]) * one.cells) * (1, -1)
         tips, length = one.sums[grid.TIPS, :, 0], one.sums[grid.LENGTH].sum(axis=1)
-        shown = tips > 0
-        needs += (TIP + (located - exact)[shown] * np.array([1, -1])[shown] / tips[shown]).tolist()
-        weights += (tips[shown] / np.sqrt(length[shown])).tolist()
-    order = np.argsort(needs)
-    share = np.cumsum(np.array(weights)[order])
-    return float(np.array(needs)[order][np.searchsorted(share, share[-1] / 2)])
+        for n in np.flatnonzero(tips):
+            need = TIP + TIP_PRESSED * pressed[n] + off[n] / tips[n]
+            rows.append([pressed[n], need, tips[n] / math.sqrt(length[n])])
+    pressed, need, weight = np.array(rows).T
+    line = minimize(
+        lambda at: weight @ np.abs(need - at[0] - at[1] * pressed),
+        [TIP, TIP_PRESSED],
+        method="Nelder-Mead",
+    ).x
+    return float(line[0]), float(line[1])
 
 
 def errors_and_claims(known: Sequence[Lesson], constants: ErrorConstants) -> FloatArray:
     """(areas, 2): error and claim in cells of each part of the area of each surface."""
     out = []
     for one in known:
-        found, claim = areas_of_sums(one.sums, one.raw, one.share, one.cells, one.aspect, constants)
+        found, claim = areas_of_sums(one.sums, one.share, one.cells, one.aspect, constants)
         for part in ("total", "plastic", "elastic") if one.share else ("total",):
             off = abs(getattr(found, part) - getattr(one.exact, part))
             out.append([off * one.cells, getattr(claim, part) * one.cells])
@@ -232,7 +240,8 @@ def main() -> None:
     """Print the constants in use, those that the ensemble gives, and those of its halves."""
     known = [one for seeds, points in ENSEMBLE for one in lessons(seeds, points)]
     fits = [fitted(part) for part in (known, known[::2], known[1::2])]
-    print("tip", round(fitted_tip(known), 3), "in use", TIP)
+    tip = (round(value, 3) for value in fitted_tip(known))
+    print("tip, tip pressed", *tip, "in use", TIP, TIP_PRESSED)
     print(f"{'':14s} in use  fitted  halves")
     for field in fields(ErrorConstants):
         here, whole, *halves = (getattr(c, field.name) for c in (ERRORS, *fits))

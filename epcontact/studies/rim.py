@@ -17,9 +17,6 @@ Two fronts.  If an elastic strip of width w separates apart and plastic points, 
 with w, overshoots and settles at a spacing's width.  Solutions over all w, directions and positions
 give it as a function of u = hardness/|grad v|, which is known in each cell.
 
-Tips.  Near full contact there are gaps narrower than a spacing, like Westergaard's.  TIP is the
-area that they lack for each visible tip if every width is equally likely.
-
 `python -m epcontact.studies.rim` prints the constants and tables, in some ten seconds.
 """
 
@@ -32,8 +29,8 @@ import numpy as np
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
 from epcontact.bem.areas.front import AXIS_OFFSET, KINK, LINK_ROWS, STIFFNESS, locate
+from epcontact.bem.areas.hidden import CORNER
 from epcontact.bem.areas.rim_correction import (
-    CORNER,
     COUNTED,
     HARMONIC,
     OBLONG,

@@ -23,10 +23,9 @@ KINKED    segment length where the surface has a kink
 TURN      turn of the front, a quarter for each corner cut off.  Over a whole front this adds up
           to its Euler number.
 TIPS      points apart (or plastic) with one or two of their eight neighbours in the same state
-DIPS      squares of the areas of gaps that may be hidden between points that all touch, in waves
-          and at tips
+SQUARES   squares of the areas of gaps that may be hidden between points that all touch, in waves,
+          at tips and at creases, and of what lone points lack of CORNER
 CREASE    areas of gaps that may be hidden at creases between points that all touch
-LACKING   areas that lone points lack of LONE
 POINTS    points inside
 
 Sums have two parts: those of the front for itself, and those of fronts so steep that they move
@@ -66,8 +65,8 @@ LOCATED = 0.005
 
 #: Indices of the sums (SUMS, front, part).
 AREA, OFFSET, TURN, FLOWING, LENGTH, HARMONIC, SINE, CHANCE, COMMON = range(9)
-HELD, ALIGNED, HIDDEN, KINKED, POINTS, TIPS, LACKING, DIPS, CREASE = range(9, 18)
-SUMS = (18, 2, 2)
+HELD, ALIGNED, HIDDEN, KINKED, POINTS, TIPS, SQUARES, CREASE = range(9, 17)
+SUMS = (17, 2, 2)
 
 #: For each set of corners inside (`Rows.codes`), the two sides that a front crosses; side k is that
 #: from corner k to the next.  A corner that is cut off is between the second side and the first.
@@ -183,7 +182,7 @@ def _sweep_block(
             sums[POINTS, front, 0] += points
             sums[AREA, front, 0] += points
         add_tips(rows, i, busy, hardness, sums[TIPS])
-        add_hidden(rows, i, busy, hardness, sums[LACKING : CREASE + 1, :, 0])
+        add_hidden(rows, i, busy, hardness, sums[SQUARES : CREASE + 1, :, 0])
 
 
 @compiled

@@ -13,12 +13,12 @@ from epcontact.results import FloatArray
 #: A wave's curvature divided by its second difference between points a quarter wavelength apart.
 SEEN = 1.25
 #: Along a crease the pressure changes by less than this share of its change across.  The loss of
-#: the fit of `epcontact.studies.error_bars` on the seeds 3000 to 3149 is 2.51 with 0.1, 0.2 and 1/3
-#: and 2.55 with 1, but from 1/3 on the claims of straight grooves that no point shows become too
-#: small.
+#: the fit of `epcontact.studies.error_bars` is 2.41 to 2.42 with 0.1, 0.2, 1/3 and 1, but from 1/3
+#: on the claims of straight grooves that no point shows become too small.
 STRAIGHT = 0.2
-#: A lone point that carries next to nothing is taken for a spot of this area (CORNER).
-LONE = 0.6
+#: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).  A lone point that
+#: carries next to nothing is taken for a spot of this area.
+CORNER = 0.6
 #: A tip has at most this number of neighbours in its own state.
 TIP_NEIGHBOURS = 2
 
@@ -52,7 +52,7 @@ def add_tips(rows: Rows, i: int, columns: Columns, hardness: float, sums: FloatA
 def add_hidden(rows: Rows, i: int, columns: Columns, hardness: float, sums: FloatArray) -> None:
     """Add what the elastic points of a row may hide beside them: gaps, and plastic zones.
 
-    sums: (3, 2) what lone points lack, dips and creases, for each front.
+    sums: (2, 2) of squares and of creases, for each front.
     """
     v, row, elastic, chosen = rows.v[0], i & LAST, rows.lists[1], rows.lists[2]
     up, down, count = (i - 1) & LAST, (i + 1) & LAST, 0
@@ -86,10 +86,10 @@ def _add_chosen(
         left, right = _short(v[row, j - 1], hardness, front), _short(v[row, j + 1], hardness, front)
         most = max(above, below, left, right)
         if most <= 0:
-            sums[0] += _lacking(rows, (i, j), cap, sign)
+            sums[0] += _lacking(rows, (i, j), cap, sign) ** 2
             continue
         if here <= min(above, below, left, right) and most < hardness:
-            sums[1] += _dip(here, (above + below + left + right) / 4 - here)
+            sums[0] += _dip(here, (above + below + left + right) / 4 - here)
         a, b = _short(v[up, j - 1], hardness, front), _short(v[up, j + 1], hardness, front)
         c, d = _short(v[down, j - 1], hardness, front), _short(v[down, j + 1], hardness, front)
         outer = _short(v[(i - 2) & LAST, j], hardness, front)
@@ -101,9 +101,11 @@ def _add_chosen(
         sides = min(a, above, b), min(c, below, d)
         y_log, y_straight = _crease(here, (left, right), (outer, other), sides)
         if min(x_log, y_log) > -np.inf:
-            sums[1] += 16 * math.exp(2 * (x_log + y_log))
+            sums[0] += 16 * math.exp(2 * (x_log + y_log))
         if max(x_straight, y_straight) > 0:
-            sums[2] += 2 * max(x_straight * math.exp(x_log), y_straight * math.exp(y_log))
+            area = 2 * max(x_straight * math.exp(x_log), y_straight * math.exp(y_log))
+            sums[0] += area * area
+            sums[1] += area
 
 
 @compiled
@@ -160,7 +162,7 @@ def _crease(
 
 @compiled
 def _lacking(rows: Rows, place: tuple[int, int], cap: float, sign: float) -> float:
-    """What the located area of a lone point lacks of LONE, because its spot may have no area.
+    """What the located area of a lone point lacks of CORNER, because its spot may have no area.
 
     Front 1: the point is the only elastic one.
     """
@@ -170,4 +172,4 @@ def _lacking(rows: Rows, place: tuple[int, int], cap: float, sign: float) -> flo
         before = cap + sign * v[(i - x) & LAST, j - 1 + x]
         after = cap + sign * v[(i + x) & LAST, j + 1 - x]
         area *= here / (here - before) + here / (here - after)
-    return float(max(LONE - area / 2, 0.0))
+    return float(max(CORNER - area / 2, 0.0))
