@@ -131,11 +131,49 @@ def test_a_case_may_take_its_hardness_from_the_map(write_case, tmp_path) -> None
         load_case(write_case((given[0], 'hardness = "efective"')))
 
 
+def test_a_yield_stress_alone_is_not_taken_for_an_elastic_body(write_case) -> None:
+    given = "hardness = 6.0e9"
+    with pytest.raises(InvalidCase, match="yield_stress and no hardness, at which persson flows"):
+        load_case(write_case((given, "yield_stress = 2.0e9")))
+    elastic = load_case(write_case((given, "yield_stress = 2.0e9\nhardness = inf")))
+    assert math.isinf(elastic.material.hardness)
+
+
+def test_a_measured_map_has_the_hardness_of_its_own_slope(write_case, tmp_path) -> None:
+    """The slope is that of the heights once they are treated, and a case without its map waits."""
+    given = write_case(
+        ("hardness = 6.0e9", 'hardness = "effective"\nyield_stress = 2.0e9'),
+        ("energy_reduction = 0.536", 'energy_reduction = 0.536\nspectrum = "surface"'),
+    )
+    text = given.read_text(encoding="utf-8")
+    start, end = text.index("[surface]"), text.index("[material]")
+    recipe = '[surface]\nkind = "file"\npath = "map.npy"\nunit = 1.0\npixel_size = 1e-6\n'
+    whole = text[:start] + recipe + "optional = true\n\n" + text[end:]
+    given.write_text(whole, encoding="utf-8")
+    assert "map.npy is not here" in load_case(given).skip
+    x = 2 * np.pi * np.arange(32) / 32
+    heights = 0.1 * np.sqrt(2) * 32e-6 / (2 * np.pi) * np.cos(x)[:, None] * np.ones(32)
+    np.save(tmp_path / "map.npy", heights)
+    case = load_case(given)
+    expected = effective_hardness(
+        yield_stress=2e9, young_modulus=case.material.young_modulus, rms_slope=0.1,
+        poisson_ratio=case.material.poisson_ratio, mean_pressure=5e8,
+    )  # fmt: skip
+    assert case.material.hardness == pytest.approx(expected.value, rel=1e-12)
+    assert str(expected).partition(" (")[0] in case.hardness_source
+    tilted = heights + 1e-5 * np.arange(32)[:, None]
+    np.save(tmp_path / "map.npy", tilted)
+    with pytest.raises(InvalidCase, match=r"\[surface\] .*map.npy: not periodic"):
+        load_case(given)
+
+
 def test_a_surface_off_the_map_s_kind_is_refused(tmp_path) -> None:
     punch = tmp_path / "punch-capped-light.toml"
     text = (CASES / punch.name).read_text(encoding="utf-8")
     punch.write_text(text.replace("hardness = 1.0e9", 'hardness = "effective"'), encoding="utf-8")
-    with pytest.raises(InvalidCase, match="known for surfaces of kind self_affine only"):
+    with pytest.raises(
+        InvalidCase, match="known for rough surfaces only, those of kind self_affine"
+    ):
         load_case(punch)
 
 

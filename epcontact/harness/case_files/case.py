@@ -40,12 +40,14 @@ from epcontact.scene import (
     scene_digest,
 )
 from epcontact.surfaces import (
+    HeightsFromFile,
     Recipe,
     SelfAffineEnsemble,
     SurfaceAbsent,
     recipes_of,
     require_room,
 )
+from epcontact.surfaces.power_spectrum import surface_moments
 
 __all__ = [
     "SIZES",
@@ -232,8 +234,10 @@ def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:
     except EpcontactError as error:  # a grid too large for memory; pydantic wraps only ValueErrors
         raise InvalidCase(f"{where}: [surface] {error}") from None
     try:
+        section = "surface"
+        slope = _slope(table)
         section = "material"
-        material, hardness_source = _material(table)
+        material, hardness_source = _material(table, slope)
         section = "body"
         body = Body(**table.body.model_dump())
         section = "load"
@@ -245,9 +249,9 @@ def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:
     except EpcontactError as error:
         raise InvalidCase(f"{where}: [{section}] {error}") from None
     options = _options(where, table)
-    if table.sweep is None or not judged:  # a sweep may give what its case lacks
-        _require_strength(where, options, material)
     absent = isinstance(table.surface, SurfaceAbsent)
+    if not absent and (table.sweep is None or not judged):  # a sweep may give what its case lacks
+        _require_strength(where, options, table)
     skip = f"skipped: {table.surface}" if absent else _not_installed(table.case.methods)
     return Case(
         id=table.case.id,
@@ -271,7 +275,21 @@ def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:
     )
 
 
-def _material(table: CaseFile) -> tuple[Material, str]:
+def _slope(table: CaseFile) -> float:
+    """The rms slope that an effective hardness depends on: of a map, once it has been treated.
+
+    It is 0 where nothing depends on it.
+    """
+    surface = table.surface
+    if table.material.hardness != "effective" or isinstance(surface, SurfaceAbsent):
+        return 0.0
+    if isinstance(surface, HeightsFromFile):
+        require_room(surface.shape)
+        return surface_moments(surface.build()).rms_slope
+    return surface.rms_slope if isinstance(surface, SelfAffineEnsemble) else 0.0
+
+
+def _material(table: CaseFile, slope: float) -> tuple[Material, str]:
     """Make the material; an effective hardness is that of the map at the largest mean pressure.
 
     The sentence says where an effective hardness comes from.
@@ -279,10 +297,13 @@ def _material(table: CaseFile) -> tuple[Material, str]:
     given, source = table.material.model_dump(), ""
     if given["hardness"] == "effective":
         surface, pressures = table.surface, table.load.mean_pressure
-        if not isinstance(surface, SelfAffineEnsemble) or len(surface.recipes()[0].shape) == 1:
+        if isinstance(surface, SurfaceAbsent):  # the case is skipped, and nothing asks for its cap
+            return Material(**given | {"hardness": math.inf}), ""
+        rough = isinstance(surface, SelfAffineEnsemble | HeightsFromFile)
+        if not rough or len(recipes_of(surface)[0].shape) == 1:
             raise InvalidScene(
-                "hardness is 'effective', which is known for surfaces of kind self_affine only; "
-                "give it in Pa"
+                "hardness is 'effective', which is known for rough surfaces only, those of kind "
+                "self_affine and the maps of kind file; give it in Pa"
             )
         if given["yield_stress"] == math.inf:
             raise InvalidScene(
@@ -297,7 +318,7 @@ def _material(table: CaseFile) -> tuple[Material, str]:
             yield_stress=given["yield_stress"],
             young_modulus=given["young_modulus"],
             poisson_ratio=given["poisson_ratio"],
-            rms_slope=surface.rms_slope,
+            rms_slope=slope,
             mean_pressure=max(pressures) if isinstance(pressures, list) else pressures,
         )
         given["hardness"] = found.value
@@ -306,15 +327,27 @@ def _material(table: CaseFile) -> tuple[Material, str]:
 
 
 def _require_strength(
-    where: str, options: Mapping[str, Mapping[str, Any]], material: Material
+    where: str, options: Mapping[str, Mapping[str, Any]], table: CaseFile
 ) -> None:
-    """Refuse a law of the finite elements without the stress at which it flows."""
+    """Refuse a law without the stress at which it flows.
+
+    A metal whose yield stress alone is given would be elastic to all methods but J2 flow, and no
+    figure of the answer would show it.
+    """
+    given = table.material
     law = options.get("fem", {}).get("law")
     needed = {"j2": "yield_stress", "capped": "hardness"}.get(str(law), "")
-    if needed and not math.isfinite(getattr(material, needed)):
+    if needed and getattr(given, needed) == math.inf:
         raise InvalidCase(
             f"{where}: fem.law is {law!r}, but [material] {needed} is missing; give it, or another "
             "law"
+        )
+    elastic = [name for name in options if not METHODS[name].has_model_measures]
+    if elastic and given.yield_stress < math.inf and "hardness" not in given.model_fields_set:
+        raise InvalidCase(
+            f"{where}: [material] has a yield_stress and no hardness, at which {elastic[0]} flows; "
+            "give hardness in Pa, as 'effective' (the cap that stands for J2 flow), or as inf for "
+            "an elastic body"
         )
 
 
@@ -340,6 +373,6 @@ def _options(where: str, table: CaseFile) -> dict[str, dict[str, Any]]:
         if analytic and kind != "self_affine":
             raise InvalidCase(
                 f"{where}: {method.table}.spectrum is 'analytic', but a surface of kind {kind} is "
-                "drawn from no spectrum; 'surface' takes its own"
+                "not drawn from one; write spectrum = 'surface', which takes that of the heights"
             )
     return options

@@ -92,7 +92,8 @@ class MaterialTable(Table):
     poisson_ratio: float = Field(description="between -1 and 0.5")
     hardness: float | Literal["effective"] = Field(
         default=float("inf"),
-        description="Pa; cap of the contact pressure; 'effective' takes it from yield_stress",
+        description="Pa; cap of the contact pressure; 'effective': that which stands for a J2 body "
+        "of yield_stress",
     )
     yield_stress: float = Field(default=float("inf"), description="Pa; of the J2 solid")
 
