@@ -138,8 +138,8 @@ def _compilation() -> Any:
                 gc.set_threshold(max(_OBJECTS, self._thresholds[0]), *self._thresholds[1:])
                 if not self._total:
                     logging.getLogger("epcontact").warning(
-                        "epcontact compiles its kernels, once on a machine; "
-                        "neither costs nor time limits count it"
+                        "epcontact compiles kernels that this machine has not used before; "
+                        "the time for it counts neither as cost nor against a time limit"
                     )
             self._depth += 1
 

@@ -214,6 +214,8 @@ def _show(verdict: Verdict, output: Path) -> None:
     for case in verdict.cases:
         if isinstance(next(iter(case.case.recipes), None), HeightsFromFile):
             print_surface_notes(console, case.case, case.answers)
+        if case.case.hardness_source:
+            click.echo(f"{case.id}: {case.case.hardness_source.partition('; ')[0]}")
         print_shortfalls(console, case)
     counts = [sum(case.status == s for case in verdict.cases) for s in STYLES]
     summary = ", ".join(f"{n} {s}" for n, s in zip(counts, STYLES, strict=True) if n)

@@ -100,13 +100,13 @@ def report(folder: Path, output: Path | None) -> None:
     "--map",
     "contact_map",
     type=_file,
-    help="Draw contact state and pressure in the plane: a .png, or by a name without ending a "
-    "picture, its data and a caption.",
+    help="Draw contact state and pressure from above, as a .png; a name without an ending gives "
+    "the picture, its data and a caption.",
 )
 @click.option(
     "--against",
     type=click.Path(path_type=Path),
-    help="Draw this result's pressure beside it, with the difference (with --screenshot).",
+    help="With --screenshot: draw the pressures of RESULT and of this one, and their difference.",
 )
 @click.option(
     "--film",

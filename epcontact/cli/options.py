@@ -40,7 +40,8 @@ executor = click.option(
     default="",
     metavar="MODULE:FUNCTION",
     help="Solve on the workers of the concurrent.futures.Executor that the function returns, such "
-    "as epcontact.harness.cluster:dask. --jobs (then 1 by default) solves share a worker's cores.",
+    "as epcontact.harness.cluster:dask. --jobs is then how many solves share the cores of a "
+    "worker, by default 1.",
 )
 output = click.option(
     "--output",
@@ -64,7 +65,7 @@ precision = click.option(
     type=click.Choice(["single", "double"]),
     default="single",
     show_default=True,
-    help="At least, of the numbers in .vti files: seven digits, or all at twice the size.",
+    help="Of the fields in .vti files: single keeps seven digits, double all at twice the size.",
 )
 
 

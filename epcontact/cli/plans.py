@@ -29,15 +29,20 @@ from epcontact.materials.hardness_map import PARTS, effective_hardness
     show_default=True,
     help="Tolerance on the contact area, relative, at 95 % confidence: 1% or 0.01.",
 )
-@click.option("--size", type=click.Choice(casefile.SIZES), default=None, help="Size of the case.")
+@click.option(
+    "--size",
+    type=click.Choice(casefile.SIZES),
+    default=None,
+    help="Size of the case; else its largest.",
+)
 @click.option(
     "--check",
     is_flag=True,
-    help="Run the plan and judge its error by a finer grid; exit code 1 if it breaks the promise.",
+    help="Run the plan, and a finer grid; exit with 1 if the error is larger than promised.",
 )
 @options.executor
 def plan(case: str, tolerance: str, size: str | None, check: bool, executor: str) -> None:
-    """Find the cheapest model of CASE that meets a tolerance; print its reasons and cost.
+    """Find the cheapest model of CASE that meets a tolerance; print the reasons and the cost.
 
     --executor is for the solves of --check.
     """
@@ -50,11 +55,14 @@ def plan(case: str, tolerance: str, size: str | None, check: bool, executor: str
     grid = " x ".join(map(str, chosen.shape))
     areas = f", {grid} points, {surfaces}" if chosen.on_grid else ""
     click.echo(f"{chosen.case}: {chosen.method}{areas}, {chosen.areas} areas")
-    for sentence in (*chosen.reasons, *chosen.notes):
+    cap, _, _ = loaded.hardness_source.partition("; ")
+    capped = [cap, "the plan is for a body with this hardness, whose own error is not in it"]
+    for sentence in (*chosen.reasons, *(capped if cap else ()), *chosen.notes):
         click.echo(f"  {sentence}")
     click.echo(
         f"  expected: error {100 * chosen.expected_error:.2g} %, "
-        f"work {chosen.work:.3g} point-transforms against {chosen.given_work:.3g} of the case"
+        f"work {chosen.work:.3g} (grid points times transforms), of the case as it is "
+        f"{chosen.given_work:.3g}"
     )
     if not chosen.meets:
         raise InvalidCase(f"{chosen.case}: no model within reach meets {tolerance}")
@@ -102,7 +110,7 @@ def _share(text: str) -> float:
 @click.argument("case")
 @click.option("--size", type=click.Choice(casefile.SIZES), default="fast", show_default=True)
 @click.option(
-    "--seeds", default=None, metavar="FIRST-LAST", help="Other seeds for the case's recipe."
+    "--seeds", default=None, metavar="FIRST-LAST", help="Surfaces of these seeds, not the case's."
 )
 @click.option(
     "--steps",
@@ -114,7 +122,7 @@ def _share(text: str) -> float:
     "--step-tolerance",
     type=click.FloatRange(0, 1, min_open=True, max_open=True),
     default=None,
-    help="Tolerance by which the increments of the J2 load path are chosen.",
+    help="Share of the force that shorter increments of the J2 load path may move.",
 )
 def crosscheck(
     case: str, size: str, seeds: str | None, steps: int | None, step_tolerance: float | None
@@ -129,10 +137,16 @@ def crosscheck(
 @click.option("--yield-stress", type=float, required=True, help="sigma_Y in Pa.")
 @click.option("--young-modulus", type=float, required=True, help="E in Pa.")
 @click.option("--poisson-ratio", type=float, required=True, help="nu.")
-@click.option("--rms-slope", type=float, required=True, help="rms slope of the whole roughness.")
+@click.option(
+    "--rms-slope", type=float, required=True, help="Of all roughness, short waves included."
+)
 @click.option("--mean-pressure", type=float, required=True, help="Force over nominal area, in Pa.")
 def hardness(**scene: float) -> None:
-    """Print the pressure cap that stands for a rough J2 metal, from the measured map."""
+    """Print the pressure cap that stands for a rough J2 metal, from the map of the package.
+
+    hardness = "effective" in a case file is the same with the rms slope of the case's surface,
+    which may be a measured map.
+    """
     found = effective_hardness(**scene)
     click.echo(str(found))
     click.echo(found.rests_on)

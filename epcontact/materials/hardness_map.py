@@ -78,12 +78,11 @@ class MappedHardness:
             f"{known[name].min():g} to {known[name].max():g} in {symbol}"
             for name, symbol in SYMBOLS.items()
         )
-        wide = "" if self.error <= 0.02 else "; the interval is wider than 2 %"
         places = (known["area"] <= FULL).sum()
         return (
             f"by the formula fitted to {places} places of the map {map_digest()}, {reach}, each of "
             f"{known['surfaces'].min():g} to {known['surfaces'].max():g} "
-            "self-affine surfaces, solved by finite elements with perfectly plastic J2 flow" + wide
+            "self-affine surfaces, solved by finite elements with perfectly plastic J2 flow"
         )
 
     def __str__(self) -> str:
@@ -96,7 +95,7 @@ class MappedHardness:
             f"hardness = {self.value:.3g} Pa, 95 % interval {low:.3g} to {high:.3g} Pa "
             f"({self.ratio:.2f} yield stresses, error {100 * self.error:.1f} %: {parts})\n"
             f"at E*ξ/σ_Y = {self.severity:.3g}, p0/σ_Y = {self.load:.3g}, nu = "
-            f"{self.poisson_ratio:.3g}, where the J2 bodies of the map touch on "
+            f"{self.poisson_ratio:.3g}, where the J2 bodies behind this hardness touch on "
             f"{100 * self.area:.3g} % of their nodes (raw area)"
         )
 

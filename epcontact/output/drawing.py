@@ -85,7 +85,7 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         # between apart and plastic.
         "interpolate_before_map": False,
         "annotations": {k: f"{STATE_NAMES[k]} {100 * share:.2f} %" for k, share in shares.items()},
-        "scalar_bar_args": _bar("contact state, white: apart")
+        "scalar_bar_args": _bar("contact state (shares of grid points), white: apart")
         | {"n_labels": 0, "position_y": 0.06},
     }
     pressure_look: dict[str, Any] = {

@@ -130,7 +130,8 @@ def roughness_of(surface: Surface, spectrum: SpectrumKind = "analytic") -> Rough
         raise InvalidScene(f"spectrum is {spectrum!r}, but must be 'analytic' or 'surface'")
     if surface.spectrum is None:
         raise InvalidScene(
-            "the surface was not drawn from an analytic spectrum; use spectrum = 'surface', its own"
+            "the surface was not drawn from an analytic spectrum; write spectrum = 'surface' "
+            "for that of its heights"
         )
     return analytic_roughness(surface.spectrum)
 

@@ -251,13 +251,13 @@ def _reasons(
     resolution = points_per_wavelength(on_grid(recipes[0], chosen.shape) or recipes[0])
     fine = "" if math.isnan(resolution) else f" ({resolution:.3g} points per shortest wavelength)"
     how = (
-        "as a pilot found"
+        "as a pilot solve found"
         if chosen.shape in [p.shape for p in pilots]
-        else "extrapolated from pilots"
+        else "extrapolated from pilot solves"
     )
     grid = " x ".join(map(str, chosen.shape))
-    kind = "raw areas are as good as corrected ones" if chosen.raw else "corrected areas"
-    why = [f"on {grid} points{fine} the grid's error is {chosen.grid_error:.2g}, {how}; {kind}"]
+    kind = "raw areas, which are as good as corrected ones" if chosen.raw else "corrected areas"
+    why = [f"on {grid} points{fine} the grid's error of {kind} is {chosen.grid_error:.2g}, {how}"]
     if len(recipes) > 1:
         why.append(
             f"the mean of {chosen.surfaces} surfaces is within {chosen.scatter:.2g} at 95 %, as a "
@@ -300,11 +300,16 @@ def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical:
     scatter = student_half_width(deviation_of(pilots, parts), len(sample))
     doubt = math.hypot(worst(finest.errors, parts), scatter)
     distance = (
-        f"the theory differs from the pilots by {max(off):.2g}; they are uncertain by {doubt:.2g}"
+        f"the theory differs from the pilot solves by {max(off):.2g}, and they are uncertain by "
+        f"{doubt:.2g}"
     )
     if max(off) + doubt > numerical.tolerance:
         return replace(
-            numerical, reasons=(*numerical.reasons, f"{distance}: too far to replace them")
+            numerical,
+            reasons=(
+                *numerical.reasons,
+                f"{distance}: together this exceeds the tolerance, so the theory does not do",
+            ),
         )
     return replace(
         numerical,
@@ -315,7 +320,9 @@ def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical:
         scatter=0.0,
         work=0.0,
         seconds=1e-3,
-        reasons=(f"{distance}: this is within the tolerance, and the theory costs nothing",),
+        reasons=(
+            f"{distance}: together this is within the tolerance, and the theory costs nothing",
+        ),
     )
 
 

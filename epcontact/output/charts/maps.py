@@ -65,7 +65,7 @@ def contact_map(
         show_field(right, pressure, spacing, paint)
         bar = figure.colorbar(mappable, ax=right, shrink=0.82)
         bar.set_label(f"pressure ({unit}), white: none")
-        left.set_title("contact state")
+        left.set_title("contact state (shares of grid points)")
         right.set_title("contact pressure")
         _state_legend(figure, shares)
     general = "Contact state and contact pressure, seen from above."
