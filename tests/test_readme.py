@@ -31,7 +31,7 @@ def blocks(language: str) -> list[str]:
 def home(tmp_path_factory) -> Path:
     """A folder with the case file and the solver that the README shows."""
     folder = tmp_path_factory.mktemp("readme")
-    (case,) = [text for text in blocks("toml") if "[surface]" in text]
+    case, _ = [text for text in blocks("toml") if "[surface]" in text]
     (folder / "my-surface.toml").write_text(case)
     (solver,) = [text for text in blocks("python") if text.startswith("# my_solver.py")]
     (folder / "my_solver.py").write_text(solver)
@@ -99,7 +99,8 @@ def test_an_executor_for_slurm(monkeypatch) -> None:
     # No Slurm here, and executorlib would ask for it.
     library = SimpleNamespace(SlurmJobExecutor=job_executor)
     monkeypatch.setitem(sys.modules, "executorlib", library)
-    (code,) = [text for text in blocks("python") if "on_slurm" in text]
+    guide = (ROOT / ".docs/sweep.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(from functools.*?)^```", guide, re.M | re.S)
     module = ModuleType("on_slurm")
     exec(code, module.__dict__)
     monkeypatch.setitem(sys.modules, "on_slurm", module)
@@ -115,19 +116,20 @@ def test_solver_and_case_of_the_readers_own(home) -> None:
 
 
 def test_a_measured_map_as_the_readme_says(home, monkeypatch) -> None:
-    """The settings of its paragraph make a case of a map with holes, tilt and open edges."""
+    """Its table makes a case of a J2 metal under a map with holes, tilt and open edges."""
     x, y = np.meshgrid(np.arange(48.0), np.arange(40.0), indexing="ij")
-    heights = np.sin(0.9 * x) * np.cos(1.1 * y) + 0.02 * x - 0.01 * y
+    heights = 0.1 * np.sin(0.9 * x) * np.cos(1.1 * y) + 0.02 * x - 0.01 * y
     heights[3:5, 7] = np.nan
     np.savetxt(home / "map.txt", heights, delimiter=";")
     text = (ROOT / "README.md").read_text()
-    paragraph = text[text.index("A measured map is") : text.index("The guide tells more")]
-    settings = re.findall(r"`(\w+ = [^`]+)`", paragraph)
-    (spectrum,) = [setting for setting in settings if setting.startswith("spectrum")]
-    surface = "\n".join(setting for setting in settings if setting != spectrum)
-    (case,) = [block for block in blocks("toml") if "[surface]" in block]
-    case = re.sub(r"\[surface\].*?\n\[", lambda _: f"[surface]\n{surface}\n\n[", case, flags=re.S)
-    case = case.replace("[theory]", f"[theory]\n{spectrum}")
+    case, surface = [block for block in blocks("toml") if "[surface]" in block]
+    case = re.sub(r"\[surface\].*?\n\[", lambda _: f"{surface}\n[", case, flags=re.S)
+    after = text[text.index(surface) - 200 :]
+    for table, key in (("theory", "spectrum"), ("material", "hardness")):
+        setting = re.search(rf"`({key} = [^`]+)`", after)
+        assert setting, table
+        case = case.replace(f"[{table}]", f"[{table}]\n{setting[1]}")
+    case = case.replace("hardness = 6.0e9", "yield_stress = 2.5e9")
     (home / "measured.toml").write_text(case.replace("my-surface", "measured"))
     monkeypatch.chdir(home)
     done = invoke("run", "measured.toml", "--jobs", 1)
