@@ -19,7 +19,7 @@ lines         C1(q) is the one-dimensional density in m^3 over positive q, with
 wave numbers  rad/m; q_0 = 2 pi / L of a period L
 moduli        E* = E / (1 - nu^2), the counterface being rigid
 strength      hardness (sigma_P, caps the contact pressure) and yield_stress (sigma_Y, J2) are
-              two inputs; hardness = "effective" of a case follows from yield_stress
+              two inputs; a case gives both and says where their ratio comes from
 tolerances    dimensionless: a gap is divided by h_rms (by p0 dx / E* for a flat surface), a
               pressure by the mean pressure, a force by the nominal force
 areas         fractions of the nominal area, raw (share of grid points) and corrected (in the

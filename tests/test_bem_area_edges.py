@@ -170,11 +170,17 @@ def test_lone_points_that_carry_next_to_nothing(load):
 
 @pytest.mark.parametrize(("load", "hardness"), [(0.05, math.inf), (0.1, 0.6), (0.1, 0.3)])
 def test_worn_plateaus(load, hardness):
-    """A Gaussian surface cut off at 0.4 of its rms height, four points a wavelength."""
-    fine = rough((256, 256), 1)
-    fine = np.minimum(fine, 0.4 * fine.std())
-    exact = solved(fine, load, hardness)[1]
-    assert max(misses(solved(fine[::4, ::4].copy(), load, hardness), exact).values()) < 1
+    """Gaussian surfaces cut off at 0.4 of their rms height, four points a wavelength.
+
+    Claims are meant for nine errors of ten; eight of ten is twice the chance of twelve below."""
+    times = []
+    for seed in range(1, 5):
+        fine = rough((256, 256), seed)
+        fine = np.minimum(fine, 0.4 * fine.std())
+        exact = solved(fine, load, hardness)[1]
+        times += misses(solved(fine[::4, ::4].copy(), load, hardness), exact).values()
+    assert np.mean(np.array(times) <= 1) > 0.8
+    assert max(times) < 1.5
 
 
 @pytest.mark.parametrize(
@@ -321,14 +327,12 @@ def test_the_error_constants_can_be_fitted_again():
 
 @pytest.mark.slow
 def test_what_tips_need_is_found_again():
-    """Where tips lack exactly 0.5 + 0.1 phi cells, the fit of TIP and TIP_PRESSED says so."""
+    """Where tips lack exactly half a cell, the fit of TIP says so."""
     lacking = []
     for one in error_bars.lessons([1100], 32):
-        pressed = rim_correction.pressed_shares(one.sums, one.share * one.cells)
         oblong = rim_correction.OBLONG * math.log(one.aspect) ** 2
-        located = rim_correction.located_areas(one.sums, pressed, oblong)
-        more = 0.5 + 0.1 * pressed - rim_correction.TIP - rim_correction.TIP_PRESSED * pressed
+        located, more = rim_correction.located_areas(one.sums, oblong), 0.5 - rim_correction.TIP
         total, plastic = located - more * one.sums[grid.TIPS, :, 0] * (1, -1)
         exact = Areas(total / one.cells, (total - plastic) / one.cells, plastic / one.cells)
         lacking.append(replace(one, exact=exact))
-    assert error_bars.fitted_tip(lacking) == pytest.approx((0.5, 0.1), abs=1e-3)
+    assert error_bars.fitted_tip(lacking) == pytest.approx(0.5, abs=1e-6)

@@ -29,11 +29,9 @@ from epcontact.bem.areas.rim_correction import (
     ERRORS,
     OBLONG,
     TIP,
-    TIP_PRESSED,
     ErrorConstants,
     areas_of_sums,
     located_areas,
-    pressed_shares,
     sums_of_fronts,
 )
 from epcontact.results import Areas, FloatArray
@@ -174,27 +172,19 @@ def lessons(seeds: Iterable[int], points: int) -> list[Lesson]:
     return out
 
 
-def fitted_tip(known: Sequence[Lesson]) -> tuple[float, float]:
-    """(TIP, TIP_PRESSED): the line next to what tips need, by the pressure beside them.
-
-    The mean distance is the least, and surfaces with more tips count more.
-    """
-    rows = []
+def fitted_tip(known: Sequence[Lesson]) -> float:
+    """Cells that each tip needs: the median over surfaces, those with more tips counting more."""
+    needs, weights = [], []
     for one in known:
-        pressed = pressed_shares(one.sums, one.share * one.cells)
-        located = located_areas(one.sums, pressed, OBLONG * math.log(one.aspect) ** 2)
+        located = located_areas(one.sums, OBLONG * math.log(one.aspect) ** 2)
         off = (located - np.array([one.exact.total, one.exact.plastic]) * one.cells) * (1, -1)
         tips, length = one.sums[grid.TIPS, :, 0], one.sums[grid.LENGTH].sum(axis=1)
-        for n in np.flatnonzero(tips):
-            need = TIP + TIP_PRESSED * pressed[n] + off[n] / tips[n]
-            rows.append([pressed[n], need, tips[n] / math.sqrt(length[n])])
-    pressed, need, weight = np.array(rows).T
-    line = minimize(
-        lambda at: weight @ np.abs(need - at[0] - at[1] * pressed),
-        [TIP, TIP_PRESSED],
-        method="Nelder-Mead",
-    ).x
-    return float(line[0]), float(line[1])
+        shown = tips > 0
+        needs += (TIP + off[shown] / tips[shown]).tolist()
+        weights += (tips[shown] / np.sqrt(length[shown])).tolist()
+    order = np.argsort(needs)
+    share = np.cumsum(np.array(weights)[order])
+    return float(np.array(needs)[order][np.searchsorted(share, share[-1] / 2)])
 
 
 def errors_and_claims(known: Sequence[Lesson], constants: ErrorConstants) -> FloatArray:
@@ -240,8 +230,7 @@ def main() -> None:
     """Print the constants in use, those that the ensemble gives, and those of its halves."""
     known = [one for seeds, points in ENSEMBLE for one in lessons(seeds, points)]
     fits = [fitted(part) for part in (known, known[::2], known[1::2])]
-    tip = (round(value, 3) for value in fitted_tip(known))
-    print("tip, tip pressed", *tip, "in use", TIP, TIP_PRESSED)
+    print("tip", round(fitted_tip(known), 3), "in use", TIP)
     print(f"{'':14s} in use  fitted  halves")
     for field in fields(ErrorConstants):
         here, whole, *halves = (getattr(c, field.name) for c in (ERRORS, *fits))

@@ -36,10 +36,9 @@ MIX = 0.5894898722360835  # Si(pi)/pi
 INNER, OUTER = 0.3994549881295272, -0.05195667866061313
 #: With this ratio to the third difference, a fourth one moves the middle of a link as far.
 EQUAL = 8 / 3
-#: Six points are used where those in contact carry less than this share of the hardness.  Nearer to
-#: the cap, a contact of one point hides a plastic spot, and with four points the errors of the two
-#: fronts cancel in the elastic area.  The loss of the fit of `epcontact.studies.error_bars` is 2.46
-#: with four points everywhere, 2.41 with 0.1 and 0.25, and 2.44 with six points everywhere.
+#: Six points are used where three points in contact are elastic, or carry less than this share of
+#: the hardness.  Nearer to the cap, a narrow contact hides a plastic spot, and with four points the
+#: errors of the two fronts cancel in the elastic area.
 FAR = 0.1
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
@@ -77,10 +76,9 @@ def locate(links: FloatArray, count: int, hardness: float) -> None:
             positive: the front may be elsewhere by as much
     KINKED  1 where the surface has a kink at the front or close behind it, else 0
 
-    At a resolved rim the pressure vanishes as sqrt(distance).  Where a kink is behind the front,
-    the pressure has its peak at the last point but one, and the value before that is left out of
-    the polynomial.  The loop has no branches and writes few rows, so that the compiler sees that
-    processors can do several links at a time.
+    Where a kink is behind the front, the pressure has its peak at the last point but one, and the
+    value before that is left out of the polynomial.  The loop has no branches and writes few rows,
+    so that the compiler sees that processors can do several links at a time.
     """
     roots = np.empty((9, count))
     for n in range(count):
@@ -90,13 +88,13 @@ def locate(links: FloatArray, count: int, hardness: float) -> None:
         # The polynomial is that of the pressure, or, if no point is in the strip, of the gap.
         elastic = last < hardness
         mix, inner, outer, less = (MIX, INNER, OUTER, 0.0) if elastic else (0.0, 0.0, 0.0, hardness)
-        one = (before > 0) & (before < hardness) & (not kink) if elastic else before >= hardness
+        one = (before > 0) & (before < hardness) if elastic else before >= hardness
         two = (first > 0) & (first < hardness) if elastic else first >= hardness
         q_0, q_3 = first + mix * before + inner * last - less, after - mix * out
         q_1, q_2, q_4 = before + mix * last - less, last - less, end - mix * after + outer * out
         q, inside = (q_0, q_1, q_2, out, q_3, q_4), one * (1 + two)
         outside, slope = (after <= 0) * (1 + (end <= 0)), out - q_2
-        free = elastic & (max(first, before, last) <= FAR * hardness)
+        free = elastic & (one & two | (max(first, before, last) <= FAR * hardness))
         second, third, fourth, fifth, term, left = _differences(q, inside, outside, free)
         # q(0) + x (slope + (x - 1) (second/2 + (x + 1) (third/6 + (x - 2) (fourth/24 + ...
         roots[0, n], roots[1, n], roots[2, n], roots[3, n] = q_2, slope, second / 2, third / 6
@@ -123,17 +121,15 @@ def _differences(
     q: at -2 to 3; inside, outside: how many of the two values before 0, and of the two after 1,
     there are; free: whether to use the outermost of them.
 
-    The outermost values may belong to another part of the surface: they are left out where the term
-    of the fourth difference exceeds that of the third.  The last term is the one in the middle of
-    the link.
+    q(-2) may belong to another part of the surface: it is left out where the term of the fourth
+    difference exceeds that of the third.  The last term is the one in the middle of the link.
     """
     # Second differences about -1, 0, 1 and 2.
     first, near = q[2] - 2 * q[1] + q[0], q[3] - 2 * q[2] + q[1]
     far, last = q[4] - 2 * q[3] + q[2], q[5] - 2 * q[4] + q[3]
     both, inner, outer = (inside > 0) & (outside > 0), far - 2 * near + first, last - 2 * far + near
     left = both & (inside > 1) & (abs(inner) > EQUAL * abs(far - near))
-    deep = both & (inside > 1) & free & (not left)
-    wide = both & (outside > 1) & free & (abs(outer) <= EQUAL * abs(far - near))
+    deep, wide = both & (inside > 1) & free & (not left), both & (outside > 1) & free
     more = (inside + outside > 1) & free  # than a parabola, on one side
     third = near - first if inside > 1 else last - far
     third = third if more else 0.0

@@ -12,10 +12,9 @@ counted by the switches along rows and columns.  It takes off a sixth too much.
 they enclose.  In cells, with a front's length L in spacings, the contact is
 
     A = A_located - (integral of offset(u) + HARMONIC cos 4 theta along the front)
-        + CORNER * (Euler number) - (TIP + TIP_PRESSED phi) * (number of tips)
+        + CORNER * (Euler number) - TIP * (number of tips)
 
-with phi the mean pressure of the elastic points by the hardness.  For the plastic part the offset
-and the tips have the opposite sign, and 1 - phi stands for phi.
+and for the plastic part the offset and the tips have the opposite sign.
 
 * First order: the offset of a located front is that of the discrete problem at a straight one, of
   any direction theta, with an elastic strip of any width u beside it.
@@ -24,9 +23,8 @@ and the tips have the opposite sign, and 1 - phi stands for phi.
   the latter; the former integrates to the Euler number of the front's inside, so that CORNER,
   measured on a sphere (and, of the other sign, on a penny-shaped gap) holds for any shape.
 * Not resolved: chance decides whether a gap (or plastic spot) narrower than a spacing contains a
-  grid point.  If it does, it shows as tips.  What a tip needs, as a median over many kinds of
-  surfaces, grows with the mean pressure beside it; straight gaps need more, round ones nothing,
-  and a lone point is round.
+  grid point.  If it does, it shows as tips.  TIP is the median of what each tip needs on many
+  kinds of surfaces: straight gaps need more, round ones nothing, and a lone point is round.
 * Held by an edge: where the surface has a step, the front rests on it, somewhere between two
   points.  `front` recognises it by the jump of the gap and puts the front in the middle, so that
   the count is right there; at a kink the gap shows the place.  Where the singular pressure exceeds
@@ -70,9 +68,9 @@ OFFSETS = np.array(
 )
 #: Amplitude of the offset's change with the direction of a front (`rim.calibrate_directions`).
 HARMONIC = 0.0132
-#: Cells missed for each tip, without pressure beside it, and in proportion to the pressure
-#: (`error_bars.fitted_tip`: 0.216 and 0.301).
-TIP, TIP_PRESSED = 0.2, 0.3
+#: Cells missed for each tip: 0.24 on the ensemble of `error_bars.fitted_tip`, and 0.3 on roughness
+#: of four points a wavelength, by `area_scenes.aims`.
+TIP = 0.3
 #: The mean offset on oblong cells is 1 + OBLONG ln^2(dx/dy) times that on square ones
 #: (`rim.calibrate_oblong`).
 OBLONG = 0.07
@@ -103,9 +101,8 @@ class ErrorConstants:
     gaps: float
 
 
-#: `epcontact.studies.error_bars` finds (2.01, 0.176, 0.333).  The first is larger, at 0.002 of its
-#: loss, for the sake of kinks and crests on lines.
-ERRORS = ErrorConstants(2.2, 0.176, 0.333)
+#: `epcontact.studies.error_bars` finds (2.26, 0.191, 0.310), with the same loss to 0.001.
+ERRORS = ErrorConstants(2.25, 0.176, 0.317)
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
@@ -238,12 +235,13 @@ def areas_of_sums(
     share: p0/hardness; aspect: dx/dy.
     """
     oblong = OBLONG * math.log(aspect) ** 2
-    pressed = pressed_shares(sums, share * cells)
-    located, unseen = located_areas(sums, pressed, oblong), _unseen(sums, errors.gaps)
-    covariance = _covariance(sums, pressed, oblong, errors) + np.diag(unseen)
+    located, unseen = located_areas(sums, oblong), _unseen(sums, errors.gaps)
+    covariance = _covariance(sums, oblong, errors) + np.diag(unseen)
     contact, plastic = sums[grid.POINTS, :, 0]
     if contact > plastic > 0:
-        located, covariance = _balanced(located, covariance, sums, pressed, share * cells, unseen)
+        located, covariance = _balanced(located, covariance, sums, share * cells, unseen)
+    # What tips lack is known to a half.  The load does not tell: the counts lack the same.
+    covariance = covariance + np.diag(TIP / 2 * sums[grid.TIPS, :, 0]) ** 2
     return _possible(located / cells, covariance / cells**2, share)
 
 
@@ -290,25 +288,14 @@ def _areas(total: float, plastic: float) -> Areas:
     return Areas(total=float(total), elastic=float(total - plastic), plastic=float(plastic))
 
 
-def pressed_shares(sums: FloatArray, load: float) -> FloatArray:
-    """phi and 1 - phi: mean pressure of the elastic points by the hardness, and what it lacks.
-
-    load: by the hardness, in cells.
-    """
-    contact, plastic = sums[grid.POINTS, :, 0]
-    phi = (load - plastic) / (contact - plastic) if contact > plastic else 0.0
-    return np.array([phi, 1 - phi])
-
-
-def located_areas(sums: FloatArray, pressed: FloatArray, oblong: float) -> FloatArray:
+def located_areas(sums: FloatArray, oblong: float) -> FloatArray:
     """(2,) areas of the contact and of the plastic part that their fronts enclose, in cells.
 
-    sums: of `grid.sweep`; pressed: of `pressed_shares`; oblong: OBLONG ln^2(dx/dy).
+    sums: of `grid.sweep`; oblong: OBLONG ln^2(dx/dy).
     """
     whole = sums.sum(axis=2)
     outward = (1 + oblong) * whole[grid.OFFSET] + HARMONIC * whole[grid.HARMONIC]
-    outward += (TIP + TIP_PRESSED * pressed) * sums[grid.TIPS, :, 0] + whole[grid.HIDDEN, ::-1]
-    outward += _softness(sums)
+    outward += TIP * sums[grid.TIPS, :, 0] + whole[grid.HIDDEN, ::-1] + _softness(sums)
     return np.asarray(whole[grid.AREA] + (-1, 1) * outward + CORNER * whole[grid.TURN])
 
 
@@ -334,18 +321,15 @@ def _softness(sums: FloatArray) -> FloatArray:
     return np.asarray(2 * AXIS_OFFSET * (held - sums[grid.FLOWING, :, 0]) * share * (1 - share))
 
 
-def _covariance(
-    sums: FloatArray, pressed: FloatArray, oblong: float, errors: ErrorConstants
-) -> FloatArray:
-    """Covariance (2, 2) of the two areas in square cells, but for what no point shows.
+def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> FloatArray:
+    """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length.
     Those that depend on the direction of a front are in common as far as the directions are alike,
     which is the length of the mean of exp(4 i theta), and those at edges and kinks as far as these
     prevail.  A strip narrower than a spacing, whose two fronts move together, may be anywhere in
     its link: the load tells better.  What a spot lacks because its front is curved is known to a
-    quarter, where no edge holds the front.  What tips lack is known to a half.  Oblong cells claim
-    what they change.
+    quarter, where no edge holds the front.  Oblong cells claim what they change.
     """
     length, held, kinked = sums[[grid.LENGTH, grid.HELD, grid.KINKED]]
     directed = np.hypot(sums[grid.HARMONIC], sums[grid.SINE])
@@ -359,7 +343,6 @@ def _covariance(
         TWO_EDGES * sums[grid.ALIGNED] * _share(sums[grid.ALIGNED], held),
         CORNER / SURE * turn * _share(held, length),
         errors.kink * kinked * _share(kinked, length),
-        (TIP + TIP_PRESSED * pressed)[:, None] / 2 * sums[grid.TIPS],
         _softness(sums)[:, None] * (1, 0),
     ]
     alone, together = (chance + np.sum(np.square(common), axis=0)).T
@@ -375,7 +358,6 @@ def _balanced(
     areas: FloatArray,
     covariance: FloatArray,
     sums: FloatArray,
-    pressed: FloatArray,
     load: float,
     unseen: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
@@ -387,15 +369,18 @@ def _balanced(
     counted points have this exactly with a phi of their own, which is as wrong as the counts are.
     In narrow strips between apart and plastic points it is not, because there the pressure rises
     antisymmetrically.  Other fronts count COUNTED too much for each spacing, by chance of POINTS,
-    or in common where they run along the grid.  What plastic points carry too much at edges, the
-    elastic ones carry too little, so that a lightly loaded front moves far.
+    or in common where they run along the grid, and TIP for each tip.  What plastic points carry too
+    much at edges, the elastic ones carry too little, so that a lightly loaded front moves far.
     """
-    slopes = np.maximum(pressed, 1e-9)  # elastic points may carry nothing but rounding
+    contact, plastic = sums[grid.POINTS, :, 0]
+    phi = (load - plastic) / (contact - plastic)
+    slopes = np.maximum([phi, 1 - phi], 1e-9)  # elastic points may carry nothing but rounding
     length, held = sums[grid.LENGTH, :, 0], sums[grid.HELD, :, 0]
     free = 1 - held / np.maximum(length, 1.0)
     flowing = ANYWHERE**2 * sums[grid.FLOWING, :, 0] * (free / slopes) ** 2
     covariance = covariance + np.diag(flowing)
-    carried = load - COUNTED * (slopes * (1, -1)) @ (length - held)
+    counted = COUNTED * (length - held) + TIP * sums[grid.TIPS, :, 0]
+    carried = load - (slopes * (1, -1)) @ counted
     doubt = POINTS * length + (ANYWHERE * sums[grid.HARMONIC, :, 0]) ** 2 + unseen
     gain = covariance @ slopes
     gain /= slopes @ gain + slopes**2 @ doubt

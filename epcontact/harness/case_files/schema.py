@@ -250,16 +250,13 @@ def key_table() -> list[tuple[str, str, str, str]]:
         [('material', 'young_modulus', 'required', 'Pa')]
         >>> [row[3] for row in key_table() if row[:2] == ("fem", "law")]
         ['material law: elastic, capped, j2']
-        >>> [row[2] for row in key_table() if row[:2] == ("case", "verify")]
-        ['true']
     """
     rows = []
     for name, table in _tables().items():
         for key, entry in table["properties"].items():
             needed = key in table.get("required", ()) or "const" in entry
             given = entry.get("default")
-            shown = str(given).lower() if isinstance(given, bool) else str(given)  # as TOML has it
-            default = "required" if needed else "–" if given in (None, "", [], {}) else shown
+            default = "required" if needed else "–" if given in (None, "", [], {}) else str(given)
             rows.append((name, key, default, _meaning(entry)))
     return rows
 
