@@ -36,9 +36,9 @@ MIX = 0.5894898722360835  # Si(pi)/pi
 INNER, OUTER = 0.3994549881295272, -0.05195667866061313
 #: With this ratio to the third difference, a fourth one moves the middle of a link as far.
 EQUAL = 8 / 3
-#: Six points are used where three points in contact are elastic, or carry less than this share of
-#: the hardness.  Nearer to the cap, a narrow contact hides a plastic spot, and with four points the
-#: errors of the two fronts cancel in the elastic area.
+#: Six points are used where all of them are in one contact and one gap, or where those in contact
+#: carry less than this share of the hardness.  Nearer to the cap, a narrow contact hides a plastic
+#: spot, and with four points the errors of the two fronts cancel in the elastic area.
 FAR = 0.1
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
@@ -94,7 +94,8 @@ def locate(links: FloatArray, count: int, hardness: float) -> None:
         q_1, q_2, q_4 = before + mix * last - less, last - less, end - mix * after + outer * out
         q, inside = (q_0, q_1, q_2, out, q_3, q_4), one * (1 + two)
         outside, slope = (after <= 0) * (1 + (end <= 0)), out - q_2
-        free = elastic & (one & two | (max(first, before, last) <= FAR * hardness))
+        whole = one & two & (after <= 0) & (end <= 0)
+        free = elastic & (whole | (max(first, before, last) <= FAR * hardness))
         second, third, fourth, fifth, term, left = _differences(q, inside, outside, free)
         # q(0) + x (slope + (x - 1) (second/2 + (x + 1) (third/6 + (x - 2) (fourth/24 + ...
         roots[0, n], roots[1, n], roots[2, n], roots[3, n] = q_2, slope, second / 2, third / 6
