@@ -382,7 +382,7 @@ def test_case_that_cannot_mean_what_it_says_is_refused(write_case, change, sente
 
 def test_theory_of_a_surface_that_was_drawn_from_no_spectrum_is_refused(write_case) -> None:
     path = write_case(*WAVE[:-1], ('methods = ["bem"]', 'methods = ["bem", "persson"]'))
-    with pytest.raises(InvalidCase, match="'surface' takes its own"):
+    with pytest.raises(InvalidCase, match="which takes that of the heights"):
         load_case(path)
 
 

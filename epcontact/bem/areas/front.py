@@ -122,15 +122,17 @@ def _differences(
     q: at -2 to 3; inside, outside: how many of the two values before 0, and of the two after 1,
     there are; free: whether to use the outermost of them.
 
-    q(-2) may belong to another part of the surface: it is left out where the term of the fourth
-    difference exceeds that of the third.  The last term is the one in the middle of the link.
+    The outermost values may belong to another part of the surface: they are left out where the term
+    of the fourth difference exceeds that of the third.  The last term is the one in the middle of
+    the link.
     """
     # Second differences about -1, 0, 1 and 2.
     first, near = q[2] - 2 * q[1] + q[0], q[3] - 2 * q[2] + q[1]
     far, last = q[4] - 2 * q[3] + q[2], q[5] - 2 * q[4] + q[3]
     both, inner, outer = (inside > 0) & (outside > 0), far - 2 * near + first, last - 2 * far + near
     left = both & (inside > 1) & (abs(inner) > EQUAL * abs(far - near))
-    deep, wide = both & (inside > 1) & free & (not left), both & (outside > 1) & free
+    deep = both & (inside > 1) & free & (not left)
+    wide = both & (outside > 1) & free & (abs(outer) <= EQUAL * abs(far - near))
     more = (inside + outside > 1) & free  # than a parabola, on one side
     third = near - first if inside > 1 else last - far
     third = third if more else 0.0
