@@ -61,7 +61,7 @@ U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 
 U_STEP = 0.05
 #: What `front` misses on straight fronts that meet all their cells alike, beside its doubt, in
 #: spacings: the rms of the direction that has most of it (`rim.calibrate_directions`).
-LOCATED = 0.0044
+LOCATED = 0.005
 
 #: Indices of the sums (SUMS, front, part).
 AREA, OFFSET, TURN, FLOWING, LENGTH, HARMONIC, SINE, CHANCE, COMMON = range(9)
