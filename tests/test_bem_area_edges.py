@@ -172,7 +172,7 @@ def test_lone_points_that_carry_next_to_nothing(load):
 def test_worn_plateaus(load, hardness):
     """Gaussian surfaces cut off at 0.4 of their rms height, four points a wavelength.
 
-    Claims are meant for nine errors of ten; eight of ten is twice the chance of twelve below."""
+    Claims are meant to cover nine errors of ten; more than eight of ten must be covered here."""
     times = []
     for seed in range(1, 5):
         fine = rough((256, 256), seed)

@@ -104,8 +104,8 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
     print_surface_notes(open_console(), chosen, answers)
     if sentence := gamma_sentence([chosen]):
         click.echo(sentence)
-    if chosen.hardness_source:
-        click.echo(chosen.hardness_source.partition("; ")[0])
+    if chosen.hardness_in_words:
+        click.echo(chosen.hardness_in_words)
     errors = [sentence for answer in answers.values() for sentence in answer.errors]
     if errors:
         raise _Refusal(f"{loaded.id}: {'; '.join(errors)}")
@@ -214,8 +214,8 @@ def _show(verdict: Verdict, output: Path) -> None:
     for case in verdict.cases:
         if isinstance(next(iter(case.case.recipes), None), HeightsFromFile):
             print_surface_notes(console, case.case, case.answers)
-        if case.case.hardness_source:
-            click.echo(f"{case.id}: {case.case.hardness_source.partition('; ')[0]}")
+        if case.case.hardness_in_words:
+            click.echo(f"{case.id}: {case.case.hardness_in_words}")
         print_shortfalls(console, case)
     counts = [sum(case.status == s for case in verdict.cases) for s in STYLES]
     summary = ", ".join(f"{n} {s}" for n, s in zip(counts, STYLES, strict=True) if n)

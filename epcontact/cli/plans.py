@@ -55,7 +55,7 @@ def plan(case: str, tolerance: str, size: str | None, check: bool, executor: str
     grid = " x ".join(map(str, chosen.shape))
     areas = f", {grid} points, {surfaces}" if chosen.on_grid else ""
     click.echo(f"{chosen.case}: {chosen.method}{areas}, {chosen.areas} areas")
-    cap, _, _ = loaded.hardness_source.partition("; ")
+    cap = loaded.hardness_in_words
     capped = [cap, "the plan is for a body with this hardness, whose own error is not in it"]
     for sentence in (*chosen.reasons, *(capped if cap else ()), *chosen.notes):
         click.echo(f"  {sentence}")

@@ -94,8 +94,7 @@ def locate(links: FloatArray, count: int, hardness: float) -> None:
         q_1, q_2, q_4 = before + mix * last - less, last - less, end - mix * after + outer * out
         q, inside = (q_0, q_1, q_2, out, q_3, q_4), one * (1 + two)
         outside, slope = (after <= 0) * (1 + (end <= 0)), out - q_2
-        whole = one & two & (after <= 0) & (end <= 0)
-        free = elastic & (whole | (max(first, before, last) <= FAR * hardness))
+        free = elastic & ((inside + outside == 4) | (max(first, before, last) <= FAR * hardness))
         second, third, fourth, fifth, term, left = _differences(q, inside, outside, free)
         # q(0) + x (slope + (x - 1) (second/2 + (x + 1) (third/6 + (x - 2) (fourth/24 + ...
         roots[0, n], roots[1, n], roots[2, n], roots[3, n] = q_2, slope, second / 2, third / 6

@@ -181,7 +181,7 @@ def _sweep_block(
                 points += inside > 16 * front
             sums[POINTS, front, 0] += points
             sums[AREA, front, 0] += points
-        add_tips(rows, i, busy, hardness, sums[TIPS])
+        add_tips(rows, i, busy, hardness, sums[TIPS, :, 0])
         add_hidden(rows, i, busy, hardness, sums[SQUARES : CREASE + 1, :, 0])
 
 

@@ -25,9 +25,10 @@ TIP_NEIGHBOURS = 2
 
 @compiled
 def add_tips(rows: Rows, i: int, columns: Columns, hardness: float, sums: FloatArray) -> None:
-    """Add the tips among the points of a row to the sums of each front, and of each part of it.
+    """Add the tips among the points of a row to the sum of each front.
 
-    The steepest way to a neighbour gives the width of a strip.
+    A tip of a front that moves with another one counts less.  The steepest way to a neighbour gives
+    the width of the strip between them.
     """
     v, inside, row = rows.v, rows.inside, i & LAST
     for j in columns:
@@ -43,9 +44,7 @@ def add_tips(rows: Rows, i: int, columns: Columns, hardness: float, sums: FloatA
         for a in ((i - 1) & LAST, row, (i + 1) & LAST):
             for b in range(j - 1, j + 2):
                 steepest = max(steepest, abs(v[0, a, b] + v[-1, a, b] - here) / 2)
-        own = min(hardness / steepest, 1.0) ** 2 if steepest > hardness else 1.0
-        sums[state >> 4, 0] += own
-        sums[state >> 4, 1] += 1 - own
+        sums[state >> 4] += min(hardness / steepest, 1.0) ** 2 if steepest > hardness else 1.0
 
 
 @compiled

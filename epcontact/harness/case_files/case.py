@@ -89,6 +89,11 @@ class Case:
     sweep: SweepTable | None = None
     hardness_source: str = ""
 
+    @property
+    def hardness_in_words(self) -> str:
+        """The effective hardness with its interval, or "" where the file gives a number."""
+        return self.hardness_source.partition("; ")[0]
+
     def digest(self, recipe: Recipe) -> str:
         """Return the digest of the scene on a surface, without making the surface."""
         return scene_digest(
