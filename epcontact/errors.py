@@ -23,7 +23,16 @@ class SurfaceWarning(UserWarning):
 
 
 class InvalidCase(EpcontactError, ValueError):
-    """A case file that cannot be read or is inconsistent."""
+    """A case file that cannot be read or is inconsistent; `args` has a sentence for each mistake.
+
+    Example:
+        >>> print(InvalidCase("hurst is missing", "rms_slope is -1.0, but must be positive"))
+        hurst is missing
+        rms_slope is -1.0, but must be positive
+    """
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.args))
 
 
 class OutputError(EpcontactError, OSError):
@@ -86,6 +95,15 @@ def nearest(name: str, known: Iterable[str]) -> str:
         >>> "no method is called 'bme'" + nearest("bme", ["bem", "fem"])
         "no method is called 'bme'; did you mean 'bem'?"
     """
-    names = sorted(known)
-    close = difflib.get_close_matches(name, names, n=1)
-    return f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(names)}"
+    close = closest(name, known)
+    return f"; did you mean {close!r}?" if close else f"; there are {', '.join(sorted(known))}"
+
+
+def closest(name: str, known: Iterable[str]) -> str:
+    """Return the known name that is so close to an unknown one that it is probably meant, or "".
+
+    Example:
+        >>> closest("hurts", ["hurst", "rms_slope"])
+        'hurst'
+    """
+    return next(iter(difflib.get_close_matches(name, sorted(known), n=1)), "")

@@ -201,16 +201,15 @@ def judge_mutant(content: bytes, folder: Path) -> None:
 
 
 def why_no_case(path: Path) -> str:
-    """The sentence that refuses a case file, or nothing if it reads."""
+    """The sentences that refuse a case file, or nothing if it reads."""
     try:
         casefile.load_case(path)
     except InvalidCase as error:
-        sentence = str(error)
+        sentences = error.args
     else:
         return ""
-    assert str(path) in sentence
-    assert "\n" not in sentence
-    return sentence
+    assert all(str(path) in sentence and "\n" not in sentence for sentence in sentences)
+    return "; ".join(sentences)
 
 
 def some(examples: int) -> settings:

@@ -1,4 +1,4 @@
-"""Case files: what is read is what was written, and every mistake is one sentence."""
+"""Case files: what is read is what was written, and all mistakes are told, each in a sentence."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import pytest
+from command_line import invoke
 from fem_scenes import J2_CASE, MODEL_GATE
 
 from epcontact.errors import InvalidCase
@@ -149,7 +150,6 @@ def test_mistake_is_one_sentence(write_case, mistake: str) -> None:
         (b"[case\nid = 1", "TOML"),
         (b"x = " + b"[" * 100_000, "case file"),
         (b"#" * (2 << 20), "larger"),
-        (b"", "missing"),
     ],
 )
 def test_what_is_no_case_file_is_refused(tmp_path: Path, content: bytes, word: str) -> None:
@@ -158,6 +158,87 @@ def test_what_is_no_case_file_is_refused(tmp_path: Path, content: bytes, word: s
     with pytest.raises(InvalidCase, match=word) as caught:
         load_case(path)
     assert "\n" not in str(caught.value)
+
+
+def refusals(path: Path) -> list[str]:
+    """What the command line says of a file, less the file's name; it must write nothing."""
+    output = path.parent / "output"
+    done = invoke("verify", path, "--output", output)
+    assert (done.returncode, done.stdout, output.exists()) == (2, "", False)
+    start = f"epcontact: {path}: "
+    assert all(line.startswith(start) for line in done.stderr.splitlines())
+    return [line.removeprefix(start) for line in done.stderr.splitlines()]
+
+
+def test_all_mistakes_of_a_file_are_told_at_once(write_case) -> None:
+    # Names, types, ranges and quantities; a misspelt key is not told to be missing, too.
+    path = write_case(
+        ("hurst = 0.8", "hurts = 0.8"),
+        ("rms_slope = 0.1", 'rms_slope = "steep"'),
+        ("young_modulus = 100.0e9", "young_modulus = -1.0"),
+        ("poisson_ratio = 0.3", "poisson_ratio = 0.7"),
+        ("mean_pressure = 5.0e8", 'mean_pressure = [5.0e8, "x"]'),
+        ("area.total.corrected", "area.total.corected"),
+    )
+    assert refusals(path) == [
+        "surface.rms_slope is 'steep', but must be a valid number",
+        "surface.hurts is no key of a case file; did you mean 'hurst'?",
+        "[material] young_modulus is -1.0, but must be a positive number in Pa",
+        "[material] poisson_ratio is 0.7, but must be a number between -1 and 0.5, both excluded",
+        "load.mean_pressure[1] is 'x', but must be a valid number",
+        "gate 1: no quantity is called 'area.total.corected'; did you mean 'area.total.corrected'?",
+    ]
+
+
+def test_all_mistakes_between_tables_are_told_at_once(write_case) -> None:
+    omit = '[[omit]]\nof = "bem"\nquantity = "quantity.measured_gab"\nbecause = "x"\n[load]'
+    path = write_case(
+        ('id = "small"', 'id = "other"'),
+        ('["persson", "bem"]', '["bem"]'),
+        ("mean_pressure = 5.0e8", "mean_pressure = 7.0e9"),
+        ("[load]", omit),
+    )
+    assert refusals(path) == [
+        "case.id is 'other', but must be the file's name, 'small'",
+        "gate 1: reads persson, which case.methods does not name; add it there",
+        "omit has 'quantity.measured_gab' of bem, which is no default gate; did you mean "
+        "'quantity.measured_gap'?",
+        "[load] mean_pressure is 7e+09 Pa, but must stay below the hardness of 6e+09 Pa",
+    ]
+
+
+def test_mistakes_at_each_size_are_told_once(write_case) -> None:
+    sizes = "points_per_shortest_wavelength = { fast = 4, full = 8 }"
+    values = ("hurst = 0.8", "hurst = { fast = 0.8, full = 2.0 }")
+    path = write_case(values, (sizes, sizes.replace("4", "1").replace("8", "2")))
+    assert refusals(path) == [
+        "surface.points_per_shortest_wavelength is 1, but must be greater than or equal to 3",
+        "surface.hurst is 2.0, but must be less than or equal to 1",
+    ]
+
+
+def test_misspelt_sizes_are_told_together(write_case) -> None:
+    values = ("hurst = 0.8", "hurst = { fast = 0.8, ful = 2.0 }")
+    path = write_case(values, ("fast = 4", "fats = 4"))
+    assert refusals(path) == [
+        "surface.hurst has 'ful', which is no size; did you mean 'full'?",
+        "surface.points_per_shortest_wavelength has 'fats', which is no size; did you mean 'fast'?",
+    ]
+
+
+def test_values_without_a_size_in_common_are_refused(write_case) -> None:
+    values = ("hurst = 0.8", "hurst = { full = 0.8 }")
+    path = write_case(values, ("fast = 4, full = 8", "fast = 4"))
+    (sentence,) = refusals(path)
+    assert sentence.startswith("the values that are given by size have no size in common")
+
+
+def test_what_is_hardly_a_case_file_is_told_some_of_its_mistakes(tmp_path) -> None:
+    path = tmp_path / "small.toml"
+    path.write_text("".join(f"x{n} = 1\n" for n in range(30)))
+    *told, last = refusals(path)
+    assert told[0] == "case is missing; add it (a table [case])"
+    assert (len(told), last) == (20, "there are 14 more mistakes")
 
 
 def test_id_must_be_the_name_of_the_file(write_case, tmp_path: Path) -> None:
@@ -342,6 +423,14 @@ def test_mistakes_in_variants_name_file_variant_and_key(
         _ = [load_case(text) for text in find_named(path)]
     for word in (str(path), *words):
         assert word in str(caught.value)
+
+
+def test_a_mistake_that_variants_share_is_told_once(write_family) -> None:
+    path = write_family(("hurst =", "hurts ="), ("tolerance = 0.1,", "tolerence = 0.1,"))
+    assert refusals(path) == [
+        "variant soft: surface.hurts is no key of a case file; did you mean 'hurst'?",
+        "variant stiff: gate 1.tolerence is no key of a case file; did you mean 'tolerance'?",
+    ]
 
 
 def test_a_gate_that_two_gates_could_mean_is_refused(write_family) -> None:

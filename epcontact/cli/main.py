@@ -1,7 +1,7 @@
 """The command line: the names of the commands, their exit codes and error sentences.
 
 The exit code is 0 if all gates hold (or the command did its work), 1 if a gate fell short, 2 after
-an error, with one sentence on stderr, and 130 after an interrupt.
+an error, with one sentence on stderr for each mistake, and 130 after an interrupt.
 
 The module of a command is imported when the command runs, so that the list of commands, and every
 command that solves nothing, does not wait for solvers and charts to load.
@@ -21,7 +21,7 @@ from importlib import import_module
 
 import click
 
-from epcontact.errors import EpcontactError, nearest, printable
+from epcontact.errors import EpcontactError, InvalidCase, nearest, printable
 from epcontact.harness.processes.threads import LINEAR_ALGEBRA, single_threads
 
 #: The module and function of each command, and its line in `epcontact --help`.
@@ -91,7 +91,7 @@ def cli() -> None:
 
 
 def main() -> None:
-    """Run the command line; an intended error is one sentence on stderr and exit code 2."""
+    """Run the command line; an intended error is a sentence on stderr and exit code 2."""
     signal.signal(signal.SIGTERM, _ended)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a job may ignore Ctrl-C
         signal.signal(signal.SIGINT, _ended)
@@ -99,17 +99,19 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # a code page without a symbol shows "?" for it
             stream.reconfigure(errors="replace")
     out = sys.stdout
+    sentences: tuple[str, ...]
     try:
         sys.exit(cli.main(prog_name="epcontact", standalone_mode=False))
     except (click.Abort, KeyboardInterrupt):
-        code, sentence = 130, "interrupted; results finished so far are kept"
+        code, sentences = 130, ("interrupted; results finished so far are kept",)
     except EpcontactError as error:
-        code, sentence = 2, str(error)
+        code = 2
+        sentences = error.args if isinstance(error, InvalidCase) else (str(error),)
     except _NO_ARGUMENTS as error:
         click.echo(error.format_message(), err=True)
-        code, sentence = 2, ""
+        code, sentences = 2, ()
     except click.ClickException as error:
-        code, sentence = 2, f"{error.format_message()} (see epcontact --help)"
+        code, sentences = 2, (f"{error.format_message()} (see epcontact --help)",)
     except SystemExit as end:
         # click and rich turn a closed pipe into exit code 1, which means that a gate fell short;
         # click replaces the output then.
@@ -117,13 +119,13 @@ def main() -> None:
             raise
         sys.stdout = out
         forget_output()
-        code, sentence = 2, ""
+        code, sentences = 2, ()
     except BrokenPipeError:
         forget_output()
-        code, sentence = 2, ""
+        code, sentences = 2, ()
     except Exception as error:
-        code, sentence = 2, _unexpected(error)
-    if sentence:
+        code, sentences = 2, (_unexpected(error),)
+    for sentence in sentences:
         click.echo(f"epcontact: {printable(sentence)}", err=True)
     sys.exit(code)
 

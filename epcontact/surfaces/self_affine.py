@@ -177,13 +177,13 @@ class SelfAffineEnsemble:
     """
 
     periods: Periods
-    hurst: Annotated[Real, Field(description="Hurst exponent, 0 to 1")]
-    wavenumber_low: Annotated[Real, Field(description="rad/m; no roughness below")]
+    hurst: Annotated[Real, Field(ge=0, le=1, description="Hurst exponent, 0 to 1")]
+    wavenumber_low: Annotated[Real, Field(gt=0, description="rad/m; no roughness below")]
     wavenumber_roll_off: Annotated[
-        Real, Field(description="rad/m; flat spectrum below, power law above")
+        Real, Field(gt=0, description="rad/m; flat spectrum below, power law above")
     ]
-    wavenumber_high: Annotated[Real, Field(description="rad/m; no roughness above")]
-    rms_slope: Annotated[Real, Field(description="m/m; exact on the grid")]
+    wavenumber_high: Annotated[Real, Field(gt=0, description="rad/m; no roughness above")]
+    rms_slope: Annotated[Real, Field(gt=0, description="m/m; exact on the grid")]
     points_per_shortest_wavelength: Annotated[
         Whole | None,
         Field(ge=3, description="grid points per 2 pi / wavenumber_high; or give shape"),

@@ -1,4 +1,6 @@
-"""Case files become scenes and gates; every mistake is reported in one sentence.
+"""Case files become scenes and gates; all mistakes of a file are told, each in one sentence.
+
+Mistakes that pydantic finds in a table hide those between the tables, which it could not read.
 
 A case is read at every size it offers, so that a mistake in its full size shows when the fast
 one is run.  No surface is made here: a case has recipes, and they give the digest of each scene.
@@ -8,7 +10,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +20,8 @@ from pydantic import ValidationError
 
 from epcontact.errors import EpcontactError, InvalidCase, InvalidScene, nearest
 from epcontact.harness.case_files.axes import SweepTable
-from epcontact.harness.case_files.case_gates import gates_of, not_judged
-from epcontact.harness.case_files.schema import CaseFile, mistake
+from epcontact.harness.case_files.case_gates import gate_mistakes, gates_of, not_judged
+from epcontact.harness.case_files.schema import CaseFile, mistakes
 from epcontact.harness.case_files.text import (
     SIZES,
     CaseText,
@@ -28,7 +31,7 @@ from epcontact.harness.case_files.text import (
     read_cases,
 )
 from epcontact.harness.gates.gate import Gate
-from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.methods.registry import METHODS, Method
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.scene import (
     Body,
@@ -59,8 +62,12 @@ __all__ = [
     "find_cases",
     "find_named",
     "load_case",
+    "load_cases",
     "sweep_of",
 ]
+
+
+_FIGURES = re.compile(r"\d+")
 
 
 @dataclass(frozen=True)
@@ -169,7 +176,8 @@ def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
         size: "fast", "full" or "large", if the case has it.
 
     Raises:
-        InvalidCase: with one sentence that names the file, the key and the remedy.
+        InvalidCase: with one sentence for each mistake, which names the file, the key and the
+            remedy.
 
     Example:
         >>> case = load_case("westergaard-light")
@@ -179,12 +187,41 @@ def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
     text = case if isinstance(case, CaseText) else find_case(case)
     if size not in text.sizes:
         raise InvalidCase(f"{text.where}: has no size {size!r}; it has {', '.join(text.sizes)}")
-    cases = {each: _build(text, each) for each in text.sizes}
-    if cases[size].id != text.id:
-        raise InvalidCase(
-            f"{text.path}: case.id is {cases[size].id!r}, but must be the file's name, {text.id!r}"
-        )
+    cases: dict[str, Case] = {}
+    told: list[str] = []
+    for each in text.sizes:
+        try:
+            cases[each] = _build(text, each)
+        except InvalidCase as error:
+            # A value by size may have one mistake with other figures at each of them.
+            known = {_FIGURES.sub("", sentence) for sentence in told}
+            told += [s for s in error.args if _FIGURES.sub("", s) not in known]
+    if told:
+        raise InvalidCase(*told)
     return cases[size]
+
+
+def load_cases(texts: Iterable[CaseText | Case], size: str = "fast") -> list[Case]:
+    """Read several cases; one that is loaded already is taken as it is.
+
+    Raises:
+        InvalidCase: with a sentence for each mistake of all files; one that several variants share
+            is told of the first.
+    """
+    cases: list[Case] = []
+    told: dict[tuple[Path, str], str] = {}
+    for text in texts:
+        if isinstance(text, Case):
+            cases.append(text)
+            continue
+        try:
+            cases.append(load_case(text, size))
+        except InvalidCase as error:
+            for sentence in error.args:
+                told.setdefault((text.path, sentence.removeprefix(text.where)), sentence)
+    if told:
+        raise InvalidCase(*told.values())
+    return cases
 
 
 def case_sizes(case: CaseText | Path | str) -> tuple[str, ...]:
@@ -221,7 +258,8 @@ def case_at(text: CaseText, point: Mapping[str, Any], size: str) -> Case:
         case = _build(replace(text, tables=tables), size, judged=False)
     except InvalidCase as error:
         values = ", ".join(f"{key} = {value!r:.40}" for key, value in point.items())
-        raise InvalidCase(f"{error} (at the point {values} of its sweep)") from None
+        at = f"(at the point {values} of its sweep)"
+        raise InvalidCase(*(f"{sentence} {at}" for sentence in error.args)) from None
     unread = {m.table for m in METHODS.values()} - {METHODS[name].table for name in case.methods}
     for key in point:
         if key.partition(".")[0] in unread:
@@ -235,28 +273,29 @@ def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:
         context = {"folder": text.path.parent}
         table = CaseFile.model_validate(at_size(text.tables, size), context=context)
     except ValidationError as error:
-        raise InvalidCase(f"{where}: {mistake(error)}") from None
+        raise InvalidCase(*(f"{where}: {sentence}" for sentence in mistakes(error))) from None
     except EpcontactError as error:  # a grid too large for memory; pydantic wraps only ValueErrors
         raise InvalidCase(f"{where}: [surface] {error}") from None
+    absent = isinstance(table.surface, SurfaceAbsent)
+    told = [*_id_mistakes(text, table), *_option_mistakes(table)]
+    if not absent and (table.sweep is None or not judged):  # a sweep may give what its case lacks
+        told += _strength_mistakes(table)
+    if judged:
+        told += gate_mistakes(table, size, text.sizes)
+    material, hardness_source, load = None, "", table.load.load()
     try:
         section = "surface"
         slope = _slope(table)
         section = "material"
         material, hardness_source = _material(table, slope)
-        section = "body"
-        body = Body(**table.body.model_dump())
         section = "load"
-        given = table.load.mean_pressure
-        load = Load(tuple(given) if isinstance(given, list) else given)
         check_load(material, load)
         if not all(METHODS[name].follows_unloading for name in table.case.methods):
             check_loading(material, load)
     except EpcontactError as error:
-        raise InvalidCase(f"{where}: [{section}] {error}") from None
-    options = _options(where, table)
-    absent = isinstance(table.surface, SurfaceAbsent)
-    if not absent and (table.sweep is None or not judged):  # a sweep may give what its case lacks
-        _require_strength(where, options, table)
+        told.append(f"[{section}] {error}")
+    if told or material is None:
+        raise InvalidCase(*(f"{where}: {sentence}" for sentence in told))
     skip = f"skipped: {table.surface}" if absent else _not_installed(table.case.methods)
     return Case(
         id=table.case.id,
@@ -268,11 +307,11 @@ def _build(text: CaseText, size: str, *, judged: bool = True) -> Case:
         verify=table.case.verify,
         recipes=() if skip else recipes_of(table.surface),
         material=material,
-        body=body,
+        body=table.body.body(),
         load=load,
-        options=options,
-        gates=gates_of(where, table, size) if judged else (),
-        not_judged=not_judged(where, table, size, text.sizes) if judged else (),
+        options=_options(table),
+        gates=gates_of(table, size) if judged else (),
+        not_judged=not_judged(table, size) if judged else (),
         path=text.path,
         skip=skip,
         sweep=table.sweep,
@@ -331,28 +370,28 @@ def _material(table: CaseFile, slope: float) -> tuple[Material, str]:
     return Material(**given), source
 
 
-def _require_strength(
-    where: str, options: Mapping[str, Mapping[str, Any]], table: CaseFile
-) -> None:
-    """Refuse a law without the stress at which it flows.
+def _id_mistakes(text: CaseText, table: CaseFile) -> Iterator[str]:
+    if table.case.id != text.id:
+        yield f"case.id is {table.case.id!r}, but must be the file's name, {text.id!r}"
+
+
+def _strength_mistakes(table: CaseFile) -> Iterator[str]:
+    """Yield a sentence for a law without the stress at which it flows.
 
     A metal whose yield stress alone is given would be elastic to all methods but J2 flow, and no
     figure of the answer would show it.
     """
-    given = table.material
-    law = options.get("fem", {}).get("law")
-    needed = {"j2": "yield_stress", "capped": "hardness"}.get(str(law), "")
+    given, methods = table.material, table.case.methods
+    law = table.fem.law if "fem" in methods else ""
+    needed = {"j2": "yield_stress", "capped": "hardness"}.get(law, "")
     if needed and getattr(given, needed) == math.inf:
-        raise InvalidCase(
-            f"{where}: fem.law is {law!r}, but [material] {needed} is missing; give it, or another "
-            "law"
-        )
-    elastic = [name for name in options if not METHODS[name].has_model_measures]
+        yield f"fem.law is {law!r}, but [material] {needed} is missing; give it, or another law"
+    elastic = [name for name in methods if not METHODS[name].has_model_measures]
     if elastic and given.yield_stress < math.inf and "hardness" not in given.model_fields_set:
-        raise InvalidCase(
-            f"{where}: [material] has a yield_stress and no hardness, at which {elastic[0]} flows; "
-            "give hardness in Pa, as 'effective' (the cap that stands for J2 flow), or as inf for "
-            "an elastic body"
+        yield (
+            f"[material] has a yield_stress and no hardness, at which {elastic[0]} flows; give "
+            "hardness in Pa, as 'effective' (the cap that stands for J2 flow), or as inf for an "
+            "elastic body"
         )
 
 
@@ -361,23 +400,29 @@ def _not_installed(methods: Sequence[str]) -> str:
     return f"skipped: {missing[0]}" if missing else ""
 
 
-def _options(where: str, table: CaseFile) -> dict[str, dict[str, Any]]:
-    options: dict[str, dict[str, Any]] = {}
+def _options(table: CaseFile) -> dict[str, dict[str, Any]]:
+    given = {name: _given(table, METHODS[name]) for name in table.case.methods}
+    return {name: options.model_dump(exclude_none=True) for name, options in given.items()}
+
+
+def _given(table: CaseFile, method: Method) -> Any:
+    """Return the table of a method's options; None if a method that needs one has none."""
+    return getattr(table, method.table) if method.table else method.options()
+
+
+def _option_mistakes(table: CaseFile) -> Iterator[str]:
     for name in table.case.methods:
         method = METHODS[name]
-        given = getattr(table, method.table) if method.table else method.options()
+        given = _given(table, method)
         if given is None:
             needed = [key for key, f in method.options.model_fields.items() if f.is_required()]
-            raise InvalidCase(
-                f"{where}: case.methods asks for {name}, which needs a table [{method.table}] with "
+            yield (
+                f"case.methods asks for {name}, which needs a table [{method.table}] with "
                 + " and ".join(needed)
             )
-        options[name] = given.model_dump(exclude_none=True)
-        analytic = options[name].get("spectrum") == "analytic"
         kind = getattr(table.surface, "kind", "self_affine")  # an absent file has none
-        if analytic and kind != "self_affine":
-            raise InvalidCase(
-                f"{where}: {method.table}.spectrum is 'analytic', but a surface of kind {kind} is "
-                "not drawn from one; write spectrum = 'surface', which takes that of the heights"
+        if getattr(given, "spectrum", "") == "analytic" and kind != "self_affine":
+            yield (
+                f"{method.table}.spectrum is 'analytic', but a surface of kind {kind} is not drawn "
+                "from one; write spectrum = 'surface', which takes that of the heights"
             )
-    return options

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -17,17 +17,27 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationError,
+    ValidationInfo,
     WrapValidator,
     create_model,
+    field_validator,
     model_validator,
 )
 
-from epcontact.errors import nearest
+from epcontact.errors import closest, nearest
 from epcontact.harness.case_files.axes import SweepTable
 from epcontact.harness.case_files.text import SIZES
 from epcontact.harness.gates.gate import Norm
 from epcontact.harness.methods.registry import METHODS, Table
+from epcontact.harness.quantities.registry import QUANTITIES, REPORTED_GROUPS
+from epcontact.reference import CLOSED_FORMS
+from epcontact.scene import Body, Load, Material
 from epcontact.surfaces import CaseSurface, SurfaceAbsent
+
+#: The number of mistakes of a file that are told; a file with more is hardly a case file.
+MOST_TOLD = 20
+#: Pydantic's names of the mistake that a key is none of its table.
+UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 
 
 def _registered(name: str) -> str:
@@ -97,6 +107,13 @@ class MaterialTable(Table):
     )
     yield_stress: float = Field(default=float("inf"), description="Pa; of the J2 solid")
 
+    @field_validator("*")
+    @classmethod
+    def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
+        if value != "effective":  # each key by itself, so that the mistakes of all are told
+            Material(**{"young_modulus": 1.0, "poisson_ratio": 0.0, str(info.field_name): value})
+        return value
+
 
 class BodyTable(Table):
     """[body]: the body under the surface."""
@@ -106,11 +123,30 @@ class BodyTable(Table):
     )
     depth: float = Field(default=float("inf"), description="m; of a layer")
 
+    @model_validator(mode="after")
+    def _a_body(self) -> BodyTable:
+        self.body()
+        return self
+
+    def body(self) -> Body:
+        """Return the body.  Raises InvalidScene."""
+        return Body(**self.model_dump())
+
 
 class LoadTable(Table):
     """[load]: the force over the nominal area."""
 
     mean_pressure: float | list[float] = Field(description="Pa; one, or a path of them")
+
+    @model_validator(mode="after")
+    def _a_load(self) -> LoadTable:
+        self.load()
+        return self
+
+    def load(self) -> Load:
+        """Return the load.  Raises InvalidScene."""
+        given = self.mean_pressure
+        return Load(tuple(given) if isinstance(given, list) else given)
 
 
 class GateTable(Table):
@@ -165,6 +201,28 @@ class GateTable(Table):
             )
         if self.quantity.startswith("field.") != (self.norm == "l2"):
             raise ValueError("only a field has the norm l2, and no other norm")
+        return self
+
+    @model_validator(mode="after")
+    def _known_names(self) -> GateTable:
+        # A user's solver may report quantities of its own.
+        own = METHODS[self.of].source and self.quantity.startswith(REPORTED_GROUPS)
+        if self.quantity not in QUANTITIES and not own:
+            raise ValueError(
+                f"no quantity is called {self.quantity!r}{nearest(self.quantity, QUANTITIES)}"
+            )
+        form = self.against
+        if isinstance(form, str) and form not in METHODS:
+            if form not in CLOSED_FORMS:
+                raise ValueError(
+                    f"against is {form!r}, which is neither a method nor a closed form"
+                    f"{nearest(form, CLOSED_FORMS)}"
+                )
+            if not CLOSED_FORMS[form].knows(self.quantity):
+                raise ValueError(
+                    f"the closed form {form} has no {self.quantity!r}; it has "
+                    f"{', '.join(CLOSED_FORMS[form].quantities)}"
+                )
         return self
 
 
@@ -271,36 +329,49 @@ def _meaning(entry: Mapping[str, Any]) -> str:
     return f"{text}: {', '.join(words)}" if words else text
 
 
-def mistake(error: ValidationError) -> str:
-    """Return the first of pydantic's errors as a sentence that names the key and the remedy."""
-    # A misspelt key is both unknown and missing; the error of the unknown key says more.
-    unknown = ("extra_forbidden", "unexpected_keyword_argument")
-    errors = sorted(error.errors(), key=lambda e: e["type"] not in unknown)
-    first, more = errors[0], len({_where(e["loc"]) for e in errors}) - 1
-    location, kind, given = first["loc"], first["type"], first.get("input")
-    where = _where(location)
-    if kind in unknown:
-        keys = _keys_beside(location)
-        sentence = f"{where} is no key of a case file{nearest(str(location[-1]), keys)}"
+def mistakes(error: ValidationError) -> list[str]:
+    """Return pydantic's errors as sentences, each of which names the key and the remedy."""
+    misspelt: dict[tuple[Any, ...], str] = {}
+    for e in error.errors():
+        if e["type"] in UNKNOWN:
+            *table, key = e["loc"]
+            misspelt[(*table, closest(str(key), _keys_beside(e["loc"])))] = str(key)
+    # A misspelt key is both unknown and missing; that it is unknown says more.
+    errors = [e for e in error.errors() if e["type"] != "missing" or e["loc"] not in misspelt]
+    found: dict[str, list[Any]] = {}
+    for e in errors:
+        found.setdefault(_where(e["loc"]), []).append(e)
+    # Of a path with a word in it both are said to be no number, the path and the word.
+    told = [where for where in found if not any(o.startswith(f"{where}[") for o in found)]
+    sentences = [_mistake(where, found[where]) for where in told[:MOST_TOLD]]
+    more = len(told) - len(sentences)
+    return [*sentences, f"there are {more} more mistakes"] if more else sentences
+
+
+def _mistake(where: str, errors: Sequence[Any]) -> str:
+    """Return the sentence for the errors of one key: one that takes a number or a word has two."""
+    location, kind, given = errors[0]["loc"], errors[0]["type"], errors[0].get("input")
+    if kind in UNKNOWN:
+        known = _keys_beside(location)
+        sentence = f"{where} is no key of a case file{nearest(str(location[-1]), known)}"
     elif kind == "missing":
         meaning = _keys_beside(location).get(str(location[-1]), {}).get("description")
         sentence = f"{where} is missing; add it ({meaning or f'a table [{location[-1]}]'})"
     elif kind in ("union_tag_not_found", "union_tag_invalid"):
         sentence = f"{where}.kind must be one of {', '.join(_kinds())}"
     elif kind == "value_error":
-        table = len(location) == 1 or location[0] == "surface"
-        sentence = f"{f'[{where}]' if table else f'{where}:'} {first['ctx']['error']}"
+        table = len(location) == 1 or location[0] in ("surface", "material")
+        sentence = f"{f'[{location[0]}]' if table else f'{where}:'} {errors[0]['ctx']['error']}"
     elif isinstance(given, dict) and kind in ("list_type", "tuple_type") and len(location) == 1:
         sentence = f"[{where}] is one table of a list; write [[{where}]]"
-    elif isinstance(given, dict):
+    elif isinstance(given, dict) and given:
         names = ", ".join(map(repr, given))
         sentence = f"{where} has the keys {names}, but must be one value, or one each for the sizes"
-        sentence += nearest(str(next(iter(given), "")), SIZES)
+        sentence += nearest(next(iter(given)), SIZES)
     else:
-        # A key that takes a number or a word has an error for each.
-        needed = " or ".join(_needed(e["msg"]) for e in errors if _where(e["loc"]) == where)
+        needed = " or ".join(_needed(e["msg"]) for e in errors)
         sentence = f"{where} is {given!r}, but must {needed.replace(' or be ', ' or ')}"
-    return sentence + (f" (and {more} more)" if more else "")
+    return sentence
 
 
 def _needed(message: str) -> str:
@@ -320,11 +391,12 @@ def _kinds() -> list[str]:
 
 def _where(location: tuple[Any, ...]) -> str:
     """Return the key as written in the file: gates count from 1, no names of types or kinds."""
-    parts = [str(part) for part in location if part not in (*_kinds(), "float", "str")]
-    parts = [part for part in parts if not part.startswith(("list[", "literal["))]
-    if parts[:1] == ["gate"] and len(parts) > 1:
-        parts[:2] = [f"gate {int(parts[1]) + 1}"]
-    return ".".join(parts) or "the case"
+    parts = [part for part in location if part not in (*_kinds(), "float", "str")]
+    parts = [part for part in parts if not str(part).startswith(("list[", "literal["))]
+    if parts[:1] in (["gate"], ["omit"]) and len(parts) > 1:
+        parts[:2] = [f"{parts[0]} {parts[1] + 1}"]
+    keys = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)
+    return "".join(keys).removeprefix(".") or "the case"
 
 
 def _keys_beside(location: tuple[Any, ...]) -> dict[str, Any]:

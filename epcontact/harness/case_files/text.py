@@ -76,13 +76,15 @@ def read_cases(path: Path) -> tuple[CaseText, ...]:
     """Read the case, or the family of cases, in a file.
 
     Raises:
-        InvalidCase: if the file is not TOML, misspells a size, or two variants share an id.
+        InvalidCase: if the file is not TOML, misspells a size, no size has all values, or two
+            variants share an id.
     """
     tables = _read(path)
-    _require_sizes(str(path), tables)
+    if misspelt := tuple(_misspelt_sizes(str(path), tables)):
+        raise InvalidCase(*misspelt)
     variants = tables.pop("variant", None)
     if variants is None:
-        return (CaseText(path, case_name(path), tables),)
+        return (_offered(CaseText(path, case_name(path), tables)),)
     if not (isinstance(variants, list) and variants and all(isinstance(v, dict) for v in variants)):
         raise InvalidCase(f"{path}: variant is {variants!r:.60}, but must be tables [[variant]]")
     family: dict[str, CaseText] = {}
@@ -95,8 +97,19 @@ def read_cases(path: Path) -> tuple[CaseText, ...]:
                 "text of its own"
             )
         where = f"{path}: variant {name}"
-        family[name] = CaseText(path, name, _laid_over(where, tables, variant), is_variant=True)
+        laid = _laid_over(where, tables, variant)
+        family[name] = _offered(CaseText(path, name, laid, is_variant=True))
     return tuple(family.values())
+
+
+def _offered(case: CaseText) -> CaseText:
+    """Return a case that has at least one size.  Raises InvalidCase."""
+    if not case.sizes:
+        raise InvalidCase(
+            f"{case.where}: the values that are given by size have no size in common; give all of "
+            f"them for one of {', '.join(SIZES)}"
+        )
+    return case
 
 
 def at_size(value: Any, size: str) -> Any:
@@ -127,19 +140,19 @@ def _size_tables(value: Any) -> Iterator[Mapping[str, Any]]:
             yield from _size_tables(item)
 
 
-def _require_sizes(where: str, value: Any) -> None:
-    """Refuse a table in which only some keys are sizes."""
+def _misspelt_sizes(where: str, value: Any) -> Iterator[str]:
+    """Yield a sentence for each table in which only some keys are sizes."""
     if isinstance(value, Mapping):
         wrong = [key for key in value if key not in SIZES]
         if wrong and len(wrong) < len(value):
-            raise InvalidCase(
-                f"{where} has {wrong[0]!r}, which is no size{nearest(wrong[0], SIZES)}"
-            )
+            yield f"{where} has {wrong[0]!r}, which is no size{nearest(wrong[0], SIZES)}"
         for key, item in value.items():
-            _require_sizes(f"{where}: {key}" if ":" not in where else f"{where}.{key}", item)
+            yield from _misspelt_sizes(
+                f"{where}: {key}" if ":" not in where else f"{where}.{key}", item
+            )
     elif isinstance(value, list):
         for number, item in enumerate(value, start=1):
-            _require_sizes(f"{where} {number}", item)
+            yield from _misspelt_sizes(f"{where} {number}", item)
 
 
 def _laid_over(where: str, tables: Mapping[str, Any], variant: Mapping[str, Any]) -> dict[str, Any]:

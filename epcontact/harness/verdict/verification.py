@@ -15,7 +15,7 @@ from epcontact.harness.case_files.case import (
     CaseText,
     find_cases,
     find_named,
-    load_case,
+    load_cases,
 )
 from epcontact.harness.methods.registry import METHODS, REPLACED, solver_named
 from epcontact.harness.processes.pool import Factory
@@ -93,7 +93,7 @@ def verify(  # noqa: PLR0913 - the options of the command
     set_verdict_aside(Path(output))
     methods = dict(METHODS)
     named = () if cases is None else listed(cases)
-    loaded = [case for each in named or cases_to_verify(size) for case in _loaded(each, size)]
+    loaded = _loaded(named or cases_to_verify(size), size)
     if solver:
         stand_in = solver_named(solver)
         methods[stand_in.name] = stand_in
@@ -122,15 +122,15 @@ def verify(  # noqa: PLR0913 - the options of the command
     return verdict
 
 
-def _loaded(case: str | Path | CaseText | Case, size: str) -> list[Case]:
-    if isinstance(case, Case):
-        return [case]
-    if not isinstance(case, str | Path | CaseText):
-        raise InvalidCase(f"cases has {case!r:.60}, but must be names, paths or loaded cases")
-    texts = (case,) if isinstance(case, CaseText) else find_named(case)
-    loaded = [load_case(text, size) for text in texts]
-    for one in loaded:
-        if not one.gates and not one.skip:
+def _loaded(cases: Iterable[str | Path | CaseText | Case], size: str) -> list[Case]:
+    named: list[CaseText | Case] = []
+    for case in cases:
+        if not isinstance(case, str | Path | CaseText | Case):
+            raise InvalidCase(f"cases has {case!r:.60}, but must be names, paths or loaded cases")
+        named += find_named(case) if isinstance(case, str | Path) else [case]
+    loaded = load_cases(named, size)
+    for given, one in zip(named, loaded, strict=True):
+        if given is not one and not one.gates and not one.skip:
             raise InvalidCase(
                 f"{one.path}: {one.id} has no gate to judge; `epcontact sweep` solves its sweep"
             )
@@ -149,7 +149,8 @@ def cases_to_verify(size: str) -> list[CaseText]:
     if not cases:
         raise InvalidCase("no cases found, neither in ./cases nor in the installed package")
     offered = [case for case in cases if size in case.sizes]
-    return [case for case in offered if (c := load_case(case, size)).verify and (c.gates or c.skip)]
+    loaded = zip(offered, load_cases(offered, size), strict=True)
+    return [text for text, case in loaded if case.verify and (case.gates or case.skip)]
 
 
 def _in_place(case: Case, name: str) -> Case:
