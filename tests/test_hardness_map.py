@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from scipy.interpolate import RegularGridInterpolator
 
 from epcontact import MappedHardness, effective_hardness
 from epcontact.cli.main import cli
@@ -66,6 +67,18 @@ def test_the_hardness_rises_with_severity_load_and_poisson_ratio() -> None:
     assert at(rms_slope=0.05).ratio < at().ratio < at(rms_slope=0.4).ratio < 3
     assert at(mean_pressure=0.1e9).ratio < at().ratio < at(mean_pressure=1e9).ratio
     assert at(poisson_ratio=0.0).ratio < at().ratio
+
+
+def test_the_area_is_interpolated_linearly_in_ln_s_nu_and_m() -> None:
+    columns = {**hardness_map()}
+    order = np.lexsort([columns[name] for name in reversed(SYMBOLS)])
+    axes = [np.unique(columns[name]) for name in SYMBOLS]
+    area = columns["area"][order].reshape([axis.size for axis in axes])
+    linear = RegularGridInterpolator((np.log(axes[0]), *axes[1:]), area)
+    for changed in ({}, {"rms_slope": 0.07, "poisson_ratio": 0.1}, {"mean_pressure": 0.4e9}):
+        found = at(**changed)
+        place = (math.log(found.severity), found.poisson_ratio, found.load)
+        assert found.area == pytest.approx(linear(place).item(), rel=1e-12)
 
 
 def test_only_ratios_matter_and_the_interval_holds_the_value() -> None:

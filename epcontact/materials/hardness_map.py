@@ -244,18 +244,18 @@ def terms(severity: FloatArray, poisson_ratio: FloatArray, load: FloatArray) -> 
 
 
 def _between(place: Mapping[str, float], values: FloatArray) -> float:
-    """Interpolate a column of the map linearly in ln s, nu and m."""
-    from scipy.interpolate import interpn
+    """Interpolate a column of the map linearly in ln s, nu and m.
 
+    One axis after the other: scipy.interpolate would take longer to load than all else here.
+    """
     known = hardness_map()
     axes = [np.unique(known[name]) for name in place]
     order = np.lexsort([known[name] for name in reversed(list(place))])
     grid = values[order].reshape([axis.size for axis in axes])
-    at = [
-        np.clip(value, axis[0], axis[-1]) for value, axis in zip(place.values(), axes, strict=True)
-    ]
-    axes[0], at[0] = np.log(axes[0]), np.log(at[0])
-    return float(interpn(axes, grid, at)[0])
+    for name, value, axis in zip(place, place.values(), axes, strict=True):
+        at, known_at = (np.log(value), np.log(axis)) if name == "severity" else (value, axis)
+        grid = np.apply_along_axis(functools.partial(np.interp, at, known_at), 0, grid)
+    return float(grid)
 
 
 def formula_text() -> str:
