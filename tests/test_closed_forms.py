@@ -11,7 +11,8 @@ from scipy.integrate import quad
 
 from epcontact.errors import InvalidCase
 from epcontact.harness.gates.distances import distance
-from epcontact.harness.quantities.registry import QUANTITIES, measure
+from epcontact.harness.quantities.reading import measure
+from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.persson import areas
 from epcontact.reference import CLOSED_FORMS
 from epcontact.reference.layers import compliance
