@@ -447,6 +447,16 @@ def test_each_command_is_listed_with_the_line_that_it_begins_with() -> None:
         assert begins.startswith(line.rstrip(".")), name
 
 
+def test_a_usage_error_names_the_help_of_its_command() -> None:
+    refused(invoke("hardness"), "Missing option '--yield-stress' (see epcontact hardness --help)")
+    refused(invoke("lits"), "did you mean 'list'? (see epcontact --help)")
+
+
+def test_several_cases_are_counted_in_the_plural(tmp_path) -> None:
+    done = invoke("verify", "bearing-area", "yardstick", "--output", tmp_path, "--jobs", 1)
+    assert "2 cases: 2 hold; verdict in" in " ".join(done.stdout.split())
+
+
 @pytest.mark.parametrize("argument", ["--help", "list"])
 def test_lists_load_no_solver(argument: str) -> None:
     program = (

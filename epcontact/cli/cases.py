@@ -205,6 +205,9 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
     sys.exit(verdict.exit_code)
 
 
+_PLURAL = {"holds": "hold", "falls short": "fall short", "error": "errors"}
+
+
 def _show(verdict: Verdict, output: Path) -> None:
     """Print the verdict: a table of gates, what does not hold, and what was not judged."""
     console = open_console()
@@ -217,8 +220,8 @@ def _show(verdict: Verdict, output: Path) -> None:
         if case.case.hardness_in_words:
             click.echo(f"{case.id}: {case.case.hardness_in_words}")
         print_shortfalls(console, case)
-    counts = [sum(case.status == s for case in verdict.cases) for s in STYLES]
-    summary = ", ".join(f"{n} {s}" for n, s in zip(counts, STYLES, strict=True) if n)
+    counts = {s: sum(case.status == s for case in verdict.cases) for s in STYLES}
+    summary = ", ".join(f"{n} {_PLURAL.get(s, s) if n > 1 else s}" for s, n in counts.items() if n)
     cases = "1 case" if len(verdict.cases) == 1 else f"{len(verdict.cases)} cases"
     console.print(f"{cases}: {summary}; verdict in {output / 'verdict.json'}")
     if left_out := sum(len(case.not_judged) for case in verdict.cases):

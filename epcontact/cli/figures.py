@@ -64,7 +64,10 @@ def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None
 @click.option("--full", is_flag=True, help="Minutes instead of seconds, and finer.")
 @click.option("--output", type=_folder, default=Path("stability"), show_default=True)
 def stability(maps: tuple[str, ...], full: bool, output: Path) -> None:
-    """Sweep loads and hardnesses and map the convergence and speed of each method."""
+    """Sweep loads and hardnesses and map the convergence and speed of each method.
+
+    MAPS are some of capped, elastic, theory and fem; all of them where none is named.
+    """
     data = stability_map(maps or MAPS, "full" if full else "coarse", progress=_tell)
     for path in write(data, output):
         click.echo(path)
@@ -135,6 +138,9 @@ def view(
         viewing.screenshot(result, screenshot, factor=factor)
     elif contact_map is None and film is None:
         viewing.show(result, factor=factor)
+    for what, file in (("map", contact_map), ("film", film), ("picture", screenshot)):
+        if file is not None:
+            click.echo(f"{what} in {file}")
 
 
 def _tell(sentence: str) -> None:

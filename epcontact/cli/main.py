@@ -111,7 +111,9 @@ def main() -> None:
         click.echo(error.format_message(), err=True)
         code, sentences = 2, ()
     except click.ClickException as error:
-        code, sentences = 2, (f"{error.format_message()} (see epcontact --help)",)
+        context = error.ctx if isinstance(error, click.UsageError) else None
+        command = context.command_path if context else "epcontact"
+        code, sentences = 2, (f"{error.format_message().rstrip('.')} (see {command} --help)",)
     except SystemExit as end:
         # click and rich turn a closed pipe into exit code 1, which means that a gate fell short;
         # click replaces the output then.

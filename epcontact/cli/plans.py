@@ -61,7 +61,7 @@ def plan(case: str, tolerance: str, size: str | None, check: bool, executor: str
         click.echo(f"  {sentence}")
     click.echo(
         f"  expected: error {100 * chosen.expected_error:.2g} %, "
-        f"work {chosen.work:.3g} (grid points times transforms), of the case as it is "
+        f"work {chosen.work:.3g} (grid points times transforms); the case as it is takes "
         f"{chosen.given_work:.3g}"
     )
     if not chosen.meets:

@@ -308,7 +308,7 @@ def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical:
             numerical,
             reasons=(
                 *numerical.reasons,
-                f"{distance}: together this exceeds the tolerance, so the theory does not do",
+                f"{distance}: together this exceeds the tolerance, so the theory will not do",
             ),
         )
     return replace(
