@@ -452,6 +452,20 @@ def test_a_usage_error_names_the_help_of_its_command() -> None:
     refused(invoke("lits"), "did you mean 'list'? (see epcontact --help)")
 
 
+@pytest.mark.parametrize(
+    "words", [("verify",), ("view",), ("gates", "--output"), ("verify", "yardstick", "--output")]
+)
+def test_a_name_too_long_for_a_file_is_no_bug(words) -> None:
+    name = 300 * "x"
+    refused(invoke(*words, name), "cannot open ", name, ": file name too long")
+
+
+def test_a_case_file_in_this_folder_is_meant_by_its_id(write_case, monkeypatch) -> None:
+    monkeypatch.chdir(write_case().parent)
+    sentence = "no case is called 'small'; did you mean the file small.toml?"
+    refused(invoke("verify", "small"), sentence)
+
+
 def test_several_cases_are_counted_in_the_plural(tmp_path) -> None:
     done = invoke("verify", "bearing-area", "yardstick", "--output", tmp_path, "--jobs", 1)
     assert "2 cases: 2 hold; verdict in" in " ".join(done.stdout.split())

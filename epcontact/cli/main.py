@@ -133,10 +133,15 @@ def main() -> None:
 
 
 def _unexpected(error: Exception) -> str:
-    """Return the sentence for a full disk, or for a bug, whose traceback is printed."""
+    """Return the sentence for a full disk, for a name that can be no file's, or for a bug.
+
+    The traceback of a bug is printed.
+    """
     if isinstance(error, OSError) and error.errno == errno.ENOSPC:  # files have OutputError
         forget_output()
         return "cannot write the output: no space left on device"
+    if isinstance(error, OSError) and error.errno in (errno.ENAMETOOLONG, errno.EACCES):
+        return f"cannot open {error.filename}: {os.strerror(error.errno).lower()}"
     traceback.print_exc()
     return "this is a bug in epcontact; please report it"
 

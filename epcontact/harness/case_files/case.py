@@ -154,7 +154,9 @@ def find_named(name: str | Path) -> tuple[CaseText, ...]:
         return read_cases(path)
     if path.suffix == ".toml" or path.exists():
         raise InvalidCase(f"{name}: no such case file; `epcontact list` shows the cases")
-    raise InvalidCase(f"no case is called {text!r}{nearest(text, known)}")
+    file = path.with_name(f"{path.name}.toml")
+    meant = f"; did you mean the file {file}?" if file.is_file() else nearest(text, known)
+    raise InvalidCase(f"no case is called {text!r}{meant}")
 
 
 def find_case(name: str | Path) -> CaseText:
