@@ -31,6 +31,7 @@ from epcontact.bem.areas.rim_correction import (
     TIP,
     ErrorConstants,
     areas_of_sums,
+    copies,
     located_areas,
     sums_of_fronts,
 )
@@ -154,7 +155,7 @@ class Lesson:
 
     sums: FloatArray
     share: float
-    cells: int
+    cells: float
     aspect: float
     exact: Areas
 
@@ -167,8 +168,8 @@ def lessons(seeds: Iterable[int], points: int) -> list[Lesson]:
             one = member(KINDS, kind, seed, points)
             pressure, gap, (dx, dy) = one.solved(1)
             sums = sums_of_fronts(pressure, gap, one.hardness, [dx, dy], 1.0)
-            share, exact = one.load / one.hardness, one.areas(FINER)[1]
-            out.append(Lesson(sums, share, pressure.size, dx / dy, exact))
+            share, exact, alike = one.load / one.hardness, one.areas(FINER)[1], copies(pressure)
+            out.append(Lesson(sums / alike, share, pressure.size / alike, dx / dy, exact))
     return out
 
 

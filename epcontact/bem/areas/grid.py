@@ -22,7 +22,8 @@ HIDDEN    segment length times the width of the zone hidden at edges
 KINKED    segment length where the surface has a kink
 TURN      turn of the front, a quarter for each corner cut off.  Over a whole front this adds up
           to its Euler number.
-TIPS      points apart (or plastic) with one or two of their eight neighbours in the same state
+TIPS      points apart (or plastic) with at most two of their eight neighbours in the same state,
+          but for those of spots of two or three points
 SQUARES   squares of the areas of gaps that may be hidden between points that all touch, in waves,
           at tips and at creases, and of what lone points lack of CORNER
 CREASE    areas of gaps that may be hidden at creases between points that all touch
