@@ -9,6 +9,7 @@ import pytest
 
 from epcontact import bem
 from epcontact.bem.areas import front, grid, rim_correction
+from epcontact.bem.areas.copies import copies
 from epcontact.bem.areas.rim_correction import ERRORS, estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.results import Areas
@@ -326,18 +327,18 @@ def test_copies_a_whole_number_of_points_apart_err_alike(monkeypatch):
 
 def test_how_many_copies_a_grid_holds():
     cell = np.random.default_rng(5).uniform(size=(6, 10))
-    assert rim_correction.copies(cell) == 1
-    assert rim_correction.copies(np.tile(cell, (4, 3))) == 12
+    assert copies(cell) == 1
+    assert copies(np.tile(cell, (4, 3))) == 12
     # A second one in the middle of each cell, as in a hexagonal pattern, and a wall along x.
     rows = np.hstack([cell, np.roll(cell, 3, 0)])
-    assert rim_correction.copies(rows) == 2
-    assert rim_correction.copies(np.tile(rows, (1, 2))) == 4
-    assert rim_correction.copies(np.tile(cell[:1], (12, 1))) == 12
+    assert copies(rows) == 2
+    assert copies(np.tile(rows, (1, 2))) == 4
+    assert copies(np.tile(cell[:1], (12, 1))) == 12
     # What differs by less than a hundredth of the highest pressure meets the grid alike, too.
     tiled = np.tile(cell, (2, 2))
     noise = np.random.default_rng(6).uniform(-1, 1, tiled.shape)
-    assert rim_correction.copies(tiled + 0.004 * noise) == 4
-    assert rim_correction.copies(tiled + 0.1 * noise) == 1
+    assert copies(tiled + 0.004 * noise) == 4
+    assert copies(tiled + 0.1 * noise) == 1
 
 
 @pytest.mark.slow

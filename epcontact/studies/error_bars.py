@@ -25,13 +25,13 @@ import numpy as np
 from scipy.optimize import minimize
 
 from epcontact.bem.areas import grid
+from epcontact.bem.areas.copies import copies
 from epcontact.bem.areas.rim_correction import (
     ERRORS,
     OBLONG,
     TIP,
     ErrorConstants,
     areas_of_sums,
-    copies,
     located_areas,
     sums_of_fronts,
 )

@@ -4,6 +4,7 @@ rim_correction  raw and corrected areas, and their estimated error; the constant
 grid            the fronts of a contact, located in the cells of a grid
 front           where a front crosses between two neighbouring points
 hidden          what the points of a contact may hide between them
+copies          how many copies of one cell err alike
 rows            the rows of a solution that the pass over a grid has in memory
 distribution    the distribution of the pressures and its two ends
 """

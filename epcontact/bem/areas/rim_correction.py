@@ -48,6 +48,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from epcontact.bem.areas import grid
+from epcontact.bem.areas.copies import copies
 from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS, compiled
 from epcontact.bem.areas.hidden import CORNER
 from epcontact.bem.areas.rows import Solution
@@ -107,8 +108,6 @@ ERRORS = ErrorConstants(2.25, 0.176, 0.317)
 TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
 SURE = 1.645
-#: Pressures that differ by less than this share of the highest are taken for copies.
-COPY = 0.01
 # A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
 # Rows and columns that are swept at a time.  Six more rows are read, and one is located twice.
@@ -199,51 +198,6 @@ def estimate_areas(
     sums = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads)
     raw = _areas(*(sums[grid.POINTS, :, 0] / n))
     return raw, *areas_of_sums(sums / alike, share, n / alike, spacing[0] / spacing[1])
-
-
-def copies(pressure: FloatArray) -> int:
-    """How many copies of one cell a periodic grid (nx, ny) holds at whole numbers of points.
-
-    The grid meets all of them alike, so that their errors are the same.  Copies along the rows and
-    columns count, and a second one in the middle of the cell.
-
-    Example:
-        >>> copies(np.tile(np.eye(2), (4, 3)))
-        24
-    """
-    row, column = np.unravel_index(pressure.argmax(), pressure.shape)
-    close = COPY * float(pressure[row, column])
-    along_x, along_y = _times(pressure, int(row), close), _times(pressure.T, int(column), close)
-    nx, ny = pressure.shape[0] // along_x, pressure.shape[1] // along_y
-    cell = pressure[:nx, :ny]
-    centred = nx % 2 == ny % 2 == 0 and _repeats(cell, int(row) % nx, (nx // 2, ny // 2), close)
-    return along_x * along_y * (1 + centred)
-
-
-def _times(values: FloatArray, first: int, close: float) -> int:
-    """How many times the rows of a periodic grid repeat, by one prime factor after another."""
-    n, rest, factor = len(values), len(values), 2
-    while rest > 1:
-        if rest % factor:
-            factor += 1
-        elif _repeats(values[:n], first % n, (n // factor, 0), close):
-            n, rest = n // factor, rest // factor
-        else:
-            while rest % factor == 0:
-                rest //= factor
-    return len(values) // n
-
-
-def _repeats(values: FloatArray, first: int, shift: tuple[int, int], close: float) -> bool:
-    """Whether values on a periodic grid repeat after a shift of rows and columns, to `close`.
-
-    first: a row of the highest values.  Surfaces without copies differ there at once.
-    """
-    n, few = len(values), 8
-    return all(
-        np.abs(values[i % n] - np.roll(values[(i + shift[0]) % n], -shift[1], 1)).max() <= close
-        for i in (first + np.arange(start, min(start + few, n)) for start in range(0, n, few))
-    )
 
 
 def sums_of_fronts(
