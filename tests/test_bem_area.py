@@ -1,6 +1,8 @@
 """Areas in the continuum limit against exact ones, over random shifts of the grid; their errors."""
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +24,7 @@ from epcontact.studies.error_bars import KINDS
 from epcontact.surfaces import SelfAffine
 
 OPTIONS = bem.Options(tolerance=1e-7)
+KEPT = Path(__file__).parent.parent / "cases" / "regression"
 
 
 def solve(heights, load, hardness=math.inf):
@@ -538,6 +541,23 @@ def test_ensembles_and_their_error_estimates(load, hardness):
     assert abs(mean[2, -1]) < abs(mean[1, -1]) / 3
     assert (np.abs(errors[:, 2]) <= errors[:, 3]).mean() >= 0.85
     assert np.median(errors[:, 3] / np.abs(errors[:, 2])) < 12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("capped", [False, True])
+@pytest.mark.parametrize("n", [1024, 2048, 4096])
+def test_areas_of_the_paper_are_those_of_its_finest_grid(n, capped):
+    """What is off in common shows on large surfaces, where chance is small."""
+    name = f"paper-16384-64-{'elastoplastic' if capped else 'elastic'}-bem.json"
+    kept = json.loads((KEPT / name).read_text())["areas"]
+    spectrum = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, rms_slope=1.0)
+    surface = SelfAffine(spectrum, (2 * math.pi / 2.5e4,) * 2, (n, n), seed=7).build()
+    material = Material(250e9, 0.0, hardness=150e9 if capped else math.inf)
+    areas = bem.solve(Scene(surface, material, Load(12.5e9))).final.areas
+    for part in ("total", "elastic", "plastic"):
+        off = abs(getattr(areas["corrected"], part) - kept["corrected"][part])
+        assert off <= getattr(areas["error"], part)
+        assert getattr(areas["error"], part) < 0.8 / n
 
 
 @pytest.mark.parametrize("load", [1e-6, 0.1, 0.5, 0.9])
