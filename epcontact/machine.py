@@ -114,8 +114,8 @@ def compiling() -> bool:
 
     The handler of a signal must not raise an exception then, but be called again later.
     """
-    lock = sys.modules.get("numba.core.compiler_lock")
-    return lock is not None and bool(lock.global_compiler_lock.is_locked())
+    lock = getattr(sys.modules.get("numba.core.compiler_lock"), "global_compiler_lock", None)
+    return lock is not None and bool(lock.is_locked())
 
 
 @functools.cache

@@ -461,3 +461,17 @@ def test_the_registry_of_quantities_says_what_is_checked() -> None:
     for quantity in QUANTITIES.values():
         assert set(quantity.needs) <= {"fields", "J2 flow", "hardness"}
         assert quantity.measure is None or quantity.name.startswith("quantity.")
+
+
+def test_a_folder_of_own_cases_does_not_hide_those_of_the_package(
+    write_case, tmp_path, monkeypatch
+) -> None:
+    own = tmp_path / "cases"
+    own.mkdir()
+    write_case().rename(own / "mine.toml")
+    (own / "broken.toml").write_text("[")
+    monkeypatch.chdir(tmp_path)
+    assert [case.path.name for case in find_named("mine")] == ["mine.toml"]
+    assert find_named("paper-elastoplastic")[0].path.is_absolute()
+    with pytest.raises(InvalidCase, match="paper-elastoplastic"):
+        find_named("paper-elastoplastik")

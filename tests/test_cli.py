@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import types
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,7 @@ import pytest
 from command_line import Done, invoke, start
 from rich.console import Console
 
-from epcontact.cli import listing
+from epcontact.cli import listing, main
 from epcontact.cli.main import COMMANDS, cli
 from epcontact.harness.answers.run import run_cases
 from epcontact.harness.case_files.case import load_case
@@ -350,6 +351,13 @@ def test_interrupt_is_clean(write_case, tmp_path, how) -> None:
     assert members
     for member in members:
         json.loads(member.read_text())
+
+
+@pytest.mark.parametrize("module", ["epcontact.machine", "numba.core.compiler_lock"])
+def test_interrupt_while_a_module_is_half_loaded(monkeypatch, module) -> None:
+    monkeypatch.setitem(sys.modules, module, types.ModuleType(module))
+    with pytest.raises(KeyboardInterrupt):
+        main._ended(signal.SIGINT, None)
 
 
 def test_crosscheck_needs_both_kinds_of_elements(write_case) -> None:

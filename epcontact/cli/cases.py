@@ -131,7 +131,7 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
     metavar="[NAME=]SOLVER",
     help="Judge another solver by the gates instead of bem, in a process of its own: "
     "MODULE:FUNCTION, which maps a Scene to a ContactResult; a method's name; or a command in any "
-    "language with the placeholders {scene} and {result}, see below.",
+    "language with the placeholders {scene} and {result}.",
 )
 @click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
 @click.option(

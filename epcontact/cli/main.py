@@ -154,8 +154,9 @@ def forget_output() -> None:
 
 def _ended(number: int, _: object) -> None:
     """End the command, but not in the middle of a compilation, see `machine`."""
-    machine = sys.modules.get("epcontact.machine")  # loaded with the first solver
-    if machine is not None and machine.compiling():
+    # It is loaded with the first solver, and may be half loaded now.
+    compiling = getattr(sys.modules.get("epcontact.machine"), "compiling", None)
+    if compiling is not None and compiling():
         threading.Timer(0.05, signal.raise_signal, (number,)).start()
         return
     raise KeyboardInterrupt

@@ -28,6 +28,7 @@ from epcontact.harness.case_files.text import (
     at_size,
     case_files,
     case_name,
+    package_files,
     read_cases,
 )
 from epcontact.harness.gates.gate import Gate
@@ -134,22 +135,24 @@ def find_named(name: str | Path) -> tuple[CaseText, ...]:
     """Return the cases that a name refers to: one case by its id, or all cases of a file.
 
     Args:
-        name: the id of a case, the name of a file in the folder of cases, or a path.
+        name: the id of a case, the name of a file in the folder ./cases or among the cases of
+            the package, or a path.
 
     Raises:
         InvalidCase: if no case or file has that name.
     """
     path, text = Path(name), str(name)
     known: dict[str, tuple[CaseText, ...]] = {}
-    if path.suffix != ".toml":
-        for file in case_files():
+    # A folder of the user's own cases does not hide those of the package.
+    for folder in (case_files(), package_files()) if path.suffix != ".toml" else ():
+        for file in folder:
             if case_name(file) == text:
                 return read_cases(file)
-            known[case_name(file)] = ()
+            known.setdefault(case_name(file), ())
             with contextlib.suppress(InvalidCase):  # other mistakes in that file do not matter here
                 known |= {case.id: (case,) for case in read_cases(file)}
-    if text in known:
-        return known[text]
+        if text in known:
+            return known[text]
     if path.is_file():
         return read_cases(path)
     if path.suffix == ".toml" or path.exists():
