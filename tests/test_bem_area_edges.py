@@ -333,6 +333,14 @@ def test_how_many_copies_a_grid_holds():
     rows = np.hstack([cell, np.roll(cell, 3, 0)])
     assert copies(rows) == 2
     assert copies(np.tile(rows, (1, 2))) == 4
+    # Courses of bricks that are moved by two of six points, and a lattice of five copies.
+    courses = np.hstack([np.roll(cell, 2 * k, 0) for k in range(3)])
+    assert copies(courses) == 3
+    assert copies(np.tile(courses, (2, 1))) == 6
+    tilted = np.zeros((10, 10))
+    for k in range(5):
+        tilted += np.roll(np.pad(cell[:2, :2], (0, 8)), (2 * k, 4 * k), (0, 1))
+    assert copies(tilted) == 5
     assert copies(np.tile(cell[:1], (12, 1))) == 12
     # What differs by less than a fifth of the range of pressures meets the grid alike, too.
     tiled = np.tile(cell, (2, 2))
@@ -341,6 +349,11 @@ def test_how_many_copies_a_grid_holds():
     assert copies(tiled + 0.3 * noise) == 1
     assert copies(1 + 0.01 * cell) == 1  # of a contact that is nearly uniform
     assert copies(np.ones((6, 10))) == 60
+    for n in (16, 17, 18):  # waves that hardly change in one step
+        waves = np.cos(2 * np.pi * np.arange(n) / n)
+        assert copies(waves[:, None] + 0.5 * waves) == 1
+        assert copies(waves[:, None] + waves) == 1
+        assert copies(np.tile(waves, (n, 1))) == n
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from epcontact.results import FloatArray
@@ -15,8 +17,7 @@ CLOSE = 0.2
 def copies(pressure: FloatArray) -> int:
     """How many copies of one cell a periodic grid (nx, ny) holds at whole numbers of points.
 
-    The grid meets all of them alike, so that their errors are the same.  Copies along the rows and
-    columns count, and a second one in the middle of the cell; those of other lattices do not.
+    The grid meets all of them alike, so that their errors are the same.
 
     Example:
         >>> copies(np.tile(np.eye(2), (4, 3)))
@@ -25,10 +26,28 @@ def copies(pressure: FloatArray) -> int:
     row, column = np.unravel_index(pressure.argmax(), pressure.shape)
     close = CLOSE * float(pressure[row, column] - pressure.min())
     along_x, along_y = _times(pressure, int(row), close), _times(pressure.T, int(column), close)
-    nx, ny = pressure.shape[0] // along_x, pressure.shape[1] // along_y
-    cell = pressure[:nx, :ny]
-    centred = nx % 2 == ny % 2 == 0 and _repeats(cell, int(row) % nx, (nx // 2, ny // 2), close)
-    return along_x * along_y * (1 + centred)
+    cell = pressure[: pressure.shape[0] // along_x, : pressure.shape[1] // along_y]
+    place = int(row) % cell.shape[0], int(column) % cell.shape[1]
+    return along_x * along_y * _oblique(cell, place, close)
+
+
+def _oblique(cell: FloatArray, highest: tuple[int, int], close: float) -> int:
+    """How many copies there are in a cell that does not repeat along its rows and columns.
+
+    All are reached by repeating one step along both, as in a hexagonal or a tilted lattice.
+    """
+    (nx, ny), (row, column) = cell.shape, highest
+    # Points from the highest on, one and more, rule out the steps of most surfaces without copies.
+    some = (column + np.arange(0, ny, max(ny // 16, 1))) % ny
+    for count in range(math.gcd(nx, ny), 1, -1):
+        if nx % count == ny % count == 0:
+            steps, moved = np.arange(1, count) * (ny // count), cell[(row + nx // count) % nx]
+            for part in (some[:1], some):
+                off = np.abs(moved[(part + steps[:, None]) % ny] - cell[row, part])
+                steps = steps[(off <= close).all(axis=1)]
+            if any(_repeats(cell, row, count, (nx // count, int(step)), close) for step in steps):
+                return count
+    return 1
 
 
 def _times(values: FloatArray, first: int, close: float) -> int:
@@ -37,7 +56,7 @@ def _times(values: FloatArray, first: int, close: float) -> int:
     while rest > 1:
         if rest % factor:
             factor += 1
-        elif _repeats(values[:n], first % n, (n // factor, 0), close):
+        elif _repeats(values[:n], first % n, factor, (n // factor, 0), close):
             n, rest = n // factor, rest // factor
         else:
             while rest % factor == 0:
@@ -45,13 +64,19 @@ def _times(values: FloatArray, first: int, close: float) -> int:
     return len(values) // n
 
 
-def _repeats(values: FloatArray, first: int, shift: tuple[int, int], close: float) -> bool:
-    """Whether values on a periodic grid repeat after a shift of rows and columns, to `close`.
+def _repeats(
+    values: FloatArray, first: int, count: int, step: tuple[int, int], close: float
+) -> bool:
+    """Whether values on a periodic grid are `count` copies, to `close`, one step from the next.
 
-    first: a row of the highest values.  Surfaces without copies differ there at once.
+    first: a row of the highest values.  Surfaces without copies differ there at once.  A smooth one
+    may hardly change in one step, but does in several.
     """
     n, few = len(values), 8
+    steps = sorted({count // part for part in range(2, count + 1)}, reverse=True)
     return all(
-        np.abs(values[i % n] - np.roll(values[(i + shift[0]) % n], -shift[1], 1)).max() <= close
+        np.abs(values[i % n] - np.roll(values[(i + k * step[0]) % n], -k * step[1], 1)).max()
+        <= close
+        for k in steps
         for i in (first + np.arange(start, min(start + few, n)) for start in range(0, n, few))
     )
