@@ -238,7 +238,8 @@ def areas_of_sums(
 ) -> tuple[Areas, Areas]:
     """(corrected, error) from the sums of `grid.sweep`.
 
-    share: p0/hardness; aspect: dx/dy.
+    sums, cells: of one of the `copies`, which have the same error; share: p0/hardness; aspect:
+    dx/dy.
     """
     oblong = OBLONG * math.log(aspect) ** 2
     located, unseen = located_areas(sums, oblong), _unseen(sums, errors.gaps)
