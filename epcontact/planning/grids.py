@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from epcontact import surfaces
 from epcontact.errors import InvalidScene
 from epcontact.scene import Surface
+from epcontact.surfaces import HeightsFromArray, HeightsFromFile, Recipe, SelfAffine
 
 #: Grid points per shortest wavelength of self-affine roughness; fewer than 3 lose its phases.
 WAVELENGTH_LADDER = (3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 48, 64)
@@ -25,7 +25,7 @@ FEWEST_POINTS = 16
 class Section:
     """The line that stands for a one-directional surface: its heights along `axis`."""
 
-    whole: surfaces.Recipe
+    whole: Recipe
     axis: int
 
     @property
@@ -48,23 +48,21 @@ class Section:
         across = 1 - self.axis
         shape = list(self.whole.shape)
         shape[across] = 2
-        narrow = _with_shape(self.whole, tuple(shape)) or self.whole
-        surface = narrow.build()
-        heights = np.take(surface.heights, 0, axis=across)
+        surface = (on_grid(self.whole, tuple(shape)) or self.whole).build()
         return replace(
-            surface, heights=heights, periods=self.periods, spectrum=None, recipe=self.fingerprint
+            surface,
+            heights=np.take(surface.heights, 0, axis=across),
+            periods=self.periods,
+            spectrum=None,
+            recipe=self.fingerprint,
         )
 
 
-def one_directional(recipe: surfaces.Recipe) -> int | None:
-    """Return the only axis along which the heights vary, or None if they vary along both.
-
-    A coarse grid decides; for measured heights their own.
-    """
+def one_directional(recipe: Recipe) -> int | None:
+    """Return the only axis along which the heights vary, judged on a coarse grid; else None."""
     if len(recipe.shape) != 2:
         return None
-    coarse = _with_shape(recipe, (64, 64)) or recipe
-    heights = coarse.build().heights
+    heights = (on_grid(recipe, (64, 64)) or recipe).build().heights
     height = float(np.ptp(heights))
     for axis in (0, 1):
         if float(np.ptp(heights, axis=1 - axis).max()) <= 1e-9 * height and height > 0:
@@ -72,15 +70,10 @@ def one_directional(recipe: surfaces.Recipe) -> int | None:
     return None
 
 
-def ladder(recipe: surfaces.Recipe, *, beyond: bool) -> list[tuple[int, ...]]:
+def ladder(recipe: Recipe, *, beyond: bool) -> list[tuple[int, ...]]:
     """Return grids from coarse to fine, including the recipe's own; finer ones if `beyond`."""
-    own = recipe.shape
-    base = recipe.whole if isinstance(recipe, Section) else recipe
-    if isinstance(base, surfaces.SelfAffine):
-        factors = [p / points_per_wavelength(recipe) for p in WAVELENGTH_LADDER]
-        factors.append(1.0)
-    else:
-        factors = list(SHAPE_LADDER)
+    own, points = recipe.shape, points_per_wavelength(recipe)
+    factors = SHAPE_LADDER if math.isnan(points) else [p / points for p in WAVELENGTH_LADDER]
     shapes = {own}
     for factor in factors:
         shape = tuple(round(factor * n) for n in own)
@@ -89,34 +82,29 @@ def ladder(recipe: surfaces.Recipe, *, beyond: bool) -> list[tuple[int, ...]]:
     return sorted(shapes, key=math.prod)
 
 
-def points_per_wavelength(recipe: surfaces.Recipe) -> float:
+def points_per_wavelength(recipe: Recipe) -> float:
     """Return the points per shortest wavelength of self-affine roughness; else NaN."""
     base = recipe.whole if isinstance(recipe, Section) else recipe
-    if not isinstance(base, surfaces.SelfAffine):
+    if not isinstance(base, SelfAffine):
         return math.nan
     shortest = 2 * math.pi / base.spectrum.wavenumber_high
-    return min(
-        shortest * n / period for n, period in zip(recipe.shape, recipe.periods, strict=True)
-    )
+    spacings = [period / n for n, period in zip(recipe.shape, recipe.periods, strict=True)]
+    return shortest / max(spacings)
 
 
-def on_grid(recipe: surfaces.Recipe, shape: tuple[int, ...]) -> surfaces.Recipe | None:
+def on_grid(recipe: Recipe, shape: tuple[int, ...]) -> Recipe | None:
     """Return the surface on another grid; None if that is impossible or the grid too coarse."""
     if shape == recipe.shape:
         return recipe
     if isinstance(recipe, Section):
         full = list(recipe.whole.shape)
         full[recipe.axis] = shape[0]
-        whole = _with_shape(recipe.whole, tuple(full))
+        whole = on_grid(recipe.whole, tuple(full))
         return None if whole is None else Section(whole, recipe.axis)
-    return _with_shape(recipe, shape)
-
-
-def _with_shape(recipe: surfaces.Recipe, shape: tuple[int, ...]) -> surfaces.Recipe | None:
-    if isinstance(recipe, surfaces.HeightsFromArray | surfaces.HeightsFromFile | Section):
+    if isinstance(recipe, HeightsFromArray | HeightsFromFile):
         return None
     try:
-        changed: surfaces.Recipe = replace(recipe, shape=shape)  # type: ignore[type-var]
+        changed: Recipe = replace(recipe, shape=shape)  # type: ignore[type-var]
     except InvalidScene:
         return None
     return changed

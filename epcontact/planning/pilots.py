@@ -8,21 +8,20 @@ points.  A candidate is a grid with the number of surfaces that it would need.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
 
-from epcontact import surfaces
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates.statistics import standard_deviation, student_half_width
 from epcontact.harness.methods.registry import METHODS
 from epcontact.machine import available_cores
 from epcontact.planning.grids import ladder, on_grid
-from epcontact.results import Areas, ContactResult
+from epcontact.results import Areas
+from epcontact.surfaces import Recipe
 from fem_check.mesh import half_space_depth
 
 PARTS = ("total", "elastic", "plastic")
@@ -39,13 +38,9 @@ Solver = Callable[..., "Pilot"]
 
 @dataclass(frozen=True)
 class Pilot:
-    """One solve of one surface.
+    """One solve of one surface, with the relative errors of its corrected and its raw areas.
 
-    Attributes:
-        errors, raw_errors: relative errors of the corrected and the raw areas, by part; NaN if
-            the area is zero.
-        work: FFT pairs, or sweeps over the unknowns, times points.
-        notes: those of the surface.
+    `work` is FFT pairs, or sweeps over the unknowns, times points.
     """
 
     shape: tuple[int, ...]
@@ -59,11 +54,9 @@ class Pilot:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A grid with the number of surfaces it needs, its relative errors and its cost.
+    """A grid with the number of surfaces it needs, its relative errors and the cost of all.
 
-    Attributes:
-        raw: True if raw areas are as good as corrected ones.
-        work, seconds: the cost of all surfaces.
+    `raw` is True if raw areas are as good as corrected ones.
     """
 
     shape: tuple[int, ...]
@@ -81,35 +74,24 @@ class Candidate:
 
 
 def solve_pilot(
-    case: Case, recipe: surfaces.Recipe, method: str, threads: int | None, **options: Any
+    case: Case, recipe: Recipe, method: str, threads: int | None, **options: Any
 ) -> Pilot:
-    """Solve the case on one surface, no more exactly than a pilot of the method needs.
-
-    Raises InvalidScene, NotConverged.
-    """
-    started = time.perf_counter()
+    """Solve the case on one surface, no more exactly than a pilot of the method needs."""
     given = dict(METHODS[method].pilot) | dict(case.options.get(method, {})) | options
     scene = case.scene(recipe)
     result = METHODS[method].solve(scene, given, threads or available_cores())
-    pilot = _pilot(result, recipe.shape, time.perf_counter() - started)
-    return replace(pilot, notes=scene.surface.notes)
-
-
-def _pilot(result: ContactResult, shape: tuple[int, ...], seconds: float) -> Pilot:
-    areas = result.final.areas
-    best, raw, error = areas["corrected"], areas["raw"], areas["error"]
-    errors, raw_errors = {}, {}
+    areas, counts = result.final.areas, result.final.iterations
+    best, errors, raw_errors = areas["corrected"], {}, {}
     for part in PARTS:
-        area, claimed = getattr(best, part), getattr(error, part)
-        scale = area if area > 0 else math.nan
-        errors[part] = claimed / scale
-        raw_errors[part] = abs(getattr(raw, part) - area) / scale + claimed / scale
-    sweeps = result.cost.get("equivalent_fft_pairs")
-    if sweeps is None:
-        counts = result.final.iterations
-        sweeps = sum(counts.get(name, 0) for name in ("cg", "newton", "sweeps"))
-    points = result.cost["unknowns"]
-    return Pilot(shape, best, errors, raw_errors, sweeps * points, seconds)
+        area = getattr(best, part) or math.nan  # a part that does not exist has no relative error
+        errors[part] = getattr(areas["error"], part) / area
+        raw_errors[part] = abs(getattr(areas["raw"], part) - area) / area + errors[part]
+    sweeps = result.cost.get("equivalent_fft_pairs") or sum(
+        counts.get(name, 0) for name in ("cg", "newton", "sweeps")
+    )
+    work = sweeps * result.cost["unknowns"]
+    notes = scene.surface.notes
+    return Pilot(recipe.shape, best, errors, raw_errors, work, result.cost["seconds"], notes)
 
 
 def worst(errors: dict[str, float], parts: Sequence[str]) -> float:
@@ -126,46 +108,40 @@ def carried_error(
     two finest solved grids, limited to 1 to 2: a rim's random position has the order 1, its
     curvature 2.
     """
-    by_shape: dict[tuple[int, ...], list[Pilot]] = {}
-    for pilot in pilots:
-        by_shape.setdefault(pilot.shape, []).append(pilot)
     raw = all(worst(p.raw_errors, parts) <= worst(p.errors, parts) for p in pilots)
-    level = {s: max(worst(p.errors, parts) for p in group) for s, group in by_shape.items()}
+    level: dict[tuple[int, ...], float] = {}
+    for pilot in pilots:
+        level[pilot.shape] = max(level.get(pilot.shape, 0.0), worst(pilot.errors, parts))
     if shape in level:
         return level[shape], raw
-    solved = sorted(level, key=math.prod)
-    finest = solved[-1]
+    *_, coarser, finest = [None, *sorted(level, key=math.prod)]
+    assert finest is not None
     order = 1.0
-    if len(solved) > 1 and level[finest] > 0 and level[solved[-2]] > 0:
-        order = math.log(level[solved[-2]] / level[finest]) / math.log(finest[0] / solved[-2][0])
+    if coarser is not None and level[finest] > 0 and level[coarser] > 0:
+        order = math.log(level[coarser] / level[finest]) / math.log(finest[0] / coarser[0])
     return level[finest] * (finest[0] / shape[0]) ** min(max(order, 1.0), 2.0), raw
 
 
 def carried_cost(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> tuple[float, float]:
     """Return (work, seconds) of a solve on a grid, scaled by points from the finest solved grid."""
-    known = [p for p in pilots if p.shape == shape]
-    base = known or [p for p in pilots if math.prod(p.shape) == _finest(pilots)]
+    finest = max((p.shape for p in pilots), key=math.prod)
+    base = [p for p in pilots if p.shape == shape] or [p for p in pilots if p.shape == finest]
     ratio = math.prod(shape) / math.prod(base[0].shape)
     work, seconds = (float(np.mean([getattr(p, k) for p in base])) for k in ("work", "seconds"))
     return work * ratio, seconds * ratio
 
 
-def _finest(pilots: Sequence[Pilot]) -> int:
-    return max(math.prod(p.shape) for p in pilots)
-
-
 def finite_element_options(
-    case: Case, recipe: surfaces.Recipe, solve: Solver, tolerance: float
+    case: Case, recipe: Recipe, solve: Solver, tolerance: float
 ) -> tuple[dict[str, Any], list[str]]:
-    """Choose the increments by pilots on the coarsest grid and the depth by the layer's compliance.
+    """Choose increments by pilots on the coarsest grid, depth by the layer's compliance; say why.
 
-    Returns:
-        The options and the reasons.
+    A quarter of the tolerance is allowed for each.
     """
     options: dict[str, Any] = {}
     why = []
+    share = tolerance / 4
     if case.body.kind == "half_space" and "depth" not in case.options["fem"]:
-        share = tolerance / 4
         longest = max(case.recipes[0].periods)
         options["depth"] = half_space_depth(longest, case.material.poisson_ratio, share)
         why.append(
@@ -176,12 +152,12 @@ def finite_element_options(
         coarse = on_grid(recipe, ladder(recipe, beyond=False)[0]) or recipe
         options["steps"] = None  # chosen, whatever the case has
         *tried, best = [
-            solve(coarse, step_tolerance=share, **options).areas.total for share in STEP_TOLERANCES
+            solve(coarse, step_tolerance=step, **options).areas.total for step in STEP_TOLERANCES
         ]
         off = {s: abs(area / best - 1) for s, area in zip(STEP_TOLERANCES, tried, strict=False)}
-        enough = [share for share, error in off.items() if error <= tolerance / 4]
+        enough = [step for step, error in off.items() if error <= share]
         options["step_tolerance"] = max(enough, default=STEP_TOLERANCES[-1])
-        changes = ", ".join(f"{error:.1g} at {share:g}" for share, error in off.items())
+        changes = ", ".join(f"{error:.1g} at {step:g}" for step, error in off.items())
         why.append(
             f"a step tolerance of {options['step_tolerance']:g}: on the coarsest grid the area "
             f"differs from that at {STEP_TOLERANCES[-1]:g} by {changes}; a quarter of the "
@@ -191,26 +167,23 @@ def finite_element_options(
 
 
 def climb(
-    recipes: Sequence[surfaces.Recipe], solve: Solver, tolerance: float, parts: Sequence[str]
+    recipes: Sequence[Recipe], solve: Solver, tolerance: float, parts: Sequence[str]
 ) -> list[Pilot]:
-    """Solve the first surface on ever finer grids until one suffices or the next costs too much."""
-    recipe, pilots = recipes[0], list[Pilot]()
-    rungs = ladder(recipe, beyond=False)
-    for shape in rungs:
-        pilots.append(solve(on_grid(recipe, shape) or recipe))
-        whole = carried_cost(pilots, recipe.shape)[0] * len(recipes)
-        following = rungs[rungs.index(shape) + 1] if shape != rungs[-1] else None
+    """Solve the first surface on ever finer grids until one suffices or the next costs too much.
+
+    Then solve other surfaces on the coarsest grid, enough to estimate the scatter.
+    """
+    first, pilots = recipes[0], list[Pilot]()
+    rungs = ladder(first, beyond=False)
+    for shape, following in zip(rungs, [*rungs[1:], None], strict=True):
+        pilots.append(solve(on_grid(first, shape) or first))
+        whole = carried_cost(pilots, first.shape)[0] * len(recipes)
         if following is None or worst(pilots[-1].errors, parts) <= 0.7 * tolerance:
             break
         if len(pilots) > 1 and carried_cost(pilots, following)[0] > PILOT_SHARE * whole / 2:
             break
-    return pilots
-
-
-def sample_surfaces(recipes: Sequence[surfaces.Recipe], solve: Solver) -> list[Pilot]:
-    """Solve other surfaces on the coarsest grid, enough to estimate the scatter."""
-    shape = ladder(recipes[0], beyond=False)[0]
-    return [solve(on_grid(recipe, shape) or recipe) for recipe in recipes[1:PILOT_SURFACES]]
+    others = recipes[1:PILOT_SURFACES]
+    return pilots + [solve(on_grid(recipe, rungs[0]) or recipe) for recipe in others]
 
 
 def coarsest(pilots: Sequence[Pilot]) -> list[Pilot]:
@@ -233,16 +206,17 @@ def deviation_of(pilots: Sequence[Pilot], parts: Sequence[str]) -> float:
     return max(bounds)
 
 
-def candidates_for(
-    recipes: Sequence[surfaces.Recipe],
+def cheapest(
+    recipes: Sequence[Recipe],
     pilots: Sequence[Pilot],
     tolerance: float,
     parts: Sequence[str],
     capped: bool,
-) -> list[Candidate]:
-    """Return each grid of the ladder with the fewest surfaces that meet the tolerance on it.
+) -> Candidate:
+    """Return the cheapest grid of the ladder that meets the tolerance, or the most accurate one.
 
-    If `capped`, no grid is finer and no ensemble larger than that of the case.
+    Each grid has the fewest surfaces that meet the tolerance on it.  If `capped`, no grid is finer
+    and no ensemble larger than that of the case.
     """
     candidates = []
     most = len(recipes) if capped else MOST_SURFACES
@@ -259,12 +233,6 @@ def candidates_for(
         candidates.append(
             Candidate(shape, count, error, scatter, raw, work * count, seconds * count)
         )
-    return candidates
-
-
-def cheapest(candidates: Sequence[Candidate], tolerance: float) -> Candidate:
-    """Return the cheapest candidate that meets the tolerance, or else the most accurate one."""
-    good = [c for c in candidates if c.error <= tolerance]
-    if good:
+    if good := [c for c in candidates if c.error <= tolerance]:
         return min(good, key=lambda c: c.work)
     return min(candidates, key=lambda c: (c.error, c.work))

@@ -31,24 +31,17 @@ from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates.statistics import standard_deviation, student_half_width
 from epcontact.harness.methods.registry import METHODS
 from epcontact.materials.hardness_map import effective_hardness
-from epcontact.planning.grids import (
-    Section,
-    on_grid,
-    one_directional,
-    points_per_wavelength,
-)
+from epcontact.planning.grids import Section, on_grid, one_directional, points_per_wavelength
 from epcontact.planning.pilots import (
     PILOT_SURFACES,
     Candidate,
     Pilot,
-    candidates_for,
     carried_cost,
     cheapest,
     climb,
     coarsest,
     deviation_of,
     finite_element_options,
-    sample_surfaces,
     solve_pilot,
     worst,
 )
@@ -175,8 +168,7 @@ def plan(
         why.append(_cap_instead(case, recipes[0].spectrum.rms_slope, tolerance))
     chosen_solve = partial(solve, **options)
     pilots = climb(recipes, chosen_solve, tolerance, parts)
-    pilots += sample_surfaces(recipes, chosen_solve)
-    chosen = cheapest(candidates_for(recipes, pilots, tolerance, parts, capped), tolerance)
+    chosen = cheapest(recipes, pilots, tolerance, parts, capped)
     why += _reasons(recipes, pilots, chosen, tolerance, deviation_of(pilots, parts), capped)
     own = recipes[0].shape
     across = math.prod(case.recipes[0].shape) / math.prod(own)  # more than 1 for a line

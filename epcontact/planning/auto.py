@@ -11,6 +11,8 @@ from epcontact.harness.methods.registry import METHODS
 from epcontact.planning.pilots import PARTS
 from epcontact.planning.plan import methods_on_grids, plan, planned_case
 
+_CORRECTED = tuple(f"area.{part}.corrected" for part in PARTS)
+
 
 def load_auto(text: CaseText) -> tuple[Case, str]:
     """Load a case at its full or only size and make it cheaper by `auto_case`.
@@ -25,30 +27,36 @@ def load_auto(text: CaseText) -> tuple[Case, str]:
 def auto_case(
     case: Case, tolerance: float | None = None, *, threads: int | None = None
 ) -> tuple[Case, str]:
-    """Make a case cheaper if its gates allow, and return it with a sentence that says so.
+    """Make a case cheaper if its gates allow.
 
-    `tolerance` is on the area; None: a third of the narrowest band of its gates on corrected areas.
     Grids are chosen by the errors of corrected areas.  So a case stays as it is if a gate reads
     anything else that depends on the grid (fields, distributions, raw areas, gaps), or if it has
-    finite elements beside boundary elements.  The result is never dearer than the given case.
+    finite elements beside boundary elements.
+
+    Args:
+        case: the case.
+        tolerance: on the area, relative; None: a third of the narrowest band of the case's gates
+            on corrected areas.
+        threads: number of threads of the pilots; None: all cores.
+
+    Returns:
+        The case, never dearer than the given one, and a sentence that says what was done.
     """
+    unchanged = replace(case, size="auto")
     blocking = [g.name for g in case.gates if not _plannable(g)]
     bands = [g.high - g.low for g in case.gates if g.quantity.endswith(".corrected")]
     if blocking or not bands or len(methods_on_grids(case)) > 1:
         reason = f"its gate on {blocking[0]} asks for its grid" if blocking else "unchanged"
-        return replace(case, size="auto"), f"{case.id}: {reason}"
+        return unchanged, f"{case.id}: {reason}"
     wanted = min(bands) / 2 / 3 if tolerance is None else tolerance
     parts = sorted({g.quantity.split(".")[1] for g in case.gates if g.quantity in _CORRECTED})
     try:
         chosen = plan(case, min(wanted, 0.5), parts=parts, threads=threads, capped=True)
     except EpcontactError as error:
-        return replace(case, size="auto"), f"{case.id}: unchanged, because {error}"
+        return unchanged, f"{case.id}: unchanged, because {error}"
     if not chosen.on_grid or not chosen.meets or chosen.work > chosen.given_work:
-        return replace(case, size="auto"), f"{case.id}: unchanged; {chosen.reasons[-1]}"
+        return unchanged, f"{case.id}: unchanged; {chosen.reasons[-1]}"
     return planned_case(case, chosen), f"{case.id}: {'; '.join(chosen.reasons)}"
-
-
-_CORRECTED = tuple(f"area.{part}.corrected" for part in PARTS)
 
 
 def _plannable(gate: Gate) -> bool:
