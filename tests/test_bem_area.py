@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from laboratory import rim
+from laboratory.error_bars import KINDS
 from scipy.integrate import quad
 from scipy.special import sici
 
@@ -18,9 +20,7 @@ from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import InvalidScene
 from epcontact.reference import bumps, waves
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
-from epcontact.studies import rim
 from epcontact.studies.areas import FINER, Member
-from epcontact.studies.error_bars import KINDS
 from epcontact.surfaces import SelfAffine
 
 OPTIONS = bem.Options(tolerance=1e-7)

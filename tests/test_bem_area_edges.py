@@ -6,6 +6,7 @@ from dataclasses import astuple, replace
 import numpy as np
 import pandas as pd
 import pytest
+from laboratory import area_scenes, error_bars
 
 from epcontact import bem
 from epcontact.bem.areas import front, grid, rim_correction
@@ -14,7 +15,7 @@ from epcontact.bem.areas.rim_correction import ERRORS, estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.results import Areas
 from epcontact.scene import SelfAffineSpectrum
-from epcontact.studies import area_scenes, areas, error_bars
+from epcontact.studies import areas
 from epcontact.surfaces import FlatPunch, SelfAffine
 
 # The walls of punches are steep.

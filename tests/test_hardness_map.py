@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -12,6 +13,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from laboratory.hardness_map import (
+    LADDER,
+    inverse_hardness,
+    make_map,
+    mapped,
+    measured_areas,
+)
 from scipy.interpolate import RegularGridInterpolator
 
 from epcontact import MappedHardness, effective_hardness
@@ -35,8 +43,6 @@ from epcontact.materials.hardness_map import (
 from epcontact.scene import Load
 from epcontact.studies import STUDIES
 from epcontact.studies import hardness_map as study
-from epcontact.studies.hardness_fit import inverse_hardness, mapped
-from epcontact.studies.hardness_map import LADDER, make_map, measured_areas
 from epcontact.studies.persistence import EFFECTIVE, J2, TABORS, area_table, draw_areas
 
 CASES = Path(__file__).parent.parent / "cases"
@@ -314,16 +320,13 @@ def test_a_map_without_a_check_or_with_one_surface_is_refused() -> None:
 
 
 @pytest.mark.slow
-def test_the_command_makes_a_map_and_uses_kept_paths_again(tmp_path) -> None:
-    options = ["hardness-map", "--jobs=1", f"--output={tmp_path}"]
-    first = CliRunner().invoke(cli, options, catch_exceptions=False)
-    file = tmp_path / "hardness-map" / "fast" / "hardness_map.csv"
-    assert f"4 places of the map in {file}" in first.output
-    made = pd.read_csv(file, comment="#")
-    assert list(made) == list(hardness_map())
-    again = CliRunner().invoke(cli, options, catch_exceptions=False)
-    assert again.output.count("reused") == 11
-    pd.testing.assert_frame_equal(pd.read_csv(file, comment="#"), made)
+def test_a_map_is_made_and_kept_paths_are_used_again(tmp_path, capsys) -> None:
+    made, file = make_map("fast", tmp_path)
+    assert len(made) == 4
+    assert list(pd.read_csv(file, comment="#")) == list(hardness_map())
+    again, _ = make_map("fast", tmp_path)
+    assert sum(int(n) for n in re.findall(r"(\d+) paths reused", capsys.readouterr().out)) == 11
+    pd.testing.assert_frame_equal(again, made)
 
 
 def test_a_path_without_a_result_is_one_sentence(tmp_path, monkeypatch) -> None:
@@ -335,7 +338,7 @@ def test_a_path_without_a_result_is_one_sentence(tmp_path, monkeypatch) -> None:
     (tmp_path / "cases" / "hardness-map.toml").write_text("[case]\n")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(EpcontactError, match=r"hardness-map-30: 1 paths .* fem-1 .not finished"):
-        make_map("fast", tmp_path, fails, print)
+        make_map("fast", tmp_path, fails)
 
 
 def test_the_chart_draws_the_kept_map(monkeypatch) -> None:

@@ -31,7 +31,6 @@ COMMANDS = {
     "crosscheck": ("plans:crosscheck", "Split the difference of finite and boundary elements."),
     "gates": ("gates:gates", "List every gate's band, margin and reason."),
     "hardness": ("plans:hardness", "Print the pressure cap that stands for a rough J2 metal."),
-    "hardness-map": ("plans:hardness_map", "Make the map of the effective hardness."),
     "keys": ("cases:keys", "Print every key of a case file, and every quantity of a gate."),
     "list": ("listing:list_cases", "List the cases, one line each."),
     "plan": ("plans:plan", "Find the cheapest model of CASE that meets a tolerance."),

@@ -1,11 +1,9 @@
-"""The commands on models: plan, crosscheck, hardness and its map."""
+"""The commands on models: plan, crosscheck and hardness."""
 
 from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import click
@@ -15,10 +13,8 @@ from epcontact.cli import options
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.case_files import case as casefile
 from epcontact.harness.crosscheck import crosscheck as check_models
-from epcontact.harness.sweep import run_sweep
 from epcontact.harness.verdict.verification import verify
-from epcontact.machine import available_cores
-from epcontact.materials.hardness_map import PARTS, effective_hardness
+from epcontact.materials.hardness_map import effective_hardness
 
 
 @click.command()
@@ -150,28 +146,6 @@ def hardness(**scene: float) -> None:
     found = effective_hardness(**scene)
     click.echo(str(found))
     click.echo(found.rests_on)
-
-
-@click.command("hardness-map")
-@click.option("--size", type=click.Choice(["fast", "large"]), default="fast", show_default=True)
-@options.jobs
-@options.output
-@options.executor
-def hardness_map(size: str, jobs: int | None, output: Path, executor: str) -> None:
-    """Make the map of the effective hardness from the load paths of its cases hardness-map*.
-
-    Paths that are kept in --output are not solved again: `epcontact sweep` solves them, too. The
-    size large is the map that comes with the package (hours); fast shows how it is made.
-    """
-    from epcontact.studies.hardness_map import make_map  # loads the charts
-
-    with options.shown_progress() as (progress, moving):
-        jobs = jobs or (1 if executor else available_cores())
-        solve = partial(run_sweep, jobs=jobs, executor=executor, progress=progress, moving=moving)
-        made, path = make_map(size, output, solve, _tell)
-    click.echo(f"{len(made)} places of the map in {path}")
-    for part in PARTS:
-        click.echo(f"{part.replace('_', ' ')}: at most {100 * made[part].max():.1f} %")
 
 
 #: Largest number of seeds: far more than an ensemble needs, and still a short list.

@@ -1,8 +1,8 @@
 """The effective hardness of rough metals: which pressure cap stands for a body that flows by J2.
 
 `hardness_map.csv` holds the cap, in yield stresses, under which capped boundary elements carry the
-load on the contact area of the J2 body; `epcontact.studies.hardness_map` measured it, and its first
-lines say how.  A short formula is fitted to it,
+load on the contact area of the J2 body; `tests/laboratory/hardness_map.py` measured it, and its
+first lines say how.  A short formula is fitted to it,
 
     c = hardness/sigma_Y = a - b/m - u (e - f nu - g m) - u^2 ln m (h - k nu),
     u = 1/(1 + s/8),   s = E* xi/sigma_Y,   m = p0/sigma_Y,

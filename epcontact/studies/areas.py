@@ -7,7 +7,7 @@ errors are smaller by that factor at edges, and by more elsewhere.  The unit of 
 the slopes of most kinds are of order 1.
 
 The error constants of `epcontact.bem.areas.rim_correction` come from other kinds
-(`epcontact.studies.error_bars`).
+(`laboratory.error_bars`).
 """
 
 from __future__ import annotations

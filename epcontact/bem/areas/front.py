@@ -39,7 +39,7 @@ EQUAL = 8 / 3
 #: Only four points locate a front where the contact has fewer than three points behind it and these
 #: carry more than this share of the hardness: such a contact hides a plastic spot, and with four
 #: points the errors of the two fronts cancel in the elastic area.  The loss of the fit of
-#: `epcontact.studies.error_bars` is 2.33 with 0, 2.27 with 0.1 and 0.25 and 2.28 with 1.
+#: `laboratory.error_bars` is 2.33 with 0, 2.27 with 0.1 and 0.25 and 2.28 with 1.
 FAR = 0.1
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
@@ -47,7 +47,7 @@ ANYWHERE = 1 / math.sqrt(12)
 #: a step there.  The loss of the fit is 2.49 with 1.5, 2.29 with 3, 2.27 with 6 and 2.28 with 12.
 STEP = 6.0
 #: At a kink, what the place where the gap closes is too far out, in spacings times the share of the
-#: pressure in the change of v (`epcontact.studies.rim.calibrate_kink`).
+#: pressure in the change of v (`laboratory.rim.calibrate_kink`).
 KINK = 0.13
 
 #: Rows of a table of links: six values of v, the first three inside, and what `locate` finds.

@@ -13,7 +13,7 @@ from epcontact.results import FloatArray
 #: A wave's curvature divided by its second difference between points a quarter wavelength apart.
 SEEN = 1.25
 #: Along a crease the pressure changes by less than this share of its change across.  The loss of
-#: the fit of `epcontact.studies.error_bars` is 2.26 to 2.28 with 0.1, 0.2, 1/3 and 1, but from 1/3
+#: the fit of `laboratory.error_bars` is 2.26 to 2.28 with 0.1, 0.2, 1/3 and 1, but from 1/3
 #: on the claims of straight grooves that no point shows become too small.
 STRAIGHT = 0.2
 #: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).  A lone point that

@@ -34,9 +34,9 @@ and for the plastic part the offset and the tips have the opposite sign.
   short of the cells' edge, and other fronts come out too far by as much (`_softness`).
 
 The load is one more measurement of the areas (`_balanced`), and the estimated errors follow from
-the same sums (`_covariance`).  `epcontact.studies.rim` measures the constants of the areas and
-`epcontact.studies.error_bars` those of the errors; `epcontact chart areas` judges them, and
-`epcontact.studies.area_scenes` has the scenes in which they once were wrong.
+the same sums (`_covariance`).  `laboratory.rim` measures the constants of the areas and
+`laboratory.error_bars` those of the errors; `epcontact chart areas` judges them, and
+`laboratory.area_scenes` has the scenes in which they once were wrong.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class ErrorConstants:
     gaps: float
 
 
-#: `epcontact.studies.error_bars` finds (2.19, 0.191, 0.307), with the same loss to 0.001.
+#: `laboratory.error_bars` finds (2.19, 0.191, 0.307), with the same loss to 0.001.
 ERRORS = ErrorConstants(2.25, 0.176, 0.317)
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
@@ -321,7 +321,7 @@ def _softness(sums: FloatArray) -> FloatArray:
 
     In proportion to the share of the load that steps carry, for which that of the fronts' length
     stands.  Not where plastic points are next to a step: these carry the hardness in any case.
-    Without it the loss of the fit of `epcontact.studies.error_bars` is 2.37 instead of 2.27.
+    Without it the loss of the fit of `laboratory.error_bars` is 2.37 instead of 2.27.
     """
     length, held = sums[grid.LENGTH].sum(axis=1), sums[grid.HELD].sum(axis=1)
     share = held / np.maximum(length, 1.0)

@@ -17,7 +17,7 @@ Two fronts.  If an elastic strip of width w separates apart and plastic points, 
 with w, overshoots and settles at a spacing's width.  Solutions over all w, directions and positions
 give it as a function of u = hardness/|grad v|, which is known in each cell.
 
-`python -m epcontact.studies.rim` prints the constants and tables, in some ten seconds.
+`python -m laboratory.rim` prints the constants and tables, in some ten seconds.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ smaller still; each says what was off then.  `aims` gives the mean and the rms e
 surfaces of three and four points per shortest wavelength.  References are finer grids, E* is 1 and
 so is the period.
 
-`python -m epcontact.studies.area_scenes` prints both tables, in some three minutes of one core.
+`python -m laboratory.area_scenes` prints both tables, in some three minutes of one core.
 """
 
 from __future__ import annotations

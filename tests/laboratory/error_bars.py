@@ -9,7 +9,7 @@ that quantile of the errors, and in which errors of all sizes and kinds count al
 One surface in fourteen is on a larger grid, because these tell errors in common, which grow as the
 length of a front, from those by chance, which grow as its square root.
 
-`python -m epcontact.studies.error_bars` prints the constants, in some ten minutes of one core.
+`python -m laboratory.error_bars` prints the constants, in some ten minutes of one core.
 Two halves of the ensemble, each fitted alone, show how well it determines them: the constants
 of gaps differ by a factor of 2 and those of kinks by 8, but the loss of all by 0.04 only, because
 one can stand in for another.  So the tolerance is that of the loss.

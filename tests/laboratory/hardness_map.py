@@ -1,49 +1,148 @@
-"""From measured areas to the map of the effective hardness, with the parts of its error.
+"""The laboratory of the effective hardness: it makes the map `materials/hardness_map.csv`.
 
-The effective hardness of an ensemble is the cap under which the mean area of the capped bodies is
-that of the J2 bodies.  Its inverse is used throughout, because the area of a capped body is nearly
-linear in it, and because it is zero, not infinite, where the elastic bodies have that area already.
+One load path of a J2 body passes every load of the map, and boundary elements capped at a ladder of
+hardnesses answer each load on the same elements' compliance.  The paths are the sweeps of
+`cases/hardness-map.toml`.  The effective hardness of an ensemble is the cap under which the mean
+area of the capped bodies is that of the J2 bodies.  Its inverse is used throughout, because the
+area of a capped body is nearly linear in it, and because it is zero, not infinite, where elastic
+bodies have that area already.
+
+`python -m laboratory.hardness_map --size large` makes the map of the package in some four hours of
+one core (`fast`: a small one that shows how), and solves no path again that `--output` holds.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 from collections import defaultdict
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from epcontact.errors import InvalidCase
-from epcontact.materials.hardness_map import fit, terms
-from epcontact.results import FloatArray
+from epcontact.errors import EpcontactError, InvalidCase
+from epcontact.harness.answers.store import Task, kept
+from epcontact.harness.case_files.text import case_name, package_files, read_cases
+from epcontact.harness.quantities.model_difference import capped_body, elements_compliance
+from epcontact.harness.sweep import Swept, read_sweep, run_sweep
+from epcontact.machine import available_cores
+from epcontact.materials.hardness_map import PARTS, fit, terms
+from epcontact.materials.moduli import effective_modulus
+from epcontact.output.files import whole_file
+from epcontact.results import ContactResult, FloatArray, package_versions
+from epcontact.scene import Load
 
 #: Columns that name a place of the map, and those in which a check may differ from it: nodes a
 #: side, shortest waves in a period, Hurst exponent, depth over the period, step tolerance.
 PLACE = ["severity", "poisson_ratio", "load"]
 VARIED = ["nodes", "waves", "hurst", "depth", "step_tolerance"]
-
 #: The least standard error of a relative change between two grids, and the terms of its fit.
 LEAST_SCATTER, TERMS_OF_GRID = 0.004, 2
+#: Caps over the yield stress that are tried, besides none.
+LADDER = tuple(1.08**k for k in range(21))
 
 #: A surface: the area of the J2 body, the inverse caps over sigma_Y, rising, and their areas.
 _Body = tuple[float, Sequence[float], Sequence[float]]
 
 
+def make_map(
+    size: str, output: Path, solve: Callable[..., Swept] = run_sweep
+) -> tuple[pd.DataFrame, Path]:
+    """Solve the load paths of the map that are not kept in `output`; return the map and its file.
+
+    The file is `<output>/hardness-map/<size>/hardness_map.csv`.  Raises EpcontactError if a path
+    has no result; the paths that have one are kept.
+    """
+    areas = []
+    (file,) = (file for file in package_files() if case_name(file) == "hardness-map")
+    for case in read_cases(file):
+        if size not in case.sizes:
+            continue
+        swept = solve(case, size=size, output=output)
+        if swept.failures:
+            name, reason = next(iter(swept.failures.items()))
+            raise EpcontactError(
+                f"{case.id}: {len(swept.failures)} paths have no result, such as {name} ({reason})"
+            )
+        tasks = read_sweep(case, size).tasks
+        print(f"{case.id}: {swept.reused} paths reused; the caps of equal area of {len(tasks)}")
+        found = [measured_areas(task, answer) for task in tasks if (answer := kept(task, output))]
+        areas.append(pd.concat(found, ignore_index=True))
+    made = mapped(pd.concat(areas))
+    path = output / "hardness-map" / size / "hardness_map.csv"
+    versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
+    lines = (
+        "The effective hardness of rough J2 metals; help(epcontact.effective_hardness) says more.",
+        f"Made by `python -m laboratory.hardness_map --size {size}` with {versions}.",
+        "Errors are relative, at 95 %: scatter by the surfaces of a place alone, the statistical",
+        "one of the formula, which pools all places.",
+    )
+    with whole_file(path) as temporary:
+        text = "".join(f"# {line}\n" for line in lines) + made.round(6).to_csv(index=False)
+        temporary.write_text(text, encoding="utf-8")
+    return made, path
+
+
+def measured_areas(task: Task, j2: ContactResult) -> pd.DataFrame:
+    """The raw areas of the J2 body of a load path, and of capped bodies on the same compliance.
+
+    One row for each load and cap, with the columns of `inverse_hardness`.
+    """
+    scene = task.case.scene(task.recipe)
+    material, surface = scene.material, scene.surface
+    spectrum, sigma_Y = surface.spectrum, material.yield_stress
+    assert spectrum is not None
+    compliance = elements_compliance(scene, j2)
+    columns = {
+        "nodes": surface.shape[0],
+        "waves": round(spectrum.wavenumber_high * surface.periods[0] / (2 * math.pi)),
+        "hurst": spectrum.hurst,
+        "depth": _short(scene.body.depth / surface.periods[0]),
+        "step_tolerance": j2.provenance.options["step_tolerance"],
+        "severity": _short(effective_modulus(material) * spectrum.rms_slope / sigma_Y),
+        "poisson_ratio": material.poisson_ratio,
+        "seed": surface.seed,
+    }
+    tables = []
+    for step in j2.steps:
+        load, area = _short(step.mean_pressure / sigma_Y), step.areas["raw"].total
+        caps = _caps_around(load, area)
+        single = replace(scene, load=Load(step.mean_pressure))
+        capped = [capped_body(single, cap * sigma_Y, compliance).final for cap in caps]
+        areas = [answer.areas["raw"].total for answer in capped]
+        row = columns | {"load": load, "j2_area": area, "cap": caps, "cap_area": areas}
+        tables.append(pd.DataFrame(row))
+    return pd.concat(tables, ignore_index=True)
+
+
+def _short(value: float) -> float:
+    """A value as the case gives it, without the rounding of a quotient."""
+    return float(f"{value:.9g}")
+
+
+def _caps_around(load: float, area: float) -> list[float]:
+    """The caps of LADDER that may carry the load on the area, and none; all over sigma_Y.
+
+    No capped body presses with more than its cap, so that the cap is at least load/area.
+    """
+    low, high = max(load, 0.9 * load / area), 2.4 * load / area
+    return [*(cap for cap in LADDER if low < cap <= high), math.inf]
+
+
 def inverse_hardness(areas: pd.DataFrame) -> pd.DataFrame:
     """Find sigma_Y/hardness at which an ensemble under a cap has the area of its J2 bodies.
 
-    Args:
-        areas: one row for each surface, load and cap: VARIED, PLACE, seed, j2_area, cap
-            (hardness/sigma_Y, infinite for none) and cap_area.
-
-    Returns:
-        One row for each load of each kind of body: VARIED, PLACE, surfaces, area (of the J2
-        bodies), inverse, and shifts: by seed, what the choice of its surface adds to the error of
-        inverse, so that the sum of their squares is its variance (by the jackknife).
+    `areas` has a row for each surface, load and cap: VARIED, PLACE, seed, j2_area, cap (over
+    sigma_Y, infinite for none) and cap_area.  Returns a row for each load of each kind of body:
+    VARIED, PLACE, surfaces, area (of the J2 bodies), inverse, and shifts: by seed, what the choice
+    of its surface adds to the error of inverse, so that the sum of their squares is its variance
+    (by the jackknife).
     """
     rows = []
     for key, group in areas.groupby([*VARIED, *PLACE], sort=False):
@@ -77,15 +176,10 @@ def _inverse(bodies: Sequence[_Body], nodes: int) -> float:
 
 
 def changes(usual: pd.DataFrame, other: pd.DataFrame, *, paired: bool = True) -> pd.DataFrame:
-    """Compare the inverse hardness of two kinds of bodies.
+    """Compare the inverse hardness of two kinds of bodies, on the surfaces of both if `paired`.
 
-    Args:
-        usual, other: areas, as for `inverse_hardness`, of one kind of bodies each.
-        paired: whether only surfaces of both are compared; else all.
-
-    Returns:
-        One row for each place that both have: PLACE, surfaces (of the fewer), area (of the usual),
-        change, the relative one, and its shifts, like those of `inverse_hardness`.
+    Returns a row for each place that both have: PLACE, surfaces (of the fewer), area (of the
+    usual), change, the relative one, and its shifts, like those of `inverse_hardness`.
     """
     keys = [*PLACE, "seed"] if paired else PLACE
     common = usual[keys].drop_duplicates().merge(other[keys].drop_duplicates())
@@ -119,16 +213,10 @@ def mapped(areas: pd.DataFrame) -> pd.DataFrame:
     all changes by them, the latter less what the surfaces' scatter explains, because bodies of
     another spectrum have other surfaces.
 
-    Args:
-        areas: as for `inverse_hardness`; the first body is one of the map, and so are all that are
-            like it in VARIED.  The others differ in nodes, step_tolerance or depth alone, or in the
-            spectrum, or in the spectrum and in the nodes to the shortest wave.
-
-    Returns:
-        The columns of `materials/hardness_map.csv`.
-
-    Raises:
-        InvalidCase: if no body differs in one of these, or a place has a single surface.
+    The first body of `areas` is one of the map, and so are all that are like it in VARIED.  The
+    others differ in nodes, step_tolerance or depth alone, or in the spectrum, or in the spectrum
+    and in the nodes to the shortest wave.  Raises InvalidCase if no body differs in one of these,
+    or a place has a single surface.  Returns the columns of `materials/hardness_map.csv`.
     """
     usual, kinds = _kinds(areas)
     table = inverse_hardness(usual)
@@ -189,19 +277,11 @@ def off_the_grid(
     that of the formula.  What is left after the last halving is a share of its change, see
     `_share_left`.
 
-    Args:
-        areas: as for `inverse_hardness`, on the grid of the map.
-        finer: on half the spacing, and so on.
-        places: their inverse hardness.
-        others: of other spectra, which are cheaper to solve with more nodes to the shortest wave.
-
-    Returns:
-        For each place the relative change of the inverse by the extrapolation, and its error: that
-        of the share left, and twice the standard error by the surfaces, larger by as much as the
-        fit misses more than they explain.
-
-    Raises:
-        InvalidCase: if no place has two surfaces on a finer grid.
+    `areas` are on the grid of the map, `finer` on half the spacing and so on, `others` of other
+    spectra, which are cheaper to solve with more nodes to the shortest wave.  Returns for each of
+    `places` the relative change of the inverse by the extrapolation, and its error: that of the
+    share left, and twice the standard error by the surfaces, larger by as much as the fit misses
+    more than they explain.  Raises InvalidCase if no place has two surfaces on a finer grid.
     """
     grids = [areas, *sorted(finer, key=lambda other: other["nodes"].iloc[0])]
     left, doubt = _share_left(grids[-1], others)
@@ -292,3 +372,20 @@ def _error_of_the_fit(kept: pd.DataFrame, table: pd.DataFrame, factor: FloatArra
         inverse = columns["inverse_hardness"] + shift * factor
         moved.append(at @ fit({**columns, "inverse_hardness": inverse})[0] - ratio)
     return np.asarray(2 * np.sqrt(np.sum(np.square(moved), axis=0)) / ratio)
+
+
+def main() -> None:
+    """Make the map of a size and print the largest parts of its error."""
+    parser = argparse.ArgumentParser(prog="python -m laboratory.hardness_map")
+    parser.add_argument("--size", choices=["fast", "large"], default="fast")
+    parser.add_argument("--output", type=Path, default=Path("results"))
+    parser.add_argument("--jobs", type=int, default=available_cores())
+    options = parser.parse_args()
+    made, path = make_map(options.size, options.output, partial(run_sweep, jobs=options.jobs))
+    print(f"{len(made)} places of the map in {path}")
+    for part in PARTS:
+        print(f"{part.replace('_', ' ')}: at most {100 * made[part].max():.1f} %")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,9 @@
+"""The laboratories: the code that measured the constants of the product.
+
+Run in `tests`, each prints its constants beside those in use (`python -m laboratory.rim`):
+
+rim           the rim correction of areas, in ten seconds
+error_bars    the constants of the claimed errors of areas, in ten minutes
+area_scenes   the scenes in which corrected areas once were wrong, in three minutes
+hardness_map  the map of the effective hardness, in four hours (`--size large`)
+"""
