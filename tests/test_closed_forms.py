@@ -11,8 +11,7 @@ from scipy.integrate import quad
 
 from epcontact.errors import InvalidCase
 from epcontact.harness.gates.distances import distance
-from epcontact.harness.quantities.reading import measure
-from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.quantities.registry import QUANTITIES, measure
 from epcontact.persson import areas
 from epcontact.reference import CLOSED_FORMS
 from epcontact.reference.layers import compliance

@@ -12,7 +12,7 @@ from epcontact.errors import InvalidCase
 from epcontact.harness.gates.distances import distance
 from epcontact.harness.gates.gate import Gate, judge, judge_distance
 from epcontact.harness.gates.statistics import estimate
-from epcontact.harness.quantities.reading import read_quantity
+from epcontact.harness.quantities.registry import read_quantity
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
 

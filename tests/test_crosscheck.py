@@ -22,8 +22,8 @@ from epcontact.harness.crosscheck import (
     EffectiveHardness,
     crosscheck,
     difference,
-    effective_hardness,
     error_budget,
+    measured_hardness,
 )
 from epcontact.harness.quantities.model_difference import combined
 from epcontact.scene import Body, Scene
@@ -91,7 +91,7 @@ def test_differences_of_known_answers() -> None:
 
 def test_the_effective_hardness_gives_the_area_of_the_j2_body() -> None:
     scene = rough_scene(32, 4, hardness=math.inf)
-    found = effective_hardness(scene)
+    found = measured_hardness(scene)
     assert found.severity == pytest.approx(5, rel=1e-9)
     # nu = 0.3 at E* xi/sigma_Y = 5: 1.9 to 2.1 on every surface and grid tried.
     assert 1.85 < found.ratio < 2.15
@@ -110,36 +110,36 @@ def test_the_effective_hardness_gives_the_area_of_the_j2_body() -> None:
 
 def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it() -> None:
     scene = rough_scene(16, 2, hardness=math.inf)
-    found = effective_hardness(scene, steps=2)
+    found = measured_hardness(scene, steps=2)
     depth = fem_check.solve(scene, steps=2, certified=False).provenance.options["depth"]
     others = {
-        "depth": effective_hardness(scene, steps=2, depth=0.75 * depth, coarse=False),
-        "steps": effective_hardness(scene, steps=1, coarse=False),
+        "depth": measured_hardness(scene, steps=2, depth=0.75 * depth, coarse=False),
+        "steps": measured_hardness(scene, steps=1, coarse=False),
     }
     assert set(found.parts) == {"node", "grid", *others}
     for name, other in others.items():
         assert found.parts[name] == pytest.approx(found.ratio - other.ratio, abs=1e-9)
     assert found.parts["steps"] != 0
     assert found.error == combined(found.parts)
-    tight = effective_hardness(scene, step_tolerance=0.002, coarse=False)
+    tight = measured_hardness(scene, step_tolerance=0.002, coarse=False)
     assert set(tight.parts) == {"node"}
     assert tight.ratio == pytest.approx(found.ratio, abs=3 * found.error)
 
 
 def test_a_body_that_hardly_flows_has_no_effective_hardness() -> None:
     scene = rough_scene(32, 4, yield_stress=10.0, hardness=math.inf)
-    found = effective_hardness(scene)
+    found = measured_hardness(scene)
     assert found.ratio == math.inf
     assert found.at_cap is None
 
 
 def test_paths_and_odd_grids_are_refused() -> None:
     path = rough_scene(16, 4, pressure=(0.01, 0.02))
-    for function in (error_budget, effective_hardness):
+    for function in (error_budget, measured_hardness):
         with pytest.raises(InvalidScene, match="path of 2 mean pressures"):
             function(path)
     with pytest.raises(InvalidScene, match="no half"):
-        effective_hardness(rough_scene(15, 3, hardness=math.inf))
+        measured_hardness(rough_scene(15, 3, hardness=math.inf))
 
 
 @pytest.fixture
@@ -253,7 +253,7 @@ def severities(seed: int, nu: float, severity: float) -> EffectiveHardness:
         64, 8, seed=seed, poisson_ratio=nu, yield_stress=1 / severity, hardness=math.inf,
         pressure=0.25 / severity,
     )  # fmt: skip
-    return effective_hardness(scene, coarse=False, steps=4)
+    return measured_hardness(scene, coarse=False, steps=4)
 
 
 @pytest.mark.long
@@ -270,7 +270,7 @@ def test_the_effective_hardness_rises_towards_three_yield_stresses() -> None:
     assert severities(7, 0.0, 5.0).ratio < severities(7, 0.3, 5.0).ratio
 
 
-#: c_eff of 20 scenes on 48 x 48 nodes, as `effective_hardness(scene_of(k, 48), coarse=False)` gives
+#: c_eff of 20 scenes on 48 x 48 nodes, as `measured_hardness(scene_of(k, 48), coarse=False)` gives
 #: it; the first three with step_tolerance=0.01.
 FINE = (
     1.913,
@@ -308,7 +308,7 @@ def scene_of(k: int, nodes: int) -> Scene:
 @pytest.mark.long
 def test_the_error_bars_hold_the_ratios_of_a_fine_grid() -> None:
     """Of 20 bars, 19; one may be infinite: half of its grid has no cap of equal area."""
-    found = [effective_hardness(scene_of(k, nodes)) for k, nodes in enumerate(NODES)]
+    found = [measured_hardness(scene_of(k, nodes)) for k, nodes in enumerate(NODES)]
     held = [abs(own.ratio - fine) <= own.error for own, fine in zip(found, FINE, strict=True)]
     assert sum(held) >= 19
     assert sum(math.isfinite(each.error) for each in found) >= 19

@@ -29,7 +29,7 @@ from epcontact.harness.answers.run import tasks_of
 from epcontact.harness.answers.solve import solve_task
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.methods.registry import METHODS
-from epcontact.harness.quantities.model_difference import effective_hardness as measured_hardness
+from epcontact.harness.quantities.model_difference import measured_hardness
 from epcontact.harness.sweep import Swept, read_sweep
 from epcontact.materials.hardness_map import (
     FULL,

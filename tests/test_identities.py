@@ -10,7 +10,7 @@ import pytest
 from epcontact import Load, Material, Scene, bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.answers.store import Answer
-from epcontact.harness.quantities.reading import measure
+from epcontact.harness.quantities.registry import measure
 from epcontact.harness.verdict import known
 from epcontact.results import Areas, ContactResult
 from epcontact.surfaces import Sinusoid

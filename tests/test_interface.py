@@ -23,7 +23,7 @@ from epcontact.harness.interface import (
     patches,
     percolation_share,
 )
-from epcontact.harness.quantities.reading import measure
+from epcontact.harness.quantities.registry import measure
 from epcontact.surfaces import SelfAffine, residual_surface
 
 # The strips are as high as their period, which changes nothing of what is tested here.

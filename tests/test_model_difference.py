@@ -24,8 +24,7 @@ from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates.distances import distance
 from epcontact.harness.quantities import model_difference
 from epcontact.harness.quantities.model_difference import elements_compliance
-from epcontact.harness.quantities.reading import measure, measure_all
-from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.quantities.registry import QUANTITIES, measure, measure_all
 from epcontact.results import Areas, ContactResult
 from epcontact.scene import Body, Scene
 from epcontact.studies import STUDIES, save_charts

@@ -17,7 +17,7 @@ from epcontact.errors import InvalidCase, InvalidScene, StudyUnavailable
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.methods import peers
 from epcontact.harness.methods.registry import solver_named
-from epcontact.harness.quantities.reading import measure_all
+from epcontact.harness.quantities.registry import measure_all
 from epcontact.harness.verdict.verification import verify
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
 from epcontact.surfaces import SelfAffine

@@ -14,7 +14,7 @@ and, where the finite elements flow by J2, before all of these,
     finite elements, j2 ---- boundary elements capped at the hardness, on the elements' compliance
         model           plastic flow against a pressure cap: physics, not error.
 
-`effective_hardness` (module `model_difference`) turns the model part into a number: the cap, in
+`measured_hardness` (module `model_difference`) turns the model part into a number: the cap, in
 units of the yield stress, at which the capped body has the contact area of the J2 body under the
 same load.  `crosscheck` reports these for each surface of a case and for their ensemble.
 """
@@ -35,7 +35,7 @@ from epcontact.harness.gates.statistics import estimate, standard_deviation
 from epcontact.harness.quantities.model_difference import (
     EffectiveHardness,
     combined,
-    effective_hardness,
+    measured_hardness,
     path_options,
 )
 from epcontact.results import ContactResult
@@ -48,8 +48,8 @@ __all__ = [
     "ErrorBudget",
     "crosscheck",
     "difference",
-    "effective_hardness",
     "error_budget",
+    "measured_hardness",
 ]
 
 
@@ -235,7 +235,7 @@ def _checked(scene: Scene, options: Mapping[str, Any]) -> Checked:
     halved = all(n % 2 == 0 and n >= 8 for n in scene.surface.shape)
     if j2 is None:
         return Checked(budget, halved)
-    effective = effective_hardness(scene, coarse=halved, j2=j2, **block, **path)
+    effective = measured_hardness(scene, coarse=halved, j2=j2, **block, **path)
     largest = j2.final.quantities["largest_pressure"] / scene.material.yield_stress
     return Checked(budget, halved, effective, largest)
 

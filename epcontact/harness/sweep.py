@@ -25,8 +25,7 @@ from epcontact.harness.case_files.axes import MOST_TASKS, Point, Scalar
 from epcontact.harness.case_files.case import Case, CaseText, case_at, find_case, sweep_of
 from epcontact.harness.methods.registry import METHODS, Method
 from epcontact.harness.processes.pool import Factory, made
-from epcontact.harness.quantities.reading import scalar_quantities
-from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
 from epcontact.output.files import read_bytes, whole_file, write_json
 from epcontact.results import ContactResult
 

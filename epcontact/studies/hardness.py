@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 import fem_check
-from epcontact.harness.quantities.reading import measure_all
+from epcontact.harness.quantities.registry import measure_all
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.study import Plot, draw_table
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum

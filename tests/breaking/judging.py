@@ -27,7 +27,7 @@ from breaking.fault import (
 from epcontact.harness.quantities.registry import QUANTITIES
 
 H = "epcontact.harness."
-GATE, QUANTITY = H + "gates.gate.", H + "quantities.reading."
+GATE, QUANTITY = H + "gates.gate.", H + "quantities.registry."
 RUN, VERDICT = H + "answers.run.", H + "verdict."
 
 

@@ -30,9 +30,8 @@ from epcontact.harness.answers.store import Task, basis
 from epcontact.harness.methods import foreign
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.processes.child import Child, ChildDied
-from epcontact.harness.quantities.measurements import Answered
-from epcontact.harness.quantities.reading import measured
-from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.quantities.answered import Answered
+from epcontact.harness.quantities.registry import QUANTITIES, measured
 from epcontact.machine import available_cores, compile_seconds, compiling, kept_kernels_only
 from epcontact.output.files import write_bytes
 from epcontact.output.vtk import step_name, write_collection, write_fields

@@ -136,7 +136,7 @@ _FRAME = (
     "epcontact.harness.methods.registry",
     "epcontact.harness.answers.description",
 )
-_MEASURES = "epcontact.harness.quantities.reading"
+_MEASURES = "epcontact.harness.quantities"
 #: It solves by other methods, and few quantities need it.
 _MODEL = "epcontact.harness.quantities.model_difference"
 _MACHINE = "epcontact.machine"  # cores, memory and the folder of kernels: no numbers

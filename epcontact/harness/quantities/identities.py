@@ -3,7 +3,7 @@
 A method reports a result several times over: as fields, as figures of them, as a distribution and
 as the steps of a load path.  These functions return how far two of its reports are apart, so that
 a wrong factor, sign, index or load step in any of them shows.  The elastic answer to the pressures
-is the harness's own (see `measurements`); a part that a method does not report is not compared.
+is the harness's own (see `answered`); a part that a method does not report is not compared.
 """
 
 from __future__ import annotations
@@ -14,21 +14,18 @@ from typing import Any
 import numpy as np
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.quantities.measurements import (
-    Answered,
-    carried,
-    compression,
-    largest,
-    load_scale,
-    mean,
-)
-from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
+from epcontact.harness.quantities.answered import Answered, largest, mean
+from epcontact.harness.quantities.measurements import carried
+from epcontact.harness.quantities.registry import quantity
+from epcontact.reference.layers import compliance
+from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray, PressureDistribution
 
 _SAME = 1e-6  # share of the largest energy of a path below which a change of it is an error
 
 
+@quantity("measured_areas", "–")
 def areas(a: Answered) -> float:
-    """Return the largest error of the areas that needs no reference, as a share of the whole.
+    """largest error of the areas that needs no reference: counts of the pressures, sums.
 
     The raw areas are counts of the points of the pressure field; total = elastic + plastic in the
     raw and the corrected areas of every load step; the mean pressures are those of the load path.
@@ -44,19 +41,20 @@ def areas(a: Answered) -> float:
             f"{a.result.method} has {len(a.result.steps)} load steps for {len(path)} mean pressures"
         )
     for mean_pressure, step in zip(path, a.result.steps, strict=True):
-        wrong.append((step.mean_pressure - mean_pressure) / load_scale(a))
+        wrong.append((step.mean_pressure - mean_pressure) / a.load_scale)
         parts = (area for kind, area in step.areas.items() if kind != "error")
         wrong += [area.total - area.elastic - area.plastic for area in parts]
     return float(np.abs(wrong).max())
 
 
+@quantity("measured_figures", "–")
 def figures(a: Answered) -> float:
-    """Return the largest difference of a reported figure from that of the reported fields.
+    """largest difference of a reported mean, energy or pressure from that of the fields.
 
     Lengths are divided by the rms height, pressures by p0 and energies by p0 times the rms height
     or by the energy itself, whichever is larger.  J2 flow has no elastic energy at the surface.
     """
-    p, height, p0 = a.pressure, a.scene.surface.rms_height, load_scale(a)
+    p, height, p0 = a.pressure, a.scene.surface.rms_height, a.load_scale
     reported = a.result.final.quantities
     expected = {"largest_pressure": (float(p.max()), p0)}
     if "mean_contact_pressure" in reported and (p > 0).any():
@@ -87,10 +85,11 @@ def figures(a: Answered) -> float:
     return float(np.abs(wrong).max(initial=0.0))
 
 
+@quantity("measured_fields", "–")
 def fields(a: Answered) -> float:
-    """Return the largest error of the reported fields, from the pressures and the heights alone.
+    """largest error of heights, displacement, gap (over the rms height) and state.
 
-    Lengths are divided by the rms height; a point in a wrong state counts as 1.
+    They follow from the pressures and the heights alone; a point in a wrong state counts as 1.
     """
     heights, found = a.scene.surface.heights, a.result.fields
     height = a.scene.surface.rms_height
@@ -120,14 +119,19 @@ def _wrong_state(state: Any, p: Any, at_the_cap: Any) -> Any:
     return state != np.where(p > 0, np.where(at_the_cap, PLASTIC, ELASTIC), APART)
 
 
+def _distribution(a: Answered) -> PressureDistribution:
+    if a.result.distribution is None:
+        raise InvalidCase(f"{a.result.method} gives no pressure distribution for a gate")
+    return a.result.distribution
+
+
+@quantity("measured_distribution", "–")
 def distribution(a: Answered) -> float:
-    """Return the largest difference of the distribution from a count of the pressure field.
+    """largest difference of the distribution from a count of the pressures.
 
     The count is that of the definition of `PressureDistribution`; it is a share of the whole area.
     """
-    found = a.result.distribution
-    if found is None:
-        raise InvalidCase(f"{a.result.method} gives no pressure distribution for a gate")
+    found = _distribution(a)
     plastic = a.at_the_cap & (not a.flows)
     elastic = np.sort(a.pressure[(a.pressure > 0) & ~plastic])
     counted = np.searchsorted(elastic, found.pressure, side="right") / a.pressure.size
@@ -135,21 +139,9 @@ def distribution(a: Answered) -> float:
     return float(max(wrong, abs(found.plastic - plastic.mean()), abs(found.pressure[0])))
 
 
-def balance(a: Answered) -> float:
-    """Return the largest error of the distribution's areas and load, from the raw areas and p0.
-
-    The load of a table is linear between its pressures; areas are divided by the contact area.
-    """
-    found, raw = a.result.distribution, a.result.final.areas["raw"]
-    if found is None:
-        raise InvalidCase(f"{a.result.method} gives no pressure distribution for a gate")
-    elastic = raw.total if a.flows else raw.elastic
-    wrong = [found.cumulative[-1] - elastic, found.plastic - (raw.total - elastic)]
-    return float(max(np.abs(wrong).max() / raw.total, abs(carried(a))))
-
-
+@quantity("measured_residuals", "–")
 def residuals(a: Answered) -> float:
-    """Return the largest relative error of the reported residuals of the gap.
+    """largest relative error of the reported residuals of the gap.
 
     It is for a loose solve, whose residuals are far above rounding.
     """
@@ -168,8 +160,21 @@ def residuals(a: Answered) -> float:
     return max(abs(reported[name] - value) for name, value in own.items()) / scale
 
 
+@quantity("distribution_balance", "–", needs=())
+def balance(a: Answered) -> float:
+    """largest error of the distribution's areas (over the contact) and of its load (over p0).
+
+    The load of a table is linear between its pressures.
+    """
+    found, raw = _distribution(a), a.result.final.areas["raw"]
+    elastic = raw.total if a.flows else raw.elastic
+    wrong = [found.cumulative[-1] - elastic, found.plastic - (raw.total - elastic)]
+    return float(max(np.abs(wrong).max() / raw.total, abs(carried(a))))
+
+
+@quantity("path_work", "–", needs=())
 def work(a: Answered) -> float:
-    """Return the work of the load path less the energy that it leaves, over that energy.
+    """work of the load path over the energy that it leaves, less 1; by Simpson's rule.
 
     The flat approaches by d = p d(q = 0) - separation, and its work int p dd is stored as elastic
     energy or spent on flow: hardness times the mean plastic displacement.  Where that is not
@@ -206,8 +211,9 @@ def _work(load: FloatArray, approach: FloatArray) -> float:
     return float(done)
 
 
+@quantity("cycle_area", "–", needs=())
 def cycle(a: Answered) -> float:
-    """Return the total area at the last load over that at the first step with this load, less 1."""
+    """total area at the last load over that when the path first had this load, less 1."""
     last = a.result.final
     first = next(step for step in a.result.steps if step.mean_pressure == last.mean_pressure)
     if first is last:
@@ -232,7 +238,8 @@ def _capped_path(a: Answered, load: FloatArray) -> tuple[FloatArray, FloatArray]
         known = "mean_plastic_displacement" in last
         sunk = _along(a, "mean_plastic_displacement") if known else gap - separation
         energy = energy + hardness * sunk
-    return load * compression(a.scene) - separation, energy
+    compressed = load * float(compliance(a.scene).flat[0])  # of a layer, by the mean pressure
+    return compressed - separation, energy
 
 
 def _along(a: Answered, name: str) -> FloatArray:

@@ -1,163 +1,105 @@
-"""Quantities that the harness computes itself with numpy, so that no solver checks itself.
-
-They are computed from the pressure field, the heights of the scene and the compliance of
-`reference.layers`, in the process that solved the scene, because fields do not leave it.  The
-registry in `quantities` gives the meaning of each.
-"""
+"""Quantities that are measured of the surface, the fields and the interface with numpy alone."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from epcontact.errors import InvalidCase
 from epcontact.harness import interface
 from epcontact.harness.gates.distances import carried_pressure
-from epcontact.reference.layers import compliance
-from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult, FloatArray
-from epcontact.scene import Scene
+from epcontact.harness.quantities.answered import Answered, largest
+from epcontact.harness.quantities.registry import quantity
+from epcontact.reference import roughness
+from epcontact.results import APART, ELASTIC, PLASTIC
 
-if TYPE_CHECKING:
-    from epcontact.harness.quantities.model_difference import ModelDifference
-
-# A pressure this close to the hardness counts as equal: scaling by p0 and back rounds.
-_AT_THE_CAP = 1e-12
-_BLOCK = 1 << 15  # points of which a few fields stay in cache
+# --- the surface: another seed, or the surface turned round, would change these ------------------
 
 
-def largest(function: Callable[..., Any], *fields: Any) -> float:
-    """Return the largest value of a function of fields of one shape; nan if there is a nan.
-
-    The function is called with blocks of rows, so that what it makes stays in cache.
-    """
-    return float(np.max([np.max(function(*block)) for block in _blocks(*fields)]))
+@quantity("surface_rms_height", "m", needs=())
+def rms_height(a: Answered) -> float:
+    """rms height of the surface."""
+    return a.scene.surface.rms_height
 
 
-def mean(function: Callable[..., Any], *fields: Any) -> float:
-    """Return the mean of a function of fields of one shape, as `largest` does."""
-    total = np.sum([np.sum(function(*block)) for block in _blocks(*fields)])
-    return float(total / fields[0].size)
+@quantity("surface_rms_slope", "–", needs=())
+def rms_slope(a: Answered) -> float:
+    """rms slope of the surface by spectral derivatives."""
+    return roughness.rms_slope(a.scene)
 
 
-def _blocks(*fields: Any) -> Iterator[tuple[Any, ...]]:
-    step = max(1, _BLOCK // fields[0][0].size)
-    for start in range(0, len(fields[0]), step):
-        yield tuple(field[start : start + step] for field in fields)
+@quantity("surface_highest", "m", needs=())
+def highest(a: Answered) -> float:
+    """height of the highest point over the mean."""
+    heights = a.scene.surface.heights
+    return float((heights - heights.mean()).max())
 
 
-@dataclass(frozen=True)
-class Answered:
-    """A scene and the result of a method with its fields, to measure quantities of."""
-
-    scene: Scene
-    result: ContactResult
-
-    @cached_property
-    def pressure(self) -> FloatArray:
-        """The pressure field in Pa.  Raises InvalidCase if there is none on the scene's grid."""
-        return self.field("pressure")
-
-    def field(self, name: str) -> FloatArray:
-        """A field on the grid of the scene.  Raises InvalidCase if the result has none."""
-        values, shape = self.result.fields.get(name), self.scene.surface.shape
-        if values is None:
-            raise InvalidCase(f"{self.result.method} gives no field {name!r} for a gate")
-        if np.shape(values) != shape:
-            raise InvalidCase(
-                f"{self.result.method} gives a {name} of shape {np.shape(values)} on a grid of "
-                f"{shape}"
-            )
-        return np.asarray(values, dtype=None if name == "state" else np.float64)
-
-    @property
-    def flows(self) -> bool:
-        """True if the body flows by J2, so that no cap bounds its pressures."""
-        return bool(self.result.provenance.options.get("law") == "j2")
-
-    @property
-    def unloads(self) -> bool:
-        """True if the path unloads a capped body, which keeps its plastic displacement."""
-        capped = math.isfinite(self.scene.material.hardness)
-        return capped and not self.flows and not self.scene.load.non_decreasing
-
-    @cached_property
-    def displacement(self) -> FloatArray:
-        """The elastic displacement that the pressures cause, in m; half-space: of zero mean."""
-        p = self.pressure
-        modes = np.fft.rfft(p)
-        if p.ndim == 2:  # in place: another array of modes would take longer than its transform
-            np.fft.fft(modes, axis=0, out=modes)
-        modes *= compliance(self.scene)
-        if p.ndim == 2:
-            np.fft.ifft(modes, axis=0, out=modes)
-        return np.asarray(np.fft.irfft(modes, n=p.shape[-1]))
-
-    @cached_property
-    def between(self) -> Any:
-        """The mask of the points with 0 < p < hardness."""
-        return (self.pressure > 0) & ~self.at_the_cap
-
-    @cached_property
-    def at_the_cap(self) -> Any:
-        """The mask of the points at which the body flows."""
-        return self.pressure >= self.scene.material.hardness * (1 - _AT_THE_CAP)
-
-    @cached_property
-    def open_gap(self) -> tuple[FloatArray, Any]:
-        """The gap in m over the surface that the load meets, and the mask where it must be zero.
-
-        The points where it must be zero are those of elastic contact; the gap's mean over them is
-        zero.  If there is none, the highest gap of the flowing points is zero, or the lowest of all
-        where nothing touches.  After a path that unloads the surface is the one that the reported
-        plastic displacement has left, and all contact is elastic.
-        """
-        heights, touching = self.scene.surface.heights, self.between
-        if self.unloads:
-            heights, touching = heights - self.field("plastic_displacement"), self.pressure > 0
-        gap, flowing = self.displacement - heights, self.at_the_cap
-        if touching.any():
-            gap -= gap[touching].mean()
-        else:
-            gap -= gap[flowing].max() if flowing.any() else gap.min()
-        return gap, touching
-
-    @cached_property
-    def model(self) -> ModelDifference:
-        """The comparison with a capped body; several quantities share its solves."""
-        # Imported here because it loads both solvers.
-        from epcontact.harness.quantities.model_difference import ModelDifference
-
-        return ModelDifference(self.scene, self.result)
+@quantity("surface_skewness", "–", needs=())
+def skewness(a: Answered) -> float:
+    """skewness of the heights: of the other sign upside down."""
+    above = a.scene.surface.heights - a.scene.surface.heights.mean()
+    return float((above**3).mean() / (above**2).mean() ** 1.5)
 
 
-def load_scale(a: Answered) -> float:
-    """The last mean pressure p0 in Pa, or the largest of the path if it ends without load."""
-    return a.scene.load.final or max(a.scene.load.path)
+def _summit(a: Answered) -> tuple[int, ...]:
+    heights = a.scene.surface.heights
+    return tuple(int(i) for i in np.unravel_index(int(np.argmax(heights)), heights.shape))
 
 
+def _summit_along(a: Answered, axis: int) -> float:
+    return float(_summit(a)[axis] / a.scene.surface.shape[axis])
+
+
+for _axis, _letter in enumerate("xy"):
+    quantity(
+        f"surface_summit_{_letter}",
+        "–",
+        needs=(),
+        meaning=f"place of the highest point along {_letter}, over the period",
+    )(partial(_summit_along, axis=_axis))
+
+
+@quantity("surface_curvature", "1/m", needs=())
+def summit_curvature(a: Answered) -> float:
+    """curvature at the highest point by differences, mean over the axes."""
+    surface, summit, curvatures = a.scene.surface, _summit(a), []
+    for axis, d in enumerate(surface.spacing):
+        beside = [np.roll(surface.heights, shift, axis)[summit] for shift in (1, -1)]
+        curvatures.append((2 * surface.heights[summit] - sum(beside)) / d**2)
+    return float(np.mean(curvatures))
+
+
+# --- the fields and the distribution -------------------------------------------------------------
+
+
+@quantity("measured_force", "–")
 def force(a: Answered) -> float:
-    """Return mean(p)/p0 - 1; after a path to zero, mean(p) over the largest mean pressure."""
-    return (float(a.pressure.mean()) - a.scene.load.final) / load_scale(a)
+    """mean(p)/p0 - 1.
+
+    After a path to zero load it is mean(p) over the largest mean pressure.
+    """
+    return (float(a.pressure.mean()) - a.scene.load.final) / a.load_scale
 
 
+@quantity("measured_bounds", "–")
 def bounds(a: Answered) -> float:
-    """Return the largest distance of p from [0, hardness], divided by p0."""
+    """largest distance of p from [0, hardness], over p0."""
     p = a.pressure
     beyond = max(-float(p.min()), float(p.max()) - a.scene.material.hardness, 0.0)
-    return beyond / load_scale(a)
+    return beyond / a.load_scale
 
 
+@quantity("measured_gap", "–")
 def gap(a: Answered) -> float:
-    """Return the largest violation of the contact conditions on the gap over the rms height.
+    """largest violation of the contact conditions (Karush-Kuhn-Tucker) over the rms height:
+    |g| where 0 < p < hardness, -g where p = 0, g where p = hardness.
 
-    It is |g| where 0 < p < hardness, -g where p = 0 and g where p = hardness
-    (Karush-Kuhn-Tucker).  After a path that unloads, the surface is the one that the reported
-    plastic displacement has left, on which every contact is elastic.
+    After a path that unloads, the surface is the one that the reported plastic displacement has
+    left, on which every contact is elastic.
     """
     gap, touching = a.open_gap
 
@@ -167,36 +109,38 @@ def gap(a: Answered) -> float:
     return largest(wrong, a.pressure, gap, a.at_the_cap, touching) / a.scene.surface.rms_height
 
 
-def compression(scene: Scene) -> float:
-    """Return the compliance in m/Pa of the mean pressure: d/M of a layer, 0 of a half-space."""
-    return float(compliance(scene).flat[0])
-
-
+@quantity("measured_raw_total", "–")
 def raw_total(a: Answered) -> float:
-    """Return the share of grid points with p > 0, minus the reported raw area."""
+    """share of grid points with p > 0, less the raw area."""
     return float((a.pressure > 0).mean()) - a.result.final.areas["raw"].total
 
 
+@quantity("measured_raw_plastic", "–")
 def raw_plastic(a: Answered) -> float:
-    """Return the share of grid points at the hardness, minus the reported raw plastic area."""
+    """share of grid points at the hardness, less the raw plastic area."""
     return float(a.at_the_cap.mean()) - a.result.final.areas["raw"].plastic
 
 
+@quantity("measured_carried", "–")
 def carried(a: Answered) -> float:
-    """Return (int sigma dF + hardness A_pl)/p0 - 1 of the reported distribution."""
+    """(int sigma dF + hardness A_pl)/p0 - 1 of the reported distribution."""
     found, hardness = a.result.distribution, a.scene.material.hardness
     if found is None:
         raise InvalidCase(f"{a.result.method} gives no pressure distribution for a gate")
     carried = carried_pressure(found)
     if math.isfinite(hardness):
         carried += hardness * found.plastic
-    return (carried - a.scene.load.final) / load_scale(a)
+    return (carried - a.scene.load.final) / a.load_scale
 
 
+@quantity("smallest_contact_pressure", "Pa")
 def smallest_contact_pressure(a: Answered) -> float:
-    """Return the smallest pressure in contact, in Pa."""
+    """smallest pressure where p > 0."""
     p = a.pressure
     return float(p[p > 0].min()) if (p > 0).any() else 0.0
+
+
+# --- the interface under load --------------------------------------------------------------------
 
 
 def stiffness(a: Answered, branch: interface.Branch) -> float:
@@ -209,46 +153,66 @@ def conductance(a: Answered, branch: interface.Branch) -> float:
     return interface.contact_conductance(a.scene, stiffness(a, branch), resistivity=1.0)
 
 
-def patches_of(a: Answered, part: str, what: str) -> float:
-    """Return the number of the patches of a part of the contact, or the area of the largest."""
+_BRANCHES: tuple[tuple[interface.Branch, str], ...] = (
+    ("loading", "if the load grows next"),
+    ("unloading", "if the load falls next"),
+)
+for _branch, _next in _BRANCHES:
+    quantity(
+        f"stiffness_{_branch}",
+        "Pa/m",
+        meaning=f"d(mean pressure)/d(approach of the mean planes), {_next}",
+    )(partial(stiffness, branch=_branch))
+for _branch, _next in _BRANCHES:
+    quantity(
+        f"conductance_{_branch}",
+        "1/m",
+        meaning="contact conductance per nominal area times the sum of the bodies' resistivities, "
+        + _next,
+    )(partial(conductance, branch=_branch))
+
+
+def _patches(a: Answered, part: str) -> Any:
     state = a.field("state")
     mask = state != APART if part == "total" else state == {"elastic": ELASTIC}.get(part, PLASTIC)
-    areas = interface.patches(mask).areas
-    return float(areas.size) if what == "number" else float(areas.max(initial=0.0))
+    return interface.patches(mask).areas
 
 
-def percolation(a: Answered, sign: float) -> float:
-    """Return the share of the area, by closeness times `sign`, that first percolates."""
+def _number_of_patches(a: Answered, part: str) -> float:
+    return float(_patches(a, part).size)
+
+
+def _largest_patch(a: Answered, part: str) -> float:
+    return float(_patches(a, part).max(initial=0.0))
+
+
+for _part in ("total", "elastic", "plastic"):
+    quantity(f"{_part}_patches", "–", meaning=f"number of connected patches of {_part} contact")(
+        partial(_number_of_patches, part=_part)
+    )
+    quantity(
+        f"{_part}_patches_largest",
+        "–",
+        meaning=f"share of the nominal area in the largest patch of {_part} contact",
+    )(partial(_largest_patch, part=_part))
+
+
+@quantity("contact_percolation", "–")
+def contact_percolation(a: Answered) -> float:
+    """share of the nominal area, the closest points first, that first connects across a period."""
+    return interface.percolation_share(_closeness(a))
+
+
+@quantity("gap_percolation", "–")
+def gap_percolation(a: Answered) -> float:
+    """share of the nominal area, the widest gaps first, that first connects across a period."""
+    return interface.percolation_share(-_closeness(a))
+
+
+def _closeness(a: Answered) -> Any:
     p, gap, height = a.pressure, a.field("gap"), np.ptp(a.scene.surface.heights)
     if "plastic_displacement" in a.result.fields and not a.flows:
         gap = gap + np.where(a.at_the_cap, 0.0, a.field("plastic_displacement"))
     # At the hardness all pressures are equal, and the points that have flowed furthest are closest.
     loose = (p <= 0) | (a.at_the_cap & (not a.flows))
-    closeness = p / (p.max() or 1.0) - np.where(loose, gap / height, 0.0)
-    return interface.percolation_share(sign * closeness)
-
-
-def surface_mark(a: Answered, name: str) -> float:
-    """Return a figure of the heights that another seed, or the surface turned round, would change.
-
-    name: "highest" (m), "skewness", "summit_x" or "summit_y" (shares of the period).
-    """
-    heights = a.scene.surface.heights
-    above = heights - heights.mean()
-    if name == "highest":
-        return float(above.max())
-    if name == "skewness":
-        return float((above**3).mean() / (above**2).mean() ** 1.5)
-    place = np.unravel_index(int(np.argmax(heights)), heights.shape)
-    axis = {"summit_x": 0, "summit_y": 1}[name]
-    return float(place[axis] / heights.shape[axis])
-
-
-def summit_curvature(a: Answered) -> float:
-    """Return the curvature at the highest point in 1/m, by differences, averaged over the axes."""
-    surface, curvatures = a.scene.surface, []
-    summit = np.unravel_index(int(np.argmax(surface.heights)), surface.heights.shape)
-    for axis, d in enumerate(surface.spacing):
-        beside = [np.roll(surface.heights, shift, axis)[summit] for shift in (1, -1)]
-        curvatures.append((2 * surface.heights[summit] - sum(beside)) / d**2)
-    return float(np.mean(curvatures))
+    return p / (p.max() or 1.0) - np.where(loose, gap / height, 0.0)

@@ -3,8 +3,7 @@
 The boundary elements use the surface compliance of the finite-element block, as measured by
 `fem_check.surface_compliance`.  Both bodies then have the same heights, load and linear answer to
 every pressure wave, so grid and depth cancel and the rest of the difference is physics, not error.
-Gates read it as quantity.model_*, quantity.effective_* and quantity.elements_area (see
-`registry`).
+Gates read it as quantity.model_*, quantity.effective_* and quantity.elements_*.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,8 @@ from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.gates.distances import Difference, difference, l2_distance
 from epcontact.harness.methods.registry import EITHER_WAY
+from epcontact.harness.quantities.answered import Answered
+from epcontact.harness.quantities.registry import quantity
 from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.roughness import rms_slope
 from epcontact.results import ContactResult, FloatArray
@@ -29,8 +30,6 @@ from epcontact.scene import Load, Scene, Surface
 
 #: Relative width at which the search for a ratio stops: the area moves by less than a node.
 _SEARCHED_TO = 1e-4
-
-
 #: Largest contact area at which an effective hardness says something of the material.  Beyond it
 #: nearly every node touches, and the cap of equal area is hardly more than the mean pressure.
 SATURATED = 0.9
@@ -73,14 +72,10 @@ class EffectiveHardness:
         if self.saturated:
             return _full(self.area)
         parts = ", ".join(f"{name} {part:+.3f}" for name, part in self.parts.items())
+        at_cap = self.at_cap
         return (
             f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E*ξ/σ_Y = {self.severity:.3g} "
-            f"(by {parts})"
-            + (
-                ""
-                if self.at_cap is None
-                else f" ({self.at_cap}, overlap {self.at_cap.overlap:.2f})"
-            )
+            f"(by {parts})" + (f" ({at_cap}, overlap {at_cap.overlap:.2f})" if at_cap else "")
         )
 
 
@@ -103,7 +98,7 @@ def combined(parts: Mapping[str, float]) -> float:
     return math.hypot(*(TWO_SOLVES.get(name, 1.0) * part for name, part in parts.items()))
 
 
-def effective_hardness(
+def measured_hardness(
     scene: Scene,
     *,
     coarse: bool = True,
@@ -113,7 +108,9 @@ def effective_hardness(
     step_tolerance: float | None = None,
     j2: ContactResult | None = None,
 ) -> EffectiveHardness:
-    """Find the effective hardness of the J2 body of a scene under its single load.
+    """Measure the effective hardness of the J2 body of a scene under its single load.
+
+    `epcontact.effective_hardness` looks it up in a map of such measurements.
 
     Args:
         scene: the scene; its hardness is not read.
@@ -205,90 +202,13 @@ def capped_body(scene: Scene, hardness: float, compliance: FloatArray | None) ->
     return bem.solve(replace(scene, material=material), compliance=compliance, threads=1)
 
 
-class ModelDifference:
-    """Comparisons of an answer of the elements with bodies on its compliance, each solved once.
-
-    Args:
-        scene: the scene that was solved.
-        j2: the answer of the finite elements to it, with its fields; by J2 flow but for
-            `elements_pressure`.
-
-    Raises:
-        InvalidCase: if the result is not that of a block of elements.
-    """
-
-    def __init__(self, scene: Scene, j2: ContactResult) -> None:
-        self.law = j2.provenance.options.get("law")
-        self.scene, self.j2 = scene, j2
-        self.compliance = elements_compliance(scene, j2)
-
-    def _require_j2(self) -> None:
-        if self.law != "j2":
-            raise InvalidCase(f"the law of the elements is {self.law}, but a model gate needs j2")
-
-    @cached_property
-    def elements_pressure(self) -> float:
-        """L2 difference of elastic or capped pressures from those of the same discrete body.
-
-        Raises InvalidCase if the body flows by J2.
-        """
-        if self.law == "j2":
-            raise InvalidCase("the law of the elements is j2, but their own body has a linear law")
-        hardness = self.scene.material.hardness if self.law == "capped" else math.inf
-        own = capped_body(self.scene, hardness, self.compliance)
-        return l2_distance(self.j2.fields["pressure"], own.fields["pressure"])
-
-    @cached_property
-    def _capped(self) -> ContactResult:
-        self._require_j2()
-        return capped_body(self.scene, self.scene.material.hardness, self.compliance)
-
-    @cached_property
-    def at_hardness(self) -> Difference:
-        """The difference of the J2 body from the body capped at the hardness of the scene."""
-        return difference(self.j2, self._capped, self.scene.material.hardness)
-
-    @cached_property
-    def effective(self) -> EffectiveHardness:
-        """The cap of equal contact area.
-
-        Raises InvalidCase if there is none, or the contact is too full for it to mean anything.
-        """
-        self._require_j2()
-        effective = _equal_area(self.scene, self.j2)
-        if effective.saturated:
-            raise InvalidCase(f"{_full(effective.area)}; gate it under a smaller load")
-        if effective.at_cap is None:
-            raise InvalidCase(
-                "the J2 body touches on no more than the elastic one, so no cap gives its area; "
-                "a gate on the effective hardness needs a larger E*ξ/σ_Y"
-            )
-        return effective
-
-    @property
-    def effective_difference(self) -> Difference:
-        """The difference of the J2 body from the body under the cap of equal contact area."""
-        at_cap = self.effective.at_cap
-        assert at_cap is not None
-        return at_cap
-
-    @cached_property
-    def elements_area(self) -> float:
-        """A_cap/A - 1, with A_cap on the compliance of the elements and A on the exact one.
-
-        It is the effect of the finite-element grid, an error that falls with the spacing.
-        """
-        hardness = self.scene.material.hardness
-        return difference(self._capped, capped_body(self.scene, hardness, None), hardness).area
-
-
 def _equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
     """Find the cap of equal area by bisection; its error is the effect of half a node."""
-    wanted = j2.final.areas["raw"].total
+    wanted, material = j2.final.areas["raw"].total, scene.material
     compliance = elements_compliance(scene, j2)
-    material = scene.material
     severity = effective_modulus(material) * rms_slope(scene) / material.yield_stress
 
+    @cache
     def area_at(ratio: float) -> float:
         answer = capped_body(scene, ratio * material.yield_stress, compliance)
         return answer.final.areas["raw"].total
@@ -296,29 +216,26 @@ def _equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
     if area_at(math.inf) >= wanted:
         return EffectiveHardness(math.inf, severity, wanted, None, {})
     # Under the smallest cap that can carry the load every node touches.
-    areas = {scene.load.final / material.yield_stress * 1.001: 1.0}
-    high = 8.0
-    while (area := area_at(high)) >= wanted:
-        areas[high] = area
-        high *= 2
-    areas[high] = area
-    count = scene.surface.heights.size
-    edges = []
-    # The area jumps by whole nodes, so both ends of the interval of ratios with the wanted area are
-    # searched.  The area falls with the ratio: the second search reuses the areas of the first.
-    for target in (wanted + 0.5 / count, wanted - 0.5 / count):
-        a = max((r for r, area in areas.items() if area > target), default=min(areas))
-        b = min((r for r, area in areas.items() if area <= target and r > a), default=high)
+    ratios = [scene.load.final / material.yield_stress * 1.001, 8.0]
+    while area_at(ratios[-1]) >= wanted:
+        ratios.append(2 * ratios[-1])
+
+    def passed(target: float) -> float:
+        """The ratio at which the area, which falls with the ratio, passes a target."""
+        last = next(k for k, ratio in enumerate(ratios) if k and area_at(ratio) <= target)
+        a, b = ratios[last - 1], ratios[last]
         while b - a > _SEARCHED_TO * b:
             middle = math.sqrt(a * b)
-            areas[middle] = area_at(middle)
-            a, b = (middle, b) if areas[middle] > target else (a, middle)
-        edges.append(math.sqrt(a * b))
-    ratio = (edges[0] + edges[1]) / 2
-    cap = ratio * material.yield_stress
+            a, b = (middle, b) if area_at(middle) > target else (a, middle)
+        return math.sqrt(a * b)
+
+    # The area jumps by whole nodes: both ends of the interval with the wanted area are searched.
+    half_a_node = 0.5 / scene.surface.heights.size
+    low, high = (passed(wanted + half) for half in (half_a_node, -half_a_node))
+    cap = (low + high) / 2 * material.yield_stress
     at_cap = difference(j2, capped_body(scene, cap, compliance), cap)
-    node = abs(edges[1] - edges[0]) / 2
-    return EffectiveHardness(ratio, severity, wanted, at_cap, {"node": node})
+    parts = {"node": abs(high - low) / 2}
+    return EffectiveHardness((low + high) / 2, severity, wanted, at_cap, parts)
 
 
 def _half(scene: Scene) -> Scene:
@@ -326,3 +243,95 @@ def _half(scene: Scene) -> Scene:
     heights = scene.surface.heights[(slice(None, None, 2),) * scene.surface.heights.ndim]
     surface = Surface(heights, scene.surface.periods)
     return replace(scene, surface=surface, load=Load(scene.load.final))
+
+
+# --- the quantities: each solve is made once for all that need it --------------------------------
+
+_J2 = ("fields", "J2 flow")
+_J2_AND_CAP = (*_J2, "hardness")
+
+
+@quantity("model_area", "–", _J2_AND_CAP)
+def model_area(a: Answered) -> float:
+    """A_J2/A_cap - 1 of the raw areas, with the cap at the hardness of the scene."""
+    return a.once(_at_hardness).area
+
+
+@quantity("model_overlap", "–", _J2_AND_CAP)
+def model_overlap(a: Answered) -> float:
+    """shared contact nodes over the nodes in either contact, of J2 and the same cap."""
+    return a.once(_at_hardness).overlap
+
+
+@quantity("model_distance", "–", _J2_AND_CAP)
+def model_distance(a: Answered) -> float:
+    """Wasserstein distance of the pressures of J2 and the same cap, over the hardness."""
+    return a.once(_at_hardness).wasserstein
+
+
+@quantity("effective_hardness", "–", _J2)
+def effective_ratio(a: Answered) -> float:
+    """c_eff: the cap over yield_stress at which the capped body has the area of the J2 body."""
+    return a.once(_effective)[0]
+
+
+@quantity("effective_overlap", "–", _J2)
+def effective_overlap(a: Answered) -> float:
+    """shared contact nodes over the nodes in either contact, of J2 and the cap c_eff."""
+    return a.once(_effective)[1].overlap
+
+
+@quantity("elements_pressure", "–")
+def elements_pressure(a: Answered) -> float:
+    """L2 difference of the pressures, elastic or capped, from those of boundary elements on the
+    compliance of the elements, over their L2 norm.
+    """
+    if (law := a.result.provenance.options.get("law")) == "j2":
+        raise InvalidCase("the law of the elements is j2, but their own body has a linear law")
+    hardness = a.scene.material.hardness if law == "capped" else math.inf
+    own = capped_body(a.scene, hardness, a.once(_compliance))
+    return l2_distance(a.result.fields["pressure"], own.fields["pressure"])
+
+
+@quantity("elements_area", "–", _J2)
+def elements_area(a: Answered) -> float:
+    """A_cap/A - 1, with A_cap on the compliance of the elements and A on the exact one.
+
+    It is the effect of the finite-element grid, an error that falls with the spacing.
+    """
+    hardness = a.scene.material.hardness
+    return difference(a.once(_capped), capped_body(a.scene, hardness, None), hardness).area
+
+
+def _compliance(a: Answered) -> FloatArray | None:
+    return elements_compliance(a.scene, a.result)
+
+
+def _require_j2(a: Answered) -> None:
+    if not a.flows:
+        law = a.result.provenance.options.get("law")
+        raise InvalidCase(f"the law of the elements is {law}, but a model gate needs j2")
+
+
+def _capped(a: Answered) -> ContactResult:
+    """Solve the body under a cap at the hardness of the scene."""
+    _require_j2(a)
+    return capped_body(a.scene, a.scene.material.hardness, a.once(_compliance))
+
+
+def _at_hardness(a: Answered) -> Difference:
+    return difference(a.result, a.once(_capped), a.scene.material.hardness)
+
+
+def _effective(a: Answered) -> tuple[float, Difference]:
+    """Return c_eff, and the difference from the body under that cap; raise if there is none."""
+    _require_j2(a)
+    effective = _equal_area(a.scene, a.result)
+    if effective.saturated:
+        raise InvalidCase(f"{_full(effective.area)}; gate it under a smaller load")
+    if effective.at_cap is None:
+        raise InvalidCase(
+            "the J2 body touches on no more than the elastic one, so no cap gives its area; "
+            "a gate on the effective hardness needs a larger E*ξ/σ_Y"
+        )
+    return effective.ratio, effective.at_cap

@@ -25,7 +25,7 @@ from epcontact.harness.gates.gate import (
     judge_distance,
     unjudged,
 )
-from epcontact.harness.quantities.reading import read_quantity
+from epcontact.harness.quantities.registry import read_quantity
 from epcontact.harness.verdict.record import SKIPPED, CaseVerdict, MethodEntry
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution

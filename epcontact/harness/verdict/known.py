@@ -24,7 +24,7 @@ from epcontact.harness.case_files.case import Case, CaseText, load_case
 from epcontact.harness.crosscheck import error_budget
 from epcontact.harness.gates.distances import difference, distance
 from epcontact.harness.gates.gate import ERROR, FALLS_SHORT, HOLDS, GateVerdict
-from epcontact.harness.quantities.reading import measure
+from epcontact.harness.quantities.registry import measure
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.harness.verdict.record import SKIPPED, Verdict
 from epcontact.results import (
