@@ -13,7 +13,8 @@ ROOT = Path(__file__).parent.parent
 FLOORS = (
     {"epcontact.errors", "epcontact.results", "epcontact.machine"},
     {"epcontact.scene"},
-    {"epcontact.materials", "epcontact.surfaces", "epcontact.output", "fem_check"},
+    {"epcontact.output"},
+    {"epcontact.materials", "epcontact.surfaces", "fem_check"},
     {"epcontact.reference", "epcontact.persson", "epcontact.bem"},
     {"epcontact.harness"},
     {"epcontact.planning", "epcontact.studies"},

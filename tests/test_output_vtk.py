@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 import os
-import signal
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import pyvista
 
 from epcontact.errors import OutputError
-from epcontact.output import vtk
 from epcontact.output.vtk import read_fields, write_fields, write_image
 from epcontact.results import APART, ELASTIC, PLASTIC, Areas, ContactResult, LoadStep, Provenance
 from epcontact.scene import Surface
@@ -173,20 +170,6 @@ def test_a_displacement_that_follows_from_the_rest_is_left_out(tmp_path: Path) -
     assert np.array_equal(double.fields["displacement"], result.fields["displacement"])
 
 
-def test_pieces_make_one_grid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    result = asymmetric((13, 11))
-    surface = surface_of(result, 1.0, 1.0)
-    write_fields(tmp_path / "one.vti", result, surface, {"hardness": HARDNESS})
-    monkeypatch.setattr(vtk, "PIECE", 20)
-    write_fields(tmp_path / "many.vti", result, surface, {"hardness": HARDNESS})
-    assert (tmp_path / "many.vti").read_bytes().count(b"<Piece") >= 8
-    one, many = read_fields(tmp_path / "one.vti"), read_fields(tmp_path / "many.vti")
-    assert many.attributes == one.attributes
-    assert many.units == one.units
-    for name, field in one.fields.items():
-        assert np.array_equal(many.fields[name], field)
-
-
 def test_the_file_says_what_was_computed(tmp_path: Path) -> None:
     result = asymmetric((6, 4))
     about = {
@@ -235,7 +218,6 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
 @pytest.mark.skipif(os.name == "nt", reason="needs a limit on the size of files")
 @pytest.mark.parametrize("limit", [0, 300, 3000, 60_000])
 def test_a_full_disk_leaves_nothing(tmp_path: Path, limit: int) -> None:
-    """VTK reports a failed write by a code and a print, never by an exception."""
     code = f"""
 import os, resource, sys
 import numpy as np
@@ -283,24 +265,3 @@ def test_no_truncated_file_is_taken_for_a_whole_one(
             assert all(np.array_equal(read.fields[n], whole.fields[n]) for n in whole.fields)
     assert refused > 0.9 * len(content) / 61
     assert capfd.readouterr() == ("", "")
-
-
-def test_an_interrupt_within_the_writer_of_vtk_is_not_lost(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """VTK calls Python for each piece of a field, and drops the exception of a handler there."""
-    copied = vtk._transposed
-
-    def interrupted(plane: Any, kind: Any) -> Any:
-        signal.raise_signal(signal.SIGINT)
-        return copied(plane, kind)
-
-    monkeypatch.setattr(vtk, "_transposed", interrupted)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            write_image(tmp_path / "a.vti", {"gap": np.ones((4, 4))}, (1.0, 1.0), {})
-        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert os.listdir(tmp_path) == []

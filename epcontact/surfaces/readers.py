@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.errors import InvalidScene
+from epcontact.errors import InvalidScene, OutputError
+from epcontact.output.vtk import read_fields
 from epcontact.surfaces.text_tables import read_table
 
 #: Endings of files that are read as plain tables of numbers.
@@ -91,28 +92,19 @@ def _read_npy(path: Path) -> NDArray[Any]:
 
 def _read_fields(path: Path) -> HeightMap:
     """The surface that a result has left: the heights of its .vti file, less the plastic flow."""
-    import pyvista as pv
-    from vtkmodules.vtkIOXML import vtkXMLImageDataReader
-
-    reader = vtkXMLImageDataReader()  # `pyvista.read` prints VTK's complaints about damaged files
-    reader.SetFileName(str(path))
-    with pv.vtk_verbosity("off"), pv.VtkErrorCatcher(send_to_logging=False) as caught:
-        reader.Update()
-    image: Any = pv.wrap(reader.GetOutput())
-    if caught.events or "heights" not in image.point_data:
-        raise InvalidScene(f"{path}: is no whole .vti file of a result with heights")
-    heights = np.asarray(image.point_data["heights"], dtype=np.float64)
-    if "plastic_displacement" in image.point_data:
-        heights = heights - np.asarray(image.point_data["plastic_displacement"])
-    elif "j2" in image.field_data.get("option.law", ()):
+    try:
+        file = read_fields(path)
+        heights = file.field("heights").astype(np.float64)
+    except OutputError:
+        raise InvalidScene(f"{path}: is no whole .vti file of a result with heights") from None
+    if "plastic_displacement" in file.fields:
+        heights -= file.fields["plastic_displacement"]
+    elif file.attributes.get("option.law") == "j2":
         raise InvalidScene(
             f"{path}: its body is under load, and J2 flow shows only without it; let the load path "
             "of the result end at 0"
         )
-    nx, ny, _ = image.dimensions
-    shape = (nx,) if ny == 1 else (nx, ny)
-    periods = tuple(n * float(d) for n, d in zip(shape, image.spacing, strict=False))
-    return HeightMap(heights.reshape(shape, order="F"), in_metres=True, periods=periods)
+    return HeightMap(heights, in_metres=True, periods=file.periods)
 
 
 def _read_instrument(path: Path) -> HeightMap:
