@@ -22,7 +22,7 @@ from rich.console import Console
 
 from epcontact.cli import listing, main
 from epcontact.cli.main import COMMANDS, cli
-from epcontact.harness.answers.run import run_cases
+from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.case_files.case import load_case
 from epcontact.scene import Load
 
@@ -164,7 +164,8 @@ def test_the_bar_moves_within_a_solve(write_case, tmp_path) -> None:
         ("fast = 4", "fast = 16"),
     )
     told: list[tuple[float, int]] = []
-    run_cases([load_case(path)], tmp_path, moving=lambda done, total: told.append((done, total)))
+    run = Run(tmp_path, jobs=1, progress=lambda done, total, _: told.append((done, total)))
+    run_cases([load_case(path)], run)
     assert told[0] == (0, 2)
     assert {total for _, total in told} == {2}
     done = [share for share, _ in told]
@@ -178,7 +179,6 @@ def test_the_bar_moves_within_a_solve(write_case, tmp_path) -> None:
 def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> None:
     from epcontact.harness.answers.run import tasks_of
     from epcontact.harness.answers.store import kept
-    from epcontact.harness.methods.registry import METHODS
     from epcontact.output.view import load_steps
     from epcontact.output.vtk import Precision, read_fields
 
@@ -191,22 +191,20 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> N
     )
     case, out, notes = load_case(path), tmp_path / "out", []
 
-    def solve(fields: str, precision: Precision = "single") -> list[str]:
+    def solve(fields: str, precision: Precision = "single") -> list[bool]:
         notes.clear()
-        run_cases(
-            [case], out, fields=fields, precision=precision,
-            progress=lambda p: notes.append(p.note),
-        )  # fmt: skip
+        told = lambda done, total, words: notes.append("reused" in words) if words else None  # noqa: E731
+        run_cases([case], Run(out, 1, fields=fields, precision=precision, progress=told))
         return list(notes)
 
     folder = case.folder(out)
-    assert solve("first", "double") == ["", ""]
-    assert solve("first", "single") == ["reused", "reused"]
+    assert solve("first", "double") == [False, False]
+    assert solve("first", "single") == [True, True]
     assert read_fields(folder / "bem-seed3.vti").fields["pressure"].dtype == np.float64
     assert not list(folder.glob("*-steps"))
-    assert solve("steps") == ["", ""]
-    assert solve("steps") == solve("first") == ["reused", "reused"]
-    doubled = [replace(t, precision="double") for t in tasks_of(case, METHODS, "first", out)]
+    assert solve("steps") == [False, False]
+    assert solve("steps") == solve("first") == [True, True]
+    doubled = tasks_of(case, Run(out, fields="first", precision="double"))
     assert [kept(task, out) for task in doubled] == [None, None]
     steps = load_steps(folder / "bem-seed3-steps" / "path.pvd")
     loads = [read_fields(step) for step in steps]
@@ -218,10 +216,10 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> N
     bodies = load_steps(folder / "fem-seed3-steps" / "path.pvd")
     assert [body.name for body in bodies] == ["step-0000.vtu", "step-0001.vtu"]
     bodies[0].parent.joinpath("path.pvd").unlink()
-    assert solve("steps").count("") == 1  # what is missing is solved again
+    assert solve("steps").count(False) == 1  # what is missing is solved again
     # Another load's files do not pass for those of this one.
     other = replace(case, load=Load(4e8))
-    run_cases([other], out, fields="none")
+    run_cases([other], Run(out, jobs=1))
     assert not list(folder.glob("*-steps"))
 
 

@@ -19,7 +19,7 @@ import pytest
 from epcontact import verify
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.answers import run, solve
-from epcontact.harness.answers.run import run_cases, tasks_of
+from epcontact.harness.answers.run import Run, run_cases, tasks_of
 from epcontact.harness.answers.store import Task, basis
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.cluster import dask
@@ -60,9 +60,9 @@ class Elsewhere(Executor):
 def test_a_worker_sends_back_results_fields_and_steps(write_case, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     case = load_case(write_case(ONE))
-    run_cases([case], Path("here"), fields="steps")
+    run_cases([case], Run("here", 1, fields="steps"))
     far = Elsewhere(tmp_path / "far")
-    run_cases([case], Path("there"), fields="steps", executor=lambda: far)
+    run_cases([case], Run("there", fields="steps", executor=lambda: far))
     assert not far.open
     assert not list(far.folder.iterdir())
     found = {p.relative_to("here"): p for p in Path("here").rglob("*") if p.is_file()}
@@ -72,9 +72,9 @@ def test_a_worker_sends_back_results_fields_and_steps(write_case, tmp_path, monk
         if path.suffix != ".json":  # costs differ
             assert path.read_bytes() == (Path("there") / name).read_bytes(), name
     notes: list[str] = []
-    options: dict[str, Any] = {"fields": "steps", "progress": lambda p: notes.append(p.note)}
-    run_cases([case], Path("there"), **options)
-    assert notes == ["reused", "reused"]
+    told = lambda done, total, words: notes.append(words[-8:])  # noqa: E731
+    run_cases([case], Run("there", 1, fields="steps", progress=told))
+    assert notes == ["(reused)", "(reused)", ""]
 
 
 def gate_error(path: Path, output: Path, executor: Any) -> str:
@@ -102,7 +102,7 @@ def test_task_beyond_the_memory_of_every_worker_is_not_submitted(write_case, tmp
 @pytest.mark.parametrize(("free", "jobs"), [(1e12, 4), (2e9, 3), (1e8, 1)])
 def test_no_more_processes_than_fit_into_memory(write_case, monkeypatch, free, jobs) -> None:
     grid = ("points_per_shortest_wavelength = { fast = 4, full = 8 }", "shape = [4096, 2048]")
-    tasks = [*tasks_of(load_case(write_case(grid, ONE)), METHODS, "none", Path())]
+    tasks = [*tasks_of(load_case(write_case(grid, ONE)), Run())]
     monkeypatch.setattr(run, "available_memory", lambda: free)
     # 2^28 bytes, and a point of a light contact takes 44 and some more, heights included.
     assert 0.6e9 < max(task.memory for task in tasks) < 0.7e9
@@ -216,9 +216,8 @@ def test_tasks_of_a_killed_dask_worker_are_done_again(cluster, write_case, tmp_p
     workers = [worker.pid for worker in cluster.workers.values()]
     killed: list[int] = []
 
-    def kill(progress: Any) -> None:
-        del progress
-        if not killed:
+    def kill(done: float, *_: Any) -> None:
+        if done and not killed:
             killed.append(workers[0])
             os.kill(workers[0], signal.SIGKILL)
 

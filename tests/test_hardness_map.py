@@ -25,10 +25,9 @@ from scipy.interpolate import RegularGridInterpolator
 from epcontact import MappedHardness, effective_hardness
 from epcontact.cli.main import cli
 from epcontact.errors import EpcontactError, InvalidCase, InvalidScene
-from epcontact.harness.answers.run import tasks_of
+from epcontact.harness.answers.run import Run, tasks_of
 from epcontact.harness.answers.solve import solve_task
 from epcontact.harness.case_files.case import load_case
-from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.model_difference import measured_hardness
 from epcontact.harness.sweep import Swept, read_sweep
 from epcontact.materials.hardness_map import (
@@ -137,7 +136,7 @@ def test_a_case_may_take_its_hardness_from_the_map(write_case, tmp_path) -> None
         poisson_ratio=material.poisson_ratio,
     )  # fmt: skip
     assert material.hardness == expected.value
-    theory, *_ = tasks_of(case, METHODS, "none", tmp_path)
+    theory, *_ = tasks_of(case, Run(tmp_path))
     source = solve_task(theory, 1).provenance.about["hardness_source"]["value"]
     assert f"map {map_digest()}" in source
     assert f"95 % interval {expected.interval[0]:.3g} to" in source

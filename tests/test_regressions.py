@@ -24,7 +24,7 @@ from epcontact.bem import level
 from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.harness.answers import solve
-from epcontact.harness.answers.run import run_cases
+from epcontact.harness.answers.run import Progress, Run, run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import find_case, load_case
 from epcontact.harness.verdict.judgement import judge_case
@@ -66,25 +66,30 @@ def test_users_solver_cannot_end_the_verification(write_case, tmp_path, solver, 
     assert word in answer.errors[0]
 
 
+def noting(notes: list[bool]) -> Progress:
+    """A callback that notes of each task whether a kept result was used again."""
+    return lambda done, total, words: notes.append("(reused)" in words) if words else None
+
+
 def answer(path: Path, output: Path, **options: Any):
     """The boundary elements' answer, and which of its tasks were reused."""
     case, notes = replace(load_case(path), methods=("bem",)), []
-    answers = run_cases([case], output, progress=lambda p: notes.append(p.note), **options)
+    answers = run_cases([case], Run(output, 1, progress=noting(notes), **options))
     return answers[case.id]["bem"].results[0], notes
 
 
 def test_results_of_the_users_solver_do_not_pass_for_the_packages(write_case, tmp_path) -> None:
     path, out = write_case(ONE), tmp_path / "out"
     for _ in range(2):  # the second run has to solve again, too
-        notes: list[str] = []
+        notes: list[bool] = []
         verdict = verify(
             path, output=out, solver=f"bem_of_mine={__name__}:half_the_area", jobs=1,
-            progress=lambda p, notes=notes: notes.append(p.note),
+            progress=noting(notes),
         )  # fmt: skip
-        assert notes[-1] == ""
+        assert not notes[-1]
     wrong = verdict.cases[0].answers["bem_of_mine"].results[0]
     own, notes = answer(path, out)
-    assert notes == [""]
+    assert notes == [False]
     assert wrong.method == "bem_of_mine"
     assert wrong.provenance.options["solver"] == f"{__name__}:half_the_area"
     assert own.final.areas["raw"].total == pytest.approx(2 * wrong.final.areas["raw"].total)
@@ -99,13 +104,13 @@ def test_fields_of_another_load_do_not_pass_for_those_of_this_one(write_case, tm
     answer(other, out)  # as verify runs it: without fields
     assert not fields.exists()
     _, notes = answer(other, out, fields="first")
-    assert notes == [""]
+    assert notes == [False]
     assert read_fields(fields).attributes["mean_pressure"] == 6.0e8
     # Solving afresh without fields leaves those of the very same task, and they are reused.
     answer(other, out, fresh=True)
-    assert answer(other, out, fields="first")[1] == ["reused"]
+    assert answer(other, out, fields="first")[1] == [True]
     fields.write_bytes(b"spoilt")
-    assert answer(other, out, fields="first")[1] == [""]
+    assert answer(other, out, fields="first")[1] == [False]
     assert read_fields(fields).shape == (32, 32)
 
 
@@ -135,8 +140,8 @@ def test_every_change_of_a_case_is_solved_again(write_case, tmp_path) -> None:
     for change in CHANGES:
         first = write_case(ONE)
         answer(first, out)
-        assert answer(first, out)[1] == ["reused"]
-        assert answer(write_case(ONE, change), out)[1] == [""], change
+        assert answer(first, out)[1] == [True]
+        assert answer(write_case(ONE, change), out)[1] == [False], change
 
 
 def test_two_cases_of_one_id_are_refused(write_case, tmp_path) -> None:
@@ -144,7 +149,7 @@ def test_two_cases_of_one_id_are_refused(write_case, tmp_path) -> None:
     (tmp_path / "other").mkdir()
     second = load_case(write_case(ONE).rename(tmp_path / "other" / "small.toml"))
     with pytest.raises(InvalidCase, match="folders of their own"):
-        run_cases([first, second], tmp_path / "out")
+        run_cases([first, second], Run(tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 
 

@@ -19,7 +19,7 @@ from rich.console import Console
 from epcontact.cli.tables import answers_table, verdict_table
 from epcontact.errors import OutputError
 from epcontact.harness.answers.pictures import theory_densities
-from epcontact.harness.answers.run import run_cases
+from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates.gate import GateVerdict
@@ -200,7 +200,7 @@ def test_a_field_file_is_that_of_the_last_load(write_case, tmp_path) -> None:
             ("[theory]\nenergy_reduction = 0.536", ""),
         )
     )  # fmt: skip
-    answer = run_cases([case], tmp_path, fields="first")[case.id]["bem"].results[0]
+    answer = run_cases([case], Run(tmp_path, 1, fields="first"))[case.id]["bem"].results[0]
     (path,) = tmp_path.rglob("bem*.vti")
     file = read_fields(path)
     first, last = answer.steps

@@ -171,9 +171,9 @@ def test_each_row_is_the_solve_at_its_point(swept, tmp_path) -> None:
     assert found["solved"].all()
 
 
-def stopped_after(count: int) -> Callable[[Any], None]:
-    def progress(at: Any) -> None:
-        if at.done == count:
+def stopped_after(count: int) -> Callable[..., None]:
+    def progress(done: float, *_: Any) -> None:
+        if done == count:
             raise KeyboardInterrupt
 
     return progress
@@ -371,9 +371,9 @@ def test_a_dask_sweep_with_a_killed_worker_is_the_same(
     victim = next(worker.pid for worker in cluster.workers.values())
     killed: list[int] = []
 
-    def kill(at: Any) -> None:
-        if not killed:
-            killed.append(at.done)
+    def kill(done: float, *_: Any) -> None:
+        if done and not killed:
+            killed.append(victim)
             os.kill(victim, signal.SIGKILL)
 
     dask = "epcontact.harness.cluster:dask"

@@ -22,7 +22,7 @@ from epcontact.cli.tables import (
     verdict_table,
 )
 from epcontact.errors import EpcontactError, OutputError
-from epcontact.harness.answers.run import default_jobs, run_cases
+from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.case_files import case as casefile
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.case_files.schema import Family, key_table
@@ -32,7 +32,6 @@ from epcontact.harness.verdict.files import set_verdict_aside
 from epcontact.harness.verdict.record import Verdict
 from epcontact.harness.verdict.verification import cases_to_verify
 from epcontact.harness.verdict.verification import verify as run_gates
-from epcontact.output.vtk import Precision
 from epcontact.results import plain
 from epcontact.surfaces import HeightsFromFile
 
@@ -61,22 +60,11 @@ def keys() -> None:
     help="Only this method; may be repeated. Default: all that the case names.",
 )
 @options.size
-@options.jobs
-@options.output
-@options.fresh
+@options.of_run("jobs", "output", "fresh", "precision")
 @options.fields
-@options.precision
 @click.option("--charts", is_flag=True, help="Draw charts, which take as long as a large solve.")
-def run(  # noqa: PLR0913, PLR0917 - the options of the command
-    case: str,
-    methods: tuple[str, ...],
-    size: str,
-    jobs: int | None,
-    output: Path,
-    fresh: bool,
-    fields: str,
-    precision: Precision,
-    charts: bool,
+def run(
+    case: str, methods: tuple[str, ...], size: str, run: Run, fields: str | None, charts: bool
 ) -> None:
     """Solve one case and write its results and fields; no gate is judged."""
     loaded = _load(casefile.find_case(case), size)
@@ -88,18 +76,9 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
     if loaded.skip:
         raise _Refusal(f"{loaded.path}: {loaded.skip}")
     chosen = replace(loaded, methods=tuple(dict.fromkeys(methods)) or loaded.methods)
-    workers = jobs or default_jobs(size)
-    with options.shown_progress() as (progress, moving):
-        answers = run_cases(
-            [chosen],
-            output,
-            jobs=workers,
-            fresh=fresh,
-            fields=_written(fields),
-            precision=precision,
-            progress=progress,
-            moving=moving,
-        )[loaded.id]
+    run = _writing(run, fields or "first")
+    with options.shown_progress(run) as shown:
+        answers = run_cases([chosen], shown)[loaded.id]
     open_console().print(answers_table(answers))
     print_surface_notes(open_console(), chosen, answers)
     if sentence := gamma_sentence([chosen]):
@@ -112,19 +91,16 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
     if charts:
         from epcontact.cli.figures import draw  # charts take long to load
 
-        draw(chosen, answers, chosen.folder(output))
+        draw(chosen, answers, chosen.folder(run.folder))
     if fields == "film":
-        _draw_films(chosen, output)
-    click.echo(f"results in {chosen.folder(output)}")
+        _draw_films(chosen, run.folder)
+    click.echo(f"results in {chosen.folder(run.folder)}")
 
 
 @click.command()
 @click.argument("cases", nargs=-1)
 @options.size
-@options.jobs
-@options.output
-@options.fresh
-@options.executor
+@options.of_run("jobs", "output", "fresh", "executor", "precision")
 @click.option(
     "--solver",
     default="",
@@ -134,24 +110,14 @@ def run(  # noqa: PLR0913, PLR0917 - the options of the command
     "language with the placeholders {scene} and {result}.",
 )
 @click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
-@click.option(
-    "--fields",
-    type=click.Choice(["first", "all", "steps", "film", "none"]),
-    default=None,
-    help="Write fields as run does. Default: none, with --report those of the first surface.",
-)
-@options.precision
-def verify(  # noqa: PLR0913, PLR0917 - the options of the command
+@options.fields
+def verify(
     cases: tuple[str, ...],
     size: str,
-    jobs: int | None,
-    output: Path,
-    fresh: bool,
-    executor: str,
+    run: Run,
     solver: str,
     with_report: bool,
     fields: str | None,
-    precision: Precision,
 ) -> None:
     """Run the gates of the cases (all, where none is named) and write the verdict.
 
@@ -164,26 +130,15 @@ def verify(  # noqa: PLR0913, PLR0917 - the options of the command
     Both are text; {scene.npz} and {result.npz} are files of numpy instead.
     `python -m pydoc epcontact.harness.methods.exchange` describes them line by line.
     """
+    output = run.folder
     set_verdict_aside(output)
     given: Sequence[str | Case] = cases
     fields = fields or ("first" if with_report else "none")
     if size == "auto":
         named = [case for name in cases for case in casefile.find_named(name)]
         given = [_load(case, size) for case in named or cases_to_verify("fast")]
-    with options.shown_progress() as (progress, moving):
-        verdict = run_gates(
-            given,
-            size=size,
-            jobs=jobs,
-            output=output,
-            solver=solver,
-            executor=executor,
-            fresh=fresh,
-            fields=_written(fields),
-            precision=precision,
-            progress=progress,
-            moving=moving,
-        )
+    with options.shown_progress(_writing(run, fields)) as shown:
+        verdict = run_gates(given, shown, size=size, solver=solver)
     try:
         if fields == "film":
             for judged in verdict.cases:
@@ -238,9 +193,9 @@ def schema(kind: str) -> None:
     click.echo(json.dumps(plain(model.model_json_schema()), indent=2, allow_nan=False))
 
 
-def _written(fields: str) -> str:
-    """Return what the harness writes; a film is drawn from the steps."""
-    return "steps" if fields == "film" else fields
+def _writing(run: Run, fields: str) -> Run:
+    """Return the run with the fields that the harness writes; a film is drawn from the steps."""
+    return replace(run, fields="steps" if fields == "film" else fields)
 
 
 def _draw_films(case: Case, output: Path) -> None:

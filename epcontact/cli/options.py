@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -18,7 +21,7 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bar
 
-from epcontact.harness.answers.run import Progress
+from epcontact.harness.answers.run import Run
 from epcontact.harness.case_files import case as casefile
 
 size = click.option(
@@ -28,53 +31,70 @@ size = click.option(
     show_default=True,
     help="Which of a case's sizes to run; auto: the cheapest that its gates allow.",
 )
-jobs = click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    default=None,
-    help="Number of worker processes, which share the cores. "
-    "Default: one for each core, or one for size large.",
-)
-executor = click.option(
-    "--executor",
-    default="",
-    metavar="MODULE:FUNCTION",
-    help="Solve on the workers of the concurrent.futures.Executor that the function returns, such "
-    "as epcontact.harness.cluster:dask. --jobs is then how many solves share the cores of a "
-    "worker, by default 1.",
-)
-output = click.option(
-    "--output",
-    type=click.Path(path_type=Path),
-    default=Path("results"),
-    show_default=True,
-    help="Folder for results; existing results of the same scene and sources are reused.",
-)
-fresh = click.option("--fresh", is_flag=True, help="Solve again even if a result exists.")
+
+#: The options that make a `Run`, by its attributes.
+_OF_RUN = {
+    "jobs": click.option(
+        "--jobs",
+        type=click.IntRange(min=1),
+        default=None,
+        help="Number of worker processes, which share the cores. "
+        "Default: one for each core, or one for size large.",
+    ),
+    "output": click.option(
+        "--output",
+        type=click.Path(path_type=Path),
+        default=Path("results"),
+        show_default=True,
+        help="Folder for results; existing results of the same scene and sources are reused.",
+    ),
+    "fresh": click.option("--fresh", is_flag=True, help="Solve again even if a result exists."),
+    "executor": click.option(
+        "--executor",
+        default="",
+        metavar="MODULE:FUNCTION",
+        help="Solve on the workers of the concurrent.futures.Executor that the function returns, "
+        "such as epcontact.harness.cluster:dask. --jobs is then how many solves share the cores of "
+        "a worker, by default 1.",
+    ),
+    "precision": click.option(
+        "--precision",
+        type=click.Choice(["single", "double"]),
+        default="single",
+        show_default=True,
+        help="Of the fields in .vti files: single keeps seven digits, double all at twice the "
+        "size.",
+    ),
+}
 fields = click.option(
     "--fields",
     type=click.Choice(["first", "all", "steps", "film", "none"]),
-    default="first",
-    show_default=True,
+    default=None,
     help="Write the fields (.vti) of the first surface, of all of them, or of none; steps: of the "
     "first one at every load, with the body of the finite elements (.vtu) and a collection (.pvd); "
-    "film: draw these loads as a .gif, too.",
+    "film: draw these loads as a .gif, too.  Default: first; of verify none, or first with "
+    "--report.",
 )
-precision = click.option(
-    "--precision",
-    type=click.Choice(["single", "double"]),
-    default="single",
-    show_default=True,
-    help="Of the fields in .vti files: single keeps seven digits, double all at twice the size.",
-)
+
+
+def of_run(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options of these names, and hand them to it as one `Run`, its `run`."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def handed(**given: Any) -> None:
+            command(run=Run(**{name: given.pop(name) for name in names}), **given)
+
+        for name in reversed(names):
+            handed = _OF_RUN[name](handed)
+        return handed
+
+    return decorate
 
 
 @contextlib.contextmanager
-def shown_progress() -> Iterator[tuple[Callable[[Progress], None], Callable[[float, int], None]]]:
-    """Show progress on stderr with the time left: a bar on a terminal, elsewhere a line a solve.
-
-    The second function moves the bar within a solve.
-    """
+def shown_progress(run: Run) -> Iterator[Run]:
+    """Show the progress of a run on stderr: a bar on a terminal, elsewhere a line a solve."""
     console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}"),
@@ -93,22 +113,17 @@ def shown_progress() -> Iterator[tuple[Callable[[Progress], None], Callable[[flo
     with bar if terminal else contextlib.nullcontext():
         row = bar.add_task("solving", total=None)
 
-        def advance(at: Progress) -> None:
-            if at.note == "reused":  # says nothing about the time of a solve
-                bar.reset(row, completed=at.done, total=at.total, description=at.task)
+        def show(done: float, total: int, words: str) -> None:
+            if words.endswith("(reused)"):  # says nothing about the time of a solve
+                bar.reset(row, completed=int(done), total=total, description=words)
             else:
-                bar.update(row, completed=at.done, total=at.total, description=at.task)
-            if not terminal:
-                notes = [at.note] if at.note else []
-                if at.done < at.total and at.seconds_left >= _SOON:
-                    notes.append(f"about {duration(at.seconds_left)} left")
-                note = f" ({', '.join(notes)})" if notes else ""
-                click.echo(f"[{at.done}/{at.total}] {at.task}{note}", err=True)
+                bar.update(row, completed=done, total=total, description=words or None)
+            if words and not terminal:
+                left = bar.tasks[row].time_remaining if done < total else None
+                note = f" (about {duration(left)} left)" if left and left >= _SOON else ""
+                click.echo(f"[{done}/{total}] {words}{note}", err=True)
 
-        def move(done: float, total: int) -> None:
-            bar.update(row, completed=done, total=total)
-
-        yield advance, move
+        yield replace(run, progress=show)
 
 
 #: Less time than this many seconds is not worth a note.

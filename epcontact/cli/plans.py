@@ -11,6 +11,7 @@ import click
 from epcontact import planning
 from epcontact.cli import options
 from epcontact.errors import EpcontactError, InvalidCase
+from epcontact.harness.answers.run import Run
 from epcontact.harness.case_files import case as casefile
 from epcontact.harness.crosscheck import crosscheck as check_models
 from epcontact.harness.verdict.verification import verify
@@ -36,8 +37,8 @@ from epcontact.materials.hardness_map import effective_hardness
     is_flag=True,
     help="Run the plan, and a finer grid; exit with 1 if the error is larger than promised.",
 )
-@options.executor
-def plan(case: str, tolerance: str, size: str | None, check: bool, executor: str) -> None:
+@options.of_run("executor")
+def plan(case: str, tolerance: str, size: str | None, check: bool, run: Run) -> None:
     """Find the cheapest model of CASE that meets a tolerance; print the reasons and the cost.
 
     --executor is for the solves of --check.
@@ -63,16 +64,16 @@ def plan(case: str, tolerance: str, size: str | None, check: bool, executor: str
     if not chosen.meets:
         raise InvalidCase(f"{chosen.case}: no model within reach meets {tolerance}")
     if check:
-        _check(loaded, chosen, executor)
+        _check(loaded, chosen, run)
 
 
-def _check(case: casefile.Case, chosen: planning.Plan, executor: str) -> None:
+def _check(case: casefile.Case, chosen: planning.Plan, run: Run) -> None:
     """Run a plan and the finer grid that judges it; exit with 1 if it breaks its promise."""
     cheaper = replace(planning.planned_case(case, chosen), methods=(chosen.method,), gates=())
     finer = planning.finer_case(case, chosen)
     with TemporaryDirectory() as folder:
         cases = [one for one in (cheaper, finer) if one is not None]
-        judged = verify(cases, size="auto", output=folder, executor=executor).cases
+        judged = verify(cases, run, size="auto", output=folder).cases
     answers = [answer for one in judged for answer in one.answers.values()]
     if errors := [error for answer in answers for error in answer.errors]:
         raise EpcontactError("; ".join(errors))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 import pandas as pd
 from rich.table import Table
@@ -12,6 +10,7 @@ from epcontact.cli import options
 from epcontact.cli.listing import open_console
 from epcontact.cli.tables import shown_estimate
 from epcontact.errors import EpcontactError
+from epcontact.harness.answers.run import Run
 from epcontact.harness.case_files import case as casefile
 from epcontact.harness.gates.statistics import estimate
 from epcontact.harness.sweep import Swept, digest, in_words, run_sweep
@@ -24,27 +23,15 @@ _AREA = "area.total.corrected"
 @click.command()
 @click.argument("case")
 @click.option("--size", type=click.Choice(casefile.SIZES), default="fast", show_default=True)
-@options.jobs
-@options.output
-@options.fresh
-@options.executor
-def sweep(case: str, size: str, jobs: int | None, output: Path, fresh: bool, executor: str) -> None:
+@options.of_run("jobs", "output", "fresh", "executor")
+def sweep(case: str, size: str, run: Run) -> None:
     """Solve CASE at every point of its table [sweep], on one machine or on a cluster.
 
     The results are kept in a folder as soon as they are solved: stop the command at any moment, and
     start it again to go on. `epcontact.harness.sweep.table(FOLDER)` reads them as a pandas table.
     """
-    with options.shown_progress() as (progress, moving):
-        swept = run_sweep(
-            case,
-            size=size,
-            output=output,
-            jobs=jobs,
-            executor=executor,
-            fresh=fresh,
-            progress=progress,
-            moving=moving,
-        )
+    with options.shown_progress(run) as shown:
+        swept = run_sweep(case, shown, size=size)
     open_console().print(_points_table(swept))
     solved = int(swept.table["solved"].sum())
     click.echo(

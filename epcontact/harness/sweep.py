@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,12 +19,12 @@ from typing import Any
 import pandas as pd
 
 from epcontact.errors import InvalidCase, OutputError, nearest
-from epcontact.harness.answers.run import Progress, default_jobs, run_tasks, tasks_of
+from epcontact.harness.answers.run import Run, run_tasks, tasks_of
 from epcontact.harness.answers.store import Task, key_of, read_member
 from epcontact.harness.case_files.axes import MOST_TASKS, Point, Scalar
 from epcontact.harness.case_files.case import Case, CaseText, case_at, find_case, sweep_of
 from epcontact.harness.methods.registry import METHODS, Method
-from epcontact.harness.processes.pool import Factory, made
+from epcontact.harness.processes.pool import made
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
 from epcontact.output.files import read_bytes, whole_file, write_json
 from epcontact.results import ContactResult
@@ -114,7 +114,7 @@ def _tasks_at(point: Point, case: Case, quantities: Sequence[str]) -> Iterator[T
             )
     name = hashlib.sha256(json.dumps(point, sort_keys=True).encode()).hexdigest()[:10]
     values = ", ".join(f"{key.partition('.')[2]} {in_words(value)}" for key, value in point.items())
-    for task in tasks_of(case, METHODS, "none", Path()):
+    for task in tasks_of(case, Run()):
         yield replace(
             task,
             label=f"{name}-{task.label}",
@@ -136,50 +136,36 @@ def _answers(method: Method, name: str) -> bool:
     )
 
 
-def run_sweep(  # noqa: PLR0913 - the options of the command
-    case: CaseText | Path | str,
-    *,
-    size: str = "fast",
-    output: str | Path = "results",
-    jobs: int | None = None,
-    executor: Factory = "",
-    fresh: bool = False,
-    progress: Callable[[Progress], None] | None = None,
-    moving: Callable[[float, int], None] | None = None,
+def run_sweep(
+    case: CaseText | Path | str, run: Run | None = None, *, size: str = "fast", **options: Any
 ) -> Swept:
     """Solve the sweep of a case, but for what is kept of an earlier run; write `sweep.csv`.
 
     Args:
         case: a name, a path or a case from `find_case`.
+        run: how it is solved, see `Run`; or its attributes as keywords: `output`, `jobs`,
+            `executor`, `fresh` and `progress`.
         size: one of its sizes.
-        output: folder of the results, which are in `<output>/<case>/<size>`.
-        jobs, executor, fresh, progress, moving: see `run.run_tasks`; by default one job a core.
 
     Raises:
         InvalidCase: if the case has no sweep, or one that cannot be solved.
         OutputError: if a file cannot be written.
     """
+    run = replace(run or Run(), **options)
     sweep = read_sweep(case, size)
-    folder = sweep.tasks[0].case.folder(Path(output))
+    folder = sweep.tasks[0].case.folder(run.folder)
+    executor = run.executor
 
     def listed() -> Executor:  # the list is not left behind where there is no such executor
         found = made(executor)
-        _write_list(sweep, Path(output), folder)
+        _write_list(sweep, run.folder, folder)
         return found
 
     if not executor:
-        _write_list(sweep, Path(output), folder)
-    done = run_tasks(
-        sweep.tasks,
-        Path(output),
-        jobs=jobs or (1 if executor else default_jobs(size)),
-        executor=listed if executor else "",
-        fresh=fresh,
-        progress=progress,
-        moving=moving,
-    )
+        _write_list(sweep, run.folder, folder)
+    done = run_tasks(sweep.tasks, replace(run, executor=listed if executor else ""))
     if executor and len(done.reused) == len(sweep.tasks):  # then no executor was made
-        _write_list(sweep, Path(output), folder)
+        _write_list(sweep, run.folder, folder)
     failures = {
         f"{task.method.name}-{task.label}": outcome
         for task, outcome in done.outcomes.items()

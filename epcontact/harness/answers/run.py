@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Real
 from pathlib import Path
+from typing import get_args
 
 from epcontact.errors import InvalidCase
 from epcontact.harness.answers.solve import Outcome, Parcel, get_ready, solve_elsewhere, solve_task
@@ -25,26 +25,70 @@ from epcontact.machine import available_cores, available_memory
 from epcontact.output.files import remove_leftovers, require_writable, write_json
 from epcontact.output.vtk import Precision
 from epcontact.results import ContactResult
+from epcontact.scene import whole
+
+#: The fields that can be written, see `Run`, and the precisions of their numbers.
+FIELDS, PRECISIONS = ("none", "first", "all", "steps"), get_args(Precision)
+
+
+#: Called with the number of tasks done (within a solve with its share, too), the number of all and,
+#: at the end of a task, its name, which ends with "(reused)" or "(failed)" if it was.
+Progress = Callable[[float, int, str], None]
+
+
+def silent(done: float, total: int, words: str) -> None:
+    """Tell nobody about progress."""
 
 
 @dataclass(frozen=True)
-class Progress:
-    """A report that one more task is done.
+class Run:
+    """How cases are solved: made once by a command or a caller, and handed down whole.
 
     Attributes:
-        done: tasks done so far, this one included.
-        total: number of tasks.
-        task: the case, the method and the surface, in words.
-        note: "reused", "failed" or empty.
-        seconds_left: the time that the other tasks will take at the pace of those solved last;
-            nan before the first one.
+        output: folder for the results.
+        jobs: number of worker processes, which share the cores; fewer are started where their
+            solves are estimated not to fit into memory side by side.  None: one for each core, or a
+            single one for size large, whose solves fill the memory.  With an executor, the number
+            of solves that share the cores of one of its workers; None: 1.
+        executor: a factory of a `concurrent.futures.Executor` whose workers solve, or its name
+            `module:function`; empty: processes of this machine.
+        fresh: solve again what is already in the output folder.
+        fields: write the fields (.vti) of the "first" surface of each case, of "all" or of "none";
+            "steps": those of the first one at every load, and the bodies of the finite elements.
+        precision: of the numbers in the .vti files: "single", seven digits, or "double".
+        progress: see `Progress`.
+
+    Raises:
+        InvalidCase, InvalidScene: if a value is none of these.
     """
 
-    done: int
-    total: int
-    task: str
-    note: str
-    seconds_left: float = math.nan
+    output: str | Path = "results"
+    jobs: int | None = None
+    executor: Factory = ""
+    fresh: bool = False
+    fields: str = "none"
+    precision: Precision = "single"
+    progress: Progress = silent
+
+    def __post_init__(self) -> None:
+        if self.jobs is not None:
+            whole("jobs", self.jobs, 1)
+        for name, known in (("fields", FIELDS), ("precision", PRECISIONS)):
+            if getattr(self, name) not in known:
+                given = getattr(self, name)
+                raise InvalidCase(f"{name} is {given!r}, but must be one of {', '.join(known)}")
+
+    @property
+    def folder(self) -> Path:
+        """The folder for the results."""
+        return Path(self.output)
+
+    def jobs_for(self, tasks: Sequence[Task]) -> int:
+        """Return the number of jobs, chosen if it is not given."""
+        if self.jobs is not None:
+            return self.jobs
+        large = any(task.case.size == "large" for task in tasks)
+        return 1 if self.executor or large else available_cores()
 
 
 @dataclass(frozen=True)
@@ -55,31 +99,15 @@ class Done:
     reused: frozenset[Task]
 
 
-def run_cases(  # noqa: PLR0913 - the options of the commands
-    cases: Sequence[Case],
-    output: Path,
-    *,
-    jobs: int = 1,
-    executor: Factory = "",
-    fresh: bool = False,
-    fields: str = "none",
-    precision: Precision = "single",
-    methods: Mapping[str, Method] = METHODS,
-    progress: Callable[[Progress], None] | None = None,
-    moving: Callable[[float, int], None] | None = None,
+def run_cases(
+    cases: Sequence[Case], run: Run, methods: Mapping[str, Method] = METHODS
 ) -> dict[str, dict[str, Answer]]:
     """Answer each case by each of its methods.
 
     Args:
         cases: cases with different ids.
-        output: folder for the results.
-        jobs, executor, fresh: see `run_tasks`.
-        fields: write the fields of each surface ("all"), of the first ("first"), of the first at
-            every load of the path, with the body of the finite elements ("steps"), or none
-            ("none").
-        precision: of the numbers in the .vti files: "single", seven digits, or "double".
+        run: where and how they are solved.
         methods: the registry of the cases' methods.
-        progress, moving: see `run_tasks`.
 
     Returns:
         {case id: {method: Answer}}.  The error of a solve is kept in the Answer as its sentence.
@@ -90,11 +118,8 @@ def run_cases(  # noqa: PLR0913 - the options of the commands
         OutputError: if a result cannot be written.
     """
     _require_distinct(cases)
-    tasks = [task for case in cases for task in tasks_of(case, methods, fields, output)]
-    tasks = [replace(task, precision=precision) for task in tasks]
-    done = run_tasks(
-        tasks, output, jobs=jobs, executor=executor, fresh=fresh, progress=progress, moving=moving
-    )
+    tasks = [task for case in cases for task in tasks_of(case, run, methods)]
+    done = run_tasks(tasks, run)
     answers: dict[str, dict[str, Answer]] = {case.id: {} for case in cases}
     for case in cases:
         for method in case.methods:
@@ -102,34 +127,12 @@ def run_cases(  # noqa: PLR0913 - the options of the commands
             answer = _collect(mine, done)
             answers[case.id][method] = answer
             if answer.results:
-                write_json(case.folder(output) / f"{method}.json", summary(case, answer))
+                write_json(case.folder(run.folder) / f"{method}.json", summary(case, answer))
     return answers
 
 
-def run_tasks(
-    tasks: Sequence[Task],
-    output: Path,
-    *,
-    jobs: int = 1,
-    executor: Factory = "",
-    fresh: bool = False,
-    progress: Callable[[Progress], None] | None = None,
-    moving: Callable[[float, int], None] | None = None,
-) -> Done:
+def run_tasks(tasks: Sequence[Task], run: Run) -> Done:
     """Solve tasks, but for those whose result is kept; keep each new result at once.
-
-    Args:
-        tasks: the tasks.
-        output: folder for the results.
-        jobs: number of worker processes, which share the cores; fewer are started where their
-            solves are estimated not to fit into memory side by side.  With an executor, the number
-            of tasks that share the cores of one of its workers.
-        executor: a factory of a `concurrent.futures.Executor`, or its name `module:function`, whose
-            workers solve the tasks; empty: processes of this machine.
-        fresh: solve again what is already in the output folder.
-        progress: called after every task.
-        moving: called at the start, and within tasks that are solved one by one in this process,
-            with the number of tasks done, the share of the present one included, and of all.
 
     Raises:
         InvalidCase: if there is no such executor.
@@ -137,63 +140,45 @@ def run_tasks(
     """
     outcomes: dict[Task, Outcome] = {}
     reused: set[Task] = set()
-    moments: list[float] = []  # of the start, and of the end of each solve
 
-    def finish(task: Task, outcome: Outcome, note: str) -> None:
+    def finish(task: Task, outcome: Outcome, note: str = "") -> None:
         outcomes[task] = outcome
-        if progress is not None:
-            name = f"{task.case.id} {task.method.name} {task.words or task.label}"
-            left = (len(tasks) - len(outcomes)) * _pace(moments)
-            progress(Progress(len(outcomes), len(tasks), name, note, left))
+        name = f"{task.case.id} {task.method.name} {task.words or task.label}{note}"
+        run.progress(len(outcomes), len(tasks), name)
 
     for task in tasks:
-        earlier = None if fresh else kept(task, output)
+        earlier = None if run.fresh else kept(task, run.folder)
         if earlier is not None:
             reused.add(task)
-            finish(task, earlier, "reused")
+            finish(task, earlier, " (reused)")
     waiting = [task for task in tasks if task not in outcomes]
-    folders = {task.case.folder(output) for task in waiting}
+    folders = {task.case.folder(run.folder) for task in waiting}
     for folder in folders:
         require_writable(folder)
-    moments.append(time.monotonic())
-    move: Callable[[float], None] | None = None
-    if moving is not None:
-        moving(len(outcomes), len(tasks))
-        move = lambda share: moving(len(outcomes) + share, len(tasks))  # noqa: E731
+    run.progress(len(outcomes), len(tasks), "")
+
+    def move(share: float) -> None:
+        run.progress(len(outcomes) + share, len(tasks), "")
+
     try:
-        with contextlib.closing(_solved(waiting, jobs, executor, move)) as solved:
+        with contextlib.closing(_solved(waiting, run, move)) as solved:
             for task, outcome in solved:
                 if isinstance(outcome, ContactResult):
-                    keep(task, output, outcome)
-                moments.append(time.monotonic())
-                finish(task, outcome, "failed" if isinstance(outcome, str) else "")
+                    keep(task, run.folder, outcome)
+                finish(task, outcome, " (failed)" if isinstance(outcome, str) else "")
     finally:
         for folder in folders:
             remove_leftovers(folder)
     return Done(outcomes, frozenset(reused))
 
 
-def _pace(moments: Sequence[float]) -> float:
-    """Return the seconds from one solve's end to the next; nan before the first.
-
-    The last half of them counts: the first ones may have compiled kernels.
-
-    Example:
-        >>> _pace([0.0, 60.0, 61.0, 62.0, 63.0])
-        1.0
-    """
-    if len(moments) < 2:
-        return math.nan
-    first = (len(moments) - 2) // 2
-    return (moments[-1] - moments[first]) / (len(moments) - 1 - first)
-
-
 def _solved(
-    tasks: Sequence[Task], jobs: int, executor: Factory, moving: Callable[[float], None] | None
+    tasks: Sequence[Task], run: Run, moving: Callable[[float], None]
 ) -> Generator[tuple[Task, Outcome]]:
     """Yield each task with its outcome, in any order."""
-    if executor:
-        yield from _solved_by(executor, tasks, jobs)
+    jobs = run.jobs_for(tasks)
+    if run.executor:
+        yield from _solved_by(run.executor, tasks, jobs)
         return
     jobs = _fitting(tasks, min(jobs, len(tasks)))
     threads = max(1, available_cores() // max(1, jobs))
@@ -244,14 +229,6 @@ def _fitting(tasks: Sequence[Task], jobs: int) -> int:
     return max(1, min(jobs, int(available_memory() // largest)))
 
 
-def default_jobs(size: str) -> int:
-    """Return the number of worker processes: one for each core, or a single one for size large.
-
-    Large grids are solved one by one, each with all cores, because two would not fit into memory.
-    """
-    return 1 if size == "large" else available_cores()
-
-
 def _require_distinct(cases: Sequence[Case]) -> None:
     by_id: dict[str, Case] = {}
     for case in cases:
@@ -263,21 +240,21 @@ def _require_distinct(cases: Sequence[Case]) -> None:
             )
 
 
-def tasks_of(
-    case: Case, methods: Mapping[str, Method], fields: str, output: Path
-) -> Iterator[Task]:
+def tasks_of(case: Case, run: Run, methods: Mapping[str, Method] = METHODS) -> Iterator[Task]:
     """Yield the tasks of a case: each method on each surface, or on one if that answers all."""
     for name in case.methods:
         method = methods[name]
         single = method.one_answer(case.options[name])
         for member, recipe in enumerate(case.recipes[:1] if single else case.recipes):
             seed = None if single else getattr(recipe, "seed", None)
-            task = Task(case, method, member, "single" if seed is None else f"seed{seed}")
-            wanted = fields == "all" or (fields in ("first", "steps") and member == 0)
-            if wanted and method.has_fields:
-                task = replace(task, fields=task.fields_path(output))
-                if fields == "steps" and method.steps:
-                    task = replace(task, steps=task.steps_path(output))
+            label = "single" if seed is None else f"seed{seed}"
+            task = Task(case, method, member, label, precision=run.precision)
+            if method.has_fields and (
+                run.fields == "all" or (member == 0 and run.fields != "none")
+            ):
+                task = replace(task, fields=task.fields_path(run.folder))
+                if run.fields == "steps" and method.steps:
+                    task = replace(task, steps=task.steps_path(run.folder))
             yield task
 
 

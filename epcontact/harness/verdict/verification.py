@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import get_args
+from typing import Any
 
 from epcontact.errors import InvalidCase, nearest
-from epcontact.harness.answers.run import Progress, default_jobs, run_cases
+from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.case_files.case import (
     SIZES,
     Case,
@@ -18,7 +18,6 @@ from epcontact.harness.case_files.case import (
     load_cases,
 )
 from epcontact.harness.methods.registry import METHODS, REPLACED, solver_named
-from epcontact.harness.processes.pool import Factory
 from epcontact.harness.verdict.files import (
     content,
     remove_earlier_verdict,
@@ -28,49 +27,28 @@ from epcontact.harness.verdict.files import (
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.harness.verdict.read_back import require_faithful
 from epcontact.harness.verdict.record import Verdict
-from epcontact.output.vtk import Precision
-from epcontact.scene import listed, whole
-
-#: The fields that can be written, see `verify`, and the precisions of their numbers.
-FIELDS, PRECISIONS = ("none", "first", "all", "steps"), get_args(Precision)
+from epcontact.scene import listed
 
 
-def verify(  # noqa: PLR0913 - the options of the command
+def verify(
     cases: str | Path | Case | Iterable[str | Path | Case] | None = None,
+    run: Run | None = None,
     *,
     size: str = "fast",
-    jobs: int | None = None,
-    output: str | Path = "results",
     solver: str = "",
-    fresh: bool = False,
-    fields: str = "none",
-    precision: Precision = "single",
-    executor: Factory = "",
-    progress: Callable[[Progress], None] | None = None,
-    moving: Callable[[float, int], None] | None = None,
+    **options: Any,
 ) -> Verdict:
     """Solve cases, judge their gates, and write verdict.json and junit.xml.
 
     Args:
         cases: a name, a path or a loaded case, or several of them; None or empty: the cases of a
             bare `epcontact verify`.  A file with variants means all of them.
+        run: how the cases are solved, see `Run`; or its attributes as keywords: `output`, `jobs`,
+            `executor`, `fresh`, `fields`, `precision` and `progress`.
         size: the size at which names and paths are loaded.
-        jobs: number of worker processes; None: one for each core, or one for size large.  With an
-            executor, the number of solves that share the cores of a worker.
-        output: folder for results; an old result is reused if its scene, options and sources
-            have not changed.
         solver: a registered method, `[NAME=]MODULE:FUNCTION` or `[NAME=]COMMAND` (see
             `harness.methods.exchange`), which replaces the boundary elements in every gate, under
             its own name.
-        fresh: solve again what is already in the output folder.
-        fields: write the fields (.vti) of the "first" surface, of "all" or of "none"; "steps":
-            those of the first surface at every load, and the bodies of the finite elements.
-        precision: of the numbers in the .vti files: "single", seven digits, or "double".
-        executor: a factory of a `concurrent.futures.Executor` whose workers solve the cases, or its
-            name `module:function`; empty: processes of this machine.
-        progress: called after every solve.
-        moving: called within solves, if this process makes them one by one, with the number of
-            solves done, the share of the present one included, and of all.
 
     Returns:
         The verdict.  `verdict.cases[i].answers` holds the results in memory.
@@ -86,11 +64,8 @@ def verify(  # noqa: PLR0913 - the options of the command
         >>> verdict.passed, verdict.cases[0].gates[0].status
         (True, 'holds')
     """
-    jobs = None if jobs is None else whole("jobs", jobs, 1)
-    for name, given, known in (("fields", fields, FIELDS), ("precision", precision, PRECISIONS)):
-        if given not in known:
-            raise InvalidCase(f"{name} is {given!r}, but must be one of {', '.join(known)}")
-    set_verdict_aside(Path(output))
+    run = replace(run or Run(), **options)
+    set_verdict_aside(run.folder)
     methods = dict(METHODS)
     named = () if cases is None else listed(cases)
     loaded = _loaded(named or cases_to_verify(size), size)
@@ -103,22 +78,11 @@ def verify(  # noqa: PLR0913 - the options of the command
                 f"--solver {solver} would judge nothing: it takes the place of {REPLACED}, which "
                 "none of the cases names"
             )
-    answers = run_cases(
-        loaded,
-        Path(output),
-        jobs=jobs or (1 if executor else default_jobs(size)),
-        executor=executor,
-        fresh=fresh,
-        fields=fields,
-        precision=precision,
-        methods=methods,
-        progress=progress,
-        moving=moving,
-    )
+    answers = run_cases(loaded, run, methods)
     verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size)
-    write_verdict(verdict, Path(output))
-    require_faithful(Path(output), content(verdict))
-    remove_earlier_verdict(Path(output))
+    write_verdict(verdict, run.folder)
+    require_faithful(run.folder, content(verdict))
+    remove_earlier_verdict(run.folder)
     return verdict
 
 
