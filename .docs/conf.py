@@ -21,7 +21,7 @@ sys.path.insert(0, str(HERE.parent))  # the guide is that of this checkout
 
 from epcontact.harness.case_files.case import CaseText, find_cases, load_case  # noqa: E402
 from epcontact.harness.case_files.citations import papers_of, sources_of  # noqa: E402
-from epcontact.harness.case_files.schema import key_table  # noqa: E402
+from epcontact.harness.case_files.mistakes import key_table  # noqa: E402
 from epcontact.harness.methods.registry import METHODS  # noqa: E402
 from epcontact.harness.quantities.registry import QUANTITIES  # noqa: E402
 from epcontact.reference import CLOSED_FORMS  # noqa: E402

@@ -17,7 +17,7 @@ from epcontact.harness.case_files.case import (
     find_named,
     load_case,
 )
-from epcontact.harness.case_files.case_gates import default_gates
+from epcontact.harness.case_files.tables import default_gates
 from epcontact.harness.case_files.text import at_size
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.verdict.verification import verify
@@ -200,10 +200,10 @@ def test_all_mistakes_between_tables_are_told_at_once(write_case) -> None:
     )
     assert refusals(path) == [
         "case.id is 'other', but must be the file's name, 'small'",
+        "[load] mean_pressure is 7e+09 Pa, but must stay below the hardness of 6e+09 Pa",
         "gate 1: reads persson, which case.methods does not name; add it there",
         "omit has 'quantity.measured_gab' of bem, which is no default gate; did you mean "
         "'quantity.measured_gap'?",
-        "[load] mean_pressure is 7e+09 Pa, but must stay below the hardness of 6e+09 Pa",
     ]
 
 

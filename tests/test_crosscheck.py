@@ -228,7 +228,7 @@ def test_seeds_and_steps_that_mean_nothing_are_refused(tiny) -> None:
         crosscheck(case, steps=4, step_tolerance=0.1)
     with pytest.raises(InvalidCase, match="different numbers"):
         crosscheck(case, seeds=[3, 3])
-    wavy = dataclasses.replace(case, recipes=(Sinusoid((1e-3,) * 2, (16, 16), 1e-6),))
+    wavy = case.changed(recipes=(Sinusoid((1e-3,) * 2, (16, 16), 1e-6),))
     with pytest.raises(InvalidCase, match="surface is not random"):
         crosscheck(wavy, seeds=[1, 2])
 

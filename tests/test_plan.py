@@ -127,7 +127,7 @@ def test_few_pilots_are_not_taken_at_their_word():
 
 def test_as_few_surfaces_as_the_tolerance_allows(write_case):
     case = load_case(write_case(("seeds = [3, 5, 7]", "seeds = [1, 2, 3, 4, 5, 6]")), "full")
-    case = replace(case, methods=("bem",))
+    case = case.changed(methods=("bem",))
     chosen = plan(case, 0.05, threads=1)
     assert chosen.meets
     room = math.sqrt(0.05**2 - chosen.grid_error**2)
@@ -230,7 +230,7 @@ def test_a_finer_grid_finds_out_a_claim_that_is_too_small():
 
 def test_an_ensemble_s_error_holds_its_scatter(write_case):
     case = load_case(write_case(), "fast")
-    chosen = plan(replace(case, methods=("bem",)), 0.3, threads=1)
+    chosen = plan(case.changed(methods=("bem",)), 0.3, threads=1)
     result = bem.solve(case.scene(case.recipes[0]), threads=1)
 
     def shifted(factor: float):
@@ -248,7 +248,7 @@ def test_an_ensemble_s_error_holds_its_scatter(write_case):
 
 @pytest.mark.long
 def test_plans_keep_their_promise_on_surfaces_they_have_not_seen(write_case):
-    case = replace(load_case(write_case(), "full"), methods=("bem",))
+    case = load_case(write_case(), "full").changed(methods=("bem",))
     first = case.recipes[0]
 
     def mean_area(recipes) -> float:
@@ -263,7 +263,7 @@ def test_plans_keep_their_promise_on_surfaces_they_have_not_seen(write_case):
     kept = 0
     for k in range(12):
         given = tuple(replace(first, seed=s) for s in range(8 * k, 8 * k + 8))
-        chosen = plan(replace(case, recipes=given), 0.05, threads=1)
+        chosen = plan(case.changed(recipes=given), 0.05, threads=1)
         fresh = [replace(r, seed=5000 + 200 * k + i) for i, r in enumerate(chosen.recipes)]
         kept += abs(mean_area(fresh) / truth - 1) <= 0.05
     # Of promises at 95 %, more than one broken in twelve has a chance of one in eight.
@@ -319,7 +319,7 @@ def test_gates_that_ask_for_their_grid_keep_it():
 def test_auto_makes_a_case_of_corrected_areas_cheaper_and_its_gates_still_hold():
     given = shipped("hertz-sphere-dense")
     # Gates of 1 %: those of the case itself are a thirtieth of that and keep its grid.
-    case = replace(given, gates=tuple(replace(g, low=-0.01, high=0.01) for g in given.gates))
+    case = given.changed(gates=tuple(replace(g, low=-0.01, high=0.01) for g in given.gates))
     auto, told = auto_case(case, threads=1)
     assert math.prod(auto.recipes[0].shape) < math.prod(case.recipes[0].shape)
     assert "corrected areas" in told
@@ -377,7 +377,7 @@ def test_seeds_of_more_surfaces_than_the_case_has_are_new():
     case = shipped("rough-capped", "fast")
     recipe = case.recipes[0]
     assert isinstance(recipe, SelfAffine)
-    two = replace(case, recipes=(recipe, replace(recipe, seed=9)))
+    two = case.changed(recipes=(recipe, replace(recipe, seed=9)))
     chosen = plan(two, 0.05, threads=1)
     assert chosen.seeds[:2] == (5, 9)
     assert chosen.seeds[2:] == tuple(range(10, 10 + chosen.surfaces - 2))

@@ -73,7 +73,7 @@ def noting(notes: list[bool]) -> Progress:
 
 def answer(path: Path, output: Path, **options: Any):
     """The boundary elements' answer, and which of its tasks were reused."""
-    case, notes = replace(load_case(path), methods=("bem",)), []
+    case, notes = load_case(path).changed(methods=("bem",)), []
     answers = run_cases([case], Run(output, 1, progress=noting(notes), **options))
     return answers[case.id]["bem"].results[0], notes
 
@@ -276,7 +276,7 @@ def test_gamma_is_told_with_the_figures_of_the_theory(write_case) -> None:
     assert gamma_sentence([case]) == "theory with energy reduction gamma = 0.536"
     other = load_case(write_case(("= 0.536", "= 0.5"), name="other"))
     assert gamma_sentence([case, other]).endswith("0.536 in small; 0.5 in other")
-    assert gamma_sentence([replace(case, methods=("bem",))]) == ""
+    assert gamma_sentence([case.changed(methods=("bem",))]) == ""
 
 
 def test_one_reason_is_said_once_however_many_surfaces_have_it(write_case) -> None:

@@ -44,7 +44,7 @@ def answers(bem: list[float], theory: float = 0.1) -> dict[str, Answer]:
 
 def with_its_own_gate(case: Case) -> Case:
     """Without the default gates, which read fields that the results here do not have."""
-    return replace(case, gates=case.gates[:1])
+    return case.changed(gates=case.gates[:1])
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_areas_less_sure_than_the_band_do_not_hold(case) -> None:
     sure, unsure, lost = (result("bem", 0.1, claim) for claim in (0.005, 0.02, float("nan")))
     fem = {"fem": Answer((result("fem", 0.1, 0.03),), ("seed0",))}
     on_fem = replace(case.gates[0], against="fem")
-    gates = replace(case, methods=("persson", "bem", "fem"), gates=(case.gates[0], on_fem))
+    gates = case.changed(methods=("persson", "bem", "fem"), gates=(case.gates[0], on_fem))
     for given, theory_gate, fem_gate in (
         (sure, "holds", "holds"),
         (unsure, "falls short", "falls short"),

@@ -25,7 +25,7 @@ from epcontact.errors import EpcontactError, OutputError
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.case_files import case as casefile
 from epcontact.harness.case_files.case import Case
-from epcontact.harness.case_files.schema import Family, key_table
+from epcontact.harness.case_files.mistakes import case_schema, key_table
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.verdict.files import set_verdict_aside
@@ -75,7 +75,7 @@ def run(
         )
     if loaded.skip:
         raise _Refusal(f"{loaded.path}: {loaded.skip}")
-    chosen = replace(loaded, methods=tuple(dict.fromkeys(methods)) or loaded.methods)
+    chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
     run = _writing(run, fields or "first")
     with options.shown_progress(run) as shown:
         answers = run_cases([chosen], shown)[loaded.id]
@@ -189,8 +189,8 @@ def _show(verdict: Verdict, output: Path) -> None:
 @click.argument("kind", type=click.Choice(["case", "verdict"]))
 def schema(kind: str) -> None:
     """Print the JSON Schema of a case file, or of verdict.json."""
-    model = Family if kind == "case" else Verdict
-    click.echo(json.dumps(plain(model.model_json_schema()), indent=2, allow_nan=False))
+    found = case_schema() if kind == "case" else Verdict.model_json_schema()
+    click.echo(json.dumps(plain(found), indent=2, allow_nan=False))
 
 
 def _writing(run: Run, fields: str) -> Run:

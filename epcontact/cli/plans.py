@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from tempfile import TemporaryDirectory
 
 import click
@@ -69,7 +68,7 @@ def plan(case: str, tolerance: str, size: str | None, check: bool, run: Run) -> 
 
 def _check(case: casefile.Case, chosen: planning.Plan, run: Run) -> None:
     """Run a plan and the finer grid that judges it; exit with 1 if it breaks its promise."""
-    cheaper = replace(planning.planned_case(case, chosen), methods=(chosen.method,), gates=())
+    cheaper = planning.planned_case(case, chosen).changed(methods=(chosen.method,), gates=())
     finer = planning.finer_case(case, chosen)
     with TemporaryDirectory() as folder:
         cases = [one for one in (cheaper, finer) if one is not None]

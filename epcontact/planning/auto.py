@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from epcontact.errors import EpcontactError
 from epcontact.harness.case_files.case import Case, CaseText, load_case
 from epcontact.harness.gates.gate import Gate
@@ -42,7 +40,7 @@ def auto_case(
     Returns:
         The case, never dearer than the given one, and a sentence that says what was done.
     """
-    unchanged = replace(case, size="auto")
+    unchanged = case.changed(size="auto")
     blocking = [g.name for g in case.gates if not _plannable(g)]
     bands = [g.high - g.low for g in case.gates if g.quantity.endswith(".corrected")]
     if blocking or not bands or len(methods_on_grids(case)) > 1:

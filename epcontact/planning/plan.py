@@ -323,7 +323,7 @@ def planned_case(case: Case, chosen: Plan) -> Case:
     options = {m: dict(given) for m, given in case.options.items()}
     if chosen.method in options and chosen.on_grid:
         options[chosen.method] |= chosen.options
-    return replace(case, size="auto", recipes=chosen.recipes, options=options)
+    return case.changed(size="auto", recipes=chosen.recipes, options=options)
 
 
 def finer_case(case: Case, chosen: Plan) -> Case | None:
@@ -338,7 +338,7 @@ def finer_case(case: Case, chosen: Plan) -> Case | None:
         return None
     planned = planned_case(case, chosen)
     methods = tuple(methods_on_grids(case)[:1])
-    return replace(planned, id=f"{case.id}-finer", methods=methods, recipes=recipes, gates=())
+    return planned.changed(id=f"{case.id}-finer", methods=methods, recipes=recipes, gates=())
 
 
 def achieved_error(chosen: Plan, answer: Answer, finer: Answer | None = None) -> float:

@@ -92,7 +92,7 @@ def _only(case: Case, fault: Fault) -> Case:
     assert gates, f"{fault.case} has no gate {fault.quantity} against {fault.against}"
     needed = {gates[0].of, gates[0].against}
     methods = tuple(name for name in case.methods if name in needed)
-    return replace(case, gates=gates[:1], methods=methods, recipes=case.recipes[: fault.surfaces])
+    return case.changed(gates=gates[:1], methods=methods, recipes=case.recipes[: fault.surfaces])
 
 
 # --- patches -------------------------------------------------------------------------------------

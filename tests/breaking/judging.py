@@ -81,7 +81,7 @@ def _with_exit_code(original: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _elastic(case: Any, recipe: Any) -> tuple[Any, Any]:
-    return replace(case, material=replace(case.material, hardness=math.inf)), recipe
+    return case.changed(material=replace(case.material, hardness=math.inf)), recipe
 
 
 PAIRED = ("fem-ensemble", "quantity.mean_gap")
@@ -204,7 +204,7 @@ FAULTS = (
         test="tests/test_verify.py::test_areas_less_sure_than_the_band_do_not_hold",
     ),
     _fault(
-        "the default gates dropped", at(H + "case_files.case_gates.default_gates", lambda: ()),
+        "the default gates dropped", at(H + "case_files.model.default_gates", lambda: ()),
         test="tests/test_casefile.py::test_a_case_has_the_default_gates_of_its_methods",
     ),
     _fault(

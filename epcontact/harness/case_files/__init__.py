@@ -1,9 +1,9 @@
-"""Case files: tables of TOML that become a Case, or one sentence about a mistake.
+"""Case files: tables of TOML that become a Case, or one sentence about each mistake.
 
 text              TOML with variants and with values by size
-axes              the table [sweep]
-schema            every other key: its type, unit and meaning
-case_gates        the gates of a file and the default gates
-case              a Case at one size
+tables, axes      the tables: their keys, types, units and meaning; axes: the table [sweep]
+model             a Case at one size: its tables, and what follows from them
+case              cases are read and checked
+mistakes          the sentences about mistakes, and the table of all keys
 citations         the papers and the software that a case rests on
 """

@@ -17,12 +17,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, ValidationError, create_model, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from epcontact.harness.methods.registry import METHODS, Table
+from epcontact.harness.methods.registry import Table
 
 Scalar = bool | int | float | str
 #: A point of a sweep: its values by their keys, such as "material.hardness".
@@ -30,8 +30,6 @@ Point = dict[str, Scalar]
 
 #: Largest number of tasks of a sweep: weeks of small solves, and still a table that fits.
 MOST_TASKS = 100_000
-
-SECTIONS = ("surface", "material", "body", "load", *(m.table for m in METHODS.values() if m.table))
 
 
 class Range(Table):
@@ -43,7 +41,7 @@ class Range(Table):
     spacing: Literal["linear", "log"] = "linear"
 
     @model_validator(mode="after")
-    def _ordered(self) -> Range:
+    def _ordered(self) -> Self:
         if not self.low < self.high:
             raise ValueError(f"low is {self.low:g}, but must be less than high, {self.high:g}")
         if self.spacing == "log" and self.low <= 0:
@@ -54,10 +52,6 @@ class Range(Table):
         """Return the values at shares of the way from low to high.
 
         They have 12 digits, so that they are the same on every machine.
-
-        Example:
-            >>> Range(low=1, high=100, spacing="log").at(np.array([0, 0.5, 1]))
-            [1.0, 10.0, 100.0]
         """
         if self.spacing == "log":
             values = self.low * (self.high / self.low) ** shares
@@ -66,57 +60,31 @@ class Range(Table):
         return [float(f"{value:.12g}") for value in values]
 
 
-def _axis(key: str, given: Any) -> list[Scalar] | Range:
-    """Check what a key is to take.  Raises ValueError with a sentence."""
-    if isinstance(given, Mapping):
-        try:
-            return Range.model_validate(given)
-        except ValidationError as error:
-            # A misspelt key is both unknown and missing.
-            first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-            where = ".".join(map(str, (key, *first["loc"])))
-            reason = first["ctx"]["error"] if first["type"] == "value_error" else first["msg"]
-            raise ValueError(
-                f"{where}: {str(reason)[0].lower()}{str(reason)[1:]} (a range has low and "
-                "high, and may have points and spacing)"
-            ) from None
-    if not isinstance(given, list):
-        raise ValueError(f"{key} is {given!r:.60}; give a list of values, or low and high")
-    if not given:
-        raise ValueError(f"{key} is empty; give at least one value")
-    for value in given:
-        _require_scalar(key, value)
-    if len(set(given)) < len(given):
-        raise ValueError(f"{key} has a value twice; give each once")
-    return given
+def _different(values: list[Scalar]) -> list[Scalar]:
+    if len(set(values)) < len(values):
+        raise ValueError("a value is there twice; give each once")
+    return values
 
 
-def _require_scalar(key: str, value: Any) -> None:
-    if not isinstance(value, Scalar):
-        raise ValueError(f"{key} has {value!r:.60}, but a point of a sweep has one number or word")
+_Values = Annotated[list[Scalar], Field(min_length=1), AfterValidator(_different)]
+#: What a key takes: values, or a range.
+Axis = Annotated[
+    Annotated[_Values, Tag("values")] | Annotated[Range, Tag("range")],
+    Discriminator(lambda given: "range" if isinstance(given, Mapping | Range) else "values"),
+]
+_Axes = dict[str, Axis]
 
 
-def _flat(table: Mapping[str, Any], number: int) -> Point:
-    """Return a table [[sweep.point]] with its keys joined by dots.  Raises ValueError."""
-    found: Point = {}
-    for section, values in table.items():
-        if not isinstance(values, Mapping):
-            raise ValueError(
-                f"point {number} has {section}, which is no key such as load.mean_pressure"
-            )
-        for key, value in values.items():
-            _require_scalar(f"point {number}: {section}.{key}", value)
-            found[f"{section}.{key}"] = value
-    return found
-
-
-def _section(name: str) -> tuple[Any, Any]:
-    return dict[str, Any], Field(default={}, description=f"values of keys of [{name}]")
-
-
-class SweepTable(create_model("_Sections", __base__=Table, **{s: _section(s) for s in SECTIONS})):  # type: ignore[misc]
+class SweepTable(Table):
     """[sweep]: each section has the keys of the case's section, with lists or ranges."""
 
+    surface: _Axes = Field(default={}, description="values of keys of [surface]")
+    material: _Axes = Field(default={}, description="values of keys of [material]")
+    body: _Axes = Field(default={}, description="values of keys of [body]")
+    load: _Axes = Field(default={}, description="values of keys of [load]")
+    theory: _Axes = Field(default={}, description="values of keys of [theory]")
+    bem: _Axes = Field(default={}, description="values of keys of [bem]")
+    fem: _Axes = Field(default={}, description="values of keys of [fem]")
     seeds: list[Annotated[int, Field(ge=0)]] | None = Field(
         default=None, min_length=1, description="of the surfaces at every point; else the case's"
     )
@@ -127,19 +95,32 @@ class SweepTable(create_model("_Sections", __base__=Table, **{s: _section(s) for
     quantities: list[str] = Field(
         default=[], description="quantities that are measured at every point, as for a gate"
     )
-    point: list[dict[str, Any]] = Field(
+    point: list[dict[str, dict[str, Scalar]]] = Field(
         default=[], description="values of keys that change together, one table for each point"
     )
 
     @property
     def axes(self) -> dict[str, list[Scalar] | Range]:
-        """What each key takes, by its name such as "material.hardness".  Raises ValueError."""
-        given = {name: getattr(self, name) for name in SECTIONS}
-        return {
-            f"{section}.{key}": _axis(f"{section}.{key}", values)
-            for section, keys in given.items()
-            for key, values in keys.items()
-        }
+        """What each key takes, by its name such as "material.hardness"."""
+        sections = ("surface", "material", "body", "load", "theory", "bem", "fem")
+        return {f"{s}.{key}": axis for s in sections for key, axis in getattr(self, s).items()}
+
+    @property
+    def tables(self) -> list[Point]:
+        """The tables [[sweep.point]] with their keys joined by dots."""
+        return [
+            {
+                f"{section}.{key}": value
+                for section in point
+                for key, value in point[section].items()
+            }
+            for point in self.point
+        ]
+
+    @property
+    def sampled(self) -> dict[str, Range]:
+        """The ranges that the Latin hypercube samples."""
+        return {k: a for k, a in self.axes.items() if isinstance(a, Range) and a.points is None}
 
     @property
     def size(self) -> int:
@@ -148,25 +129,24 @@ class SweepTable(create_model("_Sections", __base__=Table, **{s: _section(s) for
         return math.prod(counts) * (self.samples or 1) * max(1, len(self.point))
 
     @model_validator(mode="after")
-    def _answerable(self) -> SweepTable:
-        axes, tables = self.axes, [_flat(t, n) for n, t in enumerate(self.point, start=1)]
-        sampled = [key for key, a in axes.items() if isinstance(a, Range) and a.points is None]
+    def _answerable(self) -> Self:
+        axes, tables, sampled = self.axes, self.tables, self.sampled
         if sampled and self.samples is None:
-            raise ValueError(f"{sampled[0]} is a range; give its points, or samples for the sweep")
+            raise ValueError(
+                f"{min(sampled)} is a range; give its points, or samples for the sweep"
+            )
         if self.samples is not None and not sampled:
             raise ValueError("samples is given, but no key is a range without points")
         if "seed" in self.model_fields_set and not sampled:
-            raise ValueError(
-                "seed is of samples, but there are none; surfaces have seeds = [1, 2, 3]"
-            )
+            raise ValueError("seed is of samples, but there are none; surfaces have seeds = [1, 2]")
+        if not axes and not tables:
+            raise ValueError("no key has values; give such as load.mean_pressure = [1e8, 2e8]")
         for number, table in enumerate(tables, start=1):
             if table.keys() != tables[0].keys():
                 raise ValueError(f"point {number} and point 1 have different keys")
             if both := table.keys() & axes.keys():
                 raise ValueError(f"point {number} gives {min(both)}, which has values of its own")
-        if not axes and not tables:
-            raise ValueError("no key has values; give such as load.mean_pressure = [1e8, 2e8]")
-        if "surface.seeds" in axes or any("surface.seeds" in table for table in tables):
+        if "surface.seeds" in {*axes, *(key for table in tables for key in table)}:
             raise ValueError("surface.seeds is not one value; give seeds = [1, 2, 3] instead")
         if self.size > MOST_TASKS:
             raise ValueError(f"it has {self.size} points, but at most {MOST_TASKS} can be kept")
@@ -174,23 +154,22 @@ class SweepTable(create_model("_Sections", __base__=Table, **{s: _section(s) for
 
     def points(self) -> Iterator[Point]:
         """Yield the points: tables, values and grids in the order of the file, then samples."""
-        axes = self.axes
-        listed = {key: a for key, a in axes.items() if isinstance(a, list)}
-        grids = {key: a for key, a in axes.items() if isinstance(a, Range) and a.points}
-        values = listed | {k: a.at(np.linspace(0, 1, a.points or 2)) for k, a in grids.items()}
-        values = {key: values[key] for key in axes if key in values}
-        tables = [_flat(t, n) for n, t in enumerate(self.point, start=1)] or [{}]
-        for table, combined in product(tables, product(*values.values())):
-            for sample in self._samples():
+        values = {
+            key: axis if isinstance(axis, list) else axis.at(np.linspace(0, 1, axis.points or 2))
+            for key, axis in self.axes.items()
+            if key not in self.sampled
+        }
+        samples = list(self._samples())
+        for table, combined in product(self.tables or [{}], product(*values.values())):
+            for sample in samples:
                 yield table | dict(zip(values, combined, strict=True)) | sample
 
-    def _samples(self) -> list[Point]:
-        sampled = {k: a for k, a in self.axes.items() if isinstance(a, Range) and not a.points}
-        if not sampled:
-            return [{}]
+    def _samples(self) -> Iterator[Point]:
+        if not self.sampled:
+            return iter([{}])
         from scipy.stats import qmc  # takes long to load
 
-        shares = qmc.LatinHypercube(len(sampled), rng=np.random.default_rng(self.seed))
+        shares = qmc.LatinHypercube(len(self.sampled), rng=np.random.default_rng(self.seed))
         columns = shares.random(self.samples or 1).T
-        values = [a.at(column) for a, column in zip(sampled.values(), columns, strict=True)]
-        return [dict(zip(sampled, row, strict=True)) for row in zip(*values, strict=True)]
+        values = [a.at(column) for a, column in zip(self.sampled.values(), columns, strict=True)]
+        return (dict(zip(self.sampled, row, strict=True)) for row in zip(*values, strict=True))

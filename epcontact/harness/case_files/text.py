@@ -8,6 +8,7 @@ the same quantity or, if there is none, is added.  So a family states once what 
 
 from __future__ import annotations
 
+import contextlib
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -72,6 +73,61 @@ def package_files() -> list[Path]:
     return sorted(inside.glob("*.toml")) or sorted(beside.glob("*.toml"))
 
 
+def find_cases() -> list[CaseText]:
+    """Return the cases in ./cases or, if there are none, those that came with the package.
+
+    Raises:
+        InvalidCase: if one of the files is not a case file.
+
+    Example:
+        >>> "hertz-sphere" in [case.id for case in find_cases()]
+        True
+    """
+    return [case for file in case_files() for case in read_cases(file)]
+
+
+def find_named(name: str | Path) -> tuple[CaseText, ...]:
+    """Return the cases that a name refers to: one case by its id, or all cases of a file.
+
+    Args:
+        name: the id of a case, the name of a file in the folder ./cases or among the cases of
+            the package, or a path.
+
+    Raises:
+        InvalidCase: if no case or file has that name.
+    """
+    path, text = Path(name), str(name)
+    known: dict[str, tuple[CaseText, ...]] = {}
+    # A folder of the user's own cases does not hide those of the package.
+    for folder in (case_files(), package_files()) if path.suffix != ".toml" else ():
+        for file in folder:
+            if case_name(file) == text:
+                return read_cases(file)
+            known.setdefault(case_name(file), ())
+            with contextlib.suppress(InvalidCase):  # other mistakes in that file do not matter here
+                known |= {case.id: (case,) for case in read_cases(file)}
+        if text in known:
+            return known[text]
+    if path.is_file():
+        return read_cases(path)
+    if path.suffix == ".toml" or path.exists():
+        raise InvalidCase(f"{name}: no such case file; `epcontact list` shows the cases")
+    file = path.with_name(f"{path.name}.toml")
+    meant = f"; did you mean the file {file}?" if file.is_file() else nearest(text, known)
+    raise InvalidCase(f"no case is called {text!r}{meant}")
+
+
+def find_case(name: str | Path) -> CaseText:
+    """Return the one case that a name refers to; see `find_named`.  Raises InvalidCase."""
+    cases = find_named(name)
+    # A file may hold a family of which one case has the name of the file.
+    cases = tuple(case for case in cases if case.id == str(name)) or cases
+    if len(cases) > 1:
+        ids = ", ".join(case.id for case in cases)
+        raise InvalidCase(f"{name} holds {len(cases)} cases; name one of them: {ids}")
+    return cases[0]
+
+
 def read_cases(path: Path) -> tuple[CaseText, ...]:
     """Read the case, or the family of cases, in a file.
 
@@ -80,8 +136,8 @@ def read_cases(path: Path) -> tuple[CaseText, ...]:
             variants share an id.
     """
     tables = _read(path)
-    if misspelt := tuple(_misspelt_sizes(str(path), tables)):
-        raise InvalidCase(*misspelt)
+    if misspelt := tuple(_misspelt_sizes("", tables)):
+        raise InvalidCase(*(f"{path}: {sentence}" for sentence in misspelt))
     variants = tables.pop("variant", None)
     if variants is None:
         return (_offered(CaseText(path, case_name(path), tables)),)
@@ -96,8 +152,7 @@ def read_cases(path: Path) -> tuple[CaseText, ...]:
                 f"{path}: variant {number} has the case.id {name!r}, but each variant needs a "
                 "text of its own"
             )
-        where = f"{path}: variant {name}"
-        laid = _laid_over(where, tables, variant)
+        laid = _laid_over(f"{path}: variant {name}", tables, variant)
         family[name] = _offered(CaseText(path, name, laid, is_variant=True))
     return tuple(family.values())
 
@@ -132,27 +187,31 @@ def _is_size_table(value: Any) -> bool:
     return isinstance(value, Mapping) and bool(value) and set(value) <= set(SIZES)
 
 
+def _items(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield what a table or a list holds, each with its key or its number from 1."""
+    if isinstance(value, Mapping):
+        yield from value.items()
+    elif isinstance(value, list):
+        yield from enumerate(value, start=1)
+
+
 def _size_tables(value: Any) -> Iterator[Mapping[str, Any]]:
     if _is_size_table(value):
         yield value
-    elif isinstance(value, Mapping | list):
-        for item in value.values() if isinstance(value, Mapping) else value:
-            yield from _size_tables(item)
+        return
+    for _, item in _items(value):
+        yield from _size_tables(item)
 
 
 def _misspelt_sizes(where: str, value: Any) -> Iterator[str]:
     """Yield a sentence for each table in which only some keys are sizes."""
-    if isinstance(value, Mapping):
-        wrong = [key for key in value if key not in SIZES]
-        if wrong and len(wrong) < len(value):
-            yield f"{where} has {wrong[0]!r}, which is no size{nearest(wrong[0], SIZES)}"
-        for key, item in value.items():
-            yield from _misspelt_sizes(
-                f"{where}: {key}" if ":" not in where else f"{where}.{key}", item
-            )
-    elif isinstance(value, list):
-        for number, item in enumerate(value, start=1):
-            yield from _misspelt_sizes(f"{where} {number}", item)
+    wrong = [key for key in value if key not in SIZES] if isinstance(value, Mapping) else []
+    if wrong and len(wrong) < len(value):
+        yield f"{where} has {wrong[0]!r}, which is no size{nearest(wrong[0], SIZES)}"
+    for key, item in _items(value):
+        yield from _misspelt_sizes(
+            f"{where} {key}" if isinstance(key, int) else f"{where}.{key}".lstrip("."), item
+        )
 
 
 def _laid_over(where: str, tables: Mapping[str, Any], variant: Mapping[str, Any]) -> dict[str, Any]:

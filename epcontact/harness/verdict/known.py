@@ -103,7 +103,7 @@ def _loaded(size: str, *gates: Mapping[str, Any]) -> Case:
 def _case(size: str = "fast", **changes: Any) -> Case:
     """A case at a size with one gate, without the default gates."""
     case = _loaded(size, _gate(**changes))
-    return replace(case, gates=case.gates[:1])
+    return case.changed(gates=case.gates[:1])
 
 
 def _result(method: str, value: float) -> ContactResult:
@@ -178,12 +178,12 @@ def _verdicts() -> list[tuple[str, object, object]]:
 
 def _cases_together(paired: Mapping[str, Answer]) -> list[tuple[str, object, object]]:
     good, bad = _case(tolerance=0.5), _case(tolerance=1e-3)
-    both = replace(good, gates=(*good.gates, *bad.gates, *good.gates))
+    both = good.changed(gates=(*good.gates, *bad.gates, *good.gates))
     cases = {
         HOLDS: judge_case(good, paired),
         FALLS_SHORT: judge_case(both, paired),
         ERROR: judge_case(both, _answers(failed="fem")),
-        SKIPPED: judge_case(replace(good, skip="absent"), {}),
+        SKIPPED: judge_case(good.changed(skip="absent"), {}),
     }
     out: list[tuple[str, object, object]] = [
         (f"a case that {status}", status, case.status) for status, case in cases.items()

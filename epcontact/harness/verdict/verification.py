@@ -135,4 +135,4 @@ def _in_place(case: Case, name: str) -> Case:
     )
     options = {names.get(m, m): {} if m == REPLACED else o for m, o in case.options.items()}
     methods = tuple(names.get(m, m) for m in case.methods)
-    return replace(case, methods=methods, options=options, gates=tuple(gates))
+    return case.changed(methods=methods, options=options, gates=tuple(gates))
