@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from epcontact import bem
-from epcontact.output.charts.curves import observed_order
+from epcontact.output.charts.plot import observed_order
 from epcontact.reference import bumps, waves
 from epcontact.scene import Load, Material, Scene, Surface
 from epcontact.surfaces import FlatPunch, Paraboloid

@@ -24,9 +24,15 @@ from hypothesis import strategies as st
 from epcontact.errors import OutputError
 from epcontact.output.charts import curves as charts
 from epcontact.output.charts import maps, painting
-from epcontact.output.charts.figures import Chart, Series
-from epcontact.output.charts.study import Plot, draw_table
-from epcontact.output.charts.style import SETTINGS, STATE_COLOURS, series_looks, unit_for
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.plot import (
+    Plot,
+    draw_table,
+    observed_order,
+    pareto_front,
+    series_looks,
+)
+from epcontact.output.charts.style import PART_COLOURS, SETTINGS, STATE_COLOURS, unit_for
 from epcontact.results import (
     APART,
     ELASTIC,
@@ -49,11 +55,6 @@ def blob(shape: tuple[int, ...] = (60, 90)) -> tuple[np.ndarray, np.ndarray, np.
     pressure = np.clip(top * 5e12, 0, 1.5e11)
     state = np.where(pressure >= 1.5e11, PLASTIC, np.where(pressure > 0, ELASTIC, APART))
     return state.astype(np.uint8), pressure, np.where(pressure > 0, 0, -1e-6 * top)
-
-
-def spectrum() -> list[Series]:
-    q = np.geomspace(2.5e4, 6.4e6, 40)
-    return [Series("analytic", q, 1e-20 * (q / 1e5) ** -3.6, line=True), Series("bem", q, 1 / q)]
 
 
 def make_map() -> Chart:
@@ -98,25 +99,43 @@ def make_distribution() -> Chart:
             "bem": [answer("bem", 0.05, 0.05), answer("bem", 0.07, 0.07)],
         },
         hardness=1.5e11,
-        theory=[
-            Series("persson", sigma, density, line=True),
-            Series("without hardness", 1.3 * sigma, 2 * density, line=True),
-        ],
+        theory=pd.concat(
+            [
+                density_of("persson", sigma, density),
+                density_of("without hardness", 1.3 * sigma, 2 * density),
+            ]
+        ),
     )
+
+
+def density_of(name: str, pressure: np.ndarray, density: np.ndarray) -> pd.DataFrame:
+    return pd.DataFrame({"series": name, charts.PRESSURE: pressure, charts.DENSITY: density})
 
 
 def make_areas() -> Chart:
+    """Curves and marks of parts that share colours, on logarithmic axes with uprights."""
     zeta = np.geomspace(1, 256, 40)
     plastic = 0.0572 * np.exp(-30 / zeta)
     total = 0.11 + 0.89 / zeta
-    return charts.areas_against_magnification(
-        [
-            Series("total", zeta, total),
-            Series("elastic", zeta, total - plastic),
-            Series("plastic", zeta, plastic),
-        ],
-        points={"bem total": 0.11, "bem plastic": 0.0572},
+    parts = {"total": total, "elastic": total - plastic, "plastic": plastic}
+    tables = [
+        pd.DataFrame({"part": name, "magnification": zeta, "area": area, "method": "theory"})
+        for name, area in parts.items()
+    ]
+    ends = pd.DataFrame(
+        {"part": ["total", "plastic"], "magnification": 256, "area": [0.11, 0.0572]}
     )
+    plot = Plot(
+        ("magnification", "magnification (–)"),
+        ("area", "contact area (–)"),
+        series=("part", "method"),
+        styles={"theory": "curve", "limit": "open"},
+        colour="part",
+        colours=PART_COLOURS,
+        log="xy",
+        upright={"first": 2.0, "last": 250.0},
+    )
+    return draw_table(pd.concat([*tables, ends.assign(method="limit")]), plot, "Areas.")
 
 
 def test_intervals_wider_than_all_differences_are_said() -> None:
@@ -136,17 +155,13 @@ def test_intervals_wider_than_all_differences_are_said() -> None:
         assert chart.rows[0][0] == "E* xi / sigma_Y = 5"  # data keep plain names
 
 
-def make_spectrum() -> Chart:
-    return charts.power_spectrum(spectrum())
-
-
-def make_short_spectrum() -> Chart:
+def make_short() -> Chart:
     """Axes of little more than a decade, where matplotlib labels minor ticks, and bounds."""
     q = np.geomspace(3, 60, 6)
-    low, high = 0.9 / q, 1.1 / q
-    return charts.power_spectrum(
-        [Series("bem", q, 1 / q, low, high), Series("analytic", q, 1 / q, low, high, line=True)]
-    )
+    columns = {"q": q, "power": 1 / q, "power_low": 0.9 / q, "power_high": 1.1 / q}
+    table = pd.concat(pd.DataFrame({"series": name} | columns) for name in ("bem", "analytic"))
+    plot = Plot(("q", "q (rad/m)"), ("power", "power (m)"), styles={"analytic": "curve"}, log="xy")
+    return draw_table(table, plot, "Two spectra.")
 
 
 def make_history() -> Chart:
@@ -160,8 +175,7 @@ MAKERS: list[Callable[[], Chart]] = [
     make_stability,
     make_distribution,
     make_areas,
-    make_spectrum,
-    make_short_spectrum,
+    make_short,
     make_history,
 ]
 
@@ -256,9 +270,9 @@ def test_a_chart_is_the_same_files_again(make: Callable[[], Chart], tmp_path: Pa
 
 
 def test_the_data_keep_every_digit() -> None:
-    chart = charts.power_spectrum([Series("a", [1 / 3, 2 / 3], [math.pi, math.e])])
+    chart = charts.residual_history({"bem": [1 / 3, math.pi, math.e]})
     rows = list(csv.reader(io.StringIO(chart.csv())))[1:]
-    assert [(float(r[1]), float(r[2])) for r in rows] == [(1 / 3, math.pi), (2 / 3, math.e)]
+    assert [float(row[2]) for row in rows] == [1 / 3, math.pi, math.e]
 
 
 def test_all_files_or_none(tmp_path: Path) -> None:
@@ -272,8 +286,7 @@ def test_matplotlib_is_left_as_it_was() -> None:
     code = (
         "import sys, matplotlib as mpl; mpl.rcParams['font.size'] = 33.0;"
         "from epcontact.output.charts.curves import *;"
-        "from epcontact.output.charts.figures import Series;"
-        "chart = power_spectrum([Series('a', [1, 2], [1, 2])]); chart.png();"
+        "chart = residual_history({'a': [1, 2]}); chart.png();"
         "assert mpl.rcParams['font.size'] == 33.0; assert 'matplotlib.pyplot' not in sys.modules;"
         f"assert chart.figure.axes[0].xaxis.label.get_size() == {SETTINGS['axes.labelsize']};"
     )
@@ -287,8 +300,8 @@ def test_states_look_the_same_everywhere() -> None:
     for kind, name in ((APART, "apart"), (ELASTIC, "elastic"), (PLASTIC, "plastic")):
         assert mpl.colors.to_hex(legend[name].get_facecolor()) == STATE_COLOURS[kind]
     lines = {line.get_label(): line for line in make_areas().figure.axes[0].lines}
-    assert lines["elastic"].get_color() == STATE_COLOURS[ELASTIC]
-    assert lines["plastic"].get_color() == lines["bem plastic"].get_color() == "#000000"
+    assert lines["elastic, theory"].get_color() == STATE_COLOURS[ELASTIC]
+    assert lines["plastic, theory"].get_color() == lines["plastic, limit"].get_color() == "#000000"
 
 
 def legend_entries(legend: Any) -> zip[tuple[Any, Any]]:
@@ -329,7 +342,7 @@ def test_shrinking_averages_and_keeps_the_order(
 )
 @settings(deadline=None)
 def test_nothing_beats_the_pareto_front(points: list[tuple[float, float]]) -> None:
-    front = charts.pareto_front(*zip(*points, strict=True))
+    front = pareto_front(*zip(*points, strict=True))
     kept = {tuple(p) for p in front.tolist()}
     expected = {
         (c, e)
@@ -346,12 +359,12 @@ def test_nothing_beats_the_pareto_front(points: list[tuple[float, float]]) -> No
 def test_the_order_of_a_power_law_is_its_exponent(order: float, factor: float) -> None:
     h = np.array([0.5, 0.25, 0.1, 0.01, 0.0])
     error = np.array([*(factor * h[:4] ** order), 1.0])
-    assert charts.observed_order(h, error) == pytest.approx(order, abs=1e-9)
+    assert observed_order(h, error) == pytest.approx(order, abs=1e-9)
 
 
 def test_no_order_without_two_points() -> None:
-    assert math.isnan(charts.observed_order([1.0, 1.0], [2.0, 3.0]))
-    assert math.isnan(charts.observed_order([1.0, 2.0], [0.0, math.nan]))
+    assert math.isnan(observed_order([1.0, 1.0], [2.0, 3.0]))
+    assert math.isnan(observed_order([1.0, 2.0], [0.0, math.nan]))
 
 
 @given(
@@ -428,8 +441,7 @@ def test_methods_keep_their_colours_and_others_do_not_borrow_them() -> None:
     "wrong",
     [
         lambda: charts.residual_history({}),
-        lambda: charts.areas_against_magnification([]),
-        lambda: charts.power_spectrum([Series("a", [1.0], [math.nan])]),
+        lambda: charts.residual_history({"a": [math.nan]}),
         lambda: charts.pressure_distribution({}),
     ],
 )
@@ -439,10 +451,6 @@ def test_an_empty_chart_is_refused(wrong: Callable[[], Chart]) -> None:
 
 
 def test_ill_shaped_data_are_refused() -> None:
-    with pytest.raises(ValueError, match="unequal number"):
-        Series("a", [1, 2], [1])
-    with pytest.raises(ValueError, match="unequal number"):
-        Series("a", [1, 2], [1, 2], low=[1, 2])
     with pytest.raises(ValueError, match="different grids"):
         maps.pressure_difference(np.ones((2, 3)), np.ones((3, 2)), SPACING)
     with pytest.raises(ValueError, match="newton has shape"):

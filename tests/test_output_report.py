@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 
 from epcontact.errors import OutputError
-from epcontact.harness.answers.pictures import theory_densities
 from epcontact.output.files import write_json
 from epcontact.output.report import Picture, number, report_folder, write_report
 from epcontact.output.vtk import write_image
@@ -258,18 +257,6 @@ def test_the_page_says_what_was_computed_and_where_each_figure_is(folder: Path) 
     # The verdict is the first column, which a phone shows.
     gates = page.read_text("utf-8").split("<h3>Gates</h3>")[1]
     assert re.findall("<th[^>]*>([^<]*)</th>", gates)[0] == "verdict"
-
-
-def test_the_theory_is_drawn_by_its_formula() -> None:
-    """Without hardness: the difference of two Gaussians, at the diffusion that the result names."""
-    G, p0, hardness = 4.2e21, 1.25e10, 1.5e11
-    result = ContactResult.from_json(answer("persson")["members"][0])
-    capped, elastic = theory_densities({"persson": [result]}, hardness)
-    near, far = (np.exp(-((elastic.x - shift) ** 2) / (4 * G)) for shift in (p0, -p0))
-    assert elastic.y == pytest.approx((near - far) / np.sqrt(4 * np.pi * G), rel=1e-12)
-    assert (capped.name, capped.x[-1]) == ("persson", hardness)
-    assert capped.y[-1] == pytest.approx(0.0, abs=1e-12 * capped.y.max())
-    assert [s.name for s in theory_densities({"persson": [result]}, np.inf)] == ["persson"]
 
 
 def test_it_says_what_the_verdict_says(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import pytest
 from epcontact.bem import solve
 from epcontact.errors import StudyUnavailable
 from epcontact.harness.processes.child import Child, ChildDied
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.persson import areas
 from epcontact.studies import (
     STUDIES,

@@ -20,10 +20,11 @@ from typing import Any
 
 import jinja2
 import numpy as np
+import pandas as pd
 
 from epcontact.errors import OutputError
 from epcontact.output.charts.curves import pressure_distribution, residual_history
-from epcontact.output.charts.figures import Chart, Series
+from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.maps import map_of_file, pressure_difference
 from epcontact.output.charts.style import unit_for
 from epcontact.output.files import read_bytes, write_text
@@ -34,7 +35,7 @@ from epcontact.results import ContactResult
 
 Data = Mapping[str, Any]  # the content of a JSON file
 Results = Mapping[str, Sequence[ContactResult]]  # by method, one result a surface
-Theory = Callable[[Results, float], Sequence[Series]]
+Theory = Callable[[Results, float], pd.DataFrame | None]
 
 _MEDIA_TYPES = {"svg": "image/svg+xml", "png": "image/png", "gif": "image/gif"}
 
@@ -260,7 +261,7 @@ def _charts_of(answers: Mapping[str, Data], theory: Theory | None) -> list[Pictu
     tables = [result.distribution for result in everything if result.distribution is not None]
     if tables:
         hardness = max((float(t.pressure[-1]) for t in tables if t.plastic > 0), default=math.inf)
-        curves = theory(results, hardness) if theory else ()
+        curves = theory(results, hardness) if theory else None
         charts.append(pressure_distribution(results, hardness=hardness, theory=curves))
     # Only the longest history of each method is drawn; all of them would hide each other.
     longest = {m: max((r.history for r in found), key=len) for m, found in results.items()}

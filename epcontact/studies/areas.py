@@ -24,7 +24,7 @@ from epcontact import bem
 from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.results import Areas, FloatArray
 from epcontact.scene import SelfAffineSpectrum
 from epcontact.studies.paper_scene import PARTS

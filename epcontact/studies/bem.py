@@ -22,7 +22,7 @@ from epcontact import bem
 from epcontact.bem import METHODS
 from epcontact.errors import NotConverged
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.scene import Scene
 from epcontact.studies.paper_scene import PARTS, area_of, rough_scene
 from epcontact.studies.tables import Progress, Size, listed

@@ -25,7 +25,7 @@ import fem_check
 from epcontact.errors import NotConverged
 from epcontact.materials.moduli import effective_modulus
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.results import ContactResult
 from epcontact.scene import Material, Scene, Surface
 from epcontact.studies.paper_scene import HARDNESS, MODULUS, area_of, rough_scene

@@ -28,7 +28,7 @@ import pandas as pd
 import fem_check
 from epcontact import bem, persson
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import CYCLE
 from epcontact.results import ContactResult
 from epcontact.scene import Load, Scene

@@ -15,7 +15,7 @@ import pandas as pd
 import fem_check
 from epcontact import bem
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.persson.gaps import gap_distribution
 from epcontact.persson.theory import Theory
 from epcontact.results import FloatArray

@@ -13,9 +13,8 @@ from collections.abc import Sequence
 import pandas as pd
 
 from epcontact import bem
-from epcontact.output.charts.curves import observed_order
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table, observed_order
 from epcontact.studies.bem import bare_pair_times
 from epcontact.studies.paper_scene import rough_scene
 from epcontact.studies.tables import Progress, Size

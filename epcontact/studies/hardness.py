@@ -17,7 +17,7 @@ import pandas as pd
 import fem_check
 from epcontact.harness.quantities.registry import measure_all
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
 from epcontact.studies.tables import Progress, Size, mean_with_interval
 from epcontact.surfaces import SelfAffine

@@ -18,7 +18,7 @@ from epcontact.materials.hardness_map import (
     hardness_map,
 )
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.studies.hardness import TABOR
 from epcontact.studies.tables import Progress, Size
 

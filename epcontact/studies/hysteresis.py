@@ -29,7 +29,7 @@ import pandas as pd
 import fem_check
 from epcontact import bem
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.persson.elastoplastic import areas
 from epcontact.persson.separation import flattened_roughness, mean_separation
 from epcontact.persson.theory import Theory

@@ -17,7 +17,7 @@ import pandas as pd
 from epcontact import bem, persson
 from epcontact.output.charts.curves import pressure_density
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import CYCLE, STATE_COLOURS
 from epcontact.results import ELASTIC, PLASTIC, PressureDistribution
 from epcontact.scene import Scene

@@ -19,7 +19,7 @@ import fem_check
 from epcontact import bem, persson
 from epcontact.materials.moduli import effective_modulus
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 from epcontact.studies.paper_scene import GAMMA, area_of, rough_scene

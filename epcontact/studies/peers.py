@@ -30,7 +30,7 @@ from epcontact.errors import StudyUnavailable
 from epcontact.harness.methods.peers import PEERS, Pressure
 from epcontact.harness.processes.child import Child, ChildDied
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.results import FloatArray
 from epcontact.studies.paper_scene import LAWS, MODULUS, rough_scene
 from epcontact.studies.speed import AIMS, LOOSE, TIGHT

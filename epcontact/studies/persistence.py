@@ -20,7 +20,7 @@ from epcontact.errors import InvalidScene
 from epcontact.harness.quantities.model_difference import capped_body, elements_compliance
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.scene import Body, Load, Scene
 from epcontact.studies.hardness import SLOPE, TABOR, model_scene
 from epcontact.studies.paper_scene import GAMMA, area_of

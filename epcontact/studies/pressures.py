@@ -30,7 +30,7 @@ from epcontact.bem.areas.distribution import end_fit, end_fits, extrapolated
 from epcontact.harness.gates.statistics import estimate
 from epcontact.output.charts.curves import pressure_density
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.results import ContactResult, PressureDistribution
 from epcontact.scene import Scene
 from epcontact.studies.paper_scene import GAMMA, HARDNESS, rough_scene

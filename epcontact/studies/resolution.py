@@ -17,9 +17,8 @@ import pandas as pd
 
 from epcontact import bem
 from epcontact.bem.areas.rim_correction import perimeter_areas
-from epcontact.output.charts.curves import observed_order
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table, observed_order
 from epcontact.studies.paper_scene import PARTS, rough_scene
 from epcontact.studies.tables import Progress, Size, listed, root_mean_square
 

@@ -27,7 +27,7 @@ import pandas as pd
 from epcontact import bem
 from epcontact.machine import available_cores, peak_memory
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 from epcontact.studies.bem import bare_pair_times

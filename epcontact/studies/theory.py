@@ -22,7 +22,7 @@ from scipy.special import erf, erfc
 
 from epcontact import persson
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.study import Plot, draw_table
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.persson.series import SWITCH
 from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum

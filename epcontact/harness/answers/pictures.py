@@ -15,16 +15,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from epcontact import persson
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
-from epcontact.output.charts.curves import (
-    areas_against_magnification,
-    power_spectrum,
-    pressure_distribution,
-)
-from epcontact.output.charts.figures import Chart, Series
+from epcontact.output.charts.curves import DENSITY, PRESSURE, pressure_distribution
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.plot import Plot, draw_table
+from epcontact.output.charts.style import PART_COLOURS
 from epcontact.output.files import write_json
 from epcontact.results import ContactResult
 from epcontact.scene import Surface
@@ -38,18 +37,9 @@ Results = Mapping[str, Sequence[ContactResult]]
 
 
 def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> list[Path]:
-    """Draw the charts that the answers allow.
+    """Draw the charts that the answers allow into a folder; return the files written.
 
-    Args:
-        case: The case that was answered.
-        answers: The answers by method.
-        folder: The folder for the files.
-
-    Returns:
-        The files written.
-
-    Raises:
-        OutputError: If a file cannot be written.
+    Raises OutputError if a file cannot be written.
     """
     scene = case.scene(case.recipes[0])
     results = {method: answer.results for method, answer in answers.items() if answer.results}
@@ -77,37 +67,29 @@ def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> l
     return written
 
 
-def theory_densities(results: Results, hardness: float) -> list[Series]:
-    """Return the theory's densities by formula, for the chart of all methods' pressures.
+def theory_densities(results: Results, hardness: float) -> pd.DataFrame | None:
+    """The theory's densities by formula, for the chart of all methods' pressures.
 
-    Args:
-        results: The results by method.
-        hardness: In Pa; if it is finite, the density without hardness is added, at the same
-            diffusion.
-
-    Returns:
-        One or two series, or none if the theory has no result or the surface has no roughness.
-
-    Example:
-        >>> theory_densities({}, hardness=1.0)
-        []
+    If the hardness (Pa) is finite, the density without hardness is added, at the same diffusion.
+    None if the theory has no result or the surface has no roughness.
     """
     found = results.get("persson", ())
     diffusion = found[0].final.quantities.get("diffusion", 0.0) if found else 0.0
     if not diffusion > 0:
-        return []
+        return None
     p0 = found[0].final.mean_pressure
     curve = persson.pressure_curve(diffusion, p0, hardness)
-    series = [Series("persson", curve.pressure, curve.density, line=True)]
-    if math.isfinite(hardness):
-        sigma = np.linspace(0.0, 1.04 * hardness, 300)
-        elastic = persson.pressure_density(sigma, diffusion, p0)
-        series.append(Series("persson without hardness", sigma, elastic, line=True))
-    return series
+    columns = {PRESSURE: curve.pressure, DENSITY: curve.density}
+    table = pd.DataFrame({"series": "persson"} | columns)
+    if not math.isfinite(hardness):
+        return table
+    sigma = np.linspace(0.0, 1.04 * hardness, 300)
+    columns = {PRESSURE: sigma, DENSITY: persson.pressure_density(sigma, diffusion, p0)}
+    return pd.concat([table, pd.DataFrame({"series": "persson without hardness"} | columns)])
 
 
 def _spectrum_chart(surface: Surface) -> Chart | None:
-    """Chart the spectrum of the surface and the analytic one that it was drawn from.
+    """Figure 2 of the paper: the spectrum of the surface and the one that it was drawn from.
 
     A surface of a few waves, such as a sinusoid, has no chart: a few dots show no spectrum.
     """
@@ -115,25 +97,57 @@ def _spectrum_chart(surface: Surface) -> Chart | None:
     shown = spectrum.density > 1e-12 * spectrum.density.max()
     if np.count_nonzero(shown) < FEWEST_RINGS:
         return None
-    series = [Series("surface", spectrum.wavenumber[shown], spectrum.density[shown])]
     analytic, dimension = surface.spectrum, surface.heights.ndim
+    # The density of a line is the one-dimensional C1 in m^3, that of a surface C in m^4.
+    name, power = ("C_1", 3) if dimension == 1 else ("C", 4)
+    q, column = "wavenumber_rad_per_m", f"density_m{power}"
+    columns = {q: spectrum.wavenumber[shown], column: spectrum.density[shown]}
+    table = pd.DataFrame({"series": "surface"} | columns)
     if analytic is not None:
-        q = np.geomspace(analytic.wavenumber_low, analytic.wavenumber_high, 300)
-        series.append(Series("analytic", q, density(analytic, q, dimension), line=True))
-    return power_spectrum(series, line=dimension == 1)
+        waves = np.geomspace(analytic.wavenumber_low, analytic.wavenumber_high, 300)
+        columns = {q: waves, column: density(analytic, waves, dimension)}
+        table = pd.concat([table, pd.DataFrame({"series": "analytic"} | columns)])
+    plot = Plot(
+        (q, r"wave number $q$ (rad/m)"),
+        (column, rf"spectral density ${name}(q)$ (m$^{power}$)"),
+        styles={"analytic": "curve"},
+        log="xy",
+    )
+    return draw_table(table, plot, "Power spectrum of the surface roughness.")
 
 
 def _magnification_chart(case: Case, areas: persson.MagnificationCurve, results: Results) -> Chart:
-    """Chart the theory's areas, with the mean areas of the boundary elements as points."""
+    """Figure 4 of the paper: the theory's areas, and the mean ones of the boundary elements."""
     parts = {"total": areas.total, "elastic": areas.elastic, "plastic": areas.plastic}
     steps = [result.final for result in results.get("bem", ())]
     # A user's solver that replaces bem need not have corrected areas.
     corrected = [step.areas["corrected"] for step in steps if "corrected" in step.areas]
     means = {p: float(np.mean([getattr(a, p) for a in corrected] or [0.0])) for p in parts}
+    theory = pd.concat(
+        pd.DataFrame({"part": p, "magnification": areas.magnification, "area_fraction": area})
+        for p, area in parts.items()
+        if np.any(area > 0)
+    )
+    points = pd.DataFrame({"part": means.keys(), "area_fraction": means.values(), "method": "bem"})
+    points = points[points["area_fraction"] > 0].assign(magnification=areas.magnification.max())
+    table = pd.concat([theory.assign(method="", style="curve"), points])
+    # Areas vanish exponentially at low magnification and would squeeze everything else, so the
+    # axis ends three decades below the largest area.
+    known = table["area_fraction"][table["area_fraction"] > 0]
+    limits = (max(0.7 * known.min(), 1e-3 * known.max()), 1.5 * known.max())
+    plot = Plot(
+        ("magnification", r"magnification $\zeta = q / q_0$ (–)"),
+        ("area_fraction", r"contact area $A / A_0$ (–)"),
+        series=("part", "method"),
+        colour="part",
+        colours=PART_COLOURS,
+        log="xy",
+        limits={"ylim": limits},
+    )
     gamma = case.options["persson"]["energy_reduction"]
-    return areas_against_magnification(
-        [Series(p, areas.magnification, area) for p, area in parts.items() if np.any(area > 0)],
-        points={f"{p}, bem": mean for p, mean in means.items() if mean > 0},
-        caption=f"{case.id}: areas against magnification by Persson's theory, gamma = {gamma:g}; "
+    return draw_table(
+        table,
+        plot,
+        f"{case.id}: areas against magnification by Persson's theory, gamma = {gamma:g}; "
         "points: the boundary elements, in the continuum limit.",
     )

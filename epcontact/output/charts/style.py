@@ -8,10 +8,9 @@ yellow to dark.
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -28,6 +27,10 @@ DIFFERENCE_MAP = "RdBu_r"
 #: A method has the same colour in every chart.
 METHOD_COLOURS = MappingProxyType({"persson": "#000000", "bem": "#0072b2", "fem": "#d55e00"})
 CYCLE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#000000")
+#: The parts of a contact area have the colours of their states.
+PART_COLOURS = MappingProxyType(
+    {"total": CYCLE[0], "elastic": STATE_COLOURS[ELASTIC], "plastic": STATE_COLOURS[PLASTIC]}
+)
 #: Their numbers have no factor in common with that of the colours, so that looks differ for long.
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "h")
 DASHES = ("-", "--", "-.")
@@ -88,14 +91,9 @@ def typeset(text: str, *, mathtext: bool = True) -> str:
 
 
 def unit_for(largest: float, unit: str) -> tuple[float, str]:
-    """Choose a unit with a prefix that suits a quantity.
+    """Choose a prefix for a unit that suits the largest value of a quantity in it.
 
-    Args:
-        largest: Largest value of the quantity, in `unit`.
-        unit: The unit without prefix, such as "Pa".
-
-    Returns:
-        The scale by which values are to be divided, and the unit with its prefix.
+    Returns the scale by which values are to be divided, and the unit with its prefix.
 
     Example:
         >>> unit_for(2.5e-4, "m")
@@ -108,30 +106,3 @@ def unit_for(largest: float, unit: str) -> tuple[float, str]:
         if size >= scale and (unit != "m" or scale <= 1):
             return scale, prefix + unit
     return _PREFIXES[-1][0], _PREFIXES[-1][1] + unit
-
-
-def series_looks(names: Sequence[str], lines: Sequence[bool]) -> list[dict[str, Any]]:
-    """Return the colour, mark and dashes of each series of a chart.
-
-    A series whose name begins with a method's name has the colour of the method; the others share
-    the remaining colours of the cycle.
-
-    Args:
-        names: Names of the series.
-        lines: True for each series that is a curve, which has dashes of its own but no marks.
-
-    Returns:
-        Keyword arguments of matplotlib's `plot` for each series.
-    """
-    own = [METHOD_COLOURS.get(name.split(" ")[0].rstrip(",:")) for name in names]
-    taken = METHOD_COLOURS.values() if any(own) else ()
-    rest = itertools.cycle([c for c in CYCLE if c not in taken])
-    dashes, marks = itertools.cycle(DASHES), itertools.cycle(MARKERS)
-    return [
-        {
-            "color": colour or next(rest),
-            "marker": None if line else next(marks),
-            "linestyle": next(dashes) if line else "-",
-        }
-        for colour, line in zip(own, lines, strict=True)
-    ]

@@ -1,0 +1,297 @@
+"""One way to draw curves: a table of points, and a `Plot` that says what of it is shown, and how.
+
+A table is tidy: it has one row for each point, and its columns are named with their units.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from epcontact.output.charts.figures import Chart, logarithmic, new_figure, styled
+from epcontact.output.charts.style import CYCLE, DASHES, MARKERS, METHOD_COLOURS, typeset
+from epcontact.results import FloatArray
+
+_GUIDE = {"color": "#7f7f7f", "linewidth": 0.9, "linestyle": ":"}
+
+
+@dataclass(frozen=True)
+class Plot:
+    """The look of the chart of a table.
+
+    x, y: the columns of the two axes, each with its label.  Columns `<y>_low` and `<y>_high`
+        are drawn as error bars, along curves as bands.
+    series: columns whose values name a series, joined by commas (an empty one is left out); the
+        legend has the series in the order of their first rows.
+    styles: how series are drawn, by a value of one of their columns: "points" (marks joined by
+        lines), "marks" (marks alone), "open" (open marks alone) or "curve" (a line without marks);
+        a column `style` of the table does the same.  Others have the style `style`.
+    colour: the column whose values share a colour, with `colours` from value to colour, or in
+        turn; none: each series has its own.
+    labels: entries of the legend that differ from the names of the series.
+    scale: what x and y are divided by in the picture; the data keep their units.
+    log: the axes that are logarithmic, "x", "y" or "xy".
+    ticks: places along x that are labelled; limits: of the axes, as keywords of `Axes.set`.
+    level: height of a dotted line; upright: places of dotted upright lines, by their labels.
+    orders: series whose observed order is shown in the legend as a positive number.
+    front: draw the Pareto front of all series except curves; x is a cost and y an error.
+    """
+
+    x: tuple[str, str]
+    y: tuple[str, str]
+    series: Sequence[str] = ("series",)
+    styles: Mapping[Any, str] = field(default_factory=dict)
+    style: str = "points"
+    colour: str = ""
+    colours: Mapping[Any, str] = field(default_factory=dict)
+    labels: Mapping[str, str] = field(default_factory=dict)
+    scale: tuple[float, float] = (1.0, 1.0)
+    log: str = ""
+    ticks: Sequence[float] = ()
+    limits: Mapping[str, Any] = field(default_factory=dict)
+    level: float | None = None
+    upright: Mapping[str, float] = field(default_factory=dict)
+    orders: Sequence[str] = ()
+    front: bool = False
+
+
+@dataclass(frozen=True)
+class _Line:
+    """One series: its points, their bounds (NaN for none), its style, its value of `Plot.colour`.
+
+    x, y, low and high are arrays of one length.
+    """
+
+    name: str
+    x: FloatArray
+    y: FloatArray
+    low: FloatArray
+    high: FloatArray
+    style: str
+    group: Any = None
+
+    @property
+    def is_curve(self) -> bool:
+        return self.style == "curve"
+
+    @property
+    def bounded(self) -> bool:
+        return not np.isnan(self.low).all()
+
+
+def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
+    """Draw a table as series on one pair of axes, with the legend beside it.
+
+    Points that are not finite, or not positive on a logarithmic axis, are left out of the picture;
+    values of zero of joined points are drawn as open marks at its lower edge.  The CSV of the chart
+    has the columns series, x, y, low and high.  Raises ValueError if there is no point to draw.
+
+    Example:
+        >>> table = pd.DataFrame({"series": "raw", "points": [4, 8], "error": [0.1, 0.05]})
+        >>> plot = Plot(x=("points", "points (–)"), y=("error", "error (–)"), log="xy")
+        >>> print(draw_table(table, plot, "Error of the raw area.").csv())
+        series,points,error,low,high
+        raw,4.0,0.1,,
+        raw,8.0,0.05,,
+        <BLANKLINE>
+    """
+    groups = table.groupby(list(plot.series), sort=False, dropna=False)
+    lines = [_line(values, group, plot) for values, group in groups]
+    if not any((np.isfinite(one.x) & np.isfinite(one.y)).any() for one in lines):
+        raise ValueError("there is nothing to draw: no series has a finite point")
+    undecided, looks = _undecided(lines), _looks(lines, plot)
+    with styled():
+        figure, (axes,) = new_figure(6.4, 3.9)
+        for one, look in zip(lines, looks, strict=True):
+            _draw(axes, one, look, plot)
+        axes.set(xlabel=typeset(plot.x[1]), ylabel=typeset(plot.y[1]), **plot.limits)
+        for name in plot.log:
+            logarithmic(axes, name)
+        if plot.ticks:
+            axes.set_xticks(plot.ticks, [f"{tick:g}" for tick in plot.ticks], minor=False)
+            axes.set_xticks([], minor=True)
+        if "y" in plot.log:
+            _draw_zeros(axes, lines, looks)
+        _draw_guides(axes, plot)
+        if plot.front:
+            _draw_front(axes, [one for one in lines if not one.is_curve])
+        # Beside the axes the legend can cover no point.
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+        if undecided:
+            axes.set_title("the intervals are wider than the differences", color="#a63c00")
+    columns = ("series", plot.x[0], plot.y[0], "low", "high")
+    words = f"{caption} {undecided}".rstrip()
+    return Chart(figure, columns, _rows(lines), typeset(words, mathtext=False))
+
+
+def _line(values: Sequence[Any], group: pd.DataFrame, plot: Plot) -> _Line:
+    def column(name: str) -> FloatArray:
+        missing = np.full(len(group), np.nan)
+        return group[name].to_numpy(np.float64) if name in group else missing
+
+    y, style = plot.y[0], group["style"].iloc[0] if "style" in group else None
+    if not isinstance(style, str):
+        style = next((plot.styles[value] for value in values if value in plot.styles), plot.style)
+    return _Line(
+        ", ".join(str(value) for value in values if value != ""),
+        *(column(plot.x[0]), column(y), column(f"{y}_low"), column(f"{y}_high")),
+        style,
+        group[plot.colour].iloc[0] if plot.colour else None,
+    )
+
+
+def _rows(lines: Sequence[_Line]) -> list[tuple[Any, ...]]:
+    """Rows (series, x, y, low, high), with empty cells where a series has no bounds."""
+    rows: list[tuple[Any, ...]] = []
+    for one in lines:
+        empty = [""] * one.x.size
+        bounds = (one.low.tolist(), one.high.tolist()) if one.bounded else (empty, empty)
+        rows += zip([one.name] * one.x.size, one.x.tolist(), one.y.tolist(), *bounds, strict=True)
+    return rows
+
+
+def series_looks(names: Sequence[str], curves: Sequence[bool]) -> list[dict[str, Any]]:
+    """The colour, mark and dashes of each series, as keywords of matplotlib's `plot`.
+
+    A series whose name begins with a method's name has the colour of the method; the others share
+    the remaining colours of the cycle.  Curves have dashes of their own but no marks.
+    """
+    own = [METHOD_COLOURS.get(name.split(" ")[0].rstrip(",:")) for name in names]
+    taken = METHOD_COLOURS.values() if any(own) else ()
+    rest = itertools.cycle([c for c in CYCLE if c not in taken])
+    dashes, marks = itertools.cycle(DASHES), itertools.cycle(MARKERS)
+    return [
+        {
+            "color": colour or next(rest),
+            "marker": None if curve else next(marks),
+            "linestyle": next(dashes) if curve else "-",
+        }
+        for colour, curve in zip(own, curves, strict=True)
+    ]
+
+
+def _looks(lines: Sequence[_Line], plot: Plot) -> list[dict[str, Any]]:
+    looks = series_looks([one.name for one in lines], [one.is_curve for one in lines])
+    groups = dict.fromkeys(one.group for one in lines)
+    colours = dict(zip(groups, CYCLE, strict=False)) | dict(plot.colours) if plot.colour else {}
+    for one, look in zip(lines, looks, strict=True):
+        look["color"] = colours.get(one.group, look["color"])
+        if one.style in ("marks", "open"):
+            look["linestyle"] = "none"
+        if one.style == "open":
+            look["fillstyle"] = "none"
+        if not one.is_curve and one.x.size > 25:
+            look["markersize"] = 3.0
+    return looks
+
+
+def _draw(axes: Any, one: _Line, look: Mapping[str, Any], plot: Plot) -> None:
+    order = abs(observed_order(one.x, one.y)) if one.name in plot.orders else math.nan
+    name = f"{one.name}: order {order:.2f}" if math.isfinite(order) else one.name
+    good = np.isfinite(one.x) & np.isfinite(one.y)
+    if "y" in plot.log:
+        good &= one.y > 0
+    x, unit = one.x[good] / plot.scale[0], plot.scale[1]
+    axes.plot(x, one.y[good] / unit, label=typeset(plot.labels.get(one.name, name)), **look)
+    if not one.bounded:
+        return
+    bounds = x, one.low[good] / unit, one.high[good] / unit
+    if one.is_curve:
+        axes.fill_between(*bounds, color=look["color"], alpha=0.2, linewidth=0)
+    else:
+        axes.vlines(*bounds, color=look["color"], linewidth=0.9)
+
+
+def _draw_zeros(axes: Any, lines: Sequence[_Line], looks: Sequence[dict[str, Any]]) -> None:
+    """Draw open marks on the lower edge of a logarithmic axis for values that are exactly zero."""
+    floor = axes.get_ylim()[0]
+    for one, look in zip(lines, looks, strict=True):
+        x = one.x[one.y == 0]
+        if one.style == "points" and x.size:
+            hollow = look | {"linestyle": "none", "fillstyle": "none", "clip_on": False}
+            axes.plot(x, np.full(x.size, floor), **hollow)
+            axes.set_ylim(bottom=floor)
+
+
+def _draw_guides(axes: Any, plot: Plot) -> None:
+    if plot.level is not None:
+        axes.axhline(plot.level, **_GUIDE)
+    for label, x in plot.upright.items():
+        axes.axvline(x, **_GUIDE)
+        # A label in the right half of the picture is to the left of its line.
+        left = axes.transAxes.inverted().transform(axes.transData.transform((x, 0)))[0] > 0.5
+        axes.annotate(
+            f"{typeset(label)} " if left else f" {typeset(label)}",
+            (x, 0.985),
+            xycoords=("data", "axes fraction"),
+            va="top",
+            ha="right" if left else "left",
+            color="#555555",
+        )
+
+
+def _draw_front(axes: Any, lines: Sequence[_Line]) -> None:
+    """Draw the Pareto front of the points (cost, error) as steps behind them.
+
+    An error of zero is not on the axis, but it beats every dearer point and ends the front.
+    """
+    cost, error = (np.concatenate([getattr(one, key) for one in lines]) for key in "xy")
+    cheapest_exact = cost[error == 0].min(initial=np.inf)
+    shown = (error > 0) & (cost < cheapest_exact)
+    front = pareto_front(cost[shown], error[shown])
+    look = {"color": "#999999", "linewidth": 4, "alpha": 0.4, "zorder": 0}
+    axes.step(*front.T, where="post", label="Pareto front", **look)
+
+
+def _undecided(lines: Sequence[_Line]) -> str:
+    """Return a warning if the intervals of most points are wider than all differences shown.
+
+    Such a chart shows no trend; more surfaces would.
+    """
+    told = [one for one in lines if one.bounded and not one.is_curve]
+    if not told:
+        return ""
+    widths = np.concatenate([one.high - one.low for one in told])
+    means = np.concatenate([one.y for one in told])
+    known = np.isfinite(widths) & np.isfinite(means)
+    if known.sum() < 2 or np.median(widths[known]) <= np.ptp(means[known]):
+        return ""
+    return (
+        "The intervals are wider than the differences between the points, so this chart decides "
+        "nothing; more surfaces (--full) narrow them."
+    )
+
+
+def observed_order(x: ArrayLike, y: ArrayLike) -> float:
+    """Return the least-squares slope of log y against log x; NaN with fewer than two points.
+
+    Example:
+        >>> round(observed_order([0.1, 0.2, 0.4], [0.01, 0.04, 0.16]), 12)
+        2.0
+    """
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    good = (x > 0) & (y > 0) & np.isfinite(x) & np.isfinite(y)
+    if np.unique(x[good]).size < 2:
+        return float("nan")
+    return float(np.polyfit(np.log(x[good]), np.log(y[good]), 1)[0])
+
+
+def pareto_front(cost: ArrayLike, error: ArrayLike) -> FloatArray:
+    """Return the points (m, 2) that no other point beats in both, by rising cost; of ties one.
+
+    Example:
+        >>> pareto_front([1, 2, 3], [0.3, 0.5, 0.1]).tolist()
+        [[1.0, 0.3], [3.0, 0.1]]
+    """
+    pairs = np.column_stack([np.ravel(cost), np.ravel(error)]).astype(np.float64)
+    pairs = pairs[np.isfinite(pairs).all(axis=1)]
+    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    before = np.concatenate([[np.inf], np.minimum.accumulate(pairs[:, 1])[:-1]])
+    return pairs[pairs[:, 1] < before]
