@@ -1,10 +1,8 @@
-"""The command gates: every band with its margin and reason, and the ratchet on them."""
+"""The command gates: every band with its margin and reason."""
 
 from __future__ import annotations
 
-import math
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -13,66 +11,52 @@ from rich.console import Console
 
 from epcontact.cli.listing import print_rows
 from epcontact.errors import InvalidCase
-from epcontact.harness.case_files import case as casefile
-from epcontact.harness.verdict import ratchet
-from epcontact.harness.verdict.ratchet import Banded, Kept
+from epcontact.harness.case_files.case import find_cases, find_named, load_case
 from epcontact.harness.verdict.record import Verdict
+
+#: A larger margin is one of rounding.
+_EXACT = 1e3
 
 
 @click.command()
 @click.argument("cases", nargs=-1)
-@click.option("--check", is_flag=True, help="Exit with 1 if a band grew, or a gate is gone.")
-@click.option("--keep", is_flag=True, help="Keep the bands of all cases as they are now.")
 @click.option(
     "--output",
     type=click.Path(path_type=Path),
     default=Path("results"),
     show_default=True,
-    help="Folder of the verification whose margins are shown and kept.",
+    help="Folder of the verification whose margins are shown.",
 )
-def gates(cases: tuple[str, ...], check: bool, keep: bool, output: Path) -> None:
-    """List every gate's band, margin and reason; --check or --keep the bands of all cases.
+def gates(cases: tuple[str, ...], output: Path) -> None:
+    """List every gate's band, margin and reason.
 
-    The margin is that of the verdict in the output folder or else the kept one: the band over the
-    difference and its interval.
+    The margin is that of the verdict in the output folder: the band over the difference and its
+    interval.
     """
-    if (check or keep) and cases:
-        raise click.UsageError("--check and --keep take no CASE: they are about all of them")
-    named = [text for name in cases for text in casefile.find_named(name)] if cases else None
-    found = ratchet.banded_gates(named)
-    path = ratchet.kept_file()
-    kept, known = ratchet.read_kept(path), _margins(output)
-    if check:
-        wrong = ratchet.problems(kept, found)
-        for sentence in wrong:
-            click.echo(sentence)
-        click.echo(f"{len(found)} gates checked against {path}")
-        sys.exit(1 if wrong else 0)
-    if keep:
-        ratchet.write_kept(path, ratchet.updated(kept, found, known))
-        click.echo(f"{len(found)} gates kept in {path}")
-        return
+    margins = _margins(output)
+    named = [text for name in cases for text in find_named(name)]
+    rows = [
+        (text.id, size, gate.name, f"{gate.low:g} … {gate.high:g}", margin, gate.because)
+        for text in named or find_cases()
+        for size in text.sizes
+        for gate in load_case(text, size).gates
+        for margin in [margins.get((text.id, size, gate.name), "–")]
+    ]
     console = Console(width=None if sys.stdout.isatty() else 300)
-    headings = ("case", "size", "gate", "band", "margin", "because")
-    print_rows(console, headings, _rows(found, kept, known))
+    print_rows(console, ("case", "size", "gate", "band", "margin", "because"), rows)
 
 
-def _margins(output: Path) -> dict[tuple[str, str, str], float]:
+def _margins(output: Path) -> dict[tuple[str, str, str], str]:
     file = output / "verdict.json"
     if not file.exists():
         return {}
     try:
-        return ratchet.margins(Verdict.model_validate_json(file.read_text("utf-8")))
+        verdict = Verdict.model_validate_json(file.read_text("utf-8"))
     except (ValidationError, UnicodeDecodeError):
         raise InvalidCase(f"{file}: is no verdict; run `epcontact verify` again") from None
-
-
-def _rows(
-    found: list[Banded], kept: Kept, known: dict[tuple[str, str, str], float]
-) -> Iterator[tuple[str, ...]]:
-    for gate in found:
-        old = kept.band(gate.key)
-        value = known.get(gate.key, old.margin if old is not None else None)
-        shown = "–" if value is None else "exact" if math.isinf(value) else f"{value:.2g}"
-        band = f"{gate.low:g} … {gate.high:g}"
-        yield gate.case, gate.size, gate.gate, band, shown, gate.because
+    return {
+        (case.id, case.size, gate.name): "exact" if gate.margin > _EXACT else f"{gate.margin:.2g}"
+        for case in verdict.cases
+        for gate in case.gates
+        if gate.difference is not None
+    }

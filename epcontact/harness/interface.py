@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.layers import compliance
-from epcontact.results import APART, ELASTIC, ContactResult
+from epcontact.results import APART, ELASTIC, ContactResult, FloatArray
 from epcontact.scene import Scene
 
 Branch = Literal["loading", "unloading"]
@@ -43,11 +43,7 @@ _REDUCTION = 1e-12  # of the residual of the linear solve
 
 
 def carrying(result: ContactResult, branch: Branch) -> Mask:
-    """Return the mask of the points that carry a change of the load.
-
-    Raises:
-        InvalidCase: the result has no states, or the branch is unknown.
-    """
+    """Return the mask of the points that carry a change of the load, or raise InvalidCase."""
     state = result.fields.get("state")
     if state is None:
         raise InvalidCase(f"{result.method} gives no field 'state' to find the contact by")
@@ -95,25 +91,33 @@ def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> 
     with np.errstate(divide="ignore"):
         inverse = np.where(C > 0, 1 / C, 0.0)
 
-    def times(modes: NDArray[np.floating], x: NDArray[np.floating]) -> NDArray[np.floating]:
-        """The symbol `modes` applied to forces on F, on F and without its mean."""
+    def displaced(modes: FloatArray, forces: FloatArray) -> FloatArray:
+        """Apply the symbol `modes` to forces on F, and return what it gives on F."""
         field = np.zeros(mask.shape)
-        field[mask] = x - x.mean()
+        field[mask] = forces
         answer = np.fft.irfftn(modes * np.fft.rfftn(field), mask.shape, axes=range(mask.ndim))
-        return np.asarray(answer[mask] - answer[mask].mean())
+        return np.asarray(answer[mask])
 
-    uniform = np.where(mask, mask.size / n, 0.0)  # a unit of mean pressure
-    displaced = np.fft.irfftn(C * np.fft.rfftn(uniform), mask.shape, axes=range(mask.ndim))
-    right = displaced[mask].mean() - displaced[mask]
-    S = LinearOperator((n, n), matvec=lambda x: times(C, x), dtype=np.float64)
-    M = LinearOperator((n, n), matvec=lambda r: times(inverse, r), dtype=np.float64)
-    x, failed = cg(S, right, rtol=_REDUCTION, atol=0.0, maxiter=2000, M=M)
+    def of_zero_mean(modes: FloatArray) -> LinearOperator:
+        def times(x: FloatArray) -> FloatArray:
+            y = displaced(modes, x - x.mean())
+            return y - y.mean()
+
+        return LinearOperator((n, n), matvec=times, dtype=np.float64)
+
+    uniform = np.full(n, mask.size / n)  # a unit of mean pressure
+    sunk = displaced(C, uniform)
+    x, failed = cg(
+        of_zero_mean(C),
+        sunk.mean() - sunk,
+        rtol=_REDUCTION,
+        atol=0.0,
+        maxiter=2000,
+        M=of_zero_mean(inverse),
+    )
     if failed:
         raise NotConverged("the stiffness of the interface did not converge in 2000 iterations")
-    change = uniform
-    change[mask] += x - x.mean()
-    displaced = np.fft.irfftn(C * np.fft.rfftn(change), mask.shape, axes=range(mask.ndim))
-    return 1 / float(displaced[mask].mean())
+    return 1 / float(displaced(C, uniform + (x - x.mean())).mean())
 
 
 def contact_conductance(scene: Scene, stiffness: float, resistivity: float) -> float:
@@ -168,16 +172,11 @@ def patches(mask: Mask) -> Patches:
         >>> found.areas.tolist(), found.spans
         ([0.75], False)
     """
-    from scipy.ndimage import label
-
-    labels, number = label(mask)
-    if number == 0:
-        return Patches(np.zeros(0), spans=False)
-    points = np.bincount(_joined(labels, number)[labels[labels > 0]])
-    areas = np.sort(points[points > 0])[::-1] / mask.size
+    areas = np.sort(np.bincount(_patch_of_points(mask)))[::-1] / mask.size
     # A patch that is connected with its own image is one patch of two periods; others are two.
     doubled = (np.concatenate([mask, mask], axis) for axis in range(mask.ndim))
-    return Patches(areas, spans=any(_number(mask) < 2 * areas.size for mask in doubled))
+    spans = any(np.unique(_patch_of_points(twice)).size < 2 * areas.size for twice in doubled)
+    return Patches(areas, spans)
 
 
 def percolation_share(closeness: NDArray[np.floating]) -> float:
@@ -204,23 +203,18 @@ def percolation_share(closeness: NDArray[np.floating]) -> float:
     return most / closeness.size
 
 
-def _number(mask: Mask) -> int:
+def _patch_of_points(mask: Mask) -> NDArray[np.intp]:
+    """Return the number of the periodic patch of each point of the mask, from 0 on."""
     from scipy.ndimage import label
-
-    labels, number = label(mask)
-    return len(np.unique(_joined(labels, number)[1:]))
-
-
-def _joined(labels: NDArray[np.intp], number: int) -> NDArray[np.intp]:
-    """The number of the periodic patch of each label, (number + 1,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    pairs = []
-    for axis in range(labels.ndim):
-        first, last = np.take(labels, 0, axis).ravel(), np.take(labels, -1, axis).ravel()
-        both = (first > 0) & (last > 0)
-        pairs.append(np.stack([first[both], last[both]]))
-    i, j = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(i.size), (i, j)), shape=(number + 1, number + 1))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    labels, number = label(mask)
+    first, last = (
+        np.concatenate([np.take(labels, end, axis).ravel() for axis in range(mask.ndim)])
+        for end in (0, -1)
+    )
+    both = (first > 0) & (last > 0)  # patches that meet over the period
+    seams = coo_array((both[both], (first[both] - 1, last[both] - 1)), shape=(number, number))
+    patch_of_label = connected_components(seams, directed=False)[1]
+    return np.asarray(patch_of_label[labels[mask] - 1])

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import label
 
-from breaking.fault import Fault, changed, given, on_result, quantity, scaled
+from breaking.fault import Fault, at, changed, given, on_result, quantity, scaled
 
 FLOWED = "epcontact.bem.flow.flowed"
 
@@ -51,7 +52,7 @@ FAULTS = (
     Fault("capped nodes that rise again when the load falls", "fem_check",
         scaled("fem_check.path._sunk", 0.0), "cycle-fem-capped", "area.total.corrected"),
     Fault("patches that do not join over the period", "harness",
-        changed("epcontact.harness.interface._joined",
-            lambda original: lambda labels, number: np.arange(number + 1)),
+        at("epcontact.harness.interface._patch_of_points",
+            lambda mask: label(mask)[0][mask] - 1),
         test="tests/test_interface.py::test_patches_join_over_the_period"),
 )  # fmt: skip

@@ -80,11 +80,35 @@ def _with_exit_code(original: Callable[..., Any]) -> Callable[..., Any]:
     return lambda *a: original(*a).model_copy(update={"exit_code": 2})
 
 
+def _over_the_wrong_area(original: Callable[..., Any]) -> Callable[..., Any]:
+    """The supremum divided by the contact area of the answer, not of its reference."""
+
+    def wrong(norm: str, a: Any, b: Any, hardness: float) -> float:
+        areas = [float(each.cumulative[-1] + each.plastic) for each in (a, b)]
+        factor = areas[1] / areas[0] if norm == "supremum" else 1.0
+        return float(original(norm, a, b, hardness) * factor)
+
+    return wrong
+
+
+def _over_the_nominal_area(original: Callable[..., Any]) -> Callable[..., Any]:
+    """Without a hardness, the scale is the mean pressure on the nominal area, not the contact."""
+
+    def wrong(norm: str, a: Any, b: Any, hardness: float) -> float:
+        area = float(b.cumulative[-1] + b.plastic)
+        factor = 1.0 if norm == "supremum" or math.isfinite(hardness) else 1 / area
+        return float(original(norm, a, b, hardness) * factor)
+
+    return wrong
+
+
 def _elastic(case: Any, recipe: Any) -> tuple[Any, Any]:
     return case.changed(material=replace(case.material, hardness=math.inf)), recipe
 
 
 PAIRED = ("fem-ensemble", "quantity.mean_gap")
+DISTANCE = H + "gates.distances.distance"
+DISTANCES = "tests/test_verdict.py::test_distances_of_known_distributions"
 MEASURES = "tests/test_closed_forms.py::test_measures_see_what_is_wrong_by_as_much_as_it_is"
 
 FAULTS = (
@@ -106,6 +130,19 @@ FAULTS = (
         "the supremum for the Wasserstein distance",
         given(VERDICT + "judgement.distance", lambda norm, *rest: ("supremum", *rest)),
         "yardstick", "distribution",
+    ),
+    _fault(
+        "a supremum divided by the wrong area", changed(DISTANCE, _over_the_wrong_area),
+        test=DISTANCES,
+    ),
+    _fault(
+        "a mean pressure over the wrong area", changed(DISTANCE, _over_the_nominal_area),
+        test=DISTANCES,
+    ),
+    _fault(
+        "a repeated member of an ensemble",
+        at(H + "answers.store.Answer.twins", property(lambda self: None)),
+        test="tests/test_verdict.py::test_status_of_a_case",
     ),
     _fault(
         "carried pressure without the factor 1/2",
@@ -201,7 +238,7 @@ FAULTS = (
     # gates and verdict
     _fault(
         "claimed errors of areas do not count", at(VERDICT + "judgement._claim", lambda *_: None),
-        test="tests/test_verify.py::test_areas_less_sure_than_the_band_do_not_hold",
+        test="tests/test_verdict.py::test_areas_less_sure_than_the_band_do_not_hold",
     ),
     _fault(
         "the default gates dropped", at(H + "case_files.model.default_gates", lambda: ()),

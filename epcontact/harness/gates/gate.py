@@ -106,6 +106,19 @@ class GateVerdict(BaseModel):
         scatter = 0.0 if self.difference is None else self.difference.half_width
         return math.hypot(scatter, self.grid_error or 0.0)
 
+    @property
+    def margin(self) -> float:
+        """The band over the difference with its interval: 1 or more if it holds; nan if unjudged.
+
+        Both are measured from the middle of the band, which is 0 for a distance.
+        """
+        if self.difference is None:
+            return math.nan
+        distance = self.norm in (*DISTRIBUTION_NORMS, "l2") and self.low <= 0
+        low = -self.high if distance else self.low
+        used = abs(self.difference.mean - (low + self.high) / 2) + self.half_width
+        return (self.high - low) / 2 / used if used else math.inf
+
     def __str__(self) -> str:
         """Return one line with the gate, its figures and its reason."""
         if self.value is None or self.reference is None or self.difference is None:

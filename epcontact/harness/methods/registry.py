@@ -11,7 +11,6 @@ what the rest of the package needs to know about it.  Entries come from three so
 from __future__ import annotations
 
 import importlib.util
-import pkgutil
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -215,13 +214,6 @@ def _small_scene(points: int) -> Scene:
     return Scene(Surface(1e-3 * heights, (1.0, 1.0)), material, Load(1e-3))
 
 
-def _judge(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
-    del options, threads
-    # By its name, like an entry point: `known` uses the whole harness, which uses this module.
-    answer: ContactResult = pkgutil.resolve_name("epcontact.harness.verdict.known:solve")(scene)
-    return answer
-
-
 def method_of(name: str, source: str, requires: str = "") -> Method:
     """Make a method that runs a user's function or command in a process of its own.
 
@@ -325,12 +317,6 @@ def _registry() -> dict[str, Method]:
             memory=memory.of_block,
             load=_load_fem,
             modules=("fem_check",),
-        ),
-        Method(
-            "judge",
-            "known comparisons, judged by the harness itself",
-            _judge,
-            has_fields=False,
         ),
         method_of("contact_mechanics", f"{peers}:contact_mechanics", "ContactMechanics"),
         method_of("tamaas", f"{peers}:tamaas", "tamaas"),

@@ -89,10 +89,6 @@ residual.penetration | – | largest penetration over the rms height, by fem
 residual.tension | – | largest tensile contact force over the load, by fem
 residual.certified_balance | – | balance of the system as scikit-fem assembles it
 residual.certified_load | – | reaction of the base less the load, as assembled
-quantity.known_intervals | – | largest error of known intervals, by judge
-quantity.known_distances | – | largest error of known distances, by judge
-quantity.known_falsehoods | – | largest error of known scores, by judge
-quantity.known_budget | – | largest break of a chain of differences, by judge
 iterations.newton | – | Newton steps of the last load step
 iterations.cg | – | steps of conjugate gradients of the last load step
 iterations.gradient | – | gradient steps of the last load step, by bem

@@ -5,8 +5,6 @@ judgement         the gates of a case, judged
 files             verdict.json and junit.xml
 read_back         what was written is read and checked again
 verification      `verify`, the main job
-ratchet           bands may narrow, but widen only with a reason
-known             comparisons whose outcome is known judge the judge
 pytest_cases      gates as tests of pytest
 """
 

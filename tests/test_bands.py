@@ -1,0 +1,70 @@
+"""No band of the package's gates grows, and no gate goes, unseen: `bands.csv` keeps them all.
+
+`python tests/test_bands.py` writes the file anew; a commit that widens a band says why.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections import defaultdict
+from pathlib import Path
+
+from epcontact.harness.case_files.case import find_named, load_case
+
+FILE = Path(__file__).with_name("bands.csv")
+CASES = Path(__file__).parents[1] / "cases"
+
+Bands = dict[tuple[str, str, str], tuple[float, float]]  # of gates by case, size and name
+
+
+def kept() -> Bands:
+    with FILE.open(encoding="utf-8", newline="") as file:
+        return {
+            (case, size, row["gate"]): (float(row["low"]), float(row["high"]))
+            for row in csv.DictReader(file)
+            for case, *sizes in map(str.split, row["cases"].split(", "))
+            for size in sizes
+        }
+
+
+def present() -> Bands:
+    return {
+        (text.id, size, gate.name): (gate.low, gate.high)
+        for path in sorted(CASES.glob("*.toml"))
+        for text in find_named(path)
+        for size in text.sizes
+        for gate in load_case(text, size).gates
+    }
+
+
+def write(bands: Bands) -> None:
+    places: dict[tuple[str, float, float], dict[str, str]] = defaultdict(lambda: defaultdict(str))
+    for (case, size, gate), band in bands.items():
+        places[gate, *band][case] += f" {size}"
+    with FILE.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(("gate", "low", "high", "cases"))
+        for band, sizes in places.items():
+            table.writerow((*band, ", ".join(case + where for case, where in sizes.items())))
+
+
+def grown(before: Bands, after: Bands) -> list[tuple[str, str, str]]:
+    """The gates whose band is wider than it was, and those that are gone."""
+    return [
+        gate
+        for gate, (low, high) in before.items()
+        if gate not in after or after[gate][0] < low or after[gate][1] > high
+    ]
+
+
+def test_no_band_of_the_cases_grew_and_none_is_gone() -> None:
+    before, after = kept(), present()
+    assert len(before) > 1000
+    assert not grown(before, after)
+    gate, (low, high) = next(iter(before.items()))
+    assert grown(before, after | {gate: (low, high + 1)}) == [gate]
+    assert grown(before, after | {gate: (low - 1, high)}) == [gate]
+
+
+if __name__ == "__main__":
+    write(present())

@@ -1,0 +1,316 @@
+"""Intervals, distances, gates and verdicts that are known by hand; one case is solved."""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import os
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_1samp
+
+from epcontact.errors import InvalidCase, OutputError
+from epcontact.harness.answers.store import Answer
+from epcontact.harness.case_files.case import Case, load_case
+from epcontact.harness.gates.distances import distance
+from epcontact.harness.gates.gate import Gate, judge, judge_distance, unjudged
+from epcontact.harness.gates.statistics import estimate
+from epcontact.harness.quantities.registry import read_quantity
+from epcontact.harness.verdict.files import write_verdict
+from epcontact.harness.verdict.judgement import judge_case
+from epcontact.harness.verdict.record import Verdict
+from epcontact.harness.verdict.verification import verify
+from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
+
+# --- intervals and bands -------------------------------------------------------------------------
+
+
+def gate(norm: str = "relative", low: float = -0.1, high: float = 0.1) -> Gate:
+    return Gate("area.total.raw", "bem", "persson", norm, low, high, "a test")
+
+
+@pytest.mark.parametrize("count", [2, 3, 5, 64, 1001])
+def test_interval_is_students(count: int) -> None:
+    values = np.random.default_rng(count).normal(1.0, 0.2, count)
+    reference = ttest_1samp(values, 0).confidence_interval(0.95)
+    found = estimate(values)
+    assert (found.low, found.high) == pytest.approx(tuple(reference), rel=1e-12)
+    assert estimate(values[:1]).half_width == 0
+
+
+BEM, FEM = [1.0, 2.0, 4.0], [1.1, 1.9, 4.4]
+
+
+@pytest.mark.parametrize(
+    ("norm", "values", "references", "paired", "mean", "half_width"),
+    [
+        # By Student's factor at two degrees of freedom, 4.30265272974946.
+        ("absolute", BEM, FEM, True, -2 / 15, 0.6251609479375779),
+        ("relative", BEM, FEM, True, -9 / 209, 0.2058685516626538),
+        ("absolute", BEM, FEM, False, -2 / 15, 5.717115803043791),
+        ("relative", BEM, FEM, False, -2 / 37, 2.2485173670091716),
+        ("relative", BEM, [2.0], False, 1 / 6, 1.897291516798379),
+        ("relative", [-1.0, -2.0, -4.0], [2.0], False, -13 / 6, 1.897291516798379),
+    ],
+)
+def test_differences_of_known_values(
+    norm: str,
+    values: Sequence[float],
+    references: Sequence[float],
+    paired: bool,
+    mean: float,
+    half_width: float,
+) -> None:
+    found = judge(gate(norm), values, references, paired).difference
+    assert found is not None
+    assert (found.mean, found.half_width) == pytest.approx((mean, half_width), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("norm", "low", "high", "values", "references", "holds"),
+    [
+        ("relative", -0.1, 0.1, [1.09], [1.0], True),
+        ("relative", -0.1, 0.1, [1.11], [1.0], False),
+        # The mean is well inside, the interval is not: too few surfaces to tell.
+        ("relative", -0.1, 0.1, [0.9, 1.1], [1.0], False),
+        ("relative", -0.1, 0.1, [0.98, 1.02, 0.99, 1.01], [1.0], True),
+        ("relative", -0.1, 0.1, [1.0], [0.9, 1.1], False),
+        ("relative", 0.07, 0.12, [1.1], [1.0], True),
+        ("relative", 0.07, 0.12, [1.0], [1.0], False),
+        ("absolute", 0.5, 1.0, [1.0], [0.5], True),
+        ("absolute", 0.0, 0.5, [1.0], [0.5], True),
+        ("absolute", 0.6, 1.0, [1.0], [0.5], False),
+        ("absolute", -1.0, 0.4, [1.0], [0.5], False),
+        ("relative", -0.1, 0.1, [math.nan], [1.0], False),
+        ("relative", -0.1, 0.1, [math.inf], [1.0], False),
+    ],
+)
+def test_a_gate_holds_only_if_the_whole_interval_does(
+    norm: str, low: float, high: float, values: list[float], references: list[float], holds: bool
+) -> None:
+    assert judge(gate(norm, low, high), values, references, paired=False).holds == holds
+
+
+def test_margin_is_the_band_over_difference_and_interval() -> None:
+    wide = gate("absolute", -0.1, 0.3)
+    assert judge(wide, [1.2], [1.0], paired=False).margin == pytest.approx(0.2 / 0.1)
+    spread = judge(wide, [1.0, 1.2], [1.0], paired=False)
+    assert spread.difference is not None
+    assert spread.margin == pytest.approx(0.2 / spread.difference.half_width)
+    assert judge_distance(replace(wide, norm="l2"), [0.1]).margin == pytest.approx(3.0)
+    assert not judge_distance(gate("supremum", 0, 1), [math.nan]).holds
+    assert math.isnan(unjudged(wide, "no").margin)
+
+
+# --- distances -----------------------------------------------------------------------------------
+
+
+def uniform(low: float, area: float = 1.0, plastic: float = 0.0) -> PressureDistribution:
+    """Pressures spread evenly over (low, low + 1) on a share `area`."""
+    sigma = np.linspace(0, 2, 20001)
+    return PressureDistribution(sigma, area * np.clip(sigma - low, 0, 1), plastic)
+
+
+JUMP = PressureDistribution(np.array([0, 0.5 - 1e-12, 0.5]), np.array([0.0, 0.0, 0.3]))
+
+
+@pytest.mark.parametrize(
+    ("norm", "a", "b", "hardness", "exact"),
+    [
+        ("wasserstein", uniform(0.2), uniform(0.5), 4.0, 0.3 / 4),
+        # Without a hardness the scale is the mean contact pressure of the reference, here 1.
+        ("wasserstein", uniform(0.2, 0.25), uniform(0.5, 0.1), math.inf, 0.3),
+        ("wasserstein", uniform(0, 0.2, 0.2), uniform(0), 2.0, 0.75 / 2),
+        ("wasserstein", uniform(0, 0.2, 0.2), uniform(0, 0.3, 0.1), 2.0, 0.375 / 2),
+        ("wasserstein", JUMP, uniform(0, 0.4), 4.0, 0.25 / 4),
+        # Of areas .5 and .25 the largest difference is .25, over the area of the reference.
+        ("supremum", uniform(0, 0.5), uniform(0, 0.25), 4.0, 1.0),
+        ("supremum", uniform(0, 0.2, 0.1), uniform(0, 0.1, 0.3), 2.0, 0.25),
+        ("supremum", JUMP, uniform(0, 0.4), 4.0, 0.5),
+    ],
+)
+def test_distances_of_known_distributions(
+    norm: str, a: PressureDistribution, b: PressureDistribution, hardness: float, exact: float
+) -> None:
+    assert distance(norm, a, b, hardness) == pytest.approx(exact, rel=2e-4)
+
+
+def test_distribution_without_contact_has_no_distance() -> None:
+    with pytest.raises(InvalidCase, match="without contact"):
+        distance("supremum", uniform(0, area=0.0), uniform(0), 1.0)
+
+
+# --- cases ---------------------------------------------------------------------------------------
+
+
+def result(method: str, total: float, claim: float = 0.0, peak: float = 6e9) -> ContactResult:
+    areas = Areas(total, total / 2, total / 2)
+    error = Areas(claim, claim / 2, claim / 2)
+    step = LoadStep(
+        5e8,
+        {"raw": areas, "corrected": areas, "error": error},
+        quantities={"largest_pressure": peak},
+    )
+    table = PressureDistribution(np.array([0.0, 6e9]), np.array([0, total / 2]), total / 2)
+    return ContactResult(method, (step,), Provenance("digest"), table)
+
+
+def answer(method: str, *areas: float, labels: str = "abcdefgh", failed: str = "") -> Answer:
+    """One surface for each area, of different largest pressures."""
+    results = tuple(result(method, area, peak=6e9 - 1e8 * k) for k, area in enumerate(areas))
+    errors = (f"{method}, a: {failed}",) if failed else ()
+    return Answer(results, tuple(labels[: len(areas)]), errors)
+
+
+def answers(bem: Answer, theory: Answer | None = None) -> dict[str, Answer]:
+    return {"bem": bem, "persson": answer("persson", 0.1) if theory is None else theory}
+
+
+def of_bem(*areas: float) -> dict[str, Answer]:
+    return answers(answer("bem", *areas))
+
+
+@pytest.fixture
+def case(write_case) -> Case:
+    """A band of ± 10 % on the area; no default gates, which read fields."""
+    loaded = load_case(write_case(("tolerance = 0.5", "tolerance = 0.1")))
+    return replace(loaded, gates=loaded.gates[:1])
+
+
+SCATTERED = (0.05, 0.1, 0.2)
+TWINS = Answer((result("bem", 0.1), result("bem", 0.1)), ("a", "b"))
+
+
+@pytest.mark.parametrize(
+    ("given", "status", "why"),
+    [
+        (of_bem(0.1, 0.101, 0.102), "holds", ""),
+        (of_bem(0.12, 0.121, 0.122), "falls short", ""),
+        (of_bem(0.05, 0.1, 0.15), "falls short", ""),
+        (of_bem(math.nan), "falls short", ""),
+        (answers(answer("bem", *SCATTERED), answer("persson", *SCATTERED)), "holds", ""),
+        (
+            answers(answer("bem", *SCATTERED), answer("persson", *SCATTERED, labels="def")),
+            "falls short",
+            "",
+        ),
+        (answers(answer("bem", failed="stalled")), "error", "stalled"),
+        (answers(answer("bem", 0.1, 0.1, failed="stalled")), "error", "stalled"),
+        (answers(answer("bem", 0.1), answer("persson", failed="lost")), "error", "lost"),
+        (answers(TWINS), "error", "surfaces a and b the same answer"),
+    ],
+)
+def test_status_of_a_case(case: Case, given: dict[str, Answer], status: str, why: str) -> None:
+    outcome = judge_case(case, given)
+    assert outcome.status == outcome.gates[0].status == status
+    assert why in str(outcome.gates[0].error)
+    exit_code = {"holds": 0, "falls short": 1, "error": 2}[status]
+    verdict = Verdict.on([outcome], "fast")
+    assert (verdict.exit_code, verdict.passed) == (exit_code, exit_code == 0)
+
+
+@pytest.mark.parametrize(
+    ("statuses", "exit_code"),
+    [
+        (["holds", "skipped"], 0),
+        (["holds", "falls short", "holds"], 1),
+        (["error", "holds"], 2),
+        (["falls short", "error", "falls short"], 2),
+    ],
+)
+def test_exit_code_of_several_cases(case: Case, statuses: list[str], exit_code: int) -> None:
+    held = judge_case(case, of_bem(0.1))
+    cases = [held.model_copy(update={"status": status}) for status in statuses]
+    assert Verdict.on(cases, "fast").exit_code == exit_code
+    skipped = judge_case(replace(case, skip="no file"), {})
+    assert (skipped.status, skipped.gates) == ("skipped", [])
+
+
+def test_a_scalar_that_no_method_has_is_an_error_that_names_those_it_has(case: Case) -> None:
+    absent = replace(case, gates=(replace(case.gates[0], quantity="quantity.diffusion"),))
+    assert judge_case(absent, of_bem(0.1)).status == "error"
+    with pytest.raises(InvalidCase, match=r"it has .*area\.total\.raw"):
+        read_quantity(result("bem", 0.1), "area.total.rwa")
+
+
+def test_areas_less_sure_than_the_band_do_not_hold(case: Case) -> None:
+    """The surer of two grids counts, and that of one beside a theory."""
+    fem = {"fem": Answer((result("fem", 0.1, 0.03),), ("a",))}
+    on_fem = replace(case.gates[0], against="fem")
+    gates = replace(case, methods=("persson", "bem", "fem"), gates=(case.gates[0], on_fem))
+    for claim, status in ((0.005, "holds"), (0.02, "falls short"), (math.nan, "falls short")):
+        bem = Answer((result("bem", 0.1, claim),), ("a",))
+        judged = judge_case(gates, answers(bem) | fem)
+        assert [gate.status for gate in judged.gates] == [status, status]
+    assert judged.gates[1].grid_error == pytest.approx(0.3)
+    assert "± 0.3 (of which 0.3 by the grid)" in str(judged.gates[1])
+
+
+def test_distributions_are_compared_surface_by_surface(write_case) -> None:
+    changes = ("tolerance = 0.5", 'norm = "wasserstein"\ntolerance = 0.1')
+    loaded = load_case(write_case(('"area.total.corrected"', '"distribution"'), changes))
+    same = judge_case(replace(loaded, gates=loaded.gates[:1]), of_bem(0.1, 0.1))
+    assert same.status == "holds"
+    assert same.gates[0].difference.mean == pytest.approx(0, abs=1e-12)
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+
+def test_files_say_what_the_verdict_says(case: Case, tmp_path: Path) -> None:
+    judged = Verdict.on([judge_case(case, of_bem(0.12, 0.121, 0.122))], "fast")
+    write_verdict(judged, tmp_path)
+    verdict = json.loads((tmp_path / "verdict.json").read_text())
+    assert Verdict.model_validate(verdict).model_dump() == judged.model_dump()
+    assert (verdict["passed"], verdict["exit_code"]) == (False, 1)
+    gate = verdict["cases"][0]["gates"][0]
+    assert gate["difference"]["mean"] == pytest.approx(0.21)
+    assert (gate["low"], gate["high"]) == (-0.1, 0.1)
+    suites = ET.parse(tmp_path / "junit.xml").getroot()
+    assert suites.attrib["failures"] == "1"
+    failure = suites.find("testsuite/testcase/failure")
+    assert failure is not None
+    assert "only a smoke test" in failure.attrib["message"]
+
+
+def test_verdict_of_what_could_not_be_judged_has_the_same_shape(case: Case, tmp_path: Path) -> None:
+    given = answers(answer("bem", failed="stalled"))
+    write_verdict(Verdict.on([judge_case(case, given)], "fast"), tmp_path)
+    verdict = Verdict.model_validate_json((tmp_path / "verdict.json").read_text())
+    assert verdict.cases[0].gates[0].error == "bem, a: stalled"
+    assert "cases" in Verdict.model_json_schema()["required"]
+
+
+def test_versions_are_those_of_the_results(case: Case) -> None:
+    given = of_bem(0.1)
+    for method, version in (("bem", "1.0"), ("persson", "2")):
+        made = Provenance("digest", versions={"numpy": version})
+        (only,) = given[method].results
+        given[method] = replace(given[method], results=(replace(only, provenance=made),))
+    assert Verdict.on([judge_case(case, given)], "fast").versions == {"numpy": "1.0, 2"}
+
+
+def test_the_last_verdict_survives_a_full_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    verify("bearing-area", output=tmp_path, jobs=1)
+    last = {name: (tmp_path / name).read_bytes() for name in ("verdict.json", "junit.xml")}
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "fsync", full)
+        for _ in range(2):
+            with pytest.raises(OutputError, match="no space left on device"):
+                verify("bearing-area", output=tmp_path, jobs=1)
+            # Under its own name it would pass for the verdict of the run that has failed.
+            assert not [name for name in last if (tmp_path / name).exists()]
+            assert {name: (tmp_path / f"earlier-{name}").read_bytes() for name in last} == last
+    assert verify("bearing-area", output=tmp_path, jobs=1).passed
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == sorted(last)
