@@ -180,7 +180,7 @@ def of_bem(*areas: float) -> dict[str, Answer]:
 def case(write_case) -> Case:
     """A band of ± 10 % on the area; no default gates, which read fields."""
     loaded = load_case(write_case(("tolerance = 0.5", "tolerance = 0.1")))
-    return replace(loaded, gates=loaded.gates[:1])
+    return loaded.changed(gates=loaded.gates[:1])
 
 
 SCATTERED = (0.05, 0.1, 0.2)
@@ -228,12 +228,12 @@ def test_exit_code_of_several_cases(case: Case, statuses: list[str], exit_code: 
     held = judge_case(case, of_bem(0.1))
     cases = [held.model_copy(update={"status": status}) for status in statuses]
     assert Verdict.on(cases, "fast").exit_code == exit_code
-    skipped = judge_case(replace(case, skip="no file"), {})
+    skipped = judge_case(case.changed(skip="no file"), {})
     assert (skipped.status, skipped.gates) == ("skipped", [])
 
 
 def test_a_scalar_that_no_method_has_is_an_error_that_names_those_it_has(case: Case) -> None:
-    absent = replace(case, gates=(replace(case.gates[0], quantity="quantity.diffusion"),))
+    absent = case.changed(gates=(replace(case.gates[0], quantity="quantity.diffusion"),))
     assert judge_case(absent, of_bem(0.1)).status == "error"
     with pytest.raises(InvalidCase, match=r"it has .*area\.total\.raw"):
         read_quantity(result("bem", 0.1), "area.total.rwa")
@@ -243,7 +243,7 @@ def test_areas_less_sure_than_the_band_do_not_hold(case: Case) -> None:
     """The surer of two grids counts, and that of one beside a theory."""
     fem = {"fem": Answer((result("fem", 0.1, 0.03),), ("a",))}
     on_fem = replace(case.gates[0], against="fem")
-    gates = replace(case, methods=("persson", "bem", "fem"), gates=(case.gates[0], on_fem))
+    gates = case.changed(methods=("persson", "bem", "fem"), gates=(case.gates[0], on_fem))
     for claim, status in ((0.005, "holds"), (0.02, "falls short"), (math.nan, "falls short")):
         bem = Answer((result("bem", 0.1, claim),), ("a",))
         judged = judge_case(gates, answers(bem) | fem)
@@ -255,7 +255,7 @@ def test_areas_less_sure_than_the_band_do_not_hold(case: Case) -> None:
 def test_distributions_are_compared_surface_by_surface(write_case) -> None:
     changes = ("tolerance = 0.5", 'norm = "wasserstein"\ntolerance = 0.1')
     loaded = load_case(write_case(('"area.total.corrected"', '"distribution"'), changes))
-    same = judge_case(replace(loaded, gates=loaded.gates[:1]), of_bem(0.1, 0.1))
+    same = judge_case(loaded.changed(gates=loaded.gates[:1]), of_bem(0.1, 0.1))
     assert same.status == "holds"
     assert same.gates[0].difference.mean == pytest.approx(0, abs=1e-12)
 

@@ -14,15 +14,15 @@ and, where the finite elements flow by J2, before all of these,
     finite elements, j2 ---- boundary elements capped at the hardness, on the elements' compliance
         model           plastic flow against a pressure cap: physics, not error.
 
-`measured_hardness` (module `model_difference`) turns the model part into a number: the cap, in
-units of the yield stress, at which the capped body has the contact area of the J2 body under the
-same load.  `crosscheck` reports these for each surface of a case and for their ensemble.
+`measured_hardness` turns the model part into a number: the cap, in units of the yield stress, at
+which the capped body has the contact area of the J2 body under the same load.  `crosscheck`
+reports these for each surface of a case and for their ensemble.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -32,25 +32,17 @@ from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates.distances import Difference, difference
 from epcontact.harness.gates.statistics import estimate, standard_deviation
+from epcontact.harness.methods.registry import EITHER_WAY
 from epcontact.harness.quantities.model_difference import (
     EffectiveHardness,
     combined,
-    measured_hardness,
-    path_options,
+    hardness_of_equal_area,
 )
 from epcontact.results import ContactResult
-from epcontact.scene import Body, Scene
+from epcontact.scene import Body, Load, Scene, Surface
 from epcontact.surfaces import SelfAffine
 
-__all__ = [
-    "Difference",
-    "EffectiveHardness",
-    "ErrorBudget",
-    "crosscheck",
-    "difference",
-    "error_budget",
-    "measured_hardness",
-]
+Row = dict[str, float]  # what the ensemble sums up of a surface, by its name in the report
 
 
 @dataclass(frozen=True)
@@ -72,48 +64,15 @@ class ErrorBudget:
 
 
 def error_budget(
-    scene: Scene,
-    *,
-    law: Literal["elastic", "capped", "j2"] = "capped",
-    depth: float | None = None,
-    layers: int | None = None,
-    steps: int | None = None,
-    step_tolerance: float | None = None,
-    report: Callable[[str], None] | None = print,
+    scene: Scene, law: str = "capped", j2: ContactResult | None = None, **block: Any
 ) -> ErrorBudget:
-    """Split the difference between finite and boundary elements on a scene into its parts.
+    """Split the difference between finite and boundary elements under a single load.
 
-    Args:
-        scene: a scene with a single mean pressure.
-        law: the law of the finite elements.  After j2 the chain continues with the capped law if
-            the scene has a hardness, otherwise with the elastic law.
-        depth: depth of the element block in m; None: chosen from the scene.
-        layers: number of element layers; None: chosen from the scene.
-        steps, step_tolerance: of a J2 load path, as for `fem_check.solve`.
-        report: called with the budget in one line.
-
-    Raises:
-        InvalidScene: for a path of loads, and for what the two solvers refuse.
-        NotConverged: if a solver does not converge.
+    `block` is the depth and the layers of `fem_check.solve`, whose answer by the law j2 is `j2`:
+    after it the chain goes on with the capped law or, without a hardness, with the elastic one.
     """
-    path = path_options(steps, step_tolerance)
-    budget, _ = _budget(scene, law, {"depth": depth, "layers": layers}, path)
-    if report is not None:
-        report(str(budget))
-    return budget
-
-
-def _budget(
-    scene: Scene, law: str, block: dict[str, Any], path: dict[str, Any]
-) -> tuple[ErrorBudget, ContactResult | None]:
-    """Return the parts, and the J2 answer if the law is j2."""
-    if len(scene.load.path) != 1:
-        raise InvalidScene(
-            f"the scene has a path of {len(scene.load.path)} mean pressures; give a single one"
-        )
-    hardness = scene.material.hardness
-    if law == "elastic":
-        hardness = math.inf
+    _require_single_load(scene)
+    hardness = math.inf if law == "elastic" else scene.material.hardness
     capped = replace(scene, material=replace(scene.material, hardness=hardness))
     linear_law: Literal["capped", "elastic"] = "capped" if math.isfinite(hardness) else "elastic"
     fem = fem_check.solve(capped, law=linear_law, **block)
@@ -123,29 +82,73 @@ def _budget(
         body = Body("bonded_layer", float(fem.provenance.options["depth"]))
     layer = bem.solve(replace(capped, body=body))
     whole = layer if body == scene.body else bem.solve(capped)
-    j2 = fem_check.solve(scene, law="j2", **block, **path) if law == "j2" else None
-    budget = ErrorBudget(
+    return ErrorBudget(
         law,
         None if j2 is None else difference(j2, own, hardness),
         difference(fem, own, hardness),
         difference(own, layer, hardness),
         difference(layer, whole, hardness),
     )
-    return budget, j2
 
 
-@dataclass(frozen=True)
-class Checked:
-    """The measurements on one surface.
+def measured_hardness(
+    scene: Scene, *, coarse: bool = True, j2: ContactResult | None = None, **options: Any
+) -> EffectiveHardness:
+    """Measure the effective hardness of the J2 body of a scene, and the parts of its error.
 
-    `effective` and `largest` (the largest pressure over sigma_Y) exist only if the law is j2;
-    `halved` is True if the error of the effective hardness includes the effect of the grid.
+    `epcontact.effective_hardness` looks it up in a map of such measurements.  With `coarse` the
+    scene is also solved on every other grid point, on a shallower block (of a half-space) and in
+    fewer steps; otherwise the error is that of half a node alone.  `options` are depth, layers, and
+    steps or step_tolerance of `fem_check.solve`; `j2` is its answer if that is known.
     """
+    _require_single_load(scene)
+    block: dict[str, Any] = {name: options.get(name) for name in ("depth", "layers")}
+    path = {name: value for name, value in options.items() if name not in block}
+    if j2 is None:
+        j2 = fem_check.solve(scene, law="j2", certified=False, **block, **path)
+    fine = hardness_of_equal_area(scene, j2)
+    if fine.saturated or not (coarse and math.isfinite(fine.ratio)):
+        return fine
+    half = _half(scene)
+    others = {"grid": (half, fem_check.solve(half, law="j2", certified=False, **block, **path))}
+    if scene.body.kind == "half_space":
+        shallow: dict[str, Any] = block | {"depth": 0.75 * float(j2.provenance.options["depth"])}
+        found = fem_check.solve(scene, law="j2", certified=False, **shallow, **path)
+        others["depth"] = (scene, found)
+    # Of chosen increments a third was made to judge the rest.
+    steps = j2.provenance.options["steps"] or round(2 / 3 * j2.cost["increments"])
+    fewer: dict[str, Any] = {"steps": max(1, round(steps / 2))}
+    others["steps"] = (scene, fem_check.solve(scene, law="j2", certified=False, **block, **fewer))
+    parts = {
+        name: fine.ratio - hardness_of_equal_area(*other).ratio for name, other in others.items()
+    }
+    return replace(fine, parts=parts | dict(fine.parts))
 
-    budget: ErrorBudget
-    halved: bool
-    effective: EffectiveHardness | None = None
-    largest: float = math.nan
+
+def _require_single_load(scene: Scene) -> None:
+    if len(scene.load.path) != 1:
+        raise InvalidScene(
+            f"the scene has a path of {len(scene.load.path)} mean pressures; give a single one"
+        )
+
+
+def _has_half(shape: tuple[int, ...]) -> bool:
+    return all(n % 2 == 0 and n >= 8 for n in shape)
+
+
+def _half(scene: Scene) -> Scene:
+    """Return the scene on every other grid point."""
+    surface = scene.surface
+    if not _has_half(surface.shape):
+        raise InvalidScene(
+            f"the grid of {surface.shape} points has no half; give even numbers of at "
+            "least 8, or coarse=False"
+        )
+    heights = surface.heights[(slice(None, None, 2),) * surface.heights.ndim]
+    return replace(scene, surface=Surface(heights, surface.periods), load=Load(scene.load.final))
+
+
+# --- the report on a case ------------------------------------------------------------------------
 
 
 def crosscheck(
@@ -159,40 +162,37 @@ def crosscheck(
 
     The report holds the error budget of the case's finite-element law; for j2 also both contact
     areas, their overlap, the distance of the pressure distributions, and the effective hardness;
-    for several surfaces their means with standard errors.
-
-    Args:
-        case: a case with the methods fem and bem.
-        seeds: seeds of random surfaces by the case's recipe, which replace the case's own.
-        steps, step_tolerance: of the J2 load path, in the place of the case's own.
-
-    Returns:
-        The report, as several lines of text.
+    for several surfaces their means with standard errors.  `seeds` replace the case's own, `steps`
+    or `step_tolerance` the increments of its load path.
 
     Raises:
         InvalidCase: if the case has nothing to cross-check.
         InvalidScene, NotConverged: as the solvers do.
     """
     _require_checkable(case)
-    given = path_options(steps, step_tolerance)
-    if given and case.options["fem"]["law"] != "j2":
-        raise InvalidCase(f"{case.path}: {min(given)} is for fem.law = 'j2' only")
-    recipes = case.recipes if not seeds else _other_surfaces(case, seeds)
-    options = dict(case.options["fem"])
-    if given:
-        options |= {"steps": None} | given
-    lines, checks = [], []
-    for recipe in recipes:
+    law, options = case.options["fem"]["law"], case.options["fem"]
+    given = {"steps": steps, "step_tolerance": step_tolerance}
+    path: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    if len(path) == 2:
+        raise InvalidCase(EITHER_WAY)
+    if path and law != "j2":
+        raise InvalidCase(f"{case.path}: {min(path)} is for fem.law = 'j2' only")
+    name = "steps" if options.get("steps") else "step_tolerance"
+    path = path or {name: options.get(name)}
+    block = {name: options.get(name) for name in ("depth", "layers")}
+    lines, rows = [], []
+    for recipe in _other_surfaces(case, seeds) if seeds else case.recipes:
         seed = getattr(recipe, "seed", None)
         lines.append(f"{case.id}, {case.size}" + ("" if seed is None else f", seed {seed}"))
-        checks.append(_checked(case.scene(recipe), options))
-        lines += [f"  {line}" for line in _surface_lines(checks[-1], case.material.hardness)]
-    if len(checks) > 1:
+        found, row = _checked(case.scene(recipe), law, block, path)
+        lines += [f"  {line}" for line in found]
+        rows.append(row)
+    if len(rows) > 1:
         lines.append(
-            f"{case.id}, {case.size}, {len(checks)} surfaces: mean +- standard error "
+            f"{case.id}, {case.size}, {len(rows)} surfaces: mean +- standard error "
             "(standard deviation of a surface)"
         )
-        lines += [f"  {line}" for line in _ensemble_lines(checks)]
+        lines += [f"  {line}" for line in _ensemble_lines(rows)]
     return "\n".join(lines)
 
 
@@ -206,96 +206,77 @@ def _other_surfaces(case: Case, seeds: Sequence[int]) -> list[SelfAffine]:
 
 
 def _require_checkable(case: Case) -> None:
-    if case.skip:
-        raise InvalidCase(f"{case.path}: {case.skip}")
-    missing = [m for m in ("fem", "bem") if m not in case.methods]
-    if missing:
-        raise InvalidCase(
-            f"{case.path}: case.methods lacks {' and '.join(missing)}; a cross-check needs both "
-            "fem and bem"
+    wrong, missing = case.skip, [m for m in ("fem", "bem") if m not in case.methods]
+    if not wrong and missing:
+        wrong = f"case.methods lacks {' and '.join(missing)}; a cross-check needs both fem and bem"
+    elif not wrong and len(case.load.path) != 1:
+        wrong = (
+            f"load.mean_pressure is a path of {len(case.load.path)}, but a cross-check answers a "
+            "single mean pressure"
         )
-    if len(case.load.path) != 1:
-        raise InvalidCase(
-            f"{case.path}: load.mean_pressure is a path of {len(case.load.path)}, but a "
-            "cross-check answers a single mean pressure"
+    elif not wrong and (geometry := case.options["fem"]["geometry"]) != "gap":
+        wrong = (
+            f"fem.geometry is {geometry!r}, but must be 'gap': the boundary elements have no "
+            "other, so slope and error could not be separated"
         )
-    options = case.options["fem"]
-    if options["geometry"] != "gap":
-        raise InvalidCase(
-            f"{case.path}: fem.geometry is {options['geometry']!r}, but must be 'gap': the "
-            "boundary elements have no other, so slope and error could not be separated"
-        )
+    if wrong:
+        raise InvalidCase(f"{case.path}: {wrong}")
 
 
-def _checked(scene: Scene, options: Mapping[str, Any]) -> Checked:
-    block = {name: options.get(name) for name in ("depth", "layers")}
-    steps = options.get("steps")
-    path = path_options(steps, None if steps else options.get("step_tolerance"))
-    budget, j2 = _budget(scene, options["law"], block, path)
-    halved = all(n % 2 == 0 and n >= 8 for n in scene.surface.shape)
-    if j2 is None:
-        return Checked(budget, halved)
-    effective = measured_hardness(scene, coarse=halved, j2=j2, **block, **path)
+def _checked(
+    scene: Scene, law: str, block: Mapping[str, Any], path: Mapping[str, Any]
+) -> tuple[list[str], Row]:
+    """Return the lines of the report on a surface, and its row of the ensemble."""
+    j2 = fem_check.solve(scene, law="j2", **block, **path) if law == "j2" else None
+    budget = error_budget(scene, law, j2, **block)
+    lines, row = [str(budget)], {"discretisation, area": budget.discretisation.area}
+    model = budget.model
+    if j2 is None or model is None:
+        return lines, row
+    capped = math.isfinite(scene.material.hardness)
+    cap, unit = ("capped", "hardness") if capped else ("elastic", "mean contact pressure")
+    lines.append(
+        f"j2 touches on {model.areas[0]:.4f}, the {cap} body on {model.areas[1]:.4f} of the "
+        f"nodes; overlap {model.overlap:.2f}; distance of the pressure distributions "
+        f"{model.wasserstein:.3f} of the {unit}"
+    )
+    coarse = _has_half(scene.surface.shape)
+    found = measured_hardness(scene, coarse=coarse, j2=j2, **block, **path)
+    lines.append(f"{found}{'' if coarse else '; no coarser grid in the error'}")
     largest = j2.final.quantities["largest_pressure"] / scene.material.yield_stress
-    return Checked(budget, halved, effective, largest)
+    row |= {
+        "model, area": model.area,
+        "model, overlap": model.overlap,
+        "model, distance of the pressures": model.wasserstein,
+        "largest pressure of j2 over sigma_Y": largest,
+    }
+    if found.at_cap is not None and not found.saturated:
+        changes = {_CHANGE + name: part for name, part in found.parts.items() if name != "node"}
+        row |= {_C_EFF: found.ratio} | changes | {"overlap at c_eff": found.at_cap.overlap}
+    return lines, row
 
 
-def _surface_lines(checked: Checked, hardness: float) -> list[str]:
-    """Return the lines of the report on one surface."""
-    lines = [str(checked.budget)]
-    model = checked.budget.model
-    if model is not None:
-        unit = "hardness" if math.isfinite(hardness) else "mean contact pressure"
-        cap = "capped" if math.isfinite(hardness) else "elastic"
-        lines.append(
-            f"j2 touches on {model.areas[0]:.4f}, the {cap} body on {model.areas[1]:.4f} of the "
-            f"nodes; overlap {model.overlap:.2f}; distance of the pressure distributions "
-            f"{model.wasserstein:.3f} of the {unit}"
-        )
-        no_half = "" if checked.halved else "; no coarser grid in the error"
-        lines.append(f"{checked.effective}{no_half}")
+_C_EFF, _CHANGE = "effective hardness c_eff", "its change by the "
+
+
+def _ensemble_lines(rows: Sequence[Row]) -> list[str]:
+    """Return the lines of the report on all surfaces together: what each of them has."""
+    columns = {
+        name: [row[name] for row in rows] for name in rows[0] if all(name in row for row in rows)
+    }
+    lines = []
+    for name, values in columns.items():
+        deviation = standard_deviation(values)
+        error = deviation / math.sqrt(len(values))
+        lines.append(f"{name}: {estimate(values).mean:+.4f} +- {error:.4f} ({deviation:.4f})")
+    if ratios := columns.get(_C_EFF):
+        # The scatter of the surfaces averages out, and half a node more or less; the rest does not.
+        parts = {"seeds": standard_deviation(ratios) / math.sqrt(len(ratios))} | {
+            name.removeprefix(_CHANGE): estimate(values).mean
+            for name, values in columns.items()
+            if name.startswith(_CHANGE)
+        }
+        listed = ", ".join(f"{name} {part:+.3f}" for name, part in parts.items())
+        mean = estimate(ratios).mean
+        lines.append(f"mean c_eff = {mean:.3f} +- {combined(parts):.3f} (by {listed})")
     return lines
-
-
-def _ensemble_lines(checks: Sequence[Checked]) -> list[str]:
-    """Return the lines of the report on all surfaces together."""
-    budgets = [item.budget for item in checks]
-    rows = [("discretisation, area", [b.discretisation.area for b in budgets])]
-    models = [b.model for b in budgets if b.model is not None]
-    if models:
-        rows.append(("model, area", [m.area for m in models]))
-        rows.append(("model, overlap", [m.overlap for m in models]))
-        rows.append(("model, distance of the pressures", [m.wasserstein for m in models]))
-        rows.append(("largest pressure of j2 over sigma_Y", [item.largest for item in checks]))
-    effective = [e for item in checks if (e := item.effective) is not None and not e.saturated]
-    caps = [e.at_cap for e in effective if e.at_cap is not None]
-    if caps and len(caps) == len(checks):
-        rows.append(("effective hardness c_eff", [e.ratio for e in effective]))
-        rows += [
-            (f"its change by the {name}", [e.parts[name] for e in effective])
-            for name in effective[0].parts
-            if name != "node"
-        ]
-        rows.append(("overlap at c_eff", [cap.overlap for cap in caps]))
-    lines = [f"{name}: {_spread(values)}" for name, values in rows]
-    if caps and len(caps) == len(checks):
-        lines.append(_mean_hardness(effective))
-    return lines
-
-
-def _mean_hardness(effective: Sequence[EffectiveHardness]) -> str:
-    """Return the mean c_eff with its error from the seeds and from what all surfaces share."""
-    ratios = [e.ratio for e in effective]
-    parts = {"seeds": standard_deviation(ratios) / math.sqrt(len(ratios))}
-    for name in effective[0].parts:
-        if name != "node":  # half a node more or less averages out
-            parts[name] = estimate([e.parts[name] for e in effective]).mean
-    listed = ", ".join(f"{name} {part:+.3f}" for name, part in parts.items())
-    mean, error = estimate(ratios).mean, combined(parts)
-    return f"mean c_eff = {mean:.3f} +- {error:.3f} (by {listed})"
-
-
-def _spread(values: Sequence[float]) -> str:
-    deviation = standard_deviation(values)
-    error = deviation / math.sqrt(len(values))
-    return f"{estimate(values).mean:+.4f} +- {error:.4f} ({deviation:.4f})"

@@ -101,7 +101,7 @@ def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> 
     def of_zero_mean(modes: FloatArray) -> LinearOperator:
         def times(x: FloatArray) -> FloatArray:
             y = displaced(modes, x - x.mean())
-            return y - y.mean()
+            return np.asarray(y - y.mean())
 
         return LinearOperator((n, n), matvec=times, dtype=np.float64)
 

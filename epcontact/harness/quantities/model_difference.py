@@ -12,44 +12,38 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 
 import fem_check
 from epcontact import bem
-from epcontact.errors import InvalidCase, InvalidScene
+from epcontact.errors import InvalidCase
 from epcontact.harness.gates.distances import Difference, difference, l2_distance
-from epcontact.harness.methods.registry import EITHER_WAY
 from epcontact.harness.quantities.answered import Answered
 from epcontact.harness.quantities.registry import quantity
 from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.roughness import rms_slope
 from epcontact.results import ContactResult, FloatArray
-from epcontact.scene import Load, Scene, Surface
+from epcontact.scene import Scene
 
 #: Relative width at which the search for a ratio stops: the area moves by less than a node.
 _SEARCHED_TO = 1e-4
 #: Largest contact area at which an effective hardness says something of the material.  Beyond it
 #: nearly every node touches, and the cap of equal area is hardly more than the mean pressure.
-SATURATED = 0.9
+_SATURATED = 0.9
 #: Factor of the change between two solves, by the part of the error; see `combined`.
-TWO_SOLVES = {"grid": 3.0, "steps": 3.0}
+_TWO_SOLVES = {"grid": 3.0, "steps": 3.0}
 
 
 @dataclass(frozen=True)
 class EffectiveHardness:
     """The cap at which the capped body has the contact area of the J2 body.
 
-    Attributes:
-        ratio: c_eff = hardness/sigma_Y; infinite if even the elastic body has at least that area.
-        severity: E* xi/sigma_Y of the scene.
-        area: raw contact area of the J2 body.
-        at_cap: the difference of the two bodies under that cap.
-        parts: parts of the error of the ratio, by name: "node", the effect of half a node in the
-            area; and, each from a second solve that differs in one thing, the change of the ratio
-            from a "grid" twice as coarse, from a "depth" of three quarters, and from half as many
-            load "steps".
+    `ratio` is c_eff = hardness/sigma_Y, infinite if even the elastic body has at least that area;
+    `severity` E* xi/sigma_Y; `area` the raw contact area of the J2 body; `at_cap` the difference of
+    the two bodies under that cap.  `parts` are those of the ratio's error: the effect of half a
+    "node" in the area and, each from a second solve that differs in one thing, the change from a
+    "grid" twice as coarse, from a "depth" of three quarters, and from half as many load "steps".
     """
 
     ratio: float
@@ -61,7 +55,7 @@ class EffectiveHardness:
     @property
     def saturated(self) -> bool:
         """True if the contact is too full for the ratio to mean anything."""
-        return self.area > SATURATED
+        return self.area > _SATURATED
 
     @property
     def error(self) -> float:
@@ -95,91 +89,14 @@ def combined(parts: Mapping[str, float]) -> float:
     grids (Roache 1994, Journal of Fluids Engineering 116, 405).  The error bars of 19 of 20 small
     scenes then hold the ratio of a fine grid (tests/test_crosscheck.py), and of 12 without it.
     """
-    return math.hypot(*(TWO_SOLVES.get(name, 1.0) * part for name, part in parts.items()))
-
-
-def measured_hardness(
-    scene: Scene,
-    *,
-    coarse: bool = True,
-    depth: float | None = None,
-    layers: int | None = None,
-    steps: int | None = None,
-    step_tolerance: float | None = None,
-    j2: ContactResult | None = None,
-) -> EffectiveHardness:
-    """Measure the effective hardness of the J2 body of a scene under its single load.
-
-    `epcontact.effective_hardness` looks it up in a map of such measurements.
-
-    Args:
-        scene: the scene; its hardness is not read.
-        coarse: also solve on every other grid point, on a shallower block (of a half-space) and in
-            fewer steps; otherwise the error is that of half a node alone.
-        depth: depth of the element block in m; None: chosen from the scene.
-        layers: number of element layers; None: chosen from the scene.
-        steps, step_tolerance: of the load path, as for `fem_check.solve`.
-        j2: the answer of `fem_check.solve` to this scene and these options, if it is already known.
-
-    Raises:
-        InvalidScene: for a path of loads, or for an odd number of grid points with `coarse`.
-    """
-    if len(scene.load.path) != 1:
-        raise InvalidScene(
-            f"the scene has a path of {len(scene.load.path)} mean pressures; give a single one"
-        )
-    block: dict[str, Any] = {"depth": depth, "layers": layers}
-    path = path_options(steps, step_tolerance)
-    if j2 is None:
-        j2 = fem_check.solve(scene, law="j2", certified=False, **block, **path)
-    fine = _equal_area(scene, j2)
-    if fine.saturated or not (coarse and math.isfinite(fine.ratio)):
-        return fine
-    if any(n % 2 or n < 8 for n in scene.surface.shape):
-        raise InvalidScene(
-            f"the grid of {scene.surface.shape} points has no half; give even numbers of at "
-            "least 8, or coarse=False"
-        )
-    half = _half(scene)
-    others = {"grid": (half, fem_check.solve(half, law="j2", certified=False, **block, **path))}
-    if scene.body.kind == "half_space":
-        block["depth"] = 0.75 * float(j2.provenance.options["depth"])
-        found = fem_check.solve(scene, law="j2", certified=False, **block, **path)
-        others["depth"] = (scene, found)
-        block["depth"] = depth
-    path = {"steps": _half_the_steps(j2)}
-    others["steps"] = (scene, fem_check.solve(scene, law="j2", certified=False, **block, **path))
-    parts = {name: fine.ratio - _equal_area(*other).ratio for name, other in others.items()}
-    return replace(fine, parts=parts | dict(fine.parts))
-
-
-def path_options(steps: int | None, step_tolerance: float | None) -> dict[str, Any]:
-    """Return the options of `fem_check.solve` that choose the increments; None is its default.
-
-    Raises:
-        InvalidCase: if both are given.
-    """
-    if steps is not None and step_tolerance is not None:
-        raise InvalidCase(EITHER_WAY)
-    given = {"steps": steps, "step_tolerance": step_tolerance}
-    return {name: value for name, value in given.items() if value is not None}
-
-
-def _half_the_steps(j2: ContactResult) -> int:
-    """Half of the increments of a J2 answer; of chosen ones, a third was made to judge the rest."""
-    steps = j2.provenance.options["steps"] or round(2 / 3 * j2.cost["increments"])
-    return max(1, round(steps / 2))
+    return math.hypot(*(_TWO_SOLVES.get(name, 1.0) * part for name, part in parts.items()))
 
 
 def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray | None:
-    """Return the surface compliance of the body of a J2 result: of the block of its elements.
+    """Return the compliance (m/Pa, as `bem.solve` takes it) of the block of elements that answered.
 
-    Returns:
-        The compliance in m/Pa, one value for each mode of numpy.fft.rfftn; None if the body is the
-        half-space itself, as that of volume integrals.
-
-    Raises:
-        InvalidCase: if the result does not describe its block.
+    None if the body is the half-space itself, as that of volume integrals.  Raises InvalidCase if
+    the result does not describe its block.
     """
     options = result.provenance.options
     if options.get("compliance") == "half_space":
@@ -202,7 +119,7 @@ def capped_body(scene: Scene, hardness: float, compliance: FloatArray | None) ->
     return bem.solve(replace(scene, material=material), compliance=compliance, threads=1)
 
 
-def _equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
+def hardness_of_equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
     """Find the cap of equal area by bisection; its error is the effect of half a node."""
     wanted, material = j2.final.areas["raw"].total, scene.material
     compliance = elements_compliance(scene, j2)
@@ -236,13 +153,6 @@ def _equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
     at_cap = difference(j2, capped_body(scene, cap, compliance), cap)
     parts = {"node": abs(high - low) / 2}
     return EffectiveHardness((low + high) / 2, severity, wanted, at_cap, parts)
-
-
-def _half(scene: Scene) -> Scene:
-    """Return the scene on every other grid point."""
-    heights = scene.surface.heights[(slice(None, None, 2),) * scene.surface.heights.ndim]
-    surface = Surface(heights, scene.surface.periods)
-    return replace(scene, surface=surface, load=Load(scene.load.final))
 
 
 # --- the quantities: each solve is made once for all that need it --------------------------------
@@ -326,7 +236,7 @@ def _at_hardness(a: Answered) -> Difference:
 def _effective(a: Answered) -> tuple[float, Difference]:
     """Return c_eff, and the difference from the body under that cap; raise if there is none."""
     _require_j2(a)
-    effective = _equal_area(a.scene, a.result)
+    effective = hardness_of_equal_area(a.scene, a.result)
     if effective.saturated:
         raise InvalidCase(f"{_full(effective.area)}; gate it under a smaller load")
     if effective.at_cap is None:
