@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 
 from epcontact.errors import OutputError
 from epcontact.output.charts import curves as charts
-from epcontact.output.charts import maps, painting
+from epcontact.output.charts import maps
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.plot import (
     Plot,
@@ -312,29 +312,12 @@ def test_a_picture_shows_x_to_the_right_and_y_upward() -> None:
     state, pressure, _ = blob()
     axes = maps.contact_map(state, pressure, SPACING).figure.axes[0]
     image = axes.images[0]
-    pixels, (left, right, bottom, top) = np.asarray(image.get_array()), image.get_extent()
-    assert pixels.shape[:2] == (90, 60)  # rows are y
+    states, (left, right, bottom, top) = np.asarray(image.get_array()), image.get_extent()
+    assert states.shape == (90, 60)  # rows are y
     assert image.origin == "lower"
     assert (left, right, bottom, top) == pytest.approx((-1, 119, -0.5, 89.5))  # µm
-    black = np.argwhere(pixels.sum(axis=2) == 0).mean(axis=0)
+    black = np.argwhere(states == PLASTIC).mean(axis=0)
     assert black == pytest.approx((0.6 * 90, 0.3 * 60), abs=1)
-
-
-@given(
-    shape=st.tuples(st.integers(1, 40), st.integers(1, 40)),
-    pixels=st.integers(1, 50),
-    seed=st.integers(0, 2**32 - 1),
-)
-@settings(max_examples=40, deadline=None)
-def test_shrinking_averages_and_keeps_the_order(
-    shape: tuple[int, int], pixels: int, seed: int
-) -> None:
-    field = np.random.default_rng(seed).random(shape)
-    picture = painting.shrunk(field, lambda values: np.repeat(values[..., None], 4, axis=2), pixels)
-    edges = [np.linspace(0, n, min(n, pixels) + 1).astype(int) for n in shape]
-    for i, j in np.ndindex(picture.shape[:2]):
-        block = field[edges[0][i] : edges[0][i + 1], edges[1][j] : edges[1][j + 1]]
-        assert picture[i, j] == pytest.approx(block.mean(), rel=1e-6)  # float32
 
 
 @given(

@@ -1,12 +1,13 @@
-"""Views: drawn in another process, without noise, from files alone; refused in one sentence."""
+"""Views: drawn without noise, from files alone; what cannot be drawn is refused in one sentence."""
 
 from __future__ import annotations
 
 import importlib.util
 import itertools
 import os
-import stat
+import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,11 @@ import pyvista as pv
 from PIL import Image
 
 from epcontact.errors import OutputError
-from epcontact.output import view
-from epcontact.output.drawing import round_factor
+from epcontact.output import drawing, view
 from epcontact.output.vtk import write_image
 
 YELLOW, BLACK = (240, 196, 25), (0, 0, 0)
+NO_MP4 = importlib.util.find_spec("imageio_ffmpeg") is None
 
 
 @pytest.fixture(scope="session")
@@ -32,10 +33,10 @@ def can_draw(tmp_path_factory: pytest.TempPathFactory) -> None:
         pytest.skip(str(error))
 
 
-def surface_file(path: Path, *, radius: float = 0.3, at: tuple[float, float] = (0.3, 0.5)) -> Path:
+def surface_file(path: Path, radius: float = 0.3) -> Path:
     """One round contact, black within yellow, left of the middle."""
     x, y = np.meshgrid(*(np.arange(n) / n for n in (80, 60)), indexing="ij")
-    top = radius**2 - (x - at[0]) ** 2 - (y - at[1]) ** 2
+    top = radius**2 - (x - 0.3) ** 2 - (y - 0.5) ** 2
     pressure = np.clip(3e10 * top / radius**2, 0, 1.5e10)
     fields = {
         "pressure": pressure,
@@ -63,9 +64,10 @@ def collection_file(path: Path, steps: dict[float, Path]) -> Path:
     return path
 
 
-def pixels(path: Path) -> np.ndarray:
-    with Image.open(path) as picture:
-        return np.asarray(picture.convert("RGB")).astype(int)
+def pixels(picture: Path | Image.Image) -> np.ndarray:
+    image = Image.open(picture) if isinstance(picture, Path) else picture
+    with image:
+        return np.asarray(image.convert("RGB")).astype(int)
 
 
 def amount(image: np.ndarray, colour: tuple[int, int, int]) -> int:
@@ -81,14 +83,12 @@ def test_a_surface_shows_elastic_yellow_and_plastic_black(
     image = pixels(picture)
     assert image.shape == (400, 800, 3)
     left, right = image[40:300, :400], image[40:300, 400:]
-    assert amount(left, YELLOW) > 1000
-    assert amount(left, BLACK) > 1000
+    assert min(amount(left, YELLOW), amount(left, BLACK)) > 1000
     assert amount(right, YELLOW) < 100  # the pressure's yellow is another one
     # Contact lies left of the middle of the surface.
     columns = np.argwhere(np.abs(left - np.array(BLACK)).max(axis=2) < 12)[:, 1]
     assert columns.mean() < 190
     assert capfd.readouterr() == ("", "")
-    assert sorted(os.listdir(tmp_path)) == ["bem.vti", "out"]
     assert os.listdir(tmp_path / "out") == ["x.png"]
 
 
@@ -104,12 +104,11 @@ def test_a_block_shows_stress_and_strain_deformed_by_the_factor(tmp_path: Path) 
     assert np.mean(np.any(one != many, axis=2)) > 0.05
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("can_draw")
 def test_two_results_and_their_difference(tmp_path: Path) -> None:
-    files = [surface_file(tmp_path / f"{n}.vti", radius=r) for n, r in (("bem", 0.3), ("fem", 0.2))]
-    view.compare(*files, tmp_path / "x.png", size=(900, 350))
-    panels = np.split(pixels(tmp_path / "x.png")[30:280], 3, axis=1)
+    files = [surface_file(tmp_path / f"{n}.vti", r) for n, r in (("bem", 0.3), ("fem", 0.2))]
+    view.compare(*files, tmp_path / "x.png")
+    image = pixels(tmp_path / "x.png")
+    panels = np.split(image[:, : image.shape[1] // 3 * 3], 3, axis=1)
     dark = [amount(panel, (68, 1, 84)) for panel in panels]  # the upper end of the pressure map
     assert dark[0] > 1.5 * dark[1] > 0
     red = [int(np.sum((p[..., 0] > p[..., 2] + 60) & (p[..., 1] < 120))) for p in panels]
@@ -120,26 +119,107 @@ def test_two_results_and_their_difference(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("can_draw")
 def test_films(tmp_path: Path) -> None:
     steps = {load: block_file(tmp_path / f"{load}.vtu", load) for load in (1.0, 2.0, 3.0)}
-    view.animate(
-        [collection_file(tmp_path / "fem.pvd", steps)], tmp_path / "block.gif", size=(400, 200)
-    )
-    surfaces = [surface_file(tmp_path / f"{r}.vti", radius=r) for r in (0.1, 0.2)]
+    path = collection_file(tmp_path / "fem.pvd", steps)
+    view.animate([path], tmp_path / "block.gif", size=(400, 200))
+    surfaces = [surface_file(tmp_path / f"{r}.vti", r) for r in (0.1, 0.2)]
     view.animate(surfaces, tmp_path / "surface.gif", size=(400, 200))
     for name, count in (("block", 3), ("surface", 2)):
-        frames = []
         with Image.open(tmp_path / f"{name}.gif") as film:
-            assert film.n_frames == count
-            assert film.info["loop"] == 0
-            for k in range(count):
-                film.seek(k)
-                frames.append(np.asarray(film.convert("RGB")).astype(int))
+            assert (film.n_frames, film.info["loop"]) == (count, 0)
+            frames = [(film.seek(k), np.asarray(film.convert("RGB")))[1] for k in range(count)]
         assert all(np.any(a != b) for a, b in itertools.pairwise(frames))
 
 
-@pytest.mark.skipif(
-    importlib.util.find_spec("imageio_ffmpeg") is not None, reason="an MP4 can be written here"
+def line_file(path: Path, **fields: Any) -> Path:
+    write_image(path, fields, (1e-6,), {})
+    return path
+
+
+def test_a_line_is_drawn_without_vtk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drawing, "draw", lambda *_: pytest.fail("VTK was asked"))
+    pressure = np.maximum(np.sin(np.arange(50) / 5), 0)
+    state = (pressure > 0) + (pressure > 0.8)
+    line = line_file(tmp_path / "x.vti", pressure=pressure, gap=1 - pressure, state=state)
+    view.screenshot(line, tmp_path / "x.png")
+    assert amount(pixels(tmp_path / "x.png"), BLACK) > 50
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="these windows are Linux's")
+@pytest.mark.parametrize(
+    ("call", "display", "window", "words"),
+    [
+        ("show('x.vti')", "", "", "no window can be opened without a display"),
+        ("show('x.vti')", ":7531", "", "no window can be opened without a display"),
+        ("screenshot('x.vti', 'x.png')", "", "vtkOSOpenGLRenderWindow", "no display, EGL or OSM"),
+    ],
 )
+def test_where_nothing_can_be_drawn(
+    tmp_path: Path, call: str, display: str, window: str, words: str
+) -> None:
+    """VTK would draw where nobody sees it, warn on the terminal, or crash without its libraries."""
+    if "OSM" in window and drawing.ctypes.util.find_library("OSMesa"):
+        pytest.skip("OSMesa is installed")
+    surface_file(tmp_path / "x.vti")
+    code = f"from epcontact.output.view import *\ntry: {call}\nexcept OutputError as e: print(e)"
+    told = {"DISPLAY": display} | ({"VTK_DEFAULT_OPENGL_WINDOW": window} if window else {})
+    kept = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=kept | told, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert words in done.stdout
+    assert done.stdout.count("\n") == 1
+    assert os.listdir(tmp_path) == ["x.vti"]
+
+
+REFUSED: list[tuple[Callable[[], Any], str]] = [
+    (lambda: view.screenshot("gone.vti", "x.png"), "no such file"),
+    (lambda: view.screenshot("x.csv", "x.png"), r"a \.vti, \.vtu, \.pvd"),
+    (lambda: view.screenshot("x.vti", "x.jpg"), r"must be named \.png"),
+    (lambda: view.screenshot("gap.vti", "x.png"), "holds no field pressure, only gap"),
+    (lambda: view.screenshot("line.vti", "x.png"), "holds no field called pressure, state"),
+    (lambda: view.screenshot("text.vtu", "x.png"), "is damaged or holds no cells"),
+    (lambda: view.screenshot("bare.vtu", "x.png"), "neither von Mises stress nor plastic strain"),
+    (lambda: view.show("line.vti"), "is a line"),
+    (lambda: view.animate(["x.vti"], "x.avi"), r"must be named \.gif or \.mp4"),
+    (lambda: view.animate([], "x.gif"), "load steps"),
+    (lambda: view.compare("x.vti", "gap.vti", "x.png"), "cannot compare"),
+    (lambda: view.load_steps("empty.pvd"), "it is no ParaView collection"),
+    (lambda: view.load_steps("xml.pvd"), "it names no file"),
+    (lambda: view.load_steps("nameless.pvd"), "it is no ParaView collection"),
+    (lambda: view.load_steps("gone.pvd"), "no such file"),
+]
+
+
+@pytest.fixture(scope="session")
+def bad_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bad-files")
+    surface_file(folder / "x.vti")
+    write_image(folder / "gap.vti", {"gap": np.ones((4, 4))}, (1.0, 1.0), {})
+    line_file(folder / "line.vti", gap=np.ones(4))
+    pv.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid().save(folder / "bare.vtu")
+    nameless = "<VTKFile><Collection><DataSet/></Collection></VTKFile>"
+    texts = {"x.csv": "", "text.vtu": "nothing", "empty.pvd": "", "xml.pvd": "<a/>",
+             "nameless.pvd": nameless}  # fmt: skip
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize(("call", "sentence"), REFUSED)
+def test_what_is_refused(
+    call: Callable[[], Any], sentence: str, bad_files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(bad_files)
+    before = os.listdir()
+    with pytest.raises(OutputError, match=sentence):
+        call()
+    assert os.listdir() == before
+
+
 @pytest.mark.slow
+@pytest.mark.skipif(not NO_MP4, reason="an MP4 can be written here")
 @pytest.mark.usefixtures("can_draw")
 def test_an_mp4_without_its_writer_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"imageio-ffmpeg.*\.gif"):
@@ -147,161 +227,26 @@ def test_an_mp4_without_its_writer_is_one_sentence(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["x.vti"]
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("can_draw")
-def test_what_a_worker_finds_wrong_comes_back_as_its_sentence(tmp_path: Path) -> None:
-    write_image(tmp_path / "x.vti", {"gap": np.ones((4, 4))}, (1.0, 1.0), {})
-    with pytest.raises(OutputError, match="holds no field pressure, only gap"):
-        view.screenshot(tmp_path / "x.vti", tmp_path / "x.png")
-    (tmp_path / "x.vtu").write_text("nothing")
-    with pytest.raises(OutputError, match="is damaged or holds no cells"):
-        view.screenshot(tmp_path / "x.vtu", tmp_path / "x.png")
-    pv.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid().save(tmp_path / "y.vtu")
-    with pytest.raises(OutputError, match="holds neither von Mises stress nor plastic strain"):
-        view.screenshot(tmp_path / "y.vtu", tmp_path / "x.png")
-    assert sorted(os.listdir(tmp_path)) == ["x.vti", "x.vtu", "y.vtu"]
-
-
-def test_a_line_is_drawn_without_vtk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(view.subprocess, "run", lambda *_: pytest.fail("VTK was asked"))
-    pressure = np.maximum(np.sin(np.arange(50) / 5), 0)
-    state = (pressure > 0) + (pressure > 0.8)
-    fields: dict[str, Any] = {"pressure": pressure, "gap": 1 - pressure, "state": state}
-    write_image(tmp_path / "x.vti", fields, (1e-6,), {})
-    view.screenshot(tmp_path / "x.vti", tmp_path / "x.png")
-    assert amount(pixels(tmp_path / "x.png"), BLACK) > 50
-    write_image(tmp_path / "y.vti", {"gap": pressure}, (1e-6,), {})
-    with pytest.raises(OutputError, match="holds no field called pressure, state"):
-        view.screenshot(tmp_path / "y.vti", tmp_path / "y.png")
-
-
-@pytest.fixture
-def broken_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Puts a script of ours in the place of the worker's interpreter."""
-
-    def replace(script: str) -> None:
-        program = tmp_path / "python"
-        program.write_text("#!/bin/sh\n" + script)
-        program.chmod(program.stat().st_mode | stat.S_IXUSR)
-        monkeypatch.setattr(view.sys, "executable", str(program))
-
-    return replace
-
-
-@pytest.mark.skipif(os.name == "nt", reason="needs a shell")
-@pytest.mark.parametrize(
-    ("script", "words"),
-    [
-        ("kill -SEGV $$", r"VTK crashed \(SIGSEGV\)"),
-        (
-            "echo noise; echo 'libGL missing' >&2; exit 3",
-            "the drawing process failed: libGL missing",
-        ),
-        ("echo 'epcontact: the picture is blank'; exit 1", "the picture is blank"),
-        ("exec sleep 60", "VTK did not draw anything within"),
-        (None, "no process could be started"),
-    ],
-)
-def test_where_nothing_can_be_drawn(
-    script: str | None,
-    words: str,
-    tmp_path: Path,
-    broken_python: Any,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    """The user gets one sentence, the terminal nothing, the folder nothing."""
-    monkeypatch.setattr(view, "PATIENCE", 20.0 if "exec" not in (script or "") else 0.2)
-    broken_python(script or "")
-    if script is None:
-        (tmp_path / "python").unlink()
-    source = surface_file(tmp_path / "x.vti")
-    with pytest.raises(
-        OutputError, match=f"pictures cannot be drawn on this machine: {words}"
-    ) as error:
-        view.screenshot(source, tmp_path / "x.png")
-    assert "\n" not in str(error.value)
-    assert not [name for name in os.listdir(tmp_path) if name not in ("x.vti", "python")]
-    assert capfd.readouterr() == ("", "")
-
-
-def test_no_window_without_a_display(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(view.sys, "platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    with pytest.raises(OutputError, match="without a display; ask for a screenshot"):
-        view.show(surface_file(tmp_path / "x.vti"))
-    monkeypatch.setenv("DISPLAY", ":77")
-    write_image(tmp_path / "line.vti", {"gap": np.ones(4)}, (1.0,), {})
-    with pytest.raises(OutputError, match="is a line"):
-        view.show(tmp_path / "line.vti")
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="displays are X's")
-def test_no_window_on_a_display_that_does_not_answer(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """VTK falls back to drawing where nobody sees it; nothing shown must not pass for shown."""
-    monkeypatch.setenv("DISPLAY", ":7531")
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(OutputError):
-        view.show(surface_file(tmp_path / "x.vti"))
-
-
-def test_what_is_no_result(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="no such file"):
-        view.screenshot(tmp_path / "gone.vti", tmp_path / "x.png")
-    (tmp_path / "x.csv").write_text("")
-    with pytest.raises(OutputError, match=r"a \.vti, \.vtu, \.pvd"):
-        view.screenshot(tmp_path / "x.csv", tmp_path / "x.png")
-    source = surface_file(tmp_path / "x.vti")
-    with pytest.raises(OutputError, match=r"must be named \.png"):
-        view.screenshot(source, tmp_path / "x.jpg")
-    with pytest.raises(OutputError, match=r"must be named \.gif or \.mp4"):
-        view.animate([source], tmp_path / "x.avi")
-    with pytest.raises(OutputError, match="load steps"):
-        view.animate([], tmp_path / "x.gif")
-    write_image(tmp_path / "y.vti", {"pressure": np.ones((4, 5))}, (1.0, 1.0), {})
-    with pytest.raises(OutputError, match="cannot compare"):
-        view.compare(source, tmp_path / "y.vti", tmp_path / "x.png")
-
-
 def test_fields_are_found_beside_a_method_s_json(tmp_path: Path) -> None:
     (tmp_path / "bem.json").write_text("{}")
     with pytest.raises(OutputError, match="no fields lie beside"):
         view.find_result(tmp_path / "bem.json")
-    for seed in (9, 8):
-        surface_file(tmp_path / f"bem-seed{seed}.vti")
-    assert view.find_result(tmp_path / "bem.json").name == "bem-seed8.vti"
-    surface_file(tmp_path / "bem.vti")
-    assert view.find_result(tmp_path / "bem.json").name == "bem.vti"
-
-
-@pytest.mark.skipif(os.name == "nt", reason="needs a shell")
-def test_another_way_of_drawing_is_tried_where_one_fails(
-    tmp_path: Path, broken_python: Any
-) -> None:
-    broken_python('test "$VTK_DEFAULT_OPENGL_WINDOW" = vtkOSOpenGLRenderWindow || kill -SEGV $$')
-    view.screenshot(surface_file(tmp_path / "x.vti"), tmp_path / "x.png")
+    for name in ("bem-seed9", "bem-seed8", "bem"):
+        (tmp_path / f"{name}.vti").touch()
+        if name != "bem-seed9":
+            assert view.find_result(tmp_path / "bem.json").name == f"{name}.vti"
 
 
 def test_the_steps_of_a_collection_are_read_in_order(tmp_path: Path) -> None:
     steps = {1 / (k + 1): tmp_path / f"{k}.vtu" for k in range(3)}
     path = collection_file(tmp_path / "x.pvd", steps)
     assert view.load_steps(path) == list(steps.values())[::-1]
-    for content in ("", "<a/>", "<VTKFile><Collection><DataSet/></Collection></VTKFile>"):
-        (tmp_path / "bad.pvd").write_text(content)
-        with pytest.raises(OutputError, match="cannot read"):
-            view.load_steps(tmp_path / "bad.pvd")
-    with pytest.raises(OutputError, match="no such file"):
-        view.load_steps(tmp_path / "gone.pvd")
 
 
 @pytest.mark.parametrize(
     ("value", "rounded"),
-    [(1.99, 1), (0.8, 1), (2, 2), (4.99, 2), (5, 5), (37, 20), (0.06, 0.05), (1000, 1000)],
-)
+    [(1.99, 1), (0.8, 1), (2, 2), (4.99, 2), (5, 5), (37, 20), (0.06, 0.05), (1000, 1000),
+     (float("nan"), 1), (0.0, 1)],
+)  # fmt: skip
 def test_factors_are_round(value: float, rounded: float) -> None:
-    assert round_factor(value) == pytest.approx(rounded)
-    assert round_factor(float("nan")) == round_factor(0.0) == 1
+    assert drawing.round_factor(value) == pytest.approx(rounded)

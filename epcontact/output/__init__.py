@@ -2,5 +2,5 @@
 
 This package knows results and their files, but no method.  Files appear whole or not at all
 (`files`).  Fields are .vti (`vtk`).  Matplotlib draws charts (`charts`), and pyvista draws
-three-dimensional pictures in a separate process (`view`).
+three-dimensional pictures (`view`).
 """

@@ -1,4 +1,4 @@
-"""Drawing into pyvista plotters: surfaces in contact, two pressures compared, cut blocks.
+"""Drawing of result files by pyvista: surfaces in contact, cut blocks.
 
 A .vti is drawn as the surface under the rigid flat, a .vtu as a finite-element block that is cut
 open.  The fields of a block are recognised by words in their names, because finite-element
@@ -6,29 +6,30 @@ programs differ: a vector `displacement` (or `u`) at the points, a scalar with `
 (Pa), and a scalar with both `plastic` and `strain` in its name, at points or cells.  The
 coordinates are those of the undeformed body.
 
-Only the worker imports this module, because importing pyvista takes a second.
+Only `view` imports this module, when it draws, because importing pyvista takes a second.
 """
 
 from __future__ import annotations
 
+import ctypes.util
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyvista as pv
-from numpy.typing import NDArray
+from PIL import Image
 
 from epcontact.errors import OutputError
 from epcontact.output.charts.style import (
-    DIFFERENCE_MAP,
     PRESSURE_MAP,
     STATE_COLOURS,
     STATE_NAMES,
     STRESS_MAP,
     unit_for,
 )
-from epcontact.output.vtk import FieldFile
+from epcontact.output.vtk import FieldFile, read_fields, read_quietly
 from epcontact.results import ELASTIC, PLASTIC
 
 #: Largest number of points along a drawn surface; finer grids are drawn with a stride.
@@ -42,6 +43,52 @@ EDGES = 20_000
 TEXT = {"color": "black", "font": "arial"}
 
 Limits = tuple[float, ...]
+
+
+def draw(
+    sources: Sequence[Path], size: tuple[int, int] | None, factor: float | None
+) -> list[Image.Image]:
+    """Draw each file as a picture, in one scale; without a size, show the file in a window."""
+    surfaces = sources[0].suffix == ".vti"
+    # A single file is read once; a film reads each file twice, to hold one at a time.
+    read = functools.lru_cache(maxsize=1)(read_fields if surfaces else read_block)
+    scale, paint = (surface_scale, draw_surface) if surfaces else (block_scale, draw_block)
+    frames = []
+    with pv.vtk_verbosity("off"):  # of the ways to draw that VTK tries in vain
+        scales = [scale(read(source)) for source in sources]
+        chosen = factor or min(each for each, _ in scales)
+        limits = tuple(np.max([each for _, each in scales], axis=0).tolist())
+        for source in sources:
+            plotter = _plotter(size)
+            paint(plotter, read(source), chosen, limits)
+            frames += _pictures(plotter, size)
+    return frames
+
+
+def _plotter(size: tuple[int, int] | None) -> Any:
+    """Make a white window with two panels, off the screen if it has a size."""
+    plotter = pv.Plotter(off_screen=size is not None, window_size=size, shape=(1, 2), border=False)
+    plotter.set_background("white", all_renderers=True)
+    kind = plotter.render_window.GetClassName()
+    # VTK would crash where its last resort is not installed.
+    if kind == "vtkOSOpenGLRenderWindow" and not ctypes.util.find_library("OSMesa"):
+        raise OutputError("VTK can draw no pictures here: it finds no display, EGL or OSMesa")
+    if size is None and kind in ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"):
+        raise OutputError("no window can be opened without a display; ask for a screenshot instead")
+    return plotter
+
+
+def _pictures(plotter: Any, size: tuple[int, int] | None) -> list[Image.Image]:
+    """Return the picture; without a size, show the window until the user closes it."""
+    if size is None:
+        plotter.link_views()
+        plotter.show(title="epcontact")
+        return []
+    frame = np.asarray(plotter.screenshot(None, return_img=True))
+    plotter.close()
+    if np.ptp(frame) == 0:
+        raise OutputError("VTK draws on this machine, but its pictures are blank")
+    return [Image.fromarray(frame)]
 
 
 def round_factor(value: float) -> float:
@@ -77,7 +124,7 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
     mesh["pressure"] = np.where(pressure > 0, pressure, np.nan).ravel(order="F")
     shares = {kind: np.mean(file.field("state") == kind) for kind in (ELASTIC, PLASTIC)}
     mean = float(np.mean(file.field("pressure"), dtype=np.float64)) / top_scale
-    state_look: dict[str, Any] = {
+    states: dict[str, Any] = {
         "scalars": "state",
         "cmap": list(STATE_COLOURS.values()),
         "clim": (-0.5, 2.5),
@@ -88,7 +135,7 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         "scalar_bar_args": _bar("contact state (shares of grid points), white: apart")
         | {"n_labels": 0, "position_y": 0.06},
     }
-    pressure_look: dict[str, Any] = {
+    pressures: dict[str, Any] = {
         "scalars": "pressure",
         "cmap": PRESSURE_MAP,
         "clim": (0.0, limits[0] / top_scale),
@@ -96,12 +143,12 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         "scalar_bar_args": _bar(f"pressure ({top_unit}), white: none"),
     }
     title = f"Contact: {_size(file.periods, scale)} {unit}, heights × {factor:.3g}"
-    titles = (title, f"Contact pressure, mean {mean:.4g} {top_unit}")
-    for column, look in enumerate((state_look, pressure_look)):
+    mean_pressure = f"Contact pressure, mean {mean:.4g} {top_unit}"
+    for column, (look, text) in enumerate(((states, title), (pressures, mean_pressure))):
         plotter.subplot(0, column)
         shading = {"smooth_shading": True, "ambient": 0.45, "diffuse": 0.55, "specular": 0.0}
         plotter.add_mesh(mesh.copy(), **look, **shading)
-        plotter.add_text(titles[column], font_size=11, **TEXT)
+        plotter.add_text(text, font_size=11, **TEXT)
         _look_down(plotter, mesh)
         _mark_lengths(plotter, mesh.bounds, unit, "xy")
 
@@ -117,64 +164,17 @@ def _look_down(plotter: Any, mesh: Any) -> None:
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
     position = middle + 10 * max(x1 - x0, y1 - y0) * direction
     # At this intensity the flat contact shows its true colours.
-    intensity = float(np.linalg.norm(direction) / direction[2])
-    plotter.add_light(
-        pv.Light(
-            position=tuple(position), focal_point=tuple(middle), intensity=intensity, light_type=3
-        )
-    )
+    bright = float(np.linalg.norm(direction) / direction[2])
+    look = {"position": tuple(position), "focal_point": tuple(middle), "light_type": 3}
+    plotter.add_light(pv.Light(intensity=bright, **look))
 
 
-def draw_comparison(plotter: Any, files: Sequence[FieldFile], names: Sequence[str]) -> None:
-    """Draw two pressures in one scale and their difference, from above."""
-    small = [_strided(file) for file in files]
-    first, second = (np.asarray(f.field("pressure"), dtype=np.float64) for f in small)
-    top = max(float(first.max()), float(second.max()))
-    scale, unit = unit_for(top, "Pa")
-    for column, pressure in enumerate((first, second)):
-        shown = np.where(pressure > 0, pressure / scale, np.nan)
-        look = {"clim": (0.0, top / scale), "cmap": PRESSURE_MAP}
-        _draw_flat(plotter, column, small[0], shown, look, f"{names[column]} ({unit})")
-    most = float(np.abs(first - second).max())
-    scale, unit = unit_for(most, "Pa")
-    bound = most / scale or 1.0
-    look = {"clim": (-bound, bound), "cmap": DIFFERENCE_MAP}
-    title = f"{names[0]} minus {names[1]} ({unit})"
-    _draw_flat(plotter, 2, small[0], (first - second) / scale, look, title)
-
-
-def _draw_flat(
-    plotter: Any, column: int, file: FieldFile, values: NDArray[Any], look: Any, title: str
-) -> None:
-    """Draw one cell for each grid point, so that no colour is interpolated."""
-    scale, unit = unit_for(max(file.periods), "m")
-    spacing = [d / scale for d in file.spacing]
-    image = pv.ImageData(
-        dimensions=(*(n + 1 for n in file.shape), 1),
-        spacing=(*spacing, 1.0),
-        origin=(-spacing[0] / 2, -spacing[1] / 2, 0.0),
-    )
-    image.cell_data["values"] = values.ravel(order="F")
-    plotter.subplot(0, column)
-    bar = _bar(title) | {"width": 0.7, "position_x": 0.15}
-    plotter.add_mesh(image, **look, nan_color="white", lighting=False, scalar_bar_args=bar)
-    plotter.add_mesh(image.outline(), color="#555555")
-    text = f"{_size(file.periods, scale)} {unit}"
-    plotter.add_text(text, position="upper_left", font_size=10, **TEXT)
-    plotter.view_xy()
-    plotter.enable_parallel_projection()
-    plotter.camera.zoom(1.2)
-
-
-def read_block(source: str) -> Any:
+def read_block(source: Path) -> Any:
     """Read the mesh of a .vtu that holds a stress or a strain."""
-    if not Path(source).is_file():
+    if not source.is_file():
         raise OutputError(f"cannot read {source}: there is no such file")
-    try:
-        mesh: Any = pv.read(source)
-    except RuntimeError:
-        mesh = pv.UnstructuredGrid()
-    if not mesh.n_cells:
+    mesh = read_quietly(source, "vtkXMLUnstructuredGridReader")
+    if mesh is None or not mesh.n_cells:
         raise OutputError(f"cannot show {source}: it is damaged or holds no cells")
     if _field_names(mesh)[1:] == ("", ""):
         raise OutputError(
@@ -211,18 +211,14 @@ def block_scale(mesh: Any) -> tuple[float, Limits]:
 
 def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
     """Draw von Mises stress and plastic strain on the block without its front quarter."""
-    x0, x1, y0, y1, *_ = mesh.bounds
-    centres = np.asarray(mesh.cell_centers().points)
-    # Whole elements are removed.  The shift keeps those on the cut despite rounding.
-    x, y = (x0 + x1) / 2 - 1e-6 * (x1 - x0), (y0 + y1) / 2 - 1e-6 * (y1 - y0)
-    opened = mesh.extract_cells(np.flatnonzero((centres[:, 0] >= x) | (centres[:, 1] >= y)))
     displacement, stress, strain = _field_names(mesh)
+    opened = _opened(mesh)
     if displacement:
         opened = opened.warp_by_vector(displacement, factor=factor)
     sides = np.ptp(np.reshape(mesh.bounds, (3, 2)), axis=1)
     scale, unit = unit_for(float(sides.max()), "m")
     opened.points = np.asarray(opened.points, dtype=np.float64) / scale
-    bounds, skin = opened.bounds, opened.extract_surface(nonlinear_subdivision=1)
+    skin = opened.extract_surface(nonlinear_subdivision=1, algorithm="dataset_surface")
     stress_scale, stress_unit = unit_for(limits[0], "Pa")
     panels = (
         (stress, stress_scale, limits[0], f"von Mises stress ({stress_unit})", STRESS_MAP),
@@ -234,23 +230,28 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
             shown = skin.copy(deep=False)
             data = _data(shown, name)
             data["shown"] = np.asarray(data[name]) / divisor
-            look: dict[str, Any] = {
-                "scalars": "shown",
-                "clim": (0.0, top / divisor or 1.0),
-                "cmap": colours,
-            }
-            look |= {"scalar_bar_args": _bar(title), "show_edges": shown.n_cells <= EDGES}
-            look |= {"edge_color": "#404040", "edge_opacity": 0.35}
-            plotter.add_mesh(shown, **look, ambient=0.5, diffuse=0.55, specular=0.0)
+            look = {"scalars": "shown", "clim": (0.0, top / divisor or 1.0), "cmap": colours}
+            edges = {"show_edges": shown.n_cells <= EDGES, "edge_color": "#404040"}
+            shading = {"edge_opacity": 0.35, "ambient": 0.5, "diffuse": 0.55, "specular": 0.0}
+            plotter.add_mesh(shown, scalar_bar_args=_bar(title), **look, **edges, **shading)
         else:
             plotter.add_mesh(skin, color="#d9d9d9")
             plotter.add_text(f"no {title.partition(' (')[0]} in the file", font_size=11, **TEXT)
-        _frame_view(plotter, bounds, (-0.9, -1.3, 1.1), 0.8)
+        _frame_view(plotter, opened.bounds, (-0.9, -1.3, 1.1), 0.8)
         plotter.camera.SetWindowCenter(0.0, -0.2)
-        _mark_lengths(plotter, bounds, unit, "xyz")
+        _mark_lengths(plotter, opened.bounds, unit, "xyz")
     shape = f"displacements × {factor:.3g}" if displacement else "undeformed"
     plotter.subplot(0, 0)
     plotter.add_text(f"{_size(sides, scale)} {unit}, {shape}", font_size=11, color="black")
+
+
+def _opened(mesh: Any) -> Any:
+    """Return the block without the elements of its front quarter."""
+    x0, x1, y0, y1, *_ = mesh.bounds
+    centres = np.asarray(mesh.cell_centers().points)
+    # Whole elements are removed.  The shift keeps those on the cut despite rounding.
+    x, y = (x0 + x1) / 2 - 1e-6 * (x1 - x0), (y0 + y1) / 2 - 1e-6 * (y1 - y0)
+    return mesh.extract_cells(np.flatnonzero((centres[:, 0] >= x) | (centres[:, 1] >= y)))
 
 
 def _strided(file: FieldFile) -> FieldFile:
@@ -267,39 +268,26 @@ def _size(lengths: Sequence[float], scale: float) -> str:
 
 def _bar(title: str) -> dict[str, Any]:
     """Return the settings of a colour bar below the picture."""
-    return {
-        "title": title + "\n",
-        "color": "black",
-        "n_labels": 4,
-        "fmt": "%.3g",
-        "title_font_size": 18,
-        "label_font_size": 15,
-        "width": 0.5,
-        "height": 0.07,
-        "position_x": 0.25,
-        "position_y": 0.02,
-    }
+    place = {"width": 0.5, "height": 0.07, "position_x": 0.25, "position_y": 0.02}
+    text = {"color": "black", "fmt": "%.3g", "title_font_size": 18, "label_font_size": 15}
+    return {"title": title + "\n", "n_labels": 4, **place, **text}
 
 
 def _mark_lengths(plotter: Any, bounds: Any, unit: str, axes: str) -> None:
     """Draw axes with ticks along the outer edges; stretched heights have no axis."""
     largest = float(np.max(np.abs(bounds)))
     unit = unit.replace("µm", "micrometres")  # VTK's font for axes has no µ
+    shown = {f"show_{axis}{what}": axis in axes for axis in "xyz" for what in ("axis", "labels")}
+    # Not an empty title, of which VTK would complain.
+    titles = {f"{axis}title": f"{axis} ({unit})" if axis in axes else " " for axis in "xyz"}
+    labels = {f"n_{axis}labels": 3 for axis in "xyz"} | {"fmt": "%.3g", "font_size": 11}
     plotter.show_bounds(
         bounds=bounds,
         axes_ranges=[round(end / largest, 2) * largest + 0.0 for end in bounds],
         location="outer",
         ticks="outside",
-        font_size=11,
         color="#303030",
-        xtitle=f"x ({unit})",
-        ytitle=f"y ({unit})",
-        ztitle=f"z ({unit})" if "z" in axes else "",
-        n_xlabels=3,
-        n_ylabels=3,
-        n_zlabels=3,
-        fmt="%.3g",
-        **{f"show_{axis}{what}": axis in axes for axis in "xyz" for what in ("axis", "labels")},
+        **(shown | titles | labels),
     )
 
 

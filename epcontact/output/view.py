@@ -1,38 +1,26 @@
 """Three-dimensional pictures of result files: contacts, cut blocks, two methods compared, films.
 
 The kind of a file follows from its name: .vti holds fields on the surface's grid, .vtu a
-finite-element block, .pvd a list of .vtu load steps.
-
-`epcontact.output.worker` draws everything in a separate process.  Without a display, VTK tries one
-way of drawing after another with warnings at each, and if a library is missing the process may
-crash.  The worker's output does not reach the terminal, and the caller gets a crash as one
-sentence.
+finite-element block, .pvd a list of load steps.  Where a function takes a file, it takes a method's
+.json with its fields beside it as well, and raises OutputError if the file cannot be read or drawn.
 """
 
 from __future__ import annotations
 
-import json
-import os
 import re
-import signal
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+
+import numpy as np
+from PIL import Image
 
 from epcontact.errors import OutputError
-from epcontact.output.charts.maps import map_of_file
+from epcontact.output.charts.maps import map_of_file, pressure_difference
 from epcontact.output.files import read_bytes, whole_file, write_bytes
 from epcontact.output.vtk import read_fields
 
-#: The mark before the sentence that a worker prints, and its exit code if no window can help.
-MARK, REFUSED = "epcontact: ", 3
-#: Seconds for each frame after which a worker counts as hanging; large grids take ten.
-PATIENCE = 300.0
-#: VTK's default window, then its two ways to draw without a display; they are tried in turn.
-WINDOWS = ("", "vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
+Size = tuple[int, int]  # width and height in pixels
 
 
 def screenshot(
@@ -40,78 +28,45 @@ def screenshot(
     picture: Path | str,
     *,
     factor: float | None = None,
-    size: tuple[int, int] = (1600, 800),
+    size: Size = (1600, 800),
 ) -> None:
     """Draw a result file to a PNG.
 
     A surface (.vti) is shown as the deformed topography in contact, elastic yellow and plastic
     black, beside its pressure; a line (.vti) as its profile and pressure; a block (.vtu, or the
-    last of a .pvd) cut open, with von Mises stress beside plastic strain.
-
-    Args:
-        result: The file, or a method's .json beside it.
-        picture: A name that ends in .png.
-        factor: Stretches the heights of a surface, or the displacements of a block.  The default
-            shows the shape.  The picture states the factor.
-        size: Width and height in pixels.
-
-    Raises:
-        OutputError: If the result cannot be read or drawn, or the PNG cannot be written.
+    last of a .pvd) cut open, with von Mises stress beside plastic strain.  `factor` stretches the
+    heights or displacements, by default so that they show, and the picture states it.
     """
     source = find_result(result)
-    if Path(picture).suffix.lower() != ".png":
-        raise OutputError(f"cannot write {picture}: a screenshot must be named .png")
+    _require_ending(picture, "a screenshot", ".png")
     if _is_line(source):  # drawn by matplotlib
         write_bytes(picture, map_of_file(source).png())
         return
     with whole_file(picture) as temporary:
-        _draw(_task([_last_step(source)], temporary, size, factor=factor))
+        _draw([_last_step(source)], size, factor)[0].save(temporary)
 
 
 def show(result: Path | str, *, factor: float | None = None) -> None:
-    """Open a result file in a window and return when it is closed; see `screenshot`.
-
-    Raises:
-        OutputError: If the result cannot be shown, or there is no display.
-    """
+    """Open a result file in a window and return when it is closed; see `screenshot`."""
     source = find_result(result)
-    displays = ("DISPLAY", "WAYLAND_DISPLAY")
-    if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in displays):
-        raise OutputError("no window can be opened without a display; ask for a screenshot instead")
     if _is_line(source):
         raise OutputError(f"{source} is a line, which has no view; ask for a screenshot instead")
-    _draw(_task([_last_step(source)], None, (1600, 800), factor=factor))
+    _draw([_last_step(source)], None, factor)
 
 
-def compare(
-    first: Path | str,
-    second: Path | str,
-    picture: Path | str,
-    *,
-    names: tuple[str, str] | None = None,
-    size: tuple[int, int] = (1800, 700),
-) -> None:
-    """Draw the pressures of two .vti files side by side, in one scale, with their difference.
-
-    Args:
-        first, second: The files, or the methods' .json beside them.
-        picture: A name that ends in .png.
-        names: Titles of the pressures, by default the methods that the files name.
-        size: Width and height in pixels.
-
-    Raises:
-        OutputError: If the two have different grids, or as for `screenshot`.
-    """
-    sources = [find_result(path) for path in (first, second)]
-    files = [read_fields(source) for source in sources]
+def compare(first: Path | str, second: Path | str, picture: Path | str) -> None:
+    """Draw the pressures of two .vti files side by side, in one scale, with their difference."""
+    _require_ending(picture, "a screenshot", ".png")
+    files = [read_fields(find_result(path)) for path in (first, second)]
     if files[0].shape != files[1].shape or len(files[0].shape) != 2:
         raise OutputError(
             f"cannot compare {first} with {second}: their grids are {files[0].shape} and "
             f"{files[1].shape}, but one and the same surface grid is needed"
         )
-    methods = [str(file.attributes.get("method", "?")).upper() for file in files]
-    with whole_file(picture) as temporary:
-        _draw(_task(sources, temporary, size, names=list(names or methods)))
+    one, two = (str(file.attributes.get("method", "?")).upper() for file in files)
+    pressure, other = (file.field("pressure") for file in files)
+    chart = pressure_difference(pressure, other, files[0].spacing, names=(one, two))
+    write_bytes(picture, chart.png())
 
 
 def animate(
@@ -120,41 +75,25 @@ def animate(
     *,
     factor: float | None = None,
     frames_per_second: float = 3.0,
-    size: tuple[int, int] = (1200, 600),
+    size: Size = (1200, 600),
 ) -> None:
-    """Draw load steps as a film, with one camera, one scale of colours and one factor.
+    """Draw load steps, of one .pvd or a file each, as a film of one camera and one scale.
 
-    Args:
-        results: One .pvd, or a .vti or .vtu for each step.
-        film: A name that ends in .gif, or in .mp4 where the packages imageio and imageio-ffmpeg
-            are installed.
-        factor: As for `screenshot`.
-        frames_per_second: Speed of the film.
-        size: Width and height in pixels.
-
-    Raises:
-        OutputError: If the steps cannot be read or drawn, or the film cannot be written.
+    The film is a .gif or, with imageio and imageio-ffmpeg (the extra `films`), an .mp4.
     """
-    if Path(film).suffix.lower() not in (".gif", ".mp4"):
-        raise OutputError(f"cannot write {film}: a film must be named .gif or .mp4")
+    _require_ending(film, "a film", ".gif", ".mp4")
     sources = [find_result(path) for path in results]
     if len(sources) == 1 and sources[0].suffix == ".pvd":
         sources = load_steps(sources[0])
     if not sources or len({s.suffix for s in sources}) != 1 or sources[0].suffix == ".pvd":
         raise OutputError("a film needs the load steps of one .pvd, or .vti or .vtu files alone")
+    write = _write_gif if Path(film).suffix.lower() == ".gif" else _write_mp4
     with whole_file(film) as temporary:
-        _draw(_task(sources, temporary, size, factor=factor, frames_per_second=frames_per_second))
+        write(temporary, _draw(sources, size, factor), frames_per_second)
 
 
 def find_result(path: Path | str) -> Path:
-    """Return the file of fields that `path` means.
-
-    Args:
-        path: The file itself, or a method's .json with fields beside it.
-
-    Raises:
-        OutputError: If there is no such file, or it is of a kind that cannot be shown.
-    """
+    """Return the file of fields that `path`, a file of fields or a method's .json, means."""
     given = Path(path)
     if not given.exists():
         raise OutputError(f"cannot read {path}: there is no such file")
@@ -172,14 +111,7 @@ def find_result(path: Path | str) -> Path:
 
 
 def load_steps(collection: Path | str) -> list[Path]:
-    """Return the files of a ParaView collection (.pvd) in the order of their times.
-
-    Args:
-        collection: The path; the collection names its files relative to its folder.  Of a step of
-            several parts only part 0 is returned.
-
-    Raises:
-        OutputError: If it cannot be read, is not a collection or names no file.
+    """Return the files of a ParaView collection (.pvd), part 0 of each, by their times.
 
     Example:
         >>> import tempfile
@@ -214,57 +146,34 @@ def _is_line(source: Path) -> bool:
     return extent is not None and extent[1] == b"0"
 
 
-def _task(
-    sources: Sequence[Path], target: Path | None, size: tuple[int, int], **options: Any
-) -> dict[str, Any]:
-    """Return the arguments of `epcontact.output.worker.draw` in JSON types."""
-    names = [str(source) for source in sources]
-    return {"sources": names, "target": target and str(target), "size": list(size), **options}
+def _require_ending(path: Path | str, what: str, *endings: str) -> None:
+    if Path(path).suffix.lower() not in endings:
+        raise OutputError(f"cannot write {path}: {what} must be named {' or '.join(endings)}")
 
 
-def _draw(task: Mapping[str, Any]) -> None:
-    """Let a worker draw, trying each kind of window until one works."""
-    failures = []
-    chosen = "VTK_DEFAULT_OPENGL_WINDOW" in os.environ or not sys.platform.startswith("linux")
-    for window in WINDOWS[:1] if chosen or task["target"] is None else WINDOWS:
-        failure, final = _work(task, window)
-        if not failure:
-            return
-        if final:
-            raise OutputError(failure)
-        failures.append(failure)
-    raise OutputError(f"pictures cannot be drawn on this machine: {failures[0]}")
+def _draw(sources: Sequence[Path], size: Size | None, factor: float | None) -> list[Image.Image]:
+    from epcontact.output import drawing  # pyvista takes a second to load
+
+    return drawing.draw(sources, size, factor)
 
 
-def _work(task: Mapping[str, Any], window: str) -> tuple[str, bool]:
-    """Run a worker; return the reason of a failure, and True if no other window can help."""
-    environment = {**os.environ} | ({"VTK_DEFAULT_OPENGL_WINDOW": window} if window else {})
-    # The worker must import this package, and nothing from its working folder.
-    home = str(Path(__file__).parents[2])
-    environment["PYTHONPATH"] = os.pathsep.join(filter(None, [home, environment.get("PYTHONPATH")]))
-    patience = None if task["target"] is None else PATIENCE * len(task["sources"])
+def _write_gif(path: Path, frames: Sequence[Image.Image], frames_per_second: float) -> None:
+    """Write a GIF with one palette: with one for each frame, what does not move would flicker."""
+    strip = Image.fromarray(np.concatenate([np.asarray(frame)[::4, ::4] for frame in frames]))
+    none = Image.Dither.NONE
+    palette = strip.quantize(256, dither=none)
+    first, *rest = (frame.quantize(palette=palette, dither=none) for frame in frames)
+    pause = round(1000 / frames_per_second)
+    first.save(path, save_all=True, append_images=rest, duration=pause, loop=0)
+
+
+def _write_mp4(path: Path, frames: Sequence[Image.Image], frames_per_second: float) -> None:
     try:
-        done = subprocess.run(
-            [sys.executable, "-P", "-W", "ignore", "-m", "epcontact.output.worker"],
-            input=json.dumps(task),
-            capture_output=True,
-            text=True,
-            errors="replace",
-            env=environment,
-            timeout=patience,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return f"VTK did not draw anything within {patience:g} s", False
-    except OSError as error:
-        return f"no process could be started to draw in: {error.strerror}", False
-    sentences = [line for line in done.stdout.splitlines() if line.startswith(MARK)]
-    if done.returncode == 0 or sentences:
-        sentence = sentences[-1].removeprefix(MARK) if done.returncode else ""
-        return sentence, done.returncode == REFUSED
-    if done.returncode < 0:
-        names = {member.value: member.name for member in signal.Signals}
-        name = names.get(-done.returncode, f"signal {-done.returncode}")
-        return f"VTK crashed ({name}) while drawing", False
-    last = (done.stderr.strip().splitlines() or ["no reason is given"])[-1]
-    return f"the drawing process failed: {last}", False
+        import imageio.v2
+        import imageio_ffmpeg  # noqa: F401 - the plugin for .mp4
+    except ImportError:
+        raise OutputError(
+            "an MP4 needs the packages imageio and imageio-ffmpeg; without them, name the film .gif"
+        ) from None
+    even = [np.asarray(f)[: f.height // 2 * 2, : f.width // 2 * 2] for f in frames]
+    imageio.v2.mimwrite(path, even, fps=frames_per_second, macro_block_size=2)

@@ -170,20 +170,11 @@ def step_name(number: int) -> str:
 
 def read_fields(path: Path | str) -> FieldFile:
     """Read a .vti file of this or another program.  Raises OutputError if it is damaged."""
-    import pyvista as pv
-    from vtkmodules.vtkIOXML import vtkXMLImageDataReader
-
     if b'type="ImageData"' not in read_bytes(path, 512):
         raise OutputError(f"cannot read {path}: it is no VTK image file (.vti)")
-    # Not `pyvista.read`, which prints VTK's complaints about a damaged file.
-    reader = vtkXMLImageDataReader()
-    reader.SetFileName(str(path))
-    with pv.vtk_verbosity("off"), pv.VtkErrorCatcher(send_to_logging=False) as caught:
-        reader.Update()
-    image: Any = pv.wrap(reader.GetOutput())
-    names = image.point_data.keys()
-    whole = _closed(Path(path)) and not caught.events
-    if not whole or not names or not image.n_points or None in names:
+    image = read_quietly(path, "vtkXMLImageDataReader") if _closed(Path(path)) else None
+    names = image.point_data.keys() if image is not None and image.n_points else ()
+    if image is None or not names or None in names:
         raise OutputError(f"cannot read {path}: it is damaged or holds no point data")
     nx, ny, _ = image.dimensions
     shape = (nx,) if ny == 1 else (nx, ny)
@@ -196,6 +187,18 @@ def read_fields(path: Path | str) -> FieldFile:
         attributes={k: v for k, v in held.items() if not k.startswith("unit.")},
         units={k[5:]: str(v) for k, v in held.items() if k.startswith("unit.")},
     )
+
+
+def read_quietly(path: Path | str, reader: str) -> Any:
+    """Read a file by a reader of VTK; None if it is damaged, with no complaint on the terminal."""
+    import pyvista as pv
+    from vtkmodules import vtkIOXML
+
+    source = getattr(vtkIOXML, reader)()
+    source.SetFileName(str(path))
+    with pv.vtk_verbosity("off"), pv.VtkErrorCatcher(send_to_logging=False) as caught:
+        source.Update()
+    return None if caught.events else pv.wrap(source.GetOutput())
 
 
 def _closed(path: Path) -> bool:

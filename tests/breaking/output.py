@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from breaking.fault import Fault, Patch, changed, given, on_result, scaled
+from breaking.fault import Fault, Patch, changed, given, scaled
 from epcontact.results import ELASTIC, PLASTIC
 
 SHOWN = "tests/test_shown.py::test_"
@@ -47,8 +47,14 @@ def _exchanged(first: str, second: str) -> Any:
     return given("epcontact.cli.tables.verdict_table", cases)
 
 
-def _turned(states: Any) -> tuple[Any]:
-    return (np.select([states == ELASTIC, states == PLASTIC], [PLASTIC, ELASTIC], states),)
+def _turned(states: Any) -> Any:
+    return np.select([states == ELASTIC, states == PLASTIC], [PLASTIC, ELASTIC], states)
+
+
+def _drawn(change: Any) -> Patch:
+    """A field that is changed before it is drawn."""
+    wrong = lambda axes, field, *rest: (axes, change(field), *rest)  # noqa: E731
+    return given(C + "maps.show_field", wrong)
 
 
 FAULTS = (
@@ -108,17 +114,17 @@ FAULTS = (
             "epcontact.harness.answers.solve.write_fields",
             lambda path, r,
             *rest: (path,
-                replace(r, fields=dict(r.fields) | {"state": _turned(r.fields["state"])[0]}),
+                replace(r, fields=dict(r.fields) | {"state": _turned(r.fields["state"])}),
                 *rest),
         ),
         FILE,
     ),
     _shown(
         "colours of elastic and plastic contact exchanged against the legend",
-        given(C + "maps.paint_states", _turned), SHOWN + "the_legend_has_the_colours_of_the_map",
+        _drawn(_turned), SHOWN + "the_legend_has_the_colours_of_the_map",
     ),
     _shown(
-        "a map upside down", on_result(C + "maps.paint_states", lambda colours: colours[:, ::-1]),
+        "a map upside down", _drawn(lambda field: field[:, ::-1]),
         SHOWN + "the_legend_has_the_colours_of_the_map",
     ),
     _shown(

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from epcontact.errors import OutputError
 from epcontact.output.charts.figures import Chart, new_figure, styled
-from epcontact.output.charts.painting import colour_bar, paint_states, show_field
 from epcontact.output.charts.style import (
     DIFFERENCE_MAP,
     PRESSURE_MAP,
@@ -30,6 +29,9 @@ from epcontact.output.files import write_bytes
 from epcontact.output.vtk import read_fields
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
+#: Most points along the longer side of a drawn field; finer grids are drawn with a stride.
+POINTS = 2048
+
 
 def contact_map(
     state: NDArray[Any],
@@ -41,29 +43,22 @@ def contact_map(
 ) -> Chart:
     """Figure 3 of the paper, from above: the contact state and the pressure side by side.
 
-    Points apart are white, elastic ones yellow and plastic ones black, as in the paper.
-
-    Args:
-        state: APART, ELASTIC or PLASTIC at each point, of shape (nx, ny).
-        pressure: In Pa, of the same shape.
-        spacing: Distance of grid points (dx, dy) in m.
-        hardness: In Pa; if it is finite, the colour scale ends there.
-        caption: Replaces the general caption.
-
     Example:
         >>> chart = contact_map(np.eye(2), 1e9 * np.eye(2), (1e-6, 1e-6))
         >>> chart.rows[0]
         ('elastic', 0.5)
     """
+    from matplotlib.colors import ListedColormap
+
     top = hardness if np.isfinite(hardness) else float(np.max(pressure))
-    scale, unit = unit_for(top, "Pa")
+    _, unit = unit_for(top, "Pa")
     shares = {kind: float(np.mean(state == kind)) for kind in (ELASTIC, PLASTIC, APART)}
+    colours = ListedColormap([STATE_COLOURS[kind] for kind in (APART, ELASTIC, PLASTIC)])
     with styled():
         figure, (left, right) = new_figure(7.4, 3.9, columns=2)
-        show_field(left, state, spacing, paint_states)
-        mappable, paint = colour_bar(PRESSURE_MAP, 0.0, top / scale, scale, blank=True)
-        show_field(right, pressure, spacing, paint)
-        bar = figure.colorbar(mappable, ax=right, shrink=0.82)
+        show_field(left, state, spacing, cmap=colours, vmin=APART, vmax=PLASTIC)
+        image = _show_pressure(right, pressure, spacing, top)
+        bar = figure.colorbar(image, ax=right, shrink=0.82)
         bar.set_label(f"pressure ({unit}), white: none")
         left.set_title("contact state (shares of grid points)")
         right.set_title("contact pressure")
@@ -77,33 +72,23 @@ def contact_map(
 def map_of_file(path: Path | str, caption: str = "") -> Chart:
     """The contact map of the fields in a .vti file, or the profile of a line.
 
-    Args:
-        path: The path of the file.
-        caption: Replaces the general caption.
-
-    Raises:
-        OutputError: If the file cannot be read or holds no contact.
+    Raises OutputError if the file cannot be read or holds no contact.
     """
-    read = read_fields(path)
-    missing = {"state", "pressure", "gap"} - read.fields.keys()
+    file = read_fields(path)
+    missing = {"state", "pressure", "gap"} - file.fields.keys()
     if missing:
         raise OutputError(f"{path} holds no field called {', '.join(sorted(missing))}")
-    state, pressure = read.fields["state"], read.fields["pressure"]
+    state, pressure = file.fields["state"], file.fields["pressure"]
     if state.ndim == 1:
-        return contact_profile(state, pressure, read.fields["gap"], read.spacing, caption=caption)
-    hardness = float(read.attributes.get("hardness", np.inf))
-    return contact_map(state, pressure, read.spacing, hardness=hardness, caption=caption)
+        return contact_profile(state, pressure, file.fields["gap"], file.spacing, caption=caption)
+    hardness = float(file.attributes.get("hardness", np.inf))
+    return contact_map(state, pressure, file.spacing, hardness=hardness, caption=caption)
 
 
 def save_map(source: Path, target: Path) -> None:
-    """Draw the contact map of a .vti file to files.
+    """Draw the contact map of a .vti file to a .png, or to all files of a chart.
 
-    Args:
-        source: The .vti file.
-        target: A .png, or a name without ending for a picture, its data and a caption.
-
-    Raises:
-        OutputError: If a file cannot be read or written.
+    Raises OutputError if a file cannot be read or written.
     """
     chart = map_of_file(source)
     if target.suffix == ".png":
@@ -119,35 +104,28 @@ def pressure_difference(
     *,
     names: tuple[str, str] = ("BEM", "FE"),
 ) -> Chart:
-    """The pressures of two methods side by side, in one scale, with their difference.
+    """The pressures (Pa) of two methods side by side, in one scale, with their difference.
 
-    Args:
-        first, second: Pressures in Pa, of one shape (nx, ny).
-        spacing: Distance of grid points (dx, dy) in m.
-        names: The names of the two methods.
-
-    Raises:
-        ValueError: If the shapes differ.
+    Raises ValueError if their grids differ.
     """
     if first.shape != second.shape:
         raise ValueError(f"the pressures lie on different grids, {first.shape} and {second.shape}")
     top = float(max(np.max(first), np.max(second)))
     difference = np.asarray(first, dtype=np.float64) - second
     most = float(np.max(np.abs(difference)))
-    scale, unit = unit_for(top, "Pa")
     with styled():
         figure, axes = new_figure(10.2, 3.4, columns=3)
-        mappable, paint = colour_bar(PRESSURE_MAP, 0.0, top / scale, scale, blank=True)
         for panel, field, name in zip(axes, (first, second), names, strict=False):
-            show_field(panel, field, spacing, paint)
+            image = _show_pressure(panel, field, spacing, top)
             panel.set_title(name)
-        figure.colorbar(mappable, ax=axes[:2], shrink=0.82, label=f"pressure ({unit})")
-        small, small_unit = unit_for(most, "Pa")
-        bound = most / small or 1.0
-        mappable, paint = colour_bar(DIFFERENCE_MAP, -bound, bound, small)
-        show_field(axes[2], difference, spacing, paint)
+        label = f"pressure ({unit_for(top, 'Pa')[1]})"
+        figure.colorbar(image, ax=axes[:2], shrink=0.82, label=label)
+        scale, unit = unit_for(most, "Pa")
+        bound = most / scale or 1.0
+        look = {"cmap": DIFFERENCE_MAP, "vmin": -bound, "vmax": bound}
+        image = show_field(axes[2], difference / scale, spacing, **look)
         axes[2].set_title(f"{names[0]} minus {names[1]}")
-        figure.colorbar(mappable, ax=axes[2], shrink=0.82, label=f"difference ({small_unit})")
+        figure.colorbar(image, ax=axes[2], shrink=0.82, label=f"difference ({unit})")
     caption = f"Contact pressure by {names[0]} and by {names[1]}, and their difference."
     rows = [
         ("largest_pressure_Pa", top),
@@ -167,19 +145,10 @@ def contact_profile(
     *,
     caption: str = "",
 ) -> Chart:
-    """A line contact: the deformed profile under the rigid flat, and the pressure.
-
-    Args:
-        state: APART, ELASTIC or PLASTIC at each point, of shape (nx,).
-        pressure: In Pa, of the same shape.
-        gap: The gap between the body and the flat in m, of the same shape.
-        spacing: Distance of grid points (dx,) in m.
-        caption: Replaces the general caption.
-    """
-    count = state.size
-    across, length_unit = unit_for(count * spacing[0], "m")
-    x = np.arange(count) * spacing[0]
+    """A line contact: the deformed profile under the rigid flat, and the pressure."""
+    x = np.arange(state.size) * spacing[0]
     depth = np.maximum(gap, 0.0)
+    across, length_unit = unit_for(state.size * spacing[0], "m")
     up, height_unit = unit_for(float(np.max(depth)), "m")
     scale, unit = unit_for(float(np.max(pressure)), "Pa")
     with styled():
@@ -197,12 +166,11 @@ def contact_profile(
                 label=f"{STATE_NAMES[kind]} contact",
             )
         left.set(ylabel=f"height below the flat ({height_unit})", title="profile in contact")
-        left.margins(x=0)
         left.legend(loc="lower right", frameon=True)
         right.fill_between(x / across, pressure / scale, step="mid", color="#0072b2")
         right.set(ylabel=f"pressure ({unit})", ylim=(0, None), title="contact pressure")
-        right.margins(x=0)
         for axes in (left, right):
+            axes.margins(x=0)
             axes.set_xlabel(f"x ({length_unit})")
     general = "A line contact: deformed profile under the rigid flat, and pressure."
     names = ("x_m", "state", "pressure_Pa", "gap_m")
@@ -221,30 +189,21 @@ def stability_map(
 ) -> Chart:
     """A map for each method of the parameters at which it converges, and of its effort.
 
-    Args:
-        effort: Counts by method, of shape (len(x), len(y)).  NaN means that the method failed
-            there; it is drawn as a cross.
-        x, y: The parameters, drawn in equal steps.
-        labels: Names of the parameters, with units.
-        count: Name of the effort.
-        caption: Replaces the general caption.
-
-    Raises:
-        ValueError: If an effort has another shape.
+    An effort has the shape (len(x), len(y)); NaN means that the method failed there, which a cross
+    shows.  Raises ValueError if it has another shape.
     """
+    from matplotlib.colors import LogNorm
+
     across, up = (np.asarray(v, dtype=np.float64).ravel() for v in (x, y))
     tables = {name: np.asarray(e, dtype=np.float64) for name, e in effort.items()}
     for name, table in tables.items():
         if table.shape != (across.size, up.size):
             raise ValueError(f"{name} has shape {table.shape}, not {(across.size, up.size)}")
     known = np.concatenate([t[np.isfinite(t)] for t in tables.values()] or [np.ones(0)])
-    from matplotlib.colors import LogNorm
-
     low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 10.0)
+    norm = LogNorm(max(low, 1.0), max(high, low + 1.0, 2.0))
     with styled():
-        width = 1.6 + 2.6 * len(tables)
-        figure, panels = new_figure(width, 3.3, columns=len(tables))
-        norm = LogNorm(max(low, 1.0), max(high, low + 1.0, 2.0))
+        figure, panels = new_figure(1.6 + 2.6 * len(tables), 3.3, columns=len(tables))
         for axes, (name, table) in zip(panels, tables.items(), strict=True):
             image = axes.imshow(table.T, origin="lower", aspect="auto", cmap=STRESS_MAP, norm=norm)
             failed = np.argwhere(~np.isfinite(table))
@@ -264,6 +223,36 @@ def stability_map(
     return Chart(figure, ("method", labels[0], labels[1], count), rows, caption or general)
 
 
+def show_field(axes: Any, field: NDArray[Any], spacing: tuple[float, ...], **look: Any) -> Any:
+    """Draw a field (nx, ny) as an image with `look`, and return the image.
+
+    Where several points share a pixel, colours are averaged and not values, because a state has
+    no mean and a thin contact must remain visible.
+    """
+    scale, unit = unit_for(max(n * d for n, d in zip(field.shape, spacing, strict=True)), "m")
+    # The first grid point is at the origin; each point is the centre of its pixel.
+    extent = [
+        edge * d / scale
+        for n, d in zip(field.shape, spacing, strict=True)
+        for edge in (-0.5, n - 0.5)
+    ]
+    step = -(-max(field.shape) // POINTS)
+    drawn, averaged = field[::step, ::step].T, {"interpolation_stage": "rgba"}
+    image = axes.imshow(drawn, origin="lower", extent=extent, **averaged, **look)
+    axes.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})")
+    axes.grid(False)
+    return image
+
+
+def _show_pressure(
+    axes: Any, pressure: NDArray[Any], spacing: tuple[float, ...], top: float
+) -> Any:
+    """Draw a pressure (Pa), white where there is none, on a scale that ends at `top`."""
+    scale, _ = unit_for(top, "Pa")
+    shown = np.ma.masked_less_equal(np.asarray(pressure, dtype=np.float32) / scale, 0.0)
+    return show_field(axes, shown, spacing, cmap=PRESSURE_MAP, vmin=0.0, vmax=top / scale)
+
+
 def _few_ticks(values: FloatArray) -> tuple[list[int], list[str]]:
     places = np.unique(np.linspace(0, values.size - 1, min(values.size, 6)).astype(int))
     return places.tolist(), [f"{values[i]:.3g}" for i in places]
@@ -272,16 +261,13 @@ def _few_ticks(values: FloatArray) -> tuple[list[int], list[str]]:
 def _state_legend(figure: Any, shares: Mapping[int, float]) -> None:
     from matplotlib.patches import Patch
 
-    figure.legend(
-        handles=[
-            Patch(
-                facecolor=STATE_COLOURS[kind],
-                edgecolor="#555555",
-                linewidth=0.6,
-                label=f"{STATE_NAMES[kind]} {100 * share:.2f} %",
-            )
-            for kind, share in shares.items()
-        ],
-        loc="outside lower center",
-        ncols=3,
-    )
+    handles = [
+        Patch(
+            facecolor=STATE_COLOURS[kind],
+            edgecolor="#555555",
+            linewidth=0.6,
+            label=f"{STATE_NAMES[kind]} {100 * share:.2f} %",
+        )
+        for kind, share in shares.items()
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
