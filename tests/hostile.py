@@ -137,11 +137,3 @@ def transforms() -> None:
 def starts_a_thread() -> None:
     """What makes a process no template."""
     threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
-
-
-if __name__ == "__main__":  # as a command: SCENE RESULT, both of numpy
-    given = np.load(sys.argv[1])
-    load, modulus = given["loads"][-1], given["young_modulus"] / (1 - given["poisson_ratio"] ** 2)
-    q = 2 * np.pi / given["periods"][0] * np.arange(given["heights"].size // 2 + 1)
-    waves = np.fft.irfft(modulus / 2 * q * np.fft.rfft(given["heights"]))
-    np.savez(sys.argv[2], pressure=load + waves, gap=0 * waves, converged=1)

@@ -125,9 +125,8 @@ def verify(
     there as earlier-verdict.json and earlier-junit.xml.
 
     \b
-    A command reads the scene from one file and writes its result to the other:
+    A command reads the scene from one text file and writes its result to the other:
       --solver 'mine=./my_solver {scene} {result}'
-    Both are text; {scene.npz} and {result.npz} are files of numpy instead.
     `python -m pydoc epcontact.harness.methods.exchange` describes them line by line.
     """
     output = run.folder

@@ -73,11 +73,15 @@ class Candidate:
         return math.hypot(self.grid_error, self.scatter)
 
 
+#: Options of a quick solve, which only has to show the areas.
+_QUICK: dict[str, dict[str, Any]] = {"bem": {"area_tolerance": 1e-4}}
+
+
 def solve_pilot(
     case: Case, recipe: Recipe, method: str, threads: int | None, **options: Any
 ) -> Pilot:
     """Solve the case on one surface, no more exactly than a pilot of the method needs."""
-    given = dict(METHODS[method].pilot) | dict(case.options.get(method, {})) | options
+    given = _QUICK.get(method, {}) | dict(case.options.get(method, {})) | options
     scene = case.scene(recipe)
     result = METHODS[method].solve(scene, given, threads or available_cores())
     areas, counts = result.final.areas, result.final.iterations

@@ -158,7 +158,7 @@ def plan(
         return solve_pilot(case, recipe, method, threads, **options)
 
     options: dict[str, Any] = {}
-    if "depth" in METHODS[method].options.model_fields:
+    if method == "fem":
         options, reasons = finite_element_options(case, recipes[0], solve, tolerance)
         why += reasons
     if case.options.get("fem", {}).get("law") == "j2" and isinstance(recipes[0], SelfAffine):

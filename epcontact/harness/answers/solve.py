@@ -57,7 +57,7 @@ def solve_task(task: Task, threads: int, moving: Callable[[float], None] | None 
                 result = foreign.solve(method.name, method.source, scene, case.time_limit)
             else:
                 options = {**case.options[method.name], **_step_options(task, scene)}
-                if moving is not None and method.tells_progress:
+                if moving is not None and method.steps:
                     options["progress"] = lambda share, _: moving(share)
                 result = method.solve(scene, options, threads)
         if not result.converged:

@@ -197,7 +197,7 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
 
 def kept(task: Task, output: Path) -> ContactResult | None:
     """Return the result of an earlier run of the same task, if it is there as it was written."""
-    if task.method.source:
+    if task.method.foreign:
         return None
     data = read_member(task.result_path(output))
     if data.get("key") != key_of(task):

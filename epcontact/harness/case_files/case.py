@@ -178,7 +178,7 @@ def _mistakes(case: Case, text: CaseText) -> Iterator[str]:
         material = case.material
         section = "load"
         check_load(material, case.load)
-        if not all(METHODS[name].follows_unloading for name in case.methods):
+        if not all(METHODS[name].steps for name in case.methods):
             check_loading(material, case.load)
     except EpcontactError as error:
         yield f"[{section}] {error}"
@@ -189,10 +189,9 @@ def _option_mistakes(case: Case) -> Iterator[str]:
         method = METHODS[name]
         given = getattr(case, method.table) if method.table else None
         if method.table and given is None:
-            needed = [key for key, f in method.options.model_fields.items() if f.is_required()]
             yield (
-                f"case.methods asks for {name}, which needs a table [{method.table}] with "
-                + " and ".join(needed)
+                f"case.methods asks for {name}, which needs a table [{method.table}]; "
+                "`epcontact keys` lists its keys"
             )
         kind = getattr(case.surface, "kind", "self_affine")  # an absent file has none
         if getattr(given, "spectrum", "") == "analytic" and kind != "self_affine":

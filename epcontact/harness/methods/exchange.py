@@ -1,9 +1,7 @@
 """Scenes and results as files, for solvers in any language: `--solver 'command {scene} {result}'`.
 
-The command reads a scene from one file and writes its result to the other.  {scene} and {result}
-stand for text files, {scene.npz} and {result.npz} for files of `numpy.savez` with the same names,
-where `shape` and `periods` have one entry for a line and `loads` and `heights` are arrays.  All
-numbers are in SI units; the conventions are those of `help(epcontact)`.
+The command reads a scene from one text file and writes its result to the other.  All numbers are
+in SI units; the conventions are those of `help(epcontact)`.
 
 The scene is a text of one item a line, always in this order:
 
@@ -36,15 +34,13 @@ given, the gap.
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -54,17 +50,12 @@ from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Scene
 
 #: What a command has in the place of the files.
-PLACEHOLDER = re.compile(r"\{(scene|result)(\.npz)?\}")
-SCENE, RESULT = "epcontact-scene", "epcontact-result"
+PLACEHOLDER = re.compile(r"\{(scene|result)\}")
 _ARRAYS, _NUMBERS = ("pressure", "gap", "displacement"), ("converged", "residual")
 
 
 def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
-    """Return the result that a command gives for a scene.
-
-    Args:
-        words: the program and its arguments, with placeholders.
-        scene: the scene.
+    """Return the result that a program, given by its words, has for a scene.
 
     Raises:
         InvalidCase: if the command fails or writes no result.
@@ -72,19 +63,11 @@ def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
     """
     from epcontact.harness.methods.peers import result_of  # loads solvers
 
-    with tempfile.TemporaryDirectory(prefix="epcontact-") as folder:
-
-        def path(match: re.Match[str]) -> str:
-            return os.path.join(folder, match[1] + (match[2] or ".txt"))
-
-        command = [PLACEHOLDER.sub(path, word) for word in words]
-        result = Path(folder) / (
-            "result.npz" if "{result.npz}" in " ".join(words) else "result.txt"
-        )
-        if "{scene.npz}" in " ".join(words):
-            np.savez(Path(folder) / "scene.npz", **scene_items(scene))
-        else:
-            (Path(folder) / "scene.txt").write_text(scene_text(scene), encoding="utf-8")
+    with tempfile.TemporaryDirectory(prefix="epcontact-") as name:
+        given, written = Path(name) / "scene.txt", Path(name) / "result.txt"
+        given.write_text(scene_text(scene), encoding="utf-8")
+        files = {"scene": str(given), "result": str(written)}
+        command = [PLACEHOLDER.sub(lambda match: files[match[1]], word) for word in words]
         started = time.perf_counter()
         done = subprocess.run(command, check=False, stderr=subprocess.PIPE)
         seconds = time.perf_counter() - started
@@ -93,32 +76,14 @@ def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
         if done.returncode:
             last = f"; it said: {said.strip().splitlines()[-1]}" if said.strip() else ""
             raise InvalidCase(f"a command that {death_of(done.returncode)}{last}")
-        if not result.is_file():
+        if not written.is_file():
             raise InvalidCase("a command that ended with exit code 0 and wrote no result")
-        found = _read(result, scene.surface.shape)
+        text = written.read_text(encoding="utf-8", errors="replace")
+    found = result_of_text(text, scene.surface.shape)
     if found["converged"] != 1:
         raise NotConverged(f"a result that has not converged (converged {found['converged']:g})")
     gap, displacement = found.get("gap"), found.get("displacement")
     return result_of(scene, found["pressure"], words[0], seconds, gap, displacement)
-
-
-def scene_items(scene: Scene) -> dict[str, Any]:
-    """Return the entries of a scene's file by name."""
-    surface, material, body = scene.surface, scene.material, scene.body
-    return {
-        SCENE: 1,
-        "dimensions": len(surface.shape),
-        "shape": surface.shape,
-        "periods": surface.periods,
-        "young_modulus": material.young_modulus,
-        "poisson_ratio": material.poisson_ratio,
-        "hardness": material.hardness,
-        "yield_stress": material.yield_stress,
-        "body": body.kind,
-        "depth": body.depth,
-        "loads": scene.load.path,
-        "heights": surface.heights,
-    }
 
 
 def scene_text(scene: Scene) -> str:
@@ -130,19 +95,30 @@ def scene_text(scene: Scene) -> str:
         >>> scene_text(Scene(line, Material(1e11, 0.3), Load(1e8))).splitlines()[:4]
         ['epcontact-scene 1', 'dimensions 1', 'shape 2 1', 'periods 0.001 0.0']
     """
-    items = scene_items(scene)
-    loads, heights = items.pop("loads"), items.pop("heights")
-    if items["dimensions"] == 1:
-        items |= {"shape": (*items["shape"], 1), "periods": (*items["periods"], 0.0)}
+    surface, material, body = scene.surface, scene.material, scene.body
+    line = len(surface.shape) == 1
+    shape = (*surface.shape, 1) if line else surface.shape
+    periods = (*surface.periods, 0.0) if line else surface.periods
     rows = [
-        f"{name} {' '.join(map(str, value)) if isinstance(value, tuple) else value}"
-        for name, value in items.items()
+        "epcontact-scene 1",
+        f"dimensions {len(surface.shape)}",
+        f"shape {shape[0]} {shape[1]}",
+        f"periods {periods[0]} {periods[1]}",
+        f"young_modulus {material.young_modulus}",
+        f"poisson_ratio {material.poisson_ratio}",
+        f"hardness {material.hardness}",
+        f"yield_stress {material.yield_stress}",
+        f"body {body.kind}",
+        f"depth {body.depth}",
+        f"loads {len(scene.load.path)}",
+        *map(repr, scene.load.path),
+        "heights",
+        *map(repr, surface.heights.ravel().tolist()),
     ]
-    rows += [f"loads {len(loads)}", *map(repr, loads)]
-    return "\n".join([*rows, "heights", *map(repr, heights.ravel().tolist()), ""])
+    return "\n".join(rows) + "\n"
 
 
-def result_of_text(text: str, shape: tuple[int, ...]) -> dict[str, Any]:
+def result_of_text(text: str, shape: tuple[int, ...]) -> dict[str, FloatArray]:
     """Read the text of a result.
 
     Raises:
@@ -152,35 +128,23 @@ def result_of_text(text: str, shape: tuple[int, ...]) -> dict[str, Any]:
         >>> result_of_text("epcontact-result 1 converged 1 pressure 0 2e8", (2,))["pressure"]
         array([0.e+00, 2.e+08])
     """
-    words, found, at = text.split(), {}, 2
-    if words[:2] != [RESULT, "1"]:
-        raise InvalidCase(f"a file that does not begin with '{RESULT} 1'")
+    words, at = text.split(), 2
+    found: dict[str, FloatArray] = {}
+    if words[:2] != ["epcontact-result", "1"]:
+        raise InvalidCase("a file that does not begin with 'epcontact-result 1'")
     while at < len(words):
         name = words[at]
         if name not in (*_ARRAYS, *_NUMBERS):
             known = ", ".join((*_NUMBERS, *_ARRAYS))
             raise InvalidCase(f"a file with {name!r:.40} in the place of one of {known}")
-        count = int(np.prod(shape)) if name in _ARRAYS else 1
-        values = words[at + 1 : at + 1 + count]
+        form = shape if name in _ARRAYS else ()
+        count = int(np.prod(form))
         try:
-            found[name] = np.array(values, dtype=np.float64)
+            found[name] = np.array(words[at + 1 : at + 1 + count], dtype=np.float64).reshape(form)
         except ValueError:
-            found[name] = np.empty(0)
-        if found[name].size != count:
-            raise InvalidCase(f"a file with fewer than {count} numbers after {name!r}")
+            raise InvalidCase(f"a file with fewer than {count} numbers after {name!r}") from None
         at += 1 + count
-    return _required({n: v.reshape(shape) if n in _ARRAYS else v[0] for n, v in found.items()})
-
-
-def _read(path: Path, shape: tuple[int, ...]) -> dict[str, Any]:
-    if path.suffix == ".txt":
-        return result_of_text(path.read_text(encoding="utf-8", errors="replace"), shape)
-    with np.load(path, allow_pickle=False) as file:
-        return _required({n: np.asarray(file[n], dtype=np.float64) for n in file.files})
-
-
-def _required(found: Mapping[str, FloatArray]) -> dict[str, Any]:
     for name in ("converged", "pressure"):
         if name not in found:
             raise InvalidCase(f"a file without {name!r}")
-    return dict(found)
+    return found

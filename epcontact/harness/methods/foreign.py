@@ -50,7 +50,7 @@ def require_solver(source: str) -> None:
         if sorted(match[1] for match in PLACEHOLDER.finditer(source)) != ["result", "scene"]:
             raise InvalidCase(
                 f"solver {source}: a command needs the placeholders {{scene}} and {{result}} once "
-                "each ({scene.npz} and {result.npz} for files of numpy)"
+                "each"
             )
         words = _words(source)
         if shutil.which(words[0]) is None:

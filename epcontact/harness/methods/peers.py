@@ -95,10 +95,7 @@ def _tamaas_pressure(
     effort: float | int | None,
     lengths: tuple[float, float] = (1.0, 1.0),
 ) -> FloatArray:
-    """Return pressure/E* by tamaas on periods near 1.
-
-    `effort` is the tolerance without a hardness and the number of iterations with one.
-    """
+    """Return pressure/E* by tamaas; `effort` is a tolerance or, with a hardness, iterations."""
     import tamaas as tm
 
     tm.set_log_level(tm.LogLevel.error)
@@ -123,13 +120,13 @@ PEERS: dict[str, Pressure] = {
 def contact_mechanics(scene: Scene) -> ContactResult:
     """Solve a scene by ContactMechanics.  Raises InvalidScene, StudyUnavailable, NotConverged."""
     effort = TOLERANCE * float(np.std(scene.surface.heights)) / scene.surface.periods[0]
-    return _answer(scene, "ContactMechanics", effort)
+    return _answer(scene, "contact_mechanics", "ContactMechanics", effort)
 
 
 def tamaas(scene: Scene) -> ContactResult:
     """Solve a scene by tamaas.  Raises InvalidScene, StudyUnavailable, NotConverged."""
     elastic = math.isinf(scene.material.hardness)
-    return _answer(scene, "tamaas", TOLERANCE if elastic else ITERATIONS)
+    return _answer(scene, "tamaas", "tamaas", TOLERANCE if elastic else ITERATIONS)
 
 
 def tamaas_j2(scene: Scene) -> ContactResult:
@@ -180,11 +177,7 @@ def tamaas_j2(scene: Scene) -> ContactResult:
 
 
 def _tamaas_flow(scene: Scene, flowing: float) -> tuple[FloatArray, FloatArray, float]:
-    """Follow the path of loads on a body that may flow down to `flowing` periods.
-
-    Returns:
-        Pressure/E*, gap over the period, and the largest plastic strain in the lowest layer.
-    """
+    """Return pressure/E*, gap/period and the largest plastic strain in the lowest layer."""
     E, period = effective_modulus(scene.material), scene.surface.periods[0]
     heights = scene.surface.heights / period
     model, contact, flow = _tamaas_body(scene, flowing)
@@ -261,18 +254,20 @@ def _require_peer(scene: Scene, name: str) -> None:
         ) from None
 
 
-def _answer(scene: Scene, name: str, effort: float) -> ContactResult:
-    surface = scene.surface
-    _require_peer(scene, name)
-    E, period = effective_modulus(scene.material), surface.periods[0]
+def _answer(scene: Scene, name: str, package: str, effort: float) -> ContactResult:
+    _require_peer(scene, package)
+    E, periods = effective_modulus(scene.material), scene.surface.periods
+    loads = (scene.load.final / E, scene.material.hardness / E)
     started = time.perf_counter()
     try:
-        heights = np.array(surface.heights) / period
-        loads = (scene.load.final / E, scene.material.hardness / E)
-        lengths = (1.0, surface.periods[1] / period)
-        pressure = PEERS[name](heights, *loads, effort, lengths)
+        pressure = PEERS[package](
+            np.array(scene.surface.heights) / periods[0],
+            *loads,
+            effort,
+            (1.0, periods[1] / periods[0]),
+        )
     except (RuntimeError, ArithmeticError, ValueError) as error:
-        raise NotConverged(f"{name} gave up: {' '.join(str(error).split())}") from error
+        raise NotConverged(f"{package} gave up: {' '.join(str(error).split())}") from error
     return result_of(scene, pressure * E, name, time.perf_counter() - started)
 
 

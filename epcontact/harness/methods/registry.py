@@ -14,7 +14,7 @@ import importlib.util
 import re
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import entry_points
 from typing import Any, Literal
@@ -99,15 +99,6 @@ class FemTable(Table):
         return self
 
 
-def _never(options: Mapping[str, Any]) -> bool:
-    del options
-    return False
-
-
-def _analytic(options: Mapping[str, Any]) -> bool:
-    return bool(options["spectrum"] == "analytic")
-
-
 def _nothing() -> None:
     """For a method that has nothing to load.  Unlike a lambda, this can be sent to a worker."""
 
@@ -121,23 +112,17 @@ class Method:
         meaning: its description in one line.
         solve: maps (scene, options, threads) to a ContactResult; threads None: all cores.
         table: name of the case file's table that holds the options; empty if there are none.
-        options: schema of that table.  If one of its keys has no default, a case that names the
-            method must give the table.
         has_fields: the result has fields on the grid of the surface.
-        follows_unloading: the method can follow a path on which a capped law unloads.
         has_model_measures: gates can ask how the J2 flow of the method differs from a cap.
-        steps: the keyword of its solve by which every load is written: `on_step`, a function that
-            is called with a result of that load, or `output`, a folder for the deformed body;
-            empty if it has none.
-        tells_progress: its solve takes `progress`, called with a share that is done and a sentence.
-        pilot: options of a quick solve, which only has to show the areas.
-        one_answer: maps the options to True if one answer serves all surfaces of a case.
+        steps: of a method that follows a path of loads, unloading included, and takes `progress`,
+            called with a share that is done and a sentence: the keyword by which it writes every
+            load, `on_step`, a function that is called with a result of that load, or `output`, a
+            folder for the deformed body.
         memory: estimates the bytes of a solve, see `memory`.
         load: loads the modules and the compiled kernels of a solve, by a solve that takes no time.
-        source: `module:function` or command of a solver from outside the package.  It runs in a
-            process of its own.  The harness does not see changes of its code, so it never reuses
-            a kept result of such a method.
         requires: a module of the extra `peers` that the method needs.
+        source: `module:function` or command of a solver from outside the package, which runs in a
+            process of its own.
         modules: the modules that answer the scene; a kept result is used again only while they
             and all that they import are the same, see `foundation`.
     """
@@ -146,24 +131,24 @@ class Method:
     meaning: str
     solve: Solve
     table: str = ""
-    options: type[Table] = Table
     has_fields: bool = True
-    follows_unloading: bool = False
     has_model_measures: bool = False
     steps: Literal["", "on_step", "output"] = ""
-    tells_progress: bool = False
-    pilot: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    one_answer: Callable[[Mapping[str, Any]], bool] = _never
     memory: memory.Estimate = memory.of_surface
     load: Callable[[], None] = _nothing
-    source: str = ""
     requires: str = ""
+    source: str = ""
     modules: tuple[str, ...] = ()
 
     @property
     def plannable(self) -> bool:
-        """True if a grid makes the method exact and its areas come with errors of their own."""
-        return self.has_fields and not self.source
+        """True for the package's own methods on grids, whose grid a plan can choose."""
+        return bool(self.steps)
+
+    @property
+    def foreign(self) -> bool:
+        """True if its code is not the package's: no kept result is used, as it may have changed."""
+        return bool(self.source or self.requires)
 
     @property
     def missing(self) -> str:
@@ -177,10 +162,9 @@ class Method:
 # commands solve nothing.
 
 
-def _persson(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
+def _persson(scene: Scene, options: Mapping[str, Any], _: int | None) -> ContactResult:
     from epcontact import persson
 
-    del threads  # closed forms
     return persson.solve(scene, **options)
 
 
@@ -195,6 +179,17 @@ def _fem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> Conta
     # Its own time ends before its last kernel may be compiled.
     seconds = time.perf_counter() - started - (compile_seconds() - compiled)
     return replace(result, cost=dict(result.cost) | {"seconds": seconds})
+
+
+def _peer(name: str, scene: Scene, *_: Any) -> ContactResult:
+    from epcontact.harness.methods import peers
+
+    answer: ContactResult = getattr(peers, name)(scene)
+    return answer
+
+
+def _foreign(name: str, source: str, scene: Scene, *_: Any) -> ContactResult:
+    return foreign.solve(name, source, scene)
 
 
 def _load_bem() -> None:
@@ -214,29 +209,9 @@ def _small_scene(points: int) -> Scene:
     return Scene(Surface(1e-3 * heights, (1.0, 1.0)), material, Load(1e-3))
 
 
-def method_of(name: str, source: str, requires: str = "") -> Method:
-    """Make a method that runs a user's function or command in a process of its own.
-
-    Args:
-        name: name of the method in cases and files of results.
-        source: `package.module:function`, which maps a Scene to a ContactResult, or a command, see
-            `exchange`.  It is loaded by the first solve, so that a broken solver spoils no other
-            method.
-        requires: see `Method`.
-
-    Returns:
-        The method; its `solve` raises what `foreign.solve` does.
-    """
-    meaning = f"the solver {source}"
-    solve = partial(_foreign, name, source)
-    return Method(name, meaning, solve, source=source, requires=requires)
-
-
-def _foreign(
-    name: str, source: str, scene: Scene, options: Mapping[str, Any], threads: int | None
-) -> ContactResult:
-    del options, threads
-    return foreign.solve(name, source, scene)
+def _of_user(name: str, source: str) -> Method:
+    """Return the method of a user's function or command, which its first solve loads."""
+    return Method(name, f"the solver {source}", partial(_foreign, name, source), source=source)
 
 
 def solver_named(text: str) -> Method:
@@ -274,20 +249,17 @@ def solver_named(text: str) -> Method:
             f"mine={source}"
         )
     foreign.require_solver(source)
-    return method_of(name, source)
+    return _of_user(name, source)
 
 
 def _registry() -> dict[str, Method]:
-    peers = "epcontact.harness.methods.peers"  # by its name, because it loads solvers
     own = [
         Method(
             "persson",
             "Persson's multiscale theory with a pressure cap",
             _persson,
             "theory",
-            TheoryTable,
             has_fields=False,
-            one_answer=_analytic,
             modules=("epcontact.persson",),
         ),
         Method(
@@ -295,11 +267,7 @@ def _registry() -> dict[str, Method]:
             "FFT boundary elements with a pressure cap",
             _bem,
             "bem",
-            BemTable,
-            follows_unloading=True,
             steps="on_step",
-            tells_progress=True,
-            pilot={"area_tolerance": 1e-4},
             memory=memory.of_grid,
             load=_load_bem,
             modules=("epcontact.bem",),
@@ -309,24 +277,30 @@ def _registry() -> dict[str, Method]:
             "finite elements, elastic, with a pressure cap or with J2 flow",
             _fem,
             "fem",
-            FemTable,
-            follows_unloading=True,
             has_model_measures=True,
             steps="output",
-            tells_progress=True,
             memory=memory.of_block,
             load=_load_fem,
             modules=("fem_check",),
         ),
-        method_of("contact_mechanics", f"{peers}:contact_mechanics", "ContactMechanics"),
-        method_of("tamaas", f"{peers}:tamaas", "tamaas"),
-        replace(
-            method_of("tamaas_j2", f"{peers}:tamaas_j2", "tamaas"),
-            has_model_measures=True,
-        ),
     ]
-    plugins = [method_of(e.name, e.value) for e in entry_points(group="epcontact.methods")]
-    return {method.name: method for method in (*plugins, *own)}
+    peers = [
+        Method(
+            name,
+            f"the public solver {package}, {how}",
+            partial(_peer, name),
+            has_model_measures=name == "tamaas_j2",
+            requires=package,
+            modules=("epcontact.harness.methods.peers",),
+        )
+        for name, package, how in (
+            ("contact_mechanics", "ContactMechanics", "with a pressure cap"),
+            ("tamaas", "tamaas", "with a pressure cap"),
+            ("tamaas_j2", "tamaas", "with J2 flow by volume integrals"),
+        )
+    ]
+    users = [_of_user(e.name, e.value) for e in entry_points(group="epcontact.methods")]
+    return {method.name: method for method in (*users, *own, *peers)}
 
 
 #: Every method by its name.

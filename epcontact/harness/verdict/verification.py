@@ -67,7 +67,7 @@ def verify(
     run = replace(run or Run(), **options)
     set_verdict_aside(run.folder)
     methods = dict(METHODS)
-    named = () if cases is None else listed(cases)
+    named = [cases] if isinstance(cases, Case) else [] if cases is None else listed(cases)
     loaded = _loaded(named or cases_to_verify(size), size)
     if solver:
         stand_in = solver_named(solver)
