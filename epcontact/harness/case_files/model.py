@@ -92,7 +92,7 @@ class Case(Table):
         kept = {name: getattr(self, name) for name in ("methods", "recipes", "options", "gates")}
         return self.model_copy(update=kept | values)
 
-    @property
+    @cached_property
     def path(self) -> Path:
         """The file."""
         return self._path
@@ -107,22 +107,22 @@ class Case(Table):
         """The name of the case."""
         return self.head.id
 
-    @property
+    @cached_property
     def requirement(self) -> str:
         """The requirement, one sentence."""
         return self.head.requirement
 
-    @property
+    @cached_property
     def source(self) -> str:
         """The source of the requirement."""
         return self.head.source
 
-    @property
+    @cached_property
     def time_limit(self) -> float:
         """Seconds after which one solve is given up."""
         return self.head.time_limit
 
-    @property
+    @cached_property
     def verify(self) -> bool:
         """True if a bare `epcontact verify` includes the case."""
         return self.head.verify
@@ -200,18 +200,18 @@ class Case(Table):
             given["hardness"] = getattr(self.mapped_hardness, "value", math.inf)
         return Material(**given)
 
-    @property
+    @cached_property
     def hardness_in_words(self) -> str:
         """The effective hardness with its interval, or "" where the file gives a number."""
         return "" if self.mapped_hardness is None else str(self.mapped_hardness)
 
-    @property
+    @cached_property
     def hardness_source(self) -> str:
         """The effective hardness and what it rests on, or ""."""
         found = self.mapped_hardness
         return "" if found is None else f"{found}; {found.rests_on}".replace("\n", " ")
 
-    @property
+    @cached_property
     def own_gates(self) -> list[GateTable]:
         """The gates of the file that apply to this size."""
         return [gate for gate in self.gate if gate.sizes is None or self.size in gate.sizes]
@@ -234,7 +234,7 @@ class Case(Table):
         ]
         return tuple(gate.gate for gate in (*self.own_gates, *shared))
 
-    @property
+    @cached_property
     def not_judged(self) -> tuple[str, ...]:
         """A sentence for each gate that the case has or omits and that this size leaves out."""
         return (
