@@ -16,7 +16,7 @@ def test_papers_are_different_and_their_identifiers_well_formed() -> None:
     identifiers = [paper.doi for paper in PAPERS if paper.doi]
     assert len(set(identifiers)) == len(identifiers)
     assert all(re.fullmatch(r"10\.\d{4,9}/\S+", doi) for doi in identifiers)
-    own = {name for name, method in METHODS.items() if not method.source}
+    own = {name for name, method in METHODS.items() if not method.foreign}
     assert {name for paper in PAPERS for name in paper.methods} == own
 
 
