@@ -65,12 +65,7 @@ class StudyUnavailable(EpcontactError):
 
 
 def printable(text: str) -> str:
-    """Return `text` on one line, with escapes for characters that a terminal or XML cannot show.
-
-    Example:
-        >>> printable("a bell \\a and\\na line")
-        'a bell \\\\x07 and a line'
-    """
+    """Return `text` on one line, with escapes for characters that a terminal or XML cannot show."""
     line = " ".join(text.split())
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
 
@@ -88,6 +83,11 @@ def sentence_of(error: BaseException) -> str:
     return printable(f"not enough memory ({text})" if isinstance(error, MemoryError) else text)
 
 
+def closest(name: str, known: Iterable[str]) -> str:
+    """Return the known name that is so close to an unknown one that it is probably meant, or ""."""
+    return next(iter(difflib.get_close_matches(name, sorted(known), n=1)), "")
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the end of a sentence on an unknown name: the closest known name, or all of them.
 
@@ -97,13 +97,3 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """
     close = closest(name, known)
     return f"; did you mean {close!r}?" if close else f"; there are {', '.join(sorted(known))}"
-
-
-def closest(name: str, known: Iterable[str]) -> str:
-    """Return the known name that is so close to an unknown one that it is probably meant, or "".
-
-    Example:
-        >>> closest("hurts", ["hurst", "rms_slope"])
-        'hurst'
-    """
-    return next(iter(difflib.get_close_matches(name, sorted(known), n=1)), "")

@@ -1,8 +1,6 @@
 """The result of a method: areas, residuals, pressure distribution, fields, cost and provenance.
 
-All methods return the same class, so that a gate need not know which of them it reads.  Results
-are frozen.  `to_json` gives their JSON form, which `from_json` reads back, both without the fields,
-which are kept in VTK files.
+All methods return the same frozen class, so that a gate need not know which of them it reads.
 """
 
 from __future__ import annotations
@@ -26,11 +24,6 @@ FloatArray = NDArray[np.float64]
 APART, ELASTIC, PLASTIC = 0, 1, 2
 
 
-def package_versions() -> dict[str, str]:
-    """Return the versions of this package, Python and the libraries that affect the numbers."""
-    return dict(_versions())
-
-
 @functools.cache  # reading package metadata takes longer than a solve of the theory
 def _versions() -> dict[str, str]:
     versions = {"python": platform.python_version()}
@@ -40,6 +33,11 @@ def _versions() -> dict[str, str]:
         except PackageNotFoundError:
             versions[name] = "not installed"
     return versions
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions of this package, Python and the libraries that affect the numbers."""
+    return dict(_versions())
 
 
 @dataclass(frozen=True)
@@ -71,6 +69,7 @@ class PressureDistribution:
             array = np.array(getattr(self, name), dtype=np.float64)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        object.__setattr__(self, "plastic", float(self.plastic))
 
 
 @dataclass(frozen=True)
@@ -156,23 +155,10 @@ class ContactResult:
     def to_json(self) -> dict[str, Any]:
         """Return everything except the fields in JSON types; infinities become strings."""
         final = self.final
-        data: dict[str, Any] = plain(
-            {
-                "method": self.method,
-                "converged": self.converged,
-                "mean_pressure": final.mean_pressure,
-                "areas": final.areas,
-                "residuals": final.residuals,
-                "iterations": final.iterations,
-                "quantities": final.quantities,
-                "steps": self.steps,
-                "distribution": self.distribution,
-                "cost": self.cost,
-                "history": self.history,
-                "notes": self.notes,
-                "provenance": self.provenance,
-            }
-        )
+        shown = {"method": self.method, "converged": self.converged}
+        shown |= {f.name: getattr(final, f.name) for f in dataclasses.fields(final)}
+        names = ("steps", "distribution", "cost", "history", "notes", "provenance")
+        data: dict[str, Any] = plain(shown | {name: getattr(self, name) for name in names})
         return data
 
     @classmethod
@@ -184,46 +170,31 @@ class ContactResult:
         """
         steps = tuple(
             LoadStep(
-                mean_pressure=float(step["mean_pressure"]),
-                areas={name: Areas(**_floats(areas)) for name, areas in step["areas"].items()},
-                residuals=_floats(step["residuals"]),
-                iterations=step["iterations"],
-                quantities=_floats(step["quantities"]),
+                float(step["mean_pressure"]),
+                {name: Areas(**_numbers(areas)) for name, areas in step["areas"].items()},
+                _numbers(step["residuals"]),
+                step["iterations"],
+                _numbers(step["quantities"]),
             )
             for step in data["steps"]
         )
         saved = data["distribution"]
-        distribution = None
-        if saved is not None:
-            distribution = PressureDistribution(
-                np.array(saved["pressure"], dtype=float),
-                np.array(saved["cumulative"], dtype=float),
-                float(saved["plastic"]),
-            )
         return cls(
             method=data["method"],
             steps=steps,
             provenance=Provenance(**data["provenance"]),
-            distribution=distribution,
-            cost=_floats(data["cost"]),
-            history=tuple(float(value) for value in data["history"]),
+            distribution=None if saved is None else PressureDistribution(**saved),
+            cost=_numbers(data["cost"]),
+            history=tuple(map(float, data["history"])),
             notes=tuple(data["notes"]),
             converged=data["converged"],
         )
 
 
 def plain(value: Any) -> Any:
-    """Return `value` in JSON types, without arrays, tuples, dataclasses, paths and infinities.
+    """Return `value` in JSON types; a number that JSON cannot hold as "inf", "-inf" or "nan".
 
-    A number that JSON cannot hold becomes one of the strings "inf", "-inf" and "nan", which `float`
-    reads back.
-
-    Raises:
-        TypeError: JSON has nothing for a value.
-
-    Example:
-        >>> plain({"hardness": math.inf, "pressure": np.array([1.0, 2.0])})
-        {'hardness': 'inf', 'pressure': [1.0, 2.0]}
+    Raises TypeError if JSON has nothing for a value.
     """
     if isinstance(value, float):  # first, because most values are such numbers
         return float(value) if math.isfinite(value) else str(float(value))
@@ -244,5 +215,5 @@ def plain(value: Any) -> Any:
     return list(value) if finite else [plain(item) for item in value]
 
 
-def _floats(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: float(v) if isinstance(v, str) else v for key, v in data.items()}
+def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: float(v) if isinstance(v, str) else v for name, v in data.items()}

@@ -1,12 +1,8 @@
 """The scene: one periodic rough surface, a material, a body and a load, frozen and checked once.
 
-This module holds everything that a method may know of the problem, and no part of any method: no
-kernel, no spectrum estimate, no formula for the effective modulus.  So `fem_check` can import it
-and stay independent of the boundary-element solver.  All units are SI.
-
-A scene's `digest` identifies it in results.  Heights that a generator made are identified by
-the generator's recipe rather than by their bytes, so that a case file's digest is known before
-any surface is made.
+This module holds everything that a method may know of the problem, and no part of any method, so
+that `fem_check` can import it and stay independent of the boundary-element solver.  All units are
+SI.  The parts of a scene come first, then the checks of heights, then those of any input.
 """
 
 from __future__ import annotations
@@ -19,11 +15,10 @@ import json
 import math
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, fields
 from numbers import Real
-from types import FrameType
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,86 +33,8 @@ LARGEST_RATIO = 2.0
 #: Lengths, pressures and wave numbers in SI units.  Their products and squares, which the methods
 #: form, neither overflow nor underflow: all answers keep their digits at both ends of the range.
 SMALLEST, LARGEST = 1e-40, 1e40
-#: Rows of a grid that are differentiated at once.
-_ROWS = 64
 
 BodyKind = Literal["half_space", "bonded_layer", "sliding_layer"]
-
-
-def _require(condition: bool, message: str) -> None:
-    if not condition:
-        raise InvalidScene(message)
-
-
-def number(name: str, given: Any, right: str, good: Callable[[float], bool]) -> float:
-    """Return a number of Python or numpy as a float, for every input of the package that is one.
-
-    Raises:
-        InvalidScene: It is no real number, as text, None and a truth value are none, or it is not
-            `good`; the sentence says that `name` must be `right`.
-
-    Example:
-        >>> number("taper", np.float32(0.25), "below 0.5", lambda share: share < 0.5)
-        0.25
-    """
-    plain = given.item() if isinstance(given, np.generic | np.ndarray) and not given.ndim else given
-    value = math.nan
-    if not isinstance(plain, bool) and isinstance(plain, Real):
-        with contextlib.suppress(OverflowError):  # a whole number of Python has no limit
-            value = float(plain)
-    _require(good(value), f"{name} is {plain!r:.60}, but must be {right}")
-    return value
-
-
-def positive(name: str, given: Any, unit: str, *, finite: bool = True) -> float:
-    """Return a positive number whose products are numbers; see `number`."""
-    right = f"a positive number in {unit}"
-    value = number(name, given, right, lambda v: v > 0 and (v < math.inf or not finite))
-    _require(
-        SMALLEST <= value <= LARGEST or value == math.inf,
-        f"{name} is {value:g} {unit}, but must lie between {SMALLEST:g} and {LARGEST:g}, where "
-        "products neither overflow nor vanish",
-    )
-    return value
-
-
-def share(name: str, given: Any) -> float:
-    """Return a number between 0 and 1, both excluded, as a tolerance is; see `number`."""
-    return number(name, given, "a number between 0 and 1, both excluded", lambda v: 0 < v < 1)
-
-
-def whole(name: str, given: Any, least: int) -> int:
-    """Return a whole number of at least `least` as an int; see `number`."""
-    right = f"a whole number of at least {least}"
-    number(name, given, right, lambda v: v >= least and v.is_integer())
-    return int(given)
-
-
-def array(name: str, given: Any) -> FloatArray:
-    """Return an array of 64-bit floats, in this machine's byte order.  Raises InvalidScene."""
-    try:
-        return np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidScene(f"{name} is {given!r:.60}, but must be an array of numbers") from None
-
-
-def listed(given: Any) -> tuple[Any, ...]:
-    """Return one value, or several in any sequence, as a tuple."""
-    try:
-        return (given,) if isinstance(given, str | bytes) else tuple(given)
-    except TypeError:
-        return (given,)
-
-
-def require_kind(name: str, given: Any, kind: type) -> None:
-    """Raise InvalidScene unless an input is an instance of a class of the package."""
-    _require(isinstance(given, kind), f"{name} is {given!r:.60}, but must be a {kind.__name__}")
-
-
-def settle(frozen: Any, **checked: Any) -> None:
-    """Set fields of a frozen dataclass to their checked values."""
-    for name, value in checked.items():
-        object.__setattr__(frozen, name, value)
 
 
 @dataclass(frozen=True)
@@ -148,10 +65,11 @@ class SelfAffineSpectrum:
     rms_slope: float
 
     def __post_init__(self) -> None:
-        for name in ("wavenumber_low", "wavenumber_roll_off", "wavenumber_high"):
-            settle(self, **{name: positive(name, getattr(self, name), "rad/m")})
-        hurst = number("hurst", self.hurst, "a number between 0 and 1", lambda v: 0 <= v <= 1)
-        settle(self, hurst=hurst, rms_slope=positive("rms_slope", self.rms_slope, "m/m"))
+        units = dict.fromkeys(("wavenumber_low", "wavenumber_roll_off", "wavenumber_high"), "rad/m")
+        for name, unit in {**units, "rms_slope": "m/m"}.items():
+            settle(self, **{name: positive(name, getattr(self, name), unit)})
+        right = "a number between 0 and 1"
+        settle(self, hurst=number("hurst", self.hurst, right, lambda v: 0 <= v <= 1))
         _require(
             self.wavenumber_low <= self.wavenumber_roll_off <= self.wavenumber_high,
             "wavenumbers are out of order: wavenumber_low <= wavenumber_roll_off <= "
@@ -221,20 +139,13 @@ class Surface:
         if self.seed is not None:
             settle(self, seed=whole("seed", self.seed, 0))
         # One pass without a temporary array: min and max propagate infinities and NaN.
-        extremes = (heights.min(), heights.max())
+        low, high = float(heights.min()), float(heights.max())
         _require(
-            bool(np.all(np.isfinite(extremes))),
+            math.isfinite(low) and math.isfinite(high),
             "heights hold NaN or infinite values; fill or crop them first",
         )
-        check_extremes(float(extremes[0]), float(extremes[1]), "heights")
-        slope = self.rms_slope if self.spectrum is None else self.spectrum.rms_slope
-        steps = _steps_note(heights, slope * min(self.spacing))
-        cautions = (
-            *levels_note(given.dtype),
-            *_slope_note(slope),
-            *steps,
-            *_oblong_note(self.spacing),
-        )
+        check_extremes(low, high, "heights")
+        cautions = (*levels_note(given.dtype), *_cautions(self))
         new = cautioned(tuple(note for note in cautions if note not in self.notes))
         settle(self, notes=(*listed(self.notes), *new))
 
@@ -251,12 +162,7 @@ class Surface:
     @functools.cached_property
     def rms_height(self) -> float:
         """Root mean square of the heights about their mean, in m."""
-        mean, total = float(self.heights.mean()), 0.0
-        for start in range(0, len(self.heights), _ROWS):
-            above = self.heights[start : start + _ROWS] - mean
-            above *= above
-            total += float(above.sum())
-        return math.sqrt(total / self.heights.size)
+        return float(self.heights.std())
 
     @functools.cached_property
     def rms_slope(self) -> float:
@@ -267,137 +173,6 @@ class Surface:
     def fingerprint(self) -> str:
         """The text that identifies the heights: their recipe, or the hash of their bytes."""
         return self.recipe or hashlib.sha256(self.heights.data).hexdigest()
-
-
-def rms_slope(heights: FloatArray, spacing: tuple[float, ...]) -> float:
-    """Return the root mean square of the gradient, from differences of neighbours in the map.
-
-    Args:
-        heights: (nx, ny) or (nx,) in m.
-        spacing: Distance of grid points along each direction, in m.
-
-    Example:
-        >>> rms_slope(np.array([0.0, 1.0, 0.0, 1.0]), (0.5,))
-        2.0
-    """
-    total = 0.0
-    for axis, step in enumerate(spacing):
-        squares, count = 0.0, 0
-        for start in range(0, len(heights), _ROWS):  # few rows at a time, without large arrays
-            rows = heights[start : start + _ROWS + (axis == 0)]
-            steps = np.diff(rows, axis=axis)
-            steps *= steps
-            squares += float(steps.sum())
-            count += steps.size
-        total += squares / max(count, 1) / step**2
-    return math.sqrt(total)
-
-
-def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
-    """Return heights as an array of real numbers on a line or grid.  Raises InvalidScene."""
-    try:
-        heights = np.asanyarray(given)
-    except ValueError:
-        raise InvalidScene(f"{where}: rows of unequal length are no grid of heights") from None
-    if heights.dtype.kind not in "buif":
-        kind = "complex" if heights.dtype.kind == "c" else str(heights.dtype)
-        raise InvalidScene(f"{where}: holds {kind} values, but heights are real numbers")
-    if heights.ndim not in (1, 2) or min(heights.shape) < 2:
-        raise InvalidScene(
-            f"{where}: has shape {heights.shape}, but heights are a line (nx,) or a grid (nx, ny) "
-            "of at least two points a direction"
-        )
-    return heights
-
-
-def check_extremes(low: float, high: float, where: str) -> None:
-    """Raise InvalidScene if the lowest and the highest height are too large or too close."""
-    span, largest = high - low, max(abs(low), abs(high))
-    _require(largest <= LARGEST, f"{where}: heights reach {largest:.3g} m; check their unit")
-    _require(
-        span == 0 or span >= SMALLEST,
-        f"{where}: heights span {span:.3g} m, less than {SMALLEST:g} m; check their unit",
-    )
-
-
-def cautioned(notes: tuple[str, ...]) -> tuple[str, ...]:
-    """Warn the code that makes a surface of each note, and return the notes.
-
-    The package makes surfaces, too: for a case, on other grids, in workers.  It shows the notes of
-    the results instead, so only a line of code outside the package is warned.
-    """
-    frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and _module(frame).startswith(_MAKERS):
-        frame, level = frame.f_back, level + 1
-    if not _module(frame).startswith(("epcontact.", "fem_check.")):
-        for note in notes:
-            warnings.warn(note, SurfaceWarning, stacklevel=level)
-    return notes
-
-
-def _module(frame: FrameType) -> str:
-    return str(frame.f_globals.get("__name__", ""))
-
-
-#: The modules between `cautioned` and the code that makes a surface.
-_MAKERS = ("epcontact.scene", "epcontact.surfaces", "dataclasses")
-
-
-def _slope_note(slope: float) -> tuple[str, ...]:
-    if slope <= LARGEST_SLOPE:
-        return ()
-    return (
-        f"the rms slope is {slope:.3g}, beyond the small slopes that the methods assume; check "
-        "that heights and periods are in m",
-    )
-
-
-def _oblong_note(spacing: tuple[float, ...]) -> tuple[str, ...]:
-    ratio = max(spacing) / min(spacing)
-    if ratio <= LARGEST_RATIO * (1 + 1e-9):
-        return ()
-    return (
-        f"the grid's cells are {ratio:.3g} times as long as wide: corrected areas and their "
-        f"claimed errors hold up to {LARGEST_RATIO:g}; take points at like distances in both "
-        "directions",
-    )
-
-
-def _steps_note(heights: FloatArray, change: float) -> tuple[str, ...]:
-    """Return a warning for heights in steps of which most lie between two neighbouring points.
-
-    A corner of the grid shows it: its heights have few values, which are multiples of a step that
-    their rms change from point to point hardly exceeds, and they bend at most points.
-    """
-    corner = heights[tuple(slice(100) for _ in heights.shape)]
-    levels = np.unique(corner)
-    if not 3 <= levels.size < corner.size / 4:
-        return ()
-    step = float(np.diff(levels).min())
-    multiples = (levels - levels[0]) / step
-    bent = [np.abs(np.diff(corner, 2, axis)) > step / 2 for axis in range(corner.ndim)]
-    if (
-        step < change / 8
-        or np.max(np.abs(multiples - np.round(multiples))) > 1e-3
-        or np.mean([axis.mean() for axis in bent if axis.size]) < 1 / 4
-    ):
-        return ()
-    return (
-        f"the heights are in steps of {step:.3g} m at most points, as a map of few bits is: "
-        "claimed errors of areas do not hold; smooth the heights if the steps are rounding, or "
-        "refine the grid until each tread is several points wide",
-    )
-
-
-def levels_note(kind: np.dtype[Any]) -> tuple[str, ...]:
-    """Return a warning for heights of so few levels that they are more likely a picture."""
-    if kind.kind not in "bui" or kind.itemsize > 1:
-        return ()
-    words = "true and false" if kind.kind == "b" else "whole numbers of 8 bits"
-    return (
-        f"the heights are {words}, as in a picture: the contact sees their steps, and their unit "
-        "must be that of one level",
-    )
 
 
 @dataclass(frozen=True)
@@ -424,15 +199,11 @@ class Material:
 
     def __post_init__(self) -> None:
         right = "a number between -1 and 0.5, both excluded"
-        settle(
-            self,
-            young_modulus=positive("young_modulus", self.young_modulus, "Pa"),
-            poisson_ratio=number(
-                "poisson_ratio", self.poisson_ratio, right, lambda v: -1 < v < 0.5
-            ),
-            hardness=positive("hardness", self.hardness, "Pa", finite=False),
-            yield_stress=positive("yield_stress", self.yield_stress, "Pa", finite=False),
-        )
+        ratio = number("poisson_ratio", self.poisson_ratio, right, lambda v: -1 < v < 0.5)
+        settle(self, poisson_ratio=ratio)
+        for name in ("young_modulus", "hardness", "yield_stress"):
+            value = positive(name, getattr(self, name), "Pa", finite=name == "young_modulus")
+            settle(self, **{name: value})
 
 
 @dataclass(frozen=True)
@@ -451,11 +222,7 @@ class Body:
     depth: float = math.inf
 
     def __post_init__(self) -> None:
-        kinds = ("half_space", "bonded_layer", "sliding_layer")
-        _require(
-            self.kind in kinds,
-            f"body kind is {self.kind!r}, but must be one of {', '.join(kinds)}",
-        )
+        require_one_of("body kind", self.kind, BodyKind)
         if self.kind == "half_space":
             number("depth", self.depth, "left out, as a half_space takes no depth", math.isinf)
         else:
@@ -526,17 +293,14 @@ class Scene:
             require_kind(name, getattr(self, name), kind)
         check_load(self.material, self.load)
 
-    def require_loading(self) -> None:
-        """Refuse a path that unloads a law without memory; see `check_loading`."""
-        check_loading(self.material, self.load)
-
     @property
     def digest(self) -> str:
-        """SHA-256 of everything the scene holds, as hexadecimal digits."""
+        """SHA-256 of everything the scene holds, as hexadecimal digits: its name in results."""
+        surface = self.surface
         return scene_digest(
-            self.surface.fingerprint,
-            self.surface.shape,
-            self.surface.periods,
+            surface.fingerprint,
+            surface.shape,
+            surface.periods,
             self.material,
             self.body,
             self.load,
@@ -575,7 +339,7 @@ def scene_digest(
     body: Body,
     load: Load,
 ) -> str:
-    """Return the digest of a scene whose surface need not exist yet; see `Scene.digest`."""
+    """Return the digest of a scene; its recipe gives the fingerprint before any heights exist."""
     content: dict[str, Any] = {
         "surface": fingerprint,
         "shape": list(shape),
@@ -585,3 +349,191 @@ def scene_digest(
         values = asdict(part)
         content[type(part).__name__] = {f.name: repr(values[f.name]) for f in fields(part)}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+# --- heights -------------------------------------------------------------------------------------
+
+
+def rms_slope(heights: FloatArray, spacing: tuple[float, ...]) -> float:
+    """Return the rms gradient of heights (nx, ny) or (nx,), from differences of neighbours."""
+    total = 0.0
+    for axis, step in enumerate(spacing):
+        differences = np.diff(heights, axis=axis)
+        differences *= differences
+        total += float(differences.mean()) / step**2
+    return math.sqrt(total)
+
+
+def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
+    """Return heights as an array of real numbers on a line or grid.  Raises InvalidScene."""
+    try:
+        heights = np.asanyarray(given)
+    except ValueError:
+        raise InvalidScene(f"{where}: rows of unequal length are no grid of heights") from None
+    kind = "complex" if heights.dtype.kind == "c" else str(heights.dtype)
+    _require(
+        heights.dtype.kind in "buif",
+        f"{where}: holds {kind} values, but heights are real numbers",
+    )
+    _require(
+        heights.ndim in (1, 2) and min(heights.shape) >= 2,
+        f"{where}: has shape {heights.shape}, but heights are a line (nx,) or a grid (nx, ny) of "
+        "at least two points a direction",
+    )
+    return heights
+
+
+def check_extremes(low: float, high: float, where: str) -> None:
+    """Raise InvalidScene if the lowest and the highest height are too large or too close."""
+    span, largest = high - low, max(abs(low), abs(high))
+    _require(largest <= LARGEST, f"{where}: heights reach {largest:.3g} m; check their unit")
+    _require(
+        span == 0 or span >= SMALLEST,
+        f"{where}: heights span {span:.3g} m, less than {SMALLEST:g} m; check their unit",
+    )
+
+
+def levels_note(kind: np.dtype[Any]) -> tuple[str, ...]:
+    """Return a warning for heights of so few levels that they are more likely a picture."""
+    if kind.kind not in "bui" or kind.itemsize > 1:
+        return ()
+    words = "true and false" if kind.kind == "b" else "whole numbers of 8 bits"
+    return (
+        f"the heights are {words}, as in a picture: the contact sees their steps, and their unit "
+        "must be that of one level",
+    )
+
+
+def _cautions(surface: Surface) -> Iterator[str]:
+    """Yield a sentence for each sign that a surface is not what its maker means."""
+    slope = surface.spectrum.rms_slope if surface.spectrum is not None else surface.rms_slope
+    if slope > LARGEST_SLOPE:
+        yield (
+            f"the rms slope is {slope:.3g}, beyond the small slopes that the methods assume; check "
+            "that heights and periods are in m"
+        )
+    if step := _coarse_step(surface.heights, slope * min(surface.spacing)):
+        yield (
+            f"the heights are in steps of {step:.3g} m at most points, as a map of few bits is: "
+            "claimed errors of areas do not hold; smooth the heights if the steps are rounding, or "
+            "refine the grid until each tread is several points wide"
+        )
+    ratio = max(surface.spacing) / min(surface.spacing)
+    if ratio > LARGEST_RATIO * (1 + 1e-9):
+        yield (
+            f"the grid's cells are {ratio:.3g} times as long as wide: corrected areas and their "
+            f"claimed errors hold up to {LARGEST_RATIO:g}; take points at like distances in both "
+            "directions"
+        )
+
+
+def _coarse_step(heights: FloatArray, change: float) -> float:
+    """Return the step of heights of which most lie between two neighbouring points, or 0.
+
+    A corner of the grid shows it: its heights have few values, which are multiples of a step that
+    their rms change from point to point hardly exceeds, and they bend at most points.
+    """
+    corner = heights[tuple(slice(100) for _ in heights.shape)]
+    levels = np.unique(corner)
+    if not 3 <= levels.size < corner.size / 4:
+        return 0.0
+    step = float(np.diff(levels).min())
+    multiples = (levels - levels[0]) / step
+    bent = [np.abs(np.diff(corner, 2, axis)) > step / 2 for axis in range(corner.ndim)]
+    fine = step < change / 8
+    uneven = np.max(np.abs(multiples - np.round(multiples))) > 1e-3
+    smooth = np.mean([axis.mean() for axis in bent if axis.size]) < 1 / 4
+    return 0.0 if fine or uneven or smooth else step
+
+
+def cautioned(notes: tuple[str, ...]) -> tuple[str, ...]:
+    """Warn the line that makes a surface of each note, and return the notes.
+
+    The package makes surfaces, too, and shows their notes with the results: it is not warned.
+    """
+    level, makers = 1, ("epcontact.scene", "epcontact.surfaces", "dataclasses")
+    while (name := sys._getframe(level).f_globals.get("__name__", "")).startswith(makers):
+        level += 1
+    for note in notes if not name.startswith(("epcontact.", "fem_check.")) else ():
+        warnings.warn(note, SurfaceWarning, stacklevel=level + 1)
+    return notes
+
+
+# --- inputs --------------------------------------------------------------------------------------
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise InvalidScene(message)
+
+
+def number(name: str, given: Any, right: str, good: Callable[[float], bool]) -> float:
+    """Return a number of Python or numpy as a float, for every input of the package that is one.
+
+    Raises InvalidScene with the sentence that `name` must be `right` if it is no real number, as
+    text, None and a truth value are none, or is not `good`.
+    """
+    plain = given.item() if isinstance(given, np.generic | np.ndarray) and not given.ndim else given
+    value = math.nan
+    if not isinstance(plain, bool) and isinstance(plain, Real):
+        with contextlib.suppress(OverflowError):  # a whole number of Python has no limit
+            value = float(plain)
+    _require(good(value), f"{name} is {plain!r:.60}, but must be {right}")
+    return value
+
+
+def positive(name: str, given: Any, unit: str, *, finite: bool = True) -> float:
+    """Return a positive number whose products are numbers; see `number`."""
+    right = f"a positive number in {unit}"
+    value = number(name, given, right, lambda v: v > 0 and (v < math.inf or not finite))
+    _require(
+        SMALLEST <= value <= LARGEST or value == math.inf,
+        f"{name} is {value:g} {unit}, but must lie between {SMALLEST:g} and {LARGEST:g}, where "
+        "products neither overflow nor vanish",
+    )
+    return value
+
+
+def share(name: str, given: Any) -> float:
+    """Return a number between 0 and 1, both excluded, as a tolerance is; see `number`."""
+    return number(name, given, "a number between 0 and 1, both excluded", lambda v: 0 < v < 1)
+
+
+def whole(name: str, given: Any, least: int) -> int:
+    """Return a whole number of at least `least` as an int; see `number`."""
+    right = f"a whole number of at least {least}"
+    number(name, given, right, lambda v: v >= least and v.is_integer())
+    return int(given)
+
+
+def array(name: str, given: Any) -> FloatArray:
+    """Return an array of 64-bit floats, in this machine's byte order.  Raises InvalidScene."""
+    try:
+        return np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidScene(f"{name} is {given!r:.60}, but must be an array of numbers") from None
+
+
+def listed(given: Any) -> tuple[Any, ...]:
+    """Return one value, or several in any sequence, as a tuple."""
+    try:
+        return (given,) if isinstance(given, str | bytes) else tuple(given)
+    except TypeError:
+        return (given,)
+
+
+def require_kind(name: str, given: Any, kind: type) -> None:
+    """Raise InvalidScene unless an input is an instance of a class of the package."""
+    _require(isinstance(given, kind), f"{name} is {given!r:.60}, but must be a {kind.__name__}")
+
+
+def require_one_of(name: str, given: Any, words: Any) -> None:
+    """Raise InvalidScene unless an input is one of the words of a Literal type."""
+    known = get_args(words)
+    _require(given in known, f"{name} is {given!r}, but must be one of {', '.join(known)}")
+
+
+def settle(frozen: Any, **checked: Any) -> None:
+    """Set fields of a frozen dataclass to their checked values."""
+    for name, value in checked.items():
+        object.__setattr__(frozen, name, value)

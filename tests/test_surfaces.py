@@ -16,13 +16,16 @@ from epcontact.errors import EpcontactError, InvalidScene
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface, scene_digest
 from epcontact.surfaces import (
     FlatPunch,
+    HeightsFromFile,
     Paraboloid,
     Recipe,
     SelfAffine,
+    SelfAffineEnsemble,
     Sinusoid,
     Sphere,
     filtered,
     grid_shape,
+    unit_of,
 )
 from epcontact.surfaces.power_spectrum import surface_moments
 from epcontact.surfaces.self_affine import _phases
@@ -36,7 +39,7 @@ NARROW = SelfAffineSpectrum(0.8, 1.0, 4.0, 20.0, 0.5)
 PAPER = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 1.0)
 PAPER_PERIOD = 2 * math.pi / 2.5e4
 # Square, oblong, even, odd, mixed, lines; 41 points are the fewest for q_1 = 20 on 2 pi.
-GRIDS = [
+GRIDS: list[tuple[tuple[int, ...], tuple[float, ...]]] = [
     ((48, 48), (L, L)),
     ((41, 41), (L, L)),
     ((48, 99), (L, 2 * L)),
@@ -54,38 +57,30 @@ def assert_close(got: Any, expected: Any, absolute: float) -> None:
 
 
 def wavenumbers(surface: Surface) -> np.ndarray[Any, np.dtype[np.float64]]:
-    axes = [
-        2 * np.pi * np.fft.fftfreq(n, d)
-        for n, d in zip(surface.shape, surface.spacing, strict=True)
-    ]
+    grid = zip(surface.shape, surface.spacing, strict=True)
+    axes = [2 * np.pi * np.fft.fftfreq(n, d) for n, d in grid]
     return np.sqrt(sum(q**2 for q in np.meshgrid(*axes, indexing="ij")))
 
 
 @pytest.mark.parametrize("hurst", [0.0, 0.8, 1.0])
 @pytest.mark.parametrize(("shape", "periods"), GRIDS)
-def test_rms_slope_is_exact(
+def test_amplitudes_are_those_of_the_spectrum_and_the_rms_slope_is_exact(
     shape: tuple[int, ...], periods: tuple[float, ...], hurst: float
 ) -> None:
-    surface = SelfAffine(replace(NARROW, hurst=hurst), periods, shape, seed=2).build()
+    spectrum = replace(NARROW, hurst=hurst)
+    surface = SelfAffine(spectrum, periods, shape, seed=5).build()
     assert surface_moments(surface).rms_slope == pytest.approx(0.5, rel=1e-13)
     assert surface.heights.mean() == pytest.approx(0, abs=1e-15)
-
-
-@pytest.mark.parametrize(("shape", "periods"), GRIDS)
-def test_every_amplitude_is_that_of_the_spectrum(
-    shape: tuple[int, ...], periods: tuple[float, ...]
-) -> None:
-    surface = SelfAffine(NARROW, periods, shape, seed=5).build()
     amplitude = np.abs(np.fft.fftn(surface.heights)) / surface.heights.size
     q = wavenumbers(surface)
     cell = math.prod(2 * math.pi / p for p in periods)
-    c = density(NARROW, q, len(shape)) / (1 if len(shape) == 2 else 2)  # C1 is one-sided
+    c = density(spectrum, q, len(shape)) / (1 if len(shape) == 2 else 2)  # C1 is one-sided
     band = (q > 0.9999) & (q < 20.0001)
     ratio = amplitude[band] / np.sqrt(c[band] * cell)
     assert ratio == pytest.approx(np.full(ratio.size, ratio[0]), rel=1e-11)
     # The one factor between the sum over these few modes and the integral.
     assert ratio[0] == pytest.approx(1, abs=0.06)
-    assert amplitude[~band] == pytest.approx(np.zeros(np.sum(~band)), abs=1e-16)
+    assert_close(amplitude[~band], np.zeros(np.sum(~band)), 1e-16)
 
 
 @pytest.mark.parametrize("factor", [2, 3])
@@ -125,20 +120,11 @@ def test_limits_typed_with_seven_digits_lose_no_mode() -> None:
 
 def test_phases_are_uniform_and_unrelated() -> None:
     k = np.arange(-400, 400)
-    phase = _phases(7, k[:, None], k[None, :])
-    other = _phases(8, k[:, None], k[None, :])
+    phase, other = (_phases(seed, k[:, None], k[None, :]) for seed in (7, 8))
     assert phase.min() >= 0
     assert phase.max() < 2 * math.pi
-    differences = [
-        phase,
-        phase - other,
-        phase[1:] - phase[:-1],
-        phase[:, 1:] - phase[:, :-1],
-        phase[1:, 1:] - phase[:-1, :-1],
-        phase - phase.T,
-        phase - phase[::-1],
-    ]
-    for values in differences:
+    pairs = [phase[1:] - phase[:-1], phase[:, 1:] - phase[:, :-1], phase[1:, 1:] - phase[:-1, :-1]]
+    for values in (phase, phase - other, *pairs, phase - phase.T, phase - phase[::-1]):
         for harmonic in (1, 2, 3):
             z = np.exp(1j * harmonic * values[np.abs(values) > 0])
             # |mean| is about 1/sqrt(N) for random phases; half of the last two pairs repeat.
@@ -162,12 +148,6 @@ def test_phases_never_change() -> None:
     assert _phases(7, k, np.array([1, 0, 1, 3, 255])) == pytest.approx(known, rel=1e-15)
 
 
-def test_heights_of_two_seeds_differ() -> None:
-    one, other = (SelfAffine(NARROW, (L, L), (48, 48), seed=s).build().heights for s in (1, 2))
-    correlation = np.mean(one * other) / (one.std() * other.std())
-    assert abs(correlation) < 0.5
-
-
 def test_the_paper_s_grids() -> None:
     periods = (PAPER_PERIOD, PAPER_PERIOD)
     assert grid_shape(PAPER, periods, 4) == (1024, 1024)
@@ -176,34 +156,47 @@ def test_the_paper_s_grids() -> None:
     assert grid_shape(PAPER, (PAPER_PERIOD,), 8) == (2048,)
 
 
+ROUGH = SelfAffine(NARROW, (L, L), (48, 48), seed=1)
+BUMP = Paraboloid((1.0,), (8,), 1.0)
+WAVE = Sinusoid((1.0,), (8,), 0.1)
+
+
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("good", "change", "message"),
     [
-        ({"shape": (40, 48)}, "40 grid points .* needs at least 41"),
-        ({"periods": (L, L / 2)}, "wavenumber_low = 1 rad/m needs at least 6.28"),
-        ({"seed": -1}, "seed is -1"),
-        ({"seed": 1.5}, "seed is 1.5"),
-        ({"shape": (48, 48.5)}, "whole number"),
-        ({"shape": (48, 48, 48), "periods": (L, L, L)}, "one or two whole numbers"),
-        ({"shape": 48}, r"\(nx, ny\)"),
-        ({"shape": None}, r"\(nx, ny\)"),
-        ({"periods": (L, L, L)}, "2 positive lengths"),
-        ({"periods": (L, math.nan)}, "periods is nan, but must be a positive"),
-        ({"periods": (L, -L)}, "periods is -6.28"),
-        ({"shape": (1, 48)}, "at least 2"),
+        (ROUGH, {"shape": (40, 48)}, "40 grid points .* needs at least 41"),
+        (ROUGH, {"periods": (L, L / 2)}, "wavenumber_low = 1 rad/m needs at least 6.28"),
+        (ROUGH, {"seed": -1}, "seed is -1"),
+        (ROUGH, {"seed": 1.5}, "seed is 1.5"),
+        (ROUGH, {"shape": (48, 48.5)}, "whole number"),
+        (ROUGH, {"shape": (48, 48, 48), "periods": (L, L, L)}, "one or two whole numbers"),
+        (ROUGH, {"shape": 48}, r"\(nx, ny\)"),
+        (ROUGH, {"shape": None}, r"\(nx, ny\)"),
+        (ROUGH, {"periods": (L, L, L)}, "2 positive lengths"),
+        (ROUGH, {"periods": (L, math.nan)}, "periods is nan, but must be a positive"),
+        (ROUGH, {"periods": (L, -L)}, "periods is -6.28"),
+        (ROUGH, {"shape": (1, 48)}, "at least 2"),
+        (WAVE, {"amplitude": -0.1}, "amplitude is -0.1"),
+        (WAVE, {"waves": 4}, "needs at least 9"),
+        (WAVE, {"waves": 0}, "waves is 0"),
+        (WAVE, {"direction": "both"}, "a line has only x"),
+        (WAVE, {"direction": "z"}, "direction is 'z', but must be one of x, y, both"),
+        (BUMP, {"radius": 0.0}, "radius is 0.0, but must be a positive number in m"),
+        (BUMP, {"radius": math.inf}, "radius is inf"),
+        (BUMP, {"centre": (0.5, 0.5)}, "must be 1 fractions"),
+        (BUMP, {"periods": (1.0, 1.0)}, "1 positive lengths"),
+        (FlatPunch((1.0,), (8,), 0.2, 1.0), {"depth": math.nan}, "depth is nan"),
     ],
 )
-def test_self_affine_refuses(change: dict[str, Any], message: str) -> None:
-    good = SelfAffine(NARROW, (L, L), (48, 48), seed=1)
+def test_recipes_refuse(good: Any, change: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidScene, match=message):
         replace(good, **change)
 
 
 def test_a_grid_that_fits_into_no_memory_is_refused() -> None:
-    with pytest.raises(EpcontactError, match="GiB"):
-        SelfAffine(NARROW, (L, L), (1 << 24, 1 << 24), seed=1).build()
-    with pytest.raises(EpcontactError, match="GiB"):
-        Paraboloid((L, L), (1 << 24, 1 << 24), 1.0).build()
+    for recipe in (ROUGH, Paraboloid((L, L), (8, 8), 1.0)):
+        with pytest.raises(EpcontactError, match="GiB"):
+            replace(recipe, shape=(1 << 24, 1 << 24)).build()
 
 
 MEMORY_OF_A_BUILD = """
@@ -226,15 +219,10 @@ print((peak() - before) / surface.heights.nbytes)
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize("points", [2.02, 8])
 def test_a_build_takes_no_more_than_three_arrays(points: float) -> None:
-    run = subprocess.run(
-        [sys.executable, "-c", MEMORY_OF_A_BUILD.format(points=points)],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={"OMP_NUM_THREADS": "1", "PATH": ""},
-    )
-    arrays = float(run.stdout)
-    assert 0.9 < arrays <= 3.0
+    command = [sys.executable, "-c", MEMORY_OF_A_BUILD.format(points=points)]
+    environment = {"OMP_NUM_THREADS": "1", "PATH": ""}
+    run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert 0.9 < float(run.stdout) <= 3.0
 
 
 RECIPES: list[Any] = [
@@ -260,52 +248,56 @@ def test_a_recipe_knows_the_digest_of_its_scene(recipe: Recipe) -> None:
     assert np.array_equal(recipe.build().heights, surface.heights)
 
 
-def test_every_parameter_is_in_the_fingerprint() -> None:
-    recipe = SelfAffine(NARROW, (L, L), (48, 48), seed=3)
-    others = [
-        replace(recipe, seed=4),
-        replace(recipe, shape=(48, 49)),
-        replace(recipe, periods=(L, 1.1 * L)),
-        *(
-            replace(recipe, spectrum=replace(NARROW, **{name: value}))
-            for name, value in {
-                "hurst": 0.7,
-                "wavenumber_low": 1.1,
-                "wavenumber_roll_off": 4.1,
-                "wavenumber_high": 19.0,
-                "rms_slope": 0.51,
-            }.items()
-        ),
+def test_fingerprints_never_change() -> None:
+    """Regression: results that are kept are found by them."""
+    assert [recipe.fingerprint for recipe in RECIPES[3:]] == [
+        "sinusoid/1 periods=(2) shape=(16) amplitude=0.1 waves=1 direction=x",
+        "paraboloid/1 periods=(2,3) shape=(16,15) radius=5 centre=(0.5,0.5)",
+        "sphere/1 periods=(2,3) shape=(16,15) radius=0.4 centre=(0.1,0.2)",
+        "flat_punch/1 periods=(2) shape=(16) radius=0.4 depth=0.1 centre=(0.5)",
     ]
-    assert len({r.fingerprint for r in [recipe, *others]}) == 1 + len(others)
-
-
-def test_equal_numbers_have_equal_fingerprints() -> None:
-    plain = SelfAffine(SelfAffineSpectrum(0.8, 1.0, 4.0, 20.0, 0.5), (7.0, 7.0), (48, 48), 3)
-    numpy = SelfAffine(
-        SelfAffineSpectrum(np.float64(0.8), 1, 4, np.float64(20), 0.5),
-        (7, np.float64(7)),
-        (np.int64(48), 48),
-        np.int64(3),
+    assert ROUGH.fingerprint.startswith(
+        "self_affine/1 spectrum=hurst=0.8 wavenumber_low=1 wavenumber_roll_off=4 "
+        "wavenumber_high=20 rms_slope=0.5 periods=(6.283185307179586,6.283185307179586) "
     )
-    assert plain.fingerprint == numpy.fingerprint
-    assert hash(plain) == hash(numpy)
+
+
+def test_every_parameter_is_in_the_fingerprint_and_equal_numbers_read_equal() -> None:
+    spectrum = {"hurst": 0.7, "wavenumber_low": 1.1, "wavenumber_roll_off": 4.1}
+    spectrum |= {"wavenumber_high": 19.0, "rms_slope": 0.51}
+    changes: list[dict[str, Any]] = [{"seed": 4}, {"shape": (48, 49)}, {"periods": (L, 1.1 * L)}]
+    changes += [{"spectrum": replace(NARROW, **{k: v})} for k, v in spectrum.items()]
+    recipes = [ROUGH, *(replace(ROUGH, **change) for change in changes)]
+    assert len({recipe.fingerprint for recipe in recipes}) == 1 + len(changes)
+    of_numpy = SelfAffineSpectrum(np.float64(0.8), 1, 4, np.float64(20), 0.5)
+    same = SelfAffine(of_numpy, (7, np.float64(7)), (np.int64(48), 48), np.int64(1))
+    assert same.fingerprint == replace(ROUGH, periods=(7.0, 7.0)).fingerprint
+    assert hash(same) == hash(replace(ROUGH, periods=(7.0, 7.0)))
+
+
+def test_fields_tell_their_units_and_the_help_lists_them() -> None:
+    units = {unit_of(BUMP, name) for name in ("periods", "radius")}
+    assert units == {"m"}
+    assert unit_of(WAVE, "waves") == unit_of(object(), "radius") == ""
+    for kind, line in (
+        (FlatPunch, "        depth: m; height of the post over what surrounds it."),
+        (SelfAffineEnsemble, "        wavenumber_low: rad/m; no roughness below."),
+        (SelfAffineEnsemble, "        shape: grid points [nx, ny], or [nx] for a line."),
+        (HeightsFromFile, "        longest_wavelength: m; longer waves are removed."),
+    ):
+        assert line in str(kind.__doc__).splitlines()
 
 
 def test_sinusoids() -> None:
     x, y = np.arange(16) / 16, np.arange(15) / 15
-    wave = Sinusoid((2.0, 3.0), (16, 15), 0.1, 2, "x").build()
-    # Arguments up to 4 pi are rounded by 1e-15, so the waves of 0.1 by 1e-16 or two.
-    along_x = np.broadcast_to(0.1 * np.cos(4 * np.pi * x)[:, None], (16, 15))
-    assert_close(wave.heights, along_x, 3e-16)
-    assert wave.shortest_wavelength == 1.0
-    wave = Sinusoid((2.0, 3.0), (16, 15), 0.1, 2, "y").build()
-    along_y = np.broadcast_to(0.1 * np.cos(4 * np.pi * y), (16, 15))
-    assert_close(wave.heights, along_y, 3e-16)
-    both = Sinusoid((2.0, 3.0), (16, 15), 0.1, 2, "both").build()
-    product = 0.1 * np.cos(4 * np.pi * x)[:, None] * np.cos(4 * np.pi * y)
-    assert_close(both.heights, product, 3e-16)
-    assert both.heights.max() == both.heights[0, 0] == 0.1
+    waves = {"x": np.cos(4 * np.pi * x)[:, None], "y": np.cos(4 * np.pi * y)}
+    waves["both"] = waves["x"] * waves["y"]
+    for direction, wave in waves.items():
+        surface = Sinusoid((2.0, 3.0), (16, 15), 0.1, 2, direction).build()  # type: ignore[arg-type]
+        # Arguments up to 4 pi are rounded by 1e-15, so the waves of 0.1 by 1e-16 or two.
+        assert_close(surface.heights, np.broadcast_to(0.1 * wave, (16, 15)), 3e-16)
+        assert surface.heights.max() == surface.heights[0, 0] == 0.1
+        assert surface.shortest_wavelength == (1.5 if direction == "y" else 1.0)
 
 
 def test_bumps_have_their_radius_and_place() -> None:
@@ -326,8 +318,7 @@ def test_bumps_have_their_radius_and_place() -> None:
 
 
 def test_a_sphere_is_a_paraboloid_at_its_summit() -> None:
-    ball = Sphere((1e-3,), (64,), 1.0).build().heights
-    bump = Paraboloid((1e-3,), (64,), 1.0).build().heights
+    ball, bump = (kind((1e-3,), (64,), 1.0).build().heights for kind in (Sphere, Paraboloid))
     # h = -r^2/2R (1 + r^2/4R^2 + ...): six digits of agreement need the summit's last digits.
     assert ball[:31] == pytest.approx(bump[:31], rel=1e-7)
 
@@ -337,53 +328,27 @@ def test_the_nearest_image_counts(kind: Any) -> None:
     middle = kind((2.0, 3.0), (40, 50), 0.87, (0.5, 0.5)).build().heights
     moved = kind((2.0, 3.0), (40, 50), 0.87, (0.75, 1.02)).build().heights
     assert_close(np.roll(middle, (10, 26), (0, 1)), moved, 1e-14)
+    assert kind((1.0,), (8, 8), 1.0) == kind((1.0, 1.0), (8, 8), 1.0)  # one period for both
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Sinusoid((1.0,), (8,), -0.1), "amplitude is -0.1"),
-        (lambda: Sinusoid((1.0,), (8,), 0.1, waves=4), "needs at least 9"),
-        (lambda: Sinusoid((1.0,), (8,), 0.1, waves=0), "waves is 0"),
-        (lambda: Sinusoid((1.0,), (8,), 0.1, direction="both"), "a line has only x"),
-        (lambda: Sinusoid((1.0,), (8,), 0.1, direction="z"), "must be x, y or both"),
-        (lambda: Paraboloid((1.0,), (8,), 0.0), "radius is 0.0"),
-        (lambda: Paraboloid((1.0,), (8,), math.inf), "radius is inf"),
-        (lambda: Sphere((1.0,), (8,), 1.0, (0.5, 0.5)), "must be 1 fractions"),
-        (lambda: FlatPunch((1.0,), (8,), 0.2, math.nan), "depth is nan"),
-        (lambda: Sphere((1.0, 1.0), (8,), 1.0), "1 positive lengths"),
-    ],
-)
-def test_shapes_refuse(make: Any, message: str) -> None:
-    with pytest.raises(InvalidScene, match=message):
-        make()
-
-
-def noise(shape: tuple[int, ...], periods: tuple[float, ...]) -> Surface:
-    return Surface(3 + np.random.default_rng(0).standard_normal(shape), periods)
-
-
-FILTER_GRIDS = [((8, 8), (1.0, 1.0)), ((7, 9), (1.0, 2.0)), ((8, 9), (1.0, 1.0))]
-FILTER_GRIDS += [((9, 8), (1.0, 1.0)), ((2, 2), (1.0, 1.0)), ((8,), (1.0,)), ((9,), (1.0,))]  # type: ignore[list-item]
-
-
-@pytest.mark.parametrize(("shape", "periods"), FILTER_GRIDS)
-def test_filtering_keeps_the_long_waves_alone(
-    shape: tuple[int, ...], periods: tuple[float, ...]
-) -> None:
-    surface = noise(shape, periods)
+@pytest.mark.parametrize("shape", [(8, 8), (7, 9), (8, 9), (9, 8), (2, 2), (8,), (9,)])
+def test_filtering_keeps_the_long_waves_alone(shape: tuple[int, ...]) -> None:
+    heights = 3 + np.random.default_rng(0).standard_normal(shape)
+    surface = Surface(heights, (1.0, 2.0)[: len(shape)])
     q = wavenumbers(surface)
     cut = 2.5 * 2 * math.pi
     once = filtered(surface, cut)
     modes = np.where(q <= cut, np.fft.fftn(surface.heights), 0)
     assert once.heights == pytest.approx(np.fft.ifftn(modes).real, rel=1e-13)
     assert filtered(once, cut).heights == pytest.approx(once.heights, rel=1e-14)
-    everything = filtered(surface, 1e9)
-    assert everything.heights == pytest.approx(surface.heights, rel=1e-13)
+    assert filtered(surface, 1e9).heights == pytest.approx(surface.heights, rel=1e-13)
+    for wrong in (0.0, -1.0, math.nan):
+        with pytest.raises(InvalidScene, match="wavenumber_high is"):
+            filtered(surface, wrong)
 
 
 def test_a_cut_off_takes_its_spectrum_along() -> None:
-    surface = SelfAffine(NARROW, (L, L), (48, 48), seed=1).build()
+    surface = ROUGH.build()
     cut = filtered(surface, 10.0)
     assert cut.spectrum is not None
     assert cut.spectrum.wavenumber_high == 10.0
@@ -396,14 +361,3 @@ def test_a_cut_off_takes_its_spectrum_along() -> None:
     assert flat.spectrum is None
     assert np.abs(flat.heights).max() < 1e-15
     assert filtered(surface, 100.0).shortest_wavelength == surface.shortest_wavelength
-
-
-def test_filters_refuse() -> None:
-    surface = noise((8, 8), (1.0, 1.0))
-    for cut in (0.0, -1.0, math.nan):
-        with pytest.raises(InvalidScene, match="wavenumber_high is"):
-            filtered(surface, cut)
-
-
-def test_one_period_stands_for_both_directions() -> None:
-    assert Sphere((1.0,), (8, 8), 1.0) == Sphere((1.0, 1.0), (8, 8), 1.0)

@@ -19,7 +19,7 @@ from epcontact.persson.reduction import (
 )
 from epcontact.persson.roughness import Roughness, SpectrumKind, roughness_of
 from epcontact.results import FloatArray
-from epcontact.scene import Scene, array, require_kind, whole
+from epcontact.scene import Scene, array, check_loading, require_kind, whole
 
 #: An elastic distribution is tabulated to the mean pressure + 12 sqrt(G): exp(-12^2 / 4) = 2e-16.
 _TAIL = 12.0
@@ -174,7 +174,7 @@ class Theory:
             raise InvalidScene(
                 f"the body is a {scene.body.kind}, but the theory here is that of the half-space"
             )
-        scene.require_loading()
+        check_loading(scene.material, scene.load)
         return cls(
             roughness_of(scene.surface, spectrum),
             effective_modulus(scene.material),

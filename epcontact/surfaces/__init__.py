@@ -17,7 +17,7 @@ the table [surface] of a case file, which selects one by its `kind`.
 
 from epcontact.surfaces.filters import filtered
 from epcontact.surfaces.measured import HeightsFromArray, HeightsFromFile
-from epcontact.surfaces.recipe import Recipe, SurfaceAbsent, require_room
+from epcontact.surfaces.recipe import Recipe, SurfaceAbsent, require_room, unit_of
 from epcontact.surfaces.residual import (
     Topography,
     power_by_octave,
@@ -63,4 +63,5 @@ __all__ = [
     "require_room",
     "residual_surface",
     "topography",
+    "unit_of",
 ]

@@ -10,6 +10,7 @@ import numpy as np
 
 from epcontact.results import FloatArray
 from epcontact.scene import Surface, number, positive, require_kind
+from epcontact.surfaces.power_spectrum import wavenumbers
 from epcontact.surfaces.spectrum import BAND_TOLERANCE, truncated
 
 
@@ -56,22 +57,15 @@ def kept_waves(
     wavenumber_low: float = 0.0,
 ) -> FloatArray:
     """Return heights of these periods without the waves outside a band; see `filtered`."""
-    n = heights.shape[-1]
     low, high = wavenumber_low * (1 - BAND_TOLERANCE), wavenumber_high * (1 + BAND_TOLERANCE)
     modes = ducc0.fft.r2c(heights)
-    rows = modes.reshape(-1, modes.shape[-1])
-    q_last = 2 * math.pi / periods[-1] * np.arange(n // 2 + 1)
-    q_first: FloatArray = np.zeros(1)
-    if heights.ndim == 2:
-        spacing = periods[0] / len(heights)
-        q_first = np.asarray(2 * math.pi * np.fft.fftfreq(len(heights), spacing))
-    for row, q_row in zip(rows, q_first, strict=True):
-        q = np.hypot(q_row, q_last)
-        row[(q > high) | ((q < low) & (q > 0))] = 0.0
+    for rows, q in wavenumbers(heights.shape, periods):
+        block = modes.reshape(-1, modes.shape[-1])[rows]
+        block[(q > high) | ((q < low) & (q > 0))] = 0.0
     modes *= 1 / heights.size
     if heights.ndim == 2:
         ducc0.fft.c2c(modes, axes=(0,), forward=False, out=modes)
     kept = np.empty(heights.shape)
-    ducc0.fft.c2r(modes, (heights.ndim - 1,), n, forward=False, out=kept)
+    ducc0.fft.c2r(modes, (heights.ndim - 1,), heights.shape[-1], forward=False, out=kept)
     kept.flags.writeable = False
     return kept

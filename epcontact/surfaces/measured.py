@@ -11,24 +11,23 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, Field, Strict, ValidationInfo
+from pydantic import BeforeValidator, Strict, ValidationInfo
 
 from epcontact.errors import InvalidScene
-from epcontact.scene import (
-    Surface,
-    cautioned,
-    checked_heights,
-    levels_note,
-    listed,
-    positive,
-    settle,
-)
+from epcontact.scene import Surface, cautioned, checked_heights, levels_note, listed, settle
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
-from epcontact.surfaces.recipe import Periods, Real, SurfaceAbsent, checked_grid, out_of_memory
+from epcontact.surfaces.recipe import (
+    Lengths,
+    Real,
+    SurfaceAbsent,
+    checked_grid,
+    entry,
+    out_of_memory,
+)
 from epcontact.surfaces.treatment import (
+    EdgeField,
     Preparation,
-    Treatment,
-    check_preparation,
+    TaperField,
     preparation_words,
     prepared,
     require_measured,
@@ -46,14 +45,8 @@ def _beside_the_case(value: Any, info: ValidationInfo) -> Any:
 class HeightsFromArray(Preparation):
     """Heights that are already in memory.
 
-    Args:
-        heights: (nx, ny), or (nx,) for a line, in m; missing ones are NaN or masked.
-        periods: (Lx, Ly) or (L,) in m.
-        treatment: "refuse" refuses a map that is not periodic; "periodic" uses it as it is;
-            "detrend_and_window" makes it periodic.
-        taper: share of each period over which the window rises, and over which it falls; 0.5 is
-            Hann's window.
-        missing, form, longest_wavelength, shortest_wavelength: see `treatment.Preparation`.
+    A map that is not periodic is refused ("refuse"), taken as it is ("periodic") or made periodic
+    ("detrend_and_window").
 
     Raises:
         InvalidScene: if the heights are not a grid of real numbers, or missing and not filled.
@@ -64,21 +57,22 @@ class HeightsFromArray(Preparation):
         ((4,), 'rms jump at the edges: 1e-06 m acros')
     """
 
-    heights: ArrayLike
-    periods: tuple[float, ...]
-    treatment: Treatment = "refuse"
-    taper: float = 0.1
+    heights: Annotated[
+        ArrayLike, entry("m", "(nx, ny), or (nx,) for a line; NaN or masked where missing")
+    ]
+    periods: Annotated[tuple[float, ...], entry("m", "(Lx, Ly) or (L,)")]
+    treatment: EdgeField = "refuse"
+    taper: TaperField = 0.1
 
     def __post_init__(self) -> None:
-        check_preparation(self)
+        super().__post_init__()
         given = checked_heights(self.heights, "heights")
         if np.ma.is_masked(given):
             given = np.ma.filled(given.astype(np.float64), np.nan)
         heights = np.array(given)
         heights.flags.writeable = False
-        settle(self, heights=heights)
         require_measured(heights, self.missing, "heights")
-        settle(self, periods=checked_grid(self.shape, self.periods)[1])
+        settle(self, heights=heights, periods=checked_grid(heights.shape, self.periods)[1])
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -103,19 +97,13 @@ class HeightsFromFile(Preparation):
     """Heights from a file; also the table [surface] of kind file.
 
     .npy files are numpy's; .txt, .dat, .csv and .tsv are plain tables of numbers with one row of
-    the grid in each line; SurfaceTopography (`epcontact[instruments]`) reads all other files.  The
+    the grid in each line; .vti files are results; meshio reads .stl, .ply and .vtu meshes whose
+    points lie on a grid, and SurfaceTopography (`epcontact[instruments]`) all other files.  The
     recipe opens the file and `build` reads it.  Its content identifies it, not its path.
 
-    Args:
-        path: the file; in a case file, relative to the case file.
-        periods: in m; one length is enough for a square map, none is needed if the file gives it.
-            The first belongs to the lines of a text file, the second to the heights in a line.
-        unit: unit of the stored heights in m (1e-6 for micrometres); needed unless the file
-            gives it.
-        treatment, taper: as in HeightsFromArray.
-        missing, form, longest_wavelength, shortest_wavelength: see `treatment.Preparation`.
-        pixel_size: the spacing of the grid in m, instead of periods.
-        optional: raise SurfaceAbsent if there is no such file, so that a case is skipped.
+    One period is enough for a square map, none is needed if the file gives it.  The first belongs
+    to the lines of a text file, the second to the heights in a line.  An absent file raises
+    SurfaceAbsent if it is `optional`, so that a case is skipped.
 
     Raises:
         InvalidScene: if the file does not hold a grid of real numbers, or not their size and unit.
@@ -124,32 +112,27 @@ class HeightsFromFile(Preparation):
     path: Annotated[
         Path | str,
         BeforeValidator(_beside_the_case, json_schema_input_type=str),
-        Field(description="file, relative to the case file"),
+        entry("", "file, relative to the case file"),
     ]
     periods: Annotated[
-        Periods, Field(description="m; needed where the file does not know its own size")
+        Lengths,
+        entry("m", "needed where the file does not know its own size", validation_alias="period"),
     ] = ()
     unit: Annotated[
-        Real | None,
-        Field(gt=0, description="m; of the heights, 1e-6 for µm; unless the file gives it"),
+        Real | None, entry("m", "of the heights, 1e-6 for µm; unless the file gives it", gt=0)
     ] = None
-    treatment: Annotated[
-        Treatment,
-        Field(description="a map that is not periodic: refused, taken as it is, or made periodic"),
-    ] = "refuse"
-    taper: Annotated[
-        Real, Field(description="share of a period over which the window rises, and falls")
-    ] = 0.1
+    treatment: EdgeField = "refuse"
+    taper: TaperField = 0.1
     pixel_size: Annotated[
-        Real | None, Field(gt=0, description="m; spacing of the grid, in the place of period")
+        Real | None, entry("m", "spacing of the grid, in the place of period", gt=0)
     ] = None
     optional: Annotated[
-        bool, Strict(), Field(description="skip the case with a sentence where the file is absent")
+        bool, Strict(), entry("", "skip the case with a sentence where the file is absent")
     ] = False
     kind: Literal["file"] = field(default="file", kw_only=True)
 
     def __post_init__(self) -> None:
-        check_preparation(self)
+        super().__post_init__()
         if not isinstance(self.path, str | Path):
             raise InvalidScene(f"path is {self.path!r:.60}, but must be the path of a file")
         settle(self, path=Path(self.path))
@@ -157,9 +140,6 @@ class HeightsFromFile(Preparation):
             raise SurfaceAbsent(
                 f"its surface {self.path} is not here; put the file there to run it"
             )
-        for name in ("unit", "pixel_size"):
-            if (value := getattr(self, name)) is not None:
-                settle(self, **{name: positive(name, value, "m")})
         settle(self, periods=checked_grid(self.shape, self._periods())[1])
         # Read now, so that the fingerprint belongs to the content whose shape was just read.
         _ = self.fingerprint
@@ -197,7 +177,7 @@ class HeightsFromFile(Preparation):
                     "say how large they are each way; give both"
                 )
             return (given[0], given[0])
-        return given or known or ()
+        return given or tuple((self.unit or 1.0) * p for p in known or ())
 
     @property
     def shape(self) -> tuple[int, ...]:

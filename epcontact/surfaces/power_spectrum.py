@@ -20,10 +20,23 @@ from numpy.typing import ArrayLike
 
 from epcontact.results import FloatArray
 from epcontact.scene import Surface
-from epcontact.surfaces.spectrum import BAND_TOLERANCE, Moments
+from epcontact.surfaces.spectrum import BAND_TOLERANCE
 
 #: Number of modes handled at once, which limits temporary arrays to a few MiB.
 _BLOCK = 1 << 16
+
+
+@dataclass(frozen=True)
+class Moments:
+    """The root mean squares of a surface or line, from its spectrum.
+
+    rms_height is in m, rms_slope that of the gradient, and rms_curvature, in 1/m, that of the mean
+    curvature (half the Laplacian) of a surface, or of the second derivative of a line.
+    """
+
+    rms_height: float
+    rms_slope: float
+    rms_curvature: float
 
 
 def surface_moments(surface: Surface) -> Moments:
@@ -31,33 +44,13 @@ def surface_moments(surface: Surface) -> Moments:
 
     rms_height is that of the grid points about their mean (Parseval).  On an even grid the Nyquist
     mode counts with |q| = pi / dx, as in numpy.fft.fftfreq.
-
-    Example:
-        >>> line = Surface(np.cos(2 * math.pi * np.arange(8) / 8), (2 * math.pi,))
-        >>> round(surface_moments(line).rms_slope, 12)
-        0.707106781187
     """
     sums = np.zeros(3)
     for q, variance in _mode_variances(surface):
-        q2 = (q * q).ravel()
-        v = variance.ravel()
-        v2 = v * q2
-        sums += v.sum(), v2.sum(), v2 @ q2
-    m0, m2, m4 = sums.tolist()
-    return Moments.of(m0, m2, m4, len(surface.shape))
-
-
-def power_spectral_density(surface: Surface) -> FloatArray:
-    """Return the power spectral density on the half grid of a real transform; 0 at q = 0.
-
-    surface: C at (qx, qy) in m^4, shape (nx, ny // 2 + 1); over both half planes,
-        h_rms^2 = sum C (2 pi)^2 / (Lx Ly).
-    line: the one-sided C1 in m^3, shape (nx // 2 + 1,): h_rms^2 = sum C1 2 pi / L.
-    """
-    variance = np.concatenate([v for _, v in _mode_variances(surface)])
-    if len(surface.shape) == 1:
-        return np.asarray(variance[0] / _cell(surface))
-    return np.asarray(variance / (_multiplicity(surface) * _cell(surface)))
+        q2, v = (q * q).ravel(), variance.ravel()
+        sums += v.sum(), v @ q2, (v * q2) @ q2
+    m0, m2, m4 = np.sqrt(sums).tolist()
+    return Moments(m0, m2, m4 / len(surface.shape))
 
 
 @dataclass(frozen=True)
@@ -99,10 +92,11 @@ def radial_spectrum(surface: Surface) -> RadialSpectrum:
             sums[row] += np.bincount(index, weights=values.ravel(), minlength=rings)
     sums[:, 0] = 0  # the mean height
     filled = np.flatnonzero(sums[0])
+    cell = math.prod(2 * math.pi / p for p in surface.periods)  # the measure of one mode
     modes, total_q, height, slope = sums[:, filled]
     return RadialSpectrum(
         wavenumber=total_q / modes,
-        density=height / (modes * _cell(surface)),
+        density=height / (modes * cell),
         modes=modes,
         upper_edge=np.asarray((filled + 0.5) * width, dtype=np.float64),
         height_variance=height,
@@ -125,11 +119,6 @@ def cumulative_slope_variance(surface: Surface, wavenumber: ArrayLike) -> FloatA
     return np.cumsum(sums[:-1])[place].reshape(q_given.shape)
 
 
-def _cell(surface: Surface) -> float:
-    """Return the measure of one mode: (2 pi)^2 / (Lx Ly), or 2 pi / L for a line."""
-    return math.prod(2 * math.pi / p for p in surface.periods)
-
-
 def _multiplicity(surface: Surface) -> FloatArray:
     """Return the number of modes of the whole plane for each column of the half grid."""
     n = surface.shape[-1]
@@ -141,22 +130,28 @@ def _multiplicity(surface: Surface) -> FloatArray:
 
 
 def _mode_variances(surface: Surface) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield |q| and the share of h_rms^2 of each mode of the half grid, by blocks of rows.
-
-    A line is one row.  Blocks limit the memory to the heights, their transform and a few MiB.
-    """
+    """Yield |q| and the share of h_rms^2 of each mode of the half grid, by blocks of rows."""
     modes = ducc0.fft.r2c(surface.heights)
     modes = modes.reshape(-1, modes.shape[-1])
-    n = surface.shape[-1]
-    q_last = 2 * math.pi / surface.periods[-1] * np.arange(n // 2 + 1)[None, :]
-    q_first: FloatArray = np.zeros(1)
-    if len(surface.shape) == 2:
-        q_first = np.asarray(2 * math.pi * np.fft.fftfreq(surface.shape[0], surface.spacing[0]))
     scale = _multiplicity(surface) / float(surface.heights.size) ** 2
-    rows = max(1, _BLOCK // modes.shape[-1])
-    for first in range(0, modes.shape[0], rows):
-        block = modes[first : first + rows]
-        variance = (block.real**2 + block.imag**2) * scale
-        if first == 0:
+    for rows, q in wavenumbers(surface.shape, surface.periods):
+        variance = (modes[rows].real ** 2 + modes[rows].imag ** 2) * scale
+        if rows.start == 0:
             variance[0, 0] = 0.0
-        yield np.hypot(q_first[first : first + rows, None], q_last), variance
+        yield q, variance
+
+
+def wavenumbers(
+    shape: tuple[int, ...], periods: tuple[float, ...]
+) -> Iterator[tuple[slice, FloatArray]]:
+    """Yield |q| on the half grid of a real transform, by blocks of rows; a line is one row.
+
+    Blocks limit the memory to the heights, their transform and a few MiB.
+    """
+    *rest, n = shape
+    q_last = 2 * math.pi / periods[-1] * np.arange(n // 2 + 1)
+    q_first = 2 * math.pi * np.fft.fftfreq(rest[0], periods[0] / rest[0]) if rest else np.zeros(1)
+    step = max(1, _BLOCK // q_last.size)
+    for start in range(0, q_first.size, step):
+        rows = slice(start, start + step)
+        yield rows, np.hypot(q_first[rows, None], q_last)

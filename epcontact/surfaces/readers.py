@@ -1,4 +1,4 @@
-"""Heights from files: numpy's .npy, tables of numbers, results (.vti), and instruments' formats.
+"""Heights from files: .npy, tables of numbers, results (.vti), meshes and instruments' formats.
 
 Nothing is executed, so pickles are refused.  A .npy file is memory-mapped, so that a header that
 promises more than the file holds is detected before memory is allocated.
@@ -7,6 +7,7 @@ promises more than the file holds is detected before memory is allocated.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,8 @@ from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene, OutputError
 from epcontact.output.vtk import read_fields
+from epcontact.results import FloatArray
 from epcontact.surfaces.text_tables import read_table
-
-#: Endings of files that are read as plain tables of numbers.
-TEXT_ENDINGS = (".txt", ".dat", ".csv", ".tsv")
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +28,7 @@ class HeightMap:
     Attributes:
         heights: the stored heights.
         in_metres: True if they are in m because the file gives its unit.
-        periods: in m, if the file gives them.
+        periods: in the unit of the heights, if the file gives them.
         notes: sentences on how the file was read.
     """
 
@@ -49,20 +48,13 @@ def file_digest(path: Path) -> str:
 
 
 def read_heights(path: Path) -> HeightMap:
-    """Open a file of heights by its ending.  Raises InvalidScene if it holds none."""
+    """Read a file of heights by its ending.  Raises InvalidScene if it holds none."""
     try:
-        size = path.stat().st_size
         if path.is_dir():
             raise IsADirectoryError(21, "is a folder, but a file of heights is needed")
-        if size == 0:
+        if path.stat().st_size == 0:
             raise InvalidScene(f"{path}: is empty")
-        ending = path.suffix.lower()
-        if ending == ".npy":
-            return HeightMap(_read_npy(path))
-        if ending in TEXT_ENDINGS:
-            heights, notes = read_table(path)
-            return HeightMap(heights, notes=notes)
-        return _read_fields(path) if ending == ".vti" else _read_instrument(path)
+        return READERS.get(path.suffix.lower(), _read_instrument)(path)
     except OSError as error:
         raise _unreadable(path, error) from None
 
@@ -79,9 +71,14 @@ def _first_line(error: BaseException) -> str:
     return words if len(words) <= 100 else words[:99] + "…"
 
 
-def _read_npy(path: Path) -> NDArray[Any]:
+def _read_text(path: Path) -> HeightMap:
+    heights, notes = read_table(path)
+    return HeightMap(heights, notes=notes)
+
+
+def _read_npy(path: Path) -> HeightMap:
     try:
-        return np.lib.format.open_memmap(path, mode="r")
+        return HeightMap(np.lib.format.open_memmap(path, mode="r"))
     except OSError:
         raise
     except Exception as error:  # a damaged header raises errors of Python's tokenizer
@@ -105,6 +102,44 @@ def _read_fields(path: Path) -> HeightMap:
             "of the result end at 0"
         )
     return HeightMap(heights, in_metres=True, periods=file.periods)
+
+
+def _read_mesh(path: Path) -> HeightMap:
+    """The heights z of a mesh whose points lie on a regular grid in x and y, NaN where none is."""
+    import meshio
+
+    try:
+        with np.errstate(all="ignore"):  # of text that meshio tries as numbers
+            mesh = getattr(meshio, path.suffix.lower()[1:]).read(path)
+    except (Exception, SystemExit) as error:  # each format has errors of its own
+        raise InvalidScene(f"{path}: meshio cannot read it ({_first_line(error)})") from None
+    points = np.asarray(mesh.points, np.float64)
+    if points.shape[1:] == (3,) and len(points) >= 4 and np.isfinite(points).all():
+        (x, dx), (y, dy) = map(_even_places, points.T[:2])
+        nx, ny = int(x.max()) + 1, int(y.max()) + 1
+        if min(nx, ny) >= 2 and nx * ny <= 2 * len(points) and dx * dy > 0:
+            heights = np.full((nx, ny), np.nan)
+            heights[x, y] = points[:, 2]
+            if np.array_equal(heights[x, y], points[:, 2]):  # no two points at one place
+                return HeightMap(heights, periods=(nx * dx, ny * dy))
+    raise InvalidScene(
+        f"{path}: its points are no height map: they lie on no regular grid in x and y, or above "
+        "each other; sample the mesh on a grid first"
+    )
+
+
+def _even_places(values: FloatArray) -> tuple[NDArray[np.intp], float]:
+    """Return the place of each coordinate on a ladder of even steps, and the step; 0 if off it.
+
+    Files keep few digits, so a coordinate may be off by a hundredth of the step.
+    """
+    span, gaps = float(np.ptp(values)), np.diff(np.unique(values))
+    if span == 0:
+        return np.zeros(values.size, np.intp), 0.0
+    step = span / round(span / float(np.median(gaps[gaps > 0.01 * gaps.max()])))
+    ladder = (values - values.min()) / step
+    place = np.rint(ladder).astype(np.intp)
+    return place, step if np.abs(ladder - place).max() <= 0.01 else 0.0
 
 
 def _read_instrument(path: Path) -> HeightMap:
@@ -133,3 +168,12 @@ def _read_instrument(path: Path) -> HeightMap:
             f"{path}: SurfaceTopography cannot read it ({_first_line(error)})"
         ) from None
     return HeightMap(heights, in_metres, None if periods is None else tuple(map(float, periods)))
+
+
+#: The reader of each ending; SurfaceTopography reads all others.
+READERS: dict[str, Callable[[Path], HeightMap]] = {
+    ".npy": _read_npy,
+    ".vti": _read_fields,
+    **dict.fromkeys((".txt", ".dat", ".csv", ".tsv"), _read_text),
+    **dict.fromkeys((".stl", ".ply", ".vtu"), _read_mesh),
+}

@@ -1,60 +1,29 @@
-"""The interface of all surface recipes, and the fields and checks that they share.
+"""What all recipes of surfaces share: their interface, their fields and the checks of them.
 
-A recipe is a frozen dataclass.  It is also the checked form of the table [surface] of a case file:
-pydantic reads types, units and meaning from the annotations of its fields, and `__post_init__`
-checks that they fit together, both for a case file and for a Python user.
+A recipe is a frozen dataclass and also the checked form of the table [surface] of a case file.
+Each field is stated once, in its annotation: type, unit, meaning and bounds.  Pydantic checks case
+files by it and `Fields` a Python user's arguments, and it is listed at the end of a docstring.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import fields, is_dataclass
-from typing import Annotated, Any, Protocol
+from dataclasses import asdict, fields, is_dataclass
+from types import NoneType
+from typing import Annotated, Any, ClassVar, Literal, Protocol, get_args, get_origin, get_type_hints
 
 from pydantic import BeforeValidator, Field, Strict
+from pydantic.fields import FieldInfo
 
 from epcontact.errors import InvalidScene, NotEnoughMemory
 from epcontact.machine import available_memory
-from epcontact.scene import Surface, positive, settle, whole
+from epcontact.results import FloatArray
+from epcontact.scene import Surface, positive, require_one_of, settle, whole
 
 #: Largest number of points that an array can address.
 LARGEST_GRID = 2**56
 #: Bytes of memory that every machine has.
 SMALL = 2**28
-
-
-def as_tuple(value: Any) -> Any:
-    """Turn a list of a TOML file into a tuple; return anything else unchanged."""
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _lengths(value: Any) -> Any:
-    """Turn one length or a list of lengths into a tuple; return a table unchanged."""
-    return as_tuple(value) if isinstance(value, list | tuple | dict) else (value,)
-
-
-_PERIOD = BeforeValidator(_lengths, json_schema_input_type=float | list[float])
-_SHAPE = BeforeValidator(as_tuple, json_schema_input_type=list[int])
-_CENTRE = BeforeValidator(as_tuple, json_schema_input_type=list[float])
-
-# Numbers of a case file are strict: text and booleans are not converted.
-Real = Annotated[float, Strict()]
-Whole = Annotated[int, Strict()]
-
-# The fields of several recipes.  A case file calls the periods `period`.
-Periods = Annotated[
-    tuple[Real, ...],
-    _PERIOD,
-    Field(validation_alias="period", description="m; one length, or [x, y]"),
-]
-Shape = Annotated[
-    tuple[Whole, ...], _SHAPE, Field(description="grid points [nx, ny], or [nx] for a line")
-]
-Centre = Annotated[
-    tuple[Real, ...],
-    _CENTRE,
-    Field(description="as fractions of the periods; the middle where it is not given"),
-]
 
 
 class Recipe(Protocol):
@@ -80,16 +49,135 @@ class SurfaceAbsent(InvalidScene):
     """The file of a surface is absent, and the user called it optional."""
 
 
-def normalise_grid(recipe: Any) -> None:
-    """Check a frozen recipe's `shape` and `periods` and set them to what `checked_grid` returns.
+# --- fields --------------------------------------------------------------------------------------
 
-    A single period is used for both directions of a surface.
-    """
-    periods = recipe.periods
-    if isinstance(periods, tuple) and len(periods) == 1 and isinstance(recipe.shape, tuple):
-        periods = periods * max(1, len(recipe.shape))
-    shape, periods = checked_grid(recipe.shape, periods)
-    settle(recipe, shape=shape, periods=periods)
+
+def entry(unit: str, meaning: str, **bounds: Any) -> Any:
+    """Return the part of an annotation that gives a field's unit ("": none), meaning and bounds."""
+    words = f"{unit}; {meaning}" if unit else meaning
+    return Field(description=words, json_schema_extra={"unit": unit} if unit else None, **bounds)
+
+
+def as_tuple(value: Any) -> Any:
+    """Turn a list of a TOML file into a tuple; return anything else unchanged."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _lengths(value: Any) -> Any:
+    """Turn one length or a list of lengths into a tuple; return a table unchanged."""
+    return as_tuple(value) if isinstance(value, list | tuple | dict) else (value,)
+
+
+# Numbers of a case file are strict: text and booleans are not converted.
+Real = Annotated[float, Strict()]
+Whole = Annotated[int, Strict()]
+
+# The fields of several recipes.  A case file calls the periods `period`.
+Lengths = Annotated[
+    tuple[Real, ...], BeforeValidator(_lengths, json_schema_input_type=float | list[float])
+]
+Periods = Annotated[Lengths, entry("m", "one length, or [x, y]", validation_alias="period")]
+Shape = Annotated[
+    tuple[Whole, ...],
+    BeforeValidator(as_tuple, json_schema_input_type=list[int]),
+    entry("", "grid points [nx, ny], or [nx] for a line"),
+]
+
+
+class Fields:
+    """The base of recipes: checks the fields by their annotations, and lists them in the help."""
+
+    #: The type and the `entry` of each field that has one.
+    entries: ClassVar[dict[str, tuple[Any, FieldInfo]]]
+
+    def __init_subclass__(cls) -> None:
+        plain = get_type_hints(cls)
+        cls.entries = {
+            name: (plain[name], info)
+            for name, hint in get_type_hints(cls, include_extras=True).items()
+            for part in (hint, *get_args(hint))
+            for info in getattr(part, "__metadata__", ())
+            if isinstance(info, FieldInfo) and info.description
+        }
+        stated = "\n".join(f"        {n}: {f.description}." for n, (_, f) in cls.entries.items())
+        cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n\n    Args:\n{stated}\n    "
+
+    def __post_init__(self) -> None:
+        for name, (kind, info) in self.entries.items():
+            value = _checked(name, getattr(self, name), kind, info, unit_of(self, name))
+            settle(self, **{name: value})
+
+
+def unit_of(recipe: Any, name: str) -> str:
+    """Return the unit of a recipe's field; "" if it has none."""
+    _, info = getattr(recipe, "entries", {}).get(name, (None, None))
+    extra = info.json_schema_extra if info else None
+    return str(extra["unit"]) if isinstance(extra, dict) else ""
+
+
+def _checked(name: str, given: Any, kind: Any, info: FieldInfo, unit: str) -> Any:
+    """Return a field's value as its annotation asks for it.  Raises InvalidScene."""
+    kinds = get_args(kind) if NoneType in get_args(kind) else (kind,)
+    bounds = {key: value for bound in info.metadata for key, value in asdict(bound).items()}
+    if given is None and NoneType in kinds:
+        return None
+    if float in kinds and bounds.get("gt") == 0:
+        return positive(name, given, unit)
+    if int in kinds and "ge" in bounds:
+        return whole(name, given, bounds["ge"])
+    if get_origin(kind) is Literal:
+        require_one_of(name, given, kind)
+    return given
+
+
+# --- surfaces that follow from their fields ------------------------------------------------------
+
+
+class Generated(Fields):
+    """A recipe whose heights follow from its fields alone, on a grid that is one of them."""
+
+    #: The name and version of the formula, with which a fingerprint begins.
+    formula: ClassVar[str]
+
+    def __post_init__(self: Any) -> None:
+        super().__post_init__()
+        shape, periods = self.shape, self.periods
+        if isinstance(periods, tuple) and len(periods) == 1 and isinstance(shape, tuple):
+            periods = periods * max(1, len(shape))
+        shape, periods = checked_grid(shape, periods)
+        settle(self, shape=shape, periods=periods)
+
+    @property
+    def fingerprint(self) -> str:
+        """The formula and every field; equal numbers read equal."""
+        return f"{self.formula} {_words(self)}"
+
+    def build(self: Any) -> Surface:
+        """Make the surface.  Raises NotEnoughMemory if its heights cannot be allocated."""
+        try:
+            heights = self._heights()
+        except MemoryError:
+            raise out_of_memory(self.shape, arrays=2) from None
+        heights.flags.writeable = False
+        return Surface(heights, self.periods, recipe=self.fingerprint, **self._known())
+
+    def _heights(self) -> FloatArray:
+        raise NotImplementedError
+
+    def _known(self) -> dict[str, Any]:
+        """What else the surface knows of itself: its `spectrum`, `seed`, `shortest_wavelength`."""
+        return {}
+
+
+def _words(value: Any) -> str:
+    if is_dataclass(value):
+        names = [f.name for f in fields(value) if f.name != "kind"]  # the formula gives the kind
+        return " ".join(f"{name}={_words(getattr(value, name))}" for name in names)
+    if isinstance(value, tuple):
+        return "(" + ",".join(map(_words, value)) + ")"
+    if isinstance(value, str):
+        return value
+    return repr(int(value)) if value == int(value) else repr(float(value))
 
 
 def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...], tuple[float, ...]]:
@@ -122,22 +210,6 @@ def require_room(shape: tuple[int, ...]) -> None:
     needed = 16 * math.prod(shape)
     if needed >= SMALL and needed > available_memory():
         raise out_of_memory(shape, arrays=2)
-
-
-def described(name: str, recipe: Any) -> str:
-    """Return a fingerprint: `name` (with a version) and every field; equal numbers read equal."""
-    return f"{name} {_words(recipe)}"
-
-
-def _words(value: Any) -> str:
-    if is_dataclass(value):
-        names = [f.name for f in fields(value) if f.name != "kind"]  # `name` gives the kind
-        return " ".join(f"{name}={_words(getattr(value, name))}" for name in names)
-    if isinstance(value, tuple):
-        return "(" + ",".join(map(_words, value)) + ")"
-    if isinstance(value, str):
-        return value
-    return repr(int(value)) if value == int(value) else repr(float(value))
 
 
 def out_of_memory(shape: tuple[int, ...], arrays: int) -> NotEnoughMemory:

@@ -14,7 +14,7 @@ roughness to it (up to the factor that keeps the rms slope).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Any, Literal
 
 import ducc0
@@ -24,24 +24,16 @@ from pydantic import BeforeValidator, Field
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import (
-    SelfAffineSpectrum,
-    Surface,
-    listed,
-    positive,
-    require_kind,
-    settle,
-    whole,
-)
+from epcontact.scene import SelfAffineSpectrum, listed, positive, require_kind, settle, whole
 from epcontact.surfaces.recipe import (
+    Fields,
+    Generated,
     Periods,
     Real,
     Shape,
     Whole,
     as_tuple,
-    described,
-    normalise_grid,
-    out_of_memory,
+    entry,
 )
 from epcontact.surfaces.spectrum import BAND_TOLERANCE, amplitude_shape
 
@@ -89,14 +81,8 @@ def grid_shape(
 
 
 @dataclass(frozen=True)
-class SelfAffine:
+class SelfAffine(Generated):
     """Self-affine roughness by random phases, with the exact rms slope on the grid.
-
-    Args:
-        spectrum: the analytic power spectrum.
-        periods: (Lx, Ly), or (L,) for a line, in m.
-        shape: grid points (nx, ny), or (nx,) for a line.
-        seed: a whole number >= 0; each gives another surface.
 
     Raises:
         InvalidScene: if the grid does not resolve `wavenumber_high` (more than two points per
@@ -110,15 +96,15 @@ class SelfAffine:
         ((32, 32), True)
     """
 
-    spectrum: SelfAffineSpectrum
-    periods: tuple[float, ...]
-    shape: tuple[int, ...]
-    seed: int
+    formula = "self_affine/1"
+    spectrum: Annotated[SelfAffineSpectrum, entry("", "the analytic power spectrum")]
+    periods: Periods
+    shape: Shape
+    seed: Annotated[int, entry("", "a whole number; each gives another surface", ge=0)]
 
     def __post_init__(self) -> None:
         require_kind("spectrum", self.spectrum, SelfAffineSpectrum)
-        normalise_grid(self)
-        settle(self, seed=whole("seed", self.seed, 0))
+        super().__post_init__()
         q0, q1 = self.spectrum.wavenumber_low, self.spectrum.wavenumber_high
         for period, points in zip(self.periods, self.shape, strict=True):
             if 2 * math.pi / period > q0 * (1 + BAND_TOLERANCE):
@@ -133,33 +119,16 @@ class SelfAffine:
                     f"wavenumber_high = {q1:g} rad/m, which needs at least {needed}"
                 )
 
-    @property
-    def fingerprint(self) -> str:
-        """The spectrum, seed, periods, shape and the version of the generator."""
-        return described("self_affine/1", self)
+    def _heights(self) -> FloatArray:
+        return _line(self) if len(self.shape) == 1 else grid_heights(self)
 
-    def build(self) -> Surface:
-        """Make the heights; the peak memory is two real arrays of the grid.
-
-        Raises NotEnoughMemory if they cannot be allocated.
-        """
-        try:
-            heights = _line(self) if len(self.shape) == 1 else grid_heights(self)
-        except MemoryError:
-            raise out_of_memory(self.shape, arrays=2) from None
-        heights.flags.writeable = False
-        return Surface(
-            heights,
-            self.periods,
-            spectrum=self.spectrum,
-            seed=self.seed,
-            shortest_wavelength=2 * math.pi / self.spectrum.wavenumber_high,
-            recipe=self.fingerprint,
-        )
+    def _known(self) -> dict[str, Any]:
+        shortest = 2 * math.pi / self.spectrum.wavenumber_high
+        return {"spectrum": self.spectrum, "seed": self.seed, "shortest_wavelength": shortest}
 
 
 @dataclass(frozen=True, kw_only=True)
-class SelfAffineEnsemble:
+class SelfAffineEnsemble(Fields):
     """Several surfaces of one self-affine spectrum: the table [surface] of kind self_affine.
 
     Either `shape` or `points_per_shortest_wavelength` gives the grid.  A single period is used for
@@ -177,46 +146,37 @@ class SelfAffineEnsemble:
     """
 
     periods: Periods
-    hurst: Annotated[Real, Field(ge=0, le=1, description="Hurst exponent, 0 to 1")]
-    wavenumber_low: Annotated[Real, Field(gt=0, description="rad/m; no roughness below")]
+    hurst: Annotated[Real, entry("", "Hurst exponent, 0 to 1", ge=0, le=1)]
+    wavenumber_low: Annotated[Real, entry("rad/m", "no roughness below", gt=0)]
     wavenumber_roll_off: Annotated[
-        Real, Field(gt=0, description="rad/m; flat spectrum below, power law above")
+        Real, entry("rad/m", "flat spectrum below, power law above", gt=0)
     ]
-    wavenumber_high: Annotated[Real, Field(gt=0, description="rad/m; no roughness above")]
-    rms_slope: Annotated[Real, Field(gt=0, description="m/m; exact on the grid")]
+    wavenumber_high: Annotated[Real, entry("rad/m", "no roughness above", gt=0)]
+    rms_slope: Annotated[Real, entry("m/m", "exact on the grid", gt=0)]
     points_per_shortest_wavelength: Annotated[
-        Whole | None,
-        Field(ge=3, description="grid points per 2 pi / wavenumber_high; or give shape"),
+        Whole | None, entry("", "grid points per 2 pi / wavenumber_high; or give shape", ge=3)
     ] = None
     shape: Shape | None = None
     seeds: Annotated[
         tuple[Annotated[Whole, Field(ge=0)], ...],
         BeforeValidator(as_tuple, json_schema_input_type=list[int]),
-        Field(min_length=1, description="one random surface each; gates read their mean"),
+        entry("", "one random surface each; gates read their mean", min_length=1),
     ]
     kind: Literal["self_affine"] = "self_affine"
 
     def __post_init__(self) -> None:
         if (self.shape is None) == (self.points_per_shortest_wavelength is None):
             raise InvalidScene("give either points_per_shortest_wavelength or shape")
-        settle(
-            self,
-            periods=listed(self.periods),
-            seeds=tuple(whole("seeds", n, 0) for n in listed(self.seeds)),
-        )
+        seeds = tuple(whole("seeds", n, 0) for n in listed(self.seeds))
+        settle(self, periods=listed(self.periods), seeds=seeds)
         if len(set(self.seeds)) != len(self.seeds):
             raise InvalidScene("seeds repeat a surface; give each seed once")
         self.recipes()  # raises if the spectrum or the grid is wrong
 
     def recipes(self) -> tuple[SelfAffine, ...]:
         """Return one recipe for each seed."""
-        spectrum = SelfAffineSpectrum(
-            self.hurst,
-            self.wavenumber_low,
-            self.wavenumber_roll_off,
-            self.wavenumber_high,
-            self.rms_slope,
-        )
+        names = [f.name for f in fields(SelfAffineSpectrum)]
+        spectrum = SelfAffineSpectrum(*(getattr(self, name) for name in names))
         periods, shape = self.periods, self.shape
         if shape is None:
             periods = periods * 2 if len(periods) == 1 else periods

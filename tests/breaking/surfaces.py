@@ -26,8 +26,7 @@ def _shape(what: str, patch: Any, *seen: Any, **more: Any) -> Fault:
 FAULTS = (
     _shape(
         "amplitude from valley to crest",
-        given(S + "shapes.surface_with",
-            lambda recipe, h, *rest: (recipe, 2 * np.asarray(h), *rest)),
+        on_result(S + "shapes.Sinusoid.build", lambda s: replace(s, heights=2 * s.heights)),
         "westergaard-line", "quantity.surface_rms_height",
     ),
     _shape(

@@ -7,13 +7,11 @@ result carries them in its provenance, so that its JSON, its .vti and the report
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
-
-from pydantic.fields import FieldInfo
+from typing import Any
 
 from epcontact.materials.moduli import effective_modulus
 from epcontact.scene import Body, Scene, Surface
-from epcontact.surfaces import Recipe
+from epcontact.surfaces import Recipe, unit_of
 
 #: The bodies in words.
 BODIES = {
@@ -21,7 +19,6 @@ BODIES = {
     "bonded_layer": "layer bonded to a rigid base",
     "sliding_layer": "layer sliding on a rigid base",
 }
-_UNITS = ("m", "rad/m")
 
 
 def described(scene: Scene, recipe: Recipe) -> dict[str, dict[str, Any]]:
@@ -93,17 +90,13 @@ def _surface_in_words(surface: Surface, recipe: Recipe) -> str:
 
 def _parameters(recipe: Any) -> list[str]:
     """Return the parameters of a recipe as "radius 0.01 m", with the units of its annotations."""
-    hints = get_type_hints(type(recipe), include_extras=True)
     told = []
     for parameter in fields(recipe):
         name, value = parameter.name, getattr(recipe, parameter.name)
         if name in ("kind", "periods", "shape", "heights") or value in (None, (), False):
             continue
-        parts = get_args(hints[name]) if get_origin(hints[name]) is Annotated else ()
-        words = [part.description or "" for part in parts if isinstance(part, FieldInfo)]
-        unit = next((unit for unit in _UNITS if words and words[0].startswith(f"{unit};")), "")
         shown = f"{value:g}" if isinstance(value, float) else str(value)
-        told.append(f"{name.replace('_', ' ')} {shown} {unit}".rstrip())
+        told.append(f"{name.replace('_', ' ')} {shown} {unit_of(recipe, name)}".rstrip())
     return told
 
 

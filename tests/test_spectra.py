@@ -1,0 +1,213 @@
+"""Analytic spectra and those of heights: integrals, Parseval, moments, rings, partial slopes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from epcontact.errors import InvalidScene
+from epcontact.scene import SelfAffineSpectrum, Surface
+from epcontact.surfaces import SelfAffine, Sinusoid, filtered
+from epcontact.surfaces.power_spectrum import (
+    cumulative_slope_variance,
+    radial_spectrum,
+    surface_moments,
+)
+from epcontact.surfaces.spectrum import (
+    density,
+    slope_variance_up_to,
+    spectral_moment,
+    truncated,
+)
+
+# The heights are about as large as the period, which changes nothing of what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
+
+# The exponents at which an integral turns into a logarithm, their neighbours, and ordinary ones.
+HURST = [0.0, 1e-13, 1e-5, 0.3, 0.5, 0.8, 1 - 1e-9, 1.0]
+PAPER = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 1.0)
+
+
+def exact_shape_moment(s: SelfAffineSpectrum, order: int, dimension: int, upper: float) -> Any:
+    """The defining integral with C_0 = 1, by quadrature in 40 digits."""
+    with mpmath.workdps(40):
+        exponent = -(2 * mpmath.mpf(s.hurst) + dimension)
+        limits = (s.wavenumber_low, s.wavenumber_roll_off, min(s.wavenumber_high, upper))
+        q0, qr, q1 = map(mpmath.mpf, limits)
+
+        def integrand(t: mpmath.mpf) -> mpmath.mpf:  # over t = ln q
+            q = mpmath.exp(t)
+            return q**order * ((q / qr) ** exponent if q > qr else 1) * q**dimension
+
+        knots = sorted({mpmath.log(q) for q in (q0, min(qr, q1), q1)})
+        return (2 * mpmath.pi if dimension == 2 else 1) * mpmath.quad(integrand, knots)
+
+
+@pytest.mark.parametrize("dimension", [1, 2])
+@pytest.mark.parametrize("hurst", HURST)
+def test_moments_equal_their_integrals(hurst: float, dimension: int) -> None:
+    spectrum = SelfAffineSpectrum(hurst, 3.0, 7.0, 900.0, 0.4)
+    full_slope = exact_shape_moment(spectrum, 2, dimension, 900.0)
+    for order in (0, 2, 4):
+        for upper in (5.0, 7.0, 60.0, 900.0):
+            exact = 0.4**2 * exact_shape_moment(spectrum, order, dimension, upper) / full_slope
+            got = float(spectral_moment(spectrum, order, dimension, upper))
+            # A few roundings, each amplified by at most ln(q_1/q_0) = 6 through the power.
+            assert got == pytest.approx(float(exact), rel=1e-14)
+
+
+@pytest.mark.parametrize("dimension", [1, 2])
+@pytest.mark.parametrize("hurst", HURST)
+def test_density_integrates_to_its_moments(hurst: float, dimension: int) -> None:
+    spectrum = SelfAffineSpectrum(hurst, 2.0, 5.0, 300.0, 0.7)
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    for order in (0, 2):
+        total = 0.0
+        for a, b in [(2.0, 5.0), (5.0, 300.0)]:
+            half = math.log(b / a) / 2
+            q = a * np.exp(half * (nodes + 1))
+            measure = 2 * np.pi * q if dimension == 2 else 1.0
+            total += np.sum(
+                measure * q**order * density(spectrum, q, dimension) * half * weights * q
+            )
+        assert total == pytest.approx(spectral_moment(spectrum, order, dimension), rel=1e-12)
+    assert spectral_moment(spectrum, 2, dimension) == pytest.approx(0.49, rel=1e-14)
+
+
+def test_density_is_flat_then_a_power_and_nothing_outside() -> None:
+    q = np.array([2.4e4, 2.5e4 * (1 - 1e-7), 1e5, 2e5, 64e5 * (1 + 1e-7), 65e5])
+    for dimension in (1, 2):
+        c = density(PAPER, q, dimension)
+        assert c[0] == c[-1] == 0
+        assert c[1] == c[2] > 0 < c[4]  # a limit typed with seven digits is inside
+        assert c[3] / c[2] == pytest.approx(2 ** -(1.6 + dimension), rel=1e-14)
+    assert np.all(density(PAPER, [2.5e4 * 0.99999, 64e5 * 1.00001]) == 0)
+    steeper = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 3.0)
+    assert density(steeper, 1e6) == pytest.approx(9 * density(PAPER, 1e6), rel=1e-14)
+    with pytest.raises(InvalidScene, match="band of some width"):
+        density(SelfAffineSpectrum(0.8, 1e5, 1e5, 1e5, 1.0), 1e5)
+    with pytest.raises(InvalidScene, match="dimension is 3"):
+        density(PAPER, 1e5, 3)
+
+
+@given(
+    hurst=st.floats(0, 1),
+    roll_off=st.floats(1, 100),
+    width=st.floats(1.01, 1e6),
+    dimension=st.sampled_from([1, 2]),
+)
+def test_partial_slope_grows_from_nothing_to_all(
+    hurst: float, roll_off: float, width: float, dimension: int
+) -> None:
+    spectrum = SelfAffineSpectrum(hurst, 1.0, roll_off, roll_off * width, 0.3)
+    q = np.geomspace(0.5, 2 * roll_off * width, 50)
+    partial = slope_variance_up_to(spectrum, q, dimension)
+    assert partial[0] == 0
+    assert partial[-1] == pytest.approx(0.09, rel=1e-15)
+    # Where the spectrum adds less than a rounding, two neighbours may differ by one.
+    assert np.all(np.diff(partial) >= -1e-16)
+
+
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_truncation_keeps_the_density(dimension: int) -> None:
+    for cut in (6e4, 1e5, 3e6, 1e8):
+        q = np.geomspace(2.5e4, min(cut, 64e5), 20)
+        narrow = density(truncated(PAPER, cut, dimension), q, dimension)
+        assert_allclose(narrow, density(PAPER, q, dimension), rtol=1e-13)
+    with pytest.raises(InvalidScene, match="leaves nothing"):
+        truncated(PAPER, 2.5e4)
+
+
+# ---------------------------------------------------------------- the spectrum of heights
+
+# Square, oblong, even, odd, mixed, lines; periods that fit none of them by accident.
+GRIDS: list[tuple[tuple[int, ...], tuple[float, ...]]] = [
+    ((16, 16), (1.0, 1.0)),
+    ((15, 15), (1.0, 1.0)),
+    ((16, 15), (2.0, 0.7)),
+    ((9, 32), (0.3, 5.0)),
+    ((2, 3), (1.0, 1.0)),
+    ((64,), (3.0,)),
+    ((63,), (3.0,)),
+    ((2,), (1.0,)),
+]
+# Roundings of a transform of up to 500 points, relative to sums of positive terms.
+ROUNDING = 1e-13
+
+
+def noise(shape: tuple[int, ...], periods: tuple[float, ...]) -> Surface:
+    """White noise about a mean of 5: power in every mode, Nyquist's too."""
+    return Surface(5 + np.random.default_rng(1).standard_normal(shape), periods)
+
+
+@pytest.mark.parametrize(("shape", "periods"), GRIDS)
+def test_moments_and_rings_are_parseval_s(
+    shape: tuple[int, ...], periods: tuple[float, ...]
+) -> None:
+    surface = noise(shape, periods)
+    modes = np.fft.fftn(surface.heights)
+    axes = [2 * np.pi * np.fft.fftfreq(n, d) for n, d in zip(shape, surface.spacing, strict=True)]
+    q = np.meshgrid(*axes, indexing="ij")
+    slope2 = sum(np.mean(np.abs(np.fft.ifftn(1j * component * modes)) ** 2) for component in q)
+    laplacian = np.fft.ifftn(-sum(component**2 for component in q) * modes)
+    curvature = math.sqrt(np.mean(np.abs(laplacian) ** 2)) / len(shape)
+    variance = surface.heights.var()
+    moments, rings = surface_moments(surface), radial_spectrum(surface)
+    cell = math.prod(2 * math.pi / p for p in periods)
+    for got, exact in (
+        (moments.rms_height**2, variance),
+        (moments.rms_slope**2, slope2),
+        (moments.rms_curvature, curvature),
+        (rings.height_variance.sum(), variance),
+        (np.sum(rings.density * rings.modes) * cell, variance),
+        (rings.slope_variance.sum(), slope2),
+    ):
+        assert got == pytest.approx(exact, rel=ROUNDING)
+    # Every mode lies in one ring.
+    assert rings.modes.sum() == (math.prod(shape) - 1 if len(shape) == 2 else shape[0] // 2)
+    assert np.all(rings.wavenumber <= rings.upper_edge)
+    # Partial slopes are those of the rings, and of the filtered surface.
+    partial = cumulative_slope_variance(surface, rings.upper_edge)
+    assert_allclose(partial, np.cumsum(rings.slope_variance), rtol=ROUNDING)
+    for cut in (rings.wavenumber[0], rings.upper_edge[len(rings.upper_edge) // 2]):
+        left = surface_moments(filtered(surface, float(cut))).rms_slope ** 2
+        got = cumulative_slope_variance(surface, cut)
+        assert got == pytest.approx(left, rel=1e-12, abs=1e-14 * slope2)
+
+
+@pytest.mark.parametrize("points", [32, 33])
+def test_a_line_of_one_wave(points: int) -> None:
+    surface = Sinusoid((2.0,), (points,), 0.3, waves=4).build()
+    q = 4 * 2 * math.pi / 2.0
+    rings = radial_spectrum(surface)
+    assert rings.wavenumber[3] == pytest.approx(q, rel=1e-14)
+    assert rings.density[3] * q / 4 == pytest.approx(0.3**2 / 2, rel=1e-14)
+    assert_allclose(np.delete(rings.density, 3), 0, atol=1e-17)
+    moments = surface_moments(surface)
+    height = 0.3 / math.sqrt(2)
+    found = (moments.rms_height, moments.rms_slope, moments.rms_curvature)
+    assert found == pytest.approx((height, height * q, height * q**2), rel=1e-13)
+
+
+def test_radial_average_of_an_isotropic_surface_is_its_spectrum() -> None:
+    spectrum = SelfAffineSpectrum(0.7, 2 * math.pi, 8 * math.pi, 200 * math.pi, 0.1)
+    rings = radial_spectrum(SelfAffine(spectrum, (1.0, 1.0), (300, 300), seed=3).build())
+    inside = (rings.wavenumber > 200) & (rings.upper_edge < 600)
+    # The amplitudes are not random, so a ring of width w at q = k w differs from its middle by
+    # s (s + 1) / (24 k^2) = 6e-4 for k = 32, s = 3.4, by where its modes happen to lie (of the
+    # same order), and by the one factor that makes an integral of the sum over modes.
+    ratio = rings.density[inside] / density(spectrum, rings.wavenumber[inside])
+    assert ratio == pytest.approx(np.full(ratio.size, ratio[-1]), rel=1.5e-3)
+    assert ratio[-1] == pytest.approx(1.0, abs=0.02)
+
+
+def test_partial_slopes_keep_the_order_they_are_asked_in() -> None:
+    got = cumulative_slope_variance(noise((16, 16), (1.0, 1.0)), [[50.0, 20.0], [20.0, 1.0]])
+    assert got[0, 0] > got[0, 1] == got[1, 0] > got[1, 1] == 0
