@@ -14,22 +14,13 @@ from epcontact.results import APART, ContactResult, PressureDistribution
 
 
 def distance(norm: str, a: PressureDistribution, b: PressureDistribution, hardness: float) -> float:
-    """Return the distance between two pressure distributions.
+    """Return the distance of a pressure distribution from another one, the reference.
 
-    The distributions are interpolated linearly between their tabulated pressures, which should
-    therefore be close together.
-
-    Args:
-        norm: "wasserstein", int |F_a - F_b| dsigma divided by the hardness, with F the
-            distribution of the pressure on the contact; or "supremum", the largest |F_a - F_b|
-            below the hardness divided by the contact area of b, with F the share of the nominal
-            area at pressures in (0, sigma].
-        a: one distribution.
-        b: the other one, which is the reference.
-        hardness: in Pa; if it is infinite, the mean contact pressure of b replaces it.
-
-    Raises:
-        InvalidCase: if one of the distributions has no contact.
+    "wasserstein" is int |F_a - F_b| dsigma over the hardness (Pa) or, if that is infinite, over the
+    mean contact pressure of b, with F the distribution of the pressure on the contact.  "supremum"
+    is the largest |F_a - F_b| below the hardness over the contact area of b, with F the share of
+    the nominal area at pressures in (0, sigma].  The tables are interpolated linearly, so that
+    their pressures should be close together.  Raises InvalidCase if there is no contact.
     """
     total_a = float(a.cumulative[-1]) + a.plastic
     total_b = float(b.cumulative[-1]) + b.plastic
@@ -60,14 +51,10 @@ def l2_distance(found: NDArray[Any], exact: NDArray[Any]) -> float:
 class Difference:
     """The difference between two answers on the same grid.
 
-    Attributes:
-        area: relative difference of the raw contact areas.
-        pressure: L2 norm of the difference of the nodal pressures, divided by that of the second.
-        overlap: number of shared contact nodes divided by that of nodes in either contact
-            (Jaccard index).
-        wasserstein: distance between the pressure distributions, see `distance`.
-        nodes: number of nodes that are in contact in one answer only.
-        areas: both raw areas.
+    `area` is the relative difference of the raw contact `areas`, `pressure` the L2 norm of the
+    difference of the nodal pressures over that of the second, `overlap` the number of shared
+    contact nodes over that of nodes in either contact (Jaccard index), `wasserstein` the distance
+    of the distributions, and `nodes` the number of nodes that are in contact in one answer only.
     """
 
     area: float
@@ -82,15 +69,9 @@ class Difference:
 
 
 def difference(first: ContactResult, second: ContactResult, hardness: float) -> Difference:
-    """Return the difference of `first` from `second`.
+    """Return the difference of `first` from `second`; the hardness (Pa) scales their distance.
 
-    Args:
-        first: an answer with fields and a pressure distribution.
-        second: the answer it is compared with.
-        hardness: in Pa; scales the distance of the distributions.
-
-    Raises:
-        InvalidScene: if their grids differ.
+    Raises InvalidScene if their grids differ.
     """
     p, q = first.fields["pressure"], second.fields["pressure"]
     if p.shape != q.shape:

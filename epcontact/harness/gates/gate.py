@@ -13,11 +13,11 @@ Student's at 95 %.  A gate holds only if the *whole* interval of the difference 
 band, so an ensemble that is too small to decide does not pass.  Two ensembles over the same seeds
 are compared pair by pair.  A single surface has an interval of width 0.
 
-A corrected area is an estimate with a claimed error, which widens the interval as well: a gate does
-not hold if its answers are less sure than its band is wide.  Of two estimates of the same area the
-surer one shows how right the other is, so that the smaller claim counts.  A theory and a published
-number claim no error, so that the claim of the other side counts.  A closed form shows the true
-error, and no claim counts.
+A corrected area is an estimate with a claimed error, which widens the interval as well, so that a
+gate does not hold if its answers are less sure than its band is wide.  Of two estimates of the same
+area the smaller claim counts, because the better estimate bounds the error of the other.  A theory
+and a published number claim no error, so that the claim of the other side counts.  A closed form
+shows the true error, and no claim counts.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -41,17 +41,10 @@ ERROR: Literal["error"] = "error"
 
 @dataclass(frozen=True)
 class Gate:
-    """One comparison that must hold; see the docstring of the module.
+    """One comparison that must hold: the difference of `of` from `against` is in [low, high].
 
-    Attributes:
-        quantity: name in `quantities.QUANTITIES`, such as area.plastic.corrected.
-        of: the method that is judged.
-        against: a method, the name of a closed form, or a number.
-        norm: one of `Norm`.
-        low: lower end of the band that must contain the difference.
-        high: upper end of the band.
-        because: the reason for the width of the band.
-        source: the source of a number.
+    `against` is a method, the name of a closed form, or a number with its `source`; `because` is
+    the reason for the width of the band.
     """
 
     quantity: str
@@ -138,32 +131,24 @@ def judge(
     paired: bool,
     claim: float | None = None,
 ) -> GateVerdict:
-    """Compare the values of a scalar quantity, one for each surface, with those of its reference.
+    """Compare the values of a scalar, one for each surface, with those of its reference.
 
-    Args:
-        gate: a gate with the norm relative or absolute.
-        value: the values of the method that is judged.
-        reference: the values of the reference.
-        paired: True if both come from the same surfaces in the same order; otherwise they are
-            taken as independent.
-        claim: the claimed error of corrected areas that counts, absolute; None if none does.
+    `paired` values come from the same surfaces in the same order; others are independent.  `claim`
+    is the claimed error of corrected areas that counts.
     """
     a, b = estimate(value), estimate(reference)
-    grid_error = claim
-    if claim is not None and gate.norm == "relative":
-        grid_error = claim / (abs(b.mean) or math.inf)
+    relative = gate.norm == "relative"
+    scale = (abs(b.mean) or math.inf) if relative else 1.0
     if paired:
         pairs = zip(value, reference, strict=True)
-        difference = estimate([deviation(gate.norm, x, y) for x, y in pairs])
-        return _judged(gate, a, b, difference, grid_error)
-    half_width = math.hypot(a.half_width, b.half_width)
-    if gate.norm == "relative":
+        difference = estimate([deviation(gate.norm, *pair) for pair in pairs])
+    else:
         # First order: the relative difference is (a - b)/b, so b's width counts times a/b.
-        scale = abs(b.mean) or math.inf
-        half_width = math.hypot(a.half_width, a.mean / scale * b.half_width) / scale
-    mean = deviation(gate.norm, a.mean, b.mean)
-    difference = Estimate(mean=mean, half_width_95=half_width, surfaces=0)
-    return _judged(gate, a, b, difference, grid_error)
+        slope = a.mean / scale if relative else 1.0
+        half_width = math.hypot(a.half_width, slope * b.half_width) / scale
+        mean = deviation(gate.norm, a.mean, b.mean)
+        difference = Estimate(mean=mean, half_width_95=half_width, surfaces=0)
+    return _judged(gate, a, b, difference, None if claim is None else claim / scale)
 
 
 def judge_distance(gate: Gate, distances: Sequence[float]) -> GateVerdict:
@@ -189,15 +174,8 @@ def deviation(norm: str, value: float, reference: float) -> float:
 def _judged(
     gate: Gate, a: Estimate, b: Estimate, difference: Estimate, grid_error: float | None = None
 ) -> GateVerdict:
-    verdict = GateVerdict(
-        **vars(gate),
-        name=gate.name,
-        status=HOLDS,
-        value=a,
-        reference=b,
-        difference=difference,
-        grid_error=grid_error,
-    )
+    figures: Any = {"value": a, "reference": b, "difference": difference, "grid_error": grid_error}
+    verdict = GateVerdict(**vars(gate), name=gate.name, status=HOLDS, **figures)
     low, high = difference.mean - verdict.half_width, difference.mean + verdict.half_width
     # NaN compares false, so a difference that is NaN never holds.
     holds = gate.low <= low and high <= gate.high

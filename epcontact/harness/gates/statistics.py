@@ -44,10 +44,7 @@ class Estimate(BaseModel):
 
 
 def estimate(values: Sequence[float]) -> Estimate:
-    """Return the mean of independent values with its 95 % interval.
-
-    Args:
-        values: one or more; a single value has an interval of width 0.
+    """Return the mean of independent values with its 95 % interval, of width 0 for one value.
 
     Example:
         >>> mean = estimate([0.101, 0.103, 0.105])
@@ -66,11 +63,9 @@ def standard_deviation(values: Sequence[float]) -> float:
 
 
 def student_half_width(deviation: float, count: int) -> float:
-    """Return half the width of Student's 95 % interval of a mean; 0 for one value.
+    """Return half of Student's 95 % interval of a mean of `count` values; 0 for one value.
 
-    Args:
-        deviation: standard deviation of a single value.
-        count: number of averaged values.
+    `deviation` is the standard deviation of a single value.
     """
     if count == 1:
         return 0.0

@@ -1,9 +1,8 @@
 """Identities between the parts of one result: each must hold whatever the scene is.
 
 A method reports a result several times over: as fields, as figures of them, as a distribution and
-as the steps of a load path.  These functions return how far two of its reports are apart, so that
-a wrong factor, sign, index or load step in any of them shows.  The elastic answer to the pressures
-is the harness's own (see `answered`); a part that a method does not report is not compared.
+as the steps of a load path.  These quantities are how far two of its reports are apart.  A part
+that a method does not report is not compared.
 """
 
 from __future__ import annotations
@@ -177,11 +176,7 @@ def work(a: Answered) -> float:
     """work of the load path over the energy that it leaves, less 1; by Simpson's rule.
 
     The flat approaches by d = p d(q = 0) - separation, and its work int p dd is stored as elastic
-    energy or spent on flow: hardness times the mean plastic displacement.  Where that is not
-    reported it is the mean gap less the separation.  int p dd is integrated by parts and by
-    Simpson's rule over the loads of each branch, up or down.  The theory reports no separation
-    beside its mean gap, because its elastic contact has no plastic displacement.  A J2 body reports
-    its approach, its stored energy and its plastic work.
+    energy or spent on flow.  It is integrated by parts over the loads of each branch, up or down.
     """
     if len(a.result.steps) < 3:
         raise InvalidCase("the work of a path is measured along three mean pressures or more")
@@ -229,7 +224,11 @@ def _flowing_path(a: Answered) -> tuple[FloatArray, FloatArray]:
 
 
 def _capped_path(a: Answered, load: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Approach (m) and energy (J/m^2, stored or spent) of an elastic or capped body."""
+    """Approach (m) and energy (J/m^2, stored or spent) of an elastic or capped body.
+
+    The work of flow is the hardness times the mean plastic displacement or, where that is not
+    reported, the mean gap less the separation.  The elastic theory reports a mean gap alone.
+    """
     last, hardness = a.result.final.quantities, a.scene.material.hardness
     gap, energy = _along(a, "mean_gap"), _along(a, "elastic_energy")
     theory = np.isinf(hardness) and "mean_separation" not in last

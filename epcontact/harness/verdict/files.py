@@ -23,9 +23,6 @@ def set_verdict_aside(folder: Path) -> None:
     """Rename the verdict of an earlier run, which would pass for that of a run that breaks off.
 
     It stays, with `EARLIER` before its name, until there is a new one.
-
-    Raises:
-        OutputError: if a file cannot be renamed.
     """
     for path in (folder / name for name in FILES):
         if path.is_file():  # what else has that name is refused when the file is written
@@ -48,11 +45,7 @@ def content(verdict: Verdict) -> dict[str, Any]:
 
 
 def write_verdict(verdict: Verdict, folder: Path) -> None:
-    """Write verdict.json and junit.xml into `folder`, whole or not at all.
-
-    Raises:
-        OutputError: if they cannot be written.
-    """
+    """Write verdict.json and junit.xml into `folder`, whole or not at all."""
     write_json(folder / "verdict.json", content(verdict))
     xml = JUnitXml("epcontact")
     for case in verdict.cases:

@@ -109,19 +109,15 @@ def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
 
 
 def _joined(sentences: Sequence[str]) -> str:
-    """Join the errors of many surfaces in one line that states each reason once.
-
-    Each sentence is "method, surface: reason", as `run_cases` makes it.
-    """
+    """Join sentences "method, surface: reason" in one line that states each reason once."""
     by_reason: dict[str, list[str]] = {}
     for sentence in dict.fromkeys(sentences):
         where, _, reason = sentence.partition(": ")
         by_reason.setdefault(reason, []).append(where)
-    parts = []
-    for reason, places in by_reason.items():
-        more = f" and {len(places) - 1} more" if len(places) > 1 else ""
-        parts.append(f"{places[0]}{more}: {reason}")
-    return "; ".join(parts)
+    return "; ".join(
+        f"{first}{f' and {len(others)} more' if others else ''}: {reason}"
+        for reason, (first, *others) in by_reason.items()
+    )
 
 
 def _distances(case: Case, gate: Gate, of: Answer, against: Answer | None) -> list[float]:
@@ -131,8 +127,7 @@ def _distances(case: Case, gate: Gate, of: Answer, against: Answer | None) -> li
         others = [form.pressures(case.scene(recipe)) for recipe in case.recipes]
     else:
         others = [result.distribution for result in against.results]
-    if len(others) == 1:
-        others *= len(of.results)
+    others *= len(of.results) if len(others) == 1 else 1
     if len(others) != len(of.results):
         raise EpcontactError(
             "distributions can be compared with one answer, or with one for each surface"

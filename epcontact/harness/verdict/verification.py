@@ -102,11 +102,7 @@ def _loaded(cases: Iterable[str | Path | CaseText | Case], size: str) -> list[Ca
 
 
 def cases_to_verify(size: str) -> list[CaseText]:
-    """Return the cases that `epcontact verify` runs at a size if none is named.
-
-    Raises:
-        InvalidCase: if there are no cases, or no such size.
-    """
+    """Return the cases that `epcontact verify` runs at a size if none is named."""
     if size not in SIZES:
         raise InvalidCase(f"no size is called {size!r}{nearest(size, SIZES)}")
     cases = find_cases()
@@ -118,21 +114,14 @@ def cases_to_verify(size: str) -> list[CaseText]:
 
 
 def _in_place(case: Case, name: str) -> Case:
-    """Return the case with another method instead of the boundary elements.
-
-    A case that already names the method is left as it is.
-    """
+    """Return the case with another method instead of the boundary elements, unless it names it."""
     if name in case.methods:
         return case
-    names = {REPLACED: name}
-    gates = (
-        replace(
-            gate,
-            of=names.get(gate.of, gate.of),
-            against=names.get(str(gate.against), gate.against),
-        )
-        for gate in case.gates
-    )
-    options = {names.get(m, m): {} if m == REPLACED else o for m, o in case.options.items()}
-    methods = tuple(names.get(m, m) for m in case.methods)
+
+    def named(method: Any) -> Any:
+        return name if method == REPLACED else method
+
+    gates = (replace(gate, of=named(gate.of), against=named(gate.against)) for gate in case.gates)
+    options = {named(m): {} if m == REPLACED else o for m, o in case.options.items()}
+    methods = tuple(map(named, case.methods))
     return case.changed(methods=methods, options=options, gates=tuple(gates))
