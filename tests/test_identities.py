@@ -1,18 +1,30 @@
-"""Identities between the parts of a result, and the judge of known comparisons."""
+"""Identities between the parts of a result: an honest one holds them, a wrong one does not."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from epcontact import Load, Material, Scene, bem
+from epcontact import Load, Material, Scene, Surface, bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.quantities.registry import measure
-from epcontact.results import Areas, ContactResult
+from epcontact.results import (
+    PLASTIC,
+    Areas,
+    ContactResult,
+    LoadStep,
+    PressureDistribution,
+    Provenance,
+)
+from epcontact.scene import Body
 from epcontact.surfaces import Sinusoid
+from fem_check.certify import certify
+from fem_check.driver import solve_path
 
 SURFACE = Sinusoid((1.0, 0.75), (16, 12), amplitude=0.01, direction="both").build()
 SCENE = Scene(SURFACE, Material(1.0, 0.3, hardness=0.05), Load((0.008, 0.01, 0.012)))
@@ -23,8 +35,8 @@ def honest() -> ContactResult:
     return bem.solve(SCENE, threads=1)
 
 
-def measured(name: str, result: ContactResult) -> float:
-    return measure(f"quantity.{name}", SCENE, result)
+def measured(name: str, result: ContactResult, scene: Scene = SCENE) -> float:
+    return measure(f"quantity.{name}", scene, result)
 
 
 def with_step(result: ContactResult, number: int, **changes: object) -> ContactResult:
@@ -38,6 +50,11 @@ def with_figure(result: ContactResult, number: int, name: str, factor: float) ->
     return with_step(result, number, quantities=quantities | {name: factor * quantities[name]})
 
 
+def turned(result: ContactResult, name: str) -> ContactResult:
+    fields = dict(result.fields) | {name: np.roll(result.fields[name], 3, 0)}
+    return replace(result, fields=fields)
+
+
 def test_an_honest_result_holds_every_identity(honest) -> None:
     for name in ("areas", "figures", "fields", "distribution"):
         # The open gap of an earlier load leaves out what the solver's tolerance lets overlap.
@@ -46,65 +63,97 @@ def test_an_honest_result_holds_every_identity(honest) -> None:
     assert abs(measured("path_work", honest)) < 0.05
 
 
+def of_figure(name: str) -> tuple[str, Callable[[ContactResult], ContactResult], float]:
+    return "measured_figures", lambda r: with_figure(r, -1, name, 1.01), 1e-5
+
+
+def of_field(name: str) -> tuple[str, Callable[[ContactResult], ContactResult], float]:
+    return "measured_fields", lambda r: turned(r, name), 1e-2
+
+
+def of_step(number: int) -> tuple[str, Callable[[ContactResult], ContactResult], float]:
+    return "path_work", lambda r: with_figure(r, number, "mean_separation", 1.01), 1e-3
+
+
 @pytest.mark.parametrize(
-    "figure",
-    ["mean_gap", "mean_separation", "mean_plastic_displacement", "elastic_energy"],
+    ("quantity", "wrong", "least"),
+    [
+        *map(of_figure, ("mean_gap", "mean_separation", "elastic_energy")),
+        of_figure("mean_plastic_displacement"),
+        *map(of_field, ("gap", "displacement", "state", "heights")),
+        *map(of_step, (0, 1, 2)),
+        ("measured_areas", lambda r: replace(r, steps=r.steps[::-1]), 0.1),
+    ],
 )
-def test_a_wrong_figure_is_a_wrong_figure(honest, figure) -> None:
-    assert measured("measured_figures", with_figure(honest, -1, figure, 1.01)) > 1e-5
+def test_what_is_wrong_shows(honest, quantity, wrong, least) -> None:
+    assert abs(measured(quantity, wrong(honest)) - measured(quantity, honest)) > least
 
 
-@pytest.mark.parametrize("step", [0, 1, 2])
-def test_the_work_sees_every_step_of_a_path(honest, step) -> None:
-    wrong = with_figure(honest, step, "mean_separation", 1.01)
-    assert abs(measured("path_work", wrong) - measured("path_work", honest)) > 1e-3
+def test_wrong_answers_get_their_known_scores(honest) -> None:
+    areas = dict(honest.steps[0].areas) | {"corrected": Areas(0.5, 0.1, 0.1)}
+    assert measured("measured_areas", with_step(honest, 0, areas=areas)) == pytest.approx(0.3)
+    wave = np.cos(2 * np.pi * np.arange(16) / 16)
+    scene = Scene(Surface(0.1 * wave, (1.0,)), Material(1.0, 0.0, 4.0), Load(1.0))
+    C, rms = 1 / math.pi, 0.1 / math.sqrt(2)  # C = 2/(E* q) of the wave
+    flat = {"heights": 0.1 * wave, "gap": -0.1 * wave, "displacement": 0 * wave}
+    for fields, scores in (
+        (
+            {"pressure": 1.02 * (1 + 1.5 * wave), "displacement": C * wave},
+            {"force": 0.02, "bounds": 0.51, "fields": 0.53 * C / rms},
+        ),
+        (
+            {"pressure": np.ones(16), "state": np.full(16, PLASTIC)} | flat,
+            {"gap": 0.1 / rms, "areas": 0.5, "fields": 1.0, "figures": 1.0, "distribution": 0.5},
+        ),
+    ):
+        figures = {"largest_pressure": 2.0, "mean_gap": 0.1 / math.pi}
+        step = LoadStep(1.0, {"raw": Areas(0.5, 0.5, 0.0)}, quantities=figures)
+        table = PressureDistribution(np.array([0.0, 1.0]), np.array([0.0, 0.5]))
+        result = ContactResult("bem", (step,), Provenance("known"), table, fields)
+        found = {name: measured(f"measured_{name}", result, scene) for name in scores}
+        assert found == pytest.approx(scores, rel=1e-12)
+
+
+def test_the_certificate_of_forces_a_hundredth_too_large() -> None:
+    heights = 0.01 * np.cos(2 * np.pi * np.arange(8) / 8)
+    body = Body("bonded_layer", 0.25)
+    scene = Scene(Surface(heights, (1.0,)), Material(1.0, 0.3), Load(0.01), body)
+    path = solve_path(scene, law="elastic", certified=False)
+    state = path.points[-1].state
+    total = float(state.forces.sum())
+    found = certify(path.problem, replace(state, forces=1.01 * state.forces), path.history, total)
+    balance = 0.01 * float(np.linalg.norm(state.forces)) / total
+    assert found["certified_balance"] == pytest.approx(balance, rel=1e-6)
+    assert found["certified_load"] == pytest.approx(0.01, rel=1e-6)
 
 
 def test_a_repeated_load_does_no_work(honest) -> None:
     first, second, third = honest.steps
     path = Load((*SCENE.load.path[:2], *SCENE.load.path[1:]))
     twice = replace(honest, steps=(first, second, second, third))
-    again = measure("quantity.path_work", replace(SCENE, load=path), twice)
+    again = measured("path_work", twice, replace(SCENE, load=path))
     assert again == measured("path_work", honest)
 
 
-def test_the_areas_of_every_step_must_add_up(honest) -> None:
-    wrong = dict(honest.steps[0].areas) | {"corrected": Areas(0.5, 0.1, 0.1)}
-    assert measured("measured_areas", with_step(honest, 0, areas=wrong)) == pytest.approx(0.3)
-    swapped = replace(honest, steps=honest.steps[::-1])
-    assert measured("measured_areas", swapped) > 0.1
-    with pytest.raises(InvalidCase, match="2 load steps for 3 mean pressures"):
-        measured("measured_areas", replace(honest, steps=honest.steps[1:]))
-
-
-@pytest.mark.parametrize("name", ["gap", "displacement", "state", "heights"])
-def test_a_field_turned_round_is_a_wrong_field(honest, name) -> None:
-    turned = dict(honest.fields) | {name: np.roll(honest.fields[name], 3, 0)}
-    assert measured("measured_fields", replace(honest, fields=turned)) > 1e-2
-
-
-def test_what_is_missing_is_said(honest) -> None:
+def test_what_cannot_be_measured_is_refused_by_the_name_of_the_quantity(honest) -> None:
+    first, second, last = honest.steps
     single = replace(SCENE, load=Load(0.012))
-    with pytest.raises(InvalidCase, match="three mean pressures or more"):
-        measure("quantity.path_work", single, replace(honest, steps=honest.steps[-1:]))
-    without = replace(honest, distribution=None)
-    for name in ("measured_distribution", "distribution_balance"):
-        with pytest.raises(InvalidCase, match="no pressure distribution"):
-            measured(name, without)
-    with pytest.raises(InvalidCase, match="does not report the residual gap_elastic"):
-        measured("measured_residuals", with_step(honest, -1, residuals={}))
-
-
-def test_a_path_that_ends_as_it_began_is_refused_by_the_name_of_the_quantity(honest) -> None:
-    first, second, _ = honest.steps
-    there_and_back = replace(SCENE, load=Load((0.008, 0.01, 0.008)))
-    result = replace(honest, steps=(first, second, first))
-    with pytest.raises(InvalidCase, match=r"quantity\.path_work: .* energy that it began with"):
-        measure("quantity.path_work", there_and_back, result)
+    back = replace(SCENE, load=Load((0.008, 0.01, 0.008)))
     nothing = replace(first, areas=dict(first.areas) | {"corrected": Areas(0.0, 0.0, 0.0)})
-    bare = replace(honest, steps=(nothing, second, replace(nothing)))
-    with pytest.raises(InvalidCase, match=r"quantity\.cycle_area: .* no contact before"):
-        measure("quantity.cycle_area", there_and_back, bare)
+    parted = replace(honest, steps=(nothing, second, replace(nothing)))
+    without = replace(honest, distribution=None)
+    for name, scene, wrong, sentence in (
+        ("path_work", single, replace(honest, steps=(last,)), "three mean pressures or more"),
+        ("path_work", back, replace(honest, steps=(first, second, first)), "energy that it began"),
+        ("cycle_area", back, parted, "no contact before"),
+        ("cycle_area", SCENE, honest, "not one that it had before"),
+        ("measured_areas", SCENE, replace(honest, steps=(first, second)), "2 load steps for 3"),
+        ("measured_distribution", SCENE, without, "no pressure distribution"),
+        ("distribution_balance", SCENE, without, "no pressure distribution"),
+        ("measured_residuals", SCENE, with_step(honest, -1, residuals={}), "residual gap_elastic"),
+    ):
+        with pytest.raises(InvalidCase, match=rf"quantity\.{name}: .*{sentence}"):
+            measured(name, wrong, scene)
 
 
 def test_a_repeated_member_is_found_and_no_other(honest) -> None:

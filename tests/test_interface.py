@@ -78,27 +78,28 @@ def test_the_stiffness_is_the_derivative_of_the_load_on_both_branches(body: Body
     assert found["unloading"] > 1.02 * found["loading"]
 
 
-def test_conductance_is_for_half_spaces_and_needs_a_resistivity() -> None:
-    scene = strips(16)
-    assert contact_conductance(scene, 3.0, 0.5) == pytest.approx(12.0)
-    with pytest.raises(InvalidCase, match="resistivity is -1"):
-        contact_conductance(scene, 3.0, -1.0)
-    layer = replace(scene, body=Body("sliding_layer", 1.0))
-    with pytest.raises(InvalidCase, match="half-spaces, not of a layer"):
-        contact_conductance(layer, 3.0, 0.5)
-
-
-def test_nothing_that_can_carry_has_no_stiffness_and_full_contact_is_rigid() -> None:
+def test_what_can_carry_nothing_or_everything_and_what_is_refused() -> None:
     scene = strips(16)
     result = bem.solve(scene)
-    nothing = replace(result, fields={"state": np.full(16, results.APART)})
-    assert interface_stiffness(scene, nothing, "unloading") == 0.0
-    full = replace(result, fields={"state": np.full(16, results.ELASTIC)})
-    assert interface_stiffness(scene, full, "loading") == math.inf
-    with pytest.raises(InvalidCase, match="branch is 'up'"):
-        interface_stiffness(scene, result, "up")  # type: ignore[arg-type]
-    with pytest.raises(InvalidCase, match="no field 'state'"):
-        interface_stiffness(scene, replace(result, fields={}), "loading")
+    for state, branch, stiffness in (
+        (results.APART, "unloading", 0.0),
+        (results.ELASTIC, "loading", math.inf),
+    ):
+        uniform = replace(result, fields={"state": np.full(16, state)})
+        assert interface_stiffness(scene, uniform, branch) == stiffness  # type: ignore[arg-type]
+    assert contact_conductance(scene, 3.0, 0.5) == pytest.approx(12.0)
+    layer = replace(scene, body=Body("sliding_layer", 1.0))
+    for refused, sentence in (
+        (lambda: interface_stiffness(scene, result, "up"), "branch is 'up'"),  # type: ignore[arg-type]
+        (
+            lambda: interface_stiffness(scene, replace(result, fields={}), "loading"),
+            "no field 'state'",
+        ),
+        (lambda: contact_conductance(scene, 3.0, -1.0), "resistivity is -1"),
+        (lambda: contact_conductance(layer, 3.0, 0.5), "half-spaces, not of a layer"),
+    ):
+        with pytest.raises(InvalidCase, match=sentence):
+            refused()
 
 
 def picture(*rows: str) -> np.ndarray:
@@ -124,11 +125,6 @@ def test_patches_join_over_the_period(mask: np.ndarray, areas: list[int], spans:
         assert found.spans == spans
 
 
-def test_a_line_percolates_only_if_all_of_it_touches() -> None:
-    assert percolation_share(np.arange(8.0)) == 1.0
-    assert not patches(np.arange(8) > 0).spans
-
-
 def test_an_unloaded_contact_percolates_like_the_elastic_one_on_the_surface_it_has_left() -> None:
     scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.03), Load((0.008, 0.001)))
     unloaded = bem.solve(scene, threads=1)
@@ -146,8 +142,10 @@ def test_points_that_flow_percolate_in_the_order_of_their_depth_and_not_of_their
     assert measure("quantity.contact_percolation", scene, result) > 0.2
 
 
-def test_the_closest_and_the_widest_points_percolate_at_complementary_shares_on_noise() -> None:
+def test_percolation_shares_of_a_line_and_of_noise() -> None:
     """On independent sites of a square lattice joined over their sides the threshold is .5927."""
+    assert percolation_share(np.arange(8.0)) == 1.0  # a line connects only if all of it touches
+    assert not patches(np.arange(8) > 0).spans
     field = np.random.default_rng(4).normal(size=(128, 128))
     assert percolation_share(field) == pytest.approx(0.5927, abs=0.02)
     assert percolation_share(-field) == pytest.approx(0.5927, abs=0.02)
