@@ -1,8 +1,7 @@
-"""The commands on case files: keys, schema, run and verify."""
+"""The commands that solve: run and verify."""
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +10,7 @@ from pathlib import Path
 import click
 
 from epcontact.cli import options
-from epcontact.cli.listing import open_console, print_rows
+from epcontact.cli.listing import open_console
 from epcontact.cli.main import forget_output
 from epcontact.cli.tables import (
     STYLES,
@@ -25,29 +24,16 @@ from epcontact.errors import EpcontactError, OutputError
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.case_files import case as casefile
 from epcontact.harness.case_files.case import Case
-from epcontact.harness.case_files.mistakes import case_schema, key_table
 from epcontact.harness.methods.registry import METHODS
-from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.verdict.files import set_verdict_aside
 from epcontact.harness.verdict.record import Verdict
 from epcontact.harness.verdict.verification import cases_to_verify
 from epcontact.harness.verdict.verification import verify as run_gates
-from epcontact.results import plain
 from epcontact.surfaces import HeightsFromFile
 
 
 class _Refusal(EpcontactError):
     """The command line cannot do what it was asked to."""
-
-
-@click.command()
-def keys() -> None:
-    """Print every key of a case file, and every quantity of a gate, with unit and meaning."""
-    quantities = [(one.name, one.unit, one.meaning) for one in QUANTITIES.values()]
-    console = open_console()
-    print_rows(console, ("table", "key", "default", "meaning"), key_table())
-    console.print()
-    print_rows(console, ("quantity of a gate", "unit", "meaning"), quantities)
 
 
 @click.command()
@@ -182,14 +168,6 @@ def _show(verdict: Verdict, output: Path) -> None:
         plural = "gates are" if left_out > 1 else "gate is"
         console.print(f"{left_out} {plural} left out at this size; verdict.json says which and why")
     sys.stdout.flush()
-
-
-@click.command()
-@click.argument("kind", type=click.Choice(["case", "verdict"]))
-def schema(kind: str) -> None:
-    """Print the JSON Schema of a case file, or of verdict.json."""
-    found = case_schema() if kind == "case" else Verdict.model_json_schema()
-    click.echo(json.dumps(plain(found), indent=2, allow_nan=False))
 
 
 def _writing(run: Run, fields: str) -> Run:

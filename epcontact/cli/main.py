@@ -9,6 +9,7 @@ command that solves nothing, does not wait for solvers and charts to load.
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import errno
 import io
@@ -18,29 +19,30 @@ import sys
 import threading
 import traceback
 from importlib import import_module
+from pathlib import Path
 
 import click
 
 from epcontact.errors import EpcontactError, InvalidCase, nearest, printable
 from epcontact.harness.processes.threads import LINEAR_ALGEBRA, single_threads
 
-#: The module and function of each command, and its line in `epcontact --help`.
+#: The module of each command, whose function has the name of the command.
 COMMANDS = {
-    "chart": ("figures:chart", "Draw charts of accuracy against cost by NAME (none: the list)."),
-    "cite": ("citations:cite", "Print what a case's results rest on."),
-    "crosscheck": ("plans:crosscheck", "Split the difference of finite and boundary elements."),
-    "gates": ("gates:gates", "List every gate's band, margin and reason."),
-    "hardness": ("plans:hardness", "Print the pressure cap that stands for a rough J2 metal."),
-    "keys": ("cases:keys", "Print every key of a case file, and every quantity of a gate."),
-    "list": ("listing:list_cases", "List the cases, one line each."),
-    "plan": ("plans:plan", "Find the cheapest model of CASE that meets a tolerance."),
-    "report": ("figures:report", "Make one self-contained page of a verification run."),
-    "run": ("cases:run", "Solve one case and write its results and fields."),
-    "schema": ("cases:schema", "Print the JSON Schema of a case file, or of verdict.json."),
-    "stability": ("figures:stability", "Sweep loads and hardnesses and map the convergence."),
-    "sweep": ("sweeps:sweep", "Solve CASE at every point of its table [sweep]."),
-    "verify": ("cases:verify", "Run the gates of the cases (all, where none is named)."),
-    "view": ("figures:view", "Show the fields of a result in three dimensions."),
+    "chart": "figures",
+    "cite": "show",
+    "crosscheck": "plans",
+    "gates": "show",
+    "hardness": "plans",
+    "keys": "show",
+    "list": "listing",
+    "plan": "plans",
+    "report": "figures",
+    "run": "cases",
+    "schema": "show",
+    "stability": "figures",
+    "sweep": "sweeps",
+    "verify": "cases",
+    "view": "figures",
 }
 
 #: Click (from 8.2) raises it if no command is given; its message is the help.
@@ -61,11 +63,11 @@ class _Commands(click.Group):
         del ctx
         if cmd_name not in COMMANDS:
             return None
-        module, _, function = COMMANDS[cmd_name][0].partition(":")
         # No command has matrices that need threads, and to start them takes as long as numpy's
         # import.  A number of threads that the user sets counts.
         with single_threads(*({LINEAR_ALGEBRA} - os.environ.keys())):
-            command: click.Command = getattr(import_module(f"epcontact.cli.{module}"), function)
+            module = import_module(f"epcontact.cli.{COMMANDS[cmd_name]}")
+        command: click.Command = getattr(module, _function(cmd_name))
         return command
 
     def resolve_command(
@@ -77,10 +79,23 @@ class _Commands(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands without importing them."""
+        """Write the first line of each command's docstring, which is read without an import."""
         del ctx
+        functions = {
+            f"{file.stem}.{node.name}": (ast.get_docstring(node) or "").partition("\n")[0]
+            for file in Path(__file__).parent.glob("*.py")
+            for node in ast.parse(file.read_text(encoding="utf-8")).body
+            if isinstance(node, ast.FunctionDef)
+        }
         with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+            formatter.write_dl(
+                [(name, functions[f"{file}.{_function(name)}"]) for name, file in COMMANDS.items()]
+            )
+
+
+def _function(command: str) -> str:
+    """Return the name of a command's function; `list` is a word of Python's."""
+    return "list_cases" if command == "list" else command
 
 
 @click.command(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
