@@ -14,7 +14,6 @@ import ducc0
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.inner.split import cubic_stencil
 from epcontact.bem.transforms import (
     BLOCK_POINTS,
     ComplexArray,
@@ -98,8 +97,17 @@ def interpolated(coarse: FloatArray, shape: tuple[int, ...], workers: Workers) -
 
 def _neighbours(coarse: int, fine: int) -> tuple[NDArray[np.int32], FloatArray]:
     """Four coarse neighbours of each fine point, periodically, and their cubic weights."""
-    first, weights = cubic_stencil(coarse, fine)
-    return ((first[:, None] + np.arange(4)) % coarse).astype(np.int32), weights
+    position = np.arange(fine) * (coarse / fine)
+    left = np.floor(position).astype(np.int64)
+    t = position - left
+    weights = [
+        -t * (t - 1) * (t - 2) / 6,
+        (t + 1) * (t - 1) * (t - 2) / 2,
+        -(t + 1) * t * (t - 2) / 2,
+        (t + 1) * t * (t - 1) / 6,
+    ]
+    neighbours = (left[:, None] + np.arange(-1, 3)) % coarse
+    return neighbours.astype(np.int32), np.stack(weights, axis=1)
 
 
 @compiled

@@ -15,18 +15,10 @@ import numpy as np
 
 from epcontact.bem.inner.cells import Cells
 from epcontact.bem.inner.preconditioner import CellPreconditioner, cell_body, dot
-from epcontact.bem.inner.split import (
-    MaskedGrid,
-    SplitOperator,
-    half_shape,
-)
-from epcontact.bem.transforms import Convolution, Points, single_precision
+from epcontact.bem.inner.split import MaskedGrid, SplitOperator, split_pays
+from epcontact.bem.transforms import Convolution, Points
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
-
-# Share of elastic points up to which the stencil of the split operator is faster than transforms
-# in single precision.
-_FEW = 0.4
 
 Operator = Convolution | SplitOperator
 #: y = P r, given r, y and a scratch array; returns sum(y) and sum(y r).
@@ -43,7 +35,7 @@ class InnerOperators:
         self._body = None if body is None else body.scaled(convolution.scale)
         self._split: SplitOperator | None = None
         self._single: Convolution | None = None
-        self._half = half_shape(convolution.symbol)
+        self._cheap = True
         self._last_residual = math.inf
 
     @property
@@ -55,22 +47,22 @@ class InnerOperators:
     def choose(self, changed: int, masked: MaskedGrid, residual: float) -> Operator:
         """A cheap operator or the exact one for the next step, on the points of a masked grid.
 
-        A cheap one is used while the sets change or the residual falls: the split one if the
-        elastic points are few, because the cost of its stencil is proportional to their number,
-        and otherwise the exact one in single precision.  Full contact is solved by one exact step.
+        A cheap one is used while the sets change or the residual falls: the split one on few
+        elastic points, and otherwise the exact one in single precision.  Full contact is solved by
+        one exact step.
         """
         if not changed and residual > 0.5 * self._last_residual:
-            self._half = None
-        self._last_residual, c = residual, self._convolution
+            self._cheap = False
+        self._last_residual, exact = residual, self._convolution
         elastic = masked.points.index.size
-        if self._half is None or elastic == self._points:
-            return self._convolution
-        if elastic > _FEW * self._points:
+        if not self._cheap or elastic == self._points:
+            return exact
+        if not split_pays(exact.symbol, elastic):
             if self._single is None:
-                self._single = single_precision(c.symbol, c.scale, c.workers)
+                self._single = exact.in_single_precision()
             return self._single
         if self._split is None:
-            self._split = SplitOperator(self._convolution, self._half)
+            self._split = SplitOperator(exact)
         self._split.masked = masked
         return self._split
 

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from epcontact.bem.inner.cells import Cells, cells_of, sum_cells
-from epcontact.bem.inner.split import HALO_LEFT, HALO_RIGHT, MaskedGrid
+from epcontact.bem.inner.split import LEFT, RIGHT, MaskedGrid
 from epcontact.bem.transforms import Symbol, filtered
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
@@ -233,7 +233,7 @@ def gather_stencil(
 
     flat: the masked grid, of ny columns and their halo, in one dimension.
     """
-    width = ny + HALO_LEFT + HALO_RIGHT
+    width = ny + LEFT + RIGHT
     size = flat.size
     centre, along, across, corner = taps[1, 1], taps[1, 2], taps[2, 1], taps[2, 2]
     sums[:] = 0.0
@@ -242,7 +242,7 @@ def gather_stencil(
         if index[k] >= end:
             row = index[k] // ny
             end = (row + 1) * ny
-        at = row * (HALO_LEFT + HALO_RIGHT) + index[k] + HALO_LEFT
+        at = row * (LEFT + RIGHT) + index[k] + LEFT
         up = at - width if at >= width else at - width + size
         down = at + width if at + width < size else at + width - size
         value = (
