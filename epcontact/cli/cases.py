@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from epcontact.cli.tables import (
 )
 from epcontact.errors import EpcontactError, OutputError
 from epcontact.harness.answers.run import Run, run_cases
+from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files import case as casefile
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.methods.registry import METHODS
@@ -29,6 +30,8 @@ from epcontact.harness.verdict.files import set_verdict_aside
 from epcontact.harness.verdict.record import Verdict
 from epcontact.harness.verdict.verification import cases_to_verify
 from epcontact.harness.verdict.verification import verify as run_gates
+from epcontact.output.files import write_text
+from epcontact.output.view import animate, load_steps
 from epcontact.surfaces import HeightsFromFile
 
 
@@ -75,9 +78,7 @@ def run(
     if errors:
         raise _Refusal(f"{loaded.id}: {'; '.join(errors)}")
     if charts:
-        from epcontact.cli.figures import draw  # charts take long to load
-
-        draw(chosen, answers, chosen.folder(run.folder))
+        _draw(chosen, answers, run.folder)
     if fields == "film":
         _draw_films(chosen, run.folder)
     click.echo(f"results in {chosen.folder(run.folder)}")
@@ -129,12 +130,11 @@ def verify(
             for judged in verdict.cases:
                 _draw_films(judged.case, output)
         if with_report:
-            from epcontact.cli.figures import draw, write_report  # charts take long to load
+            from epcontact.output.report import report_folder  # with jinja2
 
-            for case in verdict.cases:
-                if not case.skipped_because:
-                    draw(case.case, case.answers, case.case.folder(output))
-            write_report(output)
+            answered = [case for case in verdict.cases if not case.skipped_because]
+            notes = [s for case in answered for s in _draw(case.case, case.answers, output)]
+            report_folder(output, notes=notes)
     except Exception:
         set_verdict_aside(output)  # the exit code is 2 now, and the verdict would not say so
         raise
@@ -175,15 +175,25 @@ def _writing(run: Run, fields: str) -> Run:
     return replace(run, fields="steps" if fields == "film" else fields)
 
 
+def _draw(case: Case, answers: Mapping[str, Answer], output: Path) -> list[str]:
+    """Draw the pictures of a case; tell and return why some could not be drawn."""
+    from epcontact.harness.answers.pictures import write_pictures  # charts take long to load
+
+    sentences = write_pictures(case, answers, case.folder(output))
+    for sentence in sentences:
+        click.echo(f"epcontact: {sentence}", err=True)
+    return sentences
+
+
 def _draw_films(case: Case, output: Path) -> None:
     """Draw a film of every load path that was written; a path of one load has none."""
-    from epcontact.output.view import animate, load_steps  # VTK takes long to load
-
     for collection in sorted(case.folder(output).glob("*-steps/path.pvd")):
         if len(load_steps(collection)) > 1:
             target = collection.parent.with_suffix(".gif")
             try:
                 animate([collection], target)
+                words = f"The loads of the path in order, {target.stem}.\n"
+                write_text(target.with_suffix(".txt"), words)
                 click.echo(f"film in {target}")
             except OutputError as error:  # many machines cannot draw; the results are whole
                 click.echo(f"epcontact: {target} is left out: {error}", err=True)

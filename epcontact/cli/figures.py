@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -10,9 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.answers.pictures import theory_densities, write_pictures
-from epcontact.harness.answers.store import Answer
-from epcontact.harness.case_files.case import Case
+from epcontact.harness.answers.pictures import draw_answers
 from epcontact.output import view as viewing
 from epcontact.output.charts.maps import save_map
 from epcontact.output.report import report_folder
@@ -21,16 +18,6 @@ from epcontact.studies.stability import MAPS, StabilityMap, stability_map, write
 
 _folder = click.Path(path_type=Path, file_okay=True)
 _file = click.Path(path_type=Path, dir_okay=False)
-
-
-def draw(case: Case, answers: Mapping[str, Answer], folder: Path) -> None:
-    """Draw the charts of a case into its folder of results."""
-    write_pictures(case, answers, folder)
-
-
-def write_report(folder: Path, output: Path | None = None) -> Path:
-    """Write the page of a verification run from its folder; return the file."""
-    return report_folder(folder, output, theory=theory_densities)
 
 
 @click.command()
@@ -92,8 +79,8 @@ def _stability_table(data: StabilityMap) -> Table:
 @click.argument("folder", type=click.Path(path_type=Path), default=Path("results"))
 @click.option("--output", type=_file, help="Page to write; else report.html in the folder.")
 def report(folder: Path, output: Path | None) -> None:
-    """Make one self-contained page of a verification run from its output FOLDER."""
-    click.echo(f"report in {write_report(folder, output)}")
+    """Make one self-contained page of a verification run, with pictures, from its output FOLDER."""
+    click.echo(f"report in {report_folder(folder, output, draw=draw_answers)}")
 
 
 @click.command()

@@ -1,9 +1,9 @@
 """The report of a verification run: one self-contained HTML page of verdict, answers, pictures.
 
-The template `report.html.jinja` beside this file is filled with the content of `verdict.json` and
-of the methods' JSON files; jinja2 escapes all of it.  The page loads nothing from other hosts, and
-its content-security policy makes the browser enforce that.  It needs no script, follows the
-reader's choice of light or dark, and fits a phone.
+The template `report.html.jinja` beside this file is filled with the content of `verdict.json`, of
+the methods' JSON files and of the pictures beside them; jinja2 escapes all of it.  The page loads
+nothing from other hosts, and its content-security policy makes the browser enforce that.  It needs
+no script, follows the reader's choice of light or dark, and fits a phone.
 """
 
 from __future__ import annotations
@@ -12,43 +12,28 @@ import base64
 import itertools
 import json
 import math
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import jinja2
-import numpy as np
-import pandas as pd
 
 from epcontact.errors import OutputError
-from epcontact.output.charts.curves import pressure_distribution, residual_history
-from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.maps import map_of_file, pressure_difference
 from epcontact.output.charts.style import unit_for
 from epcontact.output.files import read_bytes, write_text
-from epcontact.output.page import contradictions
-from epcontact.output.view import load_steps, screenshot
-from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
 
 Data = Mapping[str, Any]  # the content of a JSON file
-Results = Mapping[str, Sequence[ContactResult]]  # by method, one result a surface
-Theory = Callable[[Results, float], pd.DataFrame | None]
+#: Draws the results by method, one a surface, into a folder; returns what it could not draw.
+Draw = Callable[[Mapping[str, Sequence[ContactResult]], Path], Sequence[str]]
 
-_MEDIA_TYPES = {"svg": "image/svg+xml", "png": "image/png", "gif": "image/gif"}
+_MEDIA_TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif"}
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture that becomes a part of the page.
-
-    Args:
-        content: Its bytes.
-        kind: "svg", "png" or "gif".
-        caption: The text below the picture, which screen readers read out.
-    """
+    """A picture on the page: its bytes, the ending of its file, and the caption below it."""
 
     content: bytes
     kind: str
@@ -61,26 +46,18 @@ class Picture:
 
 
 def report_folder(
-    folder: Path | str, path: Path | str | None = None, *, theory: Theory | None = None
+    folder: Path | str,
+    path: Path | str | None = None,
+    *,
+    draw: Draw | None = None,
+    notes: Sequence[str] = (),
 ) -> Path:
-    """Make the report of an output folder.
+    """Make the page of an output folder, and return its path.
 
-    The page shows the charts in a case's folder (.svg with a caption in .txt beside it), the
-    pressure distributions and residuals of all methods, maps of the first .vti of each method,
-    and finite-element blocks (.pvd) where three-dimensional pictures can be drawn.
+    The page shows every picture in a case's folder that has a caption (.txt) beside it.  `draw`
+    draws some there first, from the results.  `notes` are sentences for the top of the page.
 
-    Args:
-        folder: The folder with verdict.json, and for each case a folder with one for each size.
-        path: The path of the page, by default report.html in the folder.
-        theory: A function that returns the theory's densities by formula from results and
-            hardness (Pa).  Without it the theory's pressures are binned like those of the other
-            methods.
-
-    Returns:
-        The path of the page.
-
-    Raises:
-        OutputError: If there is no verdict in the folder or the page cannot be written.
+    Raises OutputError if there is no verdict in the folder or the page cannot be written.
     """
     home = Path(folder)
     verdict = _read_json(home / "verdict.json")
@@ -92,25 +69,17 @@ def report_folder(
         raise OutputError(f"cannot read {home / 'verdict.json'}: it is no verdict of this program")
     results: dict[str, dict[str, Data]] = {}
     pictures: dict[str, list[Picture]] = {}
-    notes: list[str] = []
+    sentences = list(notes)
     for case in cases:
         here = home / case["id"] / case["size"]
-        answers = {
-            method: _read_json(here / f"{method}.json")
-            for method in case["methods"]
-            if (here / f"{method}.json").is_file()
-        }
-        results[case["id"]] = answers
-        pictures[case["id"]] = [
-            *_charts_of(answers, theory),
-            *_saved_charts(here),
-            *_maps(here, list(answers)),
-        ]
-        blocks, complaints = _blocks(here, list(answers))
-        pictures[case["id"]] += [*blocks, *_films(here)]
-        notes += complaints
+        files = {method: here / f"{method}.json" for method in case["methods"]}
+        answers = {method: _read_json(file) for method, file in files.items() if file.is_file()}
+        if draw is not None:
+            members = {m: map(ContactResult.from_json, a["members"]) for m, a in answers.items()}
+            sentences += draw({method: list(found) for method, found in members.items()}, here)
+        results[case["id"]], pictures[case["id"]] = answers, _pictures(here)
     target = Path(path) if path is not None else home / "report.html"
-    write_report(target, verdict, results, pictures, list(dict.fromkeys(notes)))
+    write_report(target, verdict, results, pictures, list(dict.fromkeys(sentences)))
     return target
 
 
@@ -121,18 +90,7 @@ def write_report(
     pictures: Mapping[str, Sequence[Picture]] | None = None,
     notes: Sequence[str] = (),
 ) -> None:
-    """Write the page, whole or not at all.
-
-    Args:
-        path: The path of the page.
-        verdict: The content of verdict.json.
-        results: The content of the methods' JSON files, by case and method.
-        pictures: The pictures by case.
-        notes: Sentences for the top of the page.
-
-    Raises:
-        OutputError: If the page cannot be written, or shows something else than it is given.
-    """
+    """Write the page of a verdict, of the answers by case and method, and of pictures by case."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("epcontact.output", ""),
         autoescape=True,
@@ -158,8 +116,6 @@ def write_report(
         notes=notes,
         counts=", ".join(f"{n} {status}" for status, n in counts.items() if n),
     )
-    if wrong := list(contradictions(page, verdict, results)):
-        raise OutputError(f"cannot write {path}: {'; '.join(wrong[:3])}")
     write_text(path, page + "\n")
 
 
@@ -177,12 +133,6 @@ def number(value: Any, digits: int = 4) -> str:
     except (TypeError, ValueError):
         return str(value)
     return "–" if math.isnan(parsed) else f"{parsed:.{digits}g}"
-
-
-def _counts(values: Data, digits: int, without: Sequence[str] = ()) -> str:
-    """Return names and numbers in one line."""
-    shown = {k.replace("_", " "): v for k, v in values.items() if k not in without}
-    return ", ".join(f"{name} {number(value, digits)}" for name, value in shown.items())
 
 
 def shown(value: Any, unit: str) -> str:
@@ -203,6 +153,12 @@ def shown(value: Any, unit: str) -> str:
     if len(texts) > 8:
         texts = [*texts[:3], f"… {len(texts) - 4} more …", texts[-1]]
     return f"{(', ' if unit == 'Pa' else ' × ').join(texts)} {named}".rstrip()
+
+
+def _counts(values: Data, digits: int, without: Sequence[str] = ()) -> str:
+    """Return names and numbers in one line."""
+    shown = {k.replace("_", " "): v for k, v in values.items() if k not in without}
+    return ", ".join(f"{name} {number(value, digits)}" for name, value in shown.items())
 
 
 def _computed(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
@@ -250,84 +206,15 @@ def _area_rows(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
     return rows
 
 
-def _charts_of(answers: Mapping[str, Data], theory: Theory | None) -> list[Picture]:
-    """Draw the pressure distributions of all methods on one axis, and the residuals."""
-    results = {
-        method: [ContactResult.from_json(member) for member in answer["members"]]
-        for method, answer in answers.items()
-    }
-    everything = [result for found in results.values() for result in found]
-    charts: list[Chart] = []
-    tables = [result.distribution for result in everything if result.distribution is not None]
-    if tables:
-        hardness = max((float(t.pressure[-1]) for t in tables if t.plastic > 0), default=math.inf)
-        curves = theory(results, hardness) if theory else None
-        charts.append(pressure_distribution(results, hardness=hardness, theory=curves))
-    # Only the longest history of each method is drawn; all of them would hide each other.
-    longest = {m: max((r.history for r in found), key=len) for m, found in results.items()}
-    histories = {m: np.array(h) for m, h in longest.items() if h}
-    if any(np.any(np.isfinite(h) & (h > 0)) for h in histories.values()):
-        charts.append(residual_history(histories))
-    return [Picture(chart.svg(), "svg", chart.caption) for chart in charts]
-
-
-def _saved_charts(folder: Path) -> list[Picture]:
-    """Return the charts in a case's folder except the distributions, which `_charts_of` draws."""
-    captions = {chart: chart.with_suffix(".txt") for chart in sorted(folder.glob("*.svg"))}
-    return [
-        Picture(chart.read_bytes(), "svg", caption.read_text("utf-8").strip())
-        for chart, caption in captions.items()
-        if chart.stem != "pressure-distribution" and caption.is_file()
-    ]
-
-
-def _maps(folder: Path, methods: Sequence[str]) -> list[Picture]:
-    """Draw the contact of each method's first surface, and the differences on a common grid."""
-    pictures, fields = [], {}
-    for method in methods:
-        candidates = [folder / f"{method}.vti", *sorted(folder.glob(f"{method}-*.vti"))]
-        path = next((path for path in candidates if path.is_file()), None)
-        if path is not None:
-            fields[method] = path
-            caption = f"Contact state and pressure by {method}, {path.name}."
-            pictures.append(Picture(map_of_file(path, caption).png(110), "png", caption))
-    for first, second in itertools.combinations(sorted(fields), 2):
-        one, two = read_fields(fields[first]), read_fields(fields[second])
-        if len(one.shape) == 2 and one.shape == two.shape and one.spacing == two.spacing:
-            pressures = one.fields["pressure"], two.fields["pressure"]
-            chart = pressure_difference(*pressures, one.spacing, names=(first, second))
-            pictures.append(Picture(chart.png(110), "png", chart.caption))
+def _pictures(folder: Path) -> list[Picture]:
+    """Return each picture with a caption beside it, as .svg if there are several kinds of it."""
+    pictures = []
+    for caption in sorted(folder.glob("*.txt")):
+        kinds = [kind for kind in _MEDIA_TYPES if caption.with_suffix(kind).is_file()]
+        for kind in kinds[:1]:
+            content = caption.with_suffix(kind).read_bytes()
+            pictures.append(Picture(content, kind, caption.read_text("utf-8").strip()))
     return pictures
-
-
-def _films(folder: Path) -> list[Picture]:
-    """Return the films of load paths, which `--fields film` draws."""
-    return [
-        Picture(film.read_bytes(), "gif", f"The loads of the path in order, {film.stem}.")
-        for film in sorted(folder.glob("*-steps.gif"))
-    ]
-
-
-def _blocks(folder: Path, methods: Sequence[str]) -> tuple[list[Picture], list[str]]:
-    """Draw each method's body, cut open; also return the reasons why some could not be drawn."""
-    pictures, complaints = [], []
-    for method in methods:
-        collections = [*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")]
-        bodies = [one for one in sorted(collections) if load_steps(one)[0].suffix == ".vtu"]
-        for collection in bodies[:1]:
-            with tempfile.TemporaryDirectory() as temporary:
-                picture = Path(temporary) / "block.png"
-                try:
-                    screenshot(collection, picture, size=(1200, 600))
-                except OutputError as error:
-                    complaints.append(f"Left out of this page: {error}.")
-                    continue
-                caption = (
-                    f"The body of {method}, cut open at the last load: von Mises stress and "
-                    "plastic strain."
-                )
-                pictures.append(Picture(picture.read_bytes(), "png", caption))
-    return pictures, complaints
 
 
 def _read_json(path: Path) -> Any:

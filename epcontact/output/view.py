@@ -11,14 +11,17 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from PIL import Image
 
 from epcontact.errors import OutputError
 from epcontact.output.charts.maps import map_of_file, pressure_difference
 from epcontact.output.files import read_bytes, whole_file, write_bytes
 from epcontact.output.vtk import read_fields
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 Size = tuple[int, int]  # width and height in pixels
 
@@ -159,6 +162,8 @@ def _draw(sources: Sequence[Path], size: Size | None, factor: float | None) -> l
 
 def _write_gif(path: Path, frames: Sequence[Image.Image], frames_per_second: float) -> None:
     """Write a GIF with one palette: with one for each frame, what does not move would flicker."""
+    from PIL import Image
+
     strip = Image.fromarray(np.concatenate([np.asarray(frame)[::4, ::4] for frame in frames]))
     none = Image.Dither.NONE
     palette = strip.quantize(256, dither=none)

@@ -1,15 +1,21 @@
-"""The charts of a case: the theory's curves and the distributions of all its methods.
+"""The pictures of a case: the theory's curves, and what the answers of all its methods show.
 
-    power-spectrum          of the first surface, and the analytic one
-    persson-magnification   areas against magnification, with the areas of the boundary elements
-    persson-pressure        P(sigma) of the theory as a table
-    pressure-distribution   P(sigma) of every method on one axis
+    power-spectrum            of the first surface, and the analytic one
+    persson-magnification     areas against magnification, with the areas of the boundary elements
+    persson-pressure          P(sigma) of the theory as a table
+    pressure-distribution     P(sigma) of every method on one axis
+    residuals                 against the iterations of every method
+    contact-METHOD            state and pressure of the first surface from above
+    pressure-difference-A-B   the pressures of two methods on one grid, and their difference
+    body-METHOD               the finite-element body, cut open
 
-Each is a picture (.png, .svg), its data (.csv, .json) and a caption (.txt).
+Each is a picture (.png and, but for a body, .svg), a caption (.txt) and, of charts, data (.csv).
+The report shows them all.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,13 +24,22 @@ import numpy as np
 import pandas as pd
 
 from epcontact import persson
+from epcontact.errors import OutputError
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
-from epcontact.output.charts.curves import DENSITY, PRESSURE, pressure_distribution
+from epcontact.output.charts.curves import (
+    DENSITY,
+    PRESSURE,
+    pressure_distribution,
+    residual_history,
+)
 from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.maps import map_of_file, pressure_difference
 from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import PART_COLOURS
-from epcontact.output.files import write_json
+from epcontact.output.files import write_json, write_text
+from epcontact.output.view import load_steps, screenshot
+from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
 from epcontact.scene import Surface
 from epcontact.surfaces.power_spectrum import radial_spectrum
@@ -36,14 +51,13 @@ FEWEST_RINGS = 4
 Results = Mapping[str, Sequence[ContactResult]]
 
 
-def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> list[Path]:
-    """Draw the charts that the answers allow into a folder; return the files written.
+def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> list[str]:
+    """Draw the pictures of a case into a folder; return why some could not be drawn.
 
-    Raises OutputError if a file cannot be written.
+    Raises OutputError if a file cannot be read or written.
     """
     scene = case.scene(case.recipes[0])
     results = {method: answer.results for method, answer in answers.items() if answer.results}
-    hardness = case.material.hardness
     spectrum = _spectrum_chart(scene.surface)
     charts = {} if spectrum is None else {"power-spectrum": spectrum}
     tables = {}
@@ -54,17 +68,68 @@ def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> l
         charts["persson-magnification"] = _magnification_chart(case, areas, results)
         tables["persson-magnification"] = areas.columns()
         tables["persson-pressure"] = body.pressure_curve(scene.load.final).columns()
-    if any(result.distribution for found in results.values() for result in found):
-        theory = theory_densities(results, hardness)
-        charts["pressure-distribution"] = pressure_distribution(
-            results, hardness=hardness, theory=theory
-        )
-    written = [path for name, chart in charts.items() for path in chart.save(folder / name)]
+    for name, chart in charts.items():
+        chart.save(folder / name)
     for name, columns in tables.items():
-        path = folder / f"{name}.json"
-        write_json(path, {key: list(column) for key, column in columns.items()})
-        written.append(path)
-    return written
+        write_json(folder / f"{name}.json", {key: list(c) for key, c in columns.items()})
+    return draw_answers(results, folder)
+
+
+def draw_answers(results: Results, folder: Path) -> list[str]:
+    """Draw the pictures that need the answers alone and the fields in the folder, as above."""
+    for pattern in ("residuals.*", "contact-*", "pressure-di*", "body-*"):  # of an earlier run
+        for path in folder.glob(pattern):
+            path.unlink()
+    found = {method: each for method, each in results.items() if each}
+    if any(result.distribution for each in found.values() for result in each):
+        about = next(iter(found.values()))[0].provenance.about
+        hardness = float(about["hardness"]["value"]) if "hardness" in about else math.inf
+        theory = theory_densities(found, hardness)
+        chart = pressure_distribution(found, hardness=hardness, theory=theory)
+        chart.save(folder / "pressure-distribution")
+    # Only the longest history of each method is drawn; all of them would hide each other.
+    longest = {m: np.array(max((r.history for r in each), key=len)) for m, each in found.items()}
+    if any(np.any(np.isfinite(h) & (h > 0)) for h in longest.values()):
+        chart = residual_history({m: h for m, h in longest.items() if h.size})
+        chart.save(folder / "residuals")
+    _draw_maps(folder, list(found))
+    return [sentence for method in found for sentence in _draw_body(folder, method)]
+
+
+def _draw_maps(folder: Path, methods: Sequence[str]) -> None:
+    """Draw the contact of each method's first surface, and the differences on a common grid."""
+    fields = {}
+    for method in methods:
+        candidates = [folder / f"{method}.vti", *sorted(folder.glob(f"{method}-*.vti"))]
+        path = next((path for path in candidates if path.is_file()), None)
+        if path is not None:
+            fields[method] = path
+            caption = f"Contact state and pressure by {method}, {path.name}."
+            map_of_file(path, caption).save(folder / f"contact-{method}")
+    for first, second in itertools.combinations(sorted(fields), 2):
+        one, two = read_fields(fields[first]), read_fields(fields[second])
+        if len(one.shape) == 2 and one.shape == two.shape and one.spacing == two.spacing:
+            pressures = one.field("pressure"), two.field("pressure")
+            chart = pressure_difference(*pressures, one.spacing, names=(first, second))
+            chart.save(folder / f"pressure-difference-{first}-{second}")
+
+
+def _draw_body(folder: Path, method: str) -> list[str]:
+    """Draw a method's body, cut open, if there is one; return why it could not be drawn."""
+    collections = [*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")]
+    bodies = [each for each in sorted(collections) if load_steps(each)[0].suffix == ".vtu"]
+    if not bodies:
+        return []
+    target = folder / f"body-{method}.png"
+    try:
+        screenshot(bodies[0], target, size=(1200, 600))
+    except OutputError as error:  # many machines cannot draw in three dimensions
+        return [f"{target.name} is left out: {error}."]
+    write_text(
+        target.with_suffix(".txt"),
+        f"The body of {method}, cut open at the last load: von Mises stress and plastic strain.\n",
+    )
+    return []
 
 
 def theory_densities(results: Results, hardness: float) -> pd.DataFrame | None:
