@@ -9,7 +9,11 @@ import csv
 from collections import defaultdict
 from pathlib import Path
 
+from click.testing import CliRunner
+
+from epcontact.cli.main import cli
 from epcontact.harness.case_files.case import find_named, load_case
+from epcontact.harness.verdict.verification import verify
 
 FILE = Path(__file__).with_name("bands.csv")
 CASES = Path(__file__).parents[1] / "cases"
@@ -64,6 +68,18 @@ def test_no_band_of_the_cases_grew_and_none_is_gone() -> None:
     gate, (low, high) = next(iter(before.items()))
     assert grown(before, after | {gate: (low, high + 1)}) == [gate]
     assert grown(before, after | {gate: (low - 1, high)}) == [gate]
+
+
+def test_the_command_lists_bands_with_their_margins(tmp_path: Path) -> None:
+    verify("bearing-area", output=tmp_path, jobs=1)
+    command = ["gates", "bearing-area", "--output", str(tmp_path)]
+    listed = CliRunner().invoke(cli, command).output.splitlines()
+    fast, full = [line for line in listed if "area.total.raw of bem against" in line]
+    assert "-0.0002 … 0.0002" in fast
+    assert " – " not in fast
+    assert " – " in full  # which was not verified
+    (tmp_path / "verdict.json").write_text("{}")
+    assert "is no verdict" in str(CliRunner().invoke(cli, command).exception)
 
 
 if __name__ == "__main__":

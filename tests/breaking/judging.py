@@ -80,26 +80,17 @@ def _with_exit_code(original: Callable[..., Any]) -> Callable[..., Any]:
     return lambda *a: original(*a).model_copy(update={"exit_code": 2})
 
 
-def _over_the_wrong_area(original: Callable[..., Any]) -> Callable[..., Any]:
-    """The supremum divided by the contact area of the answer, not of its reference."""
+def _times(factor: Callable[[str, float, float, float], float]) -> Patch:
+    """A distance multiplied by a factor of its norm, both contact areas and the hardness."""
 
-    def wrong(norm: str, a: Any, b: Any, hardness: float) -> float:
-        areas = [float(each.cumulative[-1] + each.plastic) for each in (a, b)]
-        factor = areas[1] / areas[0] if norm == "supremum" else 1.0
-        return float(original(norm, a, b, hardness) * factor)
+    def change(original: Callable[..., float]) -> Callable[..., float]:
+        def wrong(norm: str, a: Any, b: Any, hardness: float) -> float:
+            areas = (float(each.cumulative[-1] + each.plastic) for each in (a, b))
+            return original(norm, a, b, hardness) * factor(norm, *areas, hardness)
 
-    return wrong
+        return wrong
 
-
-def _over_the_nominal_area(original: Callable[..., Any]) -> Callable[..., Any]:
-    """Without a hardness, the scale is the mean pressure on the nominal area, not the contact."""
-
-    def wrong(norm: str, a: Any, b: Any, hardness: float) -> float:
-        area = float(b.cumulative[-1] + b.plastic)
-        factor = 1.0 if norm == "supremum" or math.isfinite(hardness) else 1 / area
-        return float(original(norm, a, b, hardness) * factor)
-
-    return wrong
+    return changed(H + "gates.distances.distance", change)
 
 
 def _elastic(case: Any, recipe: Any) -> tuple[Any, Any]:
@@ -107,81 +98,55 @@ def _elastic(case: Any, recipe: Any) -> tuple[Any, Any]:
 
 
 PAIRED = ("fem-ensemble", "quantity.mean_gap")
-DISTANCE = H + "gates.distances.distance"
-DISTANCES = "tests/test_verdict.py::test_distances_of_known_distributions"
+DISTANCE, DEVIATION = VERDICT + "judgement.distance", GATE + "deviation"
+L2 = QUANTITY + "l2_distance"
+TESTS = "tests/test_verdict.py::"
+DISTANCES = TESTS + "test_distances_of_known_distributions"
 MEASURES = "tests/test_closed_forms.py::test_measures_see_what_is_wrong_by_as_much_as_it_is"
 
 FAULTS = (
     # comparison
-    _fault(
-        "no distance between distributions", at(VERDICT + "judgement.distance", lambda *_: 0.0),
-        "yardstick", "distribution",
+    *(
+        _fault(what, patch, "yardstick", "distribution")
+        for what, patch in {
+            "no distance between distributions": at(DISTANCE, lambda *_: 0.0),
+            "distance not divided by its scale": scaled(DISTANCE, 1e9),
+            "the reference's distribution compared with itself":
+                given(DISTANCE, lambda norm, a, b, hardness: (norm, b, b, hardness)),
+            "the supremum for the Wasserstein distance":
+                given(DISTANCE, lambda norm, *rest: ("supremum", *rest)),
+            "carried pressure without the factor 1/2":
+                scaled(H + "gates.distances.carried_pressure", 2.0),
+        }.items()
     ),
-    _fault(
-        "distance not divided by its scale", scaled(VERDICT + "judgement.distance", 1e9),
-        "yardstick", "distribution",
+    *(
+        _fault(what, patch, "yardstick", "area.total.raw", against, status=REFUSED)
+        for what, against, patch in (
+            ("absolute for relative", 0.5, at(DEVIATION, lambda norm, a, b: a - b)),
+            ("relative to the value, not to the reference", 0.5,
+                changed(DEVIATION, lambda f: lambda norm, a, b: -f(norm, b, a))),
+            ("sign of a difference lost", 1.5, on_result(DEVIATION, abs)),
+            ("half a difference", 1.5, scaled(DEVIATION, 0.5)),
+        )
     ),
-    _fault(
-        "the reference's distribution compared with itself",
-        given(VERDICT + "judgement.distance", lambda norm, a, b, hardness: (norm, b, b, hardness)),
-        "yardstick", "distribution",
+    *(
+        _fault(what, patch, "yardstick", "field.pressure")
+        for what, patch in {
+            "distance of a field not measured": at(L2, lambda *_: 0.0),
+            "the maximum norm for L2":
+                at(L2, lambda a, b: float(np.abs(a - b).max() / np.abs(b).max())),
+            "L2 relative to the answer, not to the closed form": given(L2, lambda a, b: (b, a)),
+        }.items()
     ),
-    _fault(
-        "the supremum for the Wasserstein distance",
-        given(VERDICT + "judgement.distance", lambda norm, *rest: ("supremum", *rest)),
-        "yardstick", "distribution",
-    ),
-    _fault(
-        "a supremum divided by the wrong area", changed(DISTANCE, _over_the_wrong_area),
-        test=DISTANCES,
-    ),
-    _fault(
-        "a mean pressure over the wrong area", changed(DISTANCE, _over_the_nominal_area),
-        test=DISTANCES,
-    ),
-    _fault(
-        "a repeated member of an ensemble",
+    _fault("a supremum divided by the wrong area",
+        _times(lambda norm, a, b, hardness: b / a if norm == "supremum" else 1.0),
+        test=DISTANCES),
+    _fault("a mean pressure over the wrong area",
+        _times(lambda norm, a, b, hardness: 1.0 if math.isfinite(hardness) else a / b),
+        test=DISTANCES),
+    _fault("a repeated member of an ensemble",
         at(H + "answers.store.Answer.twins", property(lambda self: None)),
-        test="tests/test_verdict.py::test_status_of_a_case",
-    ),
-    _fault(
-        "carried pressure without the factor 1/2",
-        scaled(H + "gates.distances.carried_pressure", 2.0),
-        "yardstick", "distribution",
-    ),
-    _fault(
-        "absolute for relative",
-        at(GATE + "deviation", lambda norm, value, reference: value - reference),
-        "yardstick", "area.total.raw", 0.5, status=REFUSED,
-    ),
-    _fault(
-        "relative to the value, not to the reference",
-        changed(GATE + "deviation", lambda f: lambda norm, a, b: -f(norm, b, a)),
-        "yardstick", "area.total.raw", 0.5, status=REFUSED,
-    ),
-    _fault(
-        "sign of a difference lost",
-        changed(GATE + "deviation", lambda f: lambda *a: abs(f(*a))),
-        "yardstick", "area.total.raw", 1.5, status=REFUSED,
-    ),
-    _fault(
-        "half a difference", scaled(GATE + "deviation", 0.5), "yardstick", "area.total.raw", 1.5,
-        status=REFUSED,
-    ),
-    _fault(
-        "distance of a field not measured", at(QUANTITY + "l2_distance", lambda *_: 0.0),
-        "yardstick", "field.pressure",
-    ),
-    _fault(
-        "the maximum norm for L2",
-        at(QUANTITY + "l2_distance", lambda a, b: float(np.abs(a - b).max() / np.abs(b).max())),
-        "yardstick", "field.pressure",
-    ),
-    _fault(
-        "L2 relative to the answer, not to the closed form",
-        given(QUANTITY + "l2_distance", lambda a, b: (b, a)),
-        "yardstick", "field.pressure",
-    ),
+        test=TESTS + "test_status_of_a_case"),
     _fault(
         "the first load step judged, not the last",
         at("epcontact.results.ContactResult.final", property(lambda self: self.steps[0])),
@@ -238,7 +203,7 @@ FAULTS = (
     # gates and verdict
     _fault(
         "claimed errors of areas do not count", at(VERDICT + "judgement._claim", lambda *_: None),
-        test="tests/test_verdict.py::test_areas_less_sure_than_the_band_do_not_hold",
+        test=TESTS + "test_areas_less_sure_than_the_band_do_not_hold",
     ),
     _fault(
         "the default gates dropped", at(H + "case_files.model.default_gates", lambda: ()),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -28,7 +28,6 @@ class Answered:
 
     scene: Scene
     result: ContactResult
-    _made: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def pressure(self) -> FloatArray:
@@ -103,6 +102,10 @@ class Answered:
     def load_scale(self) -> float:
         """The last mean pressure p0 in Pa, or the largest of the path if it ends without load."""
         return self.scene.load.final or max(self.scene.load.path)
+
+    @cached_property
+    def _made(self) -> dict[Any, Any]:
+        return {}
 
     def once(self, make: Callable[[Answered], Made]) -> Made:
         """Return make(self), which is called once for all quantities that ask for it."""
