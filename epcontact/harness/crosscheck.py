@@ -169,22 +169,16 @@ def crosscheck(
         InvalidCase: if the case has nothing to cross-check.
         InvalidScene, NotConverged: as the solvers do.
     """
-    _require_checkable(case)
-    law, options = case.options["fem"]["law"], case.options["fem"]
-    given = {"steps": steps, "step_tolerance": step_tolerance}
-    path: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    if len(path) == 2:
-        raise InvalidCase(EITHER_WAY)
-    if path and law != "j2":
-        raise InvalidCase(f"{case.path}: {min(path)} is for fem.law = 'j2' only")
-    name = "steps" if options.get("steps") else "step_tolerance"
-    path = path or {name: options.get(name)}
+    if obstacle := _obstacle(case):
+        raise InvalidCase(f"{case.path}: {obstacle}")
+    options = case.options["fem"]
+    path = _increments(case, {"steps": steps, "step_tolerance": step_tolerance})
     block = {name: options.get(name) for name in ("depth", "layers")}
     lines, rows = [], []
     for recipe in _other_surfaces(case, seeds) if seeds else case.recipes:
         seed = getattr(recipe, "seed", None)
         lines.append(f"{case.id}, {case.size}" + ("" if seed is None else f", seed {seed}"))
-        found, row = _checked(case.scene(recipe), law, block, path)
+        found, row = _checked(case.scene(recipe), options["law"], block, path)
         lines += [f"  {line}" for line in found]
         rows.append(row)
     if len(rows) > 1:
@@ -196,6 +190,17 @@ def crosscheck(
     return "\n".join(lines)
 
 
+def _increments(case: Case, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what chooses the increments of the J2 load path: what is asked for, or the case's."""
+    given = {name: value for name, value in asked.items() if value is not None}
+    if len(given) == 2:
+        raise InvalidCase(EITHER_WAY)
+    if given and case.options["fem"]["law"] != "j2":
+        raise InvalidCase(f"{case.path}: {min(given)} is for fem.law = 'j2' only")
+    name = "steps" if case.options["fem"].get("steps") else "step_tolerance"
+    return given or {name: case.options["fem"].get(name)}
+
+
 def _other_surfaces(case: Case, seeds: Sequence[int]) -> list[SelfAffine]:
     first = case.recipes[0]
     if not isinstance(first, SelfAffine):
@@ -205,22 +210,25 @@ def _other_surfaces(case: Case, seeds: Sequence[int]) -> list[SelfAffine]:
     return [replace(first, seed=seed) for seed in seeds]
 
 
-def _require_checkable(case: Case) -> None:
-    wrong, missing = case.skip, [m for m in ("fem", "bem") if m not in case.methods]
-    if not wrong and missing:
-        wrong = f"case.methods lacks {' and '.join(missing)}; a cross-check needs both fem and bem"
-    elif not wrong and len(case.load.path) != 1:
-        wrong = (
+def _obstacle(case: Case) -> str:
+    """Return why a case cannot be cross-checked; empty if it can."""
+    missing = [method for method in ("fem", "bem") if method not in case.methods]
+    if case.skip:
+        return case.skip
+    if missing:
+        return f"case.methods lacks {' and '.join(missing)}; a cross-check needs both fem and bem"
+    if len(case.load.path) != 1:
+        return (
             f"load.mean_pressure is a path of {len(case.load.path)}, but a cross-check answers a "
             "single mean pressure"
         )
-    elif not wrong and (geometry := case.options["fem"]["geometry"]) != "gap":
-        wrong = (
+    geometry = case.options["fem"]["geometry"]
+    if geometry != "gap":
+        return (
             f"fem.geometry is {geometry!r}, but must be 'gap': the boundary elements have no "
             "other, so slope and error could not be separated"
         )
-    if wrong:
-        raise InvalidCase(f"{case.path}: {wrong}")
+    return ""
 
 
 def _checked(
