@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,33 +16,34 @@ SOURCES = {
 }
 
 
-def homes(phrase: str) -> Iterator[tuple[str, str]]:
+def homes(phrase: str) -> list[tuple[str, str]]:
     """File and name of each function or class with the phrase atop its docstring (three lines)."""
-    for path, source in SOURCES.items():
-        if phrase in source:
-            for node in ast.walk(ast.parse(source)):
-                if isinstance(node, ast.FunctionDef | ast.ClassDef):
-                    head = (ast.get_docstring(node) or "").splitlines()[:3]
-                    if any(phrase in line for line in head):
-                        yield path, node.name
+    return [
+        (path, node.name)
+        for path, source in SOURCES.items()
+        if phrase in source
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.FunctionDef | ast.ClassDef)
+        and phrase in "\n".join((ast.get_docstring(node) or "").splitlines()[:3])
+    ]
 
 
-@pytest.mark.parametrize(
-    ("number", "path", "function"),
-    [
-        (1, "epcontact/persson/series.py", "one_wall_density"),
-        (2, "epcontact/persson/reduction.py", "full_contact_diffusion"),
-        (3, "epcontact/persson/elastoplastic.py", "pressure_density"),
-        (4, "epcontact/persson/elastoplastic.py", "_elastic_area"),
-        (5, "epcontact/persson/elastoplastic.py", "_plastic_area"),
-        (6, "epcontact/reference/roughness.py", "light_load_area"),
-        (7, "epcontact/surfaces/self_affine.py", "_fill_modes"),
-        (8, "epcontact/surfaces/self_affine.py", "_fill_modes"),
-    ],
-)
-def test_an_equation_has_one_home(number: int, path: str, function: str) -> None:
+EQUATIONS = [
+    ("persson/series.py", "one_wall_density"),
+    ("persson/reduction.py", "full_contact_diffusion"),
+    ("persson/elastoplastic.py", "pressure_density"),
+    ("persson/elastoplastic.py", "_elastic_area"),
+    ("persson/elastoplastic.py", "_plastic_area"),
+    ("reference/roughness.py", "light_load_area"),
+    ("surfaces/self_affine.py", "_fill_modes"),
+    ("surfaces/self_affine.py", "_fill_modes"),
+]
+
+
+@pytest.mark.parametrize(("number", "home"), list(enumerate(EQUATIONS, start=1)))
+def test_an_equation_has_one_home(number: int, home: tuple[str, str]) -> None:
     """The function with the formula cites its number; no other text in the product does."""
-    assert list(homes(f"equation ({number}) of the paper")) == [(path, function)]
+    assert homes(f"equation ({number}) of the paper") == [(f"epcontact/{home[0]}", home[1])]
     assert sum(source.count(f"equation ({number})") for source in SOURCES.values()) == 1
 
 
@@ -54,14 +54,12 @@ def test_the_prefactor_of_equation_2_is_written_once() -> None:
     assert found == ["epcontact/persson/reduction.py", "epcontact/reference/roughness.py"]
 
 
-@pytest.mark.parametrize("number", range(1, 6))
-def test_a_figure_has_one_home(number: int) -> None:
-    assert len(list(homes(f"Figure {number} of the paper"))) == 1
-    assert sum(source.count(f"Figure {number} of the paper") for source in SOURCES.values()) == 1
-
-
-def test_every_case_of_the_paper_cites_its_table() -> None:
-    cases = sorted((ROOT / "cases").glob("paper-*.toml"))
+def test_figures_have_one_home_and_cases_of_the_paper_cite_its_table() -> None:
+    for number in range(1, 6):
+        assert len(homes(f"Figure {number} of the paper")) == 1
+        assert (
+            sum(source.count(f"Figure {number} of the paper") for source in SOURCES.values()) == 1
+        )
+    cases = [path.read_text(encoding="utf-8") for path in (ROOT / "cases").glob("paper-*.toml")]
     assert cases
-    for case in cases:
-        assert "Almqvist and Persson, Table 1" in case.read_text(encoding="utf-8"), case.name
+    assert all("Almqvist and Persson, Table 1" in case for case in cases)

@@ -26,7 +26,7 @@ from epcontact.errors import InvalidCase, NotConverged
 from epcontact.harness.answers import solve
 from epcontact.harness.answers.run import Progress, Run, run_cases
 from epcontact.harness.answers.store import Answer
-from epcontact.harness.case_files.case import find_case, load_case
+from epcontact.harness.case_files.case import load_case
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.harness.verdict.verification import verify
 from epcontact.output.vtk import read_fields
@@ -151,46 +151,6 @@ def test_two_cases_of_one_id_are_refused(write_case, tmp_path) -> None:
     with pytest.raises(InvalidCase, match="folders of their own"):
         run_cases([first, second], Run(tmp_path / "out"))
     assert not (tmp_path / "out").exists()
-
-
-# A gate that cannot fail, cannot hold, or is never asked tells nothing.
-@pytest.mark.parametrize(
-    ("old", "new", "word"),
-    [
-        ("tolerance = 0.5", "tolerance = inf", "finite"),
-        ("tolerance = 0.5", "between = [-inf, inf]", "whatever"),
-        ("tolerance = 0.5", 'tolerance = 0.5\nsizes = ["ful"]', "'fast', 'full' or 'large'"),
-        ("tolerance = 0.5", "tolerance = 0.5\nsizes = []", "at least 1"),
-        ("tolerance = 0.5", 'tolerance = 0.5\nsizes = ["full"]', "no gate applies to size 'fast'"),
-        ('against = "persson"', 'against = nan\nsource = "x"', "finite"),
-        ('against = "persson"', 'against = "bem"', "itself"),
-    ],
-)
-def test_gate_that_tells_nothing_is_refused(write_case, old: str, new: str, word: str) -> None:
-    with pytest.raises(InvalidCase, match=word):
-        load_case(write_case((old, new)))
-
-
-def test_keys_are_named_as_they_stand_in_the_file(write_case) -> None:
-    with pytest.raises(InvalidCase, match=r"gate 1\.tolerance is -1"):
-        load_case(write_case(("tolerance = 0.5", "tolerance = -1.0")))
-    with pytest.raises(InvalidCase, match=r"load\.mean_pressure is True"):
-        load_case(write_case((LOAD, "mean_pressure = true")))
-
-
-def test_byte_order_mark_and_line_ends_of_windows(write_case) -> None:
-    path = write_case(ONE)
-    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
-    assert load_case(path).id == "small"
-
-
-def test_folder_of_results_does_not_hide_a_case(tmp_path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "paper-elastic").mkdir()
-    assert find_case("paper-elastic").path.name == "paper-elastic.toml"
-    (tmp_path / "other").mkdir()
-    with pytest.raises(InvalidCase, match="no such case file"):
-        find_case("other")
 
 
 @pytest.mark.parametrize("words", ["keys", "cite hertz-sphere"])  # by rich, by click
