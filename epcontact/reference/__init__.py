@@ -8,12 +8,19 @@ heights, so that it shares nothing with the recipe that made them.
 
 from __future__ import annotations
 
-from epcontact.reference import bumps, layers, posts, roughness, waves
+from epcontact.reference.bumps import HERTZ
 from epcontact.reference.form import ClosedForm
+from epcontact.reference.layers import FLAT, FULL_CONTACT
+from epcontact.reference.posts import CAPPED_STRIP, FLAT_PUNCH
+from epcontact.reference.roughness import BEARING_AREA, HEIGHTS, LIGHT_LOAD
+from epcontact.reference.waves import WAVINESS_HEAVY, WAVINESS_LIGHT, WESTERGAARD
 
 __all__ = ["CLOSED_FORMS", "ClosedForm"]
 
+_FORMS = (
+    *(WESTERGAARD, WAVINESS_LIGHT, WAVINESS_HEAVY),
+    *(HERTZ, FLAT_PUNCH, CAPPED_STRIP),
+    *(FULL_CONTACT, FLAT, BEARING_AREA, HEIGHTS, LIGHT_LOAD),
+)
 #: The closed forms by the names that gates use.
-CLOSED_FORMS: dict[str, ClosedForm] = {
-    form.name: form for theme in (waves, bumps, posts, layers, roughness) for form in theme.FORMS
-}
+CLOSED_FORMS: dict[str, ClosedForm] = {form.name: form for form in _FORMS}

@@ -26,10 +26,13 @@ import math
 
 import numpy as np
 
-from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
+from epcontact.reference.form import ClosedForm
 from epcontact.results import FloatArray
 from epcontact.scene import Scene
 
+HERTZ = ClosedForm(
+    "hertz", "Johnson, Contact Mechanics (1985), with the curvature of the periodic images"
+)
 #: sum' |R|^-3 = 4 zeta(3/2) beta(3/2) over the square lattice of unit spacing, without the origin.
 LATTICE_SUM_3 = 9.033621683100950
 #: sum' |R|^-5 = 4 zeta(5/2) beta(5/2).
@@ -41,22 +44,12 @@ MADELUNG = 3.900264920001956
 
 
 def sphere_contact_radius(force: float, radius: float, effective_modulus: float) -> float:
-    """a = (3 F R / (4 E*))^(1/3) in m, of a single sphere.
-
-    Example:
-        >>> print(f"{sphere_contact_radius(1.0, 1e-2, 200e9):.3e}")
-        3.347e-05
-    """
+    """a = (3 F R / (4 E*))^(1/3) in m, of a single sphere."""
     return math.cbrt(3 * force * radius / (4 * effective_modulus))
 
 
 def sphere_force(contact_radius: float, radius: float, effective_modulus: float) -> float:
-    """F = 4 E* a^3 / (3 R) in N, of a single sphere; the inverse of `sphere_contact_radius`.
-
-    Example:
-        >>> print(f"{sphere_force(1e-4, 1e-2, 200e9):.4g}")
-        26.67
-    """
+    """F = 4 E* a^3 / (3 R) in N, of a single sphere; the inverse of `sphere_contact_radius`."""
     return 4 * effective_modulus * contact_radius**3 / (3 * radius)
 
 
@@ -70,20 +63,6 @@ def sphere_contact_radius_periodic(
     Validity: the first omitted terms are of order (a/L)^7, and the square symmetry of the rim of
     order (a/L)^10.  Boundary elements on 512 x 512 points differ from the area by 2e-5 at a/L = 0.2
     and by 2e-4 at 0.25, and from the pressure in the middle by 1.2e-4 and 3.5e-4.
-
-    Args:
-        force: On one sphere, in N.
-        radius: In m.
-        effective_modulus: E* in Pa.
-        period: In m; infinite for a single sphere.
-
-    Returns:
-        a in m.
-
-    Example:
-        >>> force = sphere_force(0.2, 1.0, 1.0)
-        >>> print(f"{sphere_contact_radius_periodic(force, 1.0, 1.0, period=1.0):.6f}")
-        0.198948
     """
     free = sphere_contact_radius(force, radius, effective_modulus)
     strength = force / (math.pi * effective_modulus)
@@ -109,27 +88,10 @@ def cylinder_half_width_periodic(
 
     Exact at any load; contact is complete only as P' grows without bound, because the parabolas
     meet in a cusp.
-
-    Example:
-        >>> print(f"{cylinder_half_width_periodic(0.05, 1.0, 1.0, period=1.0):.4f}")
-        0.2393
     """
     load = 2 * math.pi * radius * force_per_length / (effective_modulus * period**2)
     # arccos(e^-w) = arcsin(sqrt(1 - e^-2w)), which keeps its digits at small loads.
     return period / math.pi * math.asin(math.sqrt(-math.expm1(-2 * load)))
-
-
-def cylinder_force_periodic(
-    half_width: float, radius: float, effective_modulus: float, period: float
-) -> float:
-    """P' = -(E* L^2/(2 pi R)) ln cos(pi a/L) in N/m: inverts `cylinder_half_width_periodic`.
-
-    Example:
-        >>> print(f"{cylinder_force_periodic(0.2393, 1.0, 1.0, period=1.0):.3f}")
-        0.050
-    """
-    sine = math.sin(math.pi * half_width / period)
-    return -effective_modulus * period**2 / (4 * math.pi * radius) * math.log1p(-(sine**2))
 
 
 def cylinder_pressure_periodic(
@@ -139,19 +101,7 @@ def cylinder_pressure_periodic(
     effective_modulus: float,
     period: float,
 ) -> FloatArray:
-    """p = (E* L/(2 pi R)) artanh(sqrt(sin^2 t_a - sin^2 t) / cos t) in Pa, t = pi x/L.
-
-    Args:
-        distance: x in m from the middle of one parabola, any shape, |x| <= L/2.
-        half_width: a in m.
-        radius: In m.
-        effective_modulus: E* in Pa.
-        period: In m.
-
-    Example:
-        >>> cylinder_pressure_periodic([0.0, 0.2, 0.4], 0.2, 1.0, 1.0, period=1.0).round(4)
-        array([0.1073, 0.    , 0.    ])
-    """
+    """p = (E* L/(2 pi R)) artanh(sqrt(sin^2 t_a - sin^2 t) / cos t) in Pa, t = pi x/L."""
     angle = np.pi * np.asarray(distance) / period
     depth = np.sin(math.pi * half_width / period) ** 2 - np.sin(angle) ** 2
     cosine = np.where(depth > 0, np.cos(angle), 1)
@@ -164,7 +114,7 @@ def cylinder_pressure_periodic(
 
 def _bump(scene: Scene) -> tuple[float, FloatArray, float, float]:
     """Radius (m), distance of each grid point from the summit (m), load (N or N/m), E*."""
-    E = elastic_half_space(scene, "hertz")
+    E = HERTZ.elastic_half_space(scene)
     surface = scene.surface
     curvatures, squares = [], np.zeros(())
     for axis, d in enumerate(surface.spacing):
@@ -178,7 +128,7 @@ def _bump(scene: Scene) -> tuple[float, FloatArray, float, float]:
     radius = 1 / curvatures[0]
     round_bump = np.allclose(curvatures, curvatures[0], rtol=1e-6) and radius > 0
     square = len(set(surface.periods)) == 1
-    refuse_unless(bool(round_bump) and square, "hertz", "one round bump in a square period")
+    HERTZ.needs(bool(round_bump) and square, "one round bump in a square period")
     force = scene.load.final * math.prod(surface.periods)
     return radius, np.sqrt(squares), force, E
 
@@ -207,11 +157,13 @@ def _size(scene: Scene) -> float:
     return sphere_contact_radius_periodic(force, radius, E, period)
 
 
+@HERTZ.gives("area.total")
 def _bump_fraction(scene: Scene) -> float:
     a, period = _size(scene), scene.surface.periods[0]
     return 2 * a / period if scene.surface.heights.ndim == 1 else math.pi * a**2 / period**2
 
 
+@HERTZ.gives("field.pressure")
 def _bump_pressure(scene: Scene) -> FloatArray:
     """Pressure on the grid.
 
@@ -226,19 +178,10 @@ def _bump_pressure(scene: Scene) -> FloatArray:
     return np.asarray(peak * np.sqrt(np.maximum(1 - (distance / a) ** 2, 0)))
 
 
+@HERTZ.gives("quantity.largest_pressure")
 def _bump_peak(scene: Scene) -> float:
     radius, _, force, E = _bump(scene)
     a, period = _size(scene), scene.surface.periods[0]
     if scene.surface.heights.ndim == 1:
         return float(cylinder_pressure_periodic(np.zeros(1), a, radius, E, period)[0])
     return 3 * force / (2 * math.pi * a**2)
-
-
-FORMS = (
-    ClosedForm(
-        "hertz",
-        "Johnson, Contact Mechanics (1985), with the curvature of the periodic images",
-        areas(_bump_fraction) | {"quantity.largest_pressure": _bump_peak},
-        {"pressure": _bump_pressure},
-    ),
-)

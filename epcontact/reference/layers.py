@@ -26,9 +26,16 @@ import math
 import numpy as np
 
 from epcontact.materials.moduli import effective_modulus, oedometric_modulus
-from epcontact.reference.form import ClosedForm, areas, refuse_unless
+from epcontact.reference.form import ClosedForm
 from epcontact.results import FloatArray, PressureDistribution
-from epcontact.scene import Scene
+from epcontact.scene import Material, Scene
+
+FULL_CONTACT = ClosedForm(
+    "full_contact", "Johnson, Contact Mechanics (1985), section 13.2: p_q = h_q / C(q)"
+)
+FLAT = ClosedForm(
+    "flat", "a surface without roughness under uniform pressure, in uniaxial strain (Lame)"
+)
 
 # --- formulas -------------------------------------------------------------------------------------
 
@@ -45,21 +52,6 @@ def surface_compliance(
 
     Validity: relative accuracy falls as 1e-16/(q d)^3 for a thin layer, where the two exponentials
     become equal; it is 1e-10 at q d = 0.01.  At q = 0 use `lame_compliance`.
-
-    Args:
-        wavenumber: q in rad/m, any shape.
-        depth: d in m.
-        young_modulus: E in Pa.
-        poisson_ratio: nu.
-        bonded: Whether the layer is bonded to the base or slides on it.
-
-    Returns:
-        Compliance of the shape of the wavenumber.
-
-    Example:
-        >>> deep = surface_compliance([10.0, 20.0], depth=5.0, young_modulus=1.0, poisson_ratio=0.0)
-        >>> deep.round(6)  # 2/(E* q) of the half-space
-        array([0.2, 0.1])
     """
     q = np.atleast_1d(np.asarray(wavenumber, dtype=np.float64))
     x = (q * depth).ravel()
@@ -97,12 +89,7 @@ def _basis(x: FloatArray, depth: FloatArray) -> FloatArray:
 
 
 def lame_compliance(depth: float, young_modulus: float, poisson_ratio: float) -> float:
-    """d/M in m/Pa, M = E (1 - nu)/((1 + nu)(1 - 2 nu)): uniaxial strain (Lame), mode q = 0.
-
-    Example:
-        >>> lame_compliance(depth=2.0, young_modulus=4.0, poisson_ratio=0.0)
-        0.5
-    """
+    """d/M in m/Pa, M = E (1 - nu)/((1 + nu)(1 - 2 nu)): uniaxial strain (Lame), mode q = 0."""
     nu = poisson_ratio
     return depth * (1 + nu) * (1 - 2 * nu) / (young_modulus * (1 - nu))
 
@@ -112,10 +99,6 @@ def uniaxial_yield_pressure(yield_stress: float, poisson_ratio: float) -> float:
 
     Von Mises and Tresca agree, because two principal stresses are equal.  Beyond it the tangent is
     the bulk modulus: there is no limit load.
-
-    Example:
-        >>> print(f"{uniaxial_yield_pressure(1.0, poisson_ratio=0.3):.2f}")
-        1.75
     """
     return yield_stress * (1 - poisson_ratio) / (1 - 2 * poisson_ratio)
 
@@ -130,19 +113,6 @@ def compliance(scene: Scene) -> FloatArray:
     """Surface compliance of a scene's body for each mode of numpy.fft.rfftn.
 
     That of a layer follows from its boundary-value problem, wave by wave (`surface_compliance`).
-
-    Args:
-        scene: Its surface gives the grid; its body and material give the compliance.
-
-    Returns:
-        Compliance in m/Pa, (..., n // 2 + 1) on a grid (..., n); for the mean 0 (half-space) or
-        d/M (layer).
-
-    Example:
-        >>> from epcontact import Load, Material, Surface
-        >>> scene = Scene(Surface(np.zeros(4), (2 * math.pi,)), Material(2.0, 0.0), Load(1.0))
-        >>> compliance(scene)  # 2/(E* q)
-        array([0. , 1. , 0.5])
     """
     surface, body, material = scene.surface, scene.body, scene.material
     *others, (n, d) = zip(surface.shape, surface.spacing, strict=True)
@@ -166,6 +136,7 @@ def compliance(scene: Scene) -> FloatArray:
     return np.asarray(values[where].reshape(lengths.shape))
 
 
+@FULL_CONTACT.gives("field.pressure")
 def _full_pressure(scene: Scene) -> FloatArray:
     """p_q = h_q / C(q) about the mean pressure."""
     C = compliance(scene)
@@ -174,20 +145,23 @@ def _full_pressure(scene: Scene) -> FloatArray:
     modes = np.fft.rfftn(heights) / C
     pressure = scene.load.final + np.fft.irfftn(modes, heights.shape, axes=range(heights.ndim))
     fits = pressure.min() >= 0 and pressure.max() <= scene.material.hardness
-    refuse_unless(bool(fits), "full_contact", "a load that closes every gap without yielding")
+    FULL_CONTACT.needs(bool(fits), "a load that closes every gap without yielding")
     return np.asarray(pressure)
 
 
-def _one(scene: Scene) -> float:
+@FULL_CONTACT.gives("area.total", "area.elastic")
+def _all_of_it(scene: Scene) -> float:
     _full_pressure(scene)
     return 1.0
 
 
-def _none(scene: Scene) -> float:
+@FULL_CONTACT.gives("area.plastic", "quantity.mean_gap")
+def _nothing(scene: Scene) -> float:
     _full_pressure(scene)
     return 0.0
 
 
+@FULL_CONTACT.gives("quantity.elastic_energy")
 def _full_energy(scene: Scene) -> float:
     """Half of the mean of pressure times displacement, with the mean mode."""
     pressure = _full_pressure(scene)
@@ -196,6 +170,7 @@ def _full_energy(scene: Scene) -> float:
     return float(np.mean(pressure * displacement)) / 2
 
 
+@FULL_CONTACT.gives("distribution")
 def _full_distribution(scene: Scene) -> PressureDistribution:
     pressure = np.sort(_full_pressure(scene), axis=None)
     steps = np.arange(1, pressure.size + 1) / pressure.size
@@ -205,19 +180,49 @@ def _full_distribution(scene: Scene) -> PressureDistribution:
 # --- a flat surface ------------------------------------------------------------------------------
 
 
+@FLAT.gives("area.total")
+def _unit(_: Scene) -> float:
+    return 1.0
+
+
+@FLAT.gives("area.plastic", "quantity.plastic_volume")
+def _flow(scene: Scene) -> float:
+    """1 if a layer of J2 flow in uniaxial strain has yielded along the load path, else 0."""
+    yields = uniaxial_yield_pressure(scene.material.yield_stress, scene.material.poisson_ratio)
+    return float(max(scene.load.path) > yields)
+
+
+@FLAT.gives("area.elastic")
+def _no_flow(scene: Scene) -> float:
+    return 1 - _flow(scene)
+
+
+@FLAT.gives("quantity.plastic_depth")
+def _flow_depth(scene: Scene) -> float:
+    return _flow(scene) * scene.body.depth
+
+
+@FLAT.gives("quantity.mean_contact_pressure", "quantity.largest_pressure")
+def _uniform(scene: Scene) -> float:
+    return scene.load.final
+
+
+@FLAT.gives("field.pressure")
 def _flat_pressure(scene: Scene) -> FloatArray:
     return np.full(scene.surface.shape, scene.load.final)
 
 
+@FLAT.gives("distribution")
 def _flat_distribution(scene: Scene) -> PressureDistribution:
     p0 = scene.load.final
     return PressureDistribution(np.array([0, p0 * (1 - 1e-12), p0]), np.array([0.0, 0.0, 1.0]))
 
 
-def _unit(_: Scene) -> float:
-    return 1.0
+def _bulk_modulus(material: Material) -> float:
+    return material.young_modulus / (3 * (1 - 2 * material.poisson_ratio))
 
 
+@FLAT.gives("quantity.approach")
 def _compression(scene: Scene) -> float:
     """The approach of a layer since the first touch, at the end of the load path, in m.
 
@@ -226,25 +231,19 @@ def _compression(scene: Scene) -> float:
     twice the yield pressure.
     """
     material, depth, path = scene.material, scene.body.depth, scene.load.path
-    refuse_unless(math.isfinite(depth), "flat", "a layer, to be compressed")
-    nu, M = material.poisson_ratio, oedometric_modulus(material)
-    bulk = material.young_modulus / (3 * (1 - 2 * nu))
-    top, last = max(path), path[-1]
-    yields = uniaxial_yield_pressure(material.yield_stress, nu)
+    FLAT.needs(math.isfinite(depth), "a layer, to be compressed")
+    M, top, last = oedometric_modulus(material), max(path), path[-1]
+    yields = uniaxial_yield_pressure(material.yield_stress, material.poisson_ratio)
     loading = path[: path.index(top) + 1]
     once = all(a <= b for a, b in itertools.pairwise(loading))
-    refuse_unless(once and top - last < 2 * yields, "flat", "one loading and elastic unloading")
-    sunk = min(top, yields) / M + max(0.0, top - yields) / bulk - (top - last) / M
+    FLAT.needs(once and top - last < 2 * yields, "one loading and elastic unloading")
+    flowed = max(0.0, top - yields) / _bulk_modulus(material)
+    sunk = min(top, yields) / M + flowed - (top - last) / M
     heights = scene.surface.heights
     return sunk * depth + float(heights.max() - heights.mean())
 
 
-def _flow(scene: Scene) -> float:
-    """1 if a layer of J2 flow in uniaxial strain has yielded along the load path, else 0."""
-    yields = uniaxial_yield_pressure(scene.material.yield_stress, scene.material.poisson_ratio)
-    return float(max(scene.load.path) > yields)
-
-
+@FLAT.gives("quantity.largest_plastic_strain")
 def _plastic_strain(scene: Scene) -> float:
     """The equivalent plastic strain of a layer in uniaxial strain.
 
@@ -253,17 +252,18 @@ def _plastic_strain(scene: Scene) -> float:
     is elastic.
     """
     material = scene.material
-    bulk = material.young_modulus / (3 * (1 - 2 * material.poisson_ratio))
     yields = uniaxial_yield_pressure(material.yield_stress, material.poisson_ratio)
-    return 2 / 3 * max(0.0, max(scene.load.path) - yields) / bulk
+    return 2 / 3 * max(0.0, max(scene.load.path) - yields) / _bulk_modulus(material)
 
 
+@FLAT.gives("quantity.plastic_work")
 def _spent(scene: Scene) -> float:
     """Plastic work of a layer in uniaxial strain: Y times the plastic strain, times the depth."""
     strain = _plastic_strain(scene)
     return scene.material.yield_stress * strain * scene.body.depth if strain else 0.0
 
 
+@FLAT.gives("quantity.elastic_energy")
 def _stored(scene: Scene) -> float:
     """Elastic energy of a layer in uniaxial strain: p^2/(2 K) + q^2/(6 mu), times the depth.
 
@@ -271,38 +271,10 @@ def _stored(scene: Scene) -> float:
     Both fall elastically where the path unloads.
     """
     material, path = scene.material, scene.load.path
-    E, nu, M = material.young_modulus, material.poisson_ratio, oedometric_modulus(scene.material)
-    shear, bulk = E / (2 * (1 + nu)), E / (3 * (1 - 2 * nu))
+    M, bulk = oedometric_modulus(material), _bulk_modulus(material)
+    shear = material.young_modulus / (2 * (1 + material.poisson_ratio))
     top, back = max(path), (max(path) - path[-1]) / M
     q = min(2 * shear * top / M, material.yield_stress)
     p = top - 2 / 3 * q - bulk * back
     q -= 2 * shear * back
     return (p**2 / (2 * bulk) + q**2 / (6 * shear)) * scene.body.depth
-
-
-FORMS = (
-    ClosedForm(
-        "full_contact",
-        "Johnson, Contact Mechanics (1985), section 13.2: p_q = h_q / C(q)",
-        areas(_one, _none) | {"quantity.elastic_energy": _full_energy, "quantity.mean_gap": _none},
-        {"pressure": _full_pressure},
-        _full_distribution,
-    ),
-    ClosedForm(
-        "flat",
-        "a surface without roughness under uniform pressure, in uniaxial strain (Lame)",
-        areas(_unit, _flow)
-        | {
-            "quantity.approach": _compression,
-            "quantity.largest_plastic_strain": _plastic_strain,
-            "quantity.plastic_work": _spent,
-            "quantity.elastic_energy": _stored,
-            "quantity.plastic_volume": _flow,
-            "quantity.plastic_depth": lambda scene: _flow(scene) * scene.body.depth,
-            "quantity.mean_contact_pressure": lambda scene: scene.load.final,
-            "quantity.largest_pressure": lambda scene: scene.load.final,
-        },
-        {"pressure": _flat_pressure},
-        _flat_distribution,
-    ),
-)

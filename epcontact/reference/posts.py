@@ -15,9 +15,18 @@ import math
 import numpy as np
 
 from epcontact.reference.bumps import LATTICE_SUM_3, MADELUNG
-from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
+from epcontact.reference.form import ClosedForm
 from epcontact.results import FloatArray
 from epcontact.scene import Scene
+
+FLAT_PUNCH = ClosedForm(
+    "flat_punch",
+    "Johnson, Contact Mechanics (1985), sections 2.8 and 3.4; Westergaard 1939 for the row",
+)
+CAPPED_STRIP = ClosedForm(
+    "capped_strip",
+    "Dugdale, J. Mech. Phys. Solids 8 (1960) 100, for a row of cracks (Smith 1965)",
+)
 
 
 def strip_pressure_periodic(
@@ -27,10 +36,6 @@ def strip_pressure_periodic(
 
     The pressure is infinite at the rim, |x| = a: where it is capped, plastic flow starts there at
     any load.
-
-    Example:
-        >>> strip_pressure_periodic([0.0, 0.25, 0.4], 1.0, 0.25, period=1.0).round(3)
-        array([1.414,   inf, 0.   ])
     """
     angle = np.pi * np.asarray(distance) / period
     depth = math.sin(math.pi * half_width / period) ** 2 - np.sin(angle) ** 2
@@ -39,26 +44,26 @@ def strip_pressure_periodic(
     return np.asarray(np.where(depth >= 0, force_per_length / period * inside, 0.0))
 
 
-def _post(scene: Scene, name: str) -> float:
-    """Half-width or radius of the post in m.
+def _post(scene: Scene, form: ClosedForm) -> tuple[float, float]:
+    """Share of the post's points, and its half-width or radius in m.
 
     On a line the post ends half a cell beyond its outermost points; on a surface the number of
     points gives the area of a disc, up to the noise of counting.
     """
-    refuse_unless(scene.body.kind == "half_space", name, "a half-space")
-    heights = scene.surface.heights
-    top = heights == heights.max()
-    flat = np.unique(heights).size == 2 and float(top.mean()) < 0.9
-    refuse_unless(flat and len(set(scene.surface.periods)) == 1, name, "a flat post on a floor")
-    share, period = float(top.mean()), scene.surface.periods[0]
-    return share * period / 2 if heights.ndim == 1 else period * math.sqrt(share / math.pi)
+    form.needs(scene.body.kind == "half_space", "a half-space")
+    heights, period = scene.surface.heights, scene.surface.periods[0]
+    share = float((heights == heights.max()).mean())
+    flat = np.unique(heights).size == 2 and share < 0.9
+    form.needs(flat and len(set(scene.surface.periods)) == 1, "a flat post on a floor")
+    return share, share * period / 2 if heights.ndim == 1 else period * math.sqrt(share / math.pi)
 
 
+@FLAT_PUNCH.gives("area.total")
 def _post_fraction(scene: Scene) -> float:
-    _post(scene, "flat_punch")
-    return float((scene.surface.heights == scene.surface.heights.max()).mean())
+    return _post(scene, FLAT_PUNCH)[0]
 
 
+@FLAT_PUNCH.gives("quantity.elastic_energy")
 def _post_energy(scene: Scene) -> float:
     """Elastic energy per nominal area: half of the load times the sinking u of the punch.
 
@@ -66,7 +71,7 @@ def _post_energy(scene: Scene) -> float:
     Disc: F/(2 a E*) + F/(pi E* L) [-3.9003 + (S_3/3)(a/L)^2]: the images act on the disc and
     are discs themselves, each with <r^2> = 2 a^2/3 under the punch's pressure.
     """
-    a, E = _post(scene, "flat_punch"), elastic_half_space(scene, "flat_punch")
+    (_, a), E = _post(scene, FLAT_PUNCH), FLAT_PUNCH.elastic_half_space(scene)
     p0, period = scene.load.final, scene.surface.periods[0]
     if scene.surface.heights.ndim == 1:
         sinking = -2 * p0 * period / (math.pi * E) * math.log(math.sin(math.pi * a / period))
@@ -77,20 +82,22 @@ def _post_energy(scene: Scene) -> float:
     return p0 * sinking / 2
 
 
+@FLAT_PUNCH.gives("quantity.conductance_loading")
 def _post_conductance(scene: Scene) -> float:
     """Conductance per nominal area times the sum of the resistivities, 2 p0/(E* u), in 1/m.
 
     A small disc has 4 a/L^2 (Holm, Electric Contacts, 1967).
     """
-    E = elastic_half_space(scene, "flat_punch")
+    E = FLAT_PUNCH.elastic_half_space(scene)
     return scene.load.final**2 / (E * _post_energy(scene))
 
 
+@FLAT_PUNCH.gives("quantity.smallest_contact_pressure")
 def _middle_pressure(scene: Scene) -> float:
     """The smallest pressure under a strip, which is in its middle."""
-    a = _post(scene, "flat_punch")
+    _, a = _post(scene, FLAT_PUNCH)
     period = scene.surface.periods[0]
-    refuse_unless(scene.surface.heights.ndim == 1, "flat_punch", "a strip, to know its middle")
+    FLAT_PUNCH.needs(scene.surface.heights.ndim == 1, "a strip, to know its middle")
     force = scene.load.final * period
     return float(strip_pressure_periodic(np.zeros(1), force, a, period)[0])
 
@@ -101,20 +108,29 @@ def _elastic_middle(scene: Scene) -> float:
     It ends where no singularity is left, cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)): the
     counterpart of a row of cracks with Dugdale's zones.
     """
-    name = "capped_strip"
-    a, period = _post(scene, name), scene.surface.periods[0]
+    (_, a), period = _post(scene, CAPPED_STRIP), scene.surface.periods[0]
     capped = math.isfinite(scene.material.hardness) and scene.surface.heights.ndim == 1
-    refuse_unless(capped, name, "a strip of finite hardness")
+    CAPPED_STRIP.needs(capped, "a strip of finite hardness")
     share = scene.load.final / scene.material.hardness
     cosine = math.cos(math.pi * a / period) / math.cos(math.pi * share / 2)
-    refuse_unless(cosine < 1, name, "a strip that does not flow altogether")
+    CAPPED_STRIP.needs(cosine < 1, "a strip that does not flow altogether")
     return period / math.pi * math.acos(cosine)
 
 
+@CAPPED_STRIP.gives("area.total")
+def _strip_fraction(scene: Scene) -> float:
+    return _post(scene, CAPPED_STRIP)[0]
+
+
+@CAPPED_STRIP.gives("area.plastic")
 def _yielded_rim(scene: Scene) -> float:
-    """Plastic share of a capped strip."""
     middle = _elastic_middle(scene)
-    return 2 * (_post(scene, "capped_strip") - middle) / scene.surface.periods[0]
+    return 2 * (_post(scene, CAPPED_STRIP)[1] - middle) / scene.surface.periods[0]
+
+
+@CAPPED_STRIP.gives("area.elastic")
+def _strip_middle(scene: Scene) -> float:
+    return _strip_fraction(scene) - _yielded_rim(scene)
 
 
 def _strip_conductance(half_width: float, period: float) -> float:
@@ -125,34 +141,13 @@ def _strip_conductance(half_width: float, period: float) -> float:
     return -math.pi / (period * math.log(math.sin(math.pi * half_width / period)))
 
 
+@CAPPED_STRIP.gives("quantity.conductance_loading")
 def _loading_conductance(scene: Scene) -> float:
     """The yielded rim of a capped strip carries no more of a growing load: its middle does."""
     return _strip_conductance(_elastic_middle(scene), scene.surface.periods[0])
 
 
+@CAPPED_STRIP.gives("quantity.conductance_unloading")
 def _unloading_conductance(scene: Scene) -> float:
     """All of a capped strip is elastic as soon as the load falls."""
-    return _strip_conductance(_post(scene, "capped_strip"), scene.surface.periods[0])
-
-
-FORMS = (
-    ClosedForm(
-        "flat_punch",
-        "Johnson, Contact Mechanics (1985), sections 2.8 and 3.4; Westergaard 1939 for the row",
-        areas(_post_fraction)
-        | {
-            "quantity.elastic_energy": _post_energy,
-            "quantity.conductance_loading": _post_conductance,
-            "quantity.smallest_contact_pressure": _middle_pressure,
-        },
-    ),
-    ClosedForm(
-        "capped_strip",
-        "Dugdale, J. Mech. Phys. Solids 8 (1960) 100, for a row of cracks (Smith 1965)",
-        areas(_post_fraction, _yielded_rim)
-        | {
-            "quantity.conductance_loading": _loading_conductance,
-            "quantity.conductance_unloading": _unloading_conductance,
-        },
-    ),
-)
+    return _strip_conductance(_post(scene, CAPPED_STRIP)[1], scene.surface.periods[0])

@@ -10,45 +10,49 @@ import math
 import numpy as np
 
 from epcontact.materials.moduli import effective_modulus
-from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
+from epcontact.reference.form import ClosedForm
 from epcontact.scene import Scene
 
+BEARING_AREA = ClosedForm(
+    "bearing_area", "the highest p0/sigma_P of the surface, flattened without springing back"
+)
+HEIGHTS = ClosedForm(
+    "heights", "the surface's own heights: xi^2 = <|grad h|^2>, <(p - p0)^2> = E*^2 xi^2/4"
+)
+LIGHT_LOAD = ClosedForm(
+    "light_load",
+    "Almqvist and Persson, the contact area of an elastic rough surface at light load",
+)
 #: Largest area at which `light_load` is offered.  There the elastic area of the theory is 0.6 %
-#: below its straight line (test_closed_forms.py).
+#: below its straight line (test_reference.py).
 _LIGHT = 0.15
 
 
-def light_load_area(mean_pressure: float, effective_modulus: float, rms_slope: float) -> float:
-    """Elastic contact area at light load by equation (6) of the paper: A = 2 p_0 / (xi E*).
-
-    The factor 2 is that of boundary elements.  Persson's theory has sqrt(8/(pi gamma)) in its
-    place, which is 2.18 at gamma = 0.536 and 2 at gamma = 2/pi.
-
-    Args:
-        mean_pressure: p_0 in Pa.
-        effective_modulus: E* in Pa.
-        rms_slope: xi.
-
-    Returns:
-        Share of the nominal area.
-
-    Example:
-        >>> light_load_area(12.5e9, 250e9, rms_slope=1.0)
-        0.1
-    """
-    return 2 * mean_pressure / (rms_slope * effective_modulus)
+@BEARING_AREA.gives("area.total", "area.plastic")
+def _bearing_fraction(scene: Scene) -> float:
+    """A = p0/sigma_P, the limit in which elasticity carries nothing (Abbott and Firestone 1933)."""
+    BEARING_AREA.needs(math.isfinite(scene.material.hardness), "a finite hardness")
+    return scene.load.final / scene.material.hardness
 
 
+@BEARING_AREA.gives("area.elastic")
+def _bearing_elastic(scene: Scene) -> float:
+    _bearing_fraction(scene)
+    return 0.0
+
+
+@BEARING_AREA.gives("quantity.mean_gap")
+def _bearing_gap(scene: Scene) -> float:
+    """Mean gap below the flat that cuts off the highest p0/sigma_P of the heights."""
+    ordered = np.sort(scene.surface.heights, axis=None)[::-1]
+    contact = _bearing_fraction(scene) * ordered.size
+    flat = float(ordered[min(int(contact), ordered.size - 1)])
+    return float(np.mean(np.maximum(flat - ordered, 0)))
+
+
+@HEIGHTS.gives("quantity.rms_slope")
 def rms_slope(scene: Scene) -> float:
-    """rms slope by spectral derivatives along each axis: exact for band-limited heights.
-
-    Example:
-        >>> from epcontact import Load, Material
-        >>> from epcontact.surfaces import Sinusoid
-        >>> surface = Sinusoid(periods=(1.0,), shape=(64,), amplitude=0.01).build()
-        >>> print(f"{rms_slope(Scene(surface, Material(1.0, 0.0), Load(1e-3))):.4f}")  # pi h sqrt 2
-        0.0444
-    """
+    """The rms slope by spectral derivatives along each axis: exact for band-limited heights."""
     surface = scene.surface
     total = 0.0
     for axis, (n, d) in enumerate(zip(surface.shape, surface.spacing, strict=True)):
@@ -61,6 +65,7 @@ def rms_slope(scene: Scene) -> float:
     return math.sqrt(total)
 
 
+@HEIGHTS.gives("quantity.diffusion")
 def _half_variance(scene: Scene) -> float:
     """Half the variance that the pressure would have in full contact, E*^2 xi^2/8, in Pa^2.
 
@@ -69,44 +74,20 @@ def _half_variance(scene: Scene) -> float:
     return effective_modulus(scene.material) ** 2 * rms_slope(scene) ** 2 / 8
 
 
+def light_load_area(mean_pressure: float, effective_modulus: float, rms_slope: float) -> float:
+    """Elastic contact area at light load by equation (6) of the paper: A = 2 p_0 / (xi E*).
+
+    The factor 2 is that of boundary elements.  Persson's theory has sqrt(8/(pi gamma)) in its
+    place, which is 2.18 at gamma = 0.536 and 2 at gamma = 2/pi.
+    """
+    return 2 * mean_pressure / (rms_slope * effective_modulus)
+
+
+@LIGHT_LOAD.gives("area.total")
 def _light_load(scene: Scene) -> float:
-    E = elastic_half_space(scene, "light_load")
+    E = LIGHT_LOAD.elastic_half_space(scene)
     slope = rms_slope(scene)
-    rough = scene.surface.heights.ndim == 2 and slope > 0
-    refuse_unless(rough, "light_load", "a rough surface")
+    LIGHT_LOAD.needs(scene.surface.heights.ndim == 2 and slope > 0, "a rough surface")
     area = light_load_area(scene.load.final, E, slope)
-    refuse_unless(area <= _LIGHT, "light_load", f"a contact area of at most {_LIGHT:g}")
+    LIGHT_LOAD.needs(area <= _LIGHT, f"a contact area of at most {_LIGHT:g}")
     return area
-
-
-def _bearing_fraction(scene: Scene) -> float:
-    """A = p0/sigma_P, the limit in which elasticity carries nothing (Abbott and Firestone 1933)."""
-    refuse_unless(math.isfinite(scene.material.hardness), "bearing_area", "a finite hardness")
-    return scene.load.final / scene.material.hardness
-
-
-def _bearing_gap(scene: Scene) -> float:
-    """Mean gap below the flat that cuts off the highest p0/sigma_P of the heights."""
-    ordered = np.sort(scene.surface.heights, axis=None)[::-1]
-    contact = _bearing_fraction(scene) * ordered.size
-    flat = float(ordered[min(int(contact), ordered.size - 1)])
-    return float(np.mean(np.maximum(flat - ordered, 0)))
-
-
-FORMS = (
-    ClosedForm(
-        "bearing_area",
-        "the highest p0/sigma_P of the surface, flattened without springing back",
-        areas(_bearing_fraction, _bearing_fraction) | {"quantity.mean_gap": _bearing_gap},
-    ),
-    ClosedForm(
-        "heights",
-        "the surface's own heights: xi^2 = <|grad h|^2>, <(p - p0)^2> = E*^2 xi^2/4",
-        {"quantity.rms_slope": rms_slope, "quantity.diffusion": _half_variance},
-    ),
-    ClosedForm(
-        "light_load",
-        "Almqvist and Persson, the contact area of an elastic rough surface at light load",
-        areas(_light_load),
-    ),
-)

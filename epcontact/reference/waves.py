@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from epcontact.reference.form import ClosedForm, areas, elastic_half_space, refuse_unless
+from epcontact.reference.form import ClosedForm
 from epcontact.results import FloatArray, PressureDistribution
 from epcontact.scene import Scene
 
@@ -26,22 +26,12 @@ from epcontact.scene import Scene
 
 
 def line_complete_pressure(amplitude: float, wavelength: float, effective_modulus: float) -> float:
-    """p* = pi E* h / lambda in Pa: the mean pressure at which no gap is left.
-
-    Example:
-        >>> print(f"{line_complete_pressure(1e-6, 1e-3, 200e9):.4g}")
-        6.283e+08
-    """
+    """p* = pi E* h / lambda in Pa: the mean pressure at which no gap is left."""
     return math.pi * effective_modulus * amplitude / wavelength
 
 
 def line_contact_fraction(load: float) -> float:
-    """2 a/lambda = (2/pi) arcsin(sqrt(s)), with load s = mean pressure / p*.
-
-    Example:
-        >>> line_contact_fraction(0.5)
-        0.5000000000000001
-    """
+    """2 a/lambda = (2/pi) arcsin(sqrt(s)), with load s = mean pressure / p*."""
     return 2 / math.pi * math.asin(math.sqrt(load))
 
 
@@ -49,14 +39,6 @@ def line_pressure(position: FloatArray, load: float) -> FloatArray:
     """p/p* = 2 cos(psi) sqrt(s - sin^2 psi) in contact, 0 elsewhere.
 
     This is (2 p_mean cos psi / sin^2 psi_a) sqrt(sin^2 psi_a - sin^2 psi) with sin^2 psi_a = s.
-
-    Args:
-        position: x/lambda from a crest, any shape.
-        load: s.
-
-    Example:
-        >>> line_pressure([0.0, 0.25, 0.5], load=0.5).round(3)
-        array([1.414, 0.   , 0.   ])
     """
     angle = np.pi * (np.asarray(position) - np.rint(position))
     depth = np.maximum(load - np.sin(angle) ** 2, 0)
@@ -69,10 +51,6 @@ def line_gap(position: FloatArray, load: float) -> FloatArray:
     The slope dg/dx = (2 pi h/lambda) 2 cos(psi) sqrt(sin^2 psi - s) continues the pressure
     analytically; integrated from the rim, with S = |sin psi|,
     g/h = 2 [S sqrt(S^2 - s) - s arccosh(S/sqrt(s))].
-
-    Example:
-        >>> line_gap([0.0, 0.5], load=0.0)
-        array([0., 2.])
     """
     sine = np.abs(np.sin(np.pi * (np.asarray(position) - np.rint(position))))
     if load == 0:
@@ -82,12 +60,7 @@ def line_gap(position: FloatArray, load: float) -> FloatArray:
 
 
 def line_mean_gap(load: float) -> float:
-    """Mean gap / h = 1 - s + s ln s.
-
-    Example:
-        >>> line_mean_gap(0.0), line_mean_gap(1.0)
-        (1.0, 0.0)
-    """
+    """Mean gap / h = 1 - s + s ln s."""
     return 1 - load + load * _log(load)
 
 
@@ -96,10 +69,6 @@ def line_energy(load: float) -> float:
 
     It is the work of the load, the integral of p_mean d(approach) with the approach measured by
     the mean gap: U' = s d(1 - mean gap) = -s ln(s) ds.
-
-    Example:
-        >>> line_energy(1.0)
-        0.25
     """
     return load**2 / 4 - load**2 * _log(load) / 2
 
@@ -139,6 +108,12 @@ def surface_contact_fraction_heavy(load: float) -> float:
 
 # --- the closed forms -----------------------------------------------------------------------------
 
+_JGH = "Johnson, Greenwood and Higginson, Int. J. Mech. Sci. 27 (1985) 383"
+WESTERGAARD = ClosedForm(
+    "westergaard", "Westergaard 1939; Johnson, Int. J. Solids Struct. 32 (1995) 423"
+)
+WAVINESS_LIGHT = ClosedForm("waviness_light", f"{_JGH}: Hertz on every crest, s -> 0")
+WAVINESS_HEAVY = ClosedForm("waviness_heavy", f"{_JGH}: penny-shaped gaps, s -> 1")
 #: Pressures at which Westergaard's distribution is tabulated.
 _TABULATED = 4097
 
@@ -157,7 +132,7 @@ class _Wave:
 
     @classmethod
     def of(cls, scene: Scene) -> _Wave:
-        E = elastic_half_space(scene, "westergaard")
+        E = WESTERGAARD.elastic_half_space(scene)
         heights = scene.surface.heights
         profile = heights if heights.ndim == 1 else heights[:, 0]
         modes = np.fft.rfft(profile) * 2 / profile.size
@@ -166,41 +141,47 @@ class _Wave:
         x = np.arange(profile.size) / profile.size * k + phase / (2 * np.pi)
         wave = profile.mean() + amplitude * np.cos(2 * np.pi * x)
         same = np.abs((heights.T - wave).T).max() < 1e-9 * amplitude
-        refuse_unless(bool(same), "westergaard", "one sinusoid along x")
+        WESTERGAARD.needs(bool(same), "one sinusoid along x")
         complete = line_complete_pressure(amplitude, scene.surface.periods[0] / k, E)
         return cls(scene.load.final / complete, amplitude, complete, x)
 
     @classmethod
     def in_partial_contact(cls, scene: Scene) -> _Wave:
         wave = cls.of(scene)
-        refuse_unless(wave.load < 1, "westergaard", "partial contact")
+        WESTERGAARD.needs(wave.load < 1, "partial contact")
         return wave
 
 
+@WESTERGAARD.gives("area.total")
 def _wave_fraction(scene: Scene) -> float:
     return line_contact_fraction(min(1.0, _Wave.of(scene).load))
 
 
+@WESTERGAARD.gives("quantity.mean_gap")
 def _wave_mean_gap(scene: Scene) -> float:
     wave = _Wave.of(scene)
     return wave.amplitude * line_mean_gap(wave.load) if wave.load < 1 else 0.0
 
 
+@WESTERGAARD.gives("quantity.elastic_energy")
 def _wave_energy(scene: Scene) -> float:
     wave = _Wave.in_partial_contact(scene)
     return wave.amplitude * wave.complete * line_energy(wave.load)
 
 
+@WESTERGAARD.gives("quantity.largest_pressure")
 def _wave_peak(scene: Scene) -> float:
     wave = _Wave.in_partial_contact(scene)
     return 2 * wave.complete * math.sqrt(wave.load)
 
 
+@WESTERGAARD.gives("field.pressure")
 def _wave_pressure(scene: Scene) -> FloatArray:
     wave = _Wave.in_partial_contact(scene)
     return _on_grid(wave.complete * line_pressure(wave.position, wave.load), scene)
 
 
+@WESTERGAARD.gives("field.gap")
 def _wave_gap(scene: Scene) -> FloatArray:
     wave = _Wave.in_partial_contact(scene)
     return _on_grid(wave.amplitude * line_gap(wave.position, wave.load), scene)
@@ -211,6 +192,7 @@ def _on_grid(profile: FloatArray, scene: Scene) -> FloatArray:
     return np.broadcast_to(profile[:, None], shape) if len(shape) == 2 else profile
 
 
+@WESTERGAARD.gives("distribution")
 def _wave_distribution(scene: Scene) -> PressureDistribution:
     """p falls from crest to rim, so the share below sigma is that from its place to the rim.
 
@@ -227,50 +209,31 @@ def _wave_distribution(scene: Scene) -> PressureDistribution:
     return PressureDistribution(wave.complete * sigma, cumulative)
 
 
-def _product_load(scene: Scene, name: str) -> float:
+def _product_load(scene: Scene, form: ClosedForm) -> float:
     """s of h (1 + cos cos) on a square period, as measured on the heights."""
-    E = elastic_half_space(scene, name)
-    surface = scene.surface
-    square = surface.heights.ndim == 2 and len(set(surface.periods)) == 1
-    refuse_unless(square, name, "the product of two waves on a square period")
+    E = form.elastic_half_space(scene)
+    surface, words = scene.surface, "the product of two waves on a square period"
+    form.needs(surface.heights.ndim == 2 and len(set(surface.periods)) == 1, words)
     modes = np.abs(np.fft.rfft2(surface.heights)) / surface.heights.size
     k = np.unravel_index(int(np.argmax(modes)), modes.shape)
     amplitude = 4 * float(modes[k])
     # The four modes (+-k, +-k) hold all of the variance.
     alone = abs(float(np.var(surface.heights)) - amplitude**2 / 4) < 1e-9 * amplitude**2
     along = min(int(k[0]), modes.shape[0] - int(k[0]))  # the mode or its mirror image
-    refuse_unless(alone and along == k[1], name, "the product of two waves on a square period")
+    form.needs(alone and along == k[1], words)
     wavelength = surface.periods[0] / along
     return scene.load.final / surface_complete_pressure(amplitude, wavelength, E)
 
 
+@WAVINESS_LIGHT.gives("area.total")
 def _light_fraction(scene: Scene) -> float:
-    load = _product_load(scene, "waviness_light")
-    refuse_unless(load <= 1e-2, "waviness_light", "a load of at most p*/100")
+    load = _product_load(scene, WAVINESS_LIGHT)
+    WAVINESS_LIGHT.needs(load <= 1e-2, "a load of at most p*/100")
     return surface_contact_fraction_light(load)
 
 
+@WAVINESS_HEAVY.gives("area.total")
 def _heavy_fraction(scene: Scene) -> float:
-    load = _product_load(scene, "waviness_heavy")
-    refuse_unless(0.9 <= load < 1, "waviness_heavy", "a load between 0.9 p* and p*")
+    load = _product_load(scene, WAVINESS_HEAVY)
+    WAVINESS_HEAVY.needs(0.9 <= load < 1, "a load between 0.9 p* and p*")
     return surface_contact_fraction_heavy(load)
-
-
-_JGH = "Johnson, Greenwood and Higginson, Int. J. Mech. Sci. 27 (1985) 383"
-
-FORMS = (
-    ClosedForm(
-        "westergaard",
-        "Westergaard 1939; Johnson, Int. J. Solids Struct. 32 (1995) 423",
-        areas(_wave_fraction)
-        | {
-            "quantity.mean_gap": _wave_mean_gap,
-            "quantity.elastic_energy": _wave_energy,
-            "quantity.largest_pressure": _wave_peak,
-        },
-        {"pressure": _wave_pressure, "gap": _wave_gap},
-        _wave_distribution,
-    ),
-    ClosedForm("waviness_light", f"{_JGH}: Hertz on every crest, s -> 0", areas(_light_fraction)),
-    ClosedForm("waviness_heavy", f"{_JGH}: penny-shaped gaps, s -> 1", areas(_heavy_fraction)),
-)

@@ -102,7 +102,7 @@ DISTANCE, DEVIATION = VERDICT + "judgement.distance", GATE + "deviation"
 L2 = QUANTITY + "l2_distance"
 TESTS = "tests/test_verdict.py::"
 DISTANCES = TESTS + "test_distances_of_known_distributions"
-MEASURES = "tests/test_closed_forms.py::test_measures_see_what_is_wrong_by_as_much_as_it_is"
+MEASURES = "tests/test_reference.py::test_measures_see_what_is_wrong_by_as_much_as_it_is"
 
 FAULTS = (
     # comparison
