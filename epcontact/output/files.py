@@ -5,8 +5,7 @@ then renamed over the destination, which the system does in one step.  So a read
 into the same folder or a crash never sees half a file.  The temporary file is removed on every
 exception, a keyboard interrupt included.  Only a killed process can leave one behind; its name says
 on which machine it was and which process, so that `remove_leftovers` knows it.
-
-Files are not made by `tempfile`, because only their owner could read them.
+`tempfile` would make files that only their owner can read.
 """
 
 from __future__ import annotations
@@ -34,21 +33,7 @@ def whole_file(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path, whose file replaces `path` if the block ends without an error.
 
     Missing folders are made, a symbolic link keeps its target, and the file has the permissions
-    of any new file.
-
-    Args:
-        path: The destination; the temporary path has its suffix.
-
-    Raises:
-        OutputError: If the system refuses.  Other exceptions of the block pass through.
-
-    Example:
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     with whole_file(Path(folder) / "a.txt") as temporary:
-        ...         _ = temporary.write_text("whole")
-        ...     (Path(folder) / "a.txt").read_text()
-        'whole'
+    of any new file.  Raises OutputError if the system refuses; what else the block raises passes.
     """
     if not Path(path).name:
         raise OutputError(f"cannot write {str(path)!r}: it names no file")
@@ -98,17 +83,7 @@ def write_text(path: Path | str, text: str) -> None:
 
 
 def write_json(path: Path | str, data: Any) -> None:
-    """Write `data` as indented JSON, whole or not at all.
-
-    Args:
-        path: The destination.
-        data: Anything that `epcontact.results.plain` can turn into JSON types, arrays and
-            infinities included.
-
-    Raises:
-        OutputError: If the system refuses.
-        TypeError: If `data` holds anything else.
-    """
+    """Write `data`, which `epcontact.results.plain` can turn into JSON types, as indented JSON."""
     # json.dumps writes indented text by Python code: in an eightfold time.
     from pydantic_core import to_json
 
@@ -116,10 +91,7 @@ def write_json(path: Path | str, data: Any) -> None:
 
 
 def require_writable(folder: Path | str) -> None:
-    """Raise OutputError if no file can be made in a folder, or in the folder where it will be made.
-
-    Nothing is left behind, so that a long computation can ask before it starts.
-    """
+    """Raise OutputError, before a long computation, if no file can be made in a folder."""
     path = Path(folder).absolute()
     present = next(place for place in (path, *path.parents) if place.exists())
     try:
