@@ -1,10 +1,11 @@
 """fem_check: a finite-element half-block that answers epcontact's scenes independently.
 
-It imports only the scene, the results and the errors from epcontact: no kernel, spectrum, area
-correction or formula for a modulus.
+It imports only the scene, the results, the errors and the facts of the machine from epcontact: no
+kernel, spectrum, area correction or formula for a modulus.
 
-`solve` solves a scene, and `solve_path` returns the finite-element states.  With the block's
-`surface_compliance` the boundary elements can solve exactly the same body.
+`solve` solves a scene, and `solve_path` returns the finite-element states, whose mesh `mesh_of`
+hands to other codes.  With the block's `surface_compliance` the boundary elements can solve exactly
+the same body.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fem_check.driver import solve, solve_path, surface_compliance
+    from fem_check.options import FemOptions
+    from fem_check.vtu import mesh_of
 
-__all__ = ["solve", "solve_path", "surface_compliance"]
+__all__ = ["FemOptions", "mesh_of", "solve", "solve_path", "surface_compliance"]
 
 
 def __getattr__(name: str) -> Any:

@@ -23,7 +23,7 @@ from epcontact.errors import NotConverged
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 from fem_check.lanes import compiled
 from fem_check.linear_solver import inverse, transform
-from fem_check.vectors import axpy, dot, norm, xpay
+from fem_check.workers import axpy, dot, norm, xpay
 
 States = NDArray[np.int8]
 

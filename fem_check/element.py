@@ -150,11 +150,13 @@ def strain_operator(shape: Elements, index: int, *, mean_dilatation: bool = True
     return B.reshape(8, 6, 24)
 
 
-def elastic_stiffness(shape: Elements, index: int, shear: float, bulk: float) -> FloatArray:
+def elastic_stiffness(
+    shape: Elements, index: int, shear: float, bulk: float, *, mean_dilatation: bool = True
+) -> FloatArray:
     """The (24, 24) stiffness of one shape for the moduli mu = `shear` and K = `bulk`."""
     D = np.diag([2 * shear] * 3 + [shear] * 3)
     D[:3, :3] += bulk - 2 * shear / 3
-    B = strain_operator(shape, index)
+    B = strain_operator(shape, index, mean_dilatation=mean_dilatation)
     result: FloatArray = np.einsum("gia,ij,gjb,g->ab", B, D, B, shape.weights[index], optimize=True)
     return result
 

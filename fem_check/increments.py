@@ -12,7 +12,7 @@ path, by pairs of increments,
 and keeps the pair if its error is within the step tolerance; otherwise it keeps the first half, and
 goes on with pairs of half the length.  The whole increment costs little, because the second one
 starts from its solution.  The errors are not added up along the path: the state forgets them as
-the contact grows (tests/test_fem_increments.py).  Increments that do not converge are halved, too.
+the contact grows (tests/test_fem_solve.py).  Increments that do not converge are halved, too.
 
 Forces are judged by the largest force of the path so far.  Without a load the flat just touches.
 """
@@ -46,16 +46,14 @@ ROUGH = 1e-4
 class Rule:
     """How a path is followed.
 
-    steps: number of equal increments from zero to `largest`, the largest target; None: chosen by
-    the error.  step_tolerance: of a pair of increments, see the module's docstring.
-    highest: the height in m from which the targets count as approaches in m; None: they are forces
-    in N.  tolerance: on every residual.
+    largest: the largest target.  highest: the height in m from which targets count as approaches in
+    m; None: they are forces in N.  The others are those of `FemOptions`.
     """
 
     largest: float
+    highest: float | None
     steps: int | None
     step_tolerance: float
-    highest: float | None
     tolerance: float
 
 
@@ -78,12 +76,15 @@ class Along:
     step_error: float = 0.0
     pair: float = np.inf
 
+    def with_error(self, error: float) -> Along:
+        """The place whose largest error is not below `error`."""
+        return replace(self, step_error=max(self.step_error, error))
+
 
 def advance(problem: Problem, along: Along, target: float, rule: Rule) -> Along:
-    """Advance to the `target`.  The counts are those of this advance.
+    """Advance to the `target`; the counts are those of this advance.
 
-    Raises NotConverged if an increment fails even after increments were halved `MOST_HALVINGS`
-    times.
+    Raises NotConverged if an increment fails even after `MOST_HALVINGS` halvings.
     """
     along = replace(along, counts=Counts())
     if problem.plastic and rule.steps is None:
@@ -107,11 +108,7 @@ def advance(problem: Problem, along: Along, target: float, rule: Rule) -> Along:
 
 
 def _pair(
-    problem: Problem,
-    along: Along,
-    target: float,
-    rule: Rule,
-    whole: SolvedIncrement | None,
+    problem: Problem, along: Along, target: float, rule: Rule, whole: SolvedIncrement | None
 ) -> tuple[Along, SolvedIncrement | None]:
     """Make a pair of increments towards the target; `whole` is the increment over it, if known.
 
@@ -122,20 +119,17 @@ def _pair(
     left = target - along.at
     length = left if abs(left) <= 1.001 * along.pair else math.copysign(along.pair, left)
     end, middle = target if length == left else along.at + length, along.at + length / 2
-    shorter = abs(length) / 2
+    shorter, before = abs(length) / 2, along
     try:
         if whole is None:
             rough = replace(rule, tolerance=max(rule.tolerance, ROUGH))
             whole = _solved(problem, along, end, rough)
-            along = replace(along, counts=along.counts + whole.counts)
+            along = before = replace(along, counts=along.counts + whole.counts)
         between = None
         if along.states and middle != 0:
             between = _on_secant(problem, along.states[-1], whole.state, 0.5)
         half = _solved(problem, along, middle, rule, between)
-    except NotConverged as failure:
-        return replace(_once_more_halved(along, failure), pair=shorter), None
-    before, along = along, _kept(problem, along, half, middle)
-    try:
+        along = _kept(problem, along, half, middle)
         second = _solved(problem, along, end, rule, whole.state)
     except NotConverged as failure:
         return replace(_once_more_halved(along, failure), pair=shorter), None
@@ -149,14 +143,10 @@ def _pair(
         if error > 4 * rule.step_tolerance and not before.states:
             # Nothing precedes the path's first pair, so that it can be taken back.
             return replace(before, counts=along.counts, pair=shorter), half
-        return _with_error(along, error / 4), second
+        return along.with_error(error / 4), second
     along = _kept(problem, along, second, end)
     pair = 2 * along.pair if error < rule.step_tolerance / 4 else along.pair
-    return _with_error(replace(along, pair=pair), error), None
-
-
-def _with_error(along: Along, error: float) -> Along:
-    return replace(along, step_error=max(along.step_error, error))
+    return replace(along, pair=pair).with_error(error), None
 
 
 def _once_more_halved(along: Along, failure: NotConverged) -> Along:
@@ -185,11 +175,7 @@ def _kept(problem: Problem, along: Along, solved: SolvedIncrement, at: float) ->
 
 
 def _solved(
-    problem: Problem,
-    along: Along,
-    end: float,
-    rule: Rule,
-    guess: State | None = None,
+    problem: Problem, along: Along, end: float, rule: Rule, guess: State | None = None
 ) -> SolvedIncrement:
     """Solve the increment to `end` from a guess, by default by extrapolation."""
     options = NewtonOptions(rule.tolerance)

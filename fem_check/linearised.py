@@ -41,7 +41,7 @@ from fem_check.problem import (
     without_base,
 )
 from fem_check.smoother import FlowRows, Smoother, assemble, flowing_levels, smoother
-from fem_check.vectors import axpy, dot, norm, xpay
+from fem_check.workers import axpy, dot, norm, xpay
 
 #: The contact set is accepted when the share of its nodes that still change is below this factor
 #: times the reduction of the residual that the linear solve aims at: the next Newton iteration

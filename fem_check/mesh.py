@@ -25,11 +25,12 @@ from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import Scene, positive, whole
+from epcontact.scene import Scene
 from fem_check.element import CORNERS, Elements, elements
+from fem_check.options import FemOptions
 
 #: Ratio of neighbouring layers.  Compared with equal layers as thin as the first, no compliance
-#: changes by more than 0.7 % (tests/test_fem_mesh.py); on a rough J2 scene of 64 x 64 nodes,
+#: changes by more than 0.7 % (tests/test_fem_elements.py); on a rough J2 scene of 64 x 64 nodes,
 #: going from 1.08 to 1.2 changed the pressure quantiles by 0.2 % and no node's contact.
 GROWTH = 1.2
 
@@ -191,30 +192,12 @@ def _ratio(total: float, count: int) -> float:
     return (low + high) / 2
 
 
-def block_for(
-    scene: Scene,
-    *,
-    depth: float | None = None,
-    layers: int | None = None,
-    first_layer: float | None = None,
-    moved: bool = False,
-) -> PeriodicBlock:
+def block_for(scene: Scene, options: FemOptions) -> PeriodicBlock:
     """The block for a scene; see the module's docstring for its depth and grading.
 
-    Args:
-        scene: the surface and the body; the depth of a layer cannot be overridden.
-        depth: in m, chosen from the longest wave by default.
-        layers: number of layers.
-        first_layer: thickness of the top layer in m, the grid spacing by default.
-        moved: whether the top nodes are moved to the heights.
-
-    Raises:
-        InvalidScene: a length is not positive, or the depth is not that of the scene's layer.
+    Raises InvalidScene if the depth is not that of the scene's layer.
     """
-    surface, body = scene.surface, scene.body
-    depth = None if depth is None else positive("depth", depth, "m")
-    first_layer = None if first_layer is None else positive("first_layer", first_layer, "m")
-    layers = None if layers is None else whole("layers", layers, 1)
+    surface, body, depth = scene.surface, scene.body, options.depth
     if body.kind != "half_space":
         if depth is not None and depth != body.depth:
             raise InvalidScene(
@@ -225,12 +208,11 @@ def block_for(
         depth = half_space_depth(max(surface.periods), scene.material.poisson_ratio)
     line = surface.heights.ndim == 1
     hx, hy = surface.spacing * 2 if line else surface.spacing
-    thick = graded_layers(depth, first_layer or min(hx, hy, depth / 2), layers)
     heights = surface.heights[:, None] if line else surface.heights
     return PeriodicBlock(
         shape=(heights.shape[0], heights.shape[1]),
         spacing=(hx, hy),
-        layers=thick,
+        layers=graded_layers(depth, options.first_layer or min(hx, hy, depth / 2), options.layers),
         sliding=body.kind == "sliding_layer",
-        moved=heights - heights.mean() if moved else None,
+        moved=heights - heights.mean() if options.geometry == "moved" else None,
     )

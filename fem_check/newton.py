@@ -3,7 +3,7 @@
 Each iteration freezes the material's consistent tangent and solves the contact problem of that
 linear body (`linearised`).  The step to that solution is taken whole unless the energy's slope
 along it shows that it overshoots.  With the two loops merged into one, or with full steps from a
-cold start, the contact set jumped between a few nodes and all of them (tests/test_fem_breaks.py).
+cold start, the contact set jumped between a few nodes and all of them (tests/test_fem_solve.py).
 
 Far from the solution the tangent is blended with the elastic stiffness, by a tenth of the relative
 residual, because a fully plastic contact has almost no stiffness.
@@ -30,12 +30,12 @@ from fem_check.problem import (
     reaction,
     residuals,
 )
-from fem_check.vectors import dot
+from fem_check.workers import dot
 
 
 @dataclass(frozen=True)
 class NewtonOptions:
-    """Options of an increment; tests/test_fem_breaks.py shows that the last three are needed.
+    """Options of an increment; tests/test_fem_solve.py shows that the last three are needed.
 
     line_search: shorten steps that overshoot.  regularise: blend the tangent with the elastic
     stiffness far from the solution.  sweeps: changes of the contact set within one iteration.

@@ -11,20 +11,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.errors import InvalidScene
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
-from epcontact.scene import Scene, listed, positive
+from epcontact.scene import Scene
 from fem_check import plasticity
 from fem_check.contact import States
 from fem_check.increments import Along, Rule, advance
+from fem_check.options import FemOptions
 from fem_check.plasticity import History
 from fem_check.problem import Counts, Problem, State, gap
-from fem_check.vectors import dot
+from fem_check.workers import dot
 
 # Elements whose stresses are held at once, to find their energy.
 _ENERGY_BLOCK = 1 << 12
@@ -34,18 +34,19 @@ _ENERGY_BLOCK = 1 << 12
 class PathPoint:
     """A converged point of the path.
 
-    mean_pressure: in Pa.
-    state: the finite-element state.
-    counts: iterations since the point before.
-    residuals: of the state, by name.
-    history: the largest residual after each Newton iteration of the last increment.
-    surface_states: (nx, ny) APART, ELASTIC or PLASTIC in the sense of `result`.
-    gap: (nx, ny) from the surface before any flow to the flat, in m.
-    plastic_displacement: (nx, ny) of capped nodes, now or earlier, in m.
-    flow: measures of plastic flow, by name; empty for an elastic material.
-    step_error: largest error of a pair of increments up to here (`increments`); 0 where their
-        number is given.
-    peak: the largest force of the path up to here, in N.
+    Attributes:
+        mean_pressure: in Pa.
+        state: the finite-element state.
+        counts: iterations since the point before.
+        residuals: of the state, by name.
+        history: the largest residual after each Newton iteration of the last increment.
+        surface_states: (nx, ny) APART, ELASTIC or PLASTIC in the sense of `result`.
+        gap: (nx, ny) from the surface before any flow to the flat, in m.
+        plastic_displacement: (nx, ny) of capped nodes, now or earlier, in m.
+        flow: measures of plastic flow, by name; empty for an elastic material.
+        step_error: largest error of a pair of increments up to here (`increments`); 0 where their
+            number is given.
+        peak: the largest force of the path up to here, in N.
     """
 
     mean_pressure: float
@@ -65,49 +66,40 @@ class PathPoint:
 class SolvedPath:
     """A solved load path: what `solve_path` returns.
 
-    scene, problem: the scene, and the finite-element problem made from it.
-    history: of the material at the end of the path.
-    points: one for each mean pressure, or each approach.
-    seconds: wall time.
-    options: the keywords of `solve`, with the chosen dimensions of the block.
-    certificate: residuals of scikit-fem's own assembly at the last point; empty if not certified.
+    Attributes:
+        scene, options, problem: the question, and the finite-element problem made from it.
+        history: of the material at the end of the path.
+        points: one for each mean pressure, or each approach.
+        seconds: wall time.
+        certificate: residuals of scikit-fem's own assembly at the last point, if certified.
     """
 
     scene: Scene
+    options: FemOptions
     problem: Problem
     history: History
     points: tuple[PathPoint, ...]
     seconds: float
-    options: dict[str, Any]
     certificate: dict[str, float]
 
 
-def path_targets(
-    scene: Scene, problem: Problem, approach: float | Sequence[float] | None
-) -> tuple[float, ...]:
-    """Total forces in N or, if `approach` is given, approaches in m since the first touch."""
-    if approach is None:
-        area = problem.block.node_area * problem.heights.size
-        return tuple(p * area for p in scene.load.path)
-    given = tuple(positive("approach", a, "m") for a in listed(approach))
-    if not given:
-        raise InvalidScene("approach is (), but must be at least one length in m")
-    return given
+def path_targets(scene: Scene, problem: Problem, options: FemOptions) -> tuple[float, ...]:
+    """Total forces in N or, if they are prescribed, approaches in m since the first touch."""
+    if options.approach is not None:
+        return cast("tuple[float, ...]", options.approach)
+    area = problem.block.node_area * problem.heights.size
+    return tuple(p * area for p in scene.load.path)
 
 
 def follow_path(
-    problem: Problem, targets: Sequence[float], rule: Rule
+    problem: Problem, targets: Sequence[float], options: FemOptions
 ) -> Iterator[tuple[PathPoint, History]]:
     """Solve the path point by point, and yield each point with the material's history there.
 
-    Args:
-        problem: the finite-element problem.
-        targets: from `path_targets`.
-        rule: how the increments are chosen.
-
-    Raises:
-        NotConverged: an increment failed, however short.
+    Raises NotConverged if an increment fails, however short.
     """
+    highest = None if options.approach is None else float(problem.heights.max())
+    rule = Rule(max(targets), highest, options.steps, options.step_tolerance, options.tolerance)
     area = problem.block.node_area * problem.heights.size
     history = plasticity.initial_history(problem.bricks.number if problem.plastic else 0)
     along = top = Along(history)  # top: where a capped body was pressed most
@@ -119,10 +111,10 @@ def follow_path(
         elif problem.capped:
             along = top
         along = advance(body, along, target, rule)
-        assert along.solved is not None
+        state = along.states[-1]
         if problem.capped and body is problem:
-            top, lowered = along, _sunk(problem, along.solved.state)
-        pressure = (target if rule.highest is None else along.states[-1].forces.sum()) / area
+            top, lowered = along, _sunk(problem, state)
+        pressure = (target if highest is None else state.forces.sum()) / area
         yield _path_point(problem, float(pressure), along, lowered), along.history
 
 
@@ -145,28 +137,27 @@ def _path_point(problem: Problem, pressure: float, along: Along, lowered: FloatA
     assert along.solved is not None
     state, history = along.solved.state, along.history
     states, flow = state.states, {}
-    between = gap(problem, state.displacement, state.approach)
     if problem.plastic:
         yielded = _yielded_surface(problem, history)
         states = np.where((states != APART) & yielded, PLASTIC, states).astype(np.int8)
-        flow = _plastic_zone(problem, history)
-        flow |= _energies(problem, state.displacement, history)
+        flow = _plastic_zone(problem, history) | _energies(problem, state.displacement, history)
     if problem.capped:
         mean = float(lowered.mean())
         work = problem.cap / problem.block.node_area * mean
         flow = {"mean_plastic_displacement": mean, "plastic_work": work}
+    between = gap(problem, state.displacement, state.approach)
     return PathPoint(
-        pressure,
-        state,
-        along.counts,
-        along.solved.residuals,
-        along.solved.history,
-        states,
-        np.where(states == APART, between, 0.0 - lowered),
-        lowered,
-        flow,
-        along.step_error,
-        along.peak,
+        mean_pressure=pressure,
+        state=state,
+        counts=along.counts,
+        residuals=along.solved.residuals,
+        history=along.solved.history,
+        surface_states=states,
+        gap=np.where(states == APART, between, 0.0 - lowered),
+        plastic_displacement=lowered,
+        flow=flow,
+        step_error=along.step_error,
+        peak=along.peak,
     )
 
 

@@ -22,8 +22,7 @@ from fem_check.linear_solver import Factor
 from fem_check.mesh import PeriodicBlock
 from fem_check.plasticity import History, Law
 from fem_check.smoother import layer_stiffness
-from fem_check.vectors import norm
-from fem_check.workers import ALONE, Workers
+from fem_check.workers import ALONE, Workers, norm
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ Areas.  `raw` counts nodes in contact.  The count overestimates the area: the ri
 last node in contact, and elements as large as the waves they carry are softer than the solid, so
 that contacts grow beyond their true rim.  Both errors are a fixed share of a spacing.  Measured
 with these elements against Westergaard (lines) and periodic Hertz (spheres), averaged over shifts
-of the grid (tests/test_fem_elastic.py), a straight rim is
+of the grid (tests/test_fem_closed_forms.py), a straight rim is
 
     rim(nu) = 0.25 + 0.21 nu          (+- 0.02)
 
@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from epcontact.machine import peak_memory
 from epcontact.results import (
     APART,
     ELASTIC,
@@ -54,33 +56,36 @@ _DISTRIBUTION_POINTS = 1025
 #: E* xi/sigma_Y = 50, moving the nodes changed the load by 11 to 13 %.
 LARGEST_SLOPE = 0.1
 #: Fewest nodes across the median contact: with a radius below 2 nodes, a shift of the grid changes
-#: a sphere's area by more than a quarter (tests/test_fem_breaks.py).
+#: a sphere's area by more than a quarter (tests/test_fem_solve.py).
 FEWEST_NODES = 4
 #: Largest plastic strain at which small strains are trusted.
 LARGEST_STRAIN = 0.2
 
 
-def contact_result(path: SolvedPath, peak_memory: float) -> ContactResult:
-    """The result of a solved path; `peak_memory` is in bytes.
-
-    The certificate is added to the residuals of the last step.
-    """
-    problem, points = path.problem, path.points
-    certificates: list[Mapping[str, float]] = [{}] * (len(points) - 1) + [path.certificate]
+def contact_result(path: SolvedPath) -> ContactResult:
+    """The result of a solved path, with the certificate among the residuals of the last step."""
+    problem, points, surface = path.problem, path.points, path.scene.surface
+    block = problem.block
     fields = surface_fields(path.scene, problem, points[-1])
     counts = sum((point.counts for point in points[1:]), points[0].counts)
-    block = problem.block
+    options = asdict(path.options) | {
+        "depth": block.depth,
+        "layers": len(block.layers),
+        "first_layer": float(block.layers[0]),
+    }
+    del options["approach"], options["certified"]
+    certificates: list[Mapping[str, float]] = [{}] * (len(points) - 1) + [path.certificate]
     return ContactResult(
         method="fem",
         steps=tuple(
             load_step(path.scene, problem, point, certificate)
             for point, certificate in zip(points, certificates, strict=True)
         ),
-        provenance=Provenance(path.scene.digest, path.scene.surface.seed, path.options),
+        provenance=Provenance(path.scene.digest, surface.seed, options),
         distribution=distribution(
             fields["pressure"], fields["state"], problem.cap / block.node_area
         ),
-        fields={name: values.reshape(path.scene.surface.shape) for name, values in fields.items()},
+        fields={name: values.reshape(surface.shape) for name, values in fields.items()},
         cost={
             "seconds": path.seconds,
             "newton_steps": counts.newton,
@@ -90,10 +95,10 @@ def contact_result(path: SolvedPath, peak_memory: float) -> ContactResult:
             "most_newton_steps": counts.most_newton,
             "most_cg_iterations": counts.most_cg,
             "unknowns": 3 * problem.heights.size * (len(block.layers) + int(block.sliding)),
-            "peak_memory_bytes": peak_memory,
+            "peak_memory_bytes": float(peak_memory()),
         },
         history=points[-1].history,
-        notes=(*path.scene.surface.notes, *_warnings(path)),
+        notes=(*surface.notes, *_warnings(path)),
     )
 
 
@@ -102,36 +107,35 @@ def surface_fields(scene: Scene, problem: Problem, point: PathPoint) -> dict[str
 
     And the plastic displacement of a capped body, or of one with J2 flow that is unloaded.
     """
-    state = point.state
-    down = -state.displacement[0, ..., 2]
-    displacement = down - down.mean() if scene.body.kind == "half_space" else down
     fields: dict[str, NDArray[Any]] = {
         "heights": scene.surface.heights,
-        "pressure": np.maximum(state.forces, 0.0) / problem.block.node_area,
+        "pressure": np.maximum(point.state.forces, 0.0) / problem.block.node_area,
         "gap": point.gap,
-        "displacement": displacement,
+        "displacement": _descent(scene, point),
         "state": point.surface_states,
     }
     if problem.capped:
         fields["plastic_displacement"] = point.plastic_displacement
     elif problem.plastic and not point.mean_pressure:
-        fields["plastic_displacement"] = displacement
+        fields["plastic_displacement"] = fields["displacement"]
     return fields
+
+
+def _descent(scene: Scene, point: PathPoint) -> FloatArray:
+    """(nx, ny) downward displacement of the top in m; of a half-space, less its mean."""
+    down: FloatArray = -point.state.displacement[0, ..., 2]
+    return down - down.mean() if scene.body.kind == "half_space" else down
 
 
 def load_step(
     scene: Scene, problem: Problem, point: PathPoint, certificate: Mapping[str, float]
 ) -> LoadStep:
     """Areas, residuals and further quantities of one point of the path."""
-    state, counts = point.state, point.counts
-    raw, corrected, error = areas(
-        point.surface_states, scene.material.poisson_ratio, problem.capped
-    )
+    state, counts, nu = point.state, point.counts, scene.material.poisson_ratio
+    raw, corrected, error = areas(point.surface_states, nu, problem.capped)
     pressure = state.forces / problem.block.node_area
     touching = point.surface_states != APART
-    down = -state.displacement[0, ..., 2]
-    if scene.body.kind == "half_space":
-        down = down - down.mean()
+    work = float((pressure * _descent(scene, point)).mean())
     return LoadStep(
         point.mean_pressure,
         {"raw": raw, "corrected": corrected, "error": error},
@@ -149,9 +153,7 @@ def load_step(
             "approach": state.approach + float(problem.heights.max()),
             "largest_pressure": float(pressure.max()),
             "mean_contact_pressure": float(pressure[touching].mean()) if touching.any() else 0.0,
-            "elastic_energy": _elastic_energy(
-                scene, problem, point, float((pressure * down).mean())
-            ),
+            "elastic_energy": _elastic_energy(scene, problem, point, work),
             "step_error": point.step_error,
             **point.flow,
         },
@@ -165,7 +167,7 @@ def _elastic_energy(scene: Scene, problem: Problem, point: PathPoint, work: floa
     """
     stored = point.flow.get("stored_energy")
     if stored is None:
-        return float(work) / 2
+        return work / 2
     if scene.body.kind != "half_space":
         return stored
     confined = problem.law.bulk + 4 / 3 * problem.law.shear
@@ -175,14 +177,7 @@ def _elastic_energy(scene: Scene, problem: Problem, point: PathPoint, work: floa
 def areas(
     states: NDArray[np.int8], poisson_ratio: float, capped: bool
 ) -> tuple[Areas, Areas, Areas]:
-    """The raw and corrected areas and their error, as the module's docstring defines them.
-
-    Example:
-        >>> states = np.array([[APART], [ELASTIC], [ELASTIC], [APART]], dtype=np.int8)
-        >>> raw, corrected, error = areas(states, poisson_ratio=0.0, capped=False)
-        >>> raw.total, corrected.total, error.total
-        (0.5, 0.375, 0.03125)
-    """
+    """The raw and corrected areas and their error, as the module's docstring defines them."""
     touching, plastic, elastic = states != APART, states == PLASTIC, states == ELASTIC
     total, flowing = float(touching.mean()), float(plastic.mean())
     rim = (0.25 + 0.21 * poisson_ratio) * (1.0 if states.shape[1] == 1 else math.pi / 4)
@@ -233,7 +228,10 @@ def _warnings(path: SolvedPath) -> tuple[str, ...]:
         if point.counts.halvings
     ]
     block, last = path.problem.block, path.points[-1]
-    slope = rms_slope(path.problem.heights, block.spacing)
+    heights, slopes = path.problem.heights, []
+    for axis, step in enumerate(block.spacing):
+        slopes.append((heights - np.roll(heights, 1, axis)) / step)
+    slope = math.sqrt(np.mean(np.square(slopes), axis=(1, 2)).sum())
     if slope > LARGEST_SLOPE:
         out.append(
             f"the rms slope of {slope:.2g} is too large for small strains (more than "
@@ -253,29 +251,11 @@ def _warnings(path: SolvedPath) -> tuple[str, ...]:
     return tuple(out)
 
 
-def rms_slope(heights: FloatArray, spacing: tuple[float, float]) -> float:
-    """Root mean square of the gradient, from differences between neighbours."""
-    total = 0.0
-    for axis, step in enumerate(spacing):
-        if heights.shape[axis] > 1:
-            total += float(np.mean(((heights - np.roll(heights, 1, axis)) / step) ** 2))
-    return math.sqrt(total)
-
-
 def nodes_across(touching: NDArray[np.bool_]) -> float:
-    """The number of nodes across the median contact.
+    """The number of nodes across the median contact: on a line (ny = 1) its width.
 
-    Half of the contact nodes are in contacts smaller than the median one.  On a line the result is
-    its width, on a surface the diameter of a disc of its area.  Contacts join over corners and
-    over the periodic edges.
-
-    Args:
-        touching: (nx, ny) whether a node is in contact; ny = 1 for a line.
-
-    Example:
-        >>> line = np.array([[1], [0], [0], [1], [1]], dtype=bool)
-        >>> nodes_across(line)
-        3.0
+    On a surface it is the diameter of a disc of its area.  Half of the contact nodes are in smaller
+    contacts.  Contacts join over corners and over the periodic edges.
     """
     if not touching.any():
         return 0.0

@@ -35,7 +35,7 @@ from fem_check.plasticity import Law, TangentCorrection
 from fem_check.workers import ALONE, Workers
 
 #: Sweeps on either side of the elastic block.  They nearly halve the iterations.  More of them save
-#: iterations, but no work, even on 128 x 128 nodes (tests/test_fem_smoother.py).
+#: iterations, but no work, even on 128 x 128 nodes (tests/test_fem_linear.py).
 SWEEPS = 3
 
 #: Least width of a strip, in nodes.  It must be more than one.
@@ -193,8 +193,8 @@ _SELF = 13  # the slot of a node in its own row
 
 
 @compiled
-def _element(K, deviatoric, gradients, weights, terms, scale):  # type: ignore[no-untyped-def]
-    """K (24 x 24) less `scale` times the correction of one element."""
+def subtract_correction(K, deviatoric, gradients, weights, terms, scale):  # type: ignore[no-untyped-def]
+    """Subtracts `scale` times the correction of one element from its stiffness K (24 x 24)."""
     v = np.empty(24)
     for q in range(8):
         a, b, n = scale * terms[6, q], scale * weights[q] * terms[7, q], terms[:6, q]
@@ -241,7 +241,7 @@ def _assemble(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one s
                 K[n] = elastic[s, n]
             if number[e] >= 0:
                 gradients, weights = bricks.gradients[s], bricks.weights[s]
-                _element(K, deviatoric[s], gradients, weights, terms[number[e]], scale)
+                subtract_correction(K, deviatoric[s], gradients, weights, terms[number[e]], scale)
             _add_rows(K, bricks.connectivity[e], places, slots, neighbours, blocks)
 
 

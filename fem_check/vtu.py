@@ -1,14 +1,9 @@
-"""Write the finite-element body: two .vtu files for each point of the load path, a .pvd over them.
+"""The finite-element body as a mesh for other codes, and as files for ParaView.
 
-`step-0000.vtu` is the body.  Its points are those of the *undeformed* rough body, and carry the
-displacement (m), so that ParaView's Warp By Vector shows the deformed body; the roughness of a gap
-geometry is added here, shared out over the layers as in the moved geometry.  They also carry the
-equivalent plastic strain and the nodal stress (means of the Gauss points around a node,
-volume-weighted), and its von Mises norm.  Cells carry the means over an element.
-
+`step-0000.vtu` is the body at one point of the load path, with the data of `mesh_of`;
 `step-0000-surface.vtu` is its top as quadrilaterals, with displacement, contact_pressure, gap and
-state.  In both files each array has its unit, and the field data say where it comes from.  Files
-are written under a temporary name and renamed, so that no half-written file is left.
+state.  In both each array has its unit, and the field data say where it comes from.  `path.pvd` is
+the list of the steps.
 """
 
 from __future__ import annotations
@@ -21,155 +16,182 @@ import secrets
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import OutputError
-from epcontact.results import FloatArray
+from epcontact.results import FloatArray, package_versions
+from epcontact.scene import Scene
 from fem_check import plasticity
+from fem_check.options import FemOptions
 from fem_check.path import PathPoint
 from fem_check.plasticity import History
 from fem_check.problem import Problem, State
 
 #: The unit of each array; "1" has none.
 UNITS = {
-    "displacement": "m",
-    "stress": "Pa",
-    "von_mises": "Pa",
-    "equivalent_plastic_strain": "1",
-    "contact_pressure": "Pa",
-    "gap": "m",
-    "plastic_displacement": "m",
-    "state": "1",
-    "mean_pressure": "Pa",
-    "young_modulus": "Pa",
-    "yield_stress": "Pa",
-    "hardness": "Pa",
+    "displacement": "m", "stress": "Pa", "von_mises": "Pa", "equivalent_plastic_strain": "1",
+    "contact_pressure": "Pa", "gap": "m", "plastic_displacement": "m", "state": "1",
+    "mean_pressure": "Pa", "young_modulus": "Pa", "yield_stress": "Pa", "hardness": "Pa",
     "depth": "m",
-}
+}  # fmt: skip
 
-_HEXAHEDRON, _QUADRILATERAL = 12, 9  # VTK's numbers of the kinds of cells
-#: VTK's order of a hexahedron's corners.
-_VTK_CORNERS = np.array(
-    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
-)
+#: The corners of a hexahedron in the order of meshio and VTK.
+_CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
 
 
-def step_name(number: int) -> str:
-    """The file name of one point of the path."""
-    return f"step-{number:04d}.vtu"
+def mesh_of(problem: Problem, state: State | None = None, history: History | None = None) -> Any:
+    """The block of a problem as a `meshio.Mesh`, which other finite-element codes can read.
+
+    Args:
+        problem: of `solve_path(...).problem`.
+        state: whose displacement (m), nodal stress (Pa; means of the Gauss points around a node,
+            volume-weighted, as xx, yy, zz, xy, yz, zx), von Mises norm and equivalent plastic
+            strain are added to the points, and their means over an element to the cells.
+        history: of the material at that state, if it can flow.
+
+    Returns:
+        Hexahedra over one period, with the sets of nodes "top" and "base".  The points are those of
+        the undeformed rough body; the roughness of a gap geometry is shared out over the layers.
+        Copies of the first nodes close the periodic edges.
+
+    Example:
+        >>> from fem_check.options import FemOptions
+        >>> from fem_check.driver import problem_of
+        >>> from epcontact.scene import Load, Material, Scene, Surface
+        >>> scene = Scene(Surface(np.zeros((4, 4)), (1.0, 1.0)), Material(1.0, 0.3), Load(0.01))
+        >>> mesh = mesh_of(problem_of(scene, FemOptions(law="elastic", layers=2)))
+        >>> len(mesh.points), mesh.cells_dict["hexahedron"].shape, len(mesh.point_sets["top"])
+        (75, (32, 8), 25)
+    """
+    import meshio  # slow to load, and few solves write files
+
+    block = problem.block
+    nz, (nx, ny) = len(block.layers), block.shape
+    where = block.positions()
+    if block.moved is None:
+        fade = 1 + block.levels / block.depth
+        where[..., 2] += fade[:, None, None] * (problem.heights - problem.heights.mean())
+    nodes = closed(np.arange(where[..., 0].size).reshape(where.shape[:3])).ravel()
+    points = where.reshape(-1, 3)[nodes]
+    _, i, j = np.indices((nz + 1, nx + 1, ny + 1))
+    points[:, 0] += (i == nx).ravel() * nx * block.spacing[0]
+    points[:, 1] += (j == ny).ravel() * ny * block.spacing[1]
+    number = np.arange(len(nodes)).reshape(nz + 1, nx + 1, ny + 1)
+    corners = [number[1 - z : nz + 1 - z, x : nx + x, y : ny + y].ravel() for x, y, z in _CORNERS]
+    on_points: dict[str, FloatArray] = {}
+    on_cells: dict[str, FloatArray] = {}
+    if state is not None:
+        on_points, on_cells = _data(problem, state, history)
+    return meshio.Mesh(
+        points,
+        [("hexahedron", np.stack(corners, axis=1))],
+        {name: values[nodes] for name, values in on_points.items()},
+        {name: [values] for name, values in on_cells.items()},
+        point_sets={"top": number[0].ravel(), "base": number[-1].ravel()},
+    )
+
+
+def closed(field: NDArray[Any]) -> NDArray[Any]:
+    """A (..., nx, ny) field with its first row and column copied to the end of the period."""
+    return np.pad(field, [(0, 0)] * (field.ndim - 2) + [(0, 1), (0, 1)], mode="wrap")
+
+
+def _top_of(body: Any, problem: Problem, point: PathPoint) -> Any:
+    """The top of the body's mesh as quadrilaterals, with the contact's fields."""
+    import meshio
+
+    top, cells = body.point_sets["top"], body.cells[0].data
+    fields: dict[str, NDArray[Any]] = {
+        "contact_pressure": point.state.forces / problem.block.node_area,
+        "gap": point.gap,
+        "state": point.surface_states.astype(np.uint8),
+    }
+    if problem.capped:
+        fields["plastic_displacement"] = point.plastic_displacement
+    data = {name: closed(values).ravel() for name, values in fields.items()}
+    data["displacement"] = body.point_data["displacement"][top]
+    # The points of the top come first, and each brick of the top layer has its last face there.
+    return meshio.Mesh(body.points[top], [("quad", cells[: problem.heights.size, 4:])], data)
 
 
 def write_step(
     folder: Path,
     number: int,
+    scene: Scene,
+    options: FemOptions,
     problem: Problem,
     point: PathPoint,
     history: History,
-    about: Mapping[str, str | float] | None = None,
 ) -> Path:
-    """Write the body and its surface at one point of the path.
+    """Write the body and its surface at one point of the path; returns the file of the body.
 
-    Args:
-        folder: the folder of the path's files.
-        number: of the point.
-        problem, point, history: the problem, its state and the material's history there.
-        about: field data, such as the digest of the scene.
-
-    Returns:
-        The file of the body.
-
-    Raises:
-        OutputError: a file could not be written.
+    Raises OutputError.
     """
-    points, cells, nodes = _mesh(problem)
-    point_data, cell_data = _data(problem, point.state, history)
-    told = {"mean_pressure": point.mean_pressure, **(about or {})}
-    body = _grid(points, cells, _HEXAHEDRON)
-    _add(body.GetPointData(), {name: values[nodes] for name, values in point_data.items()})
-    _add(body.GetCellData(), cell_data)
-    # The points of the top come first, and each brick of the top layer has its last face there.
-    nx, ny = problem.block.shape
-    count = (nx + 1) * (ny + 1)
-    top = _grid(points[:count], cells[: nx * ny, 4:], _QUADRILATERAL)
-    on_top: dict[str, NDArray[Any]] = {
-        "contact_pressure": (point.state.forces / problem.block.node_area).ravel(),
-        "gap": point.gap.ravel(),
-        "state": point.surface_states.astype(np.uint8).ravel(),
-    }
-    if problem.capped:
-        on_top["plastic_displacement"] = point.plastic_displacement.ravel()
-    on_top["displacement"] = point_data["displacement"]
-    _add(top.GetPointData(), {name: values[nodes[:count]] for name, values in on_top.items()})
-    target = folder / step_name(number)
-    for grid, path in ((body, target), (top, folder / surface_name(number))):
-        _add_field_data(grid, told)
-        _write_atomically(path, functools.partial(_write_grid, grid))
+    told = {"mean_pressure": point.mean_pressure, **_about(scene, options, problem)}
+    body = mesh_of(problem, point.state, history)
+    target = folder / f"step-{number:04d}.vtu"
+    surface = target.with_name(f"{target.stem}-surface.vtu")
+    for mesh, path in ((body, target), (_top_of(body, problem, point), surface)):
+        _write_atomically(path, functools.partial(_write_grid, mesh, told))
     return target
 
 
-def surface_name(number: int) -> str:
-    """The file name of the surface at one point of the path."""
-    return f"step-{number:04d}-surface.vtu"
+def _about(scene: Scene, options: FemOptions, problem: Problem) -> dict[str, str | float]:
+    """The origin of a file: method, scene, material, body, versions."""
+    material = scene.material
+    return {
+        "method": "fem",
+        "law": options.law,
+        "geometry": options.geometry,
+        "scene": scene.digest,
+        "young_modulus": material.young_modulus,
+        "poisson_ratio": material.poisson_ratio,
+        "yield_stress": material.yield_stress,
+        "hardness": material.hardness,
+        "body": scene.body.kind,
+        "depth": problem.block.depth,
+        "notes": "; ".join(scene.surface.notes),
+        **{f"version.{name}": number for name, number in package_versions().items()},
+    }
 
 
-def write_collection(folder: Path, mean_pressures: Sequence[float]) -> Path:
+def write_collection(folder: Path, mean_pressures: Sequence[float]) -> None:
     """Write path.pvd, the list of the steps' files.  Raises OutputError.
 
     Its time is the number of the step, because a path may unload; the mean pressure (Pa) is in the
     `name` of each step.  Part 0 of a step is the body, part 1 its surface.
     """
-    lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "<Collection>"]
-    for number, pressure in enumerate(mean_pressures):
-        for part, name in enumerate((step_name(number), surface_name(number))):
-            lines.append(
-                f'<DataSet timestep="{number}" part="{part}" '
-                f'name="mean pressure {float(pressure)!r} Pa" file={quoteattr(name)}/>'
-            )
-    text = "\n".join([*lines, "</Collection>", "</VTKFile>", ""])
-    target = folder / "path.pvd"
-    _write_atomically(target, lambda path: Path(path).write_text(text, encoding="utf-8"))
-    return target
+    steps = "".join(
+        f'<DataSet timestep="{number}" part="{part}" name="mean pressure {float(pressure)!r} Pa" '
+        f'file="step-{number:04d}{end}.vtu"/>\n'
+        for number, pressure in enumerate(mean_pressures)
+        for part, end in enumerate(("", "-surface"))
+    )
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'
+    text = f"{head}{steps}</Collection>\n</VTKFile>\n"
+    _write_atomically(folder / "path.pvd", lambda path: Path(path).write_text(text))
 
 
-def _grid(points: FloatArray, cells: NDArray[np.int64], kind: int) -> Any:
-    """Return VTK's unstructured grid of cells of one kind."""
-    import pyvista as pv  # slow to load, and few solves write files
+def _write_grid(mesh: Any, about: Mapping[str, str | float], path: str) -> None:
+    """Write a mesh with units and field data.  Raises OSError.
 
-    rows = np.column_stack([np.full(len(cells), cells.shape[1]), cells])
-    return pv.UnstructuredGrid(rows.ravel(), np.full(len(cells), kind, np.uint8), points)
-
-
-def _add(data: Any, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Add arrays to the data of points or cells, each with its unit."""
-    from vtkmodules.util.numpy_support import numpy_to_vtk
-    from vtkmodules.vtkCommonCore import vtkDataArray
-
-    for name, values in arrays.items():
-        array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
-        array.SetName(name)
-        array.GetInformation().Set(vtkDataArray.UNITS_LABEL(), UNITS[name])
-        data.AddArray(array)
-
-
-def _add_field_data(grid: Any, about: Mapping[str, str | float]) -> None:
-    from vtkmodules.vtkCommonCore import vtkDoubleArray, vtkStringArray
-
-    units = {f"unit.{name}": UNITS[name] for name in (*UNITS, *about) if name in UNITS}
-    for name, value in {**about, **units}.items():
-        array: Any = vtkStringArray() if isinstance(value, str) else vtkDoubleArray()
-        array.SetName(name)
-        array.InsertNextValue(value)
-        grid.GetFieldData().AddArray(array)
-
-
-def _write_grid(grid: Any, path: str) -> None:
-    """Write a grid, compressed.  Raises OSError."""
-    from vtkmodules.vtkCommonCore import vtkObject
+    meshio's own writer leaves both out, and pyvista's crashes on a full disk.
+    """
+    import pyvista as pv
+    from vtkmodules.vtkCommonCore import vtkDataArray, vtkObject
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
+    grid = pv.from_meshio(mesh)
+    grid.point_data.update(mesh.point_data)  # with its own types of numbers
+    for data, arrays in ((grid.point_data, mesh.point_data), (grid.cell_data, mesh.cell_data)):
+        for name in arrays:
+            about_array = data.GetAbstractArray(name).GetInformation()
+            about_array.Set(vtkDataArray.UNITS_LABEL(), UNITS[name])
+    units = {f"unit.{name}": UNITS[name] for name in (*UNITS, *about) if name in UNITS}
+    for name, value in {**about, **units}.items():
+        grid.field_data[name] = [value]
     writer = vtkXMLUnstructuredGridWriter()
     writer.SetInputData(grid)
     writer.SetDataModeToAppended()
@@ -204,67 +226,38 @@ def _write_atomically(target: Path, write: Callable[[str], object]) -> None:
             temporary.unlink(missing_ok=True)
 
 
-def _mesh(problem: Problem) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
-    """Points, with copies that close the periodic edge; cells; the block's node of each point."""
-    block = problem.block
-    nz, (nx, ny) = len(block.layers), block.shape
-    where = block.positions()
-    if block.moved is None:
-        fade = 1 + block.levels / block.depth
-        where[..., 2] += fade[:, None, None] * (problem.heights - problem.heights.mean())
-    k, i, j = np.meshgrid(np.arange(nz + 1), np.arange(nx + 1), np.arange(ny + 1), indexing="ij")
-    nodes = ((k * nx + i % nx) * ny + j % ny).ravel()
-    points = where.reshape(-1, 3)[nodes]
-    points[:, 0] += (i == nx).ravel() * nx * block.spacing[0]
-    points[:, 1] += (j == ny).ravel() * ny * block.spacing[1]
-    k, i, j = np.meshgrid(np.arange(nz), np.arange(nx), np.arange(ny), indexing="ij")
-    cells = np.empty((nz * nx * ny, 8), dtype=np.int64)
-    for c, (cx, cy, cz) in enumerate(_VTK_CORNERS):
-        cells[:, c] = (((k + 1 - cz) * (nx + 1) + i + cx) * (ny + 1) + j + cy).ravel()
-    return points, cells, nodes
-
-
 def _data(
-    problem: Problem, state: State, history: History
+    problem: Problem, state: State, history: History | None
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """The displacement, stresses and strains at the block's nodes and in its elements."""
     bricks = problem.bricks
     u, past = state.displacement.reshape(-1, 3), history if problem.plastic else None
     stress = plasticity.stresses(u, bricks, problem.law, past)
     weights = bricks.weights[bricks.shape_of]
     volumes = weights.sum(axis=1)
-    mean_stress = np.einsum("eig,eg->ei", stress, weights) / volumes[:, None]
+    mean = np.einsum("eig,eg->ei", stress, weights) / volumes[:, None]
     strain = np.zeros(bricks.number)
-    if problem.plastic:
-        accumulated = history.accumulated[history.rows]
-        strain = np.einsum("eg,eg->e", accumulated, weights) / volumes
-    shared = np.bincount(bricks.connectivity.ravel(), np.repeat(volumes, 8), len(u))
+    if past is not None:
+        strain = np.einsum("eg,eg->e", past.accumulated[past.rows], weights) / volumes
+    corners = bricks.connectivity.ravel()
+    shared = np.bincount(corners, np.repeat(volumes, 8), len(u))
 
     def at_nodes(values: FloatArray) -> FloatArray:
-        return (
-            np.bincount(bricks.connectivity.ravel(), np.repeat(values * volumes, 8), len(u))
-            / shared
-        )
+        return np.bincount(corners, np.repeat(values * volumes, 8), len(u)) / shared
 
-    nodal = np.stack([at_nodes(mean_stress[:, i]) for i in range(6)], axis=1)
-    point_data = {
-        "displacement": u,
-        "stress": nodal,
-        "von_mises": von_mises(nodal),
-        "equivalent_plastic_strain": at_nodes(strain),
-    }
-    cell_data = {
-        "stress": mean_stress,
-        "von_mises": von_mises(mean_stress),
-        "equivalent_plastic_strain": strain,
-    }
-    return point_data, cell_data
+    nodal = np.stack([at_nodes(component) for component in mean.T], axis=1)
+    on_points = {"displacement": u, **_named(nodal, at_nodes(strain))}
+    return on_points, _named(mean, strain)
+
+
+def _named(stress: FloatArray, strain: FloatArray) -> dict[str, FloatArray]:
+    return {
+        "stress": stress, "von_mises": von_mises(stress), "equivalent_plastic_strain": strain
+    }  # fmt: skip
 
 
 def von_mises(stress: FloatArray) -> FloatArray:
-    """The von Mises norm of stresses.
-
-    Args:
-        stress: (..., 6) components xx, yy, zz, xy, yz, zx.
+    """The von Mises norm of stresses (..., 6) with the components xx, yy, zz, xy, yz, zx.
 
     Example:
         >>> float(von_mises(np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0])))

@@ -1,31 +1,31 @@
-"""Compiled loops that threads share.
+"""Compiled loops that threads share, and the vector operations of the iterations.
 
 A loop is cut into parts that write to different places, in an order that does not depend on the
-number of threads, so that a result has the same bits on any number of them.
+number of threads, so that a result has the same bits on any number of them.  Vectors have loops of
+their own, because numpy's products call a BLAS whose threads cost more than these short loops take.
 """
 
 from __future__ import annotations
 
-import os
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from epcontact.results import FloatArray
+from fem_check.lanes import compiled
+
 #: The fewest elements that are worth a thread: their forces take .2 ms.
 FEWEST = 1024
-
-
-def available_cores() -> int:
-    """Number of cores that this process may use.
-
-    `epcontact.machine` has this function, too, but nothing of it may be imported here.
-    """
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+# Threads share pieces of this many entries of a vector.  Sums are added up piece by piece on any
+# number of them, so that they have the same bits.
+_PIECE = 1 << 14
+# The work on an entry over that on an element.
+_WEIGHT = 1 / 64
 
 
 class Workers:
@@ -87,3 +87,49 @@ def pieces(count: int, length: int) -> NDArray[np.int64]:
 
 #: No threads but the caller's.
 ALONE = Workers()
+
+
+@compiled
+def _dot(a, b, sums, ranges):  # type: ignore[no-untyped-def]
+    for first, stop in ranges:
+        total = 0.0
+        for i in range(first, stop):
+            total += a[i] * b[i]
+        sums[first // _PIECE] = total
+
+
+@compiled
+def _axpy(y, s, x, ranges):  # type: ignore[no-untyped-def]
+    for i in range(ranges[0, 0], ranges[-1, 1]):
+        y[i] += s * x[i]
+
+
+@compiled
+def _xpay(p, s, z, ranges):  # type: ignore[no-untyped-def]
+    for i in range(ranges[0, 0], ranges[-1, 1]):
+        p[i] = z[i] + s * p[i]
+
+
+def dot(a: FloatArray, b: FloatArray, workers: Workers = ALONE) -> float:
+    """The sum of the products of two arrays of one shape."""
+    ranges = pieces(a.size, _PIECE)
+    sums = np.zeros(len(ranges))
+    workers.share(partial(_dot, np.ravel(a), np.ravel(b), sums), ranges, weight=_WEIGHT)
+    return math.fsum(sums)
+
+
+def norm(a: FloatArray, workers: Workers = ALONE) -> float:
+    """The Euclidean norm."""
+    return math.sqrt(dot(a, a, workers))
+
+
+def axpy(y: FloatArray, scale: float, x: FloatArray, workers: Workers = ALONE) -> None:
+    """Set y to y + scale x, in place."""
+    task = partial(_axpy, y.reshape(-1), scale, x.reshape(-1))
+    workers.share(task, pieces(y.size, _PIECE), weight=_WEIGHT)
+
+
+def xpay(p: FloatArray, scale: float, z: FloatArray, workers: Workers = ALONE) -> None:
+    """Set p to z + scale p, in place."""
+    task = partial(_xpay, p.reshape(-1), scale, z.reshape(-1))
+    workers.share(task, pieces(p.size, _PIECE), weight=_WEIGHT)

@@ -1,11 +1,22 @@
-"""Scenes and surfaces that the tests of the finite elements share."""
+"""Scenes, surfaces and linear systems that the tests of the finite elements share."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from epcontact.results import ELASTIC
 from epcontact.scene import Body, Load, Material, Scene, Surface
+from epcontact.studies.fem import speed_scene
+from fem_check import plasticity, solve_path
+from fem_check.limit_load import assembled, tangents
+from fem_check.linearised import Tangent, linear_contact
+from fem_check.plasticity import TangentCorrection
+from fem_check.problem import Control, Problem, State, internal_force
+from fem_check.smoother import layer_stiffness
 
 
 def rough_heights(
@@ -56,6 +67,75 @@ def rough_scene(
         Load(pressure),
         body or Body(),
     )
+
+
+def sphere_scene(
+    force: float, *, nodes: int, nodes_to_rim: float, poisson_ratio: float = 0.3,
+    yield_stress: float = np.inf, offset: tuple[float, float] = (0.21, 0.37),
+) -> Scene:  # fmt: skip
+    """A sphere of R = 1 m and E = 1 Pa under `force` (N); a contact of radius 0.05 m would have
+    `nodes_to_rim` nodes along its radius.  offset: of its top from a node, in spacings."""
+    period = nodes * 0.05 / nodes_to_rim
+    x, y = (((np.arange(nodes) + o) / nodes - 0.5) * period for o in offset)
+    return Scene(
+        Surface(-(x[:, None] ** 2 + y[None, :] ** 2) / 2, (period, period)),
+        Material(1.0, poisson_ratio, yield_stress=yield_stress),
+        Load(force / period**2),
+    )
+
+
+def middle_of_a_path(nodes: int, layers: int) -> tuple[Problem, State, TangentCorrection]:
+    """Half-way through the last increment: its start's history, its end's displacement."""
+    before = solve_path(speed_scene(nodes, load=0.0375), layers=layers, steps=3, certified=False)
+    after = solve_path(speed_scene(nodes, load=0.05), layers=layers, steps=4, certified=False)
+    problem, state = after.problem, after.points[-1].state
+    return problem, state, correction_at(problem, state.displacement, before.history)
+
+
+def correction_at(problem: Problem, u: Any, history: Any) -> TangentCorrection:
+    """The tangent's correction at the displacement `u` that starts from `history`."""
+    _, flowing = internal_force(problem, u, history)
+    return plasticity.tangent_correction(
+        u.reshape(-1, 3), problem.bricks, problem.law, history, flowing
+    )
+
+
+def random_force(problem: Problem, state: State, seed: int) -> NDArray[np.float64]:
+    """Random nodal forces where the base and the contact hold nothing."""
+    right = np.random.default_rng(seed).standard_normal(problem.block.field_shape)
+    right[-1] = 0
+    right[0, ..., 2][state.states == ELASTIC] = 0
+    return right
+
+
+def solve_on_the_contact(
+    problem: Problem, state: State, correction: TangentCorrection, right: Any, reduction: float
+) -> tuple[Any, int]:
+    """The step under the forces `right` on the contact set of `state`, and the CG iterations."""
+    # One change of the set at most, after the solve; its goal is five times the forcing.
+    linear, counts = linear_contact(
+        state, right, Tangent(problem, correction), Control(approach=state.approach),
+        forcing=reduction / 5, sweeps=1,
+    )  # fmt: skip
+    return linear.step, counts.cg
+
+
+def whole_matrix(problem: Problem, correction: TangentCorrection, scale: float) -> sp.csr_matrix:
+    """The elastic stiffness of all nodes less `scale` times the correction."""
+    stiffness = layer_stiffness(problem.bricks, problem.law)
+    return assembled(problem.bricks, tangents(problem.bricks, stiffness, correction, scale))
+
+
+def contact_matrix(
+    problem: Problem, state: State, correction: TangentCorrection
+) -> tuple[sp.csr_matrix, NDArray[np.bool_]]:
+    """The tangent without the held base and without the normal motion of the contact nodes, and
+    which degrees of freedom it has."""
+    K, size = whole_matrix(problem, correction, 1.0), 3 * problem.heights.size
+    keep = np.ones(K.shape[0], dtype=bool)
+    keep[-size:] = False
+    keep[2:size:3] = (state.states != ELASTIC).ravel()
+    return K[keep][:, keep].tocsr(), keep
 
 
 #: The first of the cases fem-model, as a file of its own that tests can change.

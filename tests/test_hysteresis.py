@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fem_spheres import sphere_scene
+from fem_scenes import sphere_scene
 from reference_plasticity import kogut_etsion_critical
 
 import fem_check

@@ -109,7 +109,7 @@ def block_gaps(
             else:
                 open_gap = {OPEN: gaps(bem.solve(scene), scene, OPEN)}
                 tables.append(pd.DataFrame({"method": "bem", "law": law} | key | open_gap))
-            result = fem_check.solve(scene, law=law, certified=False)  # type: ignore[arg-type]
+            result = fem_check.solve(scene, law=law, certified=False)
             open_gap = {OPEN: gaps(result, scene, OPEN)}
             tables.append(pd.DataFrame({"method": "fem", "law": law} | key | open_gap))
     return pd.concat(tables, ignore_index=True)

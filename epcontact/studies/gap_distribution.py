@@ -39,7 +39,7 @@ def cumulative(method: str, scene: Scene) -> FloatArray:
         result = bem.solve(scene, area_tolerance=1e-5)
     else:
         law = "capped" if math.isfinite(scene.material.hardness) else "elastic"
-        result = fem_check.solve(scene, law=law, certified=False)  # type: ignore[arg-type]
+        result = fem_check.solve(scene, law=law, certified=False)
     gap = np.sort(np.maximum(result.fields["gap"], 0.0), axis=None)
     return np.asarray(np.searchsorted(gap, u, side="right") / gap.size)
 

@@ -67,19 +67,11 @@ def of_block(
     recipe: Recipe, material: Material, body: Body, load: Load, options: Mapping[str, Any]
 ) -> float:
     """Estimate the bytes of the finite elements."""
-    from fem_check.memory import bytes_needed, flowing_shares  # as above
+    from fem_check.memory import bytes_needed  # as above
     from fem_check.mesh import block_for
+    from fem_check.options import FemOptions
 
-    flat = Surface(np.zeros(recipe.shape), recipe.periods)
-    block = block_for(
-        Scene(flat, material, load, body),
-        depth=options.get("depth"),
-        layers=options.get("layers"),
-        moved=options.get("geometry") == "moved",
-    )
-    flow = None
-    if options.get("law", "j2") == "j2":
-        slope = recipe.spectrum.rms_slope if isinstance(recipe, SelfAffine) else 0.0
-        severity = effective_modulus(material) * slope / material.yield_stress
-        flow = flowing_shares(block, max(load.path), material.yield_stress, severity)
-    return bytes_needed(block, flow=flow, certified=True)
+    flat = Scene(Surface(np.zeros(recipe.shape), recipe.periods), material, load, body)
+    slope = recipe.spectrum.rms_slope if isinstance(recipe, SelfAffine) else 0.0
+    given = FemOptions(**options)
+    return bytes_needed(flat, given, block_for(flat, given), slope)

@@ -14,7 +14,7 @@ import importlib.util
 import re
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from importlib.metadata import entry_points
 from typing import Any, Literal
@@ -29,6 +29,7 @@ from epcontact.harness.methods import foreign, memory
 from epcontact.machine import compile_seconds, provide_kernel_cache
 from epcontact.results import ContactResult
 from epcontact.scene import Load, Material, Scene, Surface
+from fem_check.options import FemOptions, Geometry, LawName
 
 Solve = Callable[[Scene, Mapping[str, Any], int | None], ContactResult]
 
@@ -63,27 +64,19 @@ class BemTable(Table):
 EITHER_WAY = "give either steps or step_tolerance: equal increments, or chosen ones"
 
 
-class FemTable(Table):
-    """[fem]: the options of the finite elements."""
+_FEM: dict[str, Any] = {option.name: option for option in fields(FemOptions)}
 
-    law: Literal["elastic", "capped", "j2"] = Field(default="j2", description="material law")
-    geometry: Literal["gap", "moved"] = Field(
-        default="gap", description="roughness as gap over a flat block, or as moved top nodes"
-    )
-    depth: float | None = Field(default=None, gt=0, description="m; else chosen from the scene")
-    layers: int | None = Field(default=None, ge=2, description="elements over the depth")
-    tolerance: float | None = Field(
-        default=None, gt=0, lt=1, description="on the residuals, dimensionless; else 1e-8"
-    )
-    steps: int | None = Field(
-        default=None, ge=1, description="equal load increments to the largest pressure; else chosen"
-    )
-    step_tolerance: float = Field(
-        default=0.03,
-        gt=0,
-        lt=1,
-        description="of the increments of a J2 path: share of the force that shorter ones may move",
-    )
+
+class FemTable(Table):
+    """[fem]: the options of the finite elements that a case may choose."""
+
+    law: LawName = _FEM["law"]
+    geometry: Geometry = _FEM["geometry"]
+    depth: float | None = _FEM["depth"]
+    layers: int | None = _FEM["layers"]
+    tolerance: float = _FEM["tolerance"]
+    steps: int | None = _FEM["steps"]
+    step_tolerance: float = _FEM["step_tolerance"]
 
     @model_validator(mode="after")
     def _one_way_to_choose_increments(self) -> FemTable:

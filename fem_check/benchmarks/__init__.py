@@ -1,1 +1,0 @@
-"""Problems with known answers, and their cost."""

@@ -1,0 +1,329 @@
+"""The J2 law and its bricks: point by point, as limit loads of small bodies, and as a block."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import reference_plasticity as reference
+import scipy.sparse as sp
+from fem_scenes import rough_scene
+
+from epcontact.errors import InvalidScene
+from epcontact.reference.layers import surface_compliance as exact_compliance
+from epcontact.scene import Body
+from fem_check import FemOptions, mesh_of, plasticity, surface_compliance
+from fem_check.driver import problem_of
+from fem_check.element import CORNERS, elastic_stiffness, elements
+from fem_check.limit_load import STRIP_LIMIT, push, strip_punch
+from fem_check.linear_solver import factorise
+from fem_check.mesh import (
+    GROWTH,
+    PeriodicBlock,
+    block_for,
+    flat_elements,
+    graded_layers,
+    half_space_depth,
+    moved_elements,
+)
+from fem_check.plasticity import Law, law
+from fem_check.vtu import von_mises
+
+# The law, point by point ---------------------------------------------------------------------
+
+
+def return_map(strain: np.ndarray, rule: Law) -> tuple[np.ndarray, float]:
+    """Stress and accumulated plastic strain at a (3, 3) strain from the virgin state: Simo and
+    Hughes, box 3.1, written with tensors."""
+    mean = np.trace(strain) * np.eye(3)
+    trial = 2 * rule.shear * (strain - mean / 3)
+    norm = np.linalg.norm(trial)
+    over = max(norm - np.sqrt(2 / 3) * rule.yield_stress, 0.0)
+    multiplier = over / (2 * rule.shear + 2 / 3 * rule.hardening)
+    stress = trial * (1 - 2 * rule.shear * multiplier / norm) + rule.bulk * mean
+    return stress, np.sqrt(2 / 3) * multiplier
+
+
+def six(tensor: np.ndarray) -> np.ndarray:
+    """Components xx, yy, zz, xy, yz, zx."""
+    return tensor[[0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0]]
+
+
+def brick(seed: int, yield_stress: float = 0.02, hardening: float = 0.0):  # type: ignore[no-untyped-def]
+    """One skewed brick, a random displacement that makes it yield, its law and history."""
+    rng = np.random.default_rng(seed)
+    bricks = elements(
+        np.arange(8)[None], np.zeros(1), (CORNERS + 0.1 * rng.standard_normal((8, 3)))[None]
+    )
+    u = 0.05 * rng.standard_normal((8, 3))
+    return bricks, u, law(2.0, 0.3, yield_stress, hardening), plasticity.initial_history(1)
+
+
+@pytest.mark.parametrize("hardening", [0.0, 0.3])
+def test_the_element_tangent_is_the_derivative_of_the_internal_force(hardening: float) -> None:
+    bricks, u, rule, history = brick(3, hardening=hardening)
+    rng = np.random.default_rng(4)
+    _, flowing = plasticity.internal_force(u, bricks, rule, history)
+    assert flowing.all()
+    correction = plasticity.tangent_correction(u, bricks, rule, history, flowing)
+    for _ in range(5):
+        v = rng.standard_normal((8, 3))
+        product, _ = plasticity.internal_force(v, bricks, rule, None)
+        plasticity.add_correction(v, bricks, correction, 1.0, product)
+        up, down = (
+            plasticity.internal_force(u + s * 1e-7 * v, bricks, rule, history)[0] for s in (1, -1)
+        )
+        numeric = (up - down) / 2e-7
+        assert np.abs(product - numeric).max() < 1e-6 * np.abs(numeric).max()
+
+
+@pytest.mark.parametrize("yield_stress", [0.02, 1e3])
+def test_the_compiled_element_agrees_with_the_point_law(yield_stress: float) -> None:
+    bricks, u, rule, history = brick(5, yield_stress, 0.1)
+    stress = plasticity.stresses(u, bricks, rule, history)[0]
+    first, flowing = plasticity.internal_force(u, bricks, rule, history)
+    history = plasticity.commit(u, bricks, rule, history, flowing)
+    assert (history.rows > 0).all() == flowing.all() == (yield_stress < 1)
+    g = bricks.gradients[0]
+    dilatation = float(np.einsum("ja,aj->", bricks.mean_gradients[0], u))
+    for q in range(8):
+        local = np.einsum("ja,ai->ij", g[:, :, q], u)
+        e = (local + local.T) / 2
+        e += np.eye(3) * (dilatation - np.trace(e)) / 3
+        expected, accumulated = return_map(e, rule)
+        np.testing.assert_allclose(stress[:, q], six(expected), rtol=1e-12, atol=1e-15)
+        assert history.accumulated[history.rows[0], q] == pytest.approx(accumulated, rel=1e-12)
+    again, _ = plasticity.internal_force(u, bricks, rule, history)
+    np.testing.assert_allclose(again, first, rtol=1e-12, atol=1e-15)  # the return is idempotent
+
+
+@pytest.mark.parametrize("hardening", [0.0, 0.5])
+def test_the_return_lies_on_the_yield_surface_and_keeps_the_volume(hardening: float) -> None:
+    bricks, u, rule, history = brick(12, 0.01, hardening)
+    for factor in (1.0, -0.5):  # on the way back, too
+        stress = plasticity.stresses(factor * u, bricks, rule, history)
+        _, flowing = plasticity.internal_force(factor * u, bricks, rule, history)
+        history = plasticity.commit(factor * u, bricks, rule, history, flowing)
+        radius = 0.01 + hardening * history.accumulated[history.rows]
+        np.testing.assert_allclose(von_mises(np.moveaxis(stress, 1, 2)), radius, rtol=1e-12)
+        strain = history.plastic_strain[history.rows[0], :3]
+        np.testing.assert_allclose(strain.sum(axis=0), 0, atol=1e-15)
+
+
+def test_the_von_mises_norm_is_that_of_simple_states() -> None:
+    states = np.array([[2.0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 1, 0], [5, 5, 5, 0, 0, 0]])
+    np.testing.assert_allclose(von_mises(states), [2, math.sqrt(3), 0])
+
+
+def test_the_elastic_element_passes_the_patch_test_and_has_six_rigid_motions() -> None:
+    bricks, _, rule, history = brick(7, math.inf)
+    corners = CORNERS + 0.1 * np.random.default_rng(7).standard_normal((8, 3))
+    gradient = 1e-3 * np.random.default_rng(8).standard_normal((3, 3))
+    e = (gradient + gradient.T) / 2
+    s = 2 * rule.shear * e + (rule.bulk - 2 * rule.shear / 3) * np.trace(e) * np.eye(3)
+    for past in (history, None):  # without one, the law is elastic
+        stress = plasticity.stresses(corners @ gradient.T, bricks, rule, past)[0]
+        np.testing.assert_allclose(stress, np.repeat(six(s), 8).reshape(6, 8), rtol=1e-11)
+    values = np.linalg.eigvalsh(elastic_stiffness(bricks, 0, 0.4, 0.9))
+    assert (np.abs(values[:6]) < 1e-14).all()
+    assert values[6] > 1e-3
+
+
+def test_a_box_answers_as_a_brick_of_any_shape() -> None:
+    """The short cut for boxes against the gradients that scikit-fem gives, in a body that flows."""
+    problem = problem_of(rough_scene(8, 2), FemOptions(layers=3))
+    rng, boxes, rule = np.random.default_rng(11), problem.bricks, problem.law
+    assert boxes.sides is not None
+    u, v = 0.01 * rng.standard_normal((2, problem.block.positions().size // 3, 3))
+    v += u
+    found = []
+    for shape in (boxes, boxes._replace(sides=None)):
+        virgin = plasticity.initial_history(boxes.number)
+        _, flowing = plasticity.internal_force(u, shape, rule, virgin)
+        history = plasticity.commit(u, shape, rule, virgin, flowing)
+        force, flowing = plasticity.internal_force(v, shape, rule, history)
+        assert flowing.any()
+        correction = plasticity.tangent_correction(v, shape, rule, history, flowing)
+        plasticity.add_correction(u, shape, correction, 0.9, product := np.zeros_like(u))
+        found.append((history.rows, history.plastic_strain, flowing, force, product))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-13 * np.abs(other).max())
+
+
+# Limit loads ---------------------------------------------------------------------------------
+
+SLICE = 0.01  # half of the angle that a column of bricks subtends, rad
+
+
+def column(count: int, poisson_ratio: float, path: np.ndarray, *, sphere: bool):  # type: ignore[no-untyped-def]
+    """Internal pressures and outer displacements of a thick sphere or, in plane strain, cylinder of
+    radii 1 to 2, Y = 1 and E = 1000, and Newton's residuals; unknown i moves the radius r_i."""
+    radii = np.geomspace(1.0, 2.0, count + 1)
+    lean = math.tan(SLICE)
+    across = np.array([(x * lean, y * lean * sphere, 1.0) for x in (-1, 1) for y in (-1, 1)])
+    directions = across / np.linalg.norm(across, axis=1)[:, None]
+    nodes = 4 * (np.arange(count)[:, None] + CORNERS[:, 2]) + CORNERS @ [2, 1, 0]
+    points = (radii[:, None, None] * directions).reshape(-1, 3)
+    if not sphere:
+        points[:, 1] += np.tile([0.0, 1.0, 0.0, 1.0], count + 1) * 2 * lean
+    rows = np.arange(12 * (count + 1))
+    motion = sp.csr_matrix((np.tile(directions.ravel(), count + 1), (rows, rows // 12)))
+    bricks, free = elements(nodes, np.arange(count), points[nodes]), np.arange(count + 1) > 0
+    done = push(bricks, law(1000.0, poisson_ratio, 1.0), free, np.array([0]), path, motion=motion)
+    # A facet about r = 1: its area, and how its corners' radii lean.
+    direction = directions[0, 2]
+    area = (2 * lean * direction) * (2 * lean * (direction if sphere else 1.0))
+    pressure = np.array([step.forces[0] for step in done]) / (area * direction)
+    outer = np.array([step.unknowns[-1] for step in done])
+    return pressure, outer, [step.residuals for step in done]
+
+
+def thick_sphere(count: int, nu: float = 0.3):  # type: ignore[no-untyped-def]
+    """Pushed to half as much again as full yield takes, from where the pressure stands still."""
+    return column(count, nu, (1 - nu) * 8e-3 * np.linspace(0.02, 1.5, 12), sphere=True)
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.499])
+def test_the_thick_sphere_follows_hill_to_collapse(nu: float) -> None:
+    """While it is plastic to the radius c, its outer surface moves by (1 - nu) Y c^3/(E b^2)."""
+    pressure, outer, _ = thick_sphere(20, nu)
+    c = np.cbrt(outer * 4000 / (1 - nu))
+    plastic = [reference.thick_sphere_pressure(r, 1, 2, 1) for r in np.clip(c, 1, 2)]
+    elastic = 7 / 3 * 1000 * outer / (1 - nu)
+    np.testing.assert_allclose(pressure, np.where(c <= 1, elastic, plastic), rtol=2e-3)
+    assert pressure[-1] == pytest.approx(pressure[-2], rel=1e-6)
+
+
+def test_the_thick_spheres_error_falls_with_second_order_and_newtons_quadratically() -> None:
+    counts = np.array([8, 16, 32])
+    errors = [abs(thick_sphere(int(n))[0][-1] / (2 * math.log(2)) - 1) for n in counts]
+    assert -np.polyfit(np.log(counts), np.log(errors), 1)[0] > 1.7
+    assert errors[-1] < 1e-3
+    last = [r for r in thick_sphere(20)[2][4] if 1e-13 < r < 1e-2]
+    assert len(last) >= 2
+    for before, after in itertools.pairwise(last):
+        assert after < 10 * before**2  # a tenth of blending by the residual is itself quadratic
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.499])
+def test_the_thick_cylinder_collapses_at_its_limit(nu: float) -> None:
+    pressure, _, _ = column(20, nu, 4e-3 * np.linspace(0.1, 4.0, 12), sphere=False)
+    # nu = 0.3 still creeps up by 1e-4 a step at this push; 20 elements err by 0.05 %.
+    assert pressure[-1] == pytest.approx(2 / math.sqrt(3) * math.log(2), rel=2e-3)
+
+
+def test_elements_without_mean_dilatation_lock() -> None:
+    """Their load under a strip punch overshoots and keeps climbing; B-bar stands on a plateau."""
+    locked, free = strip_punch(4, mean_dilatation=False), strip_punch(4)
+    assert locked[-1] / STRIP_LIMIT > 1.3
+    # 1.077 at four elements a half-width, 1.040 at eight: first order.
+    assert free[-1] / STRIP_LIMIT < 1.09
+    assert locked[-1] / locked[-2] > 1.02
+    assert free[-1] / free[-2] < 1.001
+
+
+@pytest.mark.long
+def test_prandtls_punch_is_met_by_richardson_at_every_poisson_ratio() -> None:
+    assert reference.strip_limit_pressure(1.0) == pytest.approx(STRIP_LIMIT)
+    limits = []
+    for nu in (0.0, 0.3, 0.499):
+        coarse, fine = (strip_punch(n, poisson_ratio=nu) for n in (4, 8))
+        limits.append(fine[-1])
+        assert fine[-1] / STRIP_LIMIT - 1 < 0.045
+        # First order in h, the effective half-width being a + 0.31 h.
+        assert 2 * fine[-1] - coarse[-1] == pytest.approx(STRIP_LIMIT, rel=5e-3)
+        assert fine[-1] == pytest.approx(fine[-2], rel=2e-3)  # the load has stopped climbing
+    assert max(limits) / min(limits) - 1 < 1e-3
+
+
+# The block -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("poisson_ratio", [0.0, 0.3, 0.45])
+def test_the_depth_is_the_least_that_hides_the_base(poisson_ratio: float) -> None:
+    depth, q = half_space_depth(2.0, poisson_ratio, 1e-3), np.array([math.pi])
+    half = 2 * (1 - poisson_ratio**2) / q
+    off, shallower = (
+        abs(float((exact_compliance(q, d, 1.0, poisson_ratio) / half)[0]) - 1)
+        for d in (depth, 0.98 * depth)
+    )
+    assert off == pytest.approx(1e-3, rel=1e-3)
+    assert shallower > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("depth", "first"), [(1.0, 1 / 64), (0.9, 1 / 1024), (0.1, 0.05), (1e7, 1.0)]
+)
+def test_the_layers_fill_the_depth_and_thicken_no_faster_than_allowed(
+    depth: float, first: float
+) -> None:
+    layers = graded_layers(depth, first)
+    assert layers.sum() == pytest.approx(depth, rel=1e-12)
+    assert layers[0] == pytest.approx(first, rel=0.1)
+    assert (layers[1:] / layers[:-1]).max() <= GROWTH * (1 + 1e-9)
+    # One layer fewer would break the rule: no finer than needed.
+    fewer = graded_layers(depth, first, len(layers) - 1)
+    assert len(layers) == 2 or (fewer[1:] / fewer[:-1]).max() > GROWTH
+
+
+def test_grading_changes_no_wave_by_more_than_its_bound() -> None:
+    n, depth = 64, half_space_depth(1.0, 0.3)
+    rule = law(1.0, 0.3, math.inf)
+
+    def compliance(layers: np.ndarray) -> np.ndarray:
+        block = PeriodicBlock((n, 1), (1 / n, 1 / n), layers)
+        return factorise(block, flat_elements(block), rule).surface[:, 0]
+
+    equal = compliance(np.full(round(depth * n), depth / round(depth * n)))
+    # 0.7 %, as `GROWTH` says; 64 points a wave are off by 0.4 % on their own.
+    assert np.abs(compliance(graded_layers(depth, 1 / n)) / equal - 1).max() < 7e-3
+
+
+def test_a_deeper_or_finer_block_changes_the_longest_waves_little() -> None:
+    scene = rough_scene(32, 4, dimensions=1)
+    chosen = surface_compliance(scene)
+    deeper = surface_compliance(scene, depth=2 * half_space_depth(1.0, 0.3))
+    assert np.abs(deeper[1:] / chosen[1:] - 1).max() < 3e-3
+    finer = surface_compliance(scene, layers=3 * block_for(scene, FemOptions()).layers.size)
+    assert np.abs(finer[1:5] / chosen[1:5] - 1).max() < 1.5e-2
+
+
+def test_moved_nodes_put_the_top_at_the_heights_and_leave_the_base() -> None:
+    scene = rough_scene(8, 2)
+    block = block_for(scene, FemOptions(geometry="moved"))
+    where, heights = block.positions(), scene.surface.heights
+    np.testing.assert_allclose(where[0, ..., 2], heights - heights.mean(), atol=1e-15)
+    np.testing.assert_allclose(where[-1, ..., 2], -block.depth, rtol=1e-14)
+    # The shift has zero mean over every level, so the body keeps its volume.
+    assert moved_elements(block).weights.sum() == pytest.approx(block.depth, rel=1e-12)
+
+
+@pytest.mark.parametrize("dimensions", [1, 2])
+def test_the_mesh_for_other_codes_fills_one_period(dimensions: int) -> None:
+    import pyvista
+
+    problem = problem_of(rough_scene(8, 2, dimensions=dimensions), FemOptions(law="elastic"))
+    mesh, block = mesh_of(problem), problem.block
+    volumes = pyvista.from_meshio(mesh).compute_cell_sizes()["Volume"]
+    period = [n * h for n, h in zip(block.shape, block.spacing, strict=True)]
+    assert volumes.min() > 0
+    assert volumes.sum() == pytest.approx(math.prod(period) * block.depth)
+    assert len(np.unique(mesh.points, axis=0)) == len(mesh.points)
+    top, base = (mesh.points[mesh.point_sets[name], 2] for name in ("top", "base"))
+    assert len(top) == len(base) == (block.shape[0] + 1) * (block.shape[1] + 1)
+    np.testing.assert_allclose(base, -block.depth)
+    assert np.ptp(top) == pytest.approx(np.ptp(problem.heights))
+
+
+@pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
+def test_what_cannot_be_meshed_is_refused() -> None:
+    with pytest.raises(InvalidScene, match=r"depth is 1 m.*0\.5 m"):
+        block_for(rough_scene(8, 2, body=Body("bonded_layer", 0.5)), FemOptions(depth=1.0))
+    rough = rough_scene(16, 6, slope=20.0, body=Body("bonded_layer", 0.2))
+    with pytest.raises(InvalidScene, match="inside out"):
+        moved_elements(block_for(rough, FemOptions(geometry="moved")))
+    corners = np.stack([CORNERS.astype(float), CORNERS * [1.0, 1.0, -1.0]])
+    with pytest.raises(ValueError, match="inside out"):
+        elements(np.arange(16).reshape(2, 8), np.arange(2), corners)
