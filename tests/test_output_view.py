@@ -92,7 +92,6 @@ def test_a_surface_shows_elastic_yellow_and_plastic_black(
     assert os.listdir(tmp_path / "out") == ["x.png"]
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("can_draw")
 def test_a_block_shows_stress_and_strain_deformed_by_the_factor(tmp_path: Path) -> None:
     block = block_file(tmp_path / "fem.vtu")
@@ -115,7 +114,6 @@ def test_two_results_and_their_difference(tmp_path: Path) -> None:
     assert red[2] > 200 > max(red[:2])
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("can_draw")
 def test_films(tmp_path: Path) -> None:
     steps = {load: block_file(tmp_path / f"{load}.vtu", load) for load in (1.0, 2.0, 3.0)}
@@ -218,7 +216,6 @@ def test_what_is_refused(
     assert os.listdir() == before
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not NO_MP4, reason="an MP4 can be written here")
 @pytest.mark.usefixtures("can_draw")
 def test_an_mp4_without_its_writer_is_one_sentence(tmp_path: Path) -> None:

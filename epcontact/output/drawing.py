@@ -111,21 +111,12 @@ def surface_scale(file: FieldFile) -> tuple[float, Limits]:
 
 def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -> None:
     """Draw the contact state and the pressure on the deformed surface, under the flat at z = 0."""
-    small = _strided(file)
     scale, unit = unit_for(max(file.periods), "m")
-    # Points in contact touch the flat, also where flow has cut off the peaks.
-    height = -np.maximum(np.asarray(small.field("gap"), dtype=np.float64), 0.0) / scale
-    axes = [np.arange(n) * d / scale for n, d in zip(small.shape, small.spacing, strict=True)]
-    mesh = pv.StructuredGrid(*np.meshgrid(*axes, indexing="ij"), height * factor)
-    mesh["state"] = np.asarray(small.field("state"), dtype=np.intp).ravel(order="F")
     top_scale, top_unit = unit_for(limits[0], "Pa")
-    pressure = np.asarray(small.field("pressure"), dtype=np.float64) / top_scale
-    # Points without contact are NaN, not zero, so that they are white.
-    mesh["pressure"] = np.where(pressure > 0, pressure, np.nan).ravel(order="F")
+    mesh = _surface(_strided(file), factor, scale, top_scale)
     shares = {kind: np.mean(file.field("state") == kind) for kind in (ELASTIC, PLASTIC)}
     mean = float(np.mean(file.field("pressure"), dtype=np.float64)) / top_scale
-    states: dict[str, Any] = {
-        "scalars": "state",
+    state: dict[str, Any] = {
         "cmap": list(STATE_COLOURS.values()),
         "clim": (-0.5, 2.5),
         # The colours are interpolated, not the states: otherwise an elastic rim would appear
@@ -135,22 +126,37 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         "scalar_bar_args": _bar("contact state (shares of grid points), white: apart")
         | {"n_labels": 0, "position_y": 0.06},
     }
-    pressures: dict[str, Any] = {
-        "scalars": "pressure",
+    pressure: dict[str, Any] = {
         "cmap": PRESSURE_MAP,
         "clim": (0.0, limits[0] / top_scale),
         "nan_color": "white",
         "scalar_bar_args": _bar(f"pressure ({top_unit}), white: none"),
     }
     title = f"Contact: {_size(file.periods, scale)} {unit}, heights × {factor:.3g}"
-    mean_pressure = f"Contact pressure, mean {mean:.4g} {top_unit}"
-    for column, (look, text) in enumerate(((states, title), (pressures, mean_pressure))):
+    panels = (
+        ("state", state, title),
+        ("pressure", pressure, f"Contact pressure, mean {mean:.4g} {top_unit}"),
+    )
+    for column, (name, look, text) in enumerate(panels):
         plotter.subplot(0, column)
         shading = {"smooth_shading": True, "ambient": 0.45, "diffuse": 0.55, "specular": 0.0}
-        plotter.add_mesh(mesh.copy(), **look, **shading)
+        plotter.add_mesh(mesh.copy(), scalars=name, **look, **shading)
         plotter.add_text(text, font_size=11, **TEXT)
         _look_down(plotter, mesh)
         _mark_lengths(plotter, mesh.bounds, unit, "xy")
+
+
+def _surface(file: FieldFile, factor: float, scale: float, top_scale: float) -> Any:
+    """Return the deformed surface with state and pressure, lengths and pressures over scales."""
+    # Points in contact touch the flat, also where flow has cut off the peaks.
+    height = -np.maximum(np.asarray(file.field("gap"), dtype=np.float64), 0.0) / scale
+    axes = [np.arange(n) * d / scale for n, d in zip(file.shape, file.spacing, strict=True)]
+    mesh = pv.StructuredGrid(*np.meshgrid(*axes, indexing="ij"), height * factor)
+    mesh["state"] = np.asarray(file.field("state"), dtype=np.intp).ravel(order="F")
+    pressure = np.asarray(file.field("pressure"), dtype=np.float64) / top_scale
+    # Points without contact are NaN, not zero, so that they are white.
+    mesh["pressure"] = np.where(pressure > 0, pressure, np.nan).ravel(order="F")
+    return mesh
 
 
 def _look_down(plotter: Any, mesh: Any) -> None:

@@ -155,16 +155,9 @@ def contact_profile(
         figure, (left, right) = new_figure(8.4, 3.2, columns=2)
         left.fill_between(x / across, -depth / up, -1.05 * depth.max() / up, color="#d9d9d9")
         for kind in (ELASTIC, PLASTIC):
-            left.fill_between(
-                x / across,
-                0.0,
-                0.04 * depth.max() / up,
-                where=state == kind,
-                step="mid",
-                color=STATE_COLOURS[kind],
-                linewidth=1.0,
-                label=f"{STATE_NAMES[kind]} contact",
-            )
+            look = {"color": STATE_COLOURS[kind], "label": f"{STATE_NAMES[kind]} contact"}
+            bar = {"where": state == kind, "step": "mid", "linewidth": 1.0}
+            left.fill_between(x / across, 0.0, 0.04 * depth.max() / up, **bar, **look)
         left.set(ylabel=f"height below the flat ({height_unit})", title="profile in contact")
         left.legend(loc="lower right", frameon=True)
         right.fill_between(x / across, pressure / scale, step="mid", color="#0072b2")
