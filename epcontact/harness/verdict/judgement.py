@@ -104,7 +104,7 @@ def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
         for side in sides
         if all("error" in result.final.areas for result in side.results)
     ]
-    # A theory says 0 and claims nothing by it; what is no number is no assurance.
+    # A theory has no grid and reports 0, which is no claim; NaN counts as an infinite one.
     return min((math.inf if math.isnan(c) else c for c in claims if c != 0), default=None)
 
 
