@@ -6,11 +6,12 @@ result carries them in its provenance, so that its JSON, its .vti and the report
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
 
 from epcontact.materials.moduli import effective_modulus
-from epcontact.scene import Body, Scene, Surface
+from epcontact.scene import Scene, Surface
 from epcontact.surfaces import Recipe, unit_of
 
 #: The bodies in words.
@@ -24,13 +25,8 @@ BODIES = {
 def described(scene: Scene, recipe: Recipe) -> dict[str, dict[str, Any]]:
     """Return the figures of a scene by name, each with `value`, `unit` and `meaning`.
 
-    Args:
-        scene: the scene that is solved.
-        recipe: the recipe of its surface.
-
-    Returns:
-        Values are numbers, lists of numbers or words, the units "" for words and "–" for numbers
-        without a unit.  What the scene does not have, such as a hardness, is left out or infinite.
+    Values are numbers, lists of numbers or words, the units "" for words and "–" for numbers
+    without a unit.  What the scene does not have, such as a hardness, is left out or infinite.
 
     Example:
         >>> from epcontact import Load, Material
@@ -43,7 +39,9 @@ def described(scene: Scene, recipe: Recipe) -> dict[str, dict[str, Any]]:
         (100.0, 'Pa')
     """
     surface, material = scene.surface, scene.material
-    modulus = effective_modulus(material)
+    modulus, body = effective_modulus(material), BODIES[scene.body.kind]
+    if scene.body.kind != "half_space":
+        body += f", {scene.body.depth:g} m deep"
     if surface.spectrum is None:
         slope, how = surface.rms_slope, "rms slope ξ, from differences of neighbours"
     else:
@@ -60,7 +58,7 @@ def described(scene: Scene, recipe: Recipe) -> dict[str, dict[str, Any]]:
         ("effective_modulus", modulus, "Pa", "effective modulus E* = E / (1 − ν²)"),
         ("hardness", material.hardness, "Pa", "hardness σ_P, the largest contact pressure"),
         ("yield_stress", material.yield_stress, "Pa", "yield stress σ_Y of the J2 solid"),
-        ("body", _body_in_words(scene.body), "", "body"),
+        ("body", body, "", "body"),
         ("load_path", list(scene.load.path), "Pa", "mean pressure p₀ (force / nominal area)"),
     ]
     if surface.shortest_wavelength is not None:
@@ -88,18 +86,11 @@ def _surface_in_words(surface: Surface, recipe: Recipe) -> str:
     return f"{kind}: {', '.join(_parameters(recipe))}"
 
 
-def _parameters(recipe: Any) -> list[str]:
-    """Return the parameters of a recipe as "radius 0.01 m", with the units of its annotations."""
-    told = []
-    for parameter in fields(recipe):
-        name, value = parameter.name, getattr(recipe, parameter.name)
+def _parameters(recipe: Any) -> Iterator[str]:
+    """Yield the parameters of a recipe as "radius 0.01 m", with the units of its annotations."""
+    for name in (field.name for field in fields(recipe)):
+        value = getattr(recipe, name)
         if name in ("kind", "periods", "shape", "heights") or value in (None, (), False):
             continue
         shown = f"{value:g}" if isinstance(value, float) else str(value)
-        told.append(f"{name.replace('_', ' ')} {shown} {unit_of(recipe, name)}".rstrip())
-    return told
-
-
-def _body_in_words(body: Body) -> str:
-    words = BODIES[body.kind]
-    return words if body.kind == "half_space" else f"{words}, {body.depth:g} m deep"
+        yield f"{name.replace('_', ' ')} {shown} {unit_of(recipe, name)}".rstrip()

@@ -41,11 +41,7 @@ def is_command(source: str) -> bool:
 
 
 def require_solver(source: str) -> None:
-    """Refuse a solver that is not there, before anything is solved.
-
-    Raises:
-        InvalidCase: if the function cannot be imported, or there is no such program.
-    """
+    """Raise InvalidCase if a function cannot be imported, or there is no such program."""
     if is_command(source):
         if sorted(match[1] for match in PLACEHOLDER.finditer(source)) != ["result", "scene"]:
             raise InvalidCase(
@@ -65,17 +61,11 @@ def require_solver(source: str) -> None:
 
 
 def solve(name: str, source: str, scene: Scene, limit: float = math.inf) -> ContactResult:
-    """Return the result of a foreign solver, called `name`.
-
-    Args:
-        name: the name of the method in the result.
-        source: `module:function` or a command.
-        scene: the scene; the solver gets a copy.
-        limit: seconds after which the process of the solver is ended.
+    """Return the result of a foreign solver, called `name`, on a copy of the scene.
 
     Raises:
-        InvalidCase: if the process dies or the limit passes, if the solver raises an error, or if
-            it returns no ContactResult on the grid of the scene.
+        InvalidCase: if the process dies or `limit` seconds pass, if the solver raises an error, or
+            if it returns no ContactResult on the grid of the scene.
     """
     try:
         answer = _child().call(_answer, source, scene, limit=limit)
@@ -121,12 +111,12 @@ def _answer(source: str, scene: Scene) -> _Plain | str:
         return refusal
     # What pickle copies is writable: these heights are read-only again.
     scene = replace(scene, surface=replace(scene.surface))
-    verb = "returned" if is_command(source) else "raised"
+    verb = "raised"
     try:
         if is_command(source):
-            result = answer_of_command(_words(source), scene)
-        else:
-            result = _imported(source)(scene)
+            verb = "returned"
+            return _checked(answer_of_command(_words(source), scene), scene)
+        result = _imported(source)(scene)
         verb = "returned"
         return _checked(result, scene)
     except (Exception, SystemExit) as error:

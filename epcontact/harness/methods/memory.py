@@ -43,35 +43,30 @@ def of_task(
     return _PROCESS + needed
 
 
-def of_surface(
-    recipe: Recipe, material: Material, body: Body, load: Load, options: Mapping[str, Any]
-) -> float:
+def of_surface(recipe: Recipe, *_: Any) -> float:
     """Estimate the bytes of a method that needs little more than the heights and their modes."""
-    del material, body, load, options
     return 32.0 * math.prod(recipe.shape)
 
 
-def of_grid(
-    recipe: Recipe, material: Material, body: Body, load: Load, options: Mapping[str, Any]
-) -> float:
+def of_grid(recipe: Recipe, material: Material, _: Body, load: Load, *__: Any) -> float:
     """Estimate the bytes of the boundary elements, heights included."""
-    del body, options
-    slope = recipe.spectrum.rms_slope if isinstance(recipe, SelfAffine) else 0.0
+    stiffness = effective_modulus(material) * _slope(recipe)
     pressure = load.final or max(load.path)
-    stiffness = effective_modulus(material) * slope
-    solve = bytes_per_point(pressure, material.hardness, stiffness)
-    return (8 + solve) * math.prod(recipe.shape)
+    return (8 + bytes_per_point(pressure, material.hardness, stiffness)) * math.prod(recipe.shape)
 
 
 def of_block(
     recipe: Recipe, material: Material, body: Body, load: Load, options: Mapping[str, Any]
 ) -> float:
     """Estimate the bytes of the finite elements."""
-    from fem_check.memory import bytes_needed  # as above
+    from fem_check.memory import bytes_needed  # loads solvers
     from fem_check.mesh import block_for
     from fem_check.options import FemOptions
 
     flat = Scene(Surface(np.zeros(recipe.shape), recipe.periods), material, load, body)
-    slope = recipe.spectrum.rms_slope if isinstance(recipe, SelfAffine) else 0.0
     given = FemOptions(**options)
-    return bytes_needed(flat, given, block_for(flat, given), slope)
+    return bytes_needed(flat, given, block_for(flat, given), _slope(recipe))
+
+
+def _slope(recipe: Recipe) -> float:
+    return recipe.spectrum.rms_slope if isinstance(recipe, SelfAffine) else 0.0

@@ -16,10 +16,11 @@ numbers near 1.  Lines and layers are refused.
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -65,13 +66,9 @@ MIXING, EARLIER, MOST_ITERATIONS = 0.5, 3, 100
 
 
 def _contact_mechanics_pressure(
-    heights: FloatArray,
-    load: float,
-    hardness: float,
-    tolerance: float | None,
-    lengths: tuple[float, float] = (1.0, 1.0),
+    heights: FloatArray, load: float, hardness: float, effort: Any, lengths: Any = (1.0, 1.0)
 ) -> FloatArray:
-    """Return pressure/E* by ContactMechanics on periods near 1; `tolerance` is its `pentol`."""
+    """Return pressure/E* by ContactMechanics on periods near 1; `effort` is its `pentol`."""
     from ContactMechanics import PeriodicFFTElasticHalfSpace
     from ContactMechanics.Optimization import constrained_conjugate_gradients
 
@@ -82,18 +79,15 @@ def _contact_mechanics_pressure(
         heights,
         hardness=None if math.isinf(hardness) else hardness * cell,
         external_force=load * nominal,
-        pentol=tolerance,
+        pentol=effort,
         maxiter=20000,
     )
-    return np.asarray(found.jac) / cell
+    pressure: FloatArray = np.asarray(found.jac) / cell
+    return pressure
 
 
 def _tamaas_pressure(
-    heights: FloatArray,
-    load: float,
-    hardness: float,
-    effort: float | int | None,
-    lengths: tuple[float, float] = (1.0, 1.0),
+    heights: FloatArray, load: float, hardness: float, effort: Any, lengths: Any = (1.0, 1.0)
 ) -> FloatArray:
     """Return pressure/E* by tamaas; `effort` is a tolerance or, with a hardness, iterations."""
     import tamaas as tm
@@ -107,7 +101,8 @@ def _tamaas_pressure(
         solver = tm.KatoSaturated(model, heights, 1e-8, hardness)
         solver.max_iter = int(effort or 100)
     solver.solve(load)
-    return np.array(model.traction)
+    traction: FloatArray = np.array(model.traction)
+    return traction
 
 
 #: By package: the function that maps (heights, load, hardness, effort, lengths) to pressure/E*.
@@ -144,19 +139,13 @@ def tamaas_j2(scene: Scene) -> ContactResult:
     _require_peer(scene, "tamaas")
     started = time.perf_counter()
     E, period = effective_modulus(scene.material), scene.surface.periods[0]
-    for flowing in FLOWING:
-        try:
+    with _giving_up("tamaas"):
+        for flowing in FLOWING:
             pressure, gap, deepest = _tamaas_flow(scene, flowing)
-        except NoConvergence:
-            raise NotConverged(
-                f"tamaas gave up: flow and contact do not settle in {MOST_ITERATIONS} iterations"
-            ) from None
-        except (RuntimeError, ArithmeticError, ValueError) as error:
-            raise NotConverged(f"tamaas gave up: {' '.join(str(error).split())}") from error
-        if deepest == 0:
-            break
-    else:
-        raise NotConverged(f"tamaas gave up: the body flows deeper than {flowing:g} periods")
+            if deepest == 0:
+                break
+        else:
+            raise RuntimeError(f"the body flows deeper than {flowing:g} periods")
     displacement = gap * period + scene.surface.heights
     uncapped = replace(scene, material=replace(scene.material, hardness=math.inf))
     found = result_of(
@@ -167,13 +156,22 @@ def tamaas_j2(scene: Scene) -> ContactResult:
         gap=gap * period,
         displacement=displacement - displacement.mean(),
     )
-    options = {
-        "solver": "tamaas_j2",
-        "law": "j2",
-        "depth": flowing * period,
-        "compliance": "half_space",
-    }
+    options = {"law": "j2", "depth": flowing * period, "compliance": "half_space"}
+    options |= found.provenance.options
     return replace(found, provenance=Provenance(scene.digest, scene.surface.seed, options))
+
+
+@contextlib.contextmanager
+def _giving_up(package: str) -> Iterator[None]:
+    """Tell the errors of a package as NotConverged."""
+    try:
+        yield
+    except NoConvergence:
+        raise NotConverged(
+            f"{package} gave up: flow and contact do not settle in {MOST_ITERATIONS} iterations"
+        ) from None
+    except (RuntimeError, ArithmeticError, ValueError) as error:
+        raise NotConverged(f"{package} gave up: {' '.join(str(error).split())}") from error
 
 
 def _tamaas_flow(scene: Scene, flowing: float) -> tuple[FloatArray, FloatArray, float]:
@@ -257,17 +255,11 @@ def _require_peer(scene: Scene, name: str) -> None:
 def _answer(scene: Scene, name: str, package: str, effort: float) -> ContactResult:
     _require_peer(scene, package)
     E, periods = effective_modulus(scene.material), scene.surface.periods
-    loads = (scene.load.final / E, scene.material.hardness / E)
+    heights = np.array(scene.surface.heights) / periods[0]
+    loads, lengths = (scene.load.final / E, scene.material.hardness / E), periods[1] / periods[0]
     started = time.perf_counter()
-    try:
-        pressure = PEERS[package](
-            np.array(scene.surface.heights) / periods[0],
-            *loads,
-            effort,
-            (1.0, periods[1] / periods[0]),
-        )
-    except (RuntimeError, ArithmeticError, ValueError) as error:
-        raise NotConverged(f"{package} gave up: {' '.join(str(error).split())}") from error
+    with _giving_up(package):
+        pressure = PEERS[package](heights, *loads, effort, (1.0, lengths))
     return result_of(scene, pressure * E, name, time.perf_counter() - started)
 
 
@@ -286,12 +278,10 @@ def result_of(
     an elastic point over the rms height, and the missing force over the nominal one.
     """
     surface, hardness = scene.surface, scene.material.hardness
-    q = rfft_wavenumbers(surface.shape, surface.periods)
-    compliance = surface_compliance(q, scene.body, scene.material)
-    axes = tuple(range(pressure.ndim))
     if displacement is None:
-        modes = compliance * np.fft.rfftn(pressure)
-        displacement = np.fft.irfftn(modes, s=surface.shape, axes=axes)
+        q = rfft_wavenumbers(surface.shape, surface.periods)
+        modes = surface_compliance(q, scene.body, scene.material) * np.fft.rfftn(pressure)
+        displacement = np.fft.irfftn(modes, s=surface.shape, axes=range(pressure.ndim))
     state = np.full(surface.shape, ELASTIC, dtype=np.uint8)
     state[pressure <= 0] = APART
     state[pressure >= hardness * (1 - 1e-9)] = PLASTIC
@@ -300,39 +290,30 @@ def result_of(
         gap = displacement - surface.heights
         gap = gap - (gap[touching].mean() if touching.any() else gap.min())
     capped = np.where(state == PLASTIC, hardness, np.maximum(pressure, 0))
-    kinds = ("raw", "corrected", "error")
-    areas = estimate_areas(
-        capped, gap, hardness, surface.spacing, effective_modulus(scene.material)
-    )
+    modulus = effective_modulus(scene.material)
+    areas = estimate_areas(capped, gap, hardness, surface.spacing, modulus)
     rms = float(np.std(surface.heights)) or 1.0
-    residuals = {
-        "gap_elastic": float(np.abs(gap[touching]).max(initial=0.0)) / rms,
-        "force": abs(float(pressure.mean()) / scene.load.final - 1),
-    }
-    quantities = {
-        "mean_gap": float(np.maximum(gap, 0).mean()),
-        "mean_separation": float(gap.mean()),
-        "elastic_energy": float(np.vdot(pressure, displacement)) / pressure.size / 2,
-        "largest_pressure": float(pressure.max()),
-    }
     step = LoadStep(
         scene.load.final,
-        dict(zip(kinds, areas, strict=True)),
-        residuals,
-        quantities=quantities,
+        dict(zip(("raw", "corrected", "error"), areas, strict=True)),
+        residuals={
+            "gap_elastic": float(np.abs(gap[touching]).max(initial=0.0)) / rms,
+            "force": abs(float(pressure.mean()) / scene.load.final - 1),
+        },
+        quantities={
+            "mean_gap": float(np.maximum(gap, 0).mean()),
+            "mean_separation": float(gap.mean()),
+            "elastic_energy": float(np.vdot(pressure, displacement)) / pressure.size / 2,
+            "largest_pressure": float(pressure.max()),
+        },
     )
+    fields = {"pressure": pressure, "gap": gap, "displacement": displacement, "state": state}
     return ContactResult(
         method=name,
         steps=(step,),
         provenance=Provenance(scene.digest, surface.seed, {"solver": name}),
         distribution=pressure_distribution(capped, hardness),
-        fields={
-            "heights": surface.heights,
-            "pressure": pressure,
-            "gap": gap,
-            "displacement": displacement,
-            "state": state,
-        },
+        fields={"heights": surface.heights} | fields,
         cost={"seconds": seconds, "unknowns": pressure.size},
         notes=(*surface.notes, f"the pressure is {name}'s, everything else follows from it here"),
     )
