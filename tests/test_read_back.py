@@ -67,25 +67,8 @@ def placed(*place: Any) -> Callable[[Any], None]:
     return change
 
 
-def swapped(data: Any) -> None:
-    areas = data["areas"]
-    areas["raw"], areas["corrected"] = areas["corrected"], areas["raw"]
-
-
-def improved(data: Any) -> None:
-    for name in data["residuals"]:
-        data["residuals"][name] = min(member["residuals"][name] for member in data["members"]) / 2
-
-
-def turned(data: Any) -> None:
-    data["members"].reverse()
-
-
-def lost(data: Any) -> None:
-    del data["members"][0]["steps"]
-
-
 CASE = ("cases", 0)
+WIDTH = (*CASE, "gates", 2, "difference", "half_width_95")
 VERDICT, BEM = "verdict.json", "small/fast/bem.json"
 
 
@@ -99,17 +82,13 @@ VERDICT, BEM = "verdict.json", "small/fast/bem.json"
         (VERDICT, placed("passed", True), "the verdict says"),
         (VERDICT, placed(*CASE, "gates", 1, "value", "mean", 0.05), "a value of 0.05"),
         (VERDICT, placed(*CASE, "gates", 2, "difference", "mean", 0.0), "difference of 0.0"),
-        (
-            VERDICT,
-            placed(*CASE, "gates", 2, "difference", "half_width_95", 0.0),
-            "95 % interval of 0.0",
-        ),
+        (VERDICT, placed(*WIDTH, 0.0), "95 % interval of 0.0"),
         (VERDICT, placed(*CASE, "gates", 0, "grid_error", 1e-9), "grid error that is not claimed"),
         (VERDICT, placed(*CASE, "methods", "bem", "surfaces", 2), "has 3 members"),
-        (BEM, swapped, "mean raw total area"),
-        (BEM, improved, "residual force that is not the largest"),
-        (BEM, turned, "calls the surface of seed 7 seed3"),
-        (BEM, lost, "a part is missing"),
+        (BEM, placed("areas", "raw", "total", 0.1), "mean raw total area"),
+        (BEM, placed("residuals", "force", 0.0), "residual force that is not the largest"),
+        (BEM, lambda data: data["members"].reverse(), "calls the surface of seed 7 seed3"),
+        (BEM, lambda data: data["members"][0].pop("steps"), "a part is missing"),
     ],
 )
 def test_what_the_answers_contradict_is_withdrawn(
