@@ -229,24 +229,17 @@ def test_distribution_meets_its_ends():
 # ---- limits --------------------------------------------------------------------------------
 
 
-def test_no_roughness_is_full_elastic_contact():
+def test_no_roughness_is_full_contact_and_endless_roughness_the_bearing_area():
     found = areas(0.0, [1e-9, 0.5, 1 - 1e-9], 1.0)
-    assert_allclose(found.elastic, 1)
-    assert_allclose(found.plastic, 0)
-    assert_allclose(found.separated, 0)
-
-
-def test_endless_roughness_leaves_the_bearing_area():
+    assert_allclose([found.elastic, found.plastic, found.separated], [[1] * 3, [0] * 3, [0] * 3])
     found = areas([1e3, 1e300], 0.3, 1.0)
     assert_allclose(found.plastic, 0.3, rtol=1e-15)
     assert_allclose(found.elastic, 0)
-    late = areas(2.0, 0.3, 1.0)  # one mode is left
-    assert_allclose(
-        late.elastic, 4 / np.pi * np.sin(0.3 * np.pi) * np.exp(-2 * np.pi**2), rtol=1e-13
-    )
+    mode = 4 / np.pi * np.sin(0.3 * np.pi) * np.exp(-2 * np.pi**2)  # the one that is left
+    assert_allclose(areas(2.0, 0.3, 1.0).elastic, mode, rtol=1e-13)
 
 
-def test_infinite_hardness_is_the_elastic_theory_exactly():
+def test_infinite_and_great_hardness_are_the_elastic_theory():
     G, p0 = np.array([0.0, 1e-8, 1.0, 4189.0, 1e30]), 12.5
     found = areas(G, p0, np.inf)
     with np.errstate(divide="ignore"):
@@ -256,33 +249,20 @@ def test_infinite_hardness_is_the_elastic_theory_exactly():
     assert np.all(found.plastic == 0)
     assert np.all(elastic_force(G, p0) == p0)
     assert boundary_slopes(4189.0, p0)[1] == 0
-
-
-def test_great_hardness_tends_to_the_elastic_theory():
-    G, p0 = 4189.0, 12.5
-    hard, elastic = areas(G, p0, 1e8), areas(G, p0)
-    assert_allclose(hard.elastic, elastic.elastic, rtol=1e-14)
+    assert_allclose(areas(4189.0, p0, 1e8).elastic, areas(4189.0, p0).elastic, rtol=1e-14)
     sigma = np.linspace(0, 500, 41)
-    assert_allclose(
-        pressure_density(sigma, G, p0, 1e8), pressure_density(sigma, G, p0), rtol=1e-12, atol=1e-18
-    )
-    assert_allclose(
-        pressure_cumulative(sigma, G, p0, 1e8), pressure_cumulative(sigma, G, p0), rtol=1e-12
-    )
+    for curve in (pressure_density, pressure_cumulative):
+        hard, elastic = curve(sigma, 4189.0, p0, 1e8), curve(sigma, 4189.0, p0)
+        assert_allclose(hard, elastic, rtol=1e-12, atol=1e-18)
 
 
 def test_small_loads_are_linear():
-    """Both areas halve with the load; the elastic one is p0 times the mean of the exit rates."""
+    """Both areas halve with the load; elastic, A = sqrt(8/pi) p0 / (E* xi) without reduction."""
     one, half = areas(4189.0, 1e-8, 150.0), areas(4189.0, 0.5e-8, 150.0)
     assert_allclose(half.elastic / one.elastic, 0.5, rtol=1e-14)
     assert_allclose(half.plastic / one.plastic, 0.5, rtol=1e-14)
-
-
-def test_elastic_area_at_small_load_is_kappa_p0_over_slope():
-    """kappa = sqrt(8/pi) of Persson's theory without energy reduction."""
-    modulus, slope, p0 = 250.0, 0.7, 1e-9
-    found = areas(modulus**2 * slope**2 / 8, p0).elastic
-    assert_allclose(found, math.sqrt(8 / math.pi) * p0 / (modulus * slope), rtol=1e-14)
+    found = areas(250.0**2 * 0.7**2 / 8, 1e-9).elastic
+    assert_allclose(found, math.sqrt(8 / math.pi) * 1e-9 / (250.0 * 0.7), rtol=1e-14)
 
 
 # ---- the paper -----------------------------------------------------------------------------
@@ -331,33 +311,22 @@ def test_arguments_broadcast_and_scale():
 
 
 def test_pressures_outside_the_range_hold_no_contact():
-    outside = [-1.0, 0.0, 150.0, 151.0]
+    outside, elastic = [-1.0, 0.0, 150.0, 151.0], areas(4189.0, 12.5, 150.0).elastic
     assert np.all(pressure_density(outside, 4189.0, 12.5, 150.0) == 0)
-    elastic = areas(4189.0, 12.5, 150.0).elastic
-    assert_allclose(
-        pressure_cumulative(outside, 4189.0, 12.5, 150.0), [0, 0, elastic, elastic], rtol=0
-    )
+    below = pressure_cumulative(outside, 4189.0, 12.5, 150.0)
+    assert_allclose(below, [0, 0, elastic, elastic], rtol=0)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "word"),
+    ("function", "arguments", "word"),
     [
-        ((-1.0, 1.0, 2.0), "diffusion"),
-        ((np.inf, 1.0, 2.0), "diffusion"),
-        ((np.nan, 1.0, 2.0), "diffusion"),
-        ((1.0, 0.0, 2.0), "mean_pressure"),
-        ((1.0, 2.0, 2.0), "mean_pressure"),
-        ((1.0, np.nan, 2.0), "mean_pressure"),
-        ((1.0, np.inf, np.inf), "mean_pressure"),
+        *((areas, (G, 1.0, 2.0), "diffusion") for G in (-1.0, np.inf, np.nan)),
+        *((areas, (1.0, p0, 2.0), "mean_pressure") for p0 in (0.0, 2.0, np.nan)),
+        (areas, (1.0, np.inf, np.inf), "mean_pressure"),
+        (pressure_density, (1.0, 0.0, 1.0, 2.0), "density"),
+        (pressure_cumulative, (np.nan, 1.0, 1.0, 2.0), "NaN"),
     ],
 )
-def test_nonsense_is_refused(arguments, word):
+def test_nonsense_is_refused(function, arguments, word):
     with pytest.raises(InvalidScene, match=word):
-        areas(*arguments)
-
-
-def test_a_density_needs_roughness_and_a_number():
-    with pytest.raises(InvalidScene, match="density"):
-        pressure_density(1.0, 0.0, 1.0, 2.0)
-    with pytest.raises(InvalidScene, match="NaN"):
-        pressure_cumulative(np.nan, 1.0, 1.0, 2.0)
+        function(*arguments)

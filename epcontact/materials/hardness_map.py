@@ -177,10 +177,6 @@ def hardness_map() -> Mapping[str, FloatArray]:
     They are severity, poisson_ratio, load, surfaces, area, inverse_hardness (sigma_Y/hardness),
     scatter (its relative error by the surfaces of the place alone), and the relative errors PARTS,
     of which the statistical one is that of the formula.
-
-    Example:
-        >>> sorted(set(hardness_map()["severity"].tolist()))
-        [3.0, 5.0, 8.0, 15.0, 30.0, 50.0, 100.0]
     """
     header, *rows = csv.reader(line for line in _text().splitlines() if not line.startswith("#"))
     values = np.array(rows, dtype=np.float64)
@@ -193,12 +189,7 @@ def _text() -> str:
 
 @functools.cache
 def map_digest() -> str:
-    """Return the first 12 digits of the SHA-256 of `hardness_map.csv`, with which values change.
-
-    Example:
-        >>> len(map_digest())
-        12
-    """
+    """Return the first 12 digits of the SHA-256 of `hardness_map.csv`, with which values change."""
     return hashlib.sha256(_text().encode()).hexdigest()[:12]
 
 
@@ -214,16 +205,10 @@ def formula() -> tuple[FloatArray, float]:
 
 
 def fit(known: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
-    """Fit the formula to a map.
+    """Fit the formula to a map's columns; each place has the weight of its own scatter.
 
-    Each place has the weight of its own scatter; those that are nearly full are left out.
-
-    Args:
-        known: columns severity, poisson_ratio, load, area, inverse_hardness and scatter.
-
-    Returns:
-        The coefficients of `terms`, and twice the rms of what the formula misses: of its relative
-        residuals, less what the scatter of the places explains.
+    Places that are nearly full are left out.  Returns the coefficients of `terms`, and twice the
+    rms of what the formula misses: of its relative residuals, less what the scatter explains.
     """
     inside = (known["area"] <= FULL) & (known["inverse_hardness"] > 0)
     scatter, inverse = known["scatter"][inside], known["inverse_hardness"][inside]
@@ -259,12 +244,7 @@ def _between(place: Mapping[str, float], values: FloatArray) -> float:
 
 
 def formula_text() -> str:
-    """Return the formula with its figures, its residual and its range, in words.
-
-    Example:
-        >>> formula_text().startswith("c = ")
-        True
-    """
+    """Return the formula with its figures, its residual and its range, in words."""
     a, b, e, f, g, h, k = formula()[0]
     known = hardness_map()
     reach = ", ".join(

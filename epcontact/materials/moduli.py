@@ -9,13 +9,7 @@ from epcontact.scene import Material
 
 
 def effective_modulus(material: Material) -> float:
-    """The effective modulus E* = E / (1 - nu^2) in Pa, against a rigid counterface.
-
-    Example:
-        >>> from epcontact import Material
-        >>> effective_modulus(Material(young_modulus=91e9, poisson_ratio=0.3)) / 1e9
-        100.0
-    """
+    """The effective modulus E* = E / (1 - nu^2) in Pa, against a rigid counterface."""
     return material.young_modulus / (1 - material.poisson_ratio**2)
 
 

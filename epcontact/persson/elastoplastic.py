@@ -107,17 +107,9 @@ def _plastic_modes(w: Walk) -> FloatArray:
 def elastic_force(
     diffusion: ArrayLike, mean_pressure: ArrayLike, hardness: ArrayLike = np.inf
 ) -> FloatArray:
-    """The part of the mean pressure that elastic contact carries, int sigma P dsigma.
+    """The part of the mean pressure that elastic contact carries, int sigma P dsigma, in Pa.
 
-    The plastic contact carries hardness * A_pl; together they are the mean pressure.  Arguments
-    and errors are those of `areas`.
-
-    Returns:
-        Pressure in Pa, of the shape that the arguments broadcast to.
-
-    Example:
-        >>> print(f"{elastic_force(4187.5, 12.5, 150.0):.3f}")
-        3.922
+    The plastic contact carries hardness * A_pl; together they are the mean pressure.
     """
     walk, unit = _scaled(diffusion, mean_pressure, hardness)
     return unit * evaluate(walk, modes=lambda w: -_plastic_modes(w), images=series.force_images)
@@ -193,18 +185,10 @@ def pressure_cumulative(
 def boundary_slopes(
     diffusion: ArrayLike, mean_pressure: ArrayLike, hardness: ArrayLike = np.inf
 ) -> tuple[FloatArray, FloatArray]:
-    """dP/dsigma at sigma -> 0 from above and at sigma -> hardness from below.
+    """dP/dsigma in 1/Pa^2 at sigma -> 0 from above and at sigma -> hardness from below.
 
     They are the rates at which area leaves elastic contact: d(separated)/dG is the first,
-    d(plastic)/dG is minus the second.  Arguments and errors are those of `areas`.
-
-    Returns:
-        Two arrays in 1/Pa^2, of the shape that the arguments broadcast to.
-
-    Example:
-        >>> at_zero, at_hardness = boundary_slopes(4187.5, 12.5, 150.0)
-        >>> bool(at_zero > 0 > at_hardness)
-        True
+    d(plastic)/dG is minus the second.
     """
     walk, unit = _scaled(diffusion, mean_pressure, hardness)
     at_zero, mirrored = (

@@ -22,7 +22,8 @@ are folded at u = 0: by 1 % at A = 0.02, 6 % at 0.11 and 15 % at 0.34 (a surface
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,16 +41,8 @@ from epcontact.results import FloatArray
 _LEVELS = 48
 
 
-@dataclass(frozen=True)
-class GapDistribution:
-    """The distribution of the gap, as fractions of the nominal area.
-
-    Attributes:
-        gap: (n,) in m.
-        density: (n,) P(u) in 1/m.
-        cumulative: (n,) share with a gap of at most gap, the contact included.
-        contact: share without a gap.
-    """
+class GapDistribution(NamedTuple):
+    """Density in 1/m and cumulative share at gaps (n,) in m, and the share without a gap."""
 
     gap: FloatArray
     density: FloatArray
@@ -58,26 +51,7 @@ class GapDistribution:
 
 
 def gap_distribution(theory: Theory, mean_pressure: float, gap: ArrayLike) -> GapDistribution:
-    """Return the distribution of the open gap under a mean pressure.
-
-    Args:
-        theory: the rough body.
-        mean_pressure: in Pa.
-        gap: (n,) gaps of at least 0, in m.
-
-    Raises:
-        InvalidScene: the mean pressure is not between 0 and the hardness.
-
-    Example:
-        >>> from epcontact import SelfAffineSpectrum
-        >>> from epcontact.persson.reduction import EnergyReduction
-        >>> from epcontact.persson.roughness import analytic_roughness
-        >>> rough = analytic_roughness(SelfAffineSpectrum(0.8, 1.0, 1.0, 64.0, rms_slope=0.1))
-        >>> theory = Theory(rough, 1.0, EnergyReduction(0.536))
-        >>> found = gap_distribution(theory, 0.005, np.linspace(0, 1, 2001))
-        >>> round(float(found.cumulative[-1]), 4), round(found.contact, 3)
-        (1.0, 0.109)
-    """
+    """Return the distribution of the open gap under a mean pressure (Pa), at gaps of 0 or more."""
     u = np.asarray(gap, dtype=np.float64)
     if math.isfinite(theory.hardness):
         flat = flattened_roughness(theory, mean_pressure)

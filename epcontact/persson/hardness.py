@@ -9,7 +9,7 @@ known beforehand.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,8 +27,7 @@ from epcontact.scene import array
 _SAMPLES = 20001
 
 
-@dataclass(frozen=True)
-class HardnessCurve:
+class HardnessCurve(NamedTuple):
     """The answer for a hardness that depends on the magnification.
 
     Attributes:
@@ -85,27 +84,27 @@ def hardness_curve(
     zeta = _magnifications(roughness, magnifications)
     variance = _continuous_slope_variance(roughness)
 
-    def diffusion(z: FloatArray) -> FloatArray:
+    def path(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """G and sigma_P at magnifications."""
         tau = full_contact_diffusion(theory.effective_modulus, variance(z * roughness.lowest))
-        return theory.reduction.gamma * tau
+        return theory.reduction.gamma * tau, _checked_hardness(hardness, z)
 
     cells, steps = resolution
-    nodes = _nodes(diffusion, hardness, zeta, mean_pressure, steps)
-    G, Y = diffusion(zeta), _checked_hardness(hardness, zeta)
+    nodes = _nodes(path, zeta, mean_pressure, steps)
+    G, Y = path(zeta)
     # Up to the first node no point reaches the hardness, and the body is elastic.
     elastic = areas(G, mean_pressure).elastic.copy()
     plastic = np.zeros_like(G)
     state, force_error = None, 0.0
     if nodes.size:
-        node_G, node_Y = diffusion(nodes), _checked_hardness(hardness, nodes)
+        node_G, node_Y = path(nodes)
         first = start(float(node_G[0]), mean_pressure, float(node_Y[0]), cells)
         for z, state in zip(nodes[1:], evolve(first, node_G, node_Y), strict=True):
             force_error = max(force_error, abs(state.mean_pressure / mean_pressure - 1))
             here = zeta == z
             elastic[here], plastic[here] = state.elastic, state.plastic
-    curve = MagnificationCurve(
-        zeta, zeta * roughness.lowest, G, elastic, plastic, elastic + plastic
-    )
+    total, q = elastic + plastic, zeta * roughness.lowest
+    curve = MagnificationCurve(zeta, q, G, elastic, plastic, total)
     return HardnessCurve(curve, Y, None if state is None else _pressures(state), force_error)
 
 
@@ -142,8 +141,7 @@ def _checked_hardness(hardness: Callable[[FloatArray], ArrayLike], zeta: FloatAr
 
 
 def _nodes(
-    diffusion: Callable[[FloatArray], FloatArray],
-    hardness: Callable[[FloatArray], ArrayLike],
+    path: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
     zeta: FloatArray,
     mean_pressure: float,
     steps: int,
@@ -153,7 +151,7 @@ def _nodes(
     At the first of them the upper wall is just not felt; ln G + 2 ln Y grows in equal steps.
     """
     samples = np.geomspace(1.0, zeta[-1], _SAMPLES)
-    G, Y = diffusion(samples), _checked_hardness(hardness, samples)
+    G, Y = path(samples)
     if not mean_pressure < Y[0]:
         raise InvalidScene(
             f"mean_pressure is {mean_pressure:g} Pa, but must stay below the hardness at "

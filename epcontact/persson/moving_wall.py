@@ -47,10 +47,8 @@ _CELLS_PER_WIDTH = 4
 class StressState:
     """The stress distribution at one magnification.
 
-    Attributes:
-        density: (n,) Q = hardness * P, the mean over each of n equal cells of (0, hardness).
-        plastic: A_pl, share of the nominal area.
-        hardness: In Pa.
+    density: (n,) Q = hardness * P, the mean over each of n equal cells of (0, hardness);
+    plastic: A_pl, share of the nominal area; hardness: in Pa.
     """
 
     density: FloatArray
@@ -61,11 +59,6 @@ class StressState:
     def elastic(self) -> float:
         """A_el, share of the nominal area."""
         return float(self.density.mean())
-
-    @property
-    def separated(self) -> float:
-        """The separated area, share of the nominal area."""
-        return 1 - self.elastic - self.plastic
 
     @property
     def mean_pressure(self) -> float:
@@ -83,8 +76,7 @@ def unfelt_diffusion(mean_pressure: float, hardness: float) -> float:
 def start(diffusion: float, mean_pressure: float, hardness: float, cells: int) -> StressState:
     """The state at a small diffusion (Pa^2, see `unfelt_diffusion`), from the closed form.
 
-    Raises:
-        InvalidScene: The wall is felt already, or the cells do not resolve the state.
+    Raises InvalidScene if the wall is felt already, or the cells do not resolve the state.
     """
     needed = _CELLS_PER_WIDTH * hardness / math.sqrt(diffusion)
     if cells < needed:
@@ -101,18 +93,10 @@ def start(diffusion: float, mean_pressure: float, hardness: float, cells: int) -
 def evolve(
     state: StressState, diffusion: FloatArray, hardness: FloatArray
 ) -> Iterator[StressState]:
-    """The states at diffusion[1:], one step each, from `state` at diffusion[0].
+    """The states at diffusion[1:] (Pa^2), one step each, from `state` at diffusion[0].
 
-    The areas are of second order in the steps and the cells.
-
-    Args:
-        state: The state at the first diffusion.
-        diffusion: (n,) Pa^2, increasing.
-        hardness: (n,) Pa, not decreasing.
-
-    Raises:
-        InvalidScene: The diffusion or the hardness is out of order.  The force is not conserved
-            where the hardness falls, nor where it grows without more roughness.
+    The areas are of second order in the steps and the cells.  Raises InvalidScene where the
+    hardness (Pa) falls, or grows without more roughness: there the force is not conserved.
     """
     G, Y = np.asarray(diffusion, dtype=np.float64), np.asarray(hardness, dtype=np.float64)
     _check(G, Y)

@@ -108,25 +108,10 @@ def reduced_diffusion(
     hardness: float = math.inf,
     steps_per_decade: int = STEPS_PER_DECADE,
 ) -> FloatArray:
-    """G, the diffusion with the reduction S.
+    """G in Pa^2, the diffusion with the reduction S, for a tau in Pa^2 of any shape.
 
-    Args:
-        reduction: The rule and its gamma.
-        full_contact_diffusion: tau in Pa^2, of any shape.
-        mean_pressure: In Pa.
-        hardness: In Pa; infinite for an elastic body.
-        steps_per_decade: Steps of the integration to a decade of G.
-
-    Returns:
-        G in Pa^2, of the shape of tau.
-
-    Raises:
-        InvalidScene: tau is not finite or negative, or the mean pressure is not between 0 and the
-            hardness.
-
-    Example:
-        >>> print(f"{reduced_diffusion(EnergyReduction(0.45, 'persson'), 7812.5, 12.5, 150.0):.0f}")
-        3743
+    Raises InvalidScene if tau is not finite or negative, or the mean pressure not between 0 and
+    the hardness.
     """
     tau = array("full_contact_diffusion", full_contact_diffusion)
     if not (np.isfinite(tau).all() and (tau >= 0).all()):

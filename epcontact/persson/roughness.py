@@ -88,11 +88,7 @@ def analytic_roughness(spectrum: SelfAffineSpectrum, bands: int = 512) -> Roughn
 
 
 def surface_roughness(surface: Surface) -> Roughness:
-    """One band for each ring of the surface's own modes; q_0 belongs to its longest period.
-
-    Raises:
-        InvalidScene: The surface is a line.
-    """
+    """One band for each ring of the surface's own modes; q_0 belongs to its longest period."""
     _require_surface(surface)
     rings = radial_spectrum(surface)
     return Roughness(

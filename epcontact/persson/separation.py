@@ -57,11 +57,7 @@ _FLATTENING_EXPONENT = 6
 
 
 def elastic_energy(theory: Theory, mean_pressure: float) -> float:
-    """Elastic energy U_el in J per m^2 of nominal area.
-
-    Raises:
-        InvalidScene: The mean pressure is not between 0 and the hardness.
-    """
+    """Elastic energy U_el in J per m^2 of nominal area.  Raises InvalidScene."""
     tau = _band_diffusion(theory)
     found = areas(tau, mean_pressure, theory.hardness)
     stored = _energy_reduction(theory).factor(found.total) * found.elastic
@@ -69,12 +65,9 @@ def elastic_energy(theory: Theory, mean_pressure: float) -> float:
 
 
 def flattened_roughness(theory: Theory, mean_pressure: float) -> Roughness:
-    """The roughness of C_eff, after plastic flow at a mean pressure (Pa).
+    """The roughness of C_eff, after plastic flow at a mean pressure (Pa).  Raises InvalidScene.
 
     Only the bands are flattened; `slope_variance_up_to` interpolates between them.
-
-    Raises:
-        InvalidScene: The mean pressure is not between 0 and the hardness.
     """
     before, hardness = theory.roughness, theory.hardness
     G = reduced_diffusion(theory.reduction, _band_diffusion(theory), mean_pressure, hardness)
@@ -95,16 +88,7 @@ def flattened_roughness(theory: Theory, mean_pressure: float) -> Roughness:
 def mean_separation(
     theory: Theory, mean_pressure: float, steps_per_e_fold: int = STEPS_PER_E_FOLD
 ) -> float:
-    """Mean separation ubar in m, the mean of the open gap.
-
-    Args:
-        theory: The rough body.
-        mean_pressure: In Pa.
-        steps_per_e_fold: Steps to a factor e of the pressure in the integral over the load.
-
-    Raises:
-        InvalidScene: The mean pressure is not between 0 and the hardness.
-    """
+    """Mean separation ubar in m, the mean of the open gap.  Raises InvalidScene."""
     areas(0.0, mean_pressure, theory.hardness)  # checks the pressure
     if math.isfinite(theory.hardness):
         flat = flattened_roughness(theory, mean_pressure)

@@ -19,8 +19,8 @@ and the symmetry (s, x) -> (1 - s, 1 - x) moves the start into the lower half.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +36,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _NODES, _WEIGHTS = 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
 
 
-@dataclass(frozen=True)
-class Walk:
+class Walk(NamedTuple):
     """The start of the diffusion, its spread, and a pressure; scaled arrays of one shape.
 
     Distances that are differences come from unscaled pressures, so that they keep their digits.
@@ -63,7 +62,7 @@ class Walk:
 
     def rows(self, chosen: NDArray[np.bool_]) -> Walk:
         """The elements that a mask chooses, in one dimension; not copied if it chooses all."""
-        arrays = [getattr(self, field.name) for field in fields(self)]
+        arrays: tuple[Any, ...] = self
         return Walk(*(a.ravel() if chosen.all() else a[chosen] for a in arrays))
 
     def mirrored(self) -> Walk:
@@ -72,10 +71,9 @@ class Walk:
 
     def in_lower_half(self) -> Walk:
         """The problem or its mirror image, whichever starts in the lower half."""
-        low, other = self.s <= self.r, self.mirrored()
-        return Walk(
-            *(np.where(low, getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
-        )
+        low = self.s <= self.r
+        pairs: Iterator[Any] = zip(self, self.mirrored(), strict=True)
+        return Walk(*(np.where(low, own, other) for own, other in pairs))
 
     def image_numbers(self, count: int) -> range:
         """1 to count, or none if there is no upper wall (for any of the rows)."""

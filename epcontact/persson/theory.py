@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,61 +26,42 @@ from epcontact.scene import Scene, array, check_loading, require_kind, whole
 _TAIL = 12.0
 
 
-@dataclass(frozen=True)
-class MagnificationCurve:
-    """Areas (shares of the nominal area) against magnification; arrays of one shape (n,).
-
-    Attributes:
-        magnification: zeta = q / q_0.
-        wavenumber: q in rad/m.
-        diffusion: G in Pa^2.
-        elastic: Elastic contact area.
-        plastic: Plastic contact area.
-        total: Elastic and plastic contact area.
-    """
-
-    magnification: FloatArray
-    wavenumber: FloatArray
-    diffusion: FloatArray
-    elastic: FloatArray
-    plastic: FloatArray
-    total: FloatArray
+class Curve:
+    """Arrays of one shape (n,), each annotated by the name of its column with the unit."""
 
     def columns(self) -> dict[str, FloatArray]:
         """The columns by name and unit, for a table in CSV or JSON."""
+        hints = get_type_hints(type(self), include_extras=True)
+        names = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
         return {
-            "magnification": self.magnification,
-            "wavenumber_rad_per_m": self.wavenumber,
-            "diffusion_Pa2": self.diffusion,
-            "elastic_area": self.elastic,
-            "plastic_area": self.plastic,
-            "total_area": self.total,
+            column: getattr(self, name) for name, columns in names.items() for column in columns
         }
 
 
 @dataclass(frozen=True)
-class PressureCurve:
-    """The distribution of the contact pressure; arrays of one shape (n,).
+class MagnificationCurve(Curve):
+    """Areas (shares of the nominal area) against the magnification zeta = q / q_0."""
 
-    Attributes:
-        pressure: sigma in Pa.
-        density: P(sigma) in 1/Pa.
-        cumulative: Share of the nominal area in elastic contact at pressures in (0, sigma].
-        plastic: Share of the nominal area at the hardness.
+    magnification: Annotated[FloatArray, "magnification"]
+    wavenumber: Annotated[FloatArray, "wavenumber_rad_per_m"]
+    diffusion: Annotated[FloatArray, "diffusion_Pa2"]
+    elastic: Annotated[FloatArray, "elastic_area"]
+    plastic: Annotated[FloatArray, "plastic_area"]
+    total: Annotated[FloatArray, "total_area"]
+
+
+@dataclass(frozen=True)
+class PressureCurve(Curve):
+    """The distribution of the contact pressure.
+
+    `cumulative` is the share of the nominal area in elastic contact at pressures in (0, pressure],
+    `plastic` the share at the hardness.
     """
 
-    pressure: FloatArray
-    density: FloatArray
-    cumulative: FloatArray
+    pressure: Annotated[FloatArray, "pressure_Pa"]
+    density: Annotated[FloatArray, "density_per_Pa"]
+    cumulative: Annotated[FloatArray, "cumulative_area"]
     plastic: float
-
-    def columns(self) -> dict[str, FloatArray]:
-        """The columns by name and unit, for a table in CSV or JSON."""
-        return {
-            "pressure_Pa": self.pressure,
-            "density_per_Pa": self.density,
-            "cumulative_area": self.cumulative,
-        }
 
 
 def pressure_curve(

@@ -104,7 +104,7 @@ FAULTS = (
     ),
     Fault(
         "plastic wall as far as the hardness twice", "persson",
-        given(P + "series.plastic_images", lambda walk: (replace(walk, r=2 * walk.r),)),
+        given(P + "series.plastic_images", lambda walk: (walk._replace(r=2 * walk.r),)),
         "theory-hard", "area.plastic.raw",
     ),
     Fault(
