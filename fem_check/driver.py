@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from epcontact.errors import NotConverged
+from epcontact.files import write_collection
 from epcontact.machine import available_cores
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Scene, require_kind, whole
@@ -25,7 +26,7 @@ from fem_check.path import PathPoint, SolvedPath, follow_path, path_targets
 from fem_check.plasticity import History
 from fem_check.problem import Problem
 from fem_check.result import contact_result
-from fem_check.vtu import mesh_of, write_collection, write_step
+from fem_check.vtu import ENDS, mesh_of, write_step
 from fem_check.workers import Workers
 
 __all__ = ["FemOptions", "mesh_of", "solve", "solve_path", "surface_compliance"]
@@ -110,7 +111,8 @@ def solve_path(
             sentence = f"fem: mean pressure {point.mean_pressure:.3g} Pa"
             progress(len(points) / len(targets), sentence)
     if output is not None:
-        write_collection(Path(output), [p.mean_pressure for p in points])
+        pressures = [point.mean_pressure for point in points]
+        write_collection(Path(output) / "path.pvd", pressures, ENDS)
     seconds = time.perf_counter() - begin
     certificate = _certificate(problem, points[-1], history, options) if options.certified else {}
     return SolvedPath(scene, options, problem, history, tuple(points), seconds, certificate)

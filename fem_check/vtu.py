@@ -8,19 +8,14 @@ the list of the steps.
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import os
-import platform
-import secrets
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.errors import OutputError
+from epcontact.files import step_name, whole_file
 from epcontact.results import FloatArray, package_versions
 from epcontact.scene import Scene
 from fem_check import plasticity
@@ -36,6 +31,9 @@ UNITS = {
     "mean_pressure": "Pa", "young_modulus": "Pa", "yield_stress": "Pa", "hardness": "Pa",
     "depth": "m",
 }  # fmt: skip
+
+#: The ends of the names of the files of a step.
+ENDS = (".vtu", "-surface.vtu")
 
 #: The corners of a hexahedron in the order of meshio and VTK.
 _CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
@@ -124,18 +122,13 @@ def write_step(
     problem: Problem,
     point: PathPoint,
     history: History,
-) -> Path:
-    """Write the body and its surface at one point of the path; returns the file of the body.
-
-    Raises OutputError.
-    """
+) -> None:
+    """Write the body and its surface at one point of the path.  Raises OutputError."""
     told = {"mean_pressure": point.mean_pressure, **_about(scene, options, problem)}
     body = mesh_of(problem, point.state, history)
-    target = folder / f"step-{number:04d}.vtu"
-    surface = target.with_name(f"{target.stem}-surface.vtu")
-    for mesh, path in ((body, target), (_top_of(body, problem, point), surface)):
-        _write_atomically(path, functools.partial(_write_grid, mesh, told))
-    return target
+    for mesh, end in zip((body, _top_of(body, problem, point)), ENDS, strict=True):
+        with whole_file(folder / step_name(number, end)) as temporary:
+            _write_grid(mesh, told, str(temporary))
 
 
 def _about(scene: Scene, options: FemOptions, problem: Problem) -> dict[str, str | float]:
@@ -155,23 +148,6 @@ def _about(scene: Scene, options: FemOptions, problem: Problem) -> dict[str, str
         "notes": "; ".join(scene.surface.notes),
         **{f"version.{name}": number for name, number in package_versions().items()},
     }
-
-
-def write_collection(folder: Path, mean_pressures: Sequence[float]) -> None:
-    """Write path.pvd, the list of the steps' files.  Raises OutputError.
-
-    Its time is the number of the step, because a path may unload; the mean pressure (Pa) is in the
-    `name` of each step.  Part 0 of a step is the body, part 1 its surface.
-    """
-    steps = "".join(
-        f'<DataSet timestep="{number}" part="{part}" name="mean pressure {float(pressure)!r} Pa" '
-        f'file="step-{number:04d}{end}.vtu"/>\n'
-        for number, pressure in enumerate(mean_pressures)
-        for part, end in enumerate(("", "-surface"))
-    )
-    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'
-    text = f"{head}{steps}</Collection>\n</VTKFile>\n"
-    _write_atomically(folder / "path.pvd", lambda path: Path(path).write_text(text))
 
 
 def _write_grid(mesh: Any, about: Mapping[str, str | float], path: str) -> None:
@@ -199,7 +175,6 @@ def _write_grid(mesh: Any, about: Mapping[str, str | float], path: str) -> None:
     writer.SetHeaderTypeToUInt64()
     writer.SetCompressorTypeToLZ4()
     writer.SetFileName(path)
-    Path(path).touch()  # the system's own reason, where the file cannot be made
     shown = vtkObject.GetGlobalWarningDisplay()
     vtkObject.GlobalWarningDisplayOff()
     try:
@@ -207,23 +182,6 @@ def _write_grid(mesh: Any, about: Mapping[str, str | float], path: str) -> None:
             raise OSError("VTK could not write all of it; is the disk full?")
     finally:
         vtkObject.SetGlobalWarningDisplay(shown)
-
-
-def _write_atomically(target: Path, write: Callable[[str], object]) -> None:
-    """Call `write` with a temporary name beside `target`, and rename the file at the end."""
-    # Not `tempfile`, because only their owner could read its files.
-    # The harness, by which a process may be killed, knows its files by this name.
-    owner = f"{platform.node()}-{os.getpid()}"
-    temporary = target.with_name(f".epcontact-{owner}-{secrets.token_hex(6)}{target.suffix}")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write(str(temporary))
-        os.replace(temporary, target)
-    except OSError as error:
-        raise OutputError(f"{target} could not be written: {error.strerror or error}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def _data(

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import fem_check
 
-#: The question, the form of the answer, and facts of the machine: no mathematics.
-ALLOWED = {f"epcontact.{name}" for name in ("scene", "results", "errors", "machine")}
+#: The question, the form of the answer, facts of the machine and files: no mathematics.
+ALLOWED = {f"epcontact.{name}" for name in ("scene", "results", "errors", "machine", "files")}
 SOURCES = sorted(Path(fem_check.__file__).parent.glob("**/*.py"))
 
 

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parent.parent
 #: The rooms, from the ground up.  A room imports only from floors below its own.
 FLOORS = (
     {"epcontact.errors", "epcontact.results", "epcontact.machine"},
-    {"epcontact.scene"},
+    {"epcontact.scene", "epcontact.files"},
     {"epcontact.output"},
     {"epcontact.materials", "epcontact.surfaces", "fem_check"},
     {"epcontact.reference", "epcontact.persson", "epcontact.bem"},

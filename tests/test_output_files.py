@@ -20,7 +20,7 @@ import pytest
 
 import epcontact
 from epcontact.errors import OutputError
-from epcontact.output.files import (
+from epcontact.files import (
     remove_leftovers,
     require_writable,
     whole_file,
@@ -204,7 +204,7 @@ def test_two_writers_never_mix(tmp_path: Path) -> None:
 
 def test_importing_the_package_loads_no_heavy_library() -> None:
     code = (
-        "import sys, epcontact.output.files, epcontact.output.vtk, epcontact.output.view;"
+        "import sys, epcontact.files, epcontact.output.vtk, epcontact.output.view;"
         "heavy = {'vtkmodules', 'pyvista', 'matplotlib', 'meshio', 'scipy'} & set(sys.modules);"
         "sys.exit(f'{heavy} loaded' if heavy else 0)"
     )
@@ -213,7 +213,7 @@ def test_importing_the_package_loads_no_heavy_library() -> None:
 
 def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path: Path) -> None:
     program = (
-        "import sys; from epcontact.output.files import whole_file\n"
+        "import sys; from epcontact.files import whole_file\n"
         "with whole_file(sys.argv[1]) as path: print(path.name, flush=True); sys.stdin.read()"
     )
     deep = tmp_path / "steps" / "x.vti"

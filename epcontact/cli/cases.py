@@ -21,6 +21,7 @@ from epcontact.cli.tables import (
     verdict_table,
 )
 from epcontact.errors import EpcontactError, OutputError
+from epcontact.files import write_text
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files import case as casefile
@@ -30,7 +31,6 @@ from epcontact.harness.verdict.files import set_verdict_aside
 from epcontact.harness.verdict.record import Verdict
 from epcontact.harness.verdict.verification import cases_to_verify
 from epcontact.harness.verdict.verification import verify as run_gates
-from epcontact.output.files import write_text
 from epcontact.output.view import animate, load_steps
 from epcontact.surfaces import HeightsFromFile
 

@@ -19,6 +19,7 @@ from typing import Any
 import pandas as pd
 
 from epcontact.errors import InvalidCase, OutputError, nearest
+from epcontact.files import read_bytes, whole_file, write_json
 from epcontact.harness.answers.run import Run, run_tasks, tasks_of
 from epcontact.harness.answers.store import Task, key_of, read_member
 from epcontact.harness.case_files.axes import MOST_TASKS, Point, Scalar
@@ -26,7 +27,6 @@ from epcontact.harness.case_files.case import Case, CaseText, case_at, find_case
 from epcontact.harness.methods.registry import METHODS, Method
 from epcontact.harness.processes.pool import made
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
-from epcontact.output.files import read_bytes, whole_file, write_json
 from epcontact.results import ContactResult
 
 _LIST, _FORMAT = "sweep.json", "epcontact-sweep-1"

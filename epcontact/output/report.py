@@ -20,8 +20,8 @@ from typing import Any
 import jinja2
 
 from epcontact.errors import OutputError
+from epcontact.files import read_bytes, write_text
 from epcontact.output.charts.style import unit_for
-from epcontact.output.files import read_bytes, write_text
 from epcontact.results import ContactResult
 
 Data = Mapping[str, Any]  # the content of a JSON file

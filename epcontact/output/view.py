@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from epcontact.errors import OutputError
+from epcontact.files import read_bytes, whole_file, write_bytes
 from epcontact.output.charts.maps import map_of_file, pressure_difference
-from epcontact.output.files import read_bytes, whole_file, write_bytes
 from epcontact.output.vtk import read_fields
 
 if TYPE_CHECKING:

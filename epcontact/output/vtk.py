@@ -22,7 +22,7 @@ long, nor a copy of the fields.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import OutputError
-from epcontact.output.files import read_bytes, whole_file, write_text
+from epcontact.files import read_bytes, whole_file
 from epcontact.results import ContactResult
 from epcontact.scene import Surface
 
@@ -147,25 +147,6 @@ def write_image(
             for rows in _rows(plane, kinds[name]):
                 file.write(rows.data)
         file.write(b"\n</AppendedData>\n" + _CLOSING + b"\n")
-
-
-def write_collection(path: Path | str, mean_pressures: Sequence[float]) -> None:
-    """Write a ParaView collection (.pvd) over the steps of a load path beside it.
-
-    The time of a step is its number, because a path may unload; its name has the mean pressure.
-    """
-    entries = "".join(
-        f'<DataSet timestep="{number}" part="0" name="mean pressure {float(pressure)!r} Pa" '
-        f'file="{step_name(number)}"/>\n'
-        for number, pressure in enumerate(mean_pressures)
-    )
-    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'
-    write_text(path, f"{head}{entries}</Collection>\n</VTKFile>\n")
-
-
-def step_name(number: int) -> str:
-    """Return the file name of a step of a load path."""
-    return f"step-{number:04d}.vti"
 
 
 def read_fields(path: Path | str) -> FieldFile:

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 import fem_check
 from epcontact import bem, persson
 from epcontact.errors import EpcontactError, InvalidCase
+from epcontact.files import write_json
 from epcontact.harness.quantities.registry import measure
 from epcontact.output.charts.maps import stability_map as draw_map
-from epcontact.output.files import write_json
 from epcontact.results import package_versions
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.studies.tables import Progress

@@ -27,6 +27,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact.errors import EpcontactError, InvalidCase
+from epcontact.files import whole_file
 from epcontact.harness.answers.store import Task, kept
 from epcontact.harness.case_files.text import case_name, package_files, read_cases
 from epcontact.harness.quantities.model_difference import capped_body, elements_compliance
@@ -34,7 +35,6 @@ from epcontact.harness.sweep import Swept, read_sweep, run_sweep
 from epcontact.machine import available_cores
 from epcontact.materials.hardness_map import PARTS, fit, terms
 from epcontact.materials.moduli import effective_modulus
-from epcontact.output.files import whole_file
 from epcontact.results import ContactResult, FloatArray, package_versions
 from epcontact.scene import Load
 

@@ -25,6 +25,7 @@ import pandas as pd
 
 from epcontact import persson
 from epcontact.errors import OutputError
+from epcontact.files import write_json, write_text
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
 from epcontact.output.charts.curves import (
@@ -37,7 +38,6 @@ from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.maps import map_of_file, pressure_difference
 from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import PART_COLOURS
-from epcontact.output.files import write_json, write_text
 from epcontact.output.view import load_steps, screenshot
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import get_args
 
 from epcontact.errors import InvalidCase
+from epcontact.files import remove_leftovers, require_writable, write_json
 from epcontact.harness.answers.solve import Outcome, Parcel, get_ready, solve_elsewhere, solve_task
 from epcontact.harness.answers.store import Answer, Task, basis, keep, kept, summary
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.methods.registry import METHODS, Method
 from epcontact.harness.processes.pool import Factory, Processes, made, spread
 from epcontact.machine import available_cores, available_memory
-from epcontact.output.files import remove_leftovers, require_writable, write_json
 from epcontact.output.vtk import Precision
 from epcontact.results import ContactResult
 from epcontact.scene import whole

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from epcontact.errors import InvalidCase, NotConverged, sentence_of
+from epcontact.files import step_name, write_bytes, write_collection
 from epcontact.harness.answers.description import described
 from epcontact.harness.answers.store import Task, basis
 from epcontact.harness.methods import foreign
@@ -33,8 +34,7 @@ from epcontact.harness.processes.child import Child, ChildDied
 from epcontact.harness.quantities.answered import Answered
 from epcontact.harness.quantities.registry import QUANTITIES, measured
 from epcontact.machine import available_cores, compile_seconds, compiling, kept_kernels_only
-from epcontact.output.files import write_bytes
-from epcontact.output.vtk import step_name, write_collection, write_fields
+from epcontact.output.vtk import write_fields
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 
@@ -103,7 +103,7 @@ def _step_options(task: Task, scene: Scene) -> dict[str, Any]:
 
     def on_step(result: ContactResult) -> None:
         number = len(result.steps) - 1
-        _write(task, scene, _told(task, scene, result), folder / step_name(number))
+        _write(task, scene, _told(task, scene, result), folder / step_name(number, ".vti"))
         pressures = [step.mean_pressure for step in result.steps]
         write_collection(folder / "path.pvd", pressures)
 

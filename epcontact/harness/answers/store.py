@@ -22,13 +22,13 @@ from typing import Any
 
 from pydantic_core import to_json
 
+from epcontact.files import write_json
 from epcontact.harness.answers.foundation import Foundation, foundation
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates.statistics import estimate, standard_deviation
 from epcontact.harness.methods.memory import of_task
 from epcontact.harness.methods.registry import Method
 from epcontact.harness.quantities.registry import QUANTITIES
-from epcontact.output.files import write_json
 from epcontact.output.vtk import Precision
 from epcontact.results import ContactResult, package_versions
 from epcontact.surfaces import Recipe

@@ -9,9 +9,9 @@ from typing import Any
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 
 from epcontact.errors import printable
+from epcontact.files import refusal, whole_file, write_json
 from epcontact.harness.gates.gate import ERROR, FALLS_SHORT
 from epcontact.harness.verdict.record import SKIPPED, CaseVerdict, Verdict
-from epcontact.output.files import refusal, whole_file, write_json
 
 #: The files that say what a run found.
 FILES = ("verdict.json", "junit.xml", "report.html")

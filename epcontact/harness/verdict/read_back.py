@@ -18,7 +18,7 @@ from statistics import fmean, stdev
 from typing import Any
 
 from epcontact.errors import OutputError
-from epcontact.output.files import read_bytes
+from epcontact.files import read_bytes
 
 Data = Mapping[str, Any]  # the content of a JSON file
 

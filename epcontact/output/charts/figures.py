@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
+from epcontact.files import whole_file
 from epcontact.output.charts.style import SETTINGS
-from epcontact.output.files import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from epcontact.errors import OutputError
+from epcontact.files import write_bytes
 from epcontact.output.charts.figures import Chart, new_figure, styled
 from epcontact.output.charts.style import (
     DIFFERENCE_MAP,
@@ -25,7 +26,6 @@ from epcontact.output.charts.style import (
     typeset,
     unit_for,
 )
-from epcontact.output.files import write_bytes
 from epcontact.output.vtk import read_fields
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 

@@ -16,7 +16,7 @@ import os
 import platform
 import secrets
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +88,29 @@ def write_json(path: Path | str, data: Any) -> None:
     from pydantic_core import to_json
 
     write_bytes(path, to_json(plain(data), indent=2) + b"\n")
+
+
+def step_name(number: int, end: str) -> str:
+    """Return the file name of a step of a load path, as in `step-0003.vti`."""
+    return f"step-{number:04d}{end}"
+
+
+def write_collection(
+    path: Path | str, mean_pressures: Sequence[float], ends: tuple[str, ...] = (".vti",)
+) -> None:
+    """Write a ParaView collection (.pvd) over the steps of a load path beside it.
+
+    The time of a step is its number, because a path may unload; its name has the mean pressure
+    (Pa).  Part n of a step is its file with the n-th of the `ends`.
+    """
+    entries = "".join(
+        f'<DataSet timestep="{number}" part="{part}" name="mean pressure {float(pressure)!r} Pa" '
+        f'file="{step_name(number, end)}"/>\n'
+        for number, pressure in enumerate(mean_pressures)
+        for part, end in enumerate(ends)
+    )
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'
+    write_text(path, f"{head}{entries}</Collection>\n</VTKFile>\n")
 
 
 def require_writable(folder: Path | str) -> None:
