@@ -200,15 +200,11 @@ def _field_names(mesh: Any) -> tuple[str, str, str]:
     )
 
 
-def _data(mesh: Any, name: str) -> Any:
-    """Return the data that hold the field; if points and cells hold it, those of the points."""
-    return mesh.point_data if name in mesh.point_data else mesh.cell_data
-
-
 def block_scale(mesh: Any) -> tuple[float, Limits]:
     """Return a factor that shows the deformation, the largest stress (Pa) and plastic strain."""
     displacement, *shown = _field_names(mesh)
-    limits = tuple(float(np.max(_data(mesh, n)[n], initial=0.0)) if n else 0.0 for n in shown)
+    fields = (mesh.get_array(name, preference="point") if name else 0.0 for name in shown)
+    limits = tuple(float(np.max(field, initial=0.0)) for field in fields)
     largest = float(np.abs(mesh.point_data[displacement]).max()) if displacement else 0.0
     x0, x1, y0, y1, *_ = mesh.bounds
     width = max(x1 - x0, y1 - y0)
@@ -233,13 +229,13 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
     for column, (name, divisor, top, title, colours) in enumerate(panels):
         plotter.subplot(0, column)
         if name:
-            shown = skin.copy(deep=False)
-            data = _data(shown, name)
-            data["shown"] = np.asarray(data[name]) / divisor
-            look = {"scalars": "shown", "clim": (0.0, top / divisor or 1.0), "cmap": colours}
-            edges = {"show_edges": shown.n_cells <= EDGES, "edge_color": "#404040"}
+            # Of a field that points and cells hold, that of the points is drawn.
+            shown = skin.get_array(name, preference="point") / divisor
+            look = {"clim": (0.0, top / divisor or 1.0), "cmap": colours}
+            edges = {"show_edges": skin.n_cells <= EDGES, "edge_color": "#404040"}
             shading = {"edge_opacity": 0.35, "ambient": 0.5, "diffuse": 0.55, "specular": 0.0}
-            plotter.add_mesh(shown, scalar_bar_args=_bar(title), **look, **edges, **shading)
+            bar = {"scalar_bar_args": _bar(title)}
+            plotter.add_mesh(skin.copy(), scalars=shown, **look, **bar, **edges, **shading)
         else:
             plotter.add_mesh(skin, color="#d9d9d9")
             plotter.add_text(f"no {title.partition(' (')[0]} in the file", font_size=11, **TEXT)
