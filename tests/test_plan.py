@@ -11,7 +11,7 @@ import pytest
 from epcontact import bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.answers.store import Answer
-from epcontact.harness.case_files.case import case_sizes, find_case, find_cases, load_case
+from epcontact.harness.case_files.case import find_case, find_cases, load_case
 from epcontact.harness.gates.statistics import student_half_width
 from epcontact.planning import (
     achieved_error,
@@ -317,7 +317,7 @@ def test_a_plan_with_its_pilots_is_never_dearer_than_the_hand_chosen_full_size(n
 @pytest.mark.long
 def test_no_shipped_case_has_a_plan_dearer_than_its_full_size():
     for path in find_cases():
-        if "full" not in case_sizes(path) or path.id.startswith("paper"):
+        if "full" not in path.sizes or path.id.startswith("paper"):
             continue
         case = load_case(path, "full")
         if case.skip or "bem" not in case.methods:

@@ -43,7 +43,7 @@ def plan(case: str, tolerance: str, size: str | None, check: bool, run: Run) -> 
     --executor is for the solves of --check.
     """
     path = casefile.find_case(case)
-    loaded = casefile.load_case(path, size or casefile.case_sizes(path)[-1])
+    loaded = casefile.load_case(path, size or path.sizes[-1])
     if loaded.skip:
         raise InvalidCase(f"{path.where}: {loaded.skip}")
     chosen = planning.plan(loaded, _share(tolerance), progress=_tell)

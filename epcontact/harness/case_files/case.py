@@ -40,7 +40,6 @@ __all__ = [
     "Case",
     "CaseText",
     "case_at",
-    "case_sizes",
     "find_case",
     "find_cases",
     "find_named",
@@ -53,15 +52,7 @@ _FIGURES = re.compile(r"\d+")
 
 
 def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
-    """Read a case at one size and check it at all of them.
-
-    Args:
-        case: a case from `find_case` or `find_cases`, or a name or path for `find_case`.
-        size: "fast", "full" or "large", if the case has it.
-
-    Raises:
-        InvalidCase: with one sentence for each mistake, which names the file, the key and the
-            remedy.
+    """Read a case at one size, and check it at all of them; one sentence tells each mistake.
 
     Example:
         >>> case = load_case("westergaard-light")
@@ -86,12 +77,7 @@ def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
 
 
 def load_cases(texts: Iterable[CaseText | Case], size: str = "fast") -> list[Case]:
-    """Read several cases; one that is loaded already is taken as it is.
-
-    Raises:
-        InvalidCase: with a sentence for each mistake of all files; one that several variants share
-            is told of the first.
-    """
+    """Read cases that are not loaded yet; a mistake that variants share is told of the first."""
     cases: list[Case] = []
     sentences: dict[tuple[Path, str], str] = {}
     for text in texts:
@@ -109,13 +95,8 @@ def load_cases(texts: Iterable[CaseText | Case], size: str = "fast") -> list[Cas
     return cases
 
 
-def case_sizes(case: CaseText | Path | str) -> tuple[str, ...]:
-    """Return the sizes that a case offers.  Raises InvalidCase."""
-    return (case if isinstance(case, CaseText) else find_case(case)).sizes
-
-
 def sweep_of(text: CaseText, size: str) -> SweepTable:
-    """Return the table [sweep] of a case at a size.  Raises InvalidCase if it has none."""
+    """Return the table [sweep] of a case at a size."""
     sweep = load_case(text, size).sweep
     if sweep is None:
         raise InvalidCase(
@@ -125,16 +106,7 @@ def sweep_of(text: CaseText, size: str) -> SweepTable:
 
 
 def case_at(text: CaseText, point: Mapping[str, Any], size: str) -> Case:
-    """Return the case at a point of its sweep, which no gate judges.
-
-    Args:
-        text: the case.
-        point: values by their keys, such as "material.hardness".
-        size: a size of the case.
-
-    Raises:
-        InvalidCase: if the case cannot have these values; the message names them.
-    """
+    """Return the case at a point of its sweep (values by their keys), which no gate judges."""
     tables = {k: v for k, v in text.tables.items() if k not in ("gate", "omit", "sweep")}
     for key, value in point.items():
         section, _, name = key.partition(".")
@@ -204,8 +176,7 @@ def _option_mistakes(case: Case) -> Iterator[str]:
 def _strength_mistakes(case: Case) -> Iterator[str]:
     """Yield a sentence for a law without the stress at which it flows.
 
-    A metal whose yield stress alone is given would be elastic to all methods but J2 flow, and no
-    figure of the answer would show it.
+    A metal with a yield stress alone would be elastic to all methods but J2 flow, unseen.
     """
     law = case.fem.law if "fem" in case.methods else ""
     needed = {"j2": "yield_stress", "capped": "hardness"}.get(law, "")
@@ -258,7 +229,7 @@ def _unanswerable(gate: GateTable, case: Case, sizes: tuple[str, ...]) -> Iterat
         yield f"{gate.quantity} needs {wrong}"
     of_form = gate.number is None and gate.against not in METHODS
     if gate.norm == "l2" and not of_form:
-        yield f"{gate.quantity} against {gate.against!r} : give a closed form that has it"
+        yield f"{gate.quantity} against {gate.against!r}: give a closed form that has it"
     if gate.quantity == "distribution" and gate.number is not None:
         yield f"a distribution against {gate.against!r}: give a closed form, or a method"
 
@@ -267,25 +238,15 @@ def _no_model(gate: GateTable, case: Case, needs: tuple[str, ...]) -> str:
     """Return what the case lacks for a gate on a model measure (J2 flow against a cap), or ""."""
     able = [m.name for m in METHODS.values() if m.has_model_measures]
     sides = {gate.of} if gate.number is not None else {gate.of, gate.against}
-    pressure, material = case.load.path, case.solid
-    rules = (
-        (
-            sides <= set(able),
-            f"a gate of {' or '.join(able)} against a number or each other, not of {gate.of} "
-            f"against {gate.against!r}",
-        ),
-        (case.fem.law == "j2", f"fem.law = 'j2', but it is {case.fem.law!r}"),
-        (case.fem.geometry == "gap", f"fem.geometry = 'gap', but it is {case.fem.geometry!r}"),
-        (
-            math.isfinite(material.yield_stress),
-            "a finite material.yield_stress, at which J2 flows",
-        ),
-        (
-            material.hardness == "effective"
-            or math.isfinite(material.hardness)
-            or "hardness" not in needs,
-            "a finite material.hardness, the cap that J2 is compared with",
-        ),
-        (len(pressure) == 1, "a single load.mean_pressure, but it is a path"),
-    )
-    return next((sentence for holds, sentence in rules if not holds), "")
+    capped = case.solid.hardness == "effective" or math.isfinite(case.solid.hardness)
+    needed = {
+        f"a gate of {' or '.join(able)} against a number or each other, not of {gate.of} against "
+        f"{gate.against!r}": sides <= set(able),
+        f"fem.law = 'j2', but it is {case.fem.law!r}": case.fem.law == "j2",
+        f"fem.geometry = 'gap', but it is {case.fem.geometry!r}": case.fem.geometry == "gap",
+        "a finite material.yield_stress, at which J2 flows": case.solid.yield_stress < math.inf,
+        "a finite material.hardness, the cap that J2 is compared with": capped
+        or "hardness" not in needs,
+        "a single load.mean_pressure, but it is a path": len(case.load.path) == 1,
+    }
+    return next((sentence for sentence, holds in needed.items() if not holds), "")

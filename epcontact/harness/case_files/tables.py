@@ -141,40 +141,29 @@ class GateTable(Table):
     @model_validator(mode="after")
     def _tells_something(self) -> Self:
         low, high = self.between or (0.0, 0.0)
-        rules = (
-            (
-                (self.tolerance is None) != (self.between is None),
-                "give either tolerance or between",
+        infinite = math.isinf(low) and math.isinf(high)
+        mistakes = {
+            "give either tolerance or between": (self.tolerance is None) == (self.between is None),
+            "between is out of order; give [low, high]": not low <= high,
+            "between holds whatever the difference is, or never; give it a finite end": infinite,
+            f"against is {self.against}, but must be a finite number": not math.isfinite(
+                self.number or 0
             ),
-            (low <= high, "between is out of order; give [low, high]"),
-            (
-                not (math.isinf(low) and math.isinf(high)),
-                "between holds whatever the difference is, or never; give it a finite end",
+            f"{self.of} is compared with itself; name another method, a closed form or a number": (
+                self.against == self.of
             ),
-            (
-                self.number is None or math.isfinite(self.number),
-                f"against is {self.against}, but must be a finite number",
+            "against is a number without a source; say where it comes from": (
+                self.number is not None and not self.source
             ),
-            (
-                self.against != self.of,
-                f"{self.of} is compared with itself; name another method, a closed form or a "
-                "number",
+            "only a distribution has the norm wasserstein or supremum, and no other norm": (
+                (self.quantity == "distribution") != (self.norm in DISTRIBUTION_NORMS)
             ),
-            (
-                self.number is None or self.source,
-                "against is a number without a source; say where it comes from",
+            "only a field has the norm l2, and no other norm": (
+                self.quantity.startswith("field.") != (self.norm == "l2")
             ),
-            (
-                (self.quantity == "distribution") == (self.norm in DISTRIBUTION_NORMS),
-                "only a distribution has the norm wasserstein or supremum, and no other norm",
-            ),
-            (
-                self.quantity.startswith("field.") == (self.norm == "l2"),
-                "only a field has the norm l2, and no other norm",
-            ),
-        )
-        for holds, sentence in rules:
-            if not holds:
+        }
+        for sentence, made in mistakes.items():
+            if made:
                 raise ValueError(sentence)
         return self
 

@@ -24,17 +24,10 @@ LARGEST_FILE = 1 << 20  # bytes; a case is a page of text, so a larger file is n
 
 @dataclass(frozen=True)
 class CaseText:
-    """One case as its file states it, its variant laid over the rest and its sizes unresolved.
-
-    Attributes:
-        path: the file.
-        id: the id of the variant, or the file's name.
-        tables: the TOML data.
-        is_variant: True if the file holds a family of cases.
-    """
+    """One case as its file states it, its variant laid over the rest and its sizes unresolved."""
 
     path: Path
-    id: str
+    id: str  # of the variant, or the file's name
     tables: Mapping[str, Any]
     is_variant: bool = False
 
@@ -74,28 +67,12 @@ def package_files() -> list[Path]:
 
 
 def find_cases() -> list[CaseText]:
-    """Return the cases in ./cases or, if there are none, those that came with the package.
-
-    Raises:
-        InvalidCase: if one of the files is not a case file.
-
-    Example:
-        >>> "hertz-sphere" in [case.id for case in find_cases()]
-        True
-    """
+    """Return the cases in ./cases or, if there are none, those that came with the package."""
     return [case for file in case_files() for case in read_cases(file)]
 
 
 def find_named(name: str | Path) -> tuple[CaseText, ...]:
-    """Return the cases that a name refers to: one case by its id, or all cases of a file.
-
-    Args:
-        name: the id of a case, the name of a file in the folder ./cases or among the cases of
-            the package, or a path.
-
-    Raises:
-        InvalidCase: if no case or file has that name.
-    """
+    """Return the case of an id, or all cases of a file in ./cases, of the package or at a path."""
     path, text = Path(name), str(name)
     known: dict[str, tuple[CaseText, ...]] = {}
     # A folder of the user's own cases does not hide those of the package.
@@ -118,7 +95,7 @@ def find_named(name: str | Path) -> tuple[CaseText, ...]:
 
 
 def find_case(name: str | Path) -> CaseText:
-    """Return the one case that a name refers to; see `find_named`.  Raises InvalidCase."""
+    """Return the one case that a name refers to."""
     cases = find_named(name)
     # A file may hold a family of which one case has the name of the file.
     cases = tuple(case for case in cases if case.id == str(name)) or cases
@@ -129,12 +106,7 @@ def find_case(name: str | Path) -> CaseText:
 
 
 def read_cases(path: Path) -> tuple[CaseText, ...]:
-    """Read the case, or the family of cases, in a file.
-
-    Raises:
-        InvalidCase: if the file is not TOML, misspells a size, no size has all values, or two
-            variants share an id.
-    """
+    """Read the case, or the family of cases, in a file."""
     tables = _read(path)
     if misspelt := tuple(_misspelt_sizes("", tables)):
         raise InvalidCase(*(f"{path}: {sentence}" for sentence in misspelt))
@@ -158,7 +130,7 @@ def read_cases(path: Path) -> tuple[CaseText, ...]:
 
 
 def _offered(case: CaseText) -> CaseText:
-    """Return a case that has at least one size.  Raises InvalidCase."""
+    """Return a case that has at least one size."""
     if not case.sizes:
         raise InvalidCase(
             f"{case.where}: the values that are given by size have no size in common; give all of "
@@ -219,7 +191,9 @@ def _laid_over(where: str, tables: Mapping[str, Any], variant: Mapping[str, Any]
     for name, table in variant.items():
         below = tables.get(name)
         if name == "gate" and isinstance(below, list) and isinstance(table, list):
-            laid[name] = _gates_laid_over(where, below, table)
+            laid[name] = below
+            for gate in table:
+                laid[name] = _gates_with(where, laid[name], gate)
         elif isinstance(below, dict) and isinstance(table, dict):
             laid[name] = below | table
         else:
@@ -227,21 +201,18 @@ def _laid_over(where: str, tables: Mapping[str, Any], variant: Mapping[str, Any]
     return laid
 
 
-def _gates_laid_over(where: str, gates: Sequence[Any], more: Sequence[Any]) -> list[Any]:
-    laid = [dict(gate) if isinstance(gate, dict) else gate for gate in gates]
-    for gate in more:
-        quantity = gate.get("quantity") if isinstance(gate, dict) else None
-        same = [g for g in laid if isinstance(g, dict) and g.get("quantity") == quantity]
-        if len(same) > 1:
-            raise InvalidCase(
-                f"{where}: {len(same)} gates of the file have the quantity {quantity!r}, so it is "
-                "not clear which of them the variant completes"
-            )
-        if same and quantity is not None:
-            same[0].update(gate)
-        else:
-            laid.append(gate)
-    return laid
+def _gates_with(where: str, gates: Sequence[Any], more: Any) -> list[Any]:
+    """Return gates, one of which is completed by another on its quantity, or that one added."""
+    quantity = more.get("quantity") if isinstance(more, dict) else None
+    same = [g for g in gates if isinstance(g, dict) and g.get("quantity") == quantity]
+    if quantity is None or not same:
+        return [*gates, more]
+    if len(same) > 1:
+        raise InvalidCase(
+            f"{where}: {len(same)} gates of the file have the quantity {quantity!r}, so it is "
+            "not clear which of them the variant completes"
+        )
+    return [g | more if g is same[0] else g for g in gates]
 
 
 def _read(path: Path) -> dict[str, Any]:
