@@ -90,7 +90,7 @@ def require_decent(done: Done, output: Path) -> None:
 
 def require_whole(output: Path) -> None:
     """Every file that is there can be read to its end, and no temporary one is left."""
-    for path in output.rglob("*") if output.is_dir() else ():
+    for path in filter(Path.is_file, output.rglob("*")):
         assert not path.name.startswith(".epcontact-"), path
         if path.suffix == ".json":
             json.loads(path.read_bytes())
@@ -380,32 +380,31 @@ def small(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    "in_the_way", ["out", "out/small", "out/small/fast/members", "out/small/fast/bem-seed3.vti"]
+    ("in_the_way", "command"),
+    [
+        ("out", "run"),
+        ("out/small", "run"),
+        ("out/small/fast/members", "run"),
+        ("out/small/fast/bem-seed3.vti/", "run"),
+        ("out/verdict.json/", "verify"),
+        ("out/junit.xml/", "verify"),
+    ],
 )
-def test_file_or_folder_in_the_way(small, tmp_path, in_the_way) -> None:
+def test_file_or_folder_in_the_way(small, tmp_path, in_the_way, command) -> None:
     obstacle = tmp_path / in_the_way
     obstacle.parent.mkdir(parents=True, exist_ok=True)
-    if obstacle.suffix:
+    if in_the_way.endswith("/"):
         obstacle.mkdir()
     else:
         obstacle.write_text("in the way")
-    done = invoke("run", small, "--output", tmp_path / "out", "--jobs", 1)
-    refused(done, Path(in_the_way).name)
+    done = invoke(command, small, "--output", tmp_path / "out", "--jobs", 1)
+    refused(done, obstacle.name)
     require_whole(tmp_path / "out")
 
 
-@pytest.mark.parametrize("name", ["verdict.json", "junit.xml"])
-def test_folder_where_the_verdict_should_be(small, tmp_path, name) -> None:
-    (tmp_path / "out" / name).mkdir(parents=True)
-    refused(verified(small, tmp_path / "out"), name, "folder")
-
-
-@pytest.mark.parametrize("folder", ["/proc/epcontact", "/dev/full", "/dev/null/out"])
-def test_output_where_none_can_be(small, folder) -> None:
-    refused(verified(small, folder), folder)
-
-
-def test_link_to_a_full_device(small, tmp_path) -> None:
+def test_output_where_none_can_be(small, tmp_path) -> None:
+    for folder in ("/proc/epcontact", "/dev/full", "/dev/null/out"):
+        refused(verified(small, folder), folder)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "verdict.json").symlink_to("/dev/full")
     refused(verified(small, tmp_path / "out"), "verdict.json", "device")

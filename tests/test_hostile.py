@@ -332,6 +332,9 @@ def test_texts_that_are_no_results(text, sentence) -> None:
         ("cat {scene}", "{scene} and {result} once each"),
         ("mine=hostile:absent", "cannot be imported"),
         ("mine=hostile", "MODULE:FUNCTION"),
+        ("tamas", "did you mean 'tamaas'"),
+        ("bem=my_solver:solve", "there is a method 'bem' already"),
+        ("my/solver=my_solver:solve", "no name for a method"),
     ],
 )
 def test_solver_that_is_not_there_is_refused_before_anything_is_solved(

@@ -13,10 +13,9 @@ import pytest
 
 import fem_check
 from epcontact import bem
-from epcontact.errors import InvalidCase, InvalidScene, StudyUnavailable
+from epcontact.errors import InvalidScene, StudyUnavailable
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.methods import peers
-from epcontact.harness.methods.registry import solver_named
 from epcontact.harness.quantities.registry import measure_all
 from epcontact.harness.verdict.verification import verify
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
@@ -137,19 +136,6 @@ def test_solver_takes_the_place_of_bem_under_its_own_name(write_case, tmp_path) 
     assert verdict.passed
     assert (tmp_path / "small" / "fast" / "own.json").is_file()
     assert not (tmp_path / "small" / "fast" / "bem.json").exists()
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("tamas", "did you mean 'tamaas'"),
-        ("bem=my_solver:solve", "there is a method 'bem' already"),
-        ("my/solver=my_solver:solve", "no name for a method"),
-    ],
-)
-def test_solver_that_is_no_solver_is_refused_at_once(text: str, sentence: str) -> None:
-    with pytest.raises(InvalidCase, match=sentence):
-        solver_named(text)
 
 
 def test_entry_points_are_methods(tmp_path) -> None:

@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import psutil
 import pytest
 from numba.core import caching, dispatcher, event
@@ -42,28 +41,6 @@ def half_the_area(scene: Scene) -> ContactResult:
     result = bem.solve(scene)
     areas = {k: replace(a, total=a.total / 2) for k, a in result.final.areas.items()}
     return replace(result, steps=(replace(result.final, areas=areas),))
-
-
-def gives_up(scene: Scene) -> ContactResult:
-    """A solver that ends the process, and says that all is well."""
-    sys.exit(0)
-
-
-def wrong_grid(scene: Scene) -> ContactResult:
-    """A solver whose pressure is on another grid."""
-    return replace(bem.solve(scene), fields={"pressure": np.zeros(3)})
-
-
-@pytest.mark.parametrize(
-    ("solver", "word"), [("gives_up", "SystemExit"), ("wrong_grid", "field pressure of shape (3,)")]
-)
-def test_users_solver_cannot_end_the_verification(write_case, tmp_path, solver, word) -> None:
-    case = load_case(write_case(ONE))
-    source = f"{__name__}:{solver}"
-    verdict = verify(case, output=tmp_path, solver=source, fields="first", jobs=1)
-    answer = verdict.cases[0].answers[solver]
-    assert answer.results == ()
-    assert word in answer.errors[0]
 
 
 def noting(notes: list[bool]) -> Progress:

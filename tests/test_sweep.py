@@ -105,7 +105,7 @@ def test_samples_are_a_latin_hypercube() -> None:
         ("load.mean_pressure = {low = 2, high = 1, points = 2}", "low is 2, but must be less than"),
         ("load.mean_pressure = {low = 1, high = 2, points = 1}", "points is 1, but must be great"),
         ("load.mean_pressure = {low = 0, high = 1, points = 2, spacing = 'log'}", "a positive one"),
-        ("load.mean_pressure = {low = 1e8, high = 2e8}", "give its points, or samples"),
+        ("load.mean_pressure = {low = 1e8, high = 2e8}", "give points, or samples"),
         ("load.mean_pressure = {low = 1, high = 2, points = 1000000000}", "1000000000 points, but"),
         (
             "samples = 1000000000\nload.mean_pressure = {low = 1, high = 2}",

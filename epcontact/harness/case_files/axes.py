@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
@@ -75,6 +75,13 @@ Axis = Annotated[
 _Axes = dict[str, Axis]
 
 
+def _joined(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the keys of sections by their names, such as "material.hardness"."""
+    return {
+        f"{name}.{key}": value for name, keys in sections.items() for key, value in keys.items()
+    }
+
+
 class SweepTable(Table):
     """[sweep]: each section has the keys of the case's section, with lists or ranges."""
 
@@ -103,19 +110,12 @@ class SweepTable(Table):
     def axes(self) -> dict[str, list[Scalar] | Range]:
         """What each key takes, by its name such as "material.hardness"."""
         sections = ("surface", "material", "body", "load", "theory", "bem", "fem")
-        return {f"{s}.{key}": axis for s in sections for key, axis in getattr(self, s).items()}
+        return _joined({name: getattr(self, name) for name in sections})
 
     @property
     def tables(self) -> list[Point]:
-        """The tables [[sweep.point]] with their keys joined by dots."""
-        return [
-            {
-                f"{section}.{key}": value
-                for section in point
-                for key, value in point[section].items()
-            }
-            for point in self.point
-        ]
+        """The tables [[sweep.point]]."""
+        return [_joined(point) for point in self.point]
 
     @property
     def sampled(self) -> dict[str, Range]:
@@ -132,9 +132,7 @@ class SweepTable(Table):
     def _answerable(self) -> Self:
         axes, tables, sampled = self.axes, self.tables, self.sampled
         if sampled and self.samples is None:
-            raise ValueError(
-                f"{min(sampled)} is a range; give its points, or samples for the sweep"
-            )
+            raise ValueError(f"{min(sampled)} is a range; give points, or samples for the sweep")
         if self.samples is not None and not sampled:
             raise ValueError("samples is given, but no key is a range without points")
         if "seed" in self.model_fields_set and not sampled:
