@@ -28,7 +28,7 @@ from epcontact.errors import EpcontactError, InvalidCase, InvalidScene
 from epcontact.harness.answers.run import Run, tasks_of
 from epcontact.harness.answers.solve import solve_task
 from epcontact.harness.case_files.case import load_case
-from epcontact.harness.quantities.model_difference import measured_hardness
+from epcontact.harness.crosscheck import measured_hardness
 from epcontact.harness.sweep import Swept, read_sweep
 from epcontact.materials.hardness_map import (
     FULL,

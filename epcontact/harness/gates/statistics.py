@@ -32,16 +32,6 @@ class Estimate(BaseModel):
     )
     count: int = Field(alias="surfaces", ge=0, description="number of averaged values")
 
-    @property
-    def low(self) -> float:
-        """Lower end of the interval."""
-        return self.mean - self.half_width
-
-    @property
-    def high(self) -> float:
-        """Upper end of the interval."""
-        return self.mean + self.half_width
-
 
 def estimate(values: Sequence[float]) -> Estimate:
     """Return the mean of independent values with its 95 % interval, of width 0 for one value.
