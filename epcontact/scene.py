@@ -116,11 +116,6 @@ class Surface:
 
     def __post_init__(self) -> None:
         given = checked_heights(self.heights, "heights")
-        _require(
-            not np.ma.is_masked(given),
-            "heights are a masked array with missing points; fill them first, or let "
-            'epcontact.surfaces.HeightsFromArray(..., missing="harmonic") do so',
-        )
         heights = np.ascontiguousarray(given, dtype=np.float64)
         if heights.flags.writeable or heights.base is not None:
             heights = heights.copy()
@@ -138,13 +133,7 @@ class Surface:
             settle(self, shortest_wavelength=shortest)
         if self.seed is not None:
             settle(self, seed=whole("seed", self.seed, 0))
-        # One pass without a temporary array: min and max propagate infinities and NaN.
-        low, high = float(heights.min()), float(heights.max())
-        _require(
-            math.isfinite(low) and math.isfinite(high),
-            "heights hold NaN or infinite values; fill or crop them first",
-        )
-        check_extremes(low, high, "heights")
+        require_known(heights, "heights")
         cautions = (*levels_note(given.dtype), *_cautions(self))
         new = cautioned(tuple(note for note in cautions if note not in self.notes))
         settle(self, notes=(*listed(self.notes), *new))
@@ -365,11 +354,16 @@ def rms_slope(heights: FloatArray, spacing: tuple[float, ...]) -> float:
 
 
 def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
-    """Return heights as an array of real numbers on a line or grid.  Raises InvalidScene."""
+    """Return heights as an array of real numbers on a line or grid, NaN where they are masked.
+
+    Raises InvalidScene if they are none.
+    """
     try:
         heights = np.asanyarray(given)
     except ValueError:
         raise InvalidScene(f"{where}: rows of unequal length are no grid of heights") from None
+    if np.ma.is_masked(heights):
+        heights = np.ma.filled(heights.astype(np.float64), np.nan)
     kind = "complex" if heights.dtype.kind == "c" else str(heights.dtype)
     _require(
         heights.dtype.kind in "buif",
@@ -383,8 +377,25 @@ def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
     return heights
 
 
-def check_extremes(low: float, high: float, where: str) -> None:
-    """Raise InvalidScene if the lowest and the highest height are too large or too close."""
+def require_known(heights: NDArray[Any], where: str, missing: str = "refuse") -> None:
+    """Raise InvalidScene if heights are infinite, or missing (NaN) and not filled by `missing`.
+
+    Nor may they be so large or so close to each other that their squares are no numbers.
+    """
+    low, high = float(heights.min()), float(heights.max())  # without a temporary array
+    if not (math.isfinite(low) and math.isfinite(high)):
+        known = heights[~np.isnan(heights)]
+        infinite, absent = int(np.count_nonzero(np.isinf(known))), heights.size - known.size
+        _require(
+            not infinite,
+            f"{where}: {infinite} of {heights.size} heights are infinite; mark missing ones by NaN",
+        )
+        _require(
+            missing != "refuse" and known.size > 0,
+            f"{where}: {absent} of {heights.size} heights are NaN or masked; crop them, or let "
+            'epcontact.surfaces fill them: set missing to "harmonic" or "nearest"',
+        )
+        low, high = float(known.min()), float(known.max())
     span, largest = high - low, max(abs(low), abs(high))
     _require(largest <= LARGEST, f"{where}: heights reach {largest:.3g} m; check their unit")
     _require(

@@ -14,7 +14,15 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Strict, ValidationInfo
 
 from epcontact.errors import InvalidScene
-from epcontact.scene import Surface, cautioned, checked_heights, levels_note, listed, settle
+from epcontact.scene import (
+    Surface,
+    cautioned,
+    checked_heights,
+    levels_note,
+    listed,
+    require_known,
+    settle,
+)
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
 from epcontact.surfaces.recipe import (
     Lengths,
@@ -30,7 +38,6 @@ from epcontact.surfaces.treatment import (
     TaperField,
     preparation_words,
     prepared,
-    require_measured,
 )
 
 
@@ -67,11 +74,9 @@ class HeightsFromArray(Preparation):
     def __post_init__(self) -> None:
         super().__post_init__()
         given = checked_heights(self.heights, "heights")
-        if np.ma.is_masked(given):
-            given = np.ma.filled(given.astype(np.float64), np.nan)
         heights = np.array(given)
         heights.flags.writeable = False
-        require_measured(heights, self.missing, "heights")
+        require_known(heights, "heights", self.missing)
         settle(self, heights=heights, periods=checked_grid(heights.shape, self.periods)[1])
 
     @property
@@ -154,30 +159,26 @@ class HeightsFromFile(Preparation):
         return {name: value for name, value in self.__dict__.items() if name != "_map"}
 
     def _periods(self) -> tuple[float, ...]:
-        known, given, shape = self._map.periods, listed(self.periods), self.shape
-        if self._map.in_metres and self.unit is not None:
-            raise InvalidScene(f"{self.path} knows the unit of its heights; leave out unit")
-        if not self._map.in_metres and self.unit is None:
-            raise InvalidScene(
-                f"{self.path} does not say in which unit its heights are; give unit = 1e-6 for "
-                "micrometres, 1e-9 for nanometres or 1.0 for metres"
-            )
-        if given and self.pixel_size is not None:
-            raise InvalidScene(f"{self.path}: give periods or pixel_size, not both")
+        stored, given, shape = self._map, listed(self.periods), self.shape
+        alone = len(given) == 1 and len(shape) == 2
+        refusals = {
+            "knows the unit of its heights; leave out unit": stored.in_metres and self.unit,
+            "does not say in which unit its heights are; give unit = 1e-6 for micrometres, 1e-9 "
+            "for nanometres or 1.0 for metres": not stored.in_metres and not self.unit,
+            "needs periods or pixel_size, not both": given and self.pixel_size,
+            "does not say how large the map is; give its periods in m": (
+                not given and not self.pixel_size and stored.periods is None
+            ),
+            f"holds {shape[0]} x {shape[-1]} heights, and one period does not say how large they "
+            "are each way; give both": alone and shape[0] != shape[-1],
+        }
+        for words, refused in refusals.items():
+            if refused:
+                raise InvalidScene(f"{self.path} {words}")
         if self.pixel_size is not None:
             return tuple(self.pixel_size * n for n in shape)
-        if not given and known is None:
-            raise InvalidScene(
-                f"{self.path} does not say how large the map is; give its periods in m"
-            )
-        if len(given) == 1 and len(shape) == 2:
-            if shape[0] != shape[1]:
-                raise InvalidScene(
-                    f"{self.path} holds {shape[0]} x {shape[1]} heights, and one period does not "
-                    "say how large they are each way; give both"
-                )
-            return (given[0], given[0])
-        return given or tuple((self.unit or 1.0) * p for p in known or ())
+        of_file = tuple((self.unit or 1.0) * p for p in stored.periods or ())
+        return given * 2 if alone else given or of_file
 
     @property
     def shape(self) -> tuple[int, ...]:

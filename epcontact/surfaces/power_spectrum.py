@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import ducc0
 import numpy as np
@@ -26,8 +27,7 @@ from epcontact.surfaces.spectrum import BAND_TOLERANCE
 _BLOCK = 1 << 16
 
 
-@dataclass(frozen=True)
-class Moments:
+class Moments(NamedTuple):
     """The root mean squares of a surface or line, from its spectrum.
 
     rms_height is in m, rms_slope that of the gradient, and rms_curvature, in 1/m, that of the mean

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
 from epcontact.results import ContactResult, FloatArray
@@ -57,8 +57,7 @@ def residual_surface(surface: Surface, result: ContactResult) -> Surface:
     )
 
 
-@dataclass(frozen=True)
-class Topography:
+class Topography(NamedTuple):
     """Statistics of the heights about their mean.
 
     Attributes:
@@ -87,15 +86,8 @@ def topography(surface: Surface) -> Topography:
     """
     from scipy.stats import kurtosis, skew  # slow to load
 
-    moments = surface_moments(surface)
     heights = surface.heights.ravel()
-    return Topography(
-        moments.rms_height,
-        moments.rms_slope,
-        moments.rms_curvature,
-        float(skew(heights)),
-        float(kurtosis(heights)),
-    )
+    return Topography(*surface_moments(surface), float(skew(heights)), float(kurtosis(heights)))
 
 
 def power_by_octave(surface: Surface) -> tuple[FloatArray, FloatArray]:
@@ -116,11 +108,8 @@ def power_by_octave(surface: Surface) -> tuple[FloatArray, FloatArray]:
     """
     rings = radial_spectrum(surface)
     first = 2 * math.pi / max(surface.periods)
-    octave = _octave(rings.wavenumber / first)
+    ratio = rings.wavenumber / first * (1 + BAND_TOLERANCE)
+    octave = np.maximum(np.floor(np.log2(ratio)), 0).astype(np.intp)
     variance = np.bincount(octave, weights=rings.height_variance)
     lowest = np.asarray(first * np.exp2(np.arange(variance.size)))
     return lowest, np.asarray(variance, dtype=np.float64)
-
-
-def _octave(ratio: FloatArray) -> NDArray[np.intp]:
-    return np.maximum(np.floor(np.log2(ratio * (1 + BAND_TOLERANCE))), 0).astype(np.intp)

@@ -22,11 +22,10 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import Surface, check_extremes, number, rms_slope, settle
+from epcontact.scene import Surface, number, require_known, rms_slope, settle
 from epcontact.surfaces.filters import kept_waves
 from epcontact.surfaces.recipe import Fields, Real, entry
 
@@ -95,10 +94,10 @@ def prepared(heights: FloatArray, recipe: Any, where: str, told: tuple[str, ...]
     Its notes begin with `told`.  Raises InvalidScene if heights are missing, or jump at the edges,
     and no remedy is chosen.
     """
-    require_measured(heights, recipe.missing, where)
+    require_known(heights, where, recipe.missing)
     notes = [*told, *_mark_notes(heights, getattr(recipe, "unit", None) or 1.0)]
-    window = recipe.treatment == "detrend_and_window"
-    order = recipe.form if recipe.form is not None else 1 if window else None
+    windowed_order = 1 if recipe.treatment == "detrend_and_window" else None
+    order = windowed_order if recipe.form is None else recipe.form
     if order is not None:
         heights = form_removed(heights, order)
         notes.append(f"{_FORMS[order]} removed")
@@ -109,23 +108,7 @@ def prepared(heights: FloatArray, recipe: Any, where: str, told: tuple[str, ...]
             f"{absent} of {heights.size} heights missing ({100 * absent / heights.size:.2g} %), "
             f"filled by the method {recipe.missing}"
         )
-    jumps = edge_jumps(heights)
-    words = f"rms jump at the edges: {_jump_words(jumps)}"
-    if window:
-        before = heights.std()
-        spacing = tuple(p / n for p, n in zip(recipe.periods, heights.shape, strict=True))
-        heights, factor = windowed(heights, recipe.taper, spacing)
-        words = (
-            f"tapered over {recipe.taper:g} of the period at each edge and multiplied by "
-            f"{factor:.4g} to keep the rms slope (rms height {before:.3g} m before, "
-            f"{heights.std():.3g} m after); {words} before, {_jump_words(edge_jumps(heights))} "
-            "after"
-        )
-    elif recipe.treatment == "refuse" and any(a > LARGEST_JUMP * b for a, b in jumps):
-        raise InvalidScene(
-            f"{where}: not periodic, {words}; set treatment to detrend_and_window, or to periodic "
-            "to take it as it is"
-        )
+    heights, words = _joined(heights, recipe, where)
     notes.append(words)
     shortest, longest = recipe.shortest_wavelength, recipe.longest_wavelength
     if shortest or longest:
@@ -144,6 +127,28 @@ def prepared(heights: FloatArray, recipe: Any, where: str, told: tuple[str, ...]
     )
 
 
+def _joined(heights: FloatArray, recipe: Any, where: str) -> tuple[FloatArray, str]:
+    """Make heights periodic as the recipe asks, and say how they jump at the edges."""
+    jumps = edge_jumps(heights)
+    words = f"rms jump at the edges: {_jump_words(jumps)}"
+    if recipe.treatment == "detrend_and_window":
+        before = heights.std()
+        spacing = tuple(p / n for p, n in zip(recipe.periods, heights.shape, strict=True))
+        heights, factor = windowed(heights, recipe.taper, spacing)
+        words = (
+            f"tapered over {recipe.taper:g} of the period at each edge and multiplied by "
+            f"{factor:.4g} to keep the rms slope (rms height {before:.3g} m before, "
+            f"{heights.std():.3g} m after); {words} before, {_jump_words(edge_jumps(heights))} "
+            "after"
+        )
+    elif recipe.treatment == "refuse" and any(a > LARGEST_JUMP * b for a, b in jumps):
+        raise InvalidScene(
+            f"{where}: not periodic, {words}; set treatment to detrend_and_window, or to periodic "
+            "to take it as it is"
+        )
+    return heights, words
+
+
 def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
     """Yield a warning of a lowest or highest height that looks like the mark of missing ones.
 
@@ -159,31 +164,6 @@ def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
                 f"{count} heights are {mark / unit:.6g}, far from all others; if this marks points "
                 "without a height, write NaN in its place"
             )
-
-
-def require_measured(heights: NDArray[Any], missing: str, where: str) -> None:
-    """Raise InvalidScene if heights are infinite, too large to square, or missing and not filled.
-
-    They are NaN where there is none; `missing` is how these are filled, or "refuse".
-    """
-    low, high = float(heights.min()), float(heights.max())
-    if not (math.isfinite(low) and math.isfinite(high)):
-        known = heights[~np.isnan(heights)]
-        infinite, absent = int(np.count_nonzero(np.isinf(known))), heights.size - known.size
-        if infinite:
-            raise InvalidScene(
-                f"{where}: {infinite} of {heights.size} heights are infinite; mark them as missing "
-                "by NaN"
-            )
-        if not known.size:
-            raise InvalidScene(f"{where}: {absent} of {heights.size} heights are NaN")
-        if missing == "refuse":
-            raise InvalidScene(
-                f"{where}: {absent} of {heights.size} heights are NaN or masked; set missing to "
-                '"harmonic" or "nearest" to fill them, or crop the map'
-            )
-        low, high = float(known.min()), float(known.max())
-    check_extremes(low, high, where)
 
 
 def form_removed(heights: FloatArray, order: int) -> FloatArray:
