@@ -27,11 +27,10 @@ _ROWS = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
 
 
 def certify(problem: Problem, state: State, history: History, largest: float) -> dict[str, float]:
-    """Residuals of a converged state by scikit-fem's assembly.
+    """Residuals of a converged state by scikit-fem's assembly, over the path's `largest` force.
 
     certified_balance: norm of (assembled internal force + contact forces), without the held base.
-    certified_load: difference of the base's reaction and the sum of the contact forces.  Both are
-    divided by `largest`, the largest force of the path in N.
+    certified_load: difference of the base's reaction and the sum of the contact forces.
     """
     u, nx_ny = state.displacement.reshape(-1, 3), problem.heights.size
 

@@ -67,28 +67,12 @@ def solve_contact_forces(
     start: FloatArray | None = None,
     tolerance: float = 1e-11,
 ) -> ContactForces:
-    """Solve for the forces on the `contact` nodes that displace them by `wanted` + d.
+    """Solve for the forces on the `contact` nodes that displace them by `wanted` (m) + d.
 
-    The method is conjugate gradients preconditioned by 1/compliance; in load control all
-    residuals and directions have zero mean over the contact nodes.
-
-    Args:
-        compliance: (nx // 2 + 1, ny) of the top, m/N, one value a wave.
-        wanted: (nx, ny) displacement in m.
-        contact: (nx, ny) whether a node carries a force.
-        load: the sum of the forces in N, which makes d an unknown; None: d = 0.
-        start: (nx, ny) first guess of the forces.
-        tolerance: residual of the displacement relative to the first one.
-
-    Returns:
-        The forces in N and the approach d in m.
-
-    Example:
-        >>> everywhere = np.ones((4, 1), dtype=bool)
-        >>> compliance = np.ones((3, 1))  # equal for all waves: each node is a spring
-        >>> wanted = np.array([[1.0], [2.0], [3.0], [4.0]])
-        >>> solve_contact_forces(compliance, wanted, everywhere, None).forces.ravel()
-        array([1., 2., 3., 4.])
+    The method is conjugate gradients preconditioned by 1/compliance (m/N, one value a wave), from
+    `start` until the residual is `tolerance` times the first one.  The `load` is the sum of the
+    forces, which makes d an unknown; all residuals and directions then have zero mean over the
+    contact nodes.  If it is None, d = 0.
     """
     count = int(contact.sum())
     nx = contact.shape[0]
@@ -131,7 +115,7 @@ def solve_contact_forces(
 
 
 def predicted_states(forces: FloatArray, gap: FloatArray, cap: float, stiffness: float) -> States:
-    """Predict the state of each node from its force and its gap (see `PREDICTION`)."""
+    """The state of each node that its force and its gap ask for (see `PREDICTION`)."""
     predicted = forces - PREDICTION * stiffness * gap
     states = np.full(forces.shape, ELASTIC, dtype=np.int8)
     states[predicted <= 0] = APART
@@ -151,28 +135,14 @@ class SurfaceContact:
 def rigid_contact(
     compliance: FloatArray,
     heights: FloatArray,
-    *,
     load: float | None = None,
     approach: float = 0.0,
     cap: float = np.inf,
 ) -> SurfaceContact:
     """Solve the contact of an elastic body, given by the compliance of its top, with a rigid flat.
 
-    Args:
-        compliance: (nx // 2 + 1, ny) of the top, m/N, one value a wave.
-        heights: (nx, ny) in m.
-        load: total force in N; None: the `approach` is given.
-        approach: d in m.
-        cap: largest nodal force in N.
-
-    Raises:
-        NotConverged: the contact sets do not settle.
-
-    Example:
-        >>> springs = np.ones((3, 1))
-        >>> heights = np.array([[0.0], [1.0], [3.0], [2.0]])
-        >>> rigid_contact(springs, heights, load=3.0).forces.ravel()
-        array([0., 0., 2., 1.])
+    The total force is `load` or, if that is None, the `approach` d is given; no nodal force is
+    larger than the `cap`.  Raises NotConverged if the contact sets do not settle.
     """
     nx = heights.shape[0]
     stiffness = 1.0 / float(compliance.min())

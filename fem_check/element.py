@@ -58,19 +58,10 @@ class Elements(NamedTuple):
 def layers_apart(
     bricks: Elements, which: NDArray[np.int64] | None
 ) -> tuple[NDArray[np.int64], ...]:
-    """Cut elements, or the numbers `which` of some, into ranges that are worked on together.
+    """Parts of elements, or of the numbers `which` of some, to be worked on one after the other.
 
-    Returns:
-        Parts, to be worked on one after the other, of (r, 2) ranges: each the first index of a
-        layer and the one after its last.  The layers of a part have no node in common.  Elements
-        that are not those of a flat block are one range.
-
-    Example:
-        >>> two = elements(np.arange(16).reshape(2, 8), np.arange(2), np.stack([CORNERS] * 2))
-        >>> layers_apart(two, None)
-        (array([[0, 2]]),)
-        >>> layers_apart(two._replace(sides=np.ones((2, 3))), None)
-        (array([[0, 1]]), array([[1, 2]]))
+    A part has (r, 2) ranges, each the first index of a layer and the one after its last; its layers
+    have no node in common.  Elements that are not those of a flat block are one range.
     """
     shapes = bricks.shape_of if which is None else bricks.shape_of[which]
     if bricks.sides is None:
@@ -83,20 +74,9 @@ def layers_apart(
 def elements(
     connectivity: NDArray[np.integer], shape_of: NDArray[np.integer], corners: FloatArray
 ) -> Elements:
-    """Make elements from their corners.
+    """Make elements from the positions (shapes, 8, 3) of the corners of each shape, in m.
 
-    Args:
-        connectivity: (m, 8) node numbers in the order of CORNERS.
-        shape_of: (m,) index of each element's shape.
-        corners: (shapes, 8, 3) positions of the corners of each shape, in m.
-
-    Raises:
-        ValueError: a shape is turned inside out, as happens where the top is too rough.
-
-    Example:
-        >>> unit_cube = elements(np.arange(8)[None], np.zeros(1), CORNERS[None])
-        >>> float(unit_cube.weights.sum().round(12))
-        1.0
+    Raises ValueError if a shape is turned inside out, as happens where the top is too rough.
     """
     gradients, weights = _gradients(corners)
     volumes = weights.sum(axis=1)
@@ -162,14 +142,7 @@ def elastic_stiffness(
 
 
 def deviatoric_stiffness(shape: Elements, index: int) -> FloatArray:
-    """(8, 24, 24) the integral of dev e : dev e at each Gauss point of one shape.
-
-    Example:
-        >>> cube = elements(np.arange(8)[None], np.zeros(1), CORNERS[None])
-        >>> shear = 2.0 * deviatoric_stiffness(cube, 0).sum(axis=0)
-        >>> bool(np.allclose(elastic_stiffness(cube, 0, 1.0, 0.0), shear))
-        True
-    """
+    """(8, 24, 24) the integral of dev e : dev e at each Gauss point of one shape."""
     B = strain_operator(shape, index, mean_dilatation=False)
     B[:, :3] -= B[:, :3].mean(axis=1, keepdims=True)
     norm = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])  # of a strain with engineering shears

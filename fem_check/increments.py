@@ -194,9 +194,7 @@ def _solved(
 def _guess(problem: Problem, along: Along, control: Control, end: float) -> State:
     if not along.states:
         return _elastic_state(problem, control)
-    if control.load is None:
-        return along.states[-1]
-    return _extrapolated(problem, along.states, end)
+    return along.states[-1] if control.load is None else _extrapolated(problem, along.states, end)
 
 
 def _touching(problem: Problem, along: Along, options: NewtonOptions) -> SolvedIncrement:
@@ -215,11 +213,7 @@ def _touching(problem: Problem, along: Along, options: NewtonOptions) -> SolvedI
 def _elastic_state(problem: Problem, control: Control) -> State:
     """The contact of the flat elastic block, from which every path starts."""
     solved = rigid_contact(
-        problem.factor.surface,
-        problem.heights,
-        load=control.load,
-        approach=control.approach,
-        cap=problem.cap,
+        problem.factor.surface, problem.heights, control.load, control.approach, problem.cap
     )
     spectrum = eliminate(problem.factor, np.zeros(problem.block.field_shape))
     u = substitute(problem.factor, spectrum, solved.forces)
@@ -240,7 +234,13 @@ def _extrapolated(problem: Problem, states: tuple[State, ...], load: float) -> S
     grown = forces - float(earlier.forces.sum())
     ratio = (load - forces) / grown if grown > 0 else 0.0
     if not 0 < ratio <= 2.01 or problem.capped:
-        return state if forces > 0 else _seeded(problem, state)
+        if forces > 0:
+            return state
+        # The unloaded body is loaded from a quarter of its nodes in contact.
+        apart = np.zeros(state.states.shape, dtype=bool)
+        wanted = max(1, apart.size // 4)
+        seeded = _nearest(problem, state.displacement, state.approach, apart, wanted)
+        return replace(state, states=seeded)
     if len(states) == 1:
         earlier = replace(earlier, displacement=state.displacement, approach=state.approach)
     return _on_secant(problem, state, earlier, -ratio)
@@ -259,14 +259,6 @@ def _on_secant(problem: Problem, state: State, other: State, share: float) -> St
     contact &= state.forces + share * (other.forces - state.forces) > 0
     wanted = max(round(count + share * (other_count - count)), int(contact.sum()))
     return State(u, d, _nearest(problem, u, d, contact, wanted), state.forces)
-
-
-def _seeded(problem: Problem, state: State) -> State:
-    """The unloaded state with a quarter of the nodes in contact, from which it can be loaded."""
-    contact = np.zeros(state.states.shape, dtype=bool)
-    wanted = max(1, contact.size // 4)
-    states = _nearest(problem, state.displacement, state.approach, contact, wanted)
-    return replace(state, states=states)
 
 
 def _nearest(

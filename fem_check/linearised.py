@@ -141,18 +141,10 @@ def linear_contact(
     forcing: float,
     sweeps: int,
 ) -> tuple[LinearSolution, Counts]:
-    """Solve the contact problem of the body with a frozen tangent.
+    """Solve the contact problem of the tangent frozen at `state`, whose reaction is R.
 
-    Args:
-        state: the state at which the tangent was frozen.
-        R: its reaction (levels, nx, ny, 3), in N.
-        tangent: the frozen body.
-        control: the load or the approach to reach.
-        forcing: reduction of the residual at which the linear solves stop.
-        sweeps: the largest number of changes of the contact set.
-
-    Returns:
-        The solution and the iterations spent.
+    The linear solves reduce the residual by `forcing`, and the contact set changes at most `sweeps`
+    times.  Also returns the iterations spent.
     """
     problem = tangent.problem
     missing = missing_load(problem, R, state.states, control)
@@ -206,17 +198,10 @@ def _elastic_solve(
 def precondition(
     tangent: Tangent, sweeps: Smoother | None, R: FloatArray, missing: float | None, states: States
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Apply the preconditioner.
+    """Apply the preconditioner to the reaction R outside of the contact, and to the missing load.
 
-    Args:
-        tangent: the frozen body.
-        sweeps: the smoother over the flowing nodes, if it is used.
-        R: the reaction (levels, nx, ny, 3), whose part on the contact is not preconditioned.
-        missing: the part of the load that is still missing; None: the approach is prescribed.
-        states: contact states (nx, ny).
-
-    Returns:
-        (z, K z, approach): the preconditioned residual, its product, its part of the approach.
+    If the load `missing` is None, the approach is prescribed.  Returns (z, K z, approach): the
+    preconditioned residual, its product, and its part of the approach.
     """
     problem, contact, remaining = tangent.problem, states == ELASTIC, unbalanced(R, states)
     swept = np.empty(0)

@@ -131,17 +131,7 @@ def moved_elements(block: PeriodicBlock) -> Elements:
 def half_space_depth(longest: float, poisson_ratio: float, tolerance: float = 1e-3) -> float:
     """The smallest depth at which a bonded layer can replace a half-space.
 
-    Args:
-        longest: the longest wavelength of the surface, in m.
-        poisson_ratio: nu.
-        tolerance: relative difference of the two compliances of that wave.
-
-    Returns:
-        The depth in m.
-
-    Example:
-        >>> round(half_space_depth(1.0, 0.3), 3)
-        0.905
+    The compliances of the `longest` wave then differ by the share `tolerance`.
     """
     nu = poisson_ratio
 
@@ -159,18 +149,9 @@ def half_space_depth(longest: float, poisson_ratio: float, tolerance: float = 1e
 def graded_layers(
     depth: float, first: float, count: int | None = None, growth: float = GROWTH
 ) -> FloatArray:
-    """Thicknesses of layers that fill a depth, in a geometric series.
+    """Thicknesses of layers that fill a depth in a geometric series from about `first` on.
 
-    Args:
-        depth: in m.
-        first: about the thickness of the first layer, in m.
-        count: number of layers; by default the fewest with a ratio of at most `growth` between
-            neighbours.
-        growth: the largest ratio, unless `count` asks for a larger one.
-
-    Example:
-        >>> graded_layers(1.0, 0.25, growth=2.0)
-        array([0.25      , 0.32569391, 0.42430609])
+    By default they are the fewest with a ratio of at most `growth` between neighbours.
     """
     if count is None:
         exact = math.log1p((growth - 1) * depth / first) / math.log(growth)

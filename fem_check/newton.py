@@ -12,6 +12,7 @@ residual, because a fully plastic contact has almost no stiffness.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,8 +130,7 @@ def _tangent(
     return Tangent(problem, correction, blend)
 
 
-@dataclass(frozen=True)
-class _Trial:
+class _Trial(NamedTuple):
     """The displacement, internal force and flow after a `share` of the Newton step."""
 
     share: float

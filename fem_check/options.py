@@ -79,12 +79,10 @@ class FemOptions:
     )
 
     def __post_init__(self) -> None:
-        for name, allowed in (("law", get_args(LawName)), ("geometry", get_args(Geometry))):
-            if getattr(self, name) not in allowed:
-                *most, last = allowed
-                raise InvalidScene(
-                    f"{name} is {getattr(self, name)!r}, but must be {', '.join(most)} or {last}"
-                )
+        for name, kinds in (("law", get_args(LawName)), ("geometry", get_args(Geometry))):
+            if (value := getattr(self, name)) not in kinds:
+                wanted = ", ".join(kinds[:-1]) + f" or {kinds[-1]}"
+                raise InvalidScene(f"{name} is {value!r}, but must be {wanted}")
         length, count = partial(positive, unit="m"), partial(whole, least=1)
         checks: dict[str, Any] = {
             "depth": length, "first_layer": length, "layers": count, "steps": count,

@@ -55,19 +55,6 @@ def law(
     """The law of a material: Figure 1 of the paper where the hardening is 0.
 
     In uniaxial tension the stress rises with slope E up to the yield stress and stays there.
-
-    Args:
-        young_modulus: E in Pa.
-        poisson_ratio: nu.
-        yield_stress: sigma_Y in Pa; infinite for an elastic material.
-        hardening: H in Pa; 0 is perfect plasticity.
-
-    Returns:
-        The law, with the shear modulus E/(2 (1 + nu)) and the bulk modulus E/(3 (1 - 2 nu)).
-
-    Example:
-        >>> law(2.6, 0.3, yield_stress=0.01).shear
-        1.0
     """
     E, nu = young_modulus, poisson_ratio
     return Law(E / (2 * (1 + nu)), E / (3 * (1 - 2 * nu)), float(yield_stress), float(hardening))
@@ -251,18 +238,10 @@ def internal_force(
     history: History | None,
     workers: Workers = ALONE,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The internal force of a displacement.
+    """The internal force (nodes, 3) of a displacement `u`, and (m,) which elements flow.
 
-    Args:
-        u: (nodes, 3) displacement in m.
-        bricks: the elements.
-        law: the material.
-        history: at the beginning of the increment; None: the material is elastic, and the force is
-            the elastic stiffness times `u`.
-        workers: the threads.
-
-    Returns:
-        The (nodes, 3) force in N, and (m,) which elements flow.
+    The history is that at the beginning of the increment; without one the material is elastic, and
+    the force is the elastic stiffness times `u`.
     """
     force, flowing = np.zeros_like(u), np.zeros(bricks.number, dtype=np.bool_)
     nodal = (force, flowing)

@@ -98,11 +98,9 @@ class Counts:
     halvings: int = 0
 
     def __add__(self, other: Counts) -> Counts:
-        values = {}
-        for name in (f.name for f in fields(self)):
-            pair = getattr(self, name), getattr(other, name)
-            values[name] = max(pair) if name.startswith("most") else sum(pair)
-        return Counts(**values)
+        names = [field.name for field in fields(self)]
+        pairs = ((name, (getattr(self, name), getattr(other, name))) for name in names)
+        return Counts(**{n: max(p) if n.startswith("most") else sum(p) for n, p in pairs})
 
 
 def internal_force(

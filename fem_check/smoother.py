@@ -131,13 +131,8 @@ def assemble(
 ) -> FlowRows:
     """The matrix rows of the flowing nodes of a flat block, without those of the base.
 
-    Args:
-        shape: (nx, ny) nodes of a level.
-        bricks: the block's elements.
-        stiffness: of its layers, from `layer_stiffness`.
-        correction: of the elastic stiffness.
-        scale: factor of the correction.
-        workers: the threads.
+    `stiffness` is that of its layers, from `layer_stiffness`, less `scale` times the correction;
+    `shape` is (nx, ny).
     """
     nx, ny = shape
     levels = bricks.number // (nx * ny) + 1

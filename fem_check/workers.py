@@ -29,14 +29,7 @@ _WEIGHT = 1 / 64
 
 
 class Workers:
-    """Threads of which the caller is one; the others end with this object.
-
-    Example:
-        >>> found = []
-        >>> Workers(2).share(found.append, np.array([[0, 4000], [4000, 8000]]))
-        >>> sorted(part.tolist() for part in found)
-        [[[0, 4000]], [[4000, 8000]]]
-    """
+    """Threads of which the caller is one; the others end with this object."""
 
     def __init__(self, threads: int = 1, fewest: int = FEWEST) -> None:
         self.threads, self.fewest = threads, fewest
@@ -71,14 +64,7 @@ def in_parts(ranges: NDArray[np.int64], threads: int, fewest: float) -> Sequence
 
 
 def pieces(count: int, length: int) -> NDArray[np.int64]:
-    """(r, 2) ranges that cut 0 to `count` into pieces of one length, the last of which may be less.
-
-    Example:
-        >>> pieces(5, 2)
-        array([[0, 2],
-               [2, 4],
-               [4, 5]])
-    """
+    """(r, 2) ranges that cut 0 to `count` into pieces of one length; the last may be less."""
     if count <= length:  # in a tenth of the time, which tells on small fields
         return np.array([[0, count]])
     first = np.arange(0, count, length)
