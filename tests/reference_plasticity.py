@@ -1,31 +1,19 @@
-"""Yield of solids under contact and pressure: onset, limit loads, cavities, and fits.
+"""Yield of solids under contact and pressure: onset, limit loads, a cavity, and fits.
 
 All solids are perfectly plastic.  Symbols: Y = yield_stress (Pa, uniaxial), k = shear yield
-(Y/sqrt 3 by von Mises, Y/2 by Tresca), nu = poisson_ratio, E = young_modulus, E* =
-effective_modulus (Pa), R = radius (m), a = contact radius (m), p_0 = peak and p_m = mean
-contact pressure (Pa).
+(Y/sqrt 3 by von Mises), nu = poisson_ratio, E = young_modulus, E* = effective_modulus (Pa),
+R = radius (m), a = contact radius (m), p_0 = peak and p_m = mean contact pressure (Pa).
 
-Exact within their model: onset, thick sphere and cylinder, Prandtl's strip.  Rigorous bounds:
-the circular punch.  A model: Johnson's cavity.  Fits to finite elements, not closed forms:
-Kogut and Etsion, Jackson and Green; at equal load their areas differ by up to 7 %.
+Exact within their model: onset, thick sphere, Prandtl's strip.  A model: Johnson's cavity.  Fits to
+finite elements, not closed forms: Kogut and Etsion, Jackson and Green; at equal load their areas
+differ by up to 7 %.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Literal
 
-from scipy.optimize import brentq, minimize_scalar
-
-Criterion = Literal["von_mises", "tresca"]
-
-
-def shear_yield(yield_stress: float, criterion: Criterion = "von_mises") -> float:
-    """k in Pa: Y/sqrt 3 by von Mises, Y/2 by Tresca."""
-    return yield_stress / (2 if criterion == "tresca" else math.sqrt(3))
-
-
-# Onset of yield ----------------------------------------------------------------------------
+from scipy.optimize import minimize_scalar
 
 
 def sphere_axis_stresses(depth: float, poisson_ratio: float) -> tuple[float, float]:
@@ -39,52 +27,16 @@ def sphere_axis_stresses(depth: float, poisson_ratio: float) -> tuple[float, flo
 
 
 def sphere_onset(poisson_ratio: float) -> tuple[float, float]:
-    """(p_0/Y, z/a) at first yield under a sphere, von Mises and Tresca alike on the axis.
-
-    Validity: 0 <= nu < 0.5; yield starts on the axis for every such nu.
-    """
+    """(p_0/Y, z/a) at first yield under a sphere, von Mises and Tresca alike on the axis, where
+    yield starts for every 0 <= nu < 0.5."""
 
     def negative_stress(depth: float) -> float:
         radial, axial = sphere_axis_stresses(depth, poisson_ratio)
         return axial - radial
 
-    best = minimize_scalar(
-        negative_stress, bounds=(0, 1), method="bounded", options={"xatol": 1e-9}
-    )
+    options = {"xatol": 1e-9}
+    best = minimize_scalar(negative_stress, bounds=(0, 1), method="bounded", options=options)
     return -1 / float(best.fun), float(best.x)
-
-
-def cylinder_axis_stresses(depth: float, poisson_ratio: float) -> tuple[float, float, float]:
-    """(sigma_x, sigma_y, sigma_z)/p_0 under the middle of a Hertzian line contact at z/a = depth.
-
-    Tension positive, plane strain along y: sigma_y = nu (sigma_x + sigma_z).  Johnson (1985),
-    equations 4.46.
-    """
-    root = math.sqrt(1 + depth**2)
-    across = -((1 + 2 * depth**2) / root - 2 * depth)
-    axial = -1 / root
-    return across, poisson_ratio * (across + axial), axial
-
-
-def cylinder_onset(poisson_ratio: float, criterion: Criterion = "von_mises") -> tuple[float, float]:
-    """(p_0/Y, z/a) at first yield under a cylinder in plane strain.
-
-    For nu below about 0.16 von Mises puts it at the surface, p_0/Y = 1/(1 - 2 nu).
-    Validity: 0 <= nu < 0.5.
-    """
-
-    def negative_stress(depth: float) -> float:
-        x, y, z = cylinder_axis_stresses(depth, poisson_ratio)
-        if criterion == "tresca":
-            return -(max(x, y, z) - min(x, y, z))
-        return -math.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2)
-
-    inside = minimize_scalar(
-        negative_stress, bounds=(0.2, 2), method="bounded", options={"xatol": 1e-9}
-    )
-    candidates = [(float(inside.fun), float(inside.x)), (negative_stress(0.0), 0.0)]
-    stress, depth = min(candidates)
-    return -1 / stress, depth
 
 
 def sphere_onset_force(
@@ -95,26 +47,9 @@ def sphere_onset_force(
     return math.pi**3 * radius**2 * peak**3 / (6 * effective_modulus**2)
 
 
-# Limit loads and bodies of revolution --------------------------------------------------------
-
-
-def strip_limit_pressure(yield_stress: float, criterion: Criterion = "von_mises") -> float:
+def strip_limit_pressure(yield_stress: float) -> float:
     """Prandtl (1920): mean pressure (2 + pi) k in Pa under a flat strip in plane strain."""
-    return (2 + math.pi) * shear_yield(yield_stress, criterion)
-
-
-#: Smooth circular punch by Tresca, p_m/k: Shield (1955).
-CIRCULAR_PUNCH_TRESCA = 5.69
-
-
-def circular_punch_bracket(yield_stress: float) -> tuple[float, float]:
-    """Rigorous bounds in Pa of the mean limit pressure under a smooth circular punch, von Mises.
-
-    Tresca's hexagon of the same Y lies inside the von Mises circle, and that inside the hexagon
-    of Y 2/sqrt 3: the limit lies between 5.69 (Y/2) and 2/sqrt 3 times as much (Shield 1955).
-    """
-    low = CIRCULAR_PUNCH_TRESCA * yield_stress / 2
-    return low, 2 / math.sqrt(3) * low
+    return (2 + math.pi) * yield_stress / math.sqrt(3)
 
 
 def thick_sphere_pressure(
@@ -127,43 +62,6 @@ def thick_sphere_pressure(
     """
     a, b, c = inner_radius, outer_radius, plastic_radius
     return 2 * yield_stress * (math.log(c / a) + (1 - (c / b) ** 3) / 3)
-
-
-def thick_sphere_plastic_radius(
-    pressure: float, inner_radius: float, outer_radius: float, yield_stress: float
-) -> float:
-    """c in m: the inverse of `thick_sphere_pressure`, `inner_radius` below the onset.
-
-    Raises ValueError above the collapse pressure.
-    """
-
-    def excess(c: float) -> float:
-        return thick_sphere_pressure(c, inner_radius, outer_radius, yield_stress) - pressure
-
-    if excess(inner_radius) >= 0:
-        return inner_radius
-    if excess(outer_radius) < 0:
-        collapse = thick_sphere_pressure(outer_radius, inner_radius, outer_radius, yield_stress)
-        raise ValueError(f"pressure is {pressure:g} Pa, above the collapse at {collapse:g} Pa")
-    return float(brentq(excess, inner_radius, outer_radius, xtol=1e-15 * outer_radius, rtol=1e-14))
-
-
-def thick_cylinder_pressure(
-    plastic_radius: float,
-    inner_radius: float,
-    outer_radius: float,
-    yield_stress: float,
-    criterion: Criterion = "von_mises",
-) -> float:
-    """Inner pressure in Pa at which a long tube has yielded out to `plastic_radius` c.
-
-    p = 2 k ln(c/a) + k (1 - c^2/b^2).  Exact by Tresca while the axial stress is the middle
-    one; by von Mises exact in plane strain of an incompressible solid (nu = 1/2), and at
-    collapse (c = b), 2 k ln(b/a), for every nu.  Hill (1950), chapter 5.
-    """
-    k = shear_yield(yield_stress, criterion)
-    a, b, c = inner_radius, outer_radius, plastic_radius
-    return k * (2 * math.log(c / a) + 1 - (c / b) ** 2)
 
 
 def cavity_mean_pressure(
@@ -188,6 +86,12 @@ def cavity_mean_pressure(
 # Fits to finite elements ---------------------------------------------------------------------
 
 
+def _hertz(ratio: float, radius: float, effective_modulus: float) -> tuple[float, float, float]:
+    """(interference, force, area) of a sphere with w = (pi ratio/2)^2 R."""
+    w = (math.pi * ratio / 2) ** 2 * radius
+    return w, 4 / 3 * effective_modulus * math.sqrt(radius) * w**1.5, math.pi * radius * w
+
+
 def kogut_etsion_critical(
     radius: float, effective_modulus: float, yield_stress: float, poisson_ratio: float
 ) -> tuple[float, float, float]:
@@ -197,9 +101,7 @@ def kogut_etsion_critical(
     Journal of Applied Mechanics 69 (2002) 657.
     """
     ratio = (0.454 + 0.41 * poisson_ratio) * 2.8 * yield_stress / effective_modulus
-    interference = (math.pi * ratio / 2) ** 2 * radius
-    force = 4 / 3 * effective_modulus * math.sqrt(radius) * interference**1.5
-    return interference, force, math.pi * radius * interference
+    return _hertz(ratio, radius, effective_modulus)
 
 
 def kogut_etsion(interference: float, poisson_ratio: float) -> tuple[float, float]:
@@ -227,9 +129,7 @@ def jackson_green_critical(
     Journal of Tribology 127 (2005) 343.
     """
     ratio = 1.295 * math.exp(0.736 * poisson_ratio) * yield_stress / effective_modulus
-    interference = (math.pi * ratio / 2) ** 2 * radius
-    force = 4 / 3 * effective_modulus * math.sqrt(radius) * interference**1.5
-    return interference, force, math.pi * radius * interference
+    return _hertz(ratio, radius, effective_modulus)
 
 
 def jackson_green(
