@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from command_line import invoke
+from conftest import SMALL_CASE
 from fem_scenes import J2_CASE, MODEL_GATE
 
 from epcontact.errors import InvalidCase
@@ -65,6 +66,7 @@ def test_byte_order_mark_and_line_ends_of_windows(write_case) -> None:
 
 GRID = "points_per_shortest_wavelength = { fast = 4, full = 8 }"
 LOAD, HEAD = "mean_pressure = 5.0e8", "[load]"
+ROUGH = SMALL_CASE.partition("[surface]\n")[2].partition("\n\n")[0]
 MEASURED = 'quantity = "quantity.measured_force"\nof = "persson"\nagainst = 0.0\nsource = "0"'
 OMIT = '[[omit]]\nof = "bem"\nquantity = "quantity.measured_gab"\nbecause = "x"\n[load]'
 
@@ -99,6 +101,11 @@ MISTAKES = [
     (LOAD, "mean_pressure = true", r"load\.mean_pressure is True"),
     ("full = 8 }", "full = { a = 8.5 } }", "points_per.* has the keys 'a', but must be one value"),
     ("[theory]\nenergy_reduction = 0.536", "", r"needs a table \[theory\]"),
+    (
+        ROUGH,
+        'kind = "sinusoid"\nperiod = 1e-3\nshape = [8]\namplitude = 1e-6',
+        "is not drawn from",
+    ),
     # numbers
     ("= 100.0e9", "= -1.0", "young_modulus is -1.0, but must be a positive number in Pa"),
     ("poisson_ratio = 0.3", "poisson_ratio = 0.5", "between -1 and 0.5"),
@@ -121,6 +128,8 @@ MISTAKES = [
     (HEAD, '[body]\nkind = "bonded_layer"\n[load]', r"\[body\] depth is inf.* in m"),
     # gates that cannot be answered, cannot fail, cannot hold or are never asked
     ('["persson", "bem"]', '["bem"]', "gate 1: reads persson, which case.methods does not name"),
+    ('against = "persson"', 'against = "heights"', "heights has no 'area.total.corrected'; it has"),
+    ('"area.total.corrected"', '"field.pressure"\nnorm = "l2"', "give a closed form that has it"),
     ('against = "persson"', "against = 0.1", "gate 1: against is a number without a source"),
     ('against = "persson"', 'against = nan\nsource = "x"', "against is nan.* finite"),
     ('against = "persson"', 'against = "bem"', "compared with itself"),

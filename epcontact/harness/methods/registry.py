@@ -208,16 +208,7 @@ def _of_user(name: str, source: str) -> Method:
 
 
 def solver_named(text: str) -> Method:
-    """Return the method that `--solver` names.
-
-    Args:
-        text: the name of a registered method, `[NAME=]MODULE:FUNCTION`, or a command with the
-            placeholders {scene} and {result}, `[NAME=]COMMAND`.  Without a NAME the method is
-            called like the function, or "command".
-
-    Raises:
-        InvalidCase: if the text is none of them, its name belongs to another method, or there is
-            no such function or program.
+    """Return the method that `--solver` names: a method, [NAME=]MODULE:FUNCTION or [NAME=]COMMAND.
 
     Example:
         >>> solver_named("mine=epcontact.bem:solve").name
