@@ -146,8 +146,12 @@ MISTAKES = [
         'tolerance = 1\nsizes = ["fast", "full", "large"]',
         "applies to size 'large'",
     ),
-    ("tolerance = 0.5", 'tolerance = 1\nnorm = "l2"', "only a field has the norm l2"),
-    ("tolerance = 0.5", 'tolerance = 1\nnorm = "supremum"', "only a distribution has the norm"),
+    ("tolerance = 0.5", 'tolerance = 1\nnorm = "l2"', "a field, and nothing else, has"),
+    (
+        "tolerance = 0.5",
+        'tolerance = 1\nnorm = "supremum"',
+        "a distribution, and nothing else, has",
+    ),
     ("area.total.corrected", "quantity.model_area", "gate 1: .* needs a gate of fem or tamaas_j2"),
     (
         'quantity = "area.total.corrected"\nof = "bem"\nagainst = "persson"',

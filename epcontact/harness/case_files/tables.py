@@ -105,7 +105,9 @@ class GateTable(Table):
         "`epcontact keys` lists them all"
     )
     of: MethodName = Field(description="the method that is judged")
-    against: str | float = Field(description="a method, a closed form's name, or a number")
+    against: str | Annotated[float, Field(allow_inf_nan=False)] = Field(
+        description="a method, a closed form's name, or a number"
+    )
     norm: Norm = Field(default="relative", description="how the difference is measured")
     tolerance: float | None = Field(
         default=None,
@@ -141,26 +143,18 @@ class GateTable(Table):
     @model_validator(mode="after")
     def _tells_something(self) -> Self:
         low, high = self.between or (0.0, 0.0)
-        infinite = math.isinf(low) and math.isinf(high)
+        everything = math.isinf(low) and math.isinf(high)
+        unsourced = self.number is not None and not self.source
+        distances, field = self.norm in DISTRIBUTION_NORMS, self.quantity.startswith("field.")
         mistakes = {
             "give either tolerance or between": (self.tolerance is None) == (self.between is None),
             "between is out of order; give [low, high]": not low <= high,
-            "between holds whatever the difference is, or never; give it a finite end": infinite,
-            f"against is {self.against}, but must be a finite number": not math.isfinite(
-                self.number or 0
-            ),
-            f"{self.of} is compared with itself; name another method, a closed form or a number": (
-                self.against == self.of
-            ),
-            "against is a number without a source; say where it comes from": (
-                self.number is not None and not self.source
-            ),
-            "only a distribution has the norm wasserstein or supremum, and no other norm": (
-                (self.quantity == "distribution") != (self.norm in DISTRIBUTION_NORMS)
-            ),
-            "only a field has the norm l2, and no other norm": (
-                self.quantity.startswith("field.") != (self.norm == "l2")
-            ),
+            "between holds whatever the difference is, or never; give it a finite end": everything,
+            f"{self.of} is compared with itself; name another method": self.against == self.of,
+            "against is a number without a source; say where it comes from": unsourced,
+            "a distribution, and nothing else, has the norm wasserstein or supremum": distances
+            != (self.quantity == "distribution"),
+            "a field, and nothing else, has the norm l2": field != (self.norm == "l2"),
         }
         for sentence, made in mistakes.items():
             if made:
