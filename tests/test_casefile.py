@@ -46,6 +46,8 @@ def test_a_copy_of_a_case_differs_where_it_is_told(write_case) -> None:
     assert (other.methods, other.id, other.requirement) == (("bem",), "other", "Another.")
     assert (other.gates, other.recipes, other.path) == (case.gates, case.recipes, case.path)
     assert (case.methods, case.id) == (("persson", "bem"), "small")
+    with pytest.raises(AttributeError):
+        case.changed(method="bem")
 
 
 def test_every_shipped_case_reads_at_every_size_and_cites_papers() -> None:

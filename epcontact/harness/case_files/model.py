@@ -89,8 +89,9 @@ class Case(Table):
 
     def changed(self, **values: Any) -> Case:
         """Return a copy in which fields or properties have other values, and the rest its own."""
-        kept = {name: getattr(self, name) for name in ("methods", "recipes", "options", "gates")}
-        return self.model_copy(update=kept | values)
+        derived = ("methods", "recipes", "options", "gates")
+        own = {name: getattr(self, name) for name in (*derived, *values)}
+        return self.model_copy(update=own | values)
 
     @cached_property
     def path(self) -> Path:
