@@ -1,17 +1,12 @@
 """Public solvers as methods: ContactMechanics and tamaas, with the extra `peers`.
 
     ContactMechanics   constrained conjugate gradients of Polonsky and Keer with a hardness
-    tamaas             the same without one (PolonskyKeerRey), Kato's method with a saturation
-                       pressure (KatoSaturated)
-    tamaas_j2          tamaas' volume integrals with J2 flow, a second opinion on the
-                       finite elements: half-spaces under pressures that rise
+    tamaas             the same without one, Kato's method with a saturation pressure
+    tamaas_j2          tamaas' volume integrals with J2 flow, a second opinion on finite elements
 
-A peer gives a pressure field.  This module computes everything else of the result (gap, residuals,
-areas, energy) from that field in the same way for every peer, so that a gate judges the pressure
-alone.
-
-Both get the problem in units of E* and the period, because their absolute tolerances assume
-numbers near 1.  Lines and layers are refused.
+A peer gives a pressure field, from which `result_of` computes everything else (gap, residuals,
+areas, energy) in the same way for every peer, so that a gate judges the pressure alone.  Peers get
+the problem in units of E* and the period, because their absolute tolerances assume numbers near 1.
 """
 
 from __future__ import annotations
@@ -48,18 +43,16 @@ from epcontact.scene import Load, Scene
 
 Pressure = Callable[..., FloatArray]
 
-#: The tightest settings with which the package's cases can be solved: the tolerance of
-#: ContactMechanics on the penetration over the rms height, that of tamaas, and the number of
-#: iterations of its saturated solver, which reports no error to stop at.
+#: The tightest settings with which the package's cases can be solved: relative tolerance on the
+#: penetration or the gap, and iterations of tamaas' saturated solver, which reports no error.
 TOLERANCE, ITERATIONS = 1e-6, 3200
 
-#: Of J2 flow by tamaas: depths over the period down to which a body may flow, tried in this order
-#: until nothing flows in the lowest layer; increments to each load; and the tolerance of both
-#: loops.  At a tenth of it, areas and pressures of rough bodies of 17 x 17 points move by 0.3 % at
-#: most, in twice the time.
+#: Of J2 flow: depths over the period down to which a body may flow, tried until nothing flows in
+#: the lowest layer; increments to each load; tolerance of both loops (a tenth of it moves areas of
+#: rough bodies of 17 x 17 points by 0.3 % at most).
 FLOWING, INCREMENTS, FLOW_TOLERANCE = (0.5, 1.0), 4, 1e-4
-#: Cap over the yield stress from whose contact an increment starts: pressures of elastic bodies on
-#: fine grids are more than a flowing one can carry, so that the flow under them has no end.
+#: Cap over the yield stress from whose contact an increment starts: elastic pressures on fine grids
+#: are more than a flowing body can carry.
 START_CAP = 2.5
 #: Mixing, and number of earlier iterations, of Anderson's acceleration of the outer loop.
 MIXING, EARLIER, MOST_ITERATIONS = 0.5, 3, 100
@@ -127,12 +120,9 @@ def tamaas(scene: Scene) -> ContactResult:
 def tamaas_j2(scene: Scene) -> ContactResult:
     """Solve a scene by tamaas' volume integrals with perfectly plastic J2 flow.
 
-    Contact and flow are solved in turns, by tamaas, until the residual displacement settles
-    (Frérot, Bonnet, Molinari and Anciaux 2019, Computer Methods in Applied Mechanics and
-    Engineering 351, 951), in INCREMENTS from the load before to each load.  tamaas' own outer loop,
-    EPICSolver, has the same answers, but a fixed relaxation, and starts from the elastic contact.
-
-    Raises InvalidScene, StudyUnavailable, NotConverged.
+    Contact and flow are solved in turns until the residual displacement settles (Frérot et al.
+    2019, Comput. Methods Appl. Mech. Eng. 351, 951), in INCREMENTS from each load to the next.
+    tamaas' own outer loop, EPICSolver, has a fixed relaxation, and starts from elastic contact.
     """
     if not (math.isfinite(scene.material.yield_stress) and scene.load.non_decreasing):
         raise InvalidScene("tamaas_j2 needs a finite yield_stress and mean pressures that rise")
@@ -256,10 +246,10 @@ def _answer(scene: Scene, name: str, package: str, effort: float) -> ContactResu
     _require_peer(scene, package)
     E, periods = effective_modulus(scene.material), scene.surface.periods
     heights = np.array(scene.surface.heights) / periods[0]
-    loads, lengths = (scene.load.final / E, scene.material.hardness / E), periods[1] / periods[0]
+    loads, aspect = (scene.load.final / E, scene.material.hardness / E), periods[1] / periods[0]
     started = time.perf_counter()
     with _giving_up(package):
-        pressure = PEERS[package](heights, *loads, effort, (1.0, lengths))
+        pressure = PEERS[package](heights, *loads, effort, (1.0, aspect))
     return result_of(scene, pressure * E, name, time.perf_counter() - started)
 
 
