@@ -113,7 +113,7 @@ AGAINST_TAMAAS = (
     ('methods = ["persson", "bem"]', 'methods = ["bem", "tamaas"]'),
     (
         'of = "bem"\nagainst = "persson"\ntolerance = 0.5',
-        'of = "tamaas"\nagainst = "bem"\ntolerance = 0.01',
+        'of = "tamaas"\nagainst = "bem"\ntolerance = 0.05',
     ),
     ("seeds = [3, 5, 7]", "seeds = [3]"),
 )
