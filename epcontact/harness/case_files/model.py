@@ -156,11 +156,7 @@ class Case(Table):
 
     @cached_property
     def mapped_hardness(self) -> MappedHardness | None:
-        """The hardness of the map at the largest mean pressure, where the file calls it effective.
-
-        Raises:
-            InvalidScene: if the map does not know the scene.
-        """
+        """The map's hardness at the largest mean pressure, where the file calls it effective."""
         given, surface = self.solid, self.surface
         if given.hardness != "effective" or isinstance(surface, SurfaceAbsent):
             return None
