@@ -101,7 +101,7 @@ def test_the_table_goes_on_where_strips_end():
     mean, amplitude, scatter = rim.calibrate_directions()
     assert mean == pytest.approx(rim_correction.OFFSETS[-1], abs=6e-4)
     assert amplitude == pytest.approx(rim_correction.HARMONIC, abs=1e-4)
-    assert scatter == pytest.approx(area_grid.LOCATED, abs=5e-4)
+    assert scatter == pytest.approx(rim_correction.LOCATED, abs=5e-4)
 
 
 def test_one_front_along_an_axis():
@@ -109,7 +109,9 @@ def test_one_front_along_an_axis():
     for phase in (0.1, 0.6):
         sums, _ = rim.front_sums((1, 0), 80, phase, 0.5 * math.pi / 80)
         exact = waves.line_contact_fraction(0.5) * 80 / 2
-        assert sums[area_grid.AREA, 0] - exact == pytest.approx(area_front.AXIS_OFFSET, abs=1e-3)
+        assert area_grid.Sums(*sums).area[0] - exact == pytest.approx(
+            area_front.AXIS_OFFSET, abs=1e-3
+        )
 
 
 def test_the_corner_is_that_of_spheres_and_of_gaps():

@@ -216,9 +216,10 @@ def test_what_holds_a_front():
     """Pressure falls towards a resolved rim and rises towards an edge; gaps have no jumps."""
 
     def crossed(v, hardness):
-        links = np.r_[v, np.full(front.LINK_ROWS - 6, np.nan)][:, None]
+        links = front.empty_links(1)
+        links.values[:, 0] = v
         front.locate(links, 1, hardness)
-        return tuple(links[front.PLACE :, 0].tolist())
+        return tuple(float(found[0]) for found in links[1:])
 
     rim = np.array([2.6, 2.0, 1.0, -0.5, -2.0, -4.0])
     step = np.array([0.7, 1.0, 2.0, -50.0, -50.0, -50.0])
@@ -401,7 +402,7 @@ def test_what_tips_need_is_found_again():
     for one in error_bars.lessons([1100], 32):
         oblong = rim_correction.OBLONG * math.log(one.aspect) ** 2
         located, more = rim_correction.located_areas(one.sums, oblong), 0.5 - rim_correction.TIP
-        total, plastic = located - more * one.sums[grid.TIPS, :, 0] * (1, -1)
+        total, plastic = located - more * grid.Sums(*one.sums).tips[:, 0] * (1, -1)
         exact = Areas(total / one.cells, (total - plastic) / one.cells, plastic / one.cells)
         lacking.append(replace(one, exact=exact))
     assert error_bars.fitted_tip(lacking) == pytest.approx(0.5, abs=1e-6)

@@ -24,8 +24,8 @@ from dataclasses import astuple, dataclass, fields
 import numpy as np
 from scipy.optimize import minimize
 
-from epcontact.bem.areas import grid
 from epcontact.bem.areas.copies import copies
+from epcontact.bem.areas.grid import Sums
 from epcontact.bem.areas.rim_correction import (
     ERRORS,
     OBLONG,
@@ -179,7 +179,8 @@ def fitted_tip(known: Sequence[Lesson]) -> float:
     for one in known:
         located = located_areas(one.sums, OBLONG * math.log(one.aspect) ** 2)
         off = (located - np.array([one.exact.total, one.exact.plastic]) * one.cells) * (1, -1)
-        tips, length = one.sums[grid.TIPS, :, 0], one.sums[grid.LENGTH].sum(axis=1)
+        sums = Sums(*one.sums)
+        tips, length = sums.tips[:, 0], sums.length.sum(axis=1)
         shown = tips > 0
         needs += (TIP + off[shown] / tips[shown]).tolist()
         weights += (tips[shown] / np.sqrt(length[shown])).tolist()

@@ -28,15 +28,15 @@ import numpy as np
 
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import AXIS_OFFSET, KINK, LINK_ROWS, STIFFNESS, locate
+from epcontact.bem.areas.front import AXIS_OFFSET, KINK, STIFFNESS, empty_links, locate
 from epcontact.bem.areas.hidden import CORNER
 from epcontact.bem.areas.rim_correction import (
     COUNTED,
     HARMONIC,
+    LOCATED,
     OBLONG,
     sums_of_fronts,
 )
-from epcontact.bem.areas.rows import Solution
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
@@ -118,13 +118,13 @@ def front_sums(
     folded[0] = np.inf
     p, g = solved(wave(n, phase), 2 / folded, load, hardness)
     column = (a * np.arange(n)[:, None] + b * (np.arange(6) - 2)) % n  # this strip meets every row
-    solution = Solution(p[column], g[column], hardness * (1 - 1e-12), (STIFFNESS, STIFFNESS))
+    fields, stiffness = (p[column], g[column], hardness * (1 - 1e-12)), (STIFFNESS, STIFFNESS)
     # Cells whose last corner is in the fourth of the six columns have all that they need.
     block = np.array([[0, n, 3, 4]])
     tables = map(grid.tabulated, np.eye(len(grid.U_NODES)))
-    out = [grid.sweep(solution, table, block)[0] for table in tables]
+    out = [grid.sweep(grid.Solution(*fields, stiffness, table), block)[0] for table in tables]
     scale = length / 2 / n
-    offsets = np.array([sums[grid.OFFSET] for sums in out])
+    offsets = np.array([grid.Sums(*sums).offset for sums in out])
     return out[0].sum(axis=-1) * scale, offsets.sum(axis=-1) * scale
 
 
@@ -177,8 +177,9 @@ def calibrate_directions() -> tuple[float, float, float]:
         weights.append(weight * len(phases))
         period = row_period(direction, PERIOD)[1]
         pressure = load * math.pi / period
-        sums = np.array([front_sums(direction, PERIOD, s, pressure)[0] for s in phases])
-        offsets.append((sums[:, grid.AREA, 0] - exact * period) / sums[:, grid.LENGTH, 0])
+        each = [front_sums(direction, PERIOD, s, pressure)[0] for s in phases]
+        sums = grid.Sums(*np.array(each)[..., 0].T)
+        offsets.append((sums.area - exact * period) / sums.length)
     waves = np.array([math.cos(4 * math.atan2(b, a)) for a, b in DIRECTIONS])
     means = [each.mean() for each in offsets]
     amplitude, _ = np.polyfit(waves, means, 1)
@@ -205,8 +206,7 @@ def calibrate_strips(fronts: Fronts) -> tuple[FloatArray, float]:
                 cap = hardness / scale
                 sums, nodes = front_sums(direction, PERIOD, phase, cap / 2, cap)
                 feature += weight * nodes.mean(axis=1)
-                outer = sums[grid.AREA, 0] - contact * scale
-                inner = sums[grid.AREA, 1] - plastic * scale
+                outer, inner = grid.Sums(*sums).area - np.array([contact, plastic]) * scale
                 bias += weight * (outer - inner) / 2
         features.append(feature)
         biases.append(bias)
@@ -227,12 +227,12 @@ def _fit(features: FloatArray, biases: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq(np.r_[features, smooth], target, rcond=None)[0])
 
 
-def _swept(heights: FloatArray, load: float, hardness: float = math.inf) -> FloatArray:
-    """The sums of `grid.sweep` over a solution on a square of side 1, each of its two parts."""
+def _swept(heights: FloatArray, load: float) -> grid.Sums:
+    """The sums over the fronts of a contact on a square of side 1, both parts together."""
     nx, ny = heights.shape
-    p, g = solved(heights, half_space((nx, ny), 1.0), load, hardness)
-    sums = sums_of_fronts(p, g, hardness, (1 / nx, 1 / ny), 1.0)
-    return np.asarray(sums.sum(axis=-1))
+    p, g = solved(heights, half_space((nx, ny), 1.0), load)
+    sums = sums_of_fronts(p, g, math.inf, (1 / nx, 1 / ny), 1.0)
+    return grid.Sums(*sums[:, 0].sum(axis=-1))
 
 
 def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, float]:
@@ -244,8 +244,8 @@ def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, floa
     for shift in np.random.default_rng(1).uniform(size=(shifts, 2)):
         x, y = ((np.arange(n) + s) / n - 0.5 for s in shift)
         sums = _swept(-(x[:, None] ** 2 + y**2) / 2, force)
-        offset = sums[grid.OFFSET, 0] + HARMONIC * sums[grid.HARMONIC, 0]
-        out.append((exact - sums[grid.AREA, 0] + offset) / sums[grid.TURN, 0])
+        offset = sums.offset + HARMONIC * sums.harmonic
+        out.append((exact - sums.area + offset) / sums.turn)
     return float(np.mean(out)), float(np.std(out) / math.sqrt(shifts))
 
 
@@ -258,9 +258,9 @@ def calibrate_oblong(aspect: float = 2.0, points: int = 30, shifts: int = 24) ->
     for shift in np.random.default_rng(2).uniform(size=(shifts, 2)):
         x, y = ((np.arange(n) + s) / n - 0.5 for n, s in zip((nx, ny), shift, strict=True))
         sums = _swept(-(x[:, None] ** 2 + y**2) / 2, force)
-        outward = sums[grid.OFFSET, 0] + HARMONIC * sums[grid.HARMONIC, 0]
-        lacking += sums[grid.AREA, 0] - outward + CORNER * sums[grid.TURN, 0] - exact
-        offset += sums[grid.OFFSET, 0]
+        outward = sums.offset + HARMONIC * sums.harmonic
+        lacking += sums.area - outward + CORNER * sums.turn - exact
+        offset += sums.offset
     return lacking / offset / math.log(aspect) ** 2
 
 
@@ -279,10 +279,10 @@ def calibrate_kink(points: int = 96, finer: int = 32) -> tuple[float, float]:
                 away = np.maximum(abs((np.arange(n) / n - centre + 0.5) % 1 - 0.5) - half, 0)
                 p, g = solved(-slope * (away + bend * away**2), half_space((n,), 1.0), load)
                 last = next(i for i in range(round(centre * n), 2 * n) if p[(i + 1) % n] <= 0)
-                link, nearby = np.zeros((LINK_ROWS, 1)), np.arange(last - 2, last + 4) % n
-                link[:6, 0] = v = p[nearby] - STIFFNESS * n * g[nearby]
+                link, nearby = empty_links(1), np.arange(last - 2, last + 4) % n
+                link.values[:, 0] = v = p[nearby] - STIFFNESS * n * g[nearby]
                 locate(link, 1, math.inf)
-                place, held, _, _, kinked = link[6:, 0]
+                place, held, kinked = (float(a[0]) for a in (link.place, link.held, link.kinked))
                 places.append((last + place - (0 if held else AXIS_OFFSET)) / n)
             if kinked and v[2] > v[1]:  # the coarse line's; not where a kink is behind the front
                 shares.append(v[2] / (v[2] - v[3]))
@@ -299,7 +299,7 @@ def main() -> None:
     print("of all directions", round(float(counted), 4), "in use", COUNTED)
     mean, amplitude, scatter = calibrate_directions()
     print("offset of a located front", round(mean, 4), "+", round(amplitude, 4), "cos 4 theta")
-    print("scatter of it", round(scatter, 4), "in use", grid.LOCATED)
+    print("scatter of it", round(scatter, 4), "in use", LOCATED)
     print("u     ", grid.U_NODES)
     table, misfit = calibrate_strips(all_directions())
     print("offset", np.round(table, 4), " largest misfit", round(misfit, 4))

@@ -1,11 +1,10 @@
 """Areas and pressure distributions of a solution in the limit of a vanishing grid spacing.
 
-rim_correction  raw and corrected areas, and their estimated error; the constants
-grid            the fronts of a contact, located in the cells of a grid
+rim_correction  raw and corrected areas, their estimated error, and the constants
+grid            the fronts of a contact in the cells of a grid, and the sums over them
 front           where a front crosses between two neighbouring points
 hidden          what the points of a contact may hide between them
 copies          how many copies of one cell err alike
-rows            the rows of a solution that the pass over a grid has in memory
 distribution    the distribution of the pressures and its two ends
 """
 

@@ -21,6 +21,7 @@ The plastic front is the same with hardness - p for p and -g for g.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -38,21 +39,17 @@ INNER, OUTER = 0.3994549881295272, -0.05195667866061313
 EQUAL = 8 / 3
 #: Only four points locate a front where the contact has fewer than three points behind it and these
 #: carry more than this share of the hardness: such a contact hides a plastic spot, and with four
-#: points the errors of the two fronts cancel in the elastic area.  The loss of the fit of
-#: `laboratory.error_bars` is 2.33 with 0, 2.27 with 0.1 and 0.25 and 2.28 with 1.
+#: points the errors of the two fronts cancel in the elastic area (fit of `error_bars`).
 FAR = 0.1
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
 #: A gap that changes between two points by more than this multiple of its changes beside them has
-#: a step there.  The loss of the fit is 2.49 with 1.5, 2.29 with 3, 2.27 with 6 and 2.28 with 12.
+#: a step there (fit of `error_bars`, which tells little between 3 and 12).
 STEP = 6.0
-#: At a kink, what the place where the gap closes is too far out, in spacings times the share of the
-#: pressure in the change of v (`laboratory.rim.calibrate_kink`).
+#: At a kink the parabola of the gap closes too far out, by KINK times p/(p + c g) spacings, with p
+#: and g on either side of the front (`rim.calibrate_kink`).
 KINK = 0.13
 
-#: Rows of a table of links: six values of v, the first three inside, and what `locate` finds.
-PLACE, HELD, HIDDEN, DOUBT, KINKED = range(6, 11)
-LINK_ROWS = 11
 #: Compiles a function of this room; nothing calls one from C.
 compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
@@ -61,29 +58,45 @@ compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrap
 inlined = numba.njit(nogil=True, error_model="numpy", inline="always")
 
 
+class Links(NamedTuple):
+    """Links that a front crosses, and what `locate` finds on each, in spacings.
+
+    Attributes:
+        values: (6, n) v at six points in a row, of which the first three are inside and the front
+            is between the third and the fourth.  For the plastic front v is hardness - v.
+        place: of the front from the third point, 0 to 1; 1/2 where a step holds it.
+        held: 1 if a step of the surface holds the front, so that any place is equally likely.
+        hidden: width of the zone next to an edge in which the singular pressure exceeds the
+            hardness, but which no point shows.
+        doubt: by how much the last term of the polynomial moves the middle of the link, outwards
+            if positive: the front may be elsewhere by as much.
+        kinked: 1 where the surface has a kink at the front or close behind it.
+    """
+
+    values: FloatArray
+    place: FloatArray
+    held: FloatArray
+    hidden: FloatArray
+    doubt: FloatArray
+    kinked: FloatArray
+
+
+def empty_links(n: int) -> Links:
+    """Memory for n links."""
+    return Links(np.empty((6, n)), *np.empty((5, n)))
+
+
 @compiled
-def locate(links: FloatArray, count: int, hardness: float) -> None:
-    """Find where v of `rows` crosses 0, between the third and the fourth of six points in a row.
-
-    links: (LINK_ROWS, at least `count`).  The first three of the six are inside.  For the plastic
-    front v is hardness - v.  What is found, in spacings:
-
-    PLACE   from the third point, 0 to 1; 1/2 where a step holds the front
-    HELD    1 if a step of the surface holds the front, so that any place is equally likely, else 0
-    HIDDEN  width of the zone next to an edge in which the singular pressure exceeds the hardness,
-            but which no point shows
-    DOUBT   by how much the last term of the polynomial moves the middle of the link, outwards if
-            positive: the front may be elsewhere by as much
-    KINKED  1 where the surface has a kink at the front or close behind it, else 0
+def locate(links: Links, count: int, hardness: float) -> None:
+    """Find where the first `count` links are crossed.
 
     Where a kink is behind the front, the pressure has its peak at the last point but one, and the
-    value before that is left out of the polynomial.  The loop has no branches and writes few rows,
-    so that the compiler sees that processors can do several links at a time.
+    value before that is left out of the polynomial.  The loop has no branches, so that the compiler
+    sees that processors can do several links at a time.
     """
-    roots = np.empty((9, count))
+    terms, roots, v = np.empty((6, count)), np.empty(count), links.values
     for n in range(count):
-        first, before, last = links[0, n], links[1, n], links[2, n]
-        out, after, end = links[3, n], links[4, n], links[5, n]
+        first, before, last, out, after, end = v[0, n], v[1, n], v[2, n], v[3, n], v[4, n], v[5, n]
         step, kink = _edges(first, before, last, out, after, hardness)
         # The polynomial is that of the pressure, or, if no point is in the strip, of the gap.
         elastic = last < hardness
@@ -96,19 +109,18 @@ def locate(links: FloatArray, count: int, hardness: float) -> None:
         outside, slope = (after <= 0) * (1 + (end <= 0)), out - q_2
         free = elastic & ((inside == 2) | (max(first, before, last) <= FAR * hardness))
         second, third, fourth, fifth, term, left = _differences(q, inside, outside, free)
-        # q(0) + x (slope + (x - 1) (second/2 + (x + 1) (third/6 + (x - 2) (fourth/24 + ...
-        roots[0, n], roots[1, n], roots[2, n], roots[3, n] = q_2, slope, second / 2, third / 6
-        roots[4, n], roots[5, n] = fourth / 24, fifth / 120
+        terms[0, n], terms[1, n], terms[2, n] = q_2, slope, second / 2
+        terms[3, n], terms[4, n], terms[5, n] = third / 6, fourth / 24, fifth / 120
         doubt = min(max(-term / slope, -ANYWHERE), ANYWHERE)
-        links[DOUBT, n] = doubt if inside + outside > 0 else ANYWHERE
-        links[KINKED, n] = 1.0 if left & elastic & (before > max(first, last)) else 0.0
-        links[HELD, n] = 1.0 if step | kink else 0.0
-    _solve(roots)
+        links.doubt[n] = doubt if inside + outside > 0 else ANYWHERE
+        links.kinked[n] = 1.0 if left & elastic & (before > max(first, last)) else 0.0
+        links.held[n] = 1.0 if step | kink else 0.0
+    _solve(terms, roots)
     for n in range(count):
-        shift = roots[6, n] + roots[0, n] / roots[1, n]  # to the root from that of a straight line
-        root = links[2, n] / (links[2, n] - links[3, n]) + shift
-        links[PLACE, n], links[HIDDEN, n] = min(max(root, 0.0), 1.0), 0.0
-        if links[HELD, n] > 0:
+        shift = roots[n] + terms[0, n] / terms[1, n]  # to the root from that of a straight line
+        root = v[2, n] / (v[2, n] - v[3, n]) + shift
+        links.place[n], links.hidden[n] = min(max(root, 0.0), 1.0), 0.0
+        if links.held[n] > 0:
             _place_at_edge(links, n, hardness)
 
 
@@ -161,54 +173,55 @@ def _edges(
 
 
 @compiled
-def _solve(roots: FloatArray) -> None:
-    """Roots of polynomials between 0, where they are positive, and 1, where they are not.
+def _solve(terms: FloatArray, roots: FloatArray) -> None:
+    """Roots between 0, where the polynomials are positive, and 1, where they are not.
 
-    roots: (9, n) the polynomials' differences as `locate` has them; x and its bounds are added.
+    terms: (6, n) of q(0) + x (slope + (x - 1) (second/2 + (x + 1) (third/6 + (x - 2) (fourth/24 +
+    (x + 2) fifth/120)))).
     """
-    for n in range(roots.shape[1]):
-        roots[6, n], roots[7, n], roots[8, n] = -roots[0, n] / roots[1, n], 0.0, 1.0
+    low, high = np.zeros(len(roots)), np.ones(len(roots))
+    for n in range(len(roots)):
+        roots[n] = -terms[0, n] / terms[1, n]
     for _ in range(20):
         moving = 0
-        for n in range(roots.shape[1]):
-            x, low, high = roots[6, n], roots[7, n], roots[8, n]
-            value, rate = roots[4, n] + (x + 2) * roots[5, n], roots[5, n]
-            value, rate = roots[3, n] + (x - 2) * value, value + (x - 2) * rate
-            value, rate = roots[2, n] + (x + 1) * value, value + (x + 1) * rate
-            value, rate = roots[1, n] + (x - 1) * value, value + (x - 1) * rate
-            value, rate = roots[0, n] + x * value, value + x * rate
-            low = x if value > 0 else low
-            high = high if value > 0 else x
+        for n in range(len(roots)):
+            x = roots[n]
+            value, rate = terms[4, n] + (x + 2) * terms[5, n], terms[5, n]
+            value, rate = terms[3, n] + (x - 2) * value, value + (x - 2) * rate
+            value, rate = terms[2, n] + (x + 1) * value, value + (x + 1) * rate
+            value, rate = terms[1, n] + (x - 1) * value, value + (x - 1) * rate
+            value, rate = terms[0, n] + x * value, value + x * rate
+            low[n] = x if value > 0 else low[n]
+            high[n] = high[n] if value > 0 else x
             new = x - value / rate
-            new = new if (rate < 0) & (low <= new) & (new <= high) else (low + high) / 2
-            moving += abs(new - x) > 1e-5
-            roots[6, n], roots[7, n], roots[8, n] = new, low, high
+            inside = (rate < 0) & (low[n] <= new) & (new <= high[n])
+            roots[n] = new if inside else (low[n] + high[n]) / 2
+            moving += abs(roots[n] - x) > 1e-5
         if moving == 0:
             break
 
 
 @compiled
-def _place_at_edge(links: FloatArray, n: int, hardness: float) -> None:
+def _place_at_edge(links: Links, n: int, hardness: float) -> None:
     """Place a front at a step or kink.
 
     At a kink the surfaces part at an angle: the front is where the parabola of the gap closes, but
     for KINK.
     """
-    first, before, last = links[0, n], links[1, n], links[2, n]
-    out, after, far = links[3, n], links[4, n], links[5, n]
+    v = links.values
+    first, before, last, out, after, far = v[0, n], v[1, n], v[2, n], v[3, n], v[4, n], v[5, n]
     step, kink = _edges(first, before, last, out, after, hardness)
-    held, away = step and (links[PLACE, n] < 0.5 or last >= hardness), 1.0
+    held, away = step and (links.place[n] < 0.5 or last >= hardness), 1.0
     if kink and not held:
         if after <= 0:
             away = _closing(-out, -after, -far if far <= 0 else out - 2 * after)
         held = away >= 1
-    links[HIDDEN, n], links[HELD, n] = _hidden(last, before, hardness, step), 1.0 if held else 0.0
+    links.hidden[n], links.held[n] = _hidden(last, before, hardness, step), 1.0 if held else 0.0
     if held:
-        links[PLACE, n], links[DOUBT, n], links[KINKED, n] = 0.5, 0.0, 0.0
+        links.place[n], links.doubt[n], links.kinked[n] = 0.5, 0.0, 0.0
     elif kink:
         root = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
-        links[PLACE, n], links[DOUBT, n] = min(max(root, 0.0), 1.0), 0.0
-        links[KINKED, n] = 1.0
+        links.place[n], links.doubt[n], links.kinked[n] = min(max(root, 0.0), 1.0), 0.0, 1.0
 
 
 @compiled

@@ -5,16 +5,21 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from epcontact.bem.areas.front import compiled
-from epcontact.bem.areas.rows import LAST, Columns, Rows
 from epcontact.results import FloatArray
+
+Bytes = NDArray[np.uint8]
+#: Numbers of columns.  Those without a sign need no test for a negative index.
+Columns = NDArray[np.uint32]
+#: Eight rows are in memory, row i at i & LAST.
+LAST = 7
 
 #: A wave's curvature divided by its second difference between points a quarter wavelength apart.
 SEEN = 1.25
-#: Along a crease the pressure changes by less than this share of its change across.  The loss of
-#: the fit of `laboratory.error_bars` is 2.26 to 2.28 with 0.1, 0.2, 1/3 and 1, but from 1/3
-#: on the claims of straight grooves that no point shows become too small.
+#: Along a crease the pressure changes by less than this share of its change across (`error_bars`:
+#: from 1/3 on the claims of straight grooves that no point shows are too small).
 STRAIGHT = 0.2
 #: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).  A lone point that
 #: carries next to nothing is taken for a spot of this area.
@@ -24,7 +29,9 @@ TIP_NEIGHBOURS = 2
 
 
 @compiled
-def add_tips(rows: Rows, i: int, columns: Columns, hardness: float, sums: FloatArray) -> None:
+def add_tips(
+    v: FloatArray, inside: Bytes, i: int, columns: Columns, hardness: float, tips: FloatArray
+) -> None:
     """Add the tips among the points of a row to the sum of each front.
 
     A spot of two or three points in a block, with no others within two points, shows all that it
@@ -32,7 +39,7 @@ def add_tips(rows: Rows, i: int, columns: Columns, hardness: float, sums: FloatA
     gives the width of the strip between them.  A lone point counts less if even the gentlest way is
     steep: then it is a post or a pit of its own cell, which the count has right.
     """
-    v, inside, row = rows.v, rows.inside, i & LAST
+    row = i & LAST
     for j in columns:
         state, like = inside[row, j], -1
         if state == 1:
@@ -52,20 +59,25 @@ def add_tips(rows: Rows, i: int, columns: Columns, hardness: float, sums: FloatA
                     steepest, gentlest = max(steepest, way), min(gentlest, way)
         if like == 0 or near > like:
             way = steepest if like else gentlest
-            sums[state >> 4] += (hardness / way) ** 2 if way > hardness else 1.0
+            tips[state >> 4] += (hardness / way) ** 2 if way > hardness else 1.0
 
 
 @compiled
-def add_hidden(rows: Rows, i: int, columns: Columns, hardness: float, sums: FloatArray) -> None:
-    """Add what the elastic points of a row may hide beside them: gaps, and plastic zones.
-
-    sums: (2, 2) of squares and of creases, for each front.
-    """
-    v, row, elastic, chosen = rows.v[0], i & LAST, rows.lists[1], rows.lists[2]
+def add_hidden(
+    layers: FloatArray,
+    lists: Columns,
+    i: int,
+    columns: Columns,
+    hardness: float,
+    squares: FloatArray,
+    creases: FloatArray,
+) -> None:
+    """Add what the elastic points of a row may hide beside them: gaps, and plastic zones."""
+    v, row, elastic, chosen = layers[0], i & LAST, lists[0], lists[1]
     up, down, count = (i - 1) & LAST, (i + 1) & LAST, 0
     for j in columns:
         elastic[count] = j
-        count += rows.inside[row, j] == 1
+        count += (v[row, j] > 0) & (v[row, j] < hardness)
     for front in range(2 if hardness < np.inf else 1):
         cap, sign = (hardness, -1.0) if front else (0.0, 1.0)
         found = 0
@@ -77,15 +89,18 @@ def add_hidden(rows: Rows, i: int, columns: Columns, hardness: float, sums: Floa
             lone = (above <= 0) & (below <= 0) & (left <= 0) & (right <= 0)
             chosen[found] = j
             found += lowest | lone
-        _add_chosen(rows, i, chosen[:found], hardness, front, sums[:, front])
+        square, crease = _hidden_at(layers, i, chosen[:found], hardness, front)
+        squares[front] += square
+        creases[front] += crease
 
 
 @compiled
-def _add_chosen(
-    rows: Rows, i: int, columns: Columns, hardness: float, front: int, sums: FloatArray
-) -> None:
-    """Add what elastic points hide that are lone, or lowest along x or y."""
-    v, row, up, down = rows.v[0], i & LAST, (i - 1) & LAST, (i + 1) & LAST
+def _hidden_at(
+    layers: FloatArray, i: int, columns: Columns, hardness: float, front: int
+) -> tuple[float, float]:
+    """Squares and areas that elastic points hide which are lone, or lowest along x or y."""
+    v, row, up, down = layers[0], i & LAST, (i - 1) & LAST, (i + 1) & LAST
+    squares = creases = 0.0
     cap, sign = (hardness, -1.0) if front else (0.0, 1.0)
     for j in columns:
         here = cap + sign * v[row, j]
@@ -93,10 +108,10 @@ def _add_chosen(
         left, right = _short(v[row, j - 1], hardness, front), _short(v[row, j + 1], hardness, front)
         most = max(above, below, left, right)
         if most <= 0:
-            sums[0] += _lacking(rows, (i, j), cap, sign) ** 2
+            squares += _lacking(layers, (i, j), cap, sign) ** 2
             continue
         if here <= min(above, below, left, right) and most < hardness:
-            sums[0] += _dip(here, (above + below + left + right) / 4 - here)
+            squares += _dip(here, (above + below + left + right) / 4 - here)
         a, b = _short(v[up, j - 1], hardness, front), _short(v[up, j + 1], hardness, front)
         c, d = _short(v[down, j - 1], hardness, front), _short(v[down, j + 1], hardness, front)
         outer = _short(v[(i - 2) & LAST, j], hardness, front)
@@ -108,11 +123,12 @@ def _add_chosen(
         sides = min(a, above, b), min(c, below, d)
         y_log, y_straight = _crease(here, (left, right), (outer, other), sides)
         if min(x_log, y_log) > -np.inf:
-            sums[0] += 16 * math.exp(2 * (x_log + y_log))
+            squares += 16 * math.exp(2 * (x_log + y_log))
         if max(x_straight, y_straight) > 0:
             area = 2 * max(x_straight * math.exp(x_log), y_straight * math.exp(y_log))
-            sums[0] += area * area
-            sums[1] += area
+            squares += area * area
+            creases += area
+    return squares, creases
 
 
 @compiled
@@ -168,14 +184,14 @@ def _crease(
 
 
 @compiled
-def _lacking(rows: Rows, place: tuple[int, int], cap: float, sign: float) -> float:
+def _lacking(layers: FloatArray, place: tuple[int, int], cap: float, sign: float) -> float:
     """What the located area of a lone point lacks of CORNER, because its spot may have no area.
 
     Front 1: the point is the only elastic one.
     """
     (i, j), row = place, place[0] & LAST
-    here, area = cap + sign * rows.v[0, row, j], 1.0
-    for v, x in ((rows.v[-1], 0), (rows.v[0], 1)):
+    here, area = cap + sign * layers[0, row, j], 1.0
+    for v, x in ((layers[-1], 0), (layers[0], 1)):
         before = cap + sign * v[(i - x) & LAST, j - 1 + x]
         after = cap + sign * v[(i + x) & LAST, j + 1 - x]
         area *= here / (here - before) + here / (here - after)

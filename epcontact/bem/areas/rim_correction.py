@@ -47,11 +47,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from epcontact.bem.areas import grid
 from epcontact.bem.areas.copies import copies
 from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS, compiled
+from epcontact.bem.areas.grid import Solution, Sums, sweep, tabulated
 from epcontact.bem.areas.hidden import CORNER
-from epcontact.bem.areas.rows import Solution
 from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
@@ -60,41 +59,37 @@ from epcontact.scene import array, number
 #: Share of a grid cell's area that each switch takes off (Yastrebov, Anciaux and Molinari, 2017).
 PERIMETER_FACTOR = (math.pi - 1 + math.log(2)) / 24
 #: Offset of a located front in spacings at grid.U_NODES (`rim.calibrate_strips`); the last is that
-#: of a front alone, for which `rim.calibrate_directions` has 0.1781: with 0.1783 the areas of the
-#: paper's surface on 8192 x 8192 and 16384 x 16384 points agree.
+#: of a front alone (`rim.calibrate_directions`: 0.1781; the paper's surface on 8192 x 8192 and
+#: 16384 x 16384 points: 0.1783).
 OFFSETS = np.array(
     [
         *(0.0, 0.0721, 0.137, 0.1916, 0.2198, 0.2229, 0.215, 0.1933),
         *(0.18, 0.1742, 0.1694, 0.1782, 0.1773, 0.1783),
     ]
 )
-#: Amplitude of the offset's change with the direction of a front (`rim.calibrate_directions`).
-HARMONIC = 0.0132
-#: Cells missed for each tip (`error_bars.fitted_tip` finds 0.29 +- 0.02).
+#: Amplitude of the offset's change with the direction of a front, and its rms error in the worst
+#: direction (`rim.calibrate_directions`).
+HARMONIC, LOCATED = 0.0132, 0.005
+#: Cells missed for each tip (`error_bars.fitted_tip`: 0.29 +- 0.02).
 TIP = 0.3
-#: The mean offset on oblong cells is 1 + OBLONG ln^2(dx/dy) times that on square ones
-#: (`rim.calibrate_oblong`).
+#: On oblong cells the mean offset grows by OBLONG ln^2(dx/dy) of itself (`rim.calibrate_oblong`).
 OBLONG = 0.07
-#: Mean over all directions of what a counted front has too much, in spacings (`rim.front_offset`).
+#: Mean offset of a counted front over all directions, in spacings (`rim.front_offset`).
 COUNTED = 0.129
-#: Variance of the number of points inside a front, for each spacing of it, by chance: the sum of
-#: k^-3 over the square lattice, by 4 pi^3 (M. G. Kendall, Quarterly Journal of Mathematics 19
-#: (1948) 1).
+#: Variance of the number of points inside a front by chance, for each spacing of it: the sum of
+#: k^-3 over the square lattice, by 4 pi^3 (Kendall, Quarterly Journal of Mathematics 19 (1948) 1).
 POINTS = 0.0728
 
 
 @dataclass(frozen=True)
 class ErrorConstants:
-    """What the errors of areas are made of, as standard deviations in cells.
+    """Standard deviations of the errors of areas, in cells.
 
     Attributes:
         place: of a front's place, in units of its doubt (`front`): by chance, and in common as far
             as a front's directions are alike.
-        kink: for each spacing of a front at kinks, in common.
+        kink: for each spacing of a front at kinks, in common, times their share of the front.
         gaps: of the areas of gaps hidden at creases, in units of their bounds.
-
-    Kinks that are rare on a front differ from place to place, so that their error in common is
-    multiplied by their share of it.
     """
 
     place: float
@@ -102,14 +97,12 @@ class ErrorConstants:
     gaps: float
 
 
-#: `laboratory.error_bars` finds (2.19, 0.191, 0.307), with the same loss to 0.001.
+#: Of `laboratory.error_bars`, which finds (2.19, 0.191, 0.307) with the same loss to 0.001.
 ERRORS = ErrorConstants(2.25, 0.176, 0.317)
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
-#: What the offsets of contacts with plastic spots are off, in common, in spacings for each spacing
-#: of the shorter front: strips of a rough contact are not those between parallel fronts, of which
-#: OFFSETS are.  The areas of the paper's surface on 2048 x 2048 to 8192 x 8192 points differ by
-#: 0.0003 to 0.0015 from those on 16384 x 16384.
+#: Systematic error of OFFSETS on capped rough surfaces, in spacings for each spacing of the shorter
+#: front (areas of the paper's surface on 2048 x 2048 to 16384 x 16384 points).
 STRIPS = 0.001
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
 SURE = 1.645
@@ -201,7 +194,7 @@ def estimate_areas(
         pressure, gap, spacing = pressure[:, None], gap[:, None], [spacing[0], spacing[0]]
     share, n, alike = float(pressure.mean()) / hardness, pressure.size, copies(pressure)
     sums = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads)
-    raw = _areas(*(sums[grid.POINTS, :, 0] / n))
+    raw = _areas(*(Sums(*sums).points[:, 0] / n))
     return raw, *areas_of_sums(sums / alike, share, n / alike, spacing[0] / spacing[1])
 
 
@@ -213,42 +206,42 @@ def sums_of_fronts(
     effective_modulus: float,
     threads: int = 1,
 ) -> FloatArray:
-    """The sums of `grid` over a solution on a grid; see `estimate_areas` for the arguments."""
+    """The `Sums` over a solution on a grid, (17, 2, 2); arguments as of `estimate_areas`."""
     (dx, dy), (nx, ny) = spacing, pressure.shape
     stiffness = STIFFNESS * effective_modulus / dx, STIFFNESS * effective_modulus / dy
     # The fronts of a line run along one axis, for which the offset is known exactly.
     offsets = OFFSETS * ((AXIS_OFFSET - HARMONIC) / OFFSETS[-1]) if ny == 1 else OFFSETS
-    solution = Solution(pressure, gap, hardness * _ROUNDING, stiffness)
+    solution = Solution(pressure, gap, hardness * _ROUNDING, stiffness, tabulated(offsets))
     blocks = np.array(
         [
             (row.start, row.stop, column.start, column.stop)
-            for column in ranges(ny, _COLUMNS)  # the narrowest is the last, as `grid` needs it
+            for column in ranges(ny, _COLUMNS)  # the narrowest is the last, as `sweep` needs it
             for row in ranges(nx, _ROWS)
         ]
     )
     # Each call makes its own memory, which takes longer than to sweep a few rows.
     shares = np.array_split(blocks, min(len(blocks), 4 * threads if threads > 1 else 1))
     with Workers(threads) as workers:
-        parts = workers.each(grid.sweep, solution, grid.tabulated(offsets), shares)
+        parts = workers.each(sweep, solution, shares)
     return np.asarray(np.concatenate(parts).sum(axis=0))
 
 
 def areas_of_sums(
-    sums: FloatArray, share: float, cells: float, aspect: float, errors: ErrorConstants = ERRORS
+    array: FloatArray, share: float, cells: float, aspect: float, errors: ErrorConstants = ERRORS
 ) -> tuple[Areas, Areas]:
-    """(corrected, error) from the sums of `grid.sweep`.
+    """(corrected, error) from the sums of fronts.
 
-    sums, cells: of one of the `copies`, which have the same error; share: p0/hardness; aspect:
+    array, cells: of one of the `copies`, which have the same error; share: p0/hardness; aspect:
     dx/dy.
     """
-    oblong = OBLONG * math.log(aspect) ** 2
-    located, unseen = located_areas(sums, oblong), _unseen(sums, errors.gaps)
+    oblong, sums = OBLONG * math.log(aspect) ** 2, Sums(*array)
+    located, unseen = located_areas(array, oblong), _unseen(sums, errors.gaps)
     covariance = _covariance(sums, oblong, errors) + np.diag(unseen)
-    contact, plastic = sums[grid.POINTS, :, 0]
+    contact, plastic = sums.points[:, 0]
     if contact > plastic > 0:
         located, covariance = _balanced(located, covariance, sums, share * cells, unseen)
     # What tips lack is known to a half.  The load does not tell: the counts lack the same.
-    covariance = covariance + np.diag(TIP / 2 * sums[grid.TIPS, :, 0]) ** 2
+    covariance = covariance + np.diag(TIP / 2 * sums.tips[:, 0]) ** 2
     return _possible(located / cells, covariance / cells**2, share)
 
 
@@ -295,40 +288,39 @@ def _areas(total: float, plastic: float) -> Areas:
     return Areas(total=float(total), elastic=float(total - plastic), plastic=float(plastic))
 
 
-def located_areas(sums: FloatArray, oblong: float) -> FloatArray:
+def located_areas(array: FloatArray, oblong: float) -> FloatArray:
     """(2,) areas of the contact and of the plastic part that their fronts enclose, in cells.
 
-    sums: of `grid.sweep`; oblong: OBLONG ln^2(dx/dy).
+    array: the sums of fronts; oblong: OBLONG ln^2(dx/dy).
     """
-    whole = sums.sum(axis=2)
-    outward = (1 + oblong) * whole[grid.OFFSET] + HARMONIC * whole[grid.HARMONIC]
-    outward += TIP * sums[grid.TIPS, :, 0] + whole[grid.HIDDEN, ::-1] + _softness(sums)
-    return np.asarray(whole[grid.AREA] + (-1, 1) * outward + CORNER * whole[grid.TURN])
+    sums, whole = Sums(*array), Sums(*array.sum(axis=2))
+    outward = (1 + oblong) * whole.offset + HARMONIC * whole.harmonic
+    outward += TIP * sums.tips[:, 0] + whole.hidden[::-1] + _softness(sums)
+    return np.asarray(whole.area + (-1, 1) * outward + CORNER * whole.turn)
 
 
-def _unseen(sums: FloatArray, gaps: float) -> FloatArray:
+def _unseen(sums: Sums, gaps: float) -> FloatArray:
     """Variances (2,) of what may be hidden between points: zones at edges, lone spots, gaps.
 
     All are bounds, but a zone at an edge may not be there or be twice as wide, and of the bounds of
     gaps at creases a part is in common.
     """
-    sure = sums[grid.HIDDEN, ::-1].sum(axis=1) ** 2 + sums[grid.SQUARES, :, 0]
-    return np.asarray(sure / SURE**2 + (gaps * sums[grid.CREASE, :, 0]) ** 2)
+    sure = sums.hidden[::-1].sum(axis=1) ** 2 + sums.squares[:, 0]
+    return np.asarray(sure / SURE**2 + (gaps * sums.crease[:, 0]) ** 2)
 
 
-def _softness(sums: FloatArray) -> FloatArray:
+def _softness(sums: Sums) -> FloatArray:
     """Cells (2,) by which other fronts are too far out where steps hold a part of them.
 
     In proportion to the share of the load that steps carry, for which that of the fronts' length
     stands.  Not where plastic points are next to a step: these carry the hardness in any case.
-    Without it the loss of the fit of `laboratory.error_bars` is 2.37 instead of 2.27.
     """
-    length, held = sums[grid.LENGTH].sum(axis=1), sums[grid.HELD].sum(axis=1)
+    length, held = sums.length.sum(axis=1), sums.held.sum(axis=1)
     share = held / np.maximum(length, 1.0)
-    return np.asarray(2 * AXIS_OFFSET * (held - sums[grid.FLOWING, :, 0]) * share * (1 - share))
+    return np.asarray(2 * AXIS_OFFSET * (held - sums.flowing[:, 0]) * share * (1 - share))
 
 
-def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> FloatArray:
+def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length.
@@ -338,16 +330,16 @@ def _covariance(sums: FloatArray, oblong: float, errors: ErrorConstants) -> Floa
     its link: the load tells better.  What a spot lacks because its front is curved is known to a
     quarter, where no edge holds the front.  Oblong cells claim what they change.
     """
-    length, held, kinked = sums[[grid.LENGTH, grid.HELD, grid.KINKED]]
-    directed = np.hypot(sums[grid.HARMONIC], sums[grid.SINE])
-    turn, alike = np.abs(sums[grid.TURN]), _share(directed, length - held)
-    chance = errors.place**2 * sums[grid.CHANCE] + (CORNER / 4) ** 2 * turn
+    length, held, kinked = sums.length, sums.held, sums.kinked
+    directed = np.hypot(sums.harmonic, sums.sine)
+    turn, alike = np.abs(sums.turn), _share(directed, length - held)
+    chance = errors.place**2 * sums.chance + (CORNER / 4) ** 2 * turn
     chance += ANYWHERE**2 * (held + length * (0, 1))
     common = [
-        alike * errors.place * sums[grid.COMMON],
-        oblong / SURE * sums[grid.OFFSET],
-        grid.LOCATED * directed,
-        TWO_EDGES * sums[grid.ALIGNED] * _share(sums[grid.ALIGNED], held),
+        alike * errors.place * sums.common,
+        oblong / SURE * sums.offset,
+        LOCATED * directed,
+        TWO_EDGES * sums.aligned * _share(sums.aligned, held),
         CORNER / SURE * turn * _share(held, length),
         errors.kink * kinked * _share(kinked, length),
         STRIPS * length.sum(axis=1).min() * np.array([(1, 0), (1, 0)]),
@@ -363,11 +355,7 @@ def _share(part: FloatArray, whole: FloatArray) -> FloatArray:
 
 
 def _balanced(
-    areas: FloatArray,
-    covariance: FloatArray,
-    sums: FloatArray,
-    load: float,
-    unseen: FloatArray,
+    areas: FloatArray, covariance: FloatArray, sums: Sums, load: float, unseen: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Total and plastic area and their covariance (2, 2), with the load as one more measurement.
 
@@ -380,16 +368,16 @@ def _balanced(
     or in common where they run along the grid, and TIP for each tip.  What plastic points carry too
     much at edges, the elastic ones carry too little, so that a lightly loaded front moves far.
     """
-    contact, plastic = sums[grid.POINTS, :, 0]
+    contact, plastic = sums.points[:, 0]
     phi = (load - plastic) / (contact - plastic)
     slopes = np.maximum([phi, 1 - phi], 1e-9)  # elastic points may carry nothing but rounding
-    length, held = sums[grid.LENGTH, :, 0], sums[grid.HELD, :, 0]
+    length, held = sums.length[:, 0], sums.held[:, 0]
     free = 1 - held / np.maximum(length, 1.0)
-    flowing = ANYWHERE**2 * sums[grid.FLOWING, :, 0] * (free / slopes) ** 2
+    flowing = ANYWHERE**2 * sums.flowing[:, 0] * (free / slopes) ** 2
     covariance = covariance + np.diag(flowing)
-    counted = COUNTED * (length - held) + TIP * sums[grid.TIPS, :, 0]
+    counted = COUNTED * (length - held) + TIP * sums.tips[:, 0]
     carried = load - (slopes * (1, -1)) @ counted
-    doubt = POINTS * length + (ANYWHERE * sums[grid.HARMONIC, :, 0]) ** 2 + unseen
+    doubt = POINTS * length + (ANYWHERE * sums.harmonic[:, 0]) ** 2 + unseen
     gain = covariance @ slopes
     gain /= slopes @ gain + slopes**2 @ doubt
     moved = areas + gain * (carried - slopes @ areas)
