@@ -1,14 +1,12 @@
 """Classic methods of rough contact, with which the Newton method is compared.
 
-They start from a uniform pressure, use no coarser grids, and are judged by the same
-Karush-Kuhn-Tucker residuals as the Newton method.
+They start from a uniform pressure, use no coarser grids, and are judged by the same residuals.
 
-relaxation         the pressure is relaxed against the gap, p <- clip(p - omega K g), and the
-                   offset moves with the error of the force; this is the method of Almqvist,
-                   Sahlin, Larsson and Glavatskih, Tribology International 40 (2007) 574, with
-                   the pressure cut at the hardness
-polonsky_keer      constrained conjugate gradients of Polonsky and Keer, Wear 231 (1999) 206;
-                   points at the hardness leave the set on which directions are conjugate
+relaxation         p <- clip(p - omega K g), the offset moves with the error of the force: Almqvist,
+                   Sahlin, Larsson and Glavatskih, Tribology International 40 (2007) 574, with the
+                   pressure cut at the hardness
+polonsky_keer      constrained conjugate gradients: Polonsky and Keer, Wear 231 (1999) 206; points
+                   at the hardness leave the set on which directions are conjugate
 projected_gradient p <- P(p - lambda (u - h)), P the projection on bounds and mean, lambda the
                    spectral length of Barzilai and Borwein, with an exact line search
 """
@@ -25,6 +23,7 @@ from epcontact.bem.level import Iterate, Level, first_iterate, kkt_residuals, me
 from epcontact.bem.problem import Options
 from epcontact.results import FloatArray
 
+#: Solves from a feasible p in units of the mean pressure, which is overwritten.
 Baseline = Callable[[Level, FloatArray, Options], Iterate]
 
 #: Default limit on the steps; each step costs one or two pairs of transforms.
@@ -32,7 +31,6 @@ _MAX_STEPS = 5000
 
 
 def _finished(level: Level, it: Iterate, options: Options) -> bool:
-    """Record the offset and residual of an iterate; return True if the method stops there."""
     it.z, _, _ = measured(level, it.p, it.u)
     it.history.append(max(kkt_residuals(level, it).values()))
     it.pairs = level.convolution.pairs
@@ -43,7 +41,7 @@ def _finished(level: Level, it: Iterate, options: Options) -> bool:
 
 
 def projected_gradient(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve from a feasible p in units of the mean pressure; p is overwritten."""
+    """Solve from a feasible p."""
     it = first_iterate(level, p)
     length = level.step
     while not _finished(level, it, options):
@@ -52,10 +50,7 @@ def projected_gradient(level: Level, p: FloatArray, options: Options) -> Iterate
 
 
 def relaxation(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve from a feasible p in units of the mean pressure; p is overwritten.
-
-    K is the stiffness of the longest wave, the largest factor that relaxes every wave stably.
-    """
+    """Solve from a feasible p; K is the stiffness of the longest wave, which is stable for all."""
     it = first_iterate(level, p)
     symbol = level.convolution.symbol
     length = 1 / (float(symbol.values.max()) * level.convolution.scale)
@@ -68,7 +63,7 @@ def relaxation(level: Level, p: FloatArray, options: Options) -> Iterate:
 
 
 def polonsky_keer(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve from a feasible p in units of the mean pressure; p is overwritten."""
+    """Solve from a feasible p."""
     it = first_iterate(level, p)
     cap, count = level.cap, float(p.size)
     direction, image = np.zeros_like(p), np.empty_like(p)

@@ -31,13 +31,7 @@ def project(
     """Return clip(w + z, 0, cap), the p nearest to w with 0 <= p <= cap and sum(p) = total.
 
     The sum is piecewise linear and increasing in z; Newton steps within a bracket find z.
-
-    Args:
-        w: array of any shape.
-        cap: upper bound, may be infinite.
-        total: the wanted sum, at most cap times the number of points.
-        workers: threads to use; None: the calling thread.
-        out: where to write the result; it may be w itself.
+    out: where to write the result, which may be w itself.
 
     Example:
         >>> project(np.array([3.0, 1.0, -2.0]), cap=2.0, total=3.0)
@@ -93,14 +87,10 @@ def put(
 
 
 def shared(missing: FloatArray, weight: FloatArray) -> FloatArray:
-    """The shares, by cell, that restore the missing forces as near to their cells as possible.
+    """The shares (mx, my), by cell, that restore missing forces as near to it as possible.
 
     Each share times its weight is a force, and no share is beyond _LARGEST_SHARE.  Cells that
     cannot carry their missing force pass the rest to blocks of 2 x 2, 4 x 4, ... cells.
-
-    Args:
-        missing: (mx, my) the force to restore in each cell.
-        weight: (mx, my) the force of a share of one.
 
     Example:
         >>> shared(np.array([[3.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 5.0]]))
@@ -129,8 +119,8 @@ def share_forces(left: Any, weight: Any, share: Any, rounding: float) -> None:
 def share_block(left: Any, weight: Any, share: Any, block: tuple[int, int, int, int]) -> float:
     """Restore the sum of the forces `left` by equal parts of what the cells of a block can carry.
 
-    block: its first cell and the one behind its last, along x and along y.  Takes off `left` what
-    the cells have taken over; returns the largest force that remains.
+    block: its first cell and the one behind its last, along x and along y.  Returns the largest
+    force that is left.
     """
     first, last, begin, end = block
     wanted = able = worst = 0.0

@@ -10,7 +10,7 @@ import functools
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,14 +21,8 @@ from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.flow import LoadedSurface, checked_plastic_displacement, loaded
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.level import GRADIENT_STEP, states
-from epcontact.bem.memory import estimated_memory, require_memory
-from epcontact.bem.problem import (
-    GridProblem,
-    Method,
-    Options,
-    checked_start,
-    checked_symbol,
-)
+from epcontact.bem.memory import require_memory
+from epcontact.bem.problem import GridProblem, Method, Options, checked_start, checked_symbol
 from epcontact.bem.transforms import KEPT_POINTS, Symbol
 from epcontact.machine import available_cores, compile_seconds, peak_memory
 from epcontact.materials.moduli import effective_modulus, oedometric_modulus
@@ -99,119 +93,37 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     cores = available_cores() if threads is None else threads
     options = Options(tolerance, area_tolerance, cores, method, max_steps)
     started, compiled = time.perf_counter(), compile_seconds()
-    _require_memory(scene)
+    require_memory(scene.surface, scene.load, scene.material)
     symbol, shape = _symbol(scene, compliance), scene.surface.shape
     if start is not None:
         start = checked_start(start, shape).reshape(symbol.shape)
     if plastic_displacement is not None:
         given = checked_plastic_displacement(plastic_displacement, shape)
         plastic_displacement = given.reshape(symbol.shape)
-    steps, last, pairs = _walk(
-        scene, symbol, options, start, plastic_displacement, progress, on_step
-    )
+    path = _Path(scene, symbol, options, progress, on_step)
+    steps, last, pairs = path.walk(start, plastic_displacement)
     cost = pairs | {
         "seconds": time.perf_counter() - started - (compile_seconds() - compiled),
         "unknowns": float(scene.surface.heights.size),
         "peak_memory_bytes": float(peak_memory()),
     }
-    result = _result(scene, options, steps, last, cost)
+    result = path.result(steps, last, cost)
     if compliance is None:
         return result
     chosen = {**result.provenance.options, "compliance": "given"}
     return replace(result, provenance=replace(result.provenance, options=chosen))
 
 
-def _require_memory(scene: Scene) -> None:
-    surface, material = scene.surface, scene.material
-    mean_pressure = scene.load.final or max(scene.load.path)
-    needed = estimated_memory(
-        surface.heights,
-        surface.spacing,
-        mean_pressure,
-        material.hardness,
-        effective_modulus(material),
-    )
-    require_memory(needed, surface.shape)
-
-
-def _walk(
-    scene: Scene,
-    symbol: Symbol,
-    options: Options,
-    start: FloatArray | None,
-    before: FloatArray | None,
-    progress: Callable[[float, str], None] | None,
-    on_step: Callable[[ContactResult], None] | None,
-) -> tuple[tuple[LoadStep, ...], LoadedSurface, dict[str, float]]:
-    """Solve at each load of the path, on the surface that the loads before it have left.
-
-    Args:
-        scene, symbol, options: the scene, its compliance and the options.
-        start: pressure in Pa to start the first load from.
-        before: plastic displacement before the first load, in m.
-        progress, on_step: see `solve`.
-
-    Returns:
-        The load steps, the surface under the last load, and the pairs of transforms of all loads.
-    """
-    heights, path = scene.surface.heights.reshape(symbol.shape), scene.load.path
-    left = heights if before is None else heights - before
-    steps: list[LoadStep] = []
-    pairs = dict.fromkeys(("fft_pairs", "equivalent_fft_pairs"), 0.0)
-    while True:
-        mean_pressure = path[len(steps)]
-        problem = GridProblem(left, symbol, mean_pressure, scene.material.hardness)
-        shown = replace(options, progress=_share_done(scene, options, len(steps), progress))
-        now = loaded(problem, shown, start, before)
-        steps.append(_load_step(scene, now, options.threads))
-        pairs = {name: count + now.solution.counts[name] for name, count in pairs.items()}
-        if on_step is not None:
-            on_step(_result(scene, options, tuple(steps), now, dict(pairs)))
-        if len(steps) == len(path):
-            return tuple(steps), now, pairs
-        following = path[len(steps)]
-        if following < mean_pressure and now.after is not None:
-            before = now.after
-            left = heights - before
-        start = _warm_start(now, left, following)
-        del now, problem  # their fields would stay in memory beside those of the next load
-
-
-def _share_done(
-    scene: Scene, options: Options, load: int, progress: Callable[[float, str], None] | None
-) -> Callable[[tuple[int, ...], float], None] | None:
-    """Return the progress of the load of a number, as a function of grid and residual.
-
-    A grid has its share of the work by its points, so that all coarser ones have a quarter of its
-    own, and residuals fall by equal factors in equal times.
-    """
-    if progress is None:
-        return None
-    path, size, tolerance = scene.load.path, scene.surface.heights.size, options.tolerance
-
-    def report(grid: tuple[int, ...], residual: float) -> None:
-        settled = math.log(max(residual, tolerance)) / math.log(tolerance)
-        share = math.prod(grid) / size * (0.25 + 0.75 * min(max(settled, 0.0), 1.0))
-        words = " x ".join(map(str, grid))
-        sentence = f"bem: mean pressure {path[load]:.3g} Pa, {words} points, residual "
-        progress((load + share) / len(path), f"{sentence}{residual:.1e}")
-
-    return report
-
-
 def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
+    """The scene's compliance, or the one that is given; a line is a grid of one row."""
     if compliance is not None:
         return checked_symbol(compliance, scene.surface.shape)
-    shape, periods = scene.surface.shape, scene.surface.periods
-    if len(shape) == 1:
-        shape, periods = (1, shape[0]), (1.0, periods[0])
-    grid, lengths = (shape[0], shape[1]), (periods[0], periods[1])
-    symbol = Symbol.from_quarter(
-        quarter_compliance(grid, lengths, scene.body, scene.material), grid
-    )
+    (nx, ny), (x, y) = (1, *scene.surface.shape)[-2:], (1.0, *scene.surface.periods)[-2:]
+    quarter = quarter_compliance((nx, ny), (x, y), scene.body, scene.material)
+    symbol = Symbol.from_quarter(quarter, (nx, ny))
     if scene.surface.heights.size > KEPT_POINTS:
         return symbol
-    return _kept(symbol.values.tobytes(), symbol.rows.astype(np.int32).tobytes(), grid)
+    return _kept(symbol.values.tobytes(), symbol.rows.astype(np.int32).tobytes(), (nx, ny))
 
 
 @functools.lru_cache(maxsize=4)
@@ -221,15 +133,109 @@ def _kept(values: bytes, rows: bytes, grid: tuple[int, int]) -> Symbol:
     return Symbol(numbers, np.frombuffer(rows, dtype=np.int32).copy(), grid)
 
 
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """The load path of a scene, and how it is solved; see `solve`."""
+
+    scene: Scene
+    symbol: Symbol
+    options: Options
+    progress: Callable[[float, str], None] | None
+    on_step: Callable[[ContactResult], None] | None
+
+    def walk(
+        self, start: FloatArray | None, before: FloatArray | None
+    ) -> tuple[tuple[LoadStep, ...], LoadedSurface, dict[str, float]]:
+        """Solve at each load, on the surface that the loads before it have left.
+
+        start: pressure in Pa to start the first load from; before: plastic displacement before it.
+        Returns the load steps, the surface under the last load, and the transforms of all loads.
+        """
+        heights, path = self.scene.surface.heights.reshape(self.symbol.shape), self.scene.load.path
+        left = heights if before is None else heights - before
+        steps: list[LoadStep] = []
+        pairs = dict.fromkeys(("fft_pairs", "equivalent_fft_pairs"), 0.0)
+        while True:
+            load = path[len(steps)]
+            problem = GridProblem(left, self.symbol, load, self.scene.material.hardness)
+            shown = replace(self.options, progress=self.share_done(len(steps)))
+            now = loaded(problem, shown, start, before)
+            steps.append(_load_step(self.scene, now, self.options.threads))
+            pairs = {name: count + now.solution.counts[name] for name, count in pairs.items()}
+            if self.on_step is not None:
+                self.on_step(self.result(tuple(steps), now, dict(pairs)))
+            if len(steps) == len(path):
+                return tuple(steps), now, pairs
+            if path[len(steps)] < load and now.after is not None:
+                before = now.after
+                left = heights - before
+            start = _warm_start(now, left, path[len(steps)])
+            del now, problem  # their fields would stay in memory beside those of the next load
+
+    def share_done(self, load: int) -> Callable[[tuple[int, ...], float], None] | None:
+        """The progress of the load of a number, as a function of grid and residual.
+
+        A grid has its share of the work by its points, so that all coarser ones have a quarter of
+        its own, and residuals fall by equal factors in equal times.
+        """
+        if (progress := self.progress) is None:
+            return None
+        path, tolerance = self.scene.load.path, self.options.tolerance
+        size = self.scene.surface.heights.size
+
+        def report(grid: tuple[int, ...], residual: float) -> None:
+            settled = math.log(max(residual, tolerance)) / math.log(tolerance)
+            share = math.prod(grid) / size * (0.25 + 0.75 * min(max(settled, 0.0), 1.0))
+            words = " x ".join(map(str, grid))
+            sentence = f"bem: mean pressure {path[load]:.3g} Pa, {words} points, residual "
+            progress((load + share) / len(path), f"{sentence}{residual:.1e}")
+
+        return report
+
+    def result(
+        self, steps: tuple[LoadStep, ...], last: LoadedSurface, cost: dict[str, float]
+    ) -> ContactResult:
+        """The result after some steps, with the fields of the last one."""
+        surface, hardness, solution = (
+            self.scene.surface,
+            self.scene.material.hardness,
+            last.solution,
+        )
+        pressure = solution.pressure.reshape(surface.shape)
+        displacement = solution.displacement.reshape(surface.shape)
+        compression = _compression(self.scene, steps[-1].mean_pressure)
+        fields: dict[str, NDArray[Any]] = {
+            "heights": surface.heights,
+            "pressure": pressure,
+            "gap": solution.gap(surface.heights),
+            "displacement": displacement + compression if compression else displacement,
+            "state": states(pressure, hardness),
+        }
+        if last.after is not None:
+            fields["plastic_displacement"] = last.after.reshape(surface.shape)
+        chosen: dict[str, Any] = {
+            "method": self.options.method,
+            "tolerance": self.options.tolerance,
+        }
+        if self.options.area_tolerance:
+            chosen["area_tolerance"] = self.options.area_tolerance
+        return ContactResult(
+            method="bem",
+            steps=steps,
+            provenance=Provenance(self.scene.digest, surface.seed, chosen),
+            distribution=pressure_distribution(pressure, hardness, _DISTRIBUTION_BINS),
+            fields=fields,
+            cost=cost,
+            history=solution.history,
+            notes=surface.notes + solution.notes,
+        )
+
+
 def _warm_start(last: LoadedSurface, left: FloatArray, following: float) -> FloatArray | None:
-    """Return p - c g of the last solution in Pa, scaled to the next load; None for a distant load.
+    """p - c g of the last solution in Pa, scaled to the next load; None for a distant load.
 
-    Where p is 0, p - c g still shows how far away contact is.
-
-    Args:
-        last: the surface under the last load.
-        left: (nx, ny) the heights that the next load meets, in m.
-        following: the next mean pressure in Pa.
+    Where p is 0, p - c g still shows how far away contact is.  left: (nx, ny) the heights that the
+    next load meets, in m.
     """
     problem, solution = last.problem, last.solution
     ratio = following / problem.mean_pressure if problem.mean_pressure else math.inf
@@ -283,39 +289,3 @@ def _compression(scene: Scene, mean_pressure: float) -> float:
     if scene.body.kind == "half_space":
         return 0.0
     return mean_pressure * scene.body.depth / oedometric_modulus(scene.material)
-
-
-def _result(
-    scene: Scene,
-    options: Options,
-    steps: tuple[LoadStep, ...],
-    last: LoadedSurface,
-    cost: dict[str, float],
-) -> ContactResult:
-    shape, hardness, solution = scene.surface.shape, scene.material.hardness, last.solution
-    pressure = solution.pressure.reshape(shape)
-    displacement = solution.displacement.reshape(shape)
-    gap = solution.gap(scene.surface.heights)
-    compression = _compression(scene, steps[-1].mean_pressure)
-    fields: dict[str, NDArray[Any]] = {
-        "heights": scene.surface.heights,
-        "pressure": pressure,
-        "gap": gap,
-        "displacement": displacement + compression if compression else displacement,
-        "state": states(pressure, hardness),
-    }
-    if last.after is not None:
-        fields["plastic_displacement"] = last.after.reshape(shape)
-    chosen: dict[str, Any] = {"method": options.method, "tolerance": options.tolerance}
-    if options.area_tolerance:
-        chosen["area_tolerance"] = options.area_tolerance
-    return ContactResult(
-        method="bem",
-        steps=steps,
-        provenance=Provenance(scene.digest, scene.surface.seed, chosen),
-        distribution=pressure_distribution(pressure, hardness, _DISTRIBUTION_BINS),
-        fields=fields,
-        cost=cost,
-        history=solution.history,
-        notes=scene.surface.notes + solution.notes,
-    )

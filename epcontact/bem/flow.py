@@ -55,13 +55,9 @@ class LoadedSurface:
 def loaded(
     problem: GridProblem, options: Options, start: FloatArray | None, before: FloatArray | None
 ) -> LoadedSurface:
-    """Solve one load of a path, and find the plastic displacement after it.
+    """Solve one load of a path, which may be zero, and find the plastic displacement after it.
 
-    Args:
-        problem: the load on the heights that `before` has left; it may be zero.
-        options: of the solver.
-        start: pressure in Pa to start from; None: coarser grids.
-        before: the plastic displacement of earlier loads, in m.
+    start: pressure in Pa to start from; None: coarser grids.
     """
     solution = solve_problem(problem, options, start) if problem.mean_pressure else _apart(problem)
     if before is not None:
@@ -71,11 +67,7 @@ def loaded(
 
 
 def checked_plastic_displacement(given: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
-    """A plastic displacement as a finite float64 array of the grid's shape, nowhere negative.
-
-    Raises:
-        InvalidScene: it is not that.
-    """
+    """A plastic displacement as a float64 array, refused unless finite and nowhere negative."""
     w = array("plastic_displacement", given).copy()
     if w.shape != shape or not (np.isfinite(w).all() and w.min() >= 0):
         raise InvalidScene(

@@ -30,14 +30,7 @@ _DEEP = 300.0
 
 
 def rfft_wavenumbers(shape: tuple[int, ...], periods: tuple[float, ...]) -> FloatArray:
-    """|q| in rad/m of each mode of `numpy.fft.rfftn` on a grid or line.
-
-    Args:
-        shape: of the surface, (nx, ny) or (nx,).
-        periods: of the surface in m, one a direction.
-
-    Returns:
-        (nx, ny//2 + 1) or (nx//2 + 1,).
+    """|q| in rad/m of each mode of `numpy.fft.rfftn` on a grid or line, with its periods in m.
 
     Example:
         >>> rfft_wavenumbers((4,), (2 * np.pi,))
@@ -70,15 +63,7 @@ def _sliding_factor(x: FloatArray) -> FloatArray:
 
 
 def surface_compliance(wavenumber: FloatArray, body: Body, material: Material) -> FloatArray:
-    """C(q) of the surface of a body; see the module's docstring for the formulas.
-
-    Args:
-        wavenumber: q in rad/m, any shape.
-        body: half-space or layer.
-        material: elastic constants.
-
-    Returns:
-        C in m/Pa for each wave number; at q = 0 it is 0 for the half-space and d/M for layers.
+    """C(q) in m/Pa at wave numbers q in rad/m, of any shape.
 
     Example:
         >>> surface_compliance(np.array([0.0, 1.0, 2.0]), Body(), Material(2.0, 0.0))

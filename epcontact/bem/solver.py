@@ -93,11 +93,7 @@ def solve_pressure(
 def solve_problem(
     problem: GridProblem, options: Options, start: FloatArray | None = None
 ) -> PressureSolution:
-    """Solve from coarse to fine, or from a pressure `start` (nx, ny) in Pa.
-
-    Raises:
-        NotConverged: the tolerance was not met within the steps allowed.
-    """
+    """Solve from coarse to fine, or from a pressure `start` (nx, ny) in Pa."""
     problem, datum = _lowered(problem)
     scale, cap, size = problem.gap_scale(), problem.cap, problem.heights.size
     with Workers(options.threads) as workers:

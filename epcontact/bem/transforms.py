@@ -57,10 +57,7 @@ def to_modes(values: RealArray, modes: ComplexArray, axes: Axes = ROWS) -> None:
 
 
 def to_values(modes: ComplexArray, values: RealArray, inorm: int = 0, axes: Axes = ROWS) -> None:
-    """Transform each row of `modes` back into `values`; `modes` may be overwritten.
-
-    inorm: 2 divides by the number of points, 0 does not.
-    """
+    """Transform each row of `modes` back into `values`; inorm 2 divides by the number of points."""
     ducc0.fft.c2r(modes, axes=axes, lastsize=values.shape[1], forward=False, inorm=inorm,
                   out=values, nthreads=1, allow_overwriting_input=True)  # fmt: skip
 
@@ -72,10 +69,9 @@ def through_columns(
     change: Callable[[ComplexArray, slice], ComplexArray],
     inorm: int = 0,
 ) -> None:
-    """Transform the columns of `modes` in place, `change` them and transform them back.
+    """Transform the columns of `modes`, `step` at a time, `change` them and transform them back.
 
-    step: columns in a block.  change(block, columns) returns the modes to transform back, in the
-    block itself or in another array.
+    change(block, columns) returns the modes to transform back, in the block or in another array.
     """
 
     def through(columns: slice) -> None:
@@ -186,12 +182,7 @@ class Symbol:
 
 
 def index_type(points: int) -> type[np.signedinteger]:
-    """The smallest integer type that counts the points of a grid.
-
-    Example:
-        >>> index_type(16384**2), index_type(65536**2)
-        (<class 'numpy.int32'>, <class 'numpy.int64'>)
-    """
+    """The smallest integer type that counts the points of a grid."""
     return np.int32 if points < 2**31 else np.int64
 
 
@@ -210,8 +201,7 @@ class Points:
 class Convolution:
     """Applies a symbol, times `scale`, or its inverse, and counts its pairs of transforms.
 
-    Mode zero of the symbol is taken as 0, so results have no mean.  With `dtype` float32 the
-    fields are in single precision, at half the cost.
+    Mode zero of the symbol is taken as 0, so results have no mean.
     """
 
     def __init__(
@@ -325,10 +315,7 @@ def _single(symbol: Symbol) -> tuple[Symbol, float]:
 
 @compiled
 def multiply_rows(modes: Any, symbol: Any, rows: Any, factor: float, start: int, stop: int) -> None:
-    """modes[i] *= factor symbol[rows[i]] in a range of columns.
-
-    Real and imaginary parts follow one another.
-    """
+    """modes[i] *= factor symbol[rows[i]] in a range of columns of complex numbers."""
     for i in range(modes.shape[0]):
         row = rows[i]
         for j in range(start, stop):
@@ -339,11 +326,10 @@ def multiply_rows(modes: Any, symbol: Any, rows: Any, factor: float, start: int,
 
 @compiled
 def divide_rows(modes: Any, symbol: Any, rows: Any, factor: float, start: int, stop: int) -> None:
-    """modes[i] *= factor / symbol[rows[i]]; a mode without compliance becomes 0."""
+    """As `multiply_rows`, by factor / symbol; a mode without compliance becomes 0."""
     for i in range(modes.shape[0]):
-        row = rows[i]
         for j in range(start, stop):
-            s = symbol[row, j]
+            s = symbol[rows[i], j]
             weight = factor / s if s > 0 else 0.0
             modes[i, 2 * j] *= weight
             modes[i, 2 * j + 1] *= weight

@@ -1,10 +1,9 @@
 """Compiled passes over a grid, run block by block on a few threads.
 
-A pass is a function compiled by numba that works on one block of its arrays and releases the
-interpreter's lock.  `Workers` calls it for every block of a fixed partition and adds up what the
-calls return in the order of the blocks, so a result has the same bits on any number of threads.
-No threading layer of the compiler is involved, so solves may run side by side in threads and in
-processes.
+A pass is a compiled function that works on one block of its arrays and releases the interpreter's
+lock.  `Workers` calls it for every block of a fixed partition and adds up what the calls return in
+the order of the blocks, so a result has the same bits on any number of threads, and solves may run
+side by side in threads and in processes.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import repeat
-from types import TracebackType
 from typing import Any, TypeVar
 
 import numba
@@ -38,12 +36,7 @@ compiled = numba.njit(
 
 
 def ranges(size: int, step: int) -> list[slice]:
-    """Cut 0 to `size` into ranges of `step`; the last one may be shorter.
-
-    Example:
-        >>> ranges(5, 2)
-        [slice(0, 2, None), slice(2, 4, None), slice(4, 5, None)]
-    """
+    """Cut 0 to `size` into ranges of `step`; the last one may be shorter."""
     return [slice(start, min(start + step, size)) for start in range(0, size, step)]
 
 
@@ -71,12 +64,7 @@ class Workers:
     def __enter__(self) -> Workers:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._pool is not None:
             self._pool.shutdown()
 

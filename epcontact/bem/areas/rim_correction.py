@@ -48,7 +48,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from epcontact.bem.areas.copies import copies
-from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS, compiled
+from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS
 from epcontact.bem.areas.grid import Solution, Sums, sweep, tabulated
 from epcontact.bem.areas.hidden import CORNER
 from epcontact.bem.workers import Workers, ranges
@@ -130,12 +130,14 @@ def perimeter_areas(pressure: FloatArray, hardness: float = math.inf) -> tuple[A
         >>> raw.total * 64, round(corrected.total * 64, 2)
         (12.0, 10.35)
     """
-    rows, hardness = pressure.reshape(pressure.shape[0], -1), hardness * _ROUNDING
-    contact, plastic, contact_switches, plastic_switches = count(rows, hardness)
     factor = AXIS_OFFSET if pressure.ndim == 1 else PERIMETER_FACTOR
-    raw = _areas(contact / rows.size, plastic / rows.size)
-    total = (contact - factor * contact_switches) / rows.size
-    return raw, _areas(total, (plastic + factor * plastic_switches) / rows.size)
+    raw, corrected = [], []
+    for inside, outwards in ((pressure > 0, -1), (pressure >= hardness * _ROUNDING, 1)):
+        sides = (np.roll(inside, 1, axis) != inside for axis in range(pressure.ndim))
+        switches = sum(int(np.count_nonzero(changes)) for changes in sides)
+        raw.append(np.count_nonzero(inside) / inside.size)
+        corrected.append(raw[-1] + outwards * factor * switches / inside.size)
+    return _areas(*raw), _areas(*corrected)
 
 
 def estimate_areas(
@@ -243,27 +245,6 @@ def areas_of_sums(
     # What tips lack is known to a half.  The load does not tell: the counts lack the same.
     covariance = covariance + np.diag(TIP / 2 * sums.tips[:, 0]) ** 2
     return _possible(located / cells, covariance / cells**2, share)
-
-
-@compiled
-def count(pressure: FloatArray, hardness: float) -> tuple[int, int, int, int]:
-    """Numbers of points in contact and at the hardness, and of switches of each along the axes."""
-    nx, ny = pressure.shape
-    contact = plastic = contact_switches = plastic_switches = 0
-    for i in range(nx):
-        for j in range(ny):
-            p = pressure[i, j]
-            touching, flowing = p > 0, p >= hardness
-            contact += touching
-            plastic += flowing
-            if ny > 1:
-                q = pressure[i, j - 1]
-                contact_switches += touching != (q > 0)
-                plastic_switches += flowing != (q >= hardness)
-            q = pressure[i - 1, j]
-            contact_switches += touching != (q > 0)
-            plastic_switches += flowing != (q >= hardness)
-    return contact, plastic, contact_switches, plastic_switches
 
 
 def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[Areas, Areas]:
