@@ -28,7 +28,7 @@ def cells_of(symbol: Symbol) -> tuple[int, int]:
     oblong = symbol.oblong()
     wanted = CELL * min(1.0, oblong), CELL / max(1.0, oblong)
     sides = [side if side >= 3 else 1.0 for side in wanted]
-    number = [int(n / side) for n, side in zip(symbol.shape, sides, strict=True)]
+    number = [max(1, int(n / side)) for n, side in zip(symbol.shape, sides, strict=True)]
     if any(n > 1 and m < 2 for n, m in zip(symbol.shape, number, strict=True)):
         return 1, 1
     return number[0], number[1]
