@@ -9,7 +9,6 @@ import pytest
 from epcontact import (
     Body,
     ContactResult,
-    InvalidScene,
     Load,
     Material,
     Scene,
@@ -167,11 +166,3 @@ def test_a_load_on_the_way_down_costs_no_more_than_the_peak_did() -> None:
     path = tuple(PEAK * share for share in (1, 0.8, 0.6, 0.4, 0.2, 0.05))
     pairs = [step.iterations["fft_pairs"] for step in bem.solve(scene_of(path)).steps]
     assert max(pairs[1:]) <= pairs[0] + 2
-
-
-@pytest.mark.parametrize(
-    "given", [np.zeros(3), np.full((64, 96), -1e-9), np.full((64, 96), np.nan)]
-)
-def test_a_plastic_displacement_that_is_none_is_refused(given) -> None:
-    with pytest.raises(InvalidScene, match="plastic_displacement has shape"):
-        bem.solve(scene_of((PEAK,)), plastic_displacement=given)

@@ -36,36 +36,28 @@ from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
 _MAX_STEPS = 500  # default limit on the Newton steps
-# Most gradient steps after a Newton step that was cut.  The first cut is followed by none, the
-# second by one, and each further one by four.  With one at most, 561 hard scenes (white noise,
-# plateaus, spikes) took 9 % more pairs and one of them did not converge; with 16 at most, lines of
+# Most gradient steps after a Newton step that was cut: none after the first cut, one after the
+# second, then four.  With one at most, one of 561 hard scenes did not converge; with 16, lines of
 # 1e5 points took up to 130 pairs instead of 41.
 _GRADIENT_STEPS = 4
 # The areas count as settled only if fewer points changed sets in the last step than this times
 # `area_tolerance` times the contact.  A step leaves at most a fifth of the changes of the one
 # before, so the changes still to come are then within the tolerance.
 _CHANGES_PER_ERROR = 5
-# They count as settled only if the residual has fallen to this share of the first one.  Without
-# this, 24 of 81 scenes of 8 to 64 points a wavelength stopped sooner, with areas up to 3 % off.
+# Nor before the residual has fallen to this share of the first one: 24 of 81 scenes of 8 to 64
+# points a wavelength would stop with areas up to 3 % off.
 _CALM = 0.2
-# They count as settled only if the tolerance is worth at least one point of the smallest area, or
-# the residual is below this value, at which no point changes sets any more.  On 256 x 256 points
-# with a tolerance of 1e-4 this value saves the last steps.  To stop as soon as a step changes no
-# point would save another tenth of the pairs on 96 x 96 and 128 x 128 points, but 10 of 312 scenes
-# then had areas that were up to .9 % off; with this value the largest error was 4e-6.
+# Nor unless the tolerance is worth at least one point of the smallest area, or the residual is
+# below this value, at which no point changes sets any more (largest error of 312 scenes: 4e-6).
 _UNSEEN = 1e-5
-# The full step is taken if the minimum of the energy is beyond this share of it.  Along the step
-# the energy is a parabola, so the full step lowers it if the minimum is at 1/2 or beyond.
+# Along a step the energy is a parabola: the full step lowers it if the minimum is beyond a half.
 _FULL_STEP = 0.5
-# A gradient step is added where the residual has not halved within this number of steps; as a rule
-# one step halves it.  Needed by test_almost_rigid_bodies_take_no_more_steps_than_others; on 53
-# scenes, five of them nearly rigid, it saved 8 % of all pairs.
+# A gradient step is added where the residual has not halved within this number of steps, as on
+# nearly rigid bodies; as a rule one step halves it.
 _SLOW = 4
-# The inner iterations reduce the 2-norm of the residual by the first factor.  With the exact
-# operator, once no point changes sets, they reduce it by the second one, which saved 2 % of all
-# pairs on the same scenes.
-_REDUCTION = 0.1
-_LAST_REDUCTION = 1e-3
+# The inner iterations reduce the 2-norm of the residual by the first factor, and, with the exact
+# operator once no point changes sets, by the second one.
+_REDUCTION, _LAST_REDUCTION = 0.1, 1e-3
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,7 @@ from epcontact.results import FloatArray
 from epcontact.scene import array, settle, share, whole
 
 #: The largest factor by which a user's compliance may fall from a wave to the one of half its
-#: length.  On 256 x 256 points 1/q^1.5 takes 10 to 25 pairs of transforms on the finest grid, 1/q^2
-#: takes 1100, and 1/q^4 does not converge.
+#: length: 1/q^1.5 takes 10 to 25 pairs of transforms on the finest grid, 1/q^2 takes 1100.
 STEEPEST = 3.0
 
 Method = Literal["newton", "relaxation", "polonsky_keer", "projected_gradient"]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from epcontact.bem.baselines import BASELINES
 from epcontact.bem.bounds import project
 from epcontact.bem.cascade import coarsened_heights, coarser, interpolated
-from epcontact.bem.level import Iterate, Level, kkt_residuals, measured, put_on_bounds
+from epcontact.bem.level import Level, kkt_residuals, measured, put_on_bounds
 from epcontact.bem.newton import solve_level
 from epcontact.bem.problem import (
     GridProblem,
@@ -112,7 +112,13 @@ def solve_problem(
             it.z, _, _ = measured(level, it.p, it.u)
         residuals = kkt_residuals(level, it)
     if not it.settled:
-        raise _not_converged(it, residuals, options)
+        raise NotConverged(
+            f"{options.method} did not reach {options.tolerance:g} in {len(it.history) - 1} steps: "
+            f"the largest residual is {max(residuals.values()):.1e}; "
+            "give more steps or a larger tolerance",
+            residuals,
+            tuple(it.history),
+        )
     counts = {
         "newton": it.newton,
         "cg": it.cg,
@@ -124,8 +130,13 @@ def solve_problem(
     at_cap = it.p >= cap
     it.p *= problem.mean_pressure
     it.p[at_cap] = problem.hardness  # exactly, whatever the rounding of the cap
-    history = tuple(it.history)
-    return PressureSolution(it.p, it.u, it.z + datum, residuals, counts, history, _notes(it))
+    history, offset, notes = tuple(it.history), it.z + datum, []
+    if it.cut:
+        notes.append(
+            f"{it.cut} of {it.newton} Newton steps would have raised the energy and were "
+            f"cut short; {it.gradient} projected gradient steps followed them."
+        )
+    return PressureSolution(it.p, it.u, offset, residuals, counts, history, tuple(notes))
 
 
 def _lowered(problem: GridProblem) -> tuple[GridProblem, float]:
@@ -165,22 +176,3 @@ def _coarse_guess(
     it = solve_level(level, p, loose)
     w = it.p - level.step * (it.u + it.z - coarse.heights)
     return interpolated(w, problem.shape, workers), [*work, it.pairs * size]
-
-
-def _not_converged(it: Iterate, residuals: dict[str, float], options: Options) -> NotConverged:
-    return NotConverged(
-        f"{options.method} did not reach {options.tolerance:g} in {len(it.history) - 1} steps: "
-        f"the largest residual is {max(residuals.values()):.1e}; "
-        "give more steps or a larger tolerance",
-        residuals,
-        tuple(it.history),
-    )
-
-
-def _notes(it: Iterate) -> tuple[str, ...]:
-    if not it.cut:
-        return ()
-    return (
-        f"{it.cut} of {it.newton} Newton steps would have raised the energy and were "
-        f"cut short; {it.gradient} projected gradient steps followed them.",
-    )

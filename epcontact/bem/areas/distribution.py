@@ -40,17 +40,10 @@ def graded_pressures(largest: float, bins: int, *, both_ends: bool) -> FloatArra
 def pressure_distribution(
     pressure: FloatArray, hardness: float, bins: int | Sequence[float] | FloatArray = 200
 ) -> PressureDistribution:
-    """The distribution of a pressure field by counting its points.
+    """The distribution of a pressure field, of any shape, by counting its points.
 
-    Args:
-        pressure: any shape, in Pa.
-        hardness: in Pa, may be infinite.
-        bins: number of bins, or their ascending edges in Pa, beginning at 0.  If it is a number,
-            bins are finer towards 0 and the hardness; if the hardness is infinite, they are
-            finer towards 0 and end at the largest pressure.
-
-    Raises:
-        InvalidScene: the edges do not ascend from 0, or there is no bin.
+    bins: number of bins, or their ascending edges in Pa from 0 on.  So many bins are finer towards
+    0 and the hardness; if this is infinite, towards 0, and they end at the largest pressure.
 
     Example:
         >>> counted = pressure_distribution(np.array([0.0, 0.5, 1.0, 2.0]), 2.0, [0.0, 0.6, 2.0])
@@ -81,13 +74,12 @@ def pressure_distribution(
 
 @dataclass(frozen=True)
 class EndFit:
-    """P(sigma) within `window` (Pa) of an end, as a function of the distance from it (Pa).
+    """P(sigma) near an end, as a function of the distance from it (Pa).
 
     Attributes:
         density, slope: of the straight line that has the area and the mean pressure of the points
             in the window, in 1/Pa and 1/Pa^2; both include the effect of the grid.
-        continuum_slope: of the straight line through zero that has the corrected area in the
-            window, in 1/Pa^2.
+        continuum_slope: of the straight line through zero that has the corrected area in it.
         window: in Pa.
     """
 
@@ -102,15 +94,8 @@ def end_fits(
 ) -> tuple[EndFit, EndFit | None]:
     """Fit P(sigma) near 0 and near the hardness; the second fit is None for an infinite hardness.
 
-    Args:
-        pressure: any shape, in Pa.
-        hardness: in Pa, may be infinite.
-        window: in Pa, several times the pressure of the points next to the rim, but small beside
-            the width of P.  The surplus area of the counted rims is within the window.
-        areas: (raw, corrected) of `rim_correction.estimate_areas`.
-
-    Raises:
-        InvalidScene: unless 0 < window <= hardness.
+    window: in Pa, several times the pressure of the points next to the rim, but small beside the
+    width of P, so that the surplus area of the counted rims is within it; areas: (raw, corrected).
     """
     if not 0 < window <= hardness:
         raise InvalidScene(f"window is {window:g} Pa, but must lie between 0 and the hardness")
@@ -146,20 +131,12 @@ def extrapolated(
     values: Sequence[float] | FloatArray,
     order: float = 1.0,
 ) -> tuple[float, float]:
-    """Fit the limit of values for ever more points n per wavelength, v = limit + c n^-order.
+    """The limit of values for ever more points n per wavelength, v = limit + c n^-order.
 
-    Args:
-        points_per_wavelength: n of each value.
-        values: two or more.
-        order: 1/2 for the density of `EndFit`, 1 for raw areas.
-
-    Returns:
-        (limit, error) of a least-squares fit.  The error is the standard error of the fit, or
-        twice the change of the limit without the coarsest value, whichever is larger; with two
-        values it is the distance of the limit from the finer one.
-
-    Raises:
-        InvalidScene: fewer than two different numbers of points.
+    order: 1/2 for the density of `EndFit`, 1 for raw areas.  Returns (limit, error) of a
+    least-squares fit.  The error is the standard error of the fit, or twice the change of the limit
+    without the coarsest value, whichever is larger; with two values it is the distance of the limit
+    from the finer one.
 
     Example:
         >>> limit, error = extrapolated([4, 8], [1.5, 1.25])
@@ -182,9 +159,7 @@ def _limit(n: FloatArray, v: FloatArray, order: float) -> tuple[float, float]:
     x = n**-order
     design = np.stack([np.ones_like(x), x], axis=1)
     solution = np.linalg.lstsq(design, v, rcond=None)[0]
-    freedom = n.size - 2
-    if freedom == 0:
+    if n.size == 2:
         return float(solution[0]), 0.0
-    variance = float(np.sum((design @ solution - v) ** 2)) / freedom
-    covariance = variance * np.linalg.inv(design.T @ design)
-    return float(solution[0]), math.sqrt(covariance[0, 0])
+    variance = float(np.sum((design @ solution - v) ** 2)) / (n.size - 2)
+    return float(solution[0]), math.sqrt(variance * np.linalg.inv(design.T @ design)[0, 0])

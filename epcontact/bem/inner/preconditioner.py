@@ -41,12 +41,10 @@ _SAMPLE = 128  # modes in each direction from which the stencil and the squares 
 # (some bodies and oblong grids) the preconditioner uses transforms (`cg`).
 _WORST_FIT = 5.0
 _LEAST_DELTA = 0.05  # of b(square): keeps the cells' problem definite where cells are full
-# Of the residual of the cells' problem.  Over 87 scenes 1e-2 takes as many iterations on the
-# points and a fifth more transforms of the cells; 1e-1 takes more iterations.
+# Of the residual of the cells' problem: 1e-1 takes more iterations on the points, 1e-2 as many.
 _REDUCTION = 3e-2
 _PATCHES = 32  # numbers of points, between which delta is interpolated
-# So few cells with points are solved directly: calls would cost more than the work, and matrices of
-# this size start no threads of a linear algebra library.
+# So few cells with points are solved directly; such matrices start no threads of a library.
 _DIRECT = 96
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numba
 import numpy as np
 
 from epcontact.bem.transforms import Convolution, Points, Symbol, single_precision
@@ -38,6 +39,9 @@ _NEAR, _FAR = np.float32(9 / 16), np.float32(1 / 16)
 # from vectorising.
 _UINT = np.uint64
 _RUN = np.uint64(RUN)
+# Compiled with what calls it: of functions of their own, kernels that are loaded would round
+# differently from those just compiled.
+inlined = numba.njit(inline="always")
 
 
 def split_pays(symbol: Symbol, elastic: int) -> bool:
@@ -205,7 +209,7 @@ def gather_split(
     return total, product
 
 
-@compiled
+@inlined
 def add_row(near: Any, row: Any, tap: Any) -> None:
     """Add a row of the stencil at RUN points; `row` begins REACH columns before the first."""
     c0, c1, c2, c3 = tap[3], tap[2], tap[1], tap[0]
@@ -219,7 +223,7 @@ def add_row(near: Any, row: Any, tap: Any) -> None:
         )
 
 
-@compiled
+@inlined
 def interpolated_at(coarse: Any, i: int, j: int) -> Any:
     """The coarse grid interpolated to a fine point, by cubics where it lies between."""
     row, last = i // 2, coarse.shape[0] - 1
@@ -232,7 +236,7 @@ def interpolated_at(coarse: Any, i: int, j: int) -> Any:
     return _NEAR * near - _FAR * far
 
 
-@compiled
+@inlined
 def along_row(row: Any, j: int) -> Any:
     """A row of the coarse grid interpolated to a column of the fine one."""
     k, last = j // 2, row.size - 1
