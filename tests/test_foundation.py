@@ -37,7 +37,7 @@ def task(case: str, method: str) -> Task:
         ("rough-capped", "bem", "epcontact/harness/quantities/measurements.py", False),
         ("rough-capped", "bem", "epcontact/harness/answers/solve.py", False),
         ("rough-capped", "bem", "epcontact/harness/answers/run.py", True),
-        ("rough-capped", "bem", "epcontact/output/vtk.py", True),
+        ("rough-capped", "bem", "epcontact/output/report.py", True),
         ("rough-capped", "bem", "epcontact/cli/cases.py", True),
         ("rough-capped", "bem", "epcontact/persson/series.py", True),
         ("rough-capped", "bem", "epcontact/harness/gates/gate.py", True),
@@ -60,7 +60,7 @@ def test_the_digest_is_that_of_the_files(tmp_path: Path) -> None:
         shutil.copytree(HOME / package, tmp_path / package, ignore=lambda *_: ["__pycache__"])
     before = foundation(("epcontact.bem",), home=tmp_path)
     assert before == foundation(("epcontact.bem",))
-    for name, same in (("epcontact/output/vtk.py", True), ("epcontact/bem/inner/cg.py", False)):
+    for name, same in (("epcontact/output/report.py", True), ("epcontact/bem/inner/cg.py", False)):
         with (tmp_path / name).open("a") as file:
             file.write("\n# changed\n")
         foundation.cache_clear()

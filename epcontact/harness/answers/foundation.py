@@ -63,8 +63,8 @@ def foundation(
 
     Example:
         >>> found = foundation(("epcontact.persson",), without=("epcontact.machine",))
-        >>> "epcontact.materials.moduli" in found.modules, "epcontact.output" in found.modules
-        (True, False)
+        >>> [f"epcontact.{name}" in found.modules for name in ("materials.moduli", "output.report")]
+        [True, False]
         >>> found.libraries
         ('ducc0', 'numpy', 'scipy')
     """

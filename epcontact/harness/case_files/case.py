@@ -33,7 +33,7 @@ from epcontact.harness.case_files.text import (
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.scene import check_load, check_loading
-from epcontact.surfaces import SurfaceAbsent
+from epcontact.surfaces import HeightsFromFile, SurfaceAbsent
 
 __all__ = [
     "SIZES",
@@ -145,8 +145,11 @@ def _mistakes(case: Case, text: CaseText) -> Iterator[str]:
     yield from _option_mistakes(case)
     if case.sweep is None and not isinstance(case.surface, SurfaceAbsent):
         yield from _strength_mistakes(case)  # a sweep may give what its case lacks
-    section = "material"
+    section = "surface"
     try:
+        if case.solid.hardness == "effective" and isinstance(case.surface, HeightsFromFile):
+            case.surface.build()  # its slope makes the hardness, so that its mistakes come first
+        section = "material"
         material = case.material
         section = "load"
         check_load(material, case.load)
