@@ -40,9 +40,6 @@ from epcontact.materials.hardness_map import (
     map_digest,
 )
 from epcontact.scene import Load
-from epcontact.studies import STUDIES
-from epcontact.studies import hardness_map as study
-from epcontact.studies.persistence import EFFECTIVE, J2, TABORS, area_table, draw_areas
 
 CASES = Path(__file__).parent.parent / "cases"
 STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3, "rms_slope": 0.1}
@@ -338,28 +335,3 @@ def test_a_path_without_a_result_is_one_sentence(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(EpcontactError, match=r"hardness-map-30: 1 paths .* fem-1 .not finished"):
         make_map("fast", tmp_path, fails)
-
-
-def test_the_chart_draws_the_kept_map(monkeypatch) -> None:
-    assert "hardness-map" in STUDIES
-    whole = hardness_map()
-    one = {name: column[whole["poisson_ratio"] == 0.3] for name, column in whole.items()}
-    monkeypatch.setattr(study, "hardness_map", lambda: one)
-    (drawn,) = study.charts("fast", print)
-    names = {row[0] for row in drawn.rows}
-    assert {"E* xi / sigma_Y = 50", "50, formula"} <= names
-
-
-def test_asperities_persist_where_a_cap_would_have_closed() -> None:
-    table = area_table(5.0, [1], 24, lambda _: None)
-    areas = table.pivot_table(index="load", columns="series", values="area")
-    assert areas[J2].is_monotonic_increasing
-    assert areas[TABORS][3.0] == 1
-    # Above the cap of light loads, 1.96 sigma_Y, the J2 body is still open.
-    assert areas[J2][2.0] < 0.95
-    # Tabor's cap is too hard for so elastic a body, and the map's cap is nearer.
-    inside = areas[areas[EFFECTIVE].notna()]
-    assert (inside[TABORS] < inside[J2]).all()
-    off = {name: np.abs(inside[name] / inside[J2] - 1).mean() for name in (TABORS, EFFECTIVE)}
-    assert off[EFFECTIVE] < off[TABORS] / 2
-    assert {row[0] for row in draw_areas(table, 5.0).rows} == set(table["series"])

@@ -1,4 +1,4 @@
-"""Energy balance of both solvers along paths up and down, and the chart of hysteresis."""
+"""Energy balance of finite elements along paths up and down."""
 
 import math
 from dataclasses import replace
@@ -10,14 +10,6 @@ from reference_plasticity import kogut_etsion_critical
 
 import fem_check
 from epcontact import Body, Load, Scene
-from epcontact.studies.hysteresis import (
-    AREA,
-    GAP,
-    SPENT,
-    cycle_table,
-    start_costs,
-    unloading_over_loading,
-)
 from epcontact.studies.paper_scene import rough_scene
 
 SMALL = rough_scene(4, seed=3, bandwidth=4, hardness=math.inf)
@@ -56,26 +48,6 @@ def test_an_elastic_half_space_has_the_same_energy_by_stress_and_by_surface() ->
     energy = by_surface["elastic_energy"]
     assert by_stress["elastic_energy"] == pytest.approx(energy, rel=1e-6)
     assert by_stress["plastic_work"] == 0.0
-
-
-def test_cap_and_theory_differ_on_the_way_down() -> None:
-    """The cap has 3 to 6 times the area at 0.02 of the peak; the theory's flattening has none."""
-    table = cycle_table(4, 16, (77,), ("cap", "theory"), lambda _: None)
-    area = unloading_over_loading(table, AREA).set_index(["model", "load_over_peak"])["ratio"]
-    assert 3 < area["cap", 0.02] < 6
-    assert 0.9 < area["theory", 0.02] < 1.1
-    gap = unloading_over_loading(table, GAP).set_index(["model", "load_over_peak"])["ratio"]
-    assert 0.5 < gap["cap", 0.02] < 0.8
-    cap = table[table["model"] == "cap"]
-    assert cap[SPENT].iloc[-1] > 0.95  # what is stored at the peak has been given back
-    assert table[table["model"] == "theory"][SPENT].isna().all()
-
-
-def test_a_better_start_costs_less_but_even_the_best_is_not_free() -> None:
-    table = start_costs(4, 16, 78, lambda _: None, shares=(0.6,))
-    by_start = table.sort_values("start_residual", ascending=False)["pairs"].to_numpy()
-    assert by_start[-1] < by_start[-3] < by_start[0]
-    assert 2 <= by_start[-1] < 0.5 * table["peak_pairs"].iloc[0]
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -302,6 +303,61 @@ def test_states_look_the_same_everywhere() -> None:
     lines = {line.get_label(): line for line in make_areas().figure.axes[0].lines}
     assert lines["elastic, theory"].get_color() == STATE_COLOURS[ELASTIC]
     assert lines["plastic, theory"].get_color() == lines["plastic, limit"].get_color() == "#000000"
+
+
+PLOT = Plot(x=("cost_s", "cost (s)"), y=("error", "error (–)"), log="xy")
+
+
+def table_of(**series) -> pd.DataFrame:
+    """One row a point of the series, each given as its costs and errors."""
+    return pd.concat(
+        pd.DataFrame({"series": name, "cost_s": x, "error": y}) for name, (x, y) in series.items()
+    )
+
+
+def lines_of(chart: Chart) -> dict[str, Any]:
+    return {line.get_label(): line for line in chart.figure.axes[0].lines}
+
+
+def test_a_chart_s_table_holds_what_is_drawn() -> None:
+    table = table_of(falling=([1, 10, 100], [0.1, 0.01, 0.001]), flat=([1, 100], [1, 1]))
+    table["style"] = np.where(table["series"] == "flat", "curve", "points")
+    chart = draw_table(table, replace(PLOT, front=True), "A caption.")
+    assert [row[2] for row in chart.rows] == [0.1, 0.01, 0.001, 1.0, 1.0]
+    assert np.array_equal(lines_of(chart)["Pareto front"].get_ydata(), [0.1, 0.01, 0.001])
+
+
+def test_bounds_of_a_column_are_drawn_and_tabled() -> None:
+    table = table_of(one=([1, 2], [3, 4])).assign(error_low=[2.5, 3.5], error_high=[3.5, 4.5])
+    chart = draw_table(table, PLOT, "A caption.")
+    assert [row[3:] for row in chart.rows] == [(2.5, 3.5), (3.5, 4.5)]
+    assert len(chart.figure.axes[0].collections) == 1
+
+
+def test_a_point_without_error_ends_the_front() -> None:
+    table = table_of(a=([1, 5], [0.1, 0.0]), b=([3, 9], [0.01, 0.001]))
+    chart = draw_table(table, replace(PLOT, front=True), "A caption.")
+    assert np.array_equal(lines_of(chart)["Pareto front"].get_xdata(), [1, 3])
+
+
+def test_the_legend_tells_the_observed_order_where_it_is_asked_for() -> None:
+    x = np.array([1.0, 2.0, 4.0])
+    table = table_of(second=(x, x**-2.0), level=(x, np.ones(3)))
+    labels = lines_of(draw_table(table, replace(PLOT, orders=["second"]), "A caption."))
+    assert {"second: order 2.00", "level"} <= set(labels)
+
+
+def test_series_of_one_group_share_their_colour_and_have_their_style() -> None:
+    table = table_of(theory=([1, 2], [1, 2]), bem=([1, 2], [1, 3]), limit=([0.5], [1]))
+    table["part"] = "total"
+    table["style"] = table["series"].map({"theory": "curve", "bem": "marks", "limit": "open"})
+    plot = replace(PLOT, series=("part", "series"), colour="part")
+    lines = lines_of(draw_table(table, plot, "A caption."))
+    assert set(lines) == {"total, theory", "total, bem", "total, limit"}
+    assert len({line.get_color() for line in lines.values()}) == 1
+    assert lines["total, theory"].get_marker() in (None, "None")
+    assert lines["total, bem"].get_linestyle() == "None"
+    assert lines["total, limit"].get_fillstyle() == "none"
 
 
 def legend_entries(legend: Any) -> zip[tuple[Any, Any]]:

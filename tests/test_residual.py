@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import fem_check
@@ -16,15 +15,8 @@ from epcontact.persson.reduction import EnergyReduction
 from epcontact.persson.roughness import analytic_roughness
 from epcontact.persson.separation import mean_separation
 from epcontact.persson.theory import Theory
-from epcontact.studies.gap_distribution import GAPS, distances, distribution_table
+from epcontact.studies.left import residual_of, theory_power
 from epcontact.studies.paper_scene import rough_scene
-from epcontact.studies.residual import (
-    draw_power,
-    draw_skewness,
-    residual,
-    residual_table,
-    theory_power,
-)
 from epcontact.surfaces import (
     HeightsFromFile,
     power_by_octave,
@@ -113,7 +105,7 @@ def test_octaves_add_up_to_the_height_variance_and_a_wave_is_in_its_octave() -> 
 def test_the_cap_keeps_short_waves_where_the_theory_loses_them_and_skews_the_heights() -> None:
     """At hardness 0.16 E* xi, on surfaces that the study does not use."""
     scene = rough_scene(4, seed=991, bandwidth=64, hardness=40e9)
-    left = residual("cap", scene)
+    left = residual_of("cap", scene)
     kept = power_by_octave(left)[1][:6] / power_by_octave(scene.surface)[1][:6]
     assert 0.6 < kept[-1] < 0.8
     assert theory_power(scene)[5] < 1e-3
@@ -158,36 +150,3 @@ def test_elastic_material_leaves_its_surface_as_it_was() -> None:
     elastic = Scene(SCENE.surface, Material(250e9, 0.0), Load((1e9, 0.0)))
     left = residual_surface(elastic.surface, bem.solve(elastic))
     np.testing.assert_array_equal(left.heights, SCENE.surface.heights)
-
-
-def test_distances_of_distributions_are_zero_from_themselves_and_known_otherwise() -> None:
-    """Gaps twice as wide are one mean gap apart."""
-    once = {"method": "bem", "hardness_over_slope_modulus": 0.6, "seed": 1}
-    share = np.minimum(GAPS / 2, 1.0)  # gaps evenly spread from 0 to 2 rms heights
-    wider = np.minimum(GAPS / 4, 1.0)
-    tables = [
-        pd.DataFrame(once | {"gap_over_rms_height": GAPS, "cumulative_area": share}),
-        pd.DataFrame(
-            once | {"method": "fem", "gap_over_rms_height": GAPS, "cumulative_area": wider}
-        ),
-    ]
-    table = pd.concat(tables)
-    assert distances(table, "bem", "bem")["distance"].tolist() == [0.0]
-    assert distances(table, "fem", "bem")["distance"].iloc[0] == pytest.approx(1.0, abs=0.01)
-
-
-def test_finite_elements_have_the_gaps_of_boundary_elements_and_the_theory_is_further_off() -> None:
-    table = distribution_table(4, 8, (33,), ("bem", "fem", "persson"), lambda _: None)
-    near = distances(table, "fem", "bem")["distance"]
-    far = distances(table, "persson", "bem")["distance"]
-    assert near.max() < 0.08
-    assert far.max() > 0.3  # at hardness 0.16 E* xi
-
-
-def test_the_charts_of_residual_topography_say_what_each_model_keeps() -> None:
-    table = residual_table(4, 4, (5, 6), ("cap", "J2", "theory"), lambda _: None)
-    power = draw_power(table, "two surfaces")
-    assert "In the shortest octave, by hardness over E*ξ: cap" in power.caption
-    assert "theory" in power.csv()
-    skewness = draw_skewness(table[table["model"] != "theory"], "two surfaces")
-    assert "Excess kurtosis after less before: cap" in skewness.caption

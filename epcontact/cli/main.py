@@ -28,7 +28,7 @@ from epcontact.harness.processes.threads import LINEAR_ALGEBRA, single_threads
 
 #: The module of each command, whose function has the name of the command.
 COMMANDS = {
-    "chart": "figures",
+    "chart": "studies",
     "cite": "show",
     "crosscheck": "plans",
     "gates": "show",
@@ -39,7 +39,7 @@ COMMANDS = {
     "report": "figures",
     "run": "cases",
     "schema": "show",
-    "stability": "figures",
+    "stability": "studies",
     "sweep": "sweeps",
     "verify": "cases",
     "view": "figures",

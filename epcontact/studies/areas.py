@@ -13,7 +13,7 @@ The error constants of `epcontact.bem.areas.rim_correction` come from other kind
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,12 +23,11 @@ import pandas as pd
 from epcontact import bem
 from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
-from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.plot import Plot, draw_table
+from epcontact.output.charts.plot import Plot
 from epcontact.results import Areas, FloatArray
 from epcontact.scene import SelfAffineSpectrum
+from epcontact.studies.frame import Charts, Say, listed, study
 from epcontact.studies.paper_scene import PARTS
-from epcontact.studies.tables import Progress, Size
 from epcontact.surfaces import SelfAffine
 
 #: The reference has so many points for each point of the coarse grid along a direction.
@@ -192,9 +191,8 @@ KINDS: dict[str, Maker] = {
 class Member:
     """One surface of an ensemble with its load and hardness.
 
-    Attributes:
-        shape: of the coarse grid.
-        maker: of the heights on a patch, from random numbers of the seed `drawn`.
+    `shape` is that of the coarse grid; the maker makes heights on a patch from random numbers of
+    the seed `drawn`.
     """
 
     shape: tuple[int, int]
@@ -245,12 +243,8 @@ def member(makers: Mapping[str, Maker], kind: str, seed: int, points: int) -> Me
 def judged(kind: str, seed: int, points: int) -> list[dict[str, Any]]:
     """Solve one member of the ensemble on a grid of about `points` squared and on the fine one.
 
-    Returns:
-        For each part of the area a row: kind, seed, part, exact, error (absolute, of the corrected
-        area), claimed and raw_error, all as shares of the nominal area.
-
-    Raises:
-        NotConverged: a solve does not converge.
+    Returns for each part of the area a row: kind, seed, part, exact, error (absolute, of the
+    corrected area), claimed and raw_error, all as shares of the nominal area.
     """
     one = member(KINDS, kind, seed, points)
     (raw, corrected, claimed), (_, exact, _) = one.areas(1), one.areas(FINER)
@@ -265,16 +259,6 @@ def judged(kind: str, seed: int, points: int) -> list[dict[str, Any]]:
         }
         rows.append({"kind": kind, "seed": seed, "part": part} | figures)
     return rows
-
-
-def judged_ensemble(seeds: Iterable[int], points: int, progress: Progress) -> pd.DataFrame:
-    """The rows of `judged` for every kind and seed, as a table of `timed`."""
-    rows = []
-    for seed in seeds:
-        progress(f"areas: seed {seed} of every kind")
-        for kind in KINDS:
-            rows += judged(kind, seed, points)
-    return timed(rows)
 
 
 def timed(rows: Iterable[dict[str, Any]]) -> pd.DataFrame:
@@ -292,28 +276,16 @@ def timed(rows: Iterable[dict[str, Any]]) -> pd.DataFrame:
 def coverage(table: pd.DataFrame) -> pd.DataFrame:
     """For each kind, the share of areas within their claim, and medians relative to the areas.
 
-    Args:
-        table: of `judged_ensemble`.
-
-    Returns:
-        Columns kind, within, median_error and median_claimed.
-
     Example:
         >>> table = pd.DataFrame({"kind": "worn", "exact": [0.1, 0.1], "error": [1e-3, 2e-3]})
         >>> coverage(table.assign(claimed=1.5e-3, times=[0.67, 1.33])).round(4).values.tolist()
         [['worn', 0.5, 0.015, 0.015]]
     """
-    kinds = table.groupby("kind", sort=False)
-    within = kinds["times"].agg(lambda times: float((times <= 1).mean()))
+    within = table.groupby("kind", sort=False)["times"].agg(lambda times: (times <= 1).mean())
     large = table[table["exact"] > SMALLEST]
     relative = large[["error", "claimed"]].div(large["exact"], axis=0)
-    medians = relative.groupby(large["kind"], sort=False).median()
-    columns = {"within": within, "median_error": medians["error"]}
-    return (
-        pd.DataFrame(columns | {"median_claimed": medians["claimed"]})
-        .loc[list(within.index)]
-        .reset_index()
-    )
+    medians = relative.groupby(large["kind"], sort=False).median().add_prefix("median_")
+    return within.rename("within").to_frame().join(medians).reset_index()
 
 
 def claims_by_errors(table: pd.DataFrame, within: float) -> tuple[float, float]:
@@ -337,36 +309,45 @@ def claims_by_errors(table: pd.DataFrame, within: float) -> tuple[float, float]:
     return float(claims[0].median() / error), float(claims[1].median() / error)
 
 
-def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """Chart the share of areas whose error is at most so many times the claimed one, by kind."""
-    seeds, points = (range(100, 104), 32) if size == "fast" else (range(100, 130), 64)
-    table = judged_ensemble(seeds, points, progress)
+@study(
+    "areas",
+    fast={"seeds": range(100, 104), "points": 32},
+    full={"seeds": range(100, 130), "points": 64},
+)
+def areas(
+    say: Say, seeds: Sequence[int], points: int, kinds: Sequence[str] = tuple(KINDS)
+) -> Charts:
+    """Coverage of the claimed errors of corrected areas, by kind of surface."""
+    found = []
+    for seed in seeds:
+        say(f"seed {seed} of every kind")
+        found += [row for kind in kinds for row in judged(kind, seed, points)]
+    table = timed(found)
     ranked = table.sort_values("times", kind="stable")
-    kinds = ranked.groupby("kind")["times"]
-    ranked = ranked.assign(share=kinds.cumcount().add(1) / kinds.transform("size"), style="curve")
+    groups = ranked.groupby("kind")["times"]
+    ranked = ranked.assign(share=groups.cumcount().add(1) / groups.transform("size"))
     ranked = ranked.assign(times=ranked["times"].clip(1e-3, 1e2))
     ranked = ranked.sort_values("kind", key=lambda kind: kind.map(list(KINDS).index), kind="stable")
-    figures = "; ".join(
-        f"{row.kind} {100 * row.within:.0f} % ({100 * row.median_error:.2g}, "
-        f"{100 * row.median_claimed:.2g})"
-        for row in coverage(table).itertuples()
-    )
+    shares = coverage(table)
+    shares[["within", "median_error", "median_claimed"]] *= 100
+    form = "{kind} {within:.0f} % ({median_error:.2g}, {median_claimed:.2g})"
     ratio, ideal = claims_by_errors(table, 0.92)
-    caption = (
+    yield (
+        Plot(
+            ("times", "error by claimed error (–)"),
+            ("share", "share of areas (–)"),
+            series=("kind",),
+            style="curve",
+            log="x",
+            upright={"claimed": 1.0},
+        ),
+        ranked.drop(columns="seed"),
         f"Share of {len(table)} corrected areas (total, plastic and elastic) whose error is at "
         f"most so many times the claimed one, on {len(seeds)} surfaces of each kind, against grids "
         f"{FINER} times as fine.  Loads from .003 to 2 E*, hardness from .05 to 2 E* or none, 3 to "
         f"16 points per shortest wavelength.  Within their claim are "
         f"{100 * (table['times'] <= 1).mean():.0f} %; by kind, with the medians of error and claim "
-        f"in % of the area: {figures}.  "
+        f"in % of the area: {listed(shares, form)}.  "
         f"The ratio of the medians of all claims and errors is {ratio:.1f}; it would be "
-        f"{ideal:.1f} if each kind had a factor of its own with which 92 % of its claims hold."
+        f"{ideal:.1f} if each kind had a factor of its own with which 92 % of its claims hold.",
     )
-    plot = Plot(
-        ("times", "error by claimed error (–)"),
-        ("share", "share of areas (–)"),
-        series=("kind",),
-        log="x",
-        upright={"claimed": 1.0},
-    )
-    return (draw_table(ranked, plot, caption),)

@@ -1,19 +1,10 @@
-"""The error and cost of finite elements: elements, meshes, depth, load steps, linear solvers.
-
-elements        a smooth strip punch in plane strain on bricks with and without mean dilatation,
-                against Prandtl's limit (2 + pi) k: elements that lock do not find it
-meshes          contact area of a J2 body against nodes per shortest wavelength
-depth           the block's surface compliance of its longest waves against the half-space's
-load steps      contact area of a J2 body against the number of increments
-linear solvers  one elastic block, one force: time in products with its assembled matrix
-load paths      iterations and time of a J2 load path against the nodes of the mesh
-"""
+"""The study of the finite elements: elements, meshes, depth, load steps, linear solvers, paths."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -24,27 +15,165 @@ import scipy.sparse.linalg as sla
 import fem_check
 from epcontact.errors import NotConverged
 from epcontact.materials.moduli import effective_modulus
-from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.plot import Plot, draw_table
+from epcontact.output.charts.plot import Plot
 from epcontact.results import ContactResult
 from epcontact.scene import Load, Material, Scene, Surface
-from epcontact.studies.bem import bare_pair_times
-from epcontact.studies.paper_scene import HARDNESS, MODULUS, area_of, rough_scene
-from epcontact.studies.tables import Progress, Size, listed, root_mean_square
+from epcontact.studies.cost import pair_times
+from epcontact.studies.frame import Charts, Say, listed, root_mean_square, rows, study
+from epcontact.studies.paper_scene import CONSTRAINT, HARDNESS, MODULUS, area_of, rough_scene
 from fem_check.driver import problem_of
 from fem_check.element import elastic_stiffness
 from fem_check.limit_load import STRIP_LIMIT, assembled, strip_punch
 from fem_check.linear_solver import eliminate, substitute
 from fem_check.options import FemOptions
 
-YIELD_STRESS = HARDNESS / 3  # Tabor's ratio, as in the paper
 DEPTHS, WAVES = (0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0), (1, 2, 4)
+REFERENCE = "uncertainty of the reference"
+
+
+@study(
+    "fem",
+    fast={
+        "elements": (2, 3),
+        "nodes": (3, 4, 6, 10),
+        "steps": (1, 2, 4, 8),
+        "sample": (4, range(7, 9)),
+        "blocks": (8, 12, 16),
+        "paths": ([(16, 8), (32, 16), (64, 24)], range(5, 7)),
+    },
+    full={
+        "elements": (2, 3, 4, 6, 8),
+        "nodes": (3, 4, 6, 8, 12, 16),
+        "steps": (1, 2, 4, 8, 16, 32),
+        "sample": (8, range(7, 11)),
+        "blocks": (8, 12, 16, 24),
+        "paths": ([(32, 16), (64, 24), (128, 32)], range(5, 9)),
+    },
+)
+def fem(
+    say: Say,
+    elements: Sequence[int],
+    nodes: Sequence[int],
+    steps: Sequence[int],
+    sample: tuple[int, Sequence[int]],
+    blocks: Sequence[int],
+    paths: tuple[Sequence[tuple[int, int]], Sequence[int]],
+) -> Charts:
+    """Errors and costs of finite elements: element, mesh, depth, linear solver, load path.
+
+    `sample` is the bandwidth of the J2 bodies and the seeds of their surfaces; `paths` are the
+    meshes (nodes a side, layers) of the load paths and their seeds.
+    """
+    errors = rows(
+        say, punch_error, formulation=("mean dilatation", "full integration"), elements=elements
+    )
+    lost = errors["formulation"][errors["relative_error"].isna()].unique()
+    yield (
+        _plot(
+            ("elements", "elements to the half-width of the punch (–)"),
+            "limit load",
+            "formulation",
+            elements,
+        ),
+        errors,
+        "Limit load of a smooth strip punch in plane strain, J2 body of Poisson's ratio 0.3, by "
+        "bricks with mean dilatation and with full integration of all strain, against Prandtl's "
+        "exact (2 + pi) k. The former misses by half an element's width, of first order; the "
+        f"latter locks.{f' Not converged where no point is: {lost[0]}.' if lost.size else ''}",
+    )
+    bandwidth, seeds = sample
+    of_sample = (
+        f"{len(seeds)} surfaces (root mean square) of the paper's roughness, 1/{bandwidth} of its "
+        "longest wave being the shortest, and load, yield_stress/(E* xi) = 0.2, Poisson's ratio 0.3"
+    )
+    table = mesh_errors(say, nodes, bandwidth, seeds)
+    worth = table["relative_error"][table["kind"] == REFERENCE].iloc[0]
+    yield (
+        _plot(
+            ("nodes_per_wavelength", "nodes per shortest wavelength (–)"),
+            "contact area",
+            "kind",
+            nodes[:-1],
+        ),
+        table,
+        f"Contact area of the J2 body against the mesh, as fine in depth at the surface: "
+        f"{of_sample}. Reference: the corrected area at {nodes[-1]} nodes, uncertain by "
+        f"{worth:.1e} of itself.",
+    )
+    names = {1: "one wave a period"} | {n: f"{n} waves a period" for n in WAVES[1:]}
+    table = rows(say, depth_error, waves=WAVES, depth_over_period=DEPTHS)
+    yield (
+        replace(
+            _plot(("depth_over_period", "depth over the period (–)"), "", "series", DEPTHS),
+            y=("relative_error", "compliance over half-space's, less 1 (–)"),
+        ),
+        table.assign(series=table["waves"].map(names)),
+        "Difference of the surface compliance of the bonded finite-element block from that of the "
+        "half-space, 2/(E* q), against its depth, for the longest waves, 64 nodes a period, "
+        "Poisson's ratio 0.3. The part that no depth removes is the discretisation of each wave.",
+    )
+    table = step_errors(say, steps, bandwidth, seeds)
+    gaps = table[table["quantity"] == "mean gap"]
+    yield (
+        _plot(("load_steps", "load steps (–)"), "", "quantity", steps[:-1]),
+        table,
+        "Raw contact area and mean gap of the J2 body, 6 nodes per shortest wavelength, against "
+        f"the number of load increments: {of_sample}. Reference: {steps[-1]} increments, which is "
+        "a path of its own and not exact: differences of its order mean nothing. CG iterations of "
+        f"the whole path, mean: {listed(gaps, '{load_steps}: {cg_iterations:.0f}')}. An error of "
+        "zero (no node changed) is drawn as an open mark at the bottom.",
+    )
+    solves = rows(say, linear_solves, nodes=blocks)
+    worst = solves.groupby("solver", sort=False)["residual"].max().reset_index()
+    yield (
+        Plot(
+            ("unknowns", "unknowns (–)"),
+            ("time_in_products", "time in products with the assembled matrix (–)"),
+            series=("solver",),
+            log="xy",
+        ),
+        solves,
+        "One linear solve of an elastic block under random forces: Fourier transforms along the "
+        "surface and elimination over the levels (its factorisation, made once a block, left "
+        "out), sparse factorisation (SuperLU) and conjugate gradients with the diagonal. Time in "
+        "products of the assembled sparse matrix with a vector, timed in the same run on one "
+        f"thread. Largest relative residuals: {listed(worst, '{solver} {residual:.0e}')}.",
+    )
+    costs = path_costs(say, *paths)
+    growth = costs["conjugate gradients"].iloc[-1] / costs["conjugate gradients"].iloc[0]
+    yield (
+        Plot(
+            ("nodes", "nodes a side (–)"),
+            ("iterations", "iterations of the load path (–)"),
+            series=("solver",),
+            log="x",
+            ticks=costs["nodes"].tolist(),
+        ),
+        costs.melt("nodes", ["conjugate gradients", "Newton"], "solver", "iterations"),
+        f"A J2 load path of 4 steps to p0/(E* xi) = 0.05, mean of {len(paths[1])} surfaces whose "
+        "shortest wave has 8 nodes, so that a finer mesh has more roughness; "
+        "yield_stress/(E* xi) = 0.2, Poisson's ratio 0.3. From the coarsest to the finest mesh "
+        f"the CG iterations grow by {growth:.2f}. Time of a path in bare FFT pairs of 2048 x 2048 "
+        f"points, by nodes a side: {listed(costs, '{nodes:.0f}: {time_in_fft_pairs:.3g}')}.",
+    )
+
+
+def _plot(x: tuple[str, str], what: str, series: str, ticks: Sequence[float]) -> Plot:
+    return Plot(
+        x,
+        ("relative_error", f"relative error of the {what} (–)" if what else "relative error (–)"),
+        series=(series,),
+        styles={REFERENCE: "curve"},
+        log="xy",
+        ticks=ticks,
+        orders=("mean dilatation", "full integration", "raw", "corrected", "mean gap"),
+    )
 
 
 def plastic_scene(points_per_wavelength: int, seed: int, bandwidth: int) -> Scene:
     """The paper's scene as a J2 body with Poisson's ratio 0.3 of the same E*."""
     scene = rough_scene(points_per_wavelength, seed, bandwidth)
-    material = Material(MODULUS * (1 - 0.3**2), 0.3, math.inf, YIELD_STRESS)
+    material = Material(MODULUS * (1 - 0.3**2), 0.3, math.inf, HARDNESS / CONSTRAINT)
     return replace(scene, material=material)
 
 
@@ -54,129 +183,90 @@ def flat_scene(points: int) -> Scene:
     return replace(scene, surface=Surface(np.zeros((points, points)), scene.surface.periods))
 
 
-def _solve(scene: Scene, **options: Any) -> ContactResult:
+def _solved(scene: Scene, **options: Any) -> ContactResult:
     result: ContactResult = fem_check.solve(scene, law="j2", certified=False, **options)
     return result
 
 
-def punch_errors(counts: Sequence[int]) -> pd.DataFrame:
-    """Errors of the limit load of a strip punch.
-
-    Args:
-        counts: numbers of elements in the half-width of the punch.
-
-    Returns:
-        One row for each formulation ("mean dilatation", "full integration") and count: formulation,
-        elements, relative_error; NaN where the solver does not converge, as on elements that lock.
-    """
-    rows = []
-    for formulation in ("mean dilatation", "full integration"):
-        for count in counts:
-            try:
-                found = strip_punch(count, mean_dilatation=formulation == "mean dilatation")
-                error = abs(found[-1] / STRIP_LIMIT - 1)
-            except NotConverged:
-                error = math.nan
-            rows.append((formulation, count, error))
-    return pd.DataFrame(rows, columns=["formulation", "elements", "relative_error"])
+def punch_error(formulation: str, elements: int) -> dict[str, float]:
+    """Error of the limit load of a strip punch with so many elements in its half-width; NaN where
+    the solver does not converge, as on elements that lock."""
+    try:
+        found = strip_punch(elements, mean_dilatation=formulation == "mean dilatation")
+    except NotConverged:
+        return {"relative_error": math.nan}
+    return {"relative_error": abs(found[-1] / STRIP_LIMIT - 1)}
 
 
 def mesh_errors(
-    points: Sequence[int], bandwidth: int, seeds: Sequence[int], progress: Progress
+    say: Say, nodes: Sequence[int], bandwidth: int, seeds: Sequence[int]
 ) -> pd.DataFrame:
-    """Errors of the contact area of the J2 body against the corrected one on the finest mesh.
+    """Errors of the J2 body's contact area against the corrected one on the finest mesh, root mean
+    square over the surfaces: kind, nodes_per_wavelength, relative_error."""
 
-    Args:
-        points: nodes per shortest wavelength, rising; the last are those of the reference.
-        bandwidth: highest over lowest wave number.
-        seeds: one surface each.
-        progress: called with a sentence before each surface.
-
-    Returns:
-        One row for each kind and mesh but the finest: kind ("raw", "corrected", "uncertainty of the
-        reference"), nodes_per_wavelength, relative_error (root mean square over the surfaces; of
-        the uncertainty the mean).
-    """
-    rows, worth = [], []
-    for seed in seeds:
-        progress(f"fem: meshes, seed {seed}")
-        results = [_solve(plastic_scene(n, seed, bandwidth)) for n in points]
+    def row(seed: int) -> list[dict[str, Any]]:
+        results = [_solved(plastic_scene(n, seed, bandwidth)) for n in nodes]
         exact = area_of(results[-1], "total")
-        worth.append(area_of(results[-1], "total", "error") / exact)
-        for kind in ("raw", "corrected"):
-            errors = [area_of(result, "total", kind) / exact - 1 for result in results[:-1]]
-            rows += [(kind, n, error) for n, error in zip(points, errors, strict=False)]
-    claimed = float(np.mean(worth))
-    rows += [("uncertainty of the reference", n, claimed) for n in points[:-1]]
+        claimed = area_of(results[-1], "total", "error") / exact
+        return [
+            {"kind": kind, "nodes_per_wavelength": n, "relative_error": error}
+            for n, result in zip(nodes[:-1], results, strict=False)
+            for kind, error in (
+                ("raw", area_of(result, "total", "raw") / exact - 1),
+                ("corrected", area_of(result, "total") / exact - 1),
+                (REFERENCE, claimed),
+            )
+        ]
+
+    table = rows(say, row, seed=seeds)
     by = ["kind", "nodes_per_wavelength"]
-    table = pd.DataFrame(rows, columns=[*by, "relative_error"])
-    return root_mean_square(table, "relative_error", by)
+    errors = root_mean_square(table, "relative_error", by)
+    means = table.groupby(by, sort=False)["relative_error"].mean().to_numpy()
+    errors["relative_error"] = errors["relative_error"].where(errors["kind"] != REFERENCE, means)
+    return errors
+
+
+def depth_error(waves: int, depth_over_period: float, points: int = 64) -> dict[str, float]:
+    """The block's compliance of a wave over the half-space's 2/(E* q), minus 1."""
+    scene = flat_scene(points)
+    period = scene.surface.periods[0]
+    compliance = fem_check.surface_compliance(scene, depth=depth_over_period * period)[0, waves]
+    exact = 2 / (effective_modulus(scene.material) * 2 * math.pi / period * waves)
+    return {"relative_error": abs(float(compliance) / exact - 1)}
 
 
 def step_errors(
-    steps: Sequence[int], bandwidth: int, seeds: Sequence[int], progress: Progress
+    say: Say, steps: Sequence[int], bandwidth: int, seeds: Sequence[int]
 ) -> pd.DataFrame:
-    """Errors of the J2 body's raw contact area and mean gap by its load increments.
+    """Errors of the J2 body's raw contact area and mean gap against those with the most load
+    increments, root mean square over the surfaces, and the mean of the CG iterations."""
 
-    Args:
-        steps: numbers of increments, rising; the last is the reference.
-        bandwidth: highest over lowest wave number.
-        seeds: one surface each.
-        progress: called with a sentence before each surface.
-
-    Returns:
-        One row for each quantity ("contact area", "mean gap") and number of increments but the
-        last: quantity, load_steps, relative_error (root mean square over the surfaces) and
-        cg_iterations (mean).
-    """
-    rows = []
-    for seed in seeds:
-        progress(f"fem: load steps, seed {seed}")
-        results = [_solve(plastic_scene(6, seed, bandwidth), steps=count) for count in steps]
+    def row(seed: int) -> list[dict[str, Any]]:
+        scene = plastic_scene(6, seed, bandwidth)
+        results = [_solved(scene, steps=count) for count in steps]
         areas = [area_of(result, "total", "raw") for result in results]
         gaps = [result.final.quantities["mean_gap"] for result in results]
-        for quantity, values in (("contact area", areas), ("mean gap", gaps)):
-            for count, result, value in zip(steps[:-1], results, values, strict=False):
-                error = value / values[-1] - 1
-                rows.append((quantity, count, error, result.cost["cg_iterations"]))
-    by = ["quantity", "load_steps"]
-    table = pd.DataFrame(rows, columns=[*by, "relative_error", "cg_iterations"])
+        return [
+            {
+                "quantity": quantity,
+                "load_steps": count,
+                "relative_error": value / values[-1] - 1,
+                "cg_iterations": result.cost["cg_iterations"],
+            }
+            for quantity, values in (("contact area", areas), ("mean gap", gaps))
+            for count, result, value in zip(steps[:-1], results, values, strict=False)
+        ]
+
+    table, by = rows(say, row, seed=seeds), ["quantity", "load_steps"]
     iterations = table.groupby(by, sort=False)["cg_iterations"].mean().reset_index()
     return root_mean_square(table, "relative_error", by).merge(iterations, on=by)
 
 
-def depth_errors(depths: Sequence[float], waves: Sequence[int], points: int) -> pd.DataFrame:
-    """Return the block's compliance of a wave over the half-space's 2/(E* q), minus 1.
-
-    Args:
-        depths: over the period.
-        waves: in a period.
-        points: nodes a period.
-
-    Returns:
-        One row for each wave and depth: waves, depth_over_period, relative_error.
+def linear_solves(nodes: int) -> list[dict[str, Any]]:
+    """Solve an elastic block with nodes x nodes points in each level under random forces by each
+    solver: unknowns, time in products of the assembled matrix with a vector, residual (relative).
     """
-    scene = flat_scene(points)
-    period = scene.surface.periods[0]
-    tables = []
-    for depth in depths:
-        compliance = fem_check.surface_compliance(scene, depth=depth * period)
-        exact = 2 / (effective_modulus(scene.material) * 2 * math.pi / period * np.array(waves))
-        error = np.abs(compliance[0, list(waves)] / exact - 1)
-        columns = {"waves": waves, "depth_over_period": depth, "relative_error": error}
-        tables.append(pd.DataFrame(columns))
-    return pd.concat(tables).sort_values("waves", kind="stable")
-
-
-def linear_solves(points: int) -> pd.DataFrame:
-    """Solve an elastic block with points x points nodes in each level under random forces.
-
-    Returns:
-        One row for each solver: solver (the Fourier elimination of `fem_check`, a sparse
-        factorisation by SuperLU, conjugate gradients with the diagonal to 1e-8), unknowns,
-        time_in_products (of the assembled matrix with a vector) and residual (relative).
-    """
-    problem = problem_of(flat_scene(points), FemOptions(law="elastic", certified=False))
+    problem = problem_of(flat_scene(nodes), FemOptions(law="elastic", certified=False))
     shape = problem.block.field_shape
     free = 3 * math.prod(shape[:3]) - 3 * math.prod(shape[1:3])  # the base is held
     matrix = _assembled(problem)[:free, :free]
@@ -188,22 +278,23 @@ def linear_solves(points: int) -> pd.DataFrame:
         spectrum = eliminate(problem.factor, force)
         return substitute(problem.factor, spectrum, np.zeros(shape[1:3])).reshape(-1)[:free]
 
-    solvers = {
+    solvers: dict[str, Callable[[], Any]] = {
         "Fourier elimination": fourier,
         "sparse factorisation": lambda: sla.splu(matrix.tocsc()).solve(right),
         "conjugate gradients": lambda: sla.cg(matrix, right, rtol=1e-8, M=diagonal)[0],
     }
     fourier()  # compiled before it is timed
     product = min(_timed(lambda: matrix @ right)[1] for _ in range(5))
-    rows = []
+    found = []
     for name, solver in solvers.items():
         solution, seconds = _timed(solver)
         residual = float(np.linalg.norm(matrix @ solution - right) / np.linalg.norm(right))
-        rows.append((name, free, seconds / product, residual))
-    return pd.DataFrame(rows, columns=["solver", "unknowns", "time_in_products", "residual"])
+        row = {"solver": name, "unknowns": free, "time_in_products": seconds / product}
+        found.append(row | {"residual": residual})
+    return found
 
 
-def _timed(function: Any) -> tuple[Any, float]:
+def _timed(function: Callable[[], Any]) -> tuple[Any, float]:
     started = time.perf_counter()
     answer = function()
     return answer, time.perf_counter() - started
@@ -238,175 +329,24 @@ def speed_scene(nodes: int, *, load: float = 0.05, seed: int = 5) -> Scene:
     )
 
 
-def path_costs(
-    meshes: Sequence[tuple[int, int]], seeds: Sequence[int], progress: Progress
-) -> pd.DataFrame:
-    """Solve load paths of four increments on one thread.
+def path_costs(say: Say, meshes: Sequence[tuple[int, int]], seeds: Sequence[int]) -> pd.DataFrame:
+    """Means over the surfaces of load paths in four increments on meshes (nodes a side, layers).
 
-    Args:
-        meshes: (nodes a side, layers) of each.
-        seeds: one surface each.
-        progress: called with a sentence before each mesh.
-
-    Returns:
-        One row for each mesh, means over the surfaces: nodes, the iterations of the whole path as
-        "conjugate gradients" and "Newton", and time_in_fft_pairs (of 2048 x 2048 points).
+    Columns: nodes, the iterations of the whole path as "conjugate gradients" and "Newton", and
+    time_in_fft_pairs (of 2048 x 2048 points), all on one thread.
     """
-    rows = []
-    _solve(speed_scene(16), layers=8, steps=4, threads=1)  # compiled before it is timed
-    for nodes, layers in meshes:
-        progress(f"fem: load paths, {nodes} x {nodes} x {layers}")
-        for seed in seeds:
-            scene, pair = speed_scene(nodes, seed=seed), bare_pair_times((2048, 2048), 1, 3)[1]
-            begun = time.thread_time()  # other programs on the machine hardly disturb it
-            cost = _solve(scene, layers=layers, steps=4, threads=1).cost
-            seconds = time.thread_time() - begun
-            rows.append((nodes, cost["cg_iterations"], cost["newton_steps"], seconds / pair))
-    names = ["nodes", "conjugate gradients", "Newton", "time_in_fft_pairs"]
-    return pd.DataFrame(rows, columns=names).groupby("nodes", sort=False).mean().reset_index()
 
+    def row(mesh: tuple[int, int], seed: int) -> dict[str, float]:
+        scene, pair = speed_scene(mesh[0], seed=seed), pair_times((2048, 2048), 1, 3)[1]
+        begun = time.thread_time()  # other programs on the machine hardly disturb it
+        spent = _solved(scene, layers=mesh[1], steps=4, threads=1).cost
+        return {
+            "nodes": mesh[0],
+            "conjugate gradients": spent["cg_iterations"],
+            "Newton": spent["newton_steps"],
+            "time_in_fft_pairs": (time.thread_time() - begun) / pair,
+        }
 
-def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """Chart elements, meshes, depths, load steps, linear solvers and load paths."""
-    fast = size == "fast"
-    progress("fem: elements")
-    punch = punch_errors([2, 3] if fast else [2, 3, 4, 6, 8])
-    bandwidth, seeds = (4, range(7, 9)) if fast else (8, range(7, 11))
-    points = [3, 4, 6, 10] if fast else [3, 4, 6, 8, 12, 16]
-    meshes = mesh_errors(points, bandwidth, seeds, progress)
-    increments = [1, 2, 4, 8] if fast else [1, 2, 4, 8, 16, 32]
-    steps = step_errors(increments, bandwidth, seeds, progress)
-    progress("fem: depths and linear solvers")
-    depths = depth_errors(DEPTHS, WAVES, 64)
-    blocks = pd.concat([linear_solves(n) for n in ((8, 12, 16) if fast else (8, 12, 16, 24))])
-    sizes = [(16, 8), (32, 16), (64, 24)] if fast else [(32, 16), (64, 24), (128, 32)]
-    surfaces = range(5, 7) if fast else range(5, 9)
-    paths = path_costs(sizes, surfaces, progress)
-    sample = (
-        f"{len(seeds)} surfaces (root mean square) of the paper's roughness, 1/{bandwidth} of its "
-        "longest wave being the shortest, and load, yield_stress/(E* xi) = 0.2, Poisson's ratio 0.3"
-    )
-    return (
-        draw_punch(punch),
-        draw_meshes(meshes, f"{sample}. Reference: the corrected area at {points[-1]} nodes"),
-        draw_depths(depths),
-        draw_steps(steps, f"{sample}. Reference: {increments[-1]} increments"),
-        draw_linear_solves(blocks),
-        draw_paths(paths, len(surfaces)),
-    )
-
-
-def draw_punch(errors: pd.DataFrame) -> Chart:
-    """Draw the error of the limit load against the elements in the punch's half-width."""
-    lost = sorted(errors["formulation"][errors["relative_error"].isna()].unique())
-    missing = f" Not converged where no point is: {', '.join(lost)}." if lost else ""
-    return draw_table(
-        errors,
-        Plot(
-            ("elements", "elements to the half-width of the punch (–)"),
-            ("relative_error", "relative error of the limit load (–)"),
-            series=("formulation",),
-            log="xy",
-            ticks=errors["elements"].unique().tolist(),
-            orders=("mean dilatation", "full integration"),
-        ),
-        "Limit load of a smooth strip punch in plane strain, J2 body of Poisson's ratio 0.3, by "
-        "bricks with mean dilatation and with full integration of all strain, against Prandtl's "
-        "exact (2 + pi) k. The former misses by half an element's width, of first order; the "
-        f"latter locks.{missing}",
-    )
-
-
-def draw_meshes(errors: pd.DataFrame, sample: str) -> Chart:
-    """Draw the error of the J2 contact area against nodes per wavelength."""
-    claimed = errors["kind"] == "uncertainty of the reference"
-    return draw_table(
-        errors.assign(style=np.where(claimed, "curve", "points")),
-        Plot(
-            ("nodes_per_wavelength", "nodes per shortest wavelength (–)"),
-            ("relative_error", "relative error of the contact area (–)"),
-            series=("kind",),
-            log="xy",
-            ticks=errors["nodes_per_wavelength"].unique().tolist(),
-            orders=("raw", "corrected"),
-        ),
-        "Contact area of the J2 body against the mesh, as fine in depth at the surface: "
-        f"{sample}, uncertain by {errors['relative_error'][claimed].iloc[0]:.1e} of itself.",
-    )
-
-
-def draw_depths(errors: pd.DataFrame) -> Chart:
-    """Draw the difference between block and half-space compliance against the depth."""
-    names = errors["waves"].map("{} waves a period".format)
-    return draw_table(
-        errors.assign(series=names.replace("1 waves a period", "one wave a period")),
-        Plot(
-            ("depth_over_period", "depth of the block over the period (–)"),
-            ("relative_error", "compliance over half-space's, less 1 (–)"),
-            log="xy",
-            ticks=errors["depth_over_period"].unique().tolist(),
-        ),
-        "Difference of the surface compliance of the bonded finite-element block from that of the "
-        "half-space, 2/(E* q), against its depth, for the longest waves, 64 nodes a period, "
-        "Poisson's ratio 0.3. The part that no depth removes is the discretisation of each wave.",
-    )
-
-
-def draw_steps(errors: pd.DataFrame, sample: str) -> Chart:
-    """Draw the errors of the J2 body against load increments."""
-    gaps = errors[errors["quantity"] == "mean gap"]
-    return draw_table(
-        errors,
-        Plot(
-            ("load_steps", "load steps (–)"),
-            ("relative_error", "relative error (–)"),
-            series=("quantity",),
-            log="xy",
-            ticks=errors["load_steps"].unique().tolist(),
-            orders=("mean gap",),
-        ),
-        "Raw contact area and mean gap of the J2 body, 6 nodes per shortest wavelength, against "
-        f"the number of load increments: {sample}, which is a path of its own and not exact: "
-        "differences of its order mean nothing. CG iterations of the whole path, mean: "
-        f"{listed(gaps, '{load_steps}: {cg_iterations:.0f}')}. An error of zero (no node changed) "
-        "is drawn as an open mark at the bottom.",
-    )
-
-
-def draw_linear_solves(solves: pd.DataFrame) -> Chart:
-    """Draw the time of a linear solve, in products with the matrix, against unknowns."""
-    worst = solves.groupby("solver", sort=False)["residual"].max().reset_index()
-    return draw_table(
-        solves,
-        Plot(
-            ("unknowns", "unknowns (–)"),
-            ("time_in_products", "time in products with the assembled matrix (–)"),
-            series=("solver",),
-            log="xy",
-        ),
-        "One linear solve of an elastic block under random forces: Fourier transforms along the "
-        "surface and elimination over the levels (its factorisation, made once a block, left "
-        "out), sparse factorisation (SuperLU) and conjugate gradients with the diagonal. Time in "
-        "products of the assembled sparse matrix with a vector, timed in the same run on one "
-        f"thread. Largest relative residuals: {listed(worst, '{solver} {residual:.0e}')}.",
-    )
-
-
-def draw_paths(costs: pd.DataFrame, surfaces: int) -> Chart:
-    """Draw the iterations of a load path against the mesh, with times in the caption."""
-    growth = costs["conjugate gradients"].iloc[-1] / costs["conjugate gradients"].iloc[0]
-    return draw_table(
-        costs.melt("nodes", ["conjugate gradients", "Newton"], "solver", "iterations"),
-        Plot(
-            ("nodes", "nodes a side (–)"),
-            ("iterations", "iterations of the load path (–)"),
-            series=("solver",),
-            log="x",
-            ticks=costs["nodes"].tolist(),
-        ),
-        f"A J2 load path of 4 steps to p0/(E* xi) = 0.05, mean of {surfaces} surfaces whose "
-        "shortest wave has 8 nodes, so that a finer mesh has more roughness; "
-        "yield_stress/(E* xi) = 0.2, Poisson's ratio 0.3. From the coarsest to the finest mesh "
-        f"the CG iterations grow by {growth:.2f}. Time of a path in bare FFT pairs of 2048 x 2048 "
-        f"points, by nodes a side: {listed(costs, '{nodes:.0f}: {time_in_fft_pairs:.3g}')}.",
-    )
+    _solved(speed_scene(16), layers=8, steps=4, threads=1)  # compiled before it is timed
+    table = rows(say, row, mesh=meshes, seed=seeds)
+    return table.groupby("nodes", sort=False).mean(numeric_only=True).reset_index()

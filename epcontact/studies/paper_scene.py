@@ -20,6 +20,8 @@ LOWEST = 2.5e4  # rad/m
 MODULUS, HARDNESS, MEAN_PRESSURE = 250e9, 150e9, 12.5e9  # Pa; Poisson's ratio is 0, E* = E
 GAMMA = 0.536
 PARTS = ("total", "elastic", "plastic")
+#: Hardness over yield stress (Tabor), as in the paper.
+CONSTRAINT = 3.0
 LAWS = {"capped": HARDNESS, "elastic": math.inf}  # Pa
 #: How captions name the scene.
 PAPER = "the paper's roughness, material and load (p0/(E* xi) = 0.05, hardness/(E* xi) = 0.6)"
@@ -35,13 +37,7 @@ def rough_surface(points_per_wavelength: float, seed: int, bandwidth: int = 256)
 def rough_scene(
     points_per_wavelength: float, seed: int, bandwidth: int = 256, hardness: float = HARDNESS
 ) -> Scene:
-    """The paper's scene on a surface of `rough_surface`.
-
-    Args:
-        points_per_wavelength: grid points per shortest wavelength.
-        seed: of the random phases.
-        bandwidth: highest over lowest wave number.
-        hardness: in Pa; infinite for an elastic body.
+    """The paper's scene on a surface of `rough_surface`; the hardness is in Pa, or infinite.
 
     Example:
         >>> scene = rough_scene(4, seed=1, bandwidth=8)
@@ -57,16 +53,13 @@ def area_of(result: ContactResult, part: str, kind: str = "corrected") -> float:
     return float(getattr(result.final.areas[kind], part))
 
 
-def area_rows(result: ContactResult, **columns: Any) -> list[dict[str, Any]]:
-    """A row for each part of the corrected area: part, area_fraction and its estimated_error.
-
-    Args:
-        result: an answer with corrected areas.
-        columns: further columns of each row, such as the seed.
-    """
+def area_rows(result: ContactResult) -> list[dict[str, Any]]:
+    """A row for each part of the corrected area: part, area_fraction and its estimated_error."""
     return [
-        columns
-        | {"part": part, "area_fraction": area_of(result, part)}
-        | {"estimated_error": area_of(result, part, "error")}
+        {
+            "part": part,
+            "area_fraction": area_of(result, part),
+            "estimated_error": area_of(result, part, "error"),
+        }
         for part in PARTS
     ]

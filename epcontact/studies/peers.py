@@ -1,11 +1,11 @@
-"""Public codes side by side: the same surface, the same areas, one run, ratios of time.
+"""The study of public codes side by side: the same surface, the same areas, one run.
 
-The codes and their adapters are those of `harness.peers`.  Each is run at rising effort (a tighter
-tolerance, or more iterations, because Kato's method always reports an error of zero) until its raw
-areas agree with those of `epcontact.bem` within AGREEMENT.  This time is a
-code's best, because only someone who knows the answer can stop there.  A code whose areas never
-agree has no time, and neither has one that takes more than MOST times as long as this package.
-Codes run in a process of their own, which the system ends then: some solves would take hours.
+Each code is run at rising effort (a tighter tolerance, or more iterations, because Kato's method
+always reports an error of zero) until its raw areas agree with those of `epcontact.bem` within
+AGREEMENT.  This time is a code's best, because only someone who knows the answer can stop there.  A
+code whose areas never agree has no time, and neither has one that takes more than MOST times as
+long as this package.  Codes run in a process of their own, which the system ends then: some solves
+would take hours.
 
 All codes have one thread.  Processor time is compared, as it does not count the waiting for other
 processes.  These also take a share of the memory's bandwidth, so that solves of one code differ by
@@ -29,12 +29,11 @@ from epcontact import bem
 from epcontact.errors import StudyUnavailable
 from epcontact.harness.methods.peers import PEERS, Pressure
 from epcontact.harness.processes.child import Child, ChildDied
-from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.plot import Plot, draw_table
+from epcontact.output.charts.plot import Plot
 from epcontact.results import FloatArray
+from epcontact.studies.cost import AIMS, LOOSE, TIGHT
+from epcontact.studies.frame import Charts, Say, listed, study
 from epcontact.studies.paper_scene import LAWS, MODULUS, rough_scene
-from epcontact.studies.speed import AIMS, LOOSE, TIGHT
-from epcontact.studies.tables import Progress, Size, listed
 
 #: Largest relative difference of total and plastic raw areas that counts as the same answer.
 AGREEMENT = 1e-3
@@ -45,7 +44,7 @@ LOAD = 0.05  # over E*, as in all studies of the paper's scene
 
 
 def efforts(code: str, heights: FloatArray, hardness: float) -> list[Any]:
-    """Return the settings to try for a code, from loose to tight."""
+    """The settings to try for a code, from loose to tight."""
     if code == "tamaas" and not math.isinf(hardness):
         return [50, 100, 200, 400, 800, 1600, 3200]
     if code == "tamaas":
@@ -65,19 +64,11 @@ def race(
     peers: dict[str, Pressure],
     call: Callable[..., tuple[float, FloatArray]],
 ) -> pd.DataFrame:
-    """Solve one surface by this package to each aim of `speed.AIMS`, and by every peer.
+    """Solve one surface by this package to each aim of `cost.AIMS`, and by every peer.
 
-    Args:
-        points: per shortest wavelength.
-        bandwidth: highest over lowest wave number.
-        law: "capped" or "elastic".
-        peers: solvers by the name of their code.
-        call: makes the calls of the peers, as `Child.call` does.
-
-    Returns:
-        One row for each code: law, code, points_a_side, seconds, total and plastic (raw areas),
-        agrees, and setting, the one that agreed or the last one tried.  Areas are nan where that
-        one was ended.
+    `call` makes the calls of the peers, as `Child.call` does.  Returns a row for each code: code,
+    seconds, total and plastic (raw areas; NaN where the code was ended), agrees, setting (the one
+    that agreed or the last one tried), law and points_a_side.
     """
     hardness = LAWS[law] / MODULUS
     scene = rough_scene(points, 7, bandwidth, LAWS[law])
@@ -92,8 +83,7 @@ def race(
 
     # Kernels are compiled, and up to 1024 x 1024 points operators prepared, before it is timed.
     solve_here()
-    exact = found[TIGHT].total, found[TIGHT].plastic
-    rows = []
+    exact, rows = (found[TIGHT].total, found[TIGHT].plastic), []
     heights = np.array(scene.surface.heights) / scene.surface.periods[0]
     for code, solver in peers.items():
         for effort in efforts(code, heights, hardness):
@@ -101,7 +91,7 @@ def race(
             seconds = MOST * float(np.median(times[TIGHT][1:]))
             areas = math.nan, math.nan
             try:
-                seconds, pressure = call(_timed, seconds, solver, heights, LOAD, hardness, effort)
+                seconds, pressure = call(timed, seconds, solver, heights, LOAD, hardness, effort)
                 # Codes reach the hardness up to rounding.
                 at_hardness = pressure >= hardness * (1 - 1e-9)
                 areas = float((pressure > 0).mean()), float(at_hardness.mean())
@@ -121,8 +111,8 @@ def race(
     return table.assign(law=law, points_a_side=scene.surface.shape[0])
 
 
-def _timed(allowed: float, solver: Pressure, *arguments: Any) -> tuple[float, FloatArray]:
-    """Return a solver's processor time (s) and its pressure.
+def timed(allowed: float, solver: Pressure, *arguments: Any) -> tuple[float, FloatArray]:
+    """A solver's processor time (s) and its pressure.
 
     The system ends the process when the solver has taken the seconds `allowed`, where it can.
     """
@@ -149,14 +139,12 @@ def _ended_after(seconds: float) -> Iterator[None]:
 
 
 def installed() -> dict[str, Pressure]:
-    """The peers that can be imported.  Raises StudyUnavailable if none can."""
+    """The peers that can be imported; raises StudyUnavailable if none can."""
     solvers = {}
     for name, solver in PEERS.items():
-        try:
+        with contextlib.suppress(ImportError):
             importlib.import_module(name)
-        except ImportError:
-            continue
-        solvers[name] = solver
+            solvers[name] = solver
     if not solvers:
         raise StudyUnavailable(
             "no other code is installed to compare with; install ContactMechanics or tamaas "
@@ -165,52 +153,45 @@ def installed() -> dict[str, Pressure]:
     return solvers
 
 
-def charts(size: Size, progress: Progress) -> tuple[Chart, ...]:
-    """Chart time against the grid, capped and elastic.
+@study("peers", fast={"widths": (8, 16)}, full={"widths": (32, 64, 128, 256)})
+def peers(say: Say, widths: Sequence[int]) -> Charts:
+    """Time to the same areas beside public codes, where they are installed.
 
     Raises StudyUnavailable if no peer is installed, or the codes are not on one thread each.
     """
-    peers = installed()
+    solvers = installed()
     if os.environ.get("OMP_NUM_THREADS") != "1":
         raise StudyUnavailable(
             "the codes are compared on one thread each, which some of them learn from the "
             "environment only; set OMP_NUM_THREADS=1"
         )
-    widths = (8, 16) if size == "fast" else (32, 64, 128, 256)
-    drawn, child = [], Child()
+    child = Child()
     for law in LAWS:
-        race(8, 4, law, peers, child.call)  # imports and plans of transforms are not timed
+        race(8, 4, law, solvers, child.call)  # imports and plans of transforms are not timed
         races = []
         for bandwidth in widths:
-            progress(f"peers: {8 * bandwidth} points a side, {law}")
-            races.append(race(8, bandwidth, law, peers, child.call))
-        drawn.append(draw_races(pd.concat(races)))
+            say(f"{8 * bandwidth} points a side, {law}")
+            races.append(race(8, bandwidth, law, solvers, child.call))
+        yield race_chart(pd.concat(races))
     child.end()
-    return tuple(drawn)
 
 
-def draw_races(races: pd.DataFrame) -> Chart:
-    """Draw the times of the codes that agree; the caption names the others."""
-    own = races[races["code"] == OWN].pivot(
-        index="points_a_side", columns="setting", values="seconds"
-    )
-    peers = races[races["code"] != OWN]
-    ratios = {aim: peers["seconds"] / peers["points_a_side"].map(own[aim]) for aim in AIMS}
-    peers = peers.assign(loose=ratios[LOOSE], tight=ratios[TIGHT])
-    compared = listed(
-        peers[peers["agrees"]],
-        "{code} {loose:.3g} and {tight:.3g} at {points_a_side} (setting {setting})",
-    )
-    ended = peers["total"].isna()
-    lost = listed(
-        peers[~peers["agrees"] & ~ended],
-        "{code} at {points_a_side} (contact area {total:.4g} at setting {setting})",
-    )
-    late = listed(peers[ended], "{code} at {points_a_side} (at setting {setting})")
+def race_chart(races: pd.DataFrame) -> tuple[Plot, pd.DataFrame, str]:
+    """The times of the codes that agree; the caption names the others."""
+    is_own = races["code"] == OWN
+    own = races[is_own].pivot(index="points_a_side", columns="setting", values="seconds")
+    rivals = races[~is_own]
+    ratios = {aim: rivals["seconds"] / rivals["points_a_side"].map(own[aim]) for aim in AIMS}
+    rivals = rivals.assign(loose=ratios[LOOSE], tight=ratios[TIGHT])
+    form = "{code} {loose:.3g} and {tight:.3g} at {points_a_side} (setting {setting})"
+    compared = listed(rivals[rivals["agrees"]], form)
+    ended = rivals["total"].isna()
+    form = "{code} at {points_a_side} (contact area {total:.4g} at setting {setting})"
+    lost = listed(rivals[~rivals["agrees"] & ~ended], form)
+    late = listed(rivals[ended], "{code} at {points_a_side} (at setting {setting})")
     # The settings of the peers change from grid to grid.
-    drawn = races.assign(aim=races["setting"].where(races["code"] == OWN, ""))
-    return draw_table(
-        drawn[drawn["agrees"]],
+    drawn = races.assign(aim=races["setting"].where(is_own, ""))
+    return (
         Plot(
             ("points_a_side", "grid points a side (–)"),
             ("seconds", "processor time of a solve (s)"),
@@ -218,12 +199,12 @@ def draw_races(races: pd.DataFrame) -> Chart:
             log="xy",
             ticks=sorted(races["points_a_side"].unique()),
         ),
+        drawn[drawn["agrees"]],
         f"Processor time to the raw areas of the paper's roughness and load, "
         f"{races['law'].iloc[0]}, 8 points per shortest wavelength. At every point the areas agree "
         f"within {AGREEMENT:g}. Times over those of epcontact to {LOOSE} and to {TIGHT}: "
         f"{compared or 'none'}."
         + (f" Without agreement: {lost}." if lost else "")
         + (f" More than {MOST} times to {TIGHT}: {late}." if late else "")
-        + " Each code was given the loosest of its settings whose areas agree, all in one run on "
-        "one machine.",
+        + " Each code was given the loosest of its settings whose areas agree, all in one run.",
     )

@@ -1,4 +1,4 @@
-"""Maps of the parameters at which each method converges, with its failures.
+"""The study of stability: the parameters at which each method converges, with its failures.
 
 capped   boundary elements, p0/hardness against hardness/(E* xi): the Newton solver, each baseline
 elastic  the same for an infinite hardness, against p0/(E* xi) alone
@@ -15,151 +15,109 @@ balance as scikit-fem's assembly finds it (fem).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
-from itertools import product
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 import fem_check
 from epcontact import bem, persson
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.files import write_json
 from epcontact.harness.quantities.registry import measure
+from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.maps import stability_map as draw_map
-from epcontact.results import package_versions
+from epcontact.results import ContactResult, package_versions
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
-from epcontact.studies.tables import Progress
+from epcontact.studies.frame import Say, rows
 from epcontact.surfaces import SelfAffine
 
-MAPS = ("capped", "elastic", "theory", "fem")
 #: Largest allowed violation of the contact conditions, measured by the harness, of a solve that
-#: claims 1e-8; see `epcontact.harness.quantities.registry`.
-EXAMINED = 1e-6
-#: Relative error of an area up to which a sum of the theory counts as converged.
-AREA_ERROR = 1e-9
+#: claims 1e-8, and relative error of an area up to which a sum of the theory has converged.
+EXAMINED, AREA_ERROR = 1e-6, 1e-9
 _TERMS = 200
 #: A division by zero counts as a failure like a report that the solver did not converge.
 _FAILURES = (EpcontactError, ArithmeticError, np.linalg.LinAlgError)
 
-
-@dataclass(frozen=True)
-class Grid:
-    """The sweep at one size: the axes of the maps, grid points and step limits."""
-
-    points: int
-    load_shares: tuple[float, ...]
-    hardnesses: tuple[float, ...]
-    loads: tuple[float, ...]
-    diffusions: tuple[float, ...]
-    baseline_steps: int
-    fem_points: tuple[int, ...]
-    poisson_ratios: tuple[float, ...]
-    fem_loads: tuple[float, ...]
-    yield_ratios: tuple[float, ...]
-
-
-GRIDS: dict[str, Grid] = {
-    "coarse": Grid(
-        points=32,
-        load_shares=(0.001, 0.1, 0.5, 0.99),
-        hardnesses=(0.001, 0.1, 1.0, 100.0),
-        loads=(0.001, 0.1, 1.0, 3.0),
-        diffusions=(1e-4, 1e-2, 0.2, 1.0, 10.0),
-        baseline_steps=500,
-        fem_points=(32,),
-        poisson_ratios=(0.0, 0.3, 0.499),
-        fem_loads=(0.01, 0.2),
-        yield_ratios=(0.5, 5.0, 50.0),
-    ),
-    "full": Grid(
-        points=128,
-        load_shares=(0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97, 0.99),
-        hardnesses=(0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0),
-        loads=(0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0),
-        diffusions=tuple(np.geomspace(1e-6, 1e2, 17).tolist()),
-        baseline_steps=1000,
-        fem_points=(24, 24),
-        poisson_ratios=(0.0, 0.2, 0.3, 0.4, 0.49, 0.499),
-        fem_loads=(0.003, 0.01, 0.05, 0.2, 1.0),
-        yield_ratios=(0.5, 2.0, 5.0, 15.0, 50.0),
-    ),
-}  # fmt: skip
+#: The axes of the maps, grid points and step limits of the sweeps by size.
+SIZES: dict[str, dict[str, Any]] = {
+    "coarse": {
+        "points": 32,
+        "load_shares": (0.001, 0.1, 0.5, 0.99),
+        "hardnesses": (0.001, 0.1, 1.0, 100.0),
+        "loads": (0.001, 0.1, 1.0, 3.0),
+        "diffusions": (1e-4, 1e-2, 0.2, 1.0, 10.0),
+        "baseline_steps": 500,
+        "fem_points": (32,),
+        "poisson_ratios": (0.0, 0.3, 0.499),
+        "fem_loads": (0.01, 0.2),
+        "yield_ratios": (0.5, 5.0, 50.0),
+    },
+    "full": {
+        "points": 128,
+        "load_shares": (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97, 0.99),
+        "hardnesses": (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0),
+        "loads": (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0),
+        "diffusions": tuple(np.geomspace(1e-6, 1e2, 17).tolist()),
+        "baseline_steps": 1000,
+        "fem_points": (24, 24),
+        "poisson_ratios": (0.0, 0.2, 0.3, 0.4, 0.49, 0.499),
+        "fem_loads": (0.003, 0.01, 0.05, 0.2, 1.0),
+        "yield_ratios": (0.5, 2.0, 5.0, 15.0, 50.0),
+    },
+}
 
 
-@dataclass(frozen=True)
-class Point:
-    """One solve: its parameters, method, convergence, effort, residual and reason of failure.
-
-    x, y: the groups of the map's axes; effort: transform pairs (bem), terms (theory) or Newton
-    steps (fem); residual: dimensionless, of the examination.
-    """
-
-    map: str
-    method: str
-    x: float
-    y: float
-    converged: bool
-    effort: float
-    residual: float
-    reason: str = ""
-
-
-@dataclass(frozen=True)
-class StabilityMap:
-    """All points of a sweep."""
-
-    size: str
-    points: tuple[Point, ...]
-
-    def of(self, name: str, method: str | None = None) -> tuple[Point, ...]:
-        """The points of one map, or of one method on it."""
-        return tuple(p for p in self.points if p.map == name and method in (None, p.method))
-
-    @property
-    def failures(self) -> tuple[Point, ...]:
-        """The points that did not converge."""
-        return tuple(p for p in self.points if not p.converged)
-
-
-def stability_map(
-    maps: Sequence[str] = MAPS,
-    size: Literal["coarse", "full"] = "coarse",
+def stability(
+    maps: Sequence[str] = (),
+    size: str = "coarse",
     *,
-    methods: Sequence[str] | None = None,
-    progress: Progress | None = None,
-) -> StabilityMap:
-    """Sweep the named maps.
+    methods: Sequence[str] = bem.METHODS,
+    say: Say = lambda _: None,
+) -> pd.DataFrame:
+    """Sweep the named maps (none: all) at a size: coarse (seconds) or full (minutes).
 
-    size: coarse (seconds) or full (minutes).  methods: of the boundary elements; None: all.
-    progress: called with a sentence a point.
-
-    Raises InvalidCase for a map or size that is not known.
+    `methods` are those of the boundary elements.  Returns a row for each solve: map, method, x, y
+    (the groups of the map's axes), converged, effort (transform pairs, terms or Newton steps),
+    residual (dimensionless, of the examination) and the reason of a failure.  Raises InvalidCase
+    for a map or size that is not known.
     """
-    unknown = [name for name in maps if name not in MAPS]
-    if unknown or size not in GRIDS:
-        raise InvalidCase(
-            f"no stability map is called {unknown[0]!r}; there are {', '.join(MAPS)}"
-            if unknown
-            else f"size is {size!r}, but must be {' or '.join(GRIDS)}"
-        )
-    sweeps: dict[str, Callable[[Grid], Iterator[Point]]] = {
-        "capped": lambda grid: _boundary_elements(grid, True, methods),
-        "elastic": lambda grid: _boundary_elements(grid, False, methods),
-        "theory": _theory,
-        "fem": _finite_elements,
-    }
-    points = []
-    for name in maps:
-        for point in sweeps[name](GRIDS[size]):
-            points.append(point)
-            if progress is not None:
-                what = f"{point.effort:g}" if point.converged else "failed"
-                progress(f"{name} {point.method} at {point.x:g}, {point.y:g}: {what}")
-    return StabilityMap(size, tuple(points))
+    if unknown := [name for name in maps if name not in MAPS]:
+        raise InvalidCase(f"no stability map is called {unknown[0]!r}; there are {', '.join(MAPS)}")
+    if size not in SIZES:
+        raise InvalidCase(f"size is {size!r}, but must be {' or '.join(SIZES)}")
+    tables = []
+    for name in maps or MAPS:
+        row, axes, _ = MAPS[name](SIZES[size], methods)
+        tables.append(rows(partial(_told, say, name), row, **axes))
+        tables[-1].insert(0, "map", name)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _told(say: Say, name: str, what: str) -> None:
+    say(f"{name}: {what}")
+
+
+def _solved(
+    solve: Callable[[], ContactResult], effort: str, examine: Callable[[ContactResult], float]
+) -> dict[str, Any]:
+    """Whether a solve converges and passes the examination, at which effort."""
+    try:
+        result = solve()
+    except _FAILURES as error:
+        residual = float(max(getattr(error, "residuals", {}).values(), default=math.nan))
+        kind = "" if isinstance(error, EpcontactError) else f"{type(error).__name__}: "
+        return _row(math.nan, residual, f"{kind}{error}")
+    residual = examine(result)
+    reason = f"claims to have converged, but violates a condition by {residual:.1e}"
+    return _row(float(result.cost[effort]), residual, "" if residual <= EXAMINED else reason)
+
+
+def _row(effort: float, residual: float, reason: str) -> dict[str, Any]:
+    return {"converged": not reason, "effort": effort, "residual": residual, "reason": reason}
 
 
 # --- boundary elements ---------------------------------------------------------------------------
@@ -173,63 +131,51 @@ def rough_surface(shape: tuple[int, ...]) -> Surface:
     return SelfAffine(spectrum, (period,) * len(shape), shape, seed=1).build()
 
 
-def _boundary_elements(grid: Grid, capped: bool, methods: Sequence[str] | None) -> Iterator[Point]:
-    surface = rough_surface((grid.points, grid.points))
+def _boundary_elements(grid: Mapping[str, Any], methods: Sequence[str], *, capped: bool) -> Any:
+    surface = rough_surface((grid["points"],) * 2)
     unit = 1e11 * 0.1  # E* xi in Pa, Poisson's ratio being zero
-    axes: tuple[Sequence[float], Sequence[float]]
-    axes = (grid.load_shares, grid.hardnesses) if capped else (grid.loads, (math.inf,))
-    for method, (x, y) in product(methods or bem.METHODS, product(*axes)):
-        hardness = y * unit if capped else math.inf
-        pressure = x * hardness if capped else x * unit
-        scene = Scene(surface, Material(1e11, 0.0, hardness), Load(pressure))
-        steps = None if method == "newton" else grid.baseline_steps
-        where = ("capped" if capped else "elastic", method, x, y)
-        yield _solved_by_bem(scene, where, steps)
 
+    def row(method: str, x: float, y: float) -> dict[str, Any]:
+        hardness = y * unit
+        scene = Scene(
+            surface, Material(1e11, 0.0, hardness), Load(x * (hardness if capped else unit))
+        )
+        options = {"max_steps": None if method == "newton" else grid["baseline_steps"]}
+        names = [f"quantity.measured_{name}" for name in ("gap", "force", "bounds")]
+        return _solved(
+            lambda: bem.solve(scene, method=method, threads=1, **options),  # type: ignore[arg-type]
+            "equivalent_fft_pairs",
+            lambda result: max(abs(measure(name, scene, result)) for name in names),
+        )
 
-def _solved_by_bem(scene: Scene, where: tuple[str, str, float, float], steps: int | None) -> Point:
-    try:
-        result = bem.solve(scene, method=where[1], threads=1, max_steps=steps)  # type: ignore[arg-type]
-    except _FAILURES as error:
-        residual = max(getattr(error, "residuals", {}).values(), default=math.nan)
-        return Point(*where, False, math.nan, float(residual), _message(error))
-    effort = float(result.cost["equivalent_fft_pairs"])
-    names = [f"quantity.measured_{name}" for name in ("gap", "force", "bounds")]
-    residual = max(abs(measure(name, scene, result)) for name in names)
-    good = residual <= EXAMINED
-    reason = "" if good else f"claims to have converged, but violates a condition by {residual:.1e}"
-    return Point(*where, good, effort, residual, reason)
-
-
-def _message(error: Exception) -> str:
-    return str(error) if isinstance(error, EpcontactError) else f"{type(error).__name__}: {error}"
+    x, y = ("load_shares", grid["hardnesses"]) if capped else ("loads", (math.inf,))
+    labels = ("p0 / hardness (–)" if capped else "p0 / (E* xi) (–)", "hardness / (E* xi) (–)")
+    return row, {"method": methods, "x": grid[x], "y": y}, (*labels, "transform pairs")
 
 
 # --- theory --------------------------------------------------------------------------------------
 
 
-def _theory(grid: Grid) -> Iterator[Point]:
-    for method, x, t in product(("eigenfunctions", "images", "package"), grid.load_shares,
-                                grid.diffusions):  # fmt: skip
-        exact = _package_areas(x, t)
-        if method == "package":
-            mirrored = _package_areas(1 - x, t)
-            errors = (
-                abs(sum(exact) - 1),
-                _relative(exact[1], mirrored[2]),
-                _relative(exact[0], mirrored[0]),
-            )
-            yield _summed("package", x, t, 1, max(errors))
-            continue
-        terms, areas = _SUMS[method](x, t)
+def _theory(grid: Mapping[str, Any], methods: Sequence[str]) -> Any:
+    del methods  # those of the boundary elements
+    axes = {"method": ("eigenfunctions", "images", "package"), "x": grid["load_shares"]}
+    labels = ("p0 / hardness (–)", "G / hardness^2 (–)", "terms")
+    return _sum, axes | {"y": grid["diffusions"]}, labels
+
+
+def _sum(method: str, x: float, y: float) -> dict[str, Any]:
+    """How far the areas by a method are off; the package's own are judged by their symmetry."""
+    exact, terms = _package_areas(x, y), 1
+    if method == "package":
+        mirrored = _package_areas(1 - x, y)
+        error = max(
+            abs(sum(exact) - 1), _relative(exact[1], mirrored[2]), _relative(exact[0], mirrored[0])
+        )
+    else:
+        terms, areas = (_eigenfunctions if method == "eigenfunctions" else _images)(x, y)
         error = max(_relative(a, b) for a, b in zip(areas, exact, strict=True))
-        yield _summed(method, x, t, terms, error)
-
-
-def _summed(method: str, x: float, t: float, terms: int, error: float) -> Point:
-    good = error <= AREA_ERROR
-    reason = "" if good else f"an area is off by {error:.1e} of itself after {terms} terms"
-    return Point("theory", method, x, t, good, float(terms), error, reason)
+    reason = f"an area is off by {error:.1e} of itself after {terms} terms"
+    return _row(float(terms), error, "" if error <= AREA_ERROR else reason)
 
 
 def _relative(a: float, b: float) -> float:
@@ -268,41 +214,58 @@ def _images(s: float, t: float) -> tuple[int, tuple[float, float, float]]:
     return m + 1, (1 - plastic - apart, plastic, apart)
 
 
-_SUMS = {"eigenfunctions": _eigenfunctions, "images": _images}
-
-
 # --- finite elements -----------------------------------------------------------------------------
 
 
-def _finite_elements(grid: Grid) -> Iterator[Point]:
-    surface = rough_surface(grid.fem_points)
-    E, slope = 1e11, 0.1
-    for nu, x, y in product(grid.poisson_ratios, grid.fem_loads, grid.yield_ratios):
-        unit = E / (1 - nu**2) * slope
-        material = Material(E, nu, yield_stress=unit / y)
-        scene = Scene(surface, material, Load(x * unit))
-        where = ("fem", f"nu = {nu:g}", x, y)
-        try:
-            result = fem_check.solve(scene, law="j2", steps=4)
-        except _FAILURES as error:
-            residual = max(getattr(error, "residuals", {}).values(), default=math.nan)
-            yield Point(*where, False, math.nan, float(residual), _message(error))
-            continue
-        residual = max(abs(r) for r in result.final.residuals.values())
-        yield Point(*where, True, float(result.cost["newton_steps"]), float(residual))
+def _finite_elements(grid: Mapping[str, Any], methods: Sequence[str]) -> Any:
+    del methods  # those of the boundary elements
+    surface = rough_surface(grid["fem_points"])
+
+    def row(method: str, x: float, y: float) -> dict[str, Any]:
+        nu = float(method.removeprefix("nu = "))
+        unit = 1e11 / (1 - nu**2) * 0.1  # E* xi in Pa
+        scene = Scene(surface, Material(1e11, nu, yield_stress=unit / y), Load(x * unit))
+        return _solved(
+            lambda: fem_check.solve(scene, law="j2", steps=4),
+            "newton_steps",
+            lambda result: max(abs(r) for r in result.final.residuals.values()),
+        )
+
+    panels = [f"nu = {nu:g}" for nu in grid["poisson_ratios"]]
+    axes = {"method": panels, "x": grid["fem_loads"], "y": grid["yield_ratios"]}
+    return row, axes, ("p0 / (E* xi) (–)", "E* xi / yield stress (–)", "Newton steps")
 
 
-# --- files ---------------------------------------------------------------------------------------
-
-_LABELS = {
-    "capped": ("p0 / hardness (–)", "hardness / (E* xi) (–)", "transform pairs"),
-    "elastic": ("p0 / (E* xi) (–)", "hardness / (E* xi) (–)", "transform pairs"),
-    "theory": ("p0 / hardness (–)", "G / hardness^2 (–)", "terms"),
-    "fem": ("p0 / (E* xi) (–)", "E* xi / yield stress (–)", "Newton steps"),
-}
+def _capped(grid: Mapping[str, Any], methods: Sequence[str]) -> Any:
+    return _boundary_elements(grid, methods, capped=True)
 
 
-def write(data: StabilityMap, folder: Path | str) -> tuple[Path, ...]:
+def _elastic(grid: Mapping[str, Any], methods: Sequence[str]) -> Any:
+    return _boundary_elements(grid, methods, capped=False)
+
+
+#: The function of each map: the row of a point, its axes, and the labels of x, y and effort.
+MAPS = {"capped": _capped, "elastic": _elastic, "theory": _theory, "fem": _finite_elements}
+
+
+def chart(table: pd.DataFrame, size: str) -> Chart:
+    """The chart of the points of one map."""
+    name, (x, y) = table["map"].iloc[0], (sorted(table[axis].unique()) for axis in "xy")
+    effort = table["effort"].where(table["converged"])
+    panels = {
+        method: effort[group.index]
+        .set_axis(pd.MultiIndex.from_frame(group[["x", "y"]]))
+        .unstack()
+        .reindex(index=x, columns=y)
+        for method, group in table.groupby("method", sort=False)
+    }
+    *labels, count = MAPS[name](SIZES[size], ())[2]
+    failed = int((~table["converged"]).sum())
+    caption = f"{count} of each method on the {size} map; {failed} of {len(table)} failed."
+    return draw_map(panels, x, y, labels=tuple(labels), count=count, caption=caption)
+
+
+def write(table: pd.DataFrame, size: str, folder: Path | str) -> tuple[Path, ...]:
     """Write stability.json and, for each map, stability-<map>.png, .svg, .csv and .txt.
 
     Raises OutputError if a file cannot be written.
@@ -310,26 +273,13 @@ def write(data: StabilityMap, folder: Path | str) -> tuple[Path, ...]:
     folder = Path(folder)
     content: dict[str, Any] = {
         "schema": "epcontact-stability-1",
-        "size": data.size,
+        "size": size,
         "versions": package_versions(),
-        "failures": len(data.failures),
-        "points": [asdict(point) for point in data.points],
+        "failures": int((~table["converged"]).sum()),
+        "points": table.to_dict("records"),
     }
     paths = [folder / "stability.json"]
     write_json(paths[0], content)
-    for name in dict.fromkeys(point.map for point in data.points):
-        points = data.of(name)
-        x, y = (sorted({getattr(p, axis) for p in points}) for axis in ("x", "y"))
-        tables: dict[str, NDArray[np.float64]] = {}
-        for point in points:
-            table = tables.setdefault(point.method, np.full((len(x), len(y)), np.nan))
-            if point.converged:
-                table[x.index(point.x), y.index(point.y)] = point.effort
-        labels = _LABELS[name]
-        failed = sum(not p.converged for p in points)
-        caption = (
-            f"{labels[2]} of each method on the {data.size} map; {failed} of {len(points)} failed."
-        )
-        chart = draw_map(tables, x, y, labels=labels[:2], count=labels[2], caption=caption)
-        paths += chart.save(folder / f"stability-{name}")
+    for name, points in table.groupby("map", sort=False):
+        paths += chart(points, size).save(folder / f"stability-{name}")
     return tuple(paths)
