@@ -32,10 +32,6 @@ def project(
 
     The sum is piecewise linear and increasing in z; Newton steps within a bracket find z.
     out: where to write the result, which may be w itself.
-
-    Example:
-        >>> project(np.array([3.0, 1.0, -2.0]), cap=2.0, total=3.0)
-        array([2., 1., 0.])
     """
     workers = workers or Workers()
     parts = ranges(w.size, BLOCK_POINTS)
@@ -91,10 +87,6 @@ def shared(missing: FloatArray, weight: FloatArray) -> FloatArray:
 
     Each share times its weight is a force, and no share is beyond _LARGEST_SHARE.  Cells that
     cannot carry their missing force pass the rest to blocks of 2 x 2, 4 x 4, ... cells.
-
-    Example:
-        >>> shared(np.array([[3.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 5.0]]))
-        array([[0. , 0.6, 0. ]])
     """
     share = np.zeros(missing.shape)
     share_forces(missing.copy(), weight, share, 1e-12 * float(np.abs(missing).max()))

@@ -34,10 +34,6 @@ def coarser(symbol: Symbol) -> tuple[int, int] | None:
     """Halve each direction of more than COARSEST points; None if there is none.
 
     Where points are far apart along one axis, the other is halved alone as long as it can be.
-
-    Example:
-        >>> coarser(Symbol.from_quarter(np.ones((122, 11)), (243, 20)))
-        (128, 20)
     """
     shape, far = symbol.shape, symbol.far()
     half = [_half(n) if n > COARSEST else n for n in shape]

@@ -30,12 +30,7 @@ _DEEP = 300.0
 
 
 def rfft_wavenumbers(shape: tuple[int, ...], periods: tuple[float, ...]) -> FloatArray:
-    """|q| in rad/m of each mode of `numpy.fft.rfftn` on a grid or line, with its periods in m.
-
-    Example:
-        >>> rfft_wavenumbers((4,), (2 * np.pi,))
-        array([0., 1., 2.])
-    """
+    """|q| in rad/m of each mode of `numpy.fft.rfftn` on a grid or line, with its periods in m."""
     last = np.asarray(2 * np.pi / periods[-1] * np.arange(shape[-1] // 2 + 1), dtype=np.float64)
     if len(shape) == 1:
         return last
@@ -63,12 +58,7 @@ def _sliding_factor(x: FloatArray) -> FloatArray:
 
 
 def surface_compliance(wavenumber: FloatArray, body: Body, material: Material) -> FloatArray:
-    """C(q) in m/Pa at wave numbers q in rad/m, of any shape.
-
-    Example:
-        >>> surface_compliance(np.array([0.0, 1.0, 2.0]), Body(), Material(2.0, 0.0))
-        array([0. , 1. , 0.5])
-    """
+    """C(q) in m/Pa at wave numbers q in rad/m, of any shape."""
     q = np.asarray(wavenumber, dtype=np.float64)
     zero = q == 0
     safe = np.where(zero, 1.0, q)

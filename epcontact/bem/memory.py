@@ -22,10 +22,6 @@ def bytes_per_point(pressure: float, hardness: float, stiffness: float) -> float
     scenes of 1280 to 2048 points a side took from 9 % less to 9 % more.  The share of elastic
     points is that of Persson's theory, erf(sqrt(pi) p/(E* xi)), and with a hardness the first term
     of its series, if it is less, but at least a tenth: more are elastic while the sets settle.
-
-    Example:
-        >>> bytes_per_point(0.0, math.inf, 1.0), bytes_per_point(1.0, math.inf, 0.0)
-        (34.0, 98.0)
     """
     if not stiffness > 0:
         return 98.0

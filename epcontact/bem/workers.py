@@ -50,11 +50,6 @@ class Workers:
 
     A list among the arguments of `each` and `total` has one item for each block; any other
     argument is passed to every call.
-
-    Example:
-        >>> with Workers(2) as workers:
-        ...     workers.total(lambda number, factor: (number, factor * number), [1, 2, 3], 10)
-        (6, 60)
     """
 
     def __init__(self, threads: int = 1) -> None:

@@ -132,12 +132,7 @@ _DAY = 86400
 
 
 def duration(seconds: float) -> str:
-    """Return a length of time in two digits.
-
-    Example:
-        >>> duration(42), duration(4000), duration(200_000)
-        ('42 s', '67 min', '56 h')
-    """
+    """Return a length of time in two digits."""
     for unit, length, most in (("s", 1, 100), ("min", 60, 100), ("h", 3600, 72)):
         if seconds < length * most:
             return f"{math.ceil(seconds / length)} {unit}"

@@ -26,9 +26,6 @@ def dask() -> Executor:
 
     Its `worker_memory` is the memory, in bytes, of the largest worker that there is now; infinite
     where that is not known.
-
-    Raises:
-        InvalidCase: if no scheduler is named, it does not answer, or Dask is not installed.
     """
     try:
         from distributed import Client

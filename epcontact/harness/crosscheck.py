@@ -164,10 +164,6 @@ def crosscheck(
     areas, their overlap, the distance of the pressure distributions, and the effective hardness;
     for several surfaces their means with standard errors.  `seeds` replace the case's own, `steps`
     or `step_tolerance` the increments of its load path.
-
-    Raises:
-        InvalidCase: if the case has nothing to cross-check.
-        InvalidScene, NotConverged: as the solvers do.
     """
     if obstacle := _obstacle(case):
         raise InvalidCase(f"{case.path}: {obstacle}")

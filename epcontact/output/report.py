@@ -120,12 +120,7 @@ def write_report(
 
 
 def number(value: Any, digits: int = 4) -> str:
-    """Return a number of a JSON file as text, other text unchanged, '' for a missing value.
-
-    Example:
-        >>> number(0.123456), number("inf"), number("nan"), number(None), number("bem")
-        ('0.1235', 'inf', '–', '', 'bem')
-    """
+    """Return a number of a JSON file as text, other text unchanged, '' for a missing value."""
     if value is None or isinstance(value, jinja2.Undefined):
         return ""
     try:
@@ -136,12 +131,7 @@ def number(value: Any, digits: int = 4) -> str:
 
 
 def shown(value: Any, unit: str) -> str:
-    """Return a figure of a scene in words: with a unit that suits it, lists as dimensions.
-
-    Example:
-        >>> shown(2.5e11, "Pa"), shown([256, 128], "–"), shown([2e-4, 1e-4], "m")
-        ('250 GPa', '256 × 128', '200 × 100 µm')
-    """
+    """Return a figure of a scene in words: with a unit that suits it, lists as dimensions."""
     if unit == "" or isinstance(value, bool):
         return str(value)
     values = [float(one) for one in (value if isinstance(value, list) else [value])]

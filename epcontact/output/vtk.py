@@ -120,16 +120,7 @@ def write_image(
     precision: Precision = "single",
     units: Mapping[str, str] | None = None,
 ) -> None:
-    """Write arrays [x, y] or [x] on one grid, and field data with the units of some of them.
-
-    Example:
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     gap = {"gap": np.array([[0.0, 1e-9]])}
-        ...     write_image(f"{folder}/a.vti", gap, (1e-6, 1e-6), {"method": "bem"})
-        ...     read_fields(f"{folder}/a.vti").attributes["method"]
-        'bem'
-    """
+    """Write arrays [x, y] or [x] on one grid, and field data with the units of some of them."""
     if Path(path).suffix != ".vti":
         raise OutputError(f"cannot write {path}: a field file must be named .vti")
     planes = _planes(fields, spacing)

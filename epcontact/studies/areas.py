@@ -274,13 +274,7 @@ def timed(rows: Iterable[dict[str, Any]]) -> pd.DataFrame:
 
 
 def coverage(table: pd.DataFrame) -> pd.DataFrame:
-    """For each kind, the share of areas within their claim, and medians relative to the areas.
-
-    Example:
-        >>> table = pd.DataFrame({"kind": "worn", "exact": [0.1, 0.1], "error": [1e-3, 2e-3]})
-        >>> coverage(table.assign(claimed=1.5e-3, times=[0.67, 1.33])).round(4).values.tolist()
-        [['worn', 0.5, 0.015, 0.015]]
-    """
+    """For each kind, the share of areas within their claim, and medians relative to the areas."""
     within = table.groupby("kind", sort=False)["times"].agg(lambda times: (times <= 1).mean())
     large = table[table["exact"] > SMALLEST]
     relative = large[["error", "claimed"]].div(large["exact"], axis=0)
@@ -294,12 +288,6 @@ def claims_by_errors(table: pd.DataFrame, within: float) -> tuple[float, float]:
     The ideal one is that of claims with a factor for each kind, so that the share `within` of each
     kind holds: claims of the same form cannot be better on these surfaces than if they knew their
     kind.  A normal error of known variance has 2.6 at .92.
-
-    Example:
-        >>> table = pd.DataFrame({"kind": "worn", "exact": 0.1, "error": [1e-3, 2e-3, 4e-3]})
-        >>> table = table.assign(claimed=1e-2, times=table["error"] / 1e-2)
-        >>> [round(ratio, 6) for ratio in claims_by_errors(table, within=1.0)]
-        [5.0, 2.0]
     """
     factor = table.groupby("kind")["times"].transform(lambda times: times.quantile(within))
     large = table["exact"] > SMALLEST

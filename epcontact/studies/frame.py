@@ -88,11 +88,6 @@ def mean_with_interval(
     and `<value>_high`.  The interval is Student's; of a single row it has no width.  `shared_error`
     is a column of errors that the rows of a group have in common, so that they do not average out:
     their mean is added to the half-width in quadrature.
-
-    Example:
-        >>> table = pd.DataFrame({"load": [1, 1, 2], "area": [0.1, 0.3, 0.5]})
-        >>> mean_with_interval(table, "area", ["load"]).round(2).to_dict("records")[0]
-        {'load': 1, 'area': 0.2, 'area_low': -1.07, 'area_high': 1.47}
     """
     groups = table.groupby(list(by), sort=False)
     mean = groups[value].mean()
@@ -104,25 +99,13 @@ def mean_with_interval(
 
 
 def root_mean_square(table: pd.DataFrame, value: str, by: Sequence[str]) -> pd.DataFrame:
-    """Root mean square of a column over the rows of each group, in the order of their first rows.
-
-    Example:
-        >>> table = pd.DataFrame({"points": [4, 4], "error": [0.3, 0.4]})
-        >>> float(root_mean_square(table, "error", ["points"])["error"].iloc[0].round(4))
-        0.3536
-    """
+    """Root mean square of a column over the rows of each group, in the order of their first rows."""
     squares = table.assign(**{value: table[value] ** 2})
     return np.sqrt(squares.groupby(list(by), sort=False)[value].mean()).reset_index()
 
 
 def listed(table: pd.DataFrame, form: str) -> str:
-    """List the rows of a table for a caption: `form` with the columns filled in.
-
-    Example:
-        >>> table = pd.DataFrame({"points": [4, 8], "error": [0.1, 0.05]})
-        >>> listed(table, "{error:.2g} at {points}")
-        '0.1 at 4, 0.05 at 8'
-    """
+    """List the rows of a table for a caption: `form` with the columns filled in."""
     return ", ".join(form.format(**row) for row in table.to_dict("records"))
 
 

@@ -37,13 +37,7 @@ def rough_surface(points_per_wavelength: float, seed: int, bandwidth: int = 256)
 def rough_scene(
     points_per_wavelength: float, seed: int, bandwidth: int = 256, hardness: float = HARDNESS
 ) -> Scene:
-    """The paper's scene on a surface of `rough_surface`; the hardness is in Pa, or infinite.
-
-    Example:
-        >>> scene = rough_scene(4, seed=1, bandwidth=8)
-        >>> scene.surface.shape, scene.load.final / MODULUS
-        ((32, 32), 0.05)
-    """
+    """The paper's scene on a surface of `rough_surface`; the hardness is in Pa, or infinite."""
     surface = rough_surface(points_per_wavelength, seed, bandwidth)
     return Scene(surface, Material(MODULUS, 0.0, hardness), Load(MEAN_PRESSURE))
 

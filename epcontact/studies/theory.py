@@ -44,10 +44,6 @@ def eigenfunction_sums(diffusion: float, load_share: float, terms: int) -> Float
 
     (4/pi) sum_{n = 1, 3, ...} sin(n pi s) exp(-(n pi c / 2)^2) / n with c = 2 sqrt(G)/sigma_P and
     the smaller of p0/sigma_P and 1 - p0/sigma_P as s; of shape (terms,).
-
-    Example:
-        >>> eigenfunction_sums(1.0, 1 / 12, 3).round(9)
-        array([1.7045e-05, 1.7045e-05, 1.7045e-05])
     """
     n, s = 2 * np.arange(terms) + 1, min(load_share, 1 - load_share)
     decay = np.exp(-(n**2) * math.pi**2 * diffusion)
@@ -261,12 +257,7 @@ _SMALLEST_AREA = 0.01
 
 
 def five_of(values: Sequence[float]) -> list[float]:
-    """Five of the values, evenly spaced up to the last; all if there are fewer.
-
-    Example:
-        >>> five_of(range(13))
-        [2, 5, 7, 10, 12]
-    """
+    """Five of the values, evenly spaced up to the last; all if there are fewer."""
     if len(values) <= 5:
         return list(values)
     return [values[round(i)] for i in np.linspace(0, len(values) - 1, 6)[1:]]

@@ -18,10 +18,6 @@ def copies(pressure: FloatArray) -> int:
     """How many copies of one cell a periodic grid (nx, ny) holds at whole numbers of points.
 
     The grid meets all of them alike, so that their errors are the same.
-
-    Example:
-        >>> copies(np.tile(np.eye(2), (4, 3)))
-        24
     """
     row, column = np.unravel_index(pressure.argmax(), pressure.shape)
     close = CLOSE * float(pressure[row, column] - pressure.min())

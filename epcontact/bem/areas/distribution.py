@@ -44,11 +44,6 @@ def pressure_distribution(
 
     bins: number of bins, or their ascending edges in Pa from 0 on.  So many bins are finer towards
     0 and the hardness; if this is infinite, towards 0, and they end at the largest pressure.
-
-    Example:
-        >>> counted = pressure_distribution(np.array([0.0, 0.5, 1.0, 2.0]), 2.0, [0.0, 0.6, 2.0])
-        >>> counted.cumulative, counted.plastic
-        (array([0.  , 0.25, 0.5 ]), 0.25)
     """
     finite = math.isfinite(hardness)
     flat = pressure.reshape(-1)
@@ -137,11 +132,6 @@ def extrapolated(
     least-squares fit.  The error is the standard error of the fit, or twice the change of the limit
     without the coarsest value, whichever is larger; with two values it is the distance of the limit
     from the finer one.
-
-    Example:
-        >>> limit, error = extrapolated([4, 8], [1.5, 1.25])
-        >>> round(limit, 6), round(error, 6)
-        (1.0, 0.25)
     """
     n = np.asarray(points_per_wavelength, dtype=np.float64)
     v = np.asarray(values, dtype=np.float64)

@@ -27,16 +27,6 @@ def described(scene: Scene, recipe: Recipe) -> dict[str, dict[str, Any]]:
 
     Values are numbers, lists of numbers or words, the units "" for words and "–" for numbers
     without a unit.  What the scene does not have, such as a hardness, is left out or infinite.
-
-    Example:
-        >>> from epcontact import Load, Material
-        >>> from epcontact.surfaces import Sphere
-        >>> ball = Sphere((1e-3, 1e-3), (8, 8), radius=1e-2)
-        >>> told = described(Scene(ball.build(), Material(91e9, 0.3), Load(1e8)), ball)
-        >>> told["surface"]["value"]
-        'sphere: radius 0.01 m, centre (0.5, 0.5)'
-        >>> told["effective_modulus"]["value"] / 1e9, told["effective_modulus"]["unit"]
-        (100.0, 'Pa')
     """
     surface, material = scene.surface, scene.material
     modulus, body = effective_modulus(material), BODIES[scene.body.kind]

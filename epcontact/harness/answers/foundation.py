@@ -53,21 +53,7 @@ def foundation(
     without: tuple[str, ...] = (),
     home: Path = HOME,
 ) -> Foundation:
-    """Return what some modules rest on.
-
-    Args:
-        roots: modules that count with all that they import, directly or not.
-        alone: modules that count without what they import.
-        without: modules that do not count, although others import them.
-        home: the folder of the packages.
-
-    Example:
-        >>> found = foundation(("epcontact.persson",), without=("epcontact.machine",))
-        >>> [f"epcontact.{name}" in found.modules for name in ("materials.moduli", "output.report")]
-        [True, False]
-        >>> found.libraries
-        ('ducc0', 'numpy', 'scipy')
-    """
+    """Return what some modules rest on."""
     waiting, files = list(roots), {name: _file(name, home) for name in alone}
     libraries: set[str] = set()
     seen = set(without) | set(alone)
@@ -89,12 +75,7 @@ def foundation(
 
 
 def imported(text: str) -> Iterator[str]:
-    """Yield the names that the import statements of a source may mean, modules or not.
-
-    Example:
-        >>> list(imported("from a.b import (c, d as e)\\nimport numpy as np"))
-        ['a.b', 'a.b.c', 'a.b.d', 'numpy']
-    """
+    """Yield the names that the import statements of a source may mean, modules or not."""
     for source, names, plain in _IMPORT.findall(text):
         parts = [p.split(" as ")[0].strip() for p in (names or plain).strip("() \t").split(",")]
         words = [word for part in parts if (word := part.strip("() \t\n"))]

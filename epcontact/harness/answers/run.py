@@ -57,9 +57,6 @@ class Run:
             "steps": those of the first one at every load, and the bodies of the finite elements.
         precision: of the numbers in the .vti files: "single", seven digits, or "double".
         progress: see `Progress`.
-
-    Raises:
-        InvalidCase, InvalidScene: if a value is none of these.
     """
 
     output: str | Path = "results"
@@ -102,21 +99,7 @@ class Done:
 def run_cases(
     cases: Sequence[Case], run: Run, methods: Mapping[str, Method] = METHODS
 ) -> dict[str, dict[str, Answer]]:
-    """Answer each case by each of its methods.
-
-    Args:
-        cases: cases with different ids.
-        run: where and how they are solved.
-        methods: the registry of the cases' methods.
-
-    Returns:
-        {case id: {method: Answer}}.  The error of a solve is kept in the Answer as its sentence.
-
-    Raises:
-        InvalidCase: if two cases have one id, so that they would share a folder, or there is no
-            such executor.
-        OutputError: if a result cannot be written.
-    """
+    """Answer each case by each of its methods."""
     _require_distinct(cases)
     tasks = [task for case in cases for task in tasks_of(case, run, methods)]
     done = run_tasks(tasks, run)
@@ -132,12 +115,7 @@ def run_cases(
 
 
 def run_tasks(tasks: Sequence[Task], run: Run) -> Done:
-    """Solve tasks, but for those whose result is kept; keep each new result at once.
-
-    Raises:
-        InvalidCase: if there is no such executor.
-        OutputError: if a result cannot be written; asked before the first solve, too.
-    """
+    """Solve tasks, but for those whose result is kept; keep each new result at once."""
     outcomes: dict[Task, Outcome] = {}
     reused: set[Task] = set()
 

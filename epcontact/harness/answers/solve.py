@@ -181,12 +181,7 @@ class Parcel:
 
 
 def solve_elsewhere(order: tuple[Task, Mapping[str, str]], share: int) -> Parcel:
-    """Solve a task on a worker that need not see the folders of the sender.
-
-    Args:
-        order: the task, with the paths of the sender, and its `store.basis` there.
-        share: the tasks that share the cores of this process.
-    """
+    """Solve a task on a worker that need not see the folders of the sender."""
     task, sent = order
     here = basis(task)
     if other := [name for name, version in sent.items() if here.get(name) != version]:

@@ -52,13 +52,7 @@ _FIGURES = re.compile(r"\d+")
 
 
 def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
-    """Read a case at one size, and check it at all of them; one sentence tells each mistake.
-
-    Example:
-        >>> case = load_case("westergaard-light")
-        >>> case.methods, [recipe.shape for recipe in case.recipes]
-        (('bem',), [(4096,)])
-    """
+    """Read a case at one size, and check it at all of them; one sentence tells each mistake."""
     text = case if isinstance(case, CaseText) else find_case(case)
     if size not in text.sizes:
         raise InvalidCase(f"{text.where}: has no size {size!r}; it has {', '.join(text.sizes)}")

@@ -44,13 +44,7 @@ def sources_of(case: Case) -> list[str]:
 
 
 def papers_of(case: Case) -> list[Paper]:
-    """Return the papers that a case rests on.
-
-    Example:
-        >>> from epcontact.harness.case_files.case import load_case
-        >>> [paper.doi for paper in papers_of(load_case("hertz-sphere"))][-1]
-        '10.1017/CBO9781139171731'
-    """
+    """Return the papers that a case rests on."""
     values = [str(value) for options in case.options.values() for value in options.values()]
     text = "\n".join([*sources_of(case), *values])
     return [

@@ -55,14 +55,7 @@ def _tables() -> dict[str, dict[str, Any]]:
 
 
 def key_table() -> list[tuple[str, str, str, str]]:
-    """Return every key of a case file as (table, key, default, meaning with unit and words).
-
-    Example:
-        >>> [row for row in key_table() if row[1] == "young_modulus"]
-        [('material', 'young_modulus', 'required', 'Pa')]
-        >>> [row[3] for row in key_table() if row[:2] == ("fem", "law")]
-        ['material law: elastic, capped, j2']
-    """
+    """Return every key of a case file as (table, key, default, meaning with unit and words)."""
     rows = []
     for name, table in _tables().items():
         for key, entry in table["properties"].items():

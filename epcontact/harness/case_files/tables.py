@@ -193,11 +193,6 @@ class OmitTable(Table):
 
 @functools.cache
 def default_gates() -> tuple[GateTable, ...]:
-    """Return the gates of `default_gates.toml`, which every case of a method must hold.
-
-    Example:
-        >>> [gate.quantity for gate in default_gates() if gate.of == "bem"][0]
-        'quantity.measured_force'
-    """
+    """Return the gates of `default_gates.toml`, which every case of a method must hold."""
     text = files("epcontact.harness.case_files").joinpath("default_gates.toml").read_text("utf-8")
     return tuple(GateTable.model_validate(gate) for gate in tomllib.loads(text)["gate"])

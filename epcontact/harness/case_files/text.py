@@ -44,12 +44,7 @@ class CaseText:
 
 
 def case_name(path: Path) -> str:
-    """Return the id of the one case in a file: its name without .toml or .case.toml.
-
-    Example:
-        >>> case_name(Path("cases/hertz-sphere.case.toml"))
-        'hertz-sphere'
-    """
+    """Return the id of the one case in a file: its name without .toml or .case.toml."""
     return path.name.removesuffix(".toml").removesuffix(".case")
 
 
@@ -140,12 +135,7 @@ def _offered(case: CaseText) -> CaseText:
 
 
 def at_size(value: Any, size: str) -> Any:
-    """Return `value` with every table of sizes replaced by its entry for `size`.
-
-    Example:
-        >>> at_size({"shape": {"fast": [64, 64], "full": [256, 256]}}, "fast")
-        {'shape': [64, 64]}
-    """
+    """Return `value` with every table of sizes replaced by its entry for `size`."""
     if _is_size_table(value):
         return value[size]
     if isinstance(value, Mapping):

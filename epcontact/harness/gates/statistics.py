@@ -34,13 +34,7 @@ class Estimate(BaseModel):
 
 
 def estimate(values: Sequence[float]) -> Estimate:
-    """Return the mean of independent values with its 95 % interval, of width 0 for one value.
-
-    Example:
-        >>> mean = estimate([0.101, 0.103, 0.105])
-        >>> f"{mean.mean:.3f} +- {mean.half_width:.3f}"
-        '0.103 +- 0.005'
-    """
+    """Return the mean of independent values with its 95 % interval, of width 0 for one value."""
     array = np.asarray(values, dtype=float)
     half_width = student_half_width(standard_deviation(values), array.size)
     return Estimate(mean=float(array.mean()), half_width_95=half_width, surfaces=array.size)

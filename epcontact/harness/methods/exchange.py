@@ -55,12 +55,7 @@ _ARRAYS, _NUMBERS = ("pressure", "gap", "displacement"), ("converged", "residual
 
 
 def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
-    """Return the result that a program, given by its words, has for a scene.
-
-    Raises:
-        InvalidCase: if the command fails or writes no result.
-        NotConverged: if the result says so.
-    """
+    """Return the result that a program, given by its words, has for a scene."""
     from epcontact.harness.methods.peers import result_of  # loads solvers
 
     with tempfile.TemporaryDirectory(prefix="epcontact-") as name:
@@ -87,14 +82,7 @@ def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
 
 
 def scene_text(scene: Scene) -> str:
-    """Return a scene as text; floats have the digits that make them exact.
-
-    Example:
-        >>> from epcontact import Load, Material, Surface
-        >>> line = Surface(np.array([0.0, 1e-6]), periods=(1e-3,))
-        >>> scene_text(Scene(line, Material(1e11, 0.3), Load(1e8))).splitlines()[:4]
-        ['epcontact-scene 1', 'dimensions 1', 'shape 2 1', 'periods 0.001 0.0']
-    """
+    """Return a scene as text; floats have the digits that make them exact."""
     surface, material, body = scene.surface, scene.material, scene.body
     line = len(surface.shape) == 1
     shape = (*surface.shape, 1) if line else surface.shape
@@ -119,15 +107,7 @@ def scene_text(scene: Scene) -> str:
 
 
 def result_of_text(text: str, shape: tuple[int, ...]) -> dict[str, FloatArray]:
-    """Read the text of a result.
-
-    Raises:
-        InvalidCase: if it is not one; the message says what is wrong.
-
-    Example:
-        >>> result_of_text("epcontact-result 1 converged 1 pressure 0 2e8", (2,))["pressure"]
-        array([0.e+00, 2.e+08])
-    """
+    """Read the text of a result."""
     words, at = text.split(), 2
     found: dict[str, FloatArray] = {}
     if words[:2] != ["epcontact-result", "1"]:

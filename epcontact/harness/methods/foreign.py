@@ -31,12 +31,7 @@ _Plain = tuple[str, dict[str, Any]]
 
 
 def is_command(source: str) -> bool:
-    """Return whether a source is a command with placeholders and not `module:function`.
-
-    Example:
-        >>> is_command("./solver {scene} {result}"), is_command("my_solver:solve")
-        (True, False)
-    """
+    """Return whether a source is a command with placeholders and not `module:function`."""
     return "{" in source or any(map(str.isspace, source))
 
 
@@ -61,12 +56,7 @@ def require_solver(source: str) -> None:
 
 
 def solve(name: str, source: str, scene: Scene, limit: float = math.inf) -> ContactResult:
-    """Return the result of a foreign solver, called `name`, on a copy of the scene.
-
-    Raises:
-        InvalidCase: if the process dies or `limit` seconds pass, if the solver raises an error, or
-            if it returns no ContactResult on the grid of the scene.
-    """
+    """Return the result of a foreign solver, called `name`, on a copy of the scene."""
     try:
         answer = _child().call(_answer, source, scene, limit=limit)
     except ChildDied as death:

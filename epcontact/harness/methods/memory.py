@@ -30,14 +30,7 @@ def of_task(
     scene: tuple[Material, Body, Load],
     options: Mapping[str, Any],
 ) -> float:
-    """Return the bytes of a process that solves a scene; a rough bound for small grids.
-
-    Example:
-        >>> from epcontact.surfaces import Sphere
-        >>> ball, metal = Sphere((1e-3, 1e-3), (512, 512), radius=1e-2), Material(91e9, 0.3)
-        >>> of_task(of_grid, ball, (metal, Body(), Load(1e6)), {}) / 2**20
-        282.5
-    """
+    """Return the bytes of a process that solves a scene; a rough bound for small grids."""
     points = math.prod(recipe.shape)
     needed = _MOST * points if points < _SMALL else estimate(recipe, *scene, options)
     return _PROCESS + needed

@@ -208,12 +208,7 @@ def _of_user(name: str, source: str) -> Method:
 
 
 def solver_named(text: str) -> Method:
-    """Return the method that `--solver` names: a method, [NAME=]MODULE:FUNCTION or [NAME=]COMMAND.
-
-    Example:
-        >>> solver_named("mine=epcontact.bem:solve").name
-        'mine'
-    """
+    """Return the method that `--solver` names: a method, [NAME=]MODULE:FUNCTION or [NAME=]COMMAND."""
     if text in METHODS:
         return METHODS[text]
     named = re.match(r"([^\s:{=]*)=", text)

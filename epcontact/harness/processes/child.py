@@ -73,15 +73,6 @@ class Child:
 
     It starts at the first call, and again at the first call after its end.  It ends with this
     process, if nobody ends it before.
-
-    Args:
-        copied: makes the process where it can, see `template`.
-
-    Example:
-        >>> child = Child()
-        >>> child.call(math.hypot, 3.0, 4.0)
-        5.0
-        >>> child.end()
     """
 
     def __init__(self, copied: Callable[[], Process | None] = lambda: None) -> None:
@@ -93,16 +84,7 @@ class Child:
     def call(
         self, function: Callable[..., Result], *arguments: Any, limit: float = math.inf
     ) -> Result:
-        """Return function(*arguments), called in the process.
-
-        Args:
-            function: a function at the top level of a module.
-            arguments: anything that pickle can copy.
-            limit: seconds after which the process, and all that it started, is ended.
-
-        Raises:
-            ChildDied: if the process ended, the function raised or the limit has passed.
-        """
+        """Return function(*arguments), called in the process."""
         request = pickle.dumps((function, arguments))
         answers: SimpleQueue[bytes] = SimpleQueue()
         with self._calling:
@@ -176,12 +158,7 @@ class Child:
 
 
 def death_of(code: int) -> str:
-    """Return how a process ended, from its exit code; -n means the signal n.
-
-    Example:
-        >>> death_of(3), death_of(-9)
-        ('ended with exit code 3', 'was killed by SIGKILL (most likely for want of memory)')
-    """
+    """Return how a process ended, from its exit code; -n means the signal n."""
     if code >= 0:
         return f"ended with exit code {code}"
     causes = {"SIGKILL": " (most likely for want of memory)", "SIGSEGV": " (invalid memory access)"}

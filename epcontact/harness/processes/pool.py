@@ -27,11 +27,6 @@ class Processes(ThreadPoolExecutor):
     """Processes of this machine as an executor: each thread waits for the calls of a `Child`.
 
     A process that dies costs its own call and no other; `child` says why it is not a library's.
-
-    Args:
-        jobs: number of processes.
-        load: called with `arguments` before the first call, once for all processes where they can
-            be copies of one, see `template`; elsewhere each loads what its calls need.
     """
 
     def __init__(
@@ -70,15 +65,6 @@ class Processes(ThreadPoolExecutor):
 def made(factory: Factory) -> Executor:
     """Return the executor that a factory makes.
 
-    Raises:
-        InvalidCase: if there is no such factory, or it makes no executor.
-
-    Example:
-        >>> made("concurrent.futures:ThreadPoolExecutor").submit(max, 1, 2).result()
-        2
-        >>> made("concurrent.futures:wait")
-        Traceback (most recent call last):
-        epcontact.errors.InvalidCase: executor concurrent.futures:wait cannot be made (TypeError: \
 wait() missing 1 required positional argument: 'fs'); give module:function, which is called \
 without arguments
     """
@@ -101,16 +87,7 @@ without arguments
 def spread(
     function: Callable[[Item], Result], items: Sequence[Item], executor: Executor
 ) -> Iterator[tuple[Item, Result | str]]:
-    """Yield (item, function(item)) as the calls finish, then shut the executor down.
-
-    Args:
-        function: a function at module level, or a partial of one, so that a worker can import it.
-        items: the arguments, one for each call.
-        executor: makes the calls.
-
-    Returns:
-        Pairs in any order.  If a call or its worker fails, a sentence replaces the result.
-    """
+    """Yield (item, function(item)) as the calls finish, then shut the executor down."""
     futures: dict[Future[Result], Item] = {}
     done, finished = SimpleQueue[Future[Result]](), False
     try:

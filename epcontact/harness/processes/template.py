@@ -39,13 +39,7 @@ _MOMENT = 0.01  # seconds
 
 
 class Template:
-    """A process that loads modules, and of which copies are made.
-
-    Args:
-        load: a function at the top level of a module, called in the process before it is copied.
-            If it raises an error, the copies have to do without what it would have loaded.
-        arguments: of `load`.
-    """
+    """A process that loads modules, and of which copies are made."""
 
     def __init__(self, load: Callable[..., object], *arguments: Any) -> None:
         self._asking, self._gone = threading.Lock(), False
@@ -63,11 +57,7 @@ class Template:
             pickle.dump(pickle.dumps((load, arguments)), order)
 
     def copy(self) -> Copy | None:
-        """Return a copy; None if it cannot be made, so that a process must start otherwise.
-
-        Raises:
-            ChildDied: if the template was ended.
-        """
+        """Return a copy; None if it cannot be made, so that a process must start otherwise."""
         (requests, stdin), (stdout, answers) = os.pipe(), os.pipe()
         pid, _ = self._reply(0, requests, answers)
         os.close(requests)

@@ -17,15 +17,7 @@ TRANSFORMS = "DUCC0_NUM_THREADS"
 
 @contextlib.contextmanager
 def single_threads(*names: str) -> Iterator[None]:
-    """Set variables of the environment to one thread, and then back to what they were.
-
-    Example:
-        >>> with single_threads("THREADS_OF_A_LIBRARY"):
-        ...     os.environ["THREADS_OF_A_LIBRARY"]
-        '1'
-        >>> "THREADS_OF_A_LIBRARY" in os.environ
-        False
-    """
+    """Set variables of the environment to one thread, and then back to what they were."""
     before = {name: os.environ.get(name) for name in names}
     os.environ.update(dict.fromkeys(names, "1"))
     try:

@@ -72,12 +72,7 @@ def pressure_distribution(
 
 
 def residual_history(histories: Mapping[str, ArrayLike]) -> Chart:
-    """The dimensionless residual of each method against its iterations, logarithmic.
-
-    Example:
-        >>> len(residual_history({"bem": [1.0, 1e-4, 1e-9]}).rows)
-        3
-    """
+    """The dimensionless residual of each method against its iterations, logarithmic."""
     tables = [
         pd.DataFrame({"series": method, "iterations": range(np.size(values)), "residual": values})
         for method, values in histories.items()
@@ -97,11 +92,6 @@ def pressure_density(
     Returns the middles of the intervals in Pa and the densities in 1/Pa, both of shape (bins,).
     The densities are differences of the cumulative areas, so that their sum is exactly the elastic
     area.
-
-    Example:
-        >>> half = PressureDistribution(np.array([0.0, 2.0]), np.array([0.0, 0.5]))
-        >>> pressure_density(half, bins=2)
-        (array([0.5, 1.5]), array([0.25, 0.25]))
     """
     edges = np.linspace(0.0, largest or distribution.pressure[-1], bins + 1)
     pressure = np.concatenate([[0.0], distribution.pressure])

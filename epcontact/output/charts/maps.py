@@ -41,13 +41,7 @@ def contact_map(
     hardness: float = np.inf,
     caption: str = "",
 ) -> Chart:
-    """Figure 3 of the paper, from above: the contact state and the pressure side by side.
-
-    Example:
-        >>> chart = contact_map(np.eye(2), 1e9 * np.eye(2), (1e-6, 1e-6))
-        >>> chart.rows[0]
-        ('elastic', 0.5)
-    """
+    """Figure 3 of the paper, from above: the contact state and the pressure side by side."""
     from matplotlib.colors import ListedColormap
 
     top = hardness if np.isfinite(hardness) else float(np.max(pressure))

@@ -92,15 +92,6 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
     Points that are not finite, or not positive on a logarithmic axis, are left out of the picture;
     values of zero of joined points are drawn as open marks at its lower edge.  The CSV of the chart
     has the columns series, x, y, low and high.  Raises ValueError if there is no point to draw.
-
-    Example:
-        >>> table = pd.DataFrame({"series": "raw", "points": [4, 8], "error": [0.1, 0.05]})
-        >>> plot = Plot(x=("points", "points (–)"), y=("error", "error (–)"), log="xy")
-        >>> print(draw_table(table, plot, "Error of the raw area.").csv())
-        series,points,error,low,high
-        raw,4.0,0.1,,
-        raw,8.0,0.05,,
-        <BLANKLINE>
     """
     groups = table.groupby(list(plot.series), sort=False, dropna=False)
     lines = [_line(values, group, plot) for values, group in groups]
@@ -270,12 +261,7 @@ def _undecided(lines: Sequence[_Line]) -> str:
 
 
 def observed_order(x: ArrayLike, y: ArrayLike) -> float:
-    """Return the least-squares slope of log y against log x; NaN with fewer than two points.
-
-    Example:
-        >>> round(observed_order([0.1, 0.2, 0.4], [0.01, 0.04, 0.16]), 12)
-        2.0
-    """
+    """Return the least-squares slope of log y against log x; NaN with fewer than two points."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     good = (x > 0) & (y > 0) & np.isfinite(x) & np.isfinite(y)
     if np.unique(x[good]).size < 2:
@@ -284,12 +270,7 @@ def observed_order(x: ArrayLike, y: ArrayLike) -> float:
 
 
 def pareto_front(cost: ArrayLike, error: ArrayLike) -> FloatArray:
-    """Return the points (m, 2) that no other point beats in both, by rising cost; of ties one.
-
-    Example:
-        >>> pareto_front([1, 2, 3], [0.3, 0.5, 0.1]).tolist()
-        [[1.0, 0.3], [3.0, 0.1]]
-    """
+    """Return the points (m, 2) that no other point beats in both, by rising cost; of ties one."""
     pairs = np.column_stack([np.ravel(cost), np.ravel(error)]).astype(np.float64)
     pairs = pairs[np.isfinite(pairs).all(axis=1)]
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]

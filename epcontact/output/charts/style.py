@@ -77,14 +77,7 @@ _SYMBOLS = (
 
 
 def typeset(text: str, *, mathtext: bool = True) -> str:
-    """Return a label or caption with its symbols typeset, as mathtext or in plain Unicode.
-
-    Example:
-        >>> typeset("E* xi/sigma_Y = 5", mathtext=False)
-        'E*ξ/σ_Y = 5'
-        >>> typeset("p0 / hardness (–)")
-        '$p_0$ / hardness (–)'
-    """
+    """Return a label or caption with its symbols typeset, as mathtext or in plain Unicode."""
     for pattern, math_text, plain in _SYMBOLS:
         text = re.sub(pattern, lambda _, new=(math_text if mathtext else plain): new, text)  # type: ignore[misc]
     return text
@@ -94,10 +87,6 @@ def unit_for(largest: float, unit: str) -> tuple[float, str]:
     """Choose a prefix for a unit that suits the largest value of a quantity in it.
 
     Returns the scale by which values are to be divided, and the unit with its prefix.
-
-    Example:
-        >>> unit_for(2.5e-4, "m")
-        (1e-06, 'µm')
     """
     size = abs(largest)
     if not math.isfinite(size) or size == 0:
