@@ -99,7 +99,7 @@ def mean_with_interval(
 
 
 def root_mean_square(table: pd.DataFrame, value: str, by: Sequence[str]) -> pd.DataFrame:
-    """Root mean square of a column over the rows of each group, in the order of their first rows."""
+    """Root mean square of a column over each group, in the order of their first rows."""
     squares = table.assign(**{value: table[value] ** 2})
     return np.sqrt(squares.groupby(list(by), sort=False)[value].mean()).reset_index()
 

@@ -208,7 +208,7 @@ def _of_user(name: str, source: str) -> Method:
 
 
 def solver_named(text: str) -> Method:
-    """Return the method that `--solver` names: a method, [NAME=]MODULE:FUNCTION or [NAME=]COMMAND."""
+    """Return what `--solver` names: a method, [NAME=]MODULE:FUNCTION or [NAME=]COMMAND."""
     if text in METHODS:
         return METHODS[text]
     named = re.match(r"([^\s:{=]*)=", text)
