@@ -1,19 +1,11 @@
 """The cores and the memory of this process, and its compiled kernels: their folder and their time.
 
-Numba keeps compiled code beside its source or in the user's cache.  If it can write to neither, it
-refuses to define the function, for example when an administrator installed the package and a
-service without a home runs it.  A private folder then replaces them; it is removed with the process
-that made it.
-
-A kernel is compiled when it is first called on a machine.  A line in the log says so, and
-`compile_seconds` lets costs and time limits leave it out.  Two dangers are kept away:
-
-* Numba writes the index of a kernel's files, and then the file, without a look at what another
-  process writes at the same time.  If two processes compile a kernel for different types, a third
-  one may then load the code for the wrong types.  So one process at a time compiles a kernel, and
-  the others wait and load it.
-* LLVM calls Python when it has compiled or loaded a kernel.  Python drops an exception that a
-  signal's handler raises there, and the kernel is lost.  So a handler asks `compiling` first.
+Numba keeps compiled code beside its source or in the user's cache.  Where it can write to neither,
+it refuses to define a kernel, so a private folder is made, which goes with the process that made
+it.  Two dangers are kept away.  Processes that write the files of one kernel at the same time may
+leave code for the wrong types there, so one process at a time compiles.  And LLVM calls Python,
+which drops an exception that a signal's handler raises there, and the kernel is lost: so a handler
+asks `compiling` first.
 """
 
 from __future__ import annotations
@@ -26,13 +18,10 @@ import hashlib
 import logging
 import os
 import shutil
-import signal
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
-from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +34,7 @@ except ImportError:  # Windows, where numba refuses to replace a file that anoth
 
 _OBJECTS = 100_000  # made between two searches for cycles while a kernel compiles
 _CACHE_VARIABLE = "NUMBA_CACHE_DIR"
-_PACKAGES = ("epcontact", "fem_check")  # whose kernels compile in turns; a user's are left to numba
+_PACKAGES = ("epcontact", "fem_check")  # whose kernels are watched; a user's are left to numba
 
 
 def available_cores() -> int:
@@ -71,231 +60,134 @@ def peak_memory() -> int:
 
 
 def alive(pid: int) -> bool:
-    """Return True if a process of this machine runs; a dead one whose parent has not asked, not."""
+    """Return True if a process of this machine runs; one that has ended unnoticed does not."""
     try:
         return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
     except psutil.NoSuchProcess:
         return False
 
 
-@contextlib.contextmanager
-def signals_wait() -> Iterator[None]:
-    """Let the handlers of signals that come within the block run at its end.
+class _Kernels:
+    """What this process does with kernels, and the lock by which one process at a time compiles."""
 
-    It is for a block of C++ that calls Python: an exception that a handler raises there is lost.
-    """
-    came: dict[int, None] = {}
-    handlers: dict[int, Any] = {}
-    try:
-        if threading.current_thread() is threading.main_thread():  # no other one runs handlers
-            for number in signal.valid_signals():
-                if callable(handler := signal.getsignal(number)):
-                    handlers[number] = handler
-                    signal.signal(number, lambda this, _: came.setdefault(this))
-        yield
-    finally:
-        for handled, handler in handlers.items():
-            signal.signal(handled, handler)
-        for late in came:
-            signal.raise_signal(late)
+    def __init__(self) -> None:
+        self.depth, self.total, self.started = 0, 0.0, 0.0
+        self.lock_path: Path | None = None
+        self._mutex, self._lock = threading.RLock(), contextlib.ExitStack()
+        self._told, self._missed, self._alone = False, False, True
+        self._thresholds = gc.get_threshold()
+
+    def begin(self) -> None:
+        """Begin to load or to compile a kernel, in any thread."""
+        with self._mutex:
+            self.depth += 1
+            if self.depth > 1:
+                return
+            self.started, self._thresholds = time.perf_counter(), gc.get_threshold()
+            # A compiler makes so many objects that to look for cycles takes a seventh of its time.
+            gc.set_threshold(max(_OBJECTS, self._thresholds[0]), *self._thresholds[1:])
+            try:
+                self._wait(alone=self._alone)
+            except BaseException:  # an interrupt while another process compiles
+                self.end()
+                raise
+
+    def miss(self) -> None:
+        """Compile a kernel that this machine has not kept."""
+        if not self._told:
+            logging.getLogger("epcontact").warning(
+                "epcontact compiles kernels that this machine has not used before; "
+                "the time for it counts neither as cost nor against a time limit"
+            )
+        self._told = self._missed = True
+        if not self._alone:
+            self._wait(alone=True)
+
+    def end(self) -> None:
+        """End what `begin` began."""
+        with self._mutex:
+            self.depth -= 1
+            if not self.depth:
+                gc.set_threshold(*self._thresholds)
+                self.total += time.perf_counter() - self.started
+                # After a missing kernel others are likely to miss: processes share them out.
+                self._alone, self._missed = self._missed, False
+                self._lock.close()
+
+    def _wait(self, *, alone: bool) -> None:
+        """Wait for processes that compile or, `alone`, for all that load kernels, too."""
+        self._lock.close()
+        with contextlib.suppress(OSError):  # a folder that is only read, or cannot be locked
+            if fcntl is not None and self.lock_path is not None:
+                file = self._lock.enter_context(self.lock_path.open("ab"))
+                fcntl.flock(file, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
+
+
+_KERNELS = _Kernels()
 
 
 def compile_seconds() -> float:
-    """Return the seconds that this process has spent on compiling kernels so far.
+    """Return the seconds that this process has spent on compiling and loading kernels so far.
 
-    A compilation that is still running counts, and so does waiting for another process that
-    compiles the same kernel.  The time to load compiled kernels does not.
+    What is still running counts, and so does waiting for another process that compiles.
     """
-    return float(_compilation().seconds()) if "numba" in sys.modules else 0.0
+    running = time.perf_counter() - _KERNELS.started if _KERNELS.depth else 0.0
+    return _KERNELS.total + running
 
 
 def compiling() -> bool:
-    """Return True if this thread is compiling or loading a kernel.
+    """Return True if this process is compiling or loading a kernel.
 
     The handler of a signal must not raise an exception then, but be called again later.
     """
-    lock = getattr(sys.modules.get("numba.core.compiler_lock"), "global_compiler_lock", None)
-    return lock is not None and bool(lock.is_locked())
+    return _KERNELS.depth > 0
 
 
 @functools.cache
-def _compilation() -> Any:
-    """Return the listener that times this process's compilations, and says that there are any."""
+def provide_kernel_cache() -> None:
+    """Watch the compilation of kernels, and set a folder for them if numba could write to none.
+
+    Child processes inherit it.  Call this before kernels are defined.
+    """
     from numba.core import event  # most commands solve nothing, and it takes half a second to load
 
-    class Compilation(event.Listener):  # type: ignore[misc]
-        """Adds up the outermost compilations; numba runs one at a time."""
+    class Listener(event.Listener):  # type: ignore[misc]
+        def on_start(self, happening: Any) -> None:
+            if happening.kind == "numba:compile":
+                _KERNELS.miss()
+            else:
+                _KERNELS.begin()
 
-        def __init__(self) -> None:
-            self._depth, self._started, self._total = 0, 0.0, 0.0
-            self._thresholds = gc.get_threshold()
+        def on_end(self, happening: Any) -> None:
+            if happening.kind != "numba:compile":
+                _KERNELS.end()
 
-        def on_start(self, _: Any) -> None:
-            if not self._depth:
-                self._started = time.perf_counter()
-                # A compiler makes so many objects that to look for cycles takes a seventh of it.
-                self._thresholds = gc.get_threshold()
-                gc.set_threshold(max(_OBJECTS, self._thresholds[0]), *self._thresholds[1:])
-                if not self._total:
-                    logging.getLogger("epcontact").warning(
-                        "epcontact compiles kernels that this machine has not used before; "
-                        "the time for it counts neither as cost nor against a time limit"
-                    )
-            self._depth += 1
-
-        def on_end(self, _: Any) -> None:
-            self._depth -= 1
-            if not self._depth:
-                gc.set_threshold(*self._thresholds)
-                self._total += time.perf_counter() - self._started
-
-        def seconds(self) -> float:
-            running = time.perf_counter() - self._started if self._depth else 0.0
-            return self._total + running
-
-    listener = Compilation()
-    event.register("numba:compile", listener)
-    return listener
-
-
-_COMPILES = ContextVar("_COMPILES", default=True)
-
-
-@contextlib.contextmanager
-def kept_kernels_only() -> Iterator[None]:
-    """Raise LookupError where a kernel would have to be compiled, as far as kernels are ours."""
-    before = _COMPILES.set(False)
-    try:
-        yield
-    finally:
-        _COMPILES.reset(before)
-
-
-def provide_kernel_cache() -> None:
-    """Set a folder for numba's compiled kernels if numba could write to none of its own.
-
-    Child processes inherit it.  Call this before kernels are defined: from then on their
-    compilation is timed.
-    """
-    _compilation()
-    _compile_in_turns()
+    event.register("numba:compiler_lock", Listener())
+    event.register("numba:compile", Listener())
+    _keep_kernels()
     # At its end the interpreter would look through all objects of the compiler for cycles, which
     # takes as long as many a solve; the system gets their memory back anyway.
     atexit.register(gc.freeze)
+    with contextlib.suppress(OSError):
+        _KERNELS.lock_path = _kernel_folder() / "epcontact.lock"
+
+
+def _kernel_folder() -> Path:
+    """Return the folder where numba will keep kernels, or one of those; a new one if need be."""
+    from numba.misc.appdirs import AppDirs
+
     here = Path(__file__).parent
     named = os.environ.get(_CACHE_VARIABLE)
-    if named and _writable(Path(named)):
-        return
-    if all(_writable(p / "__pycache__") for p in (here / "bem", here.parent / "fem_check")):
-        return
-    # Numba's next choice, see numba.core.caching.
-    if _writable(_user_cache()):
-        return
-    try:
-        folder = tempfile.mkdtemp(prefix="epcontact-kernels-")
-    except OSError:
-        return
+    beside = [p / "__pycache__" for p in (here / "bem", here.parent / "fem_check")]
+    user = Path(AppDirs(appname="numba", appauthor=False).user_cache_dir)
+    for folders in ([Path(named)] if named else [], beside, [user]):
+        if folders and all(map(_writable, folders)):
+            return folders[0]
+    folder = tempfile.mkdtemp(prefix="epcontact-kernels-")
     os.environ[_CACHE_VARIABLE] = folder
-    if "numba" in sys.modules:
-        sys.modules["numba"].config.reload_config()
-    atexit.register(_remove, folder, os.getpid())
-
-
-@functools.cache
-def _compile_in_turns() -> None:
-    """Let one process at a time compile and save a kernel, while others wait and then load it.
-
-    Numba has no setting for this, so the class of its caches is replaced for our own kernels.  It
-    also loads a kernel without all that a compilation needs, such as scipy's linear algebra, which
-    takes longer than to load the kernels of a solve.  A numba that lacks the private names that
-    this rests on keeps its own caches.
-    """
-    from numba.core import caching, dispatcher, event
-    from numba.core.runtime import rtsys
-
-    mine = threading.local()  # the caches of which a thread holds locks
-
-    class Leaving(event.Listener):  # type: ignore[misc]
-        """Gives back the locks of kernels that could not be compiled."""
-
-        def on_start(self, _: Any) -> None:
-            pass
-
-        def on_end(self, _: Any) -> None:
-            while not compiling() and getattr(mine, "caches", []):
-                mine.caches[-1].let_others()
-
-    class Cache(caching.FunctionCache):  # type: ignore[misc]
-        """Holds a lock from the moment when a kernel is missing until it is saved."""
-
-        def __init__(self, function: Any) -> None:
-            super().__init__(function)
-            self._held: contextlib.ExitStack | None = None
-            self._lock_path = f"{self.cache_path}/{self._impl.filename_base}.lock"
-            self._load, self._guarded = self._load_overload, self._guard_against_spurious_io_errors
-            # Numba watches the file of a kernel, but not those of the kernels that it calls.
-            self._cache_file._source_stamp = _stamp(Path(function.__code__.co_filename).parent)
-
-        def load_overload(self, signature: Any, context: Any) -> Any:
-            with self._locked("LOCK_SH"):
-                found = self._saved(signature, context)
-            if found is None and not _COMPILES.get():
-                raise LookupError(f"{self} holds no kernel for {signature}")
-            if found is None and self._held is None:
-                self._held = self._locked("LOCK_EX")
-                mine.caches = [*getattr(mine, "caches", []), self]
-                found = self._saved(signature, context)
-                if found is not None:
-                    self.let_others()
-            return found
-
-        def _saved(self, signature: Any, context: Any) -> Any:
-            """As numba's load_overload, but without the refresh of the context before it."""
-            rtsys.initialize(context)
-            with self._guarded():
-                return self._load(signature, context)
-
-        def save_overload(self, signature: Any, data: Any) -> None:
-            try:
-                super().save_overload(signature, data)
-            finally:
-                self.let_others()
-
-        def let_others(self) -> None:
-            """Give the lock back, if it is held."""
-            if self._held is not None:
-                self._held.close()
-                self._held = None
-                mine.caches.remove(self)
-
-        def _locked(self, kind: str) -> contextlib.ExitStack:
-            """A lock, which its closing gives back; none where the system has none."""
-            lock = contextlib.ExitStack()
-            with contextlib.suppress(OSError):
-                if fcntl is not None:
-                    file = lock.enter_context(open(self._lock_path, "ab"))  # noqa: SIM115
-                    try:
-                        fcntl.flock(file, getattr(fcntl, kind) | fcntl.LOCK_NB)
-                    except BlockingIOError:
-                        with event.trigger_event("numba:compile"):  # by another process
-                            fcntl.flock(file, getattr(fcntl, kind))
-            return lock
-
-    def cache_of(function: Any) -> Any:
-        if function.__module__.partition(".")[0] in _PACKAGES:
-            with contextlib.suppress(AttributeError):
-                return Cache(function)
-        return caching.FunctionCache(function)
-
-    event.register("numba:compiler_lock", Leaving())
-    dispatcher.FunctionCache = cache_of  # type: ignore[attr-defined]
-
-
-@functools.cache
-def _stamp(folder: Path) -> bytes:
-    """Return the digest of the sources in a folder."""
-    sources = (path.read_bytes() for path in sorted(folder.glob("*.py")))
-    return hashlib.sha256(b"".join(sources)).digest()
+    sys.modules["numba"].config.reload_config()
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
 
 
 def _writable(folder: Path) -> bool:
@@ -308,14 +200,39 @@ def _writable(folder: Path) -> bool:
         return False
 
 
-def _user_cache() -> Path:
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "numba"
-    if os.name != "posix":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home()) / "numba"
-    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "numba"
+def _keep_kernels() -> None:
+    """Replace numba's class of caches for our kernels, as numba has no settings for this.
+
+    A numba that lacks the private names that this rests on keeps its own caches.
+    """
+    from numba.core import caching, dispatcher
+    from numba.core.runtime import rtsys
+
+    class Cache(caching.FunctionCache):  # type: ignore[misc]
+        def __init__(self, function: Any) -> None:
+            super().__init__(function)
+            # Numba watches the file of a kernel, but not those of the kernels that it calls.
+            self._cache_file._source_stamp = _stamp(Path(function.__code__.co_filename).parent)
+
+        def load_overload(self, signature: Any, context: Any) -> Any:
+            # Numba would load what only a compilation needs, which takes longer than the kernels.
+            context.refresh = functools.partial(rtsys.initialize, context)
+            try:
+                return super().load_overload(signature, context)
+            finally:
+                del context.refresh
+
+    def cache_of(function: Any) -> Any:
+        if function.__module__.partition(".")[0] in _PACKAGES:
+            with contextlib.suppress(AttributeError):
+                return Cache(function)
+        return caching.FunctionCache(function)
+
+    dispatcher.FunctionCache = cache_of  # type: ignore[attr-defined]
 
 
-def _remove(folder: str, owner: int) -> None:
-    if os.getpid() == owner:
-        shutil.rmtree(folder, ignore_errors=True)
+@functools.cache
+def _stamp(folder: Path) -> bytes:
+    """Return the digest of the sources in a folder."""
+    sources = (path.read_bytes() for path in sorted(folder.glob("*.py")))
+    return hashlib.sha256(b"".join(sources)).digest()

@@ -24,7 +24,7 @@ from epcontact.harness.answers.store import Task, basis
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.cluster import dask
 from epcontact.harness.methods.registry import METHODS
-from epcontact.harness.processes.pool import made
+from epcontact.harness.processes import made
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
 THEORY = (
@@ -182,8 +182,7 @@ def test_threads_have_processes_that_keep_the_time_limit(write_case, tmp_path) -
 
 def test_process_that_nobody_ends_is_closed_with_its_parent() -> None:
     program = (
-        "import math; from epcontact.harness.processes.child import Child; "
-        "Child().call(math.hypot, 3, 4)"
+        "import math; from epcontact.harness.processes import Child; Child().call(math.hypot, 3, 4)"
     )
     done = subprocess.run(
         [sys.executable, "-X", "dev", "-c", program], check=False, capture_output=True, text=True

@@ -21,7 +21,6 @@ from typing import Any
 
 import hostile
 import numpy as np
-import psutil
 import pytest
 from click.testing import CliRunner
 
@@ -32,12 +31,12 @@ from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.methods import exchange, foreign
 from epcontact.harness.methods.registry import METHODS
-from epcontact.harness.processes import template
-from epcontact.harness.processes.pool import Processes, spread
+from epcontact.harness.processes import Child, ChildDied, Processes, spread
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.harness.verdict.pytest_cases import GateFellShort, GateItem
 from epcontact.harness.verdict.record import Verdict
 from epcontact.harness.verdict.verification import verify
+from epcontact.machine import alive
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
 from epcontact.scene import Load, Material, Scene, Surface
 
@@ -46,6 +45,27 @@ THEORY = (
     ('of = "bem"\nagainst = "persson"', 'of = "persson"\nagainst = 0.1\nsource = "a guess"'),
     ("tolerance = 0.5", "tolerance = 10.0"),
 )
+WAVE = (
+    ('methods = ["persson", "bem"]', 'methods = ["bem"]'),
+    ('of = "bem"\nagainst = "persson"', 'of = "bem"\nagainst = "full_contact"'),
+    ("tolerance = 0.5", "tolerance = 1e-12"),
+    (
+        'kind = "self_affine"\nperiod = 1.0e-3\nhurst = 0.8\n'
+        "wavenumber_low = 6.283185307179586e3\nwavenumber_roll_off = 1.2566370614359173e4\n"
+        "wavenumber_high = 5.026548245743669e4\nrms_slope = 0.1\n"
+        "points_per_shortest_wavelength = { fast = 4, full = 8 }\nseeds = [3, 5, 7]",
+        'kind = "sinusoid"\nperiod = 1.0e-3\nshape = [64]\namplitude = 1.0e-7',
+    ),
+    ("hardness = 6.0e9\n\n[theory]\nenergy_reduction = 0.536\n", ""),
+)
+GATE = """
+[[gate]]
+quantity = "area.total.corrected"
+of = "bem"
+against = "persson"
+tolerance = 0.4
+because = "the same once more"
+"""
 
 
 def answered(*_: Any) -> ContactResult:
@@ -67,10 +87,11 @@ def verified(write_case, tmp_path, monkeypatch) -> Callable[..., Verdict]:
     second = load_case(write_case(*THEORY, name="second"))
 
     def run(solve: Callable[..., ContactResult], **options: Any) -> Verdict:
-        def chosen(scene: Any, given: Any, threads: Any) -> ContactResult:
-            return (solve if next(turns) == 0 else answered)(scene, given, threads)
+        turns = iter([solve])
 
-        turns = iter(range(9))
+        def chosen(*given: Any) -> ContactResult:
+            return next(turns, answered)(*given)
+
         monkeypatch.setitem(METHODS, "persson", replace(METHODS["persson"], solve=chosen))
         cases = [first.changed(**options), second]
         return verify(cases, output=tmp_path / "out", jobs=1, fresh=True)
@@ -79,32 +100,23 @@ def verified(write_case, tmp_path, monkeypatch) -> Callable[..., Verdict]:
 
 
 @pytest.mark.parametrize(
-    ("error", "sentence"),
+    ("solve", "sentence"),
     [
-        (np.linalg.LinAlgError("Singular matrix"), "LinAlgError: Singular matrix"),
-        (MemoryError(), "not enough memory"),
-        (RecursionError("too deep"), "RecursionError: too deep"),
-        (ValueError("bell \a, NUL \0, half \udc80"), r"bell \x07, NUL \x00, half \udc80"),
+        (raises(np.linalg.LinAlgError("Singular matrix")), "LinAlgError: Singular matrix"),
+        (raises(MemoryError()), "not enough memory"),
+        (raises(ValueError("bell \a, NUL \0, half \udc80")), r"bell \x07, NUL \x00, half \udc80"),
+        (lambda *_: replace(answered(), converged=False), "not converged"),
+        (lambda *_: replace(answered(), steps=()), "at least one load step"),
     ],
-)  # fmt: skip
-def test_the_error_of_a_solve_is_its_cases_error(verified, tmp_path, error, sentence) -> None:
-    verdict = verified(raises(error))
+)
+def test_the_error_of_a_solve_is_its_cases_error(verified, tmp_path, solve, sentence) -> None:
+    verdict = verified(solve)
     assert [case.status for case in verdict.cases] == ["error", "holds"]
     assert verdict.exit_code == 2
     assert sentence in str(verdict.cases[0].gates[0].error)
     assert json.loads((tmp_path / "out" / "verdict.json").read_text())["exit_code"] == 2
     suites = ET.parse(tmp_path / "out" / "junit.xml").getroot()
     assert (suites.attrib["errors"], suites.attrib["tests"]) == ("1", "2")
-
-
-def test_what_has_not_converged_does_not_hold(verified) -> None:
-    verdict = verified(lambda *_: replace(answered(), converged=False))
-    assert verdict.exit_code == 2
-    assert "not converged" in str(verdict.cases[0].gates[0].error)
-
-
-def test_result_without_load_steps_is_an_error(verified) -> None:
-    assert verified(lambda *_: replace(answered(), steps=())).exit_code == 2
 
 
 def test_error_of_a_method_that_no_gate_reads_is_its_cases_error(
@@ -170,8 +182,7 @@ def test_earlier_verdict_is_gone_before_the_first_solve(verified, tmp_path) -> N
 def test_broken_promise_of_a_plan_is_exit_1(write_case, monkeypatch, error, code) -> None:
     monkeypatch.setattr(planning, "achieved_error", lambda *_: error)
     path = write_case(("seeds = [3, 5, 7]", "seeds = [3]"), ("fast = 4, full = 8", "fast = 4"))
-    command = [str(path), "--tolerance", "90%", "--check"]
-    done = CliRunner().invoke(plan, command)
+    done = CliRunner().invoke(plan, [str(path), "--tolerance", "90%", "--check"])
     assert done.exit_code == code, done.output
     assert ("was broken" in done.output) == (code == 1)
 
@@ -187,79 +198,89 @@ def scene() -> Scene:
 
 
 @pytest.mark.parametrize(
-    ("name", "sentence"),
+    ("solver", "sentence"),
     [
-        ("exits_with_success", "ended with exit code 0 and gave no answer"),
-        ("exits_with_3", "ended with exit code 3 and gave no answer"),
-        ("raises_system_exit", "raised SystemExit: 0"),
-        ("breaks_memory", "was killed by SIGSEGV (invalid memory access) and gave no answer"),
-        ("is_killed", "was killed by SIGKILL (most likely for want of memory) and gave no answer"),
-        ("has_no_memory", "raised not enough memory"),
-        ("stalls", "raised the residual stalled at 1e-2"),
-        ("divides_by_zero", r"raised ZeroDivisionError: an honest mistake \x07"),
-        ("returns_a_table", "returned no epcontact.ContactResult but 'dict'"),
-        ("returns_another_grid", "returned the field pressure of shape (3,)"),
-        ("returns_words", "returned a ContactResult that cannot be read"),
-        ("has_no_steps", "raised ValueError: a ContactResult needs at least one load step"),
-        ("absent", "cannot be imported (AttributeError"),
+        ("hostile:exits_with_success", "ended with exit code 0 and gave no answer"),
+        ("hostile:exits_with_3", "ended with exit code 3 and gave no answer"),
+        ("hostile:raises_system_exit", "raised SystemExit: 0"),
+        ("hostile:breaks_memory", "was killed by SIGSEGV (invalid memory access) and gave no"),
+        ("hostile:is_killed", "was killed by SIGKILL (most likely for want of memory) and gave no"),
+        ("hostile:has_no_memory", "raised not enough memory"),
+        ("hostile:stalls", "raised the residual stalled at 1e-2"),
+        ("hostile:divides_by_zero", r"raised ZeroDivisionError: an honest mistake \x07"),
+        ("hostile:returns_a_table", "returned no epcontact.ContactResult but 'dict'"),
+        ("hostile:returns_another_grid", "returned the field pressure of shape (3,)"),
+        ("hostile:returns_words", "returned a ContactResult that cannot be read"),
+        ("hostile:has_no_steps", "raised ValueError: a ContactResult needs at least one load step"),
+        ("hostile:absent", "cannot be imported (AttributeError"),
+        ("false {scene} {result}", "returned a command that ended with exit code 1"),
+        ("true {scene} {result}", "ended with exit code 0 and wrote no result"),
+        ("cp {scene} {result}", "does not begin with 'epcontact-result 1'"),
     ],
 )
-def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(scene, name, sentence) -> None:
+def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(scene, solver, sentence) -> None:
     with pytest.raises(InvalidCase) as refused:
-        foreign.solve("mine", f"hostile:{name}", scene, limit=60)
+        foreign.solve("mine", solver, scene, limit=60)
     assert sentence in str(refused.value)
-    assert f"solver hostile:{name} " in str(refused.value)
+    assert f"solver {solver} " in str(refused.value)
 
 
-def test_solver_that_hangs_is_ended_with_all_that_it_started(scene, tmp_path, monkeypatch) -> None:
+def test_what_hangs_is_ended_with_all_that_it_started(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    child = foreign.Child()
-    monkeypatch.setattr(foreign, "_child", lambda: child)  # a new one, which starts in the folder
-    with pytest.raises(InvalidCase, match="was not finished within 3 s and was ended"):
-        foreign.solve("mine", "hostile:hangs", scene, limit=3)
+    child = Child()
+    with pytest.raises(ChildDied, match="was not finished within 3 s and was ended"):
+        child.call(hostile.hangs, None, limit=3)
     child.end()
-    pids = list(map(int, Path("pids").read_text().split()))
-    gone = time.monotonic() + 20
-    while any(map(psutil.pid_exists, pids)) and time.monotonic() < gone:
-        time.sleep(0.05)
-    assert not [p for p in pids if psutil.pid_exists(p) and psutil.Process(p).status() != "zombie"]
+    assert not any(alive(int(pid)) for pid in Path("pids").read_text().split())
 
 
 def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene) -> None:
     heights, digest = scene.surface.heights.copy(), scene.digest
-    wrong = foreign.solve("mine", "hostile:changes_its_scene", scene)
+    wrong = foreign.solve("mine", "hostile:changes_its_scene", scene, math.inf)
     np.testing.assert_array_equal(wrong.fields["pressure"], scene.load.final)
     np.testing.assert_array_equal(scene.surface.heights, heights)
     assert scene.digest == digest == wrong.provenance.scene
-    right = foreign.solve("mine", "hostile:prints", scene)
-    np.testing.assert_array_equal(
-        right.fields["pressure"], hostile.full_contact(scene).fields["pressure"]
-    )
+    right = foreign.solve("mine", "hostile:prints", scene, 1e300)
+    exact = hostile.full_contact(scene).fields["pressure"]
+    np.testing.assert_array_equal(right.fields["pressure"], exact)
     assert (right.method, right.provenance.options["solver"]) == ("mine", "hostile:prints")
 
 
-def test_many_solves_share_one_process(scene) -> None:
-    child = foreign._child()
-    foreign.solve("mine", "hostile:full_contact", scene)
-    first = child._process
-    foreign.solve("mine", "hostile:full_contact", scene)
-    assert child._process is first
+def test_many_calls_share_one_process_until_it_dies_or_is_ended() -> None:
+    child = Child()
+    first = child.call(os.getpid)
+    assert child.call(os.getpid) == first != os.getpid()
+    with pytest.raises(ChildDied, match="exit code 3"):
+        child.call(os._exit, 3)
+    assert child.call(os.getpid) not in (first, os.getpid())
+    child.end()
+    with pytest.raises(ChildDied, match="was ended"):
+        child.call(os.getpid)
 
 
-@pytest.mark.parametrize("limit", [math.inf, 1e300, 60])
-def test_any_time_limit(scene, limit) -> None:
-    assert foreign.solve("mine", "hostile:full_contact", scene, limit).converged
-
-
-@pytest.mark.parametrize(
-    ("load", "copied"), [(hostile.transforms, template.POSSIBLE), (hostile.starts_a_thread, False)]
-)
-def test_process_that_dies_costs_its_own_task_only(load, copied) -> None:
-    items = ["one", "dies", "two", "three", "parent"]
-    found = dict(spread(hostile.answers_or_dies, items, Processes(2, load)))
-    assert (found.pop("parent") != str(os.getpid())) == copied
+def test_process_that_dies_costs_its_own_task_only() -> None:
+    items = ["one", "dies", "two", "three"]
+    found = dict(spread(hostile.answers_or_dies, items, Processes(2, ["bem", "unknown"])))
     assert found.pop("dies") == "its process ended with exit code 0 and gave no answer"
     assert found == {"one": "ONE", "two": "TWO", "three": "THREE"}
+
+
+def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path) -> None:
+    """Also when it is killed, with what is still running."""
+    (tmp_path / "script.py").write_text(
+        "import os, time; from epcontact.harness.processes import Child, Processes\n"
+        "pool, child = Processes(1, []), Child()\n"
+        "print(child.call(os.getpid), pool.submit(os.getpid).result(), flush=True)\n"
+        "pool.submit(time.sleep, 3600); time.sleep(0.2); os.kill(os.getpid(), 9)\n"
+    )
+    command = [sys.executable, "-X", "dev", tmp_path / "script.py"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+    (line,) = done.stdout.splitlines()
+    gone = time.monotonic() + 20
+    while any(alive(int(pid)) for pid in line.split()) and time.monotonic() < gone:
+        time.sleep(0.05)
+    assert not any(alive(int(pid)) for pid in line.split())
+    assert (done.returncode, done.stderr) == (-9, "")
 
 
 # --- commands in any language --------------------------------------------------------------------
@@ -282,35 +303,6 @@ def test_solver_in_c(scene, write_case, tmp_path) -> None:
     assert verify(write_case(*WAVE), solver=f"c={command}", output=tmp_path / "out", jobs=1).passed
 
 
-WAVE = (
-    ('methods = ["persson", "bem"]', 'methods = ["bem"]'),
-    ('of = "bem"\nagainst = "persson"', 'of = "bem"\nagainst = "full_contact"'),
-    ("tolerance = 0.5", "tolerance = 1e-12"),
-    (
-        'kind = "self_affine"\nperiod = 1.0e-3\nhurst = 0.8\n'
-        "wavenumber_low = 6.283185307179586e3\nwavenumber_roll_off = 1.2566370614359173e4\n"
-        "wavenumber_high = 5.026548245743669e4\nrms_slope = 0.1\n"
-        "points_per_shortest_wavelength = { fast = 4, full = 8 }\nseeds = [3, 5, 7]",
-        'kind = "sinusoid"\nperiod = 1.0e-3\nshape = [64]\namplitude = 1.0e-7',
-    ),
-    ("hardness = 6.0e9\n\n[theory]\nenergy_reduction = 0.536\n", ""),
-)
-
-
-@pytest.mark.parametrize(
-    ("command", "sentence"),
-    [
-        ("false {scene} {result}", "returned a command that ended with exit code 1"),
-        ("true {scene} {result}", "ended with exit code 0 and wrote no result"),
-        ("cp {scene} {result}", "does not begin with 'epcontact-result 1'"),
-    ],
-)
-def test_commands_that_fail(scene, command, sentence) -> None:
-    with pytest.raises(InvalidCase) as refused:
-        foreign.solve("mine", command, scene)
-    assert sentence in str(refused.value)
-
-
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
@@ -325,75 +317,40 @@ def test_texts_that_are_no_results(text, sentence) -> None:
         exchange.result_of_text(text, (2,))
 
 
+# --- what is refused before anything is solved ---------------------------------------------------
+
+
 @pytest.mark.parametrize(
-    ("solver", "sentence"),
+    ("solver", "changes", "sentence"),
     [
-        ("no-such-program {scene} {result}", "there is no program 'no-such-program'"),
-        ("cat {scene}", "{scene} and {result} once each"),
-        ("mine=hostile:absent", "cannot be imported"),
-        ("mine=hostile", "MODULE:FUNCTION"),
-        ("tamas", "did you mean 'tamaas'"),
-        ("bem=my_solver:solve", "there is a method 'bem' already"),
-        ("my/solver=my_solver:solve", "no name for a method"),
+        ("no-such-program {scene} {result}", (), "there is no program 'no-such-program'"),
+        ("cat {scene}", (), "{scene} and {result} once each"),
+        ("mine=hostile:absent", (), "cannot be imported"),
+        ("mine=hostile", (), "MODULE:FUNCTION"),
+        ("tamas", (), "did you mean 'tamaas'"),
+        ("bem=my_solver:solve", (), "there is a method 'bem' already"),
+        ("my/solver=my_solver:solve", (), "no name for a method"),
+        ("hostile:full_contact", THEORY, "would judge nothing"),
+        ("", (("[[gate]]", f"{GATE}\n[[gate]]"),), "there are 2 gates area.total.corrected of bem"),
+        ("", (("[[gate]]", f'{GATE}[[gate]]\nsizes = ["large"]'),), "size 'large', which the case"),
+        ("", (*WAVE[1:-1], ("[theory]", "[theory]")), "which takes that of the heights"),
     ],
 )
-def test_solver_that_is_not_there_is_refused_before_anything_is_solved(
-    write_case, tmp_path, solver, sentence
+def test_what_cannot_be_judged_is_refused_before_anything_is_solved(
+    write_case, tmp_path, solver, changes, sentence
 ) -> None:
     with pytest.raises(InvalidCase) as refused:
-        verify(write_case(), solver=solver, output=tmp_path / "out")
+        verify(write_case(*changes), solver=solver, output=tmp_path / "out")
     assert sentence in str(refused.value)
     assert not (tmp_path / "out").exists()
 
 
-# --- what is refused before anything is solved ---------------------------------------------------
-
-GATE = """
-[[gate]]
-quantity = "area.total.corrected"
-of = "bem"
-against = "persson"
-tolerance = 0.4
-because = "the same once more"
-"""
-
-
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        (('["persson", "bem"]', '["persson", "bem", "bem"]'), "bem is named 2 times"),
-        (("[[gate]]", f"{GATE}\n[[gate]]"), "there are 2 gates area.total.corrected of bem"),
-        (("[[gate]]", '[[gate]]\nsizes = ["large"]'), "size 'large', which the case does not"),
-    ],
-)
-def test_case_that_cannot_mean_what_it_says_is_refused(write_case, change, sentence) -> None:
-    if "large" in change[1]:
-        change = (change[0], f"{GATE}{change[1]}")
-    with pytest.raises(InvalidCase) as refused:
-        load_case(write_case(change))
-    assert sentence in str(refused.value)
-
-
-def test_theory_of_a_surface_that_was_drawn_from_no_spectrum_is_refused(write_case) -> None:
-    path = write_case(*WAVE[:-1], ('methods = ["bem"]', 'methods = ["bem", "persson"]'))
-    with pytest.raises(InvalidCase, match="which takes that of the heights"):
-        load_case(path)
-
-
-def test_solver_that_would_judge_nothing_is_refused(write_case, tmp_path) -> None:
-    with pytest.raises(InvalidCase, match="would judge nothing"):
-        verify(write_case(*THEORY), solver="hostile:full_contact", output=tmp_path)
-
-
 def test_gates_that_a_size_leaves_out_are_said(write_case) -> None:
-    case = load_case(
-        write_case(("[[gate]]", f'{GATE}sizes = ["full"]\nnorm = "absolute"\n[[gate]]'))
-    )
+    gates = f'{GATE}sizes = ["full"]\nnorm = "absolute"\n[[gate]]'
+    case = load_case(write_case(("[[gate]]", gates)))
     (sentence,) = judge_case(case, {name: Answer() for name in case.methods}).not_judged
-    assert (
-        sentence
-        == "area.total.corrected of bem against persson (absolute) applies to size full only"
-    )
+    quantity = "area.total.corrected of bem against persson (absolute)"
+    assert sentence == f"{quantity} applies to size full only"
     assert not load_case(case.path, "full").not_judged
 
 

@@ -17,7 +17,7 @@ import pytest
 from command_line import invoke
 
 from epcontact.cli.main import COMMANDS
-from epcontact.harness.processes.pool import made
+from epcontact.harness.processes import made
 
 ROOT = Path(__file__).parent.parent
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)

@@ -19,7 +19,7 @@ import pytest
 
 from epcontact import bem, persson
 from epcontact.errors import StudyUnavailable
-from epcontact.harness.processes.child import Child, ChildDied
+from epcontact.harness.processes import Child, ChildDied
 from epcontact.output.charts.figures import Chart
 from epcontact.scene import Load
 from epcontact.studies import (

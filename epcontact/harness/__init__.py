@@ -1,6 +1,7 @@
 """From case files to a verdict: rooms of which each imports only from those above it.
 
 processes         processes that call functions for this one, and executors that spread calls
+preload, threads  what processes are forked with, and libraries without threads
 gates             comparisons with a band, intervals of ensembles, distances
 interface         the interface under load: stiffness, conductance, patches
 methods           METHODS: every way to answer a scene, including a user's own

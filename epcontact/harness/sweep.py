@@ -25,7 +25,7 @@ from epcontact.harness.answers.store import Task, key_of, read_member
 from epcontact.harness.case_files.axes import MOST_TASKS, Point, Scalar
 from epcontact.harness.case_files.case import Case, CaseText, case_at, find_case, sweep_of
 from epcontact.harness.methods.registry import METHODS, Method
-from epcontact.harness.processes.pool import made
+from epcontact.harness.processes import made
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
 from epcontact.results import ContactResult
 

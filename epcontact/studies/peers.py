@@ -28,7 +28,7 @@ import pandas as pd
 from epcontact import bem
 from epcontact.errors import StudyUnavailable
 from epcontact.harness.methods.peers import PEERS, Pressure
-from epcontact.harness.processes.child import Child, ChildDied
+from epcontact.harness.processes import Child, ChildDied
 from epcontact.output.charts.plot import Plot
 from epcontact.results import FloatArray
 from epcontact.studies.cost import AIMS, LOOSE, TIGHT

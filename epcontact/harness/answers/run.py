@@ -17,11 +17,11 @@ from typing import get_args
 
 from epcontact.errors import InvalidCase
 from epcontact.files import remove_leftovers, require_writable, write_json
-from epcontact.harness.answers.solve import Outcome, Parcel, get_ready, solve_elsewhere, solve_task
+from epcontact.harness.answers.solve import Outcome, Parcel, solve_elsewhere, solve_task
 from epcontact.harness.answers.store import Answer, Task, basis, keep, kept, summary
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.methods.registry import METHODS, Method
-from epcontact.harness.processes.pool import Factory, Processes, made, spread
+from epcontact.harness.processes import Factory, Processes, made, spread
 from epcontact.machine import available_cores, available_memory
 from epcontact.output.vtk import Precision
 from epcontact.results import ContactResult
@@ -166,7 +166,7 @@ def _solved(
         # Each method begins at once, so that on a new machine processes compile different kernels.
         first = {task.method.name: task for task in reversed(tasks)}
         tasks = [*first.values(), *(task for task in tasks if first[task.method.name] is not task)]
-        processes = Processes(jobs, get_ready, sorted(first))
+        processes = Processes(jobs, sorted(first))
         yield from spread(partial(solve_task, threads=threads), tasks, processes)
 
 

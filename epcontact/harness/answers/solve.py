@@ -19,7 +19,7 @@ import shutil
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,11 +29,10 @@ from epcontact.files import step_name, write_bytes, write_collection
 from epcontact.harness.answers.description import described
 from epcontact.harness.answers.store import Task, basis
 from epcontact.harness.methods import foreign
-from epcontact.harness.methods.registry import METHODS
-from epcontact.harness.processes.child import Child, ChildDied
+from epcontact.harness.processes import Child, ChildDied
 from epcontact.harness.quantities.answered import Answered
 from epcontact.harness.quantities.registry import QUANTITIES, measured
-from epcontact.machine import available_cores, compile_seconds, compiling, kept_kernels_only
+from epcontact.machine import available_cores, compile_seconds, compiling
 from epcontact.output.vtk import write_fields
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
@@ -69,13 +68,6 @@ def solve_task(task: Task, threads: int, moving: Callable[[float], None] | None 
     except Exception as error:
         logging.getLogger("epcontact").debug("%s failed", task.label, exc_info=error)
         return sentence_of(error)
-
-
-def get_ready(methods: Sequence[str]) -> None:
-    """Load the modules of methods, and those compiled kernels that this machine has already."""
-    for name in methods:
-        with kept_kernels_only(), contextlib.suppress(LookupError):
-            METHODS[name].load()
 
 
 def _told(task: Task, scene: Scene, result: ContactResult) -> ContactResult:

@@ -45,7 +45,7 @@ from pathlib import Path
 import numpy as np
 
 from epcontact.errors import InvalidCase, NotConverged
-from epcontact.harness.processes.child import death_of
+from epcontact.harness.processes import death_of
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Scene
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from epcontact.errors import InvalidCase, sentence_of
 from epcontact.harness.methods.exchange import PLACEHOLDER, answer_of_command
-from epcontact.harness.processes.child import Child, ChildDied
+from epcontact.harness.processes import Child, ChildDied
 from epcontact.results import ContactResult, plain
 from epcontact.scene import Scene
 

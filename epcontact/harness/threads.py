@@ -1,7 +1,4 @@
-"""Libraries that are loaded without threads of their own.
-
-This module imports nothing heavy, because the command line needs it before any library.
-"""
+"""Libraries that are loaded without threads of their own; this module loads nothing heavy."""
 
 from __future__ import annotations
 

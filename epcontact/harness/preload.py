@@ -1,0 +1,37 @@
+"""What the server of a pool loads before processes are forked from it, see `processes`.
+
+These are the methods that the environment names, with those of their kernels that this machine has
+compiled before.  No library may start a thread, because what it holds at the moment of a fork would
+be held for ever in the copy.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import os
+from typing import Any
+
+from epcontact.harness.threads import LINEAR_ALGEBRA, TRANSFORMS, single_threads
+
+with contextlib.suppress(Exception), single_threads(LINEAR_ALGEBRA, TRANSFORMS):
+    from numba.core import event
+
+    class _KeptOnly(event.Listener):  # type: ignore[misc]
+        """Gives up where a kernel would have to be compiled."""
+
+        def on_start(self, _: Any) -> None:
+            raise LookupError("this machine has not kept the kernel")
+
+        def on_end(self, _: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", _KeptOnly()):
+        import epcontact.harness.answers.solve  # noqa: F401
+        from epcontact.harness.methods.registry import METHODS
+
+        for name in os.environ.get("EPCONTACT_PRELOAD", "").split():
+            with contextlib.suppress(LookupError):
+                METHODS[name].load()
+
+gc.freeze()  # the collector would write to the pages that copies share

@@ -1,0 +1,315 @@
+"""Processes that call functions for this one, and calls spread over them or any other executor.
+
+A `Child` makes one call after the other, so that many pay for one start.  It can be ended at any
+moment, a death costs its own call and no other, and it ends with its parent.  Those of a pool are
+forked from a server that has loaded the solvers, see `preload`.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import math
+import multiprocessing
+import os
+import pickle
+import pkgutil
+import signal
+import sys
+import threading
+import time
+import types
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from typing import Any, TypeVar
+
+import psutil
+
+from epcontact.errors import EpcontactError, InvalidCase, printable, sentence_of
+from epcontact.machine import alive
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+#: A function that makes an executor, or its name, `module:function`.
+Factory = str | Callable[[], Executor]
+
+_PATIENCE = 5.0  # seconds for a process to end by itself
+_LONGEST = 1e6  # seconds; the system cannot wait for many more, and a longer limit is none
+_STARTING = threading.RLock()
+
+
+class ChildDied(EpcontactError):
+    """A process that ended or was ended before it answered; the message says how."""
+
+
+class Child:
+    """A process that calls functions of modules that it can import.
+
+    It starts at the first call, and again at the first call after its end.
+    """
+
+    def __init__(self, method: str = "spawn") -> None:
+        self._context: Any = multiprocessing.get_context(method)
+        self._process: Any = None
+        self._pipe: Any = None
+        self._calling, self._ended = threading.Lock(), False
+
+    def call(
+        self, function: Callable[..., Result], *arguments: Any, limit: float = math.inf
+    ) -> Result:
+        """Return function(*arguments), called in the process."""
+        request = pickle.dumps((function, arguments))
+        with self._calling:
+            pipe = self._started()
+            try:
+                pipe.send(sys.path)
+                pipe.send_bytes(request)
+                if not pipe.poll(limit if limit < _LONGEST else None):
+                    raise ChildDied(f"was not finished within {limit:g} s and was ended")
+                answer = pipe.recv_bytes()
+            except (EOFError, OSError):
+                raise ChildDied(f"{death_of(self._bury(_PATIENCE))} and gave no answer") from None
+            except BaseException:
+                self._bury()
+                raise
+        done, value = pickle.loads(answer)
+        if not done:
+            raise ChildDied(value)
+        result: Result = value
+        return result
+
+    def end(self) -> None:
+        """End the process for good, at once."""
+        self._ended = True
+        atexit.unregister(self.end)
+        self._bury()
+
+    def _started(self) -> Any:
+        """Return the pipe of the process, and start it if need be."""
+        with _STARTING:
+            if self._ended:
+                raise ChildDied("was ended")
+            if self._process is None or not self._process.is_alive():
+                self._bury()
+                self._pipe, theirs = self._context.Pipe()
+                process = self._context.Process(target=_serve, args=(theirs,), daemon=True)
+                # The workers of Dask are daemons, which may have no processes otherwise.
+                multiprocessing.current_process().daemon = False
+                atexit.register(self.end)
+                with _interrupts_wait(), _no_main_script():
+                    process.start()
+                    self._process = process
+                theirs.close()
+            return self._pipe
+
+    def _bury(self, patience: float = 0.0) -> int | None:
+        """End the process, if there is one; return its exit code if it ends by itself."""
+        with _STARTING:
+            process, self._process = self._process, None
+            if process is None:
+                return None
+            process.join(patience)
+            code: int | None = process.exitcode
+            kill_tree(process.pid)
+            process.join()
+            return code
+
+
+def preload(methods: Sequence[str]) -> str:
+    """Start the server of a pool, which loads methods; return how processes are to start.
+
+    Windows cannot fork, and libraries of macOS start threads of their own.
+    """
+    if sys.platform != "linux":
+        return "spawn"
+    from multiprocessing import forkserver
+
+    os.environ["EPCONTACT_PRELOAD"] = " ".join(methods)
+    try:
+        with _interrupts_wait():
+            forkserver.set_forkserver_preload(["epcontact.harness.preload"])
+            forkserver.ensure_running()
+    except OSError:  # the path of its socket is too long, for example
+        return "spawn"
+    finally:
+        del os.environ["EPCONTACT_PRELOAD"]
+    return "forkserver"
+
+
+@contextlib.contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """Have Ctrl-C wait until the end of the block, and never reach what the block starts."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # whose start would let them come
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
+def _no_main_script() -> Iterator[None]:
+    """Keep `multiprocessing` from running the caller's script again in a new process."""
+    main, sys.modules["__main__"] = sys.modules["__main__"], types.ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
+def death_of(code: int | None) -> str:
+    """Return how a process ended, from its exit code; -n means the signal n, None by force."""
+    if code is None or code >= 0:
+        return "was ended" if code is None else f"ended with exit code {code}"
+    causes = {"SIGKILL": " (most likely for want of memory)", "SIGSEGV": " (invalid memory access)"}
+    try:
+        name = signal.Signals(-code).name
+    except ValueError:
+        name = f"signal {-code}"
+    return f"was killed by {name}{causes.get(name, '')}"
+
+
+def kill_tree(pid: int) -> None:
+    """Kill a process and all that it started, also in sessions of their own, and see them end."""
+    with contextlib.suppress(psutil.NoSuchProcess):
+        process = psutil.Process(pid)
+        all_of_them = (*process.children(recursive=True), process)
+        for each in all_of_them:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                each.kill()
+        patience = time.monotonic() + _PATIENCE
+        while any(alive(each.pid) for each in all_of_them) and time.monotonic() < patience:
+            time.sleep(0.001)
+
+
+# --- in the process -------------------------------------------------------------------------------
+
+
+def _serve(pipe: Connection) -> None:
+    """Answer the requests of the parent until it closes the pipe or ends."""
+    if hasattr(os, "setsid"):
+        os.setsid()  # signals to the parent's group are not meant for this process
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.dup2(2, 1)  # standard output is the parent's
+    multiprocessing.current_process().daemon = False  # a solver may have processes of its own
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            sys.path[:] = pipe.recv()
+            pipe.send_bytes(_answer(pipe.recv_bytes()))
+
+
+def _answer(request: bytes) -> bytes:
+    try:
+        function, arguments = pickle.loads(request)
+        return pickle.dumps((True, function(*arguments)))
+    except BaseException as error:
+        return pickle.dumps((False, printable(f"raised {type(error).__name__}: {error}")))
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    kill_tree(os.getpid())
+
+
+# --- spread over executors ------------------------------------------------------------------------
+
+
+class Processes(ThreadPoolExecutor):
+    """Processes of this machine as an executor: each thread waits for the calls of a `Child`."""
+
+    def __init__(self, jobs: int, methods: Sequence[str] = ()) -> None:
+        super().__init__(jobs)
+        start = preload(methods)
+        self._children, self._idle = [Child(start) for _ in range(jobs)], SimpleQueue[Child]()
+        for child in self._children:
+            self._idle.put(child)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Have a process call `fn`, a function at module level."""
+        return super().submit(self._call, fn, *args, **kwargs)
+
+    def _call(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        child = self._idle.get()
+        try:
+            return child.call(function, *arguments)
+        finally:
+            self._idle.put(child)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes: at once, or (wait=True) after what they are doing."""
+        super().shutdown(wait, cancel_futures=cancel_futures)
+        for child in self._children:
+            child.end()
+        super().shutdown()
+
+
+def made(factory: Factory) -> Executor:
+    """Return the executor that a factory makes.  Raises InvalidCase."""
+    name = factory if isinstance(factory, str) else getattr(factory, "__name__", repr(factory))
+    try:
+        executor = (pkgutil.resolve_name(factory) if isinstance(factory, str) else factory)()
+    except EpcontactError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise InvalidCase(
+            f"executor {name} cannot be made ({sentence_of(error)}); give module:function, which "
+            "is called without arguments"
+        ) from None
+    if not isinstance(executor, Executor):
+        raise InvalidCase(f"executor {name} is {executor!r:.60}, not a concurrent.futures.Executor")
+    return executor
+
+
+def spread(
+    function: Callable[[Item], Result], items: Sequence[Item], executor: Executor
+) -> Iterator[tuple[Item, Result | str]]:
+    """Yield (item, function(item)) as the calls finish, then shut the executor down."""
+    futures: dict[Future[Result], Item] = {}
+    done, waiting = SimpleQueue[Future[Result]](), deque(items)
+    try:
+        while waiting or futures:
+            if waiting and done.empty():  # an executor may make a call when it takes it
+                future = _submitted(executor, function, waiting[0])
+                futures[future] = waiting.popleft()
+                future.add_done_callback(done.put)
+            else:
+                ended = done.get()
+                result = _result(ended)
+                yield futures.pop(ended), result
+    finally:
+        for future in futures:
+            future.cancel()
+        try:
+            executor.shutdown(wait=not futures and not waiting)
+        except Exception as error:
+            raise EpcontactError(f"the executor does not end: {sentence_of(error)}") from None
+
+
+def _submitted(
+    executor: Executor, function: Callable[[Item], Result], item: Item
+) -> Future[Result]:
+    try:
+        return executor.submit(function, item)
+    except Exception as error:
+        raise EpcontactError(f"the executor takes no task: {sentence_of(error)}") from None
+
+
+def _result(future: Future[Result]) -> Result | str:
+    try:
+        return future.result()
+    except ChildDied as error:
+        return f"its process {error}"
+    except Exception as error:
+        return f"its worker failed: {sentence_of(error)}"
