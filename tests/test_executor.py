@@ -5,9 +5,8 @@ from __future__ import annotations
 import importlib
 import os
 import pickle
+import shutil
 import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from multiprocessing import get_all_start_methods
@@ -18,13 +17,12 @@ import pytest
 
 from epcontact import verify
 from epcontact.errors import EpcontactError, InvalidCase
-from epcontact.harness.answers import run, solve
+from epcontact.harness.answers import run, solve, store
 from epcontact.harness.answers.run import Run, run_cases, tasks_of
-from epcontact.harness.answers.store import Task, basis
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.cluster import dask
-from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.processes import made
+from epcontact.results import package_versions
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
 THEORY = (
@@ -36,10 +34,13 @@ THEORY = (
 class Elsewhere(Executor):
     """Makes each call at once, on copies, in a folder of its own, as a far worker would."""
 
-    def __init__(self, folder: Path, memory: float = 2.0**40) -> None:
+    def __init__(self, folder: Path, memory: float = 2.0**40, instead: Any = None) -> None:
         self.folder, self.worker_memory, self.open = folder, memory, True
+        self.instead = instead
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        if self.instead is not None:
+            fn, args = int, (self.instead,)
         future: Future[Any] = Future()
         here = Path.cwd()
         self.folder.mkdir(exist_ok=True)
@@ -55,6 +56,16 @@ class Elsewhere(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         self.open = False
+
+
+class Closed(Elsewhere):
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        raise RuntimeError("cannot schedule new futures")
+
+
+class Endless(Elsewhere):
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        raise RuntimeError("no connection")
 
 
 def test_a_worker_sends_back_results_fields_and_steps(write_case, tmp_path, monkeypatch) -> None:
@@ -77,74 +88,84 @@ def test_a_worker_sends_back_results_fields_and_steps(write_case, tmp_path, monk
     assert notes == ["(reused)", "(reused)", ""]
 
 
-def gate_error(path: Path, output: Path, executor: Any) -> str:
-    verdict = verify(path, output=output, executor=executor)
+def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatch) -> None:
+    package = Path(store.__file__).parents[2]
+    for folder in (package, package.parent / "fem_check"):
+        shutil.copytree(folder, tmp_path / folder.name, ignore=lambda *_: ["__pycache__"])
+    copy = tmp_path / package.name
+    before = store.sources(copy)
+    assert before == store.sources()
+    for name, same in (
+        ("bem/inner/cg.py", False),
+        ("../fem_check/plasticity.py", False),
+        ("harness/quantities/registry.py", False),
+        ("scene.py", False),
+        ("output/report.py", True),
+    ):
+        (copy / name).write_text((copy / name).read_text() + "\n# changed\n")
+        store.sources.cache_clear()
+        after, before = before, store.sources(copy)
+        assert (before == after) == same, name
+    task = next(tasks_of(load_case(write_case()), Run()))
+    key = store.key_of(task)
+    monkeypatch.setattr(store, "package_versions", lambda: package_versions() | {"numba": "0.0"})
+    assert store.key_of(task) != key
+
+
+@pytest.mark.parametrize(
+    ("worker", "sentence"),
+    [
+        ({"memory": 2.0**20}, "needs about 0.3 GiB, but the largest worker has 0.0 GiB"),
+        ({"instead": "no number"}, "its worker failed: ValueError: invalid literal"),
+        ({"instead": 42}, "the executor returned 42, not what the task returns"),
+        (ThreadPoolExecutor, "time limit of 1e-06 s"),  # a process keeps it
+        ({}, "has numpy 1.0 in the place of"),
+    ],
+)
+def test_failure_of_a_worker_is_its_tasks_error(
+    write_case, tmp_path, monkeypatch, worker, sentence
+) -> None:
+    limit = ("[case]\n", "[case]\ntime_limit = 1e-6\n")
+    path = write_case(*THEORY, *([limit] if worker is ThreadPoolExecutor else []))
+    if not worker:
+        there = store.basis() | {"numpy": "1.0"}
+        monkeypatch.setattr(solve, "basis", lambda: there)  # as the worker reads it
+
+    def executor() -> Executor:
+        return Elsewhere(tmp_path / "far", **worker) if isinstance(worker, dict) else worker(1)
+
+    verdict = verify(path, output=tmp_path, executor=executor)
     assert verdict.exit_code == 2
-    return str(verdict.cases[0].gates[0].error)
+    assert sentence in str(verdict.cases[0].gates[0].error)
+    assert "sources" not in str(verdict.cases[0].gates[0].error)
+    assert (tmp_path / "far").exists() == (isinstance(worker, dict) and "memory" not in worker)
 
 
-def test_worker_with_other_versions_is_refused(write_case, tmp_path, monkeypatch) -> None:
-    case = write_case(*THEORY)
-    there = basis(Task(load_case(case), METHODS["persson"], 0, "single")) | {"numpy": "1.0"}
-    monkeypatch.setattr(solve, "basis", lambda _: there)  # as the worker reads it
-    error = gate_error(case, tmp_path, lambda: Elsewhere(tmp_path / "far"))
-    assert "has numpy 1.0 in the place of" in error
-    assert "sources" not in error
-
-
-def test_task_beyond_the_memory_of_every_worker_is_not_submitted(write_case, tmp_path) -> None:
-    small = Elsewhere(tmp_path / "far", memory=2.0**20)
-    error = gate_error(write_case(*THEORY), tmp_path, lambda: small)
-    assert "needs about 0.3 GiB, but the largest worker has 0.0 GiB" in error
-    assert not small.folder.exists()
+@pytest.mark.parametrize(
+    ("kind", "memory", "error", "sentence"),
+    [
+        (Elsewhere, "lots", InvalidCase, "worker_memory is 'lots', but must be in bytes"),
+        (Endless, 2.0**40, EpcontactError, "does not end: RuntimeError: no connection"),
+        (Closed, 2.0**40, EpcontactError, "the executor takes no task: RuntimeError: cannot"),
+    ],
+)
+def test_failure_of_an_executor_is_one_sentence(
+    write_case, tmp_path, kind, memory, error, sentence
+) -> None:
+    far = kind(tmp_path / "far", memory)
+    with pytest.raises(error, match=sentence):
+        verify(write_case(*THEORY), output=tmp_path, executor=lambda: far)
+    assert far.open == (kind is Endless)
 
 
 @pytest.mark.parametrize(("free", "jobs"), [(1e12, 4), (2e9, 3), (1e8, 1)])
 def test_no_more_processes_than_fit_into_memory(write_case, monkeypatch, free, jobs) -> None:
     grid = ("points_per_shortest_wavelength = { fast = 4, full = 8 }", "shape = [4096, 2048]")
-    tasks = [*tasks_of(load_case(write_case(grid, ONE)), Run())]
+    tasks = [*tasks_of(load_case(write_case(grid)), Run())]
     monkeypatch.setattr(run, "available_memory", lambda: free)
     # 2^28 bytes, and a point of a light contact takes 44 and some more, heights included.
     assert 0.6e9 < max(task.memory for task in tasks) < 0.7e9
-    assert run._fitting(tasks, 4) == jobs
-
-
-def test_failure_of_a_worker_is_its_task_s_error(write_case, tmp_path) -> None:
-    class Broken(Elsewhere):
-        def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-            return super().submit(int, "no number")
-
-    error = gate_error(write_case(*THEORY), tmp_path, lambda: Broken(tmp_path / "far"))
-    assert "its worker failed: ValueError: invalid literal" in error
-
-
-def test_other_answers_and_ends_of_an_executor_are_one_sentence(write_case, tmp_path) -> None:
-    class Other(Elsewhere):
-        def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-            return super().submit(int, 42)
-
-    class Endless(Elsewhere):
-        def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-            raise RuntimeError("no connection")
-
-    case, far = write_case(*THEORY), tmp_path / "far"
-    error = gate_error(case, tmp_path, lambda: Other(far))
-    assert "the executor returned 42, not what the task returns" in error
-    with pytest.raises(EpcontactError, match="does not end: RuntimeError: no connection"):
-        verify(case, output=tmp_path, executor=lambda: Endless(far))
-    unknown = Elsewhere(far, memory="lots")  # type: ignore[arg-type]
-    with pytest.raises(InvalidCase, match="worker_memory is 'lots', but must be in bytes"):
-        verify(case, output=tmp_path / "new", executor=lambda: unknown)
-    assert not unknown.open
-
-
-def test_executor_that_takes_nothing_is_one_sentence(write_case, tmp_path) -> None:
-    class Closed(Elsewhere):
-        def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-            raise RuntimeError("cannot schedule new futures")
-
-    with pytest.raises(EpcontactError, match="the executor takes no task: RuntimeError: cannot"):
-        verify(write_case(*THEORY), output=tmp_path, executor=lambda: Closed(tmp_path / "far"))
+    assert Run(jobs=4).jobs_for(tasks) == jobs
 
 
 @pytest.mark.parametrize(
@@ -164,30 +185,11 @@ def test_executor_that_cannot_be_made_is_one_sentence(monkeypatch, name, sentenc
         made(name)
 
 
-def test_a_worker_s_cores_are_its_own(monkeypatch) -> None:
+@pytest.mark.parametrize(("given", "cores"), [("3", 3), ("", 6), ("0", 6), ("4,2", 6)])
+def test_a_workers_cores_are_its_own(monkeypatch, given, cores) -> None:
     monkeypatch.setattr(solve, "available_cores", lambda: 6)
-    monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    assert solve._worker_cores() == 3
-    for given in ("", "0", "4,2"):
-        monkeypatch.setenv("OMP_NUM_THREADS", given)
-        assert solve._worker_cores() == 6
-
-
-def test_threads_have_processes_that_keep_the_time_limit(write_case, tmp_path) -> None:
-    path = write_case(*THEORY, ("[case]\n", "[case]\ntime_limit = 1e-6\n"))
-    error = gate_error(path, tmp_path, lambda: ThreadPoolExecutor(1))
-    assert "time limit of 1e-06 s" in error
-    assert solve._IDLE
-
-
-def test_process_that_nobody_ends_is_closed_with_its_parent() -> None:
-    program = (
-        "import math; from epcontact.harness.processes import Child; Child().call(math.hypot, 3, 4)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-X", "dev", "-c", program], check=False, capture_output=True, text=True
-    )
-    assert (done.returncode, done.stderr) == (0, "")
+    monkeypatch.setenv("OMP_NUM_THREADS", given)
+    assert solve._worker_cores() == cores
 
 
 # --- Dask ----------------------------------------------------------------------------------------

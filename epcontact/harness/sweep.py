@@ -163,18 +163,18 @@ def run_sweep(
 
     if not executor:
         _write_list(sweep, run.folder, folder)
-    done = run_tasks(sweep.tasks, replace(run, executor=listed if executor else ""))
-    if executor and len(done.reused) == len(sweep.tasks):  # then no executor was made
+    outcomes, reused = run_tasks(sweep.tasks, replace(run, executor=listed if executor else ""))
+    if executor and len(reused) == len(sweep.tasks):  # then no executor was made
         _write_list(sweep, run.folder, folder)
     failures = {
         f"{task.method.name}-{task.label}": outcome
-        for task, outcome in done.outcomes.items()
+        for task, outcome in outcomes.items()
         if isinstance(outcome, str)
     }
     found = table(folder)
     with whole_file(folder / "sweep.csv") as temporary:
         found.to_csv(temporary, index=False)
-    return Swept(folder, found, failures, len(done.reused), sweep.quantities)
+    return Swept(folder, found, failures, len(reused), sweep.quantities)
 
 
 def _write_list(sweep: Sweep, output: Path, folder: Path) -> None:

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import get_args
 
 from epcontact.errors import InvalidCase
-from epcontact.files import remove_leftovers, require_writable, write_json
-from epcontact.harness.answers.solve import Outcome, Parcel, solve_elsewhere, solve_task
+from epcontact.files import remove_leftovers, require_writable, write_bytes, write_json
+from epcontact.harness.answers.solve import Outcome, solve_elsewhere, solve_task
 from epcontact.harness.answers.store import Answer, Task, basis, keep, kept, summary
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.methods.registry import METHODS, Method
@@ -27,9 +27,8 @@ from epcontact.output.vtk import Precision
 from epcontact.results import ContactResult
 from epcontact.scene import whole
 
-#: The fields that can be written, see `Run`, and the precisions of their numbers.
-FIELDS, PRECISIONS = ("none", "first", "all", "steps"), get_args(Precision)
-
+#: The values of two attributes of `Run`.
+_KNOWN = {"fields": ("none", "first", "all", "steps"), "precision": get_args(Precision)}
 
 #: Called with the number of tasks done (within a solve with its share, too), the number of all and,
 #: at the end of a task, its name, which ends with "(reused)" or "(failed)" if it was.
@@ -70,9 +69,8 @@ class Run:
     def __post_init__(self) -> None:
         if self.jobs is not None:
             whole("jobs", self.jobs, 1)
-        for name, known in (("fields", FIELDS), ("precision", PRECISIONS)):
-            if getattr(self, name) not in known:
-                given = getattr(self, name)
+        for name, known in _KNOWN.items():
+            if (given := getattr(self, name)) not in known:
                 raise InvalidCase(f"{name} is {given!r}, but must be one of {', '.join(known)}")
 
     @property
@@ -81,19 +79,14 @@ class Run:
         return Path(self.output)
 
     def jobs_for(self, tasks: Sequence[Task]) -> int:
-        """Return the number of jobs, chosen if it is not given."""
-        if self.jobs is not None:
-            return self.jobs
+        """Return how many tasks are solved at once; on this machine as many as fit into memory."""
+        if self.executor:
+            return self.jobs or 1
         large = any(task.case.size == "large" for task in tasks)
-        return 1 if self.executor or large else available_cores()
-
-
-@dataclass(frozen=True)
-class Done:
-    """Tasks that were done: the outcome of each, and those whose kept result was used again."""
-
-    outcomes: Mapping[Task, Outcome]
-    reused: frozenset[Task]
+        jobs = min(self.jobs or (1 if large else available_cores()), len(tasks))
+        if jobs <= 1:
+            return 1
+        return max(1, min(jobs, int(available_memory() // max(task.memory for task in tasks))))
 
 
 def run_cases(
@@ -102,20 +95,23 @@ def run_cases(
     """Answer each case by each of its methods."""
     _require_distinct(cases)
     tasks = [task for case in cases for task in tasks_of(case, run, methods)]
-    done = run_tasks(tasks, run)
+    outcomes, reused = run_tasks(tasks, run)
     answers: dict[str, dict[str, Answer]] = {case.id: {} for case in cases}
     for case in cases:
         for method in case.methods:
             mine = [t for t in tasks if t.case is case and t.method.name == method]
-            answer = _collect(mine, done)
+            answer = _collect({task: outcomes[task] for task in mine}, len(reused & set(mine)))
             answers[case.id][method] = answer
             if answer.results:
                 write_json(case.folder(run.folder) / f"{method}.json", summary(case, answer))
     return answers
 
 
-def run_tasks(tasks: Sequence[Task], run: Run) -> Done:
-    """Solve tasks, but for those whose result is kept; keep each new result at once."""
+def run_tasks(tasks: Sequence[Task], run: Run) -> tuple[dict[Task, Outcome], set[Task]]:
+    """Solve tasks, but for those whose result is kept; keep each new result at once.
+
+    Returns the outcome of each task, and the tasks whose kept result was used again.
+    """
     outcomes: dict[Task, Outcome] = {}
     reused: set[Task] = set()
 
@@ -138,8 +134,9 @@ def run_tasks(tasks: Sequence[Task], run: Run) -> Done:
     def move(share: float) -> None:
         run.progress(len(outcomes) + share, len(tasks), "")
 
+    solved = _solved_by(run, waiting) if run.executor else _solved(run, waiting, move)
     try:
-        with contextlib.closing(_solved(waiting, run, move)) as solved:
+        with contextlib.closing(solved):
             for task, outcome in solved:
                 if isinstance(outcome, ContactResult):
                     keep(task, run.folder, outcome)
@@ -147,64 +144,49 @@ def run_tasks(tasks: Sequence[Task], run: Run) -> Done:
     finally:
         for folder in folders:
             remove_leftovers(folder)
-    return Done(outcomes, frozenset(reused))
+    return outcomes, reused
 
 
-def _solved(
-    tasks: Sequence[Task], run: Run, moving: Callable[[float], None]
-) -> Generator[tuple[Task, Outcome]]:
-    """Yield each task with its outcome, in any order."""
+_Solved = Generator[tuple[Task, Outcome]]  # tasks with their outcomes, in any order
+
+
+def _solved(run: Run, tasks: Sequence[Task], moving: Callable[[float], None]) -> _Solved:
+    """Solve tasks here, or in processes of this machine."""
     jobs = run.jobs_for(tasks)
-    if run.executor:
-        yield from _solved_by(run.executor, tasks, jobs)
-        return
-    jobs = _fitting(tasks, min(jobs, len(tasks)))
-    threads = max(1, available_cores() // max(1, jobs))
-    if jobs <= 1:
+    threads = max(1, available_cores() // jobs)
+    if jobs == 1:
         yield from ((task, solve_task(task, threads, moving)) for task in tasks)
-    else:
-        # Each method begins at once, so that on a new machine processes compile different kernels.
-        first = {task.method.name: task for task in reversed(tasks)}
-        tasks = [*first.values(), *(task for task in tasks if first[task.method.name] is not task)]
-        processes = Processes(jobs, sorted(first))
-        yield from spread(partial(solve_task, threads=threads), tasks, processes)
+        return
+    # Each method begins at once, so that on a new machine processes compile different kernels.
+    first = {task.method.name: task for task in reversed(tasks)}
+    tasks = [*first.values(), *(task for task in tasks if first[task.method.name] is not task)]
+    yield from spread(partial(solve_task, threads=threads), tasks, Processes(jobs, sorted(first)))
 
 
-def _solved_by(
-    factory: Factory, tasks: Sequence[Task], share: int
-) -> Iterator[tuple[Task, Outcome]]:
+def _solved_by(run: Run, tasks: Sequence[Task]) -> _Solved:
     """Have the workers of an executor solve the tasks that fit into the memory of one of them."""
     if not tasks:
         return
-    executor = made(factory)
+    executor = made(run.executor)
     room = getattr(executor, "worker_memory", math.inf)
     if not isinstance(room, Real):
         executor.shutdown(wait=False)
         raise InvalidCase(f"the executor's worker_memory is {room!r}, but must be in bytes")
-    large = [task for task in tasks if room < math.inf and task.memory > room]
-    orders = [(task, basis(task)) for task in tasks if task not in large]
-    for (task, _), parcel in spread(partial(solve_elsewhere, share=share), orders, executor):
-        if isinstance(parcel, Parcel):
-            yield task, parcel.unpacked()
+    large = {task: task.memory for task in tasks if room < math.inf and task.memory > room}
+    orders = [(task, basis()) for task in tasks if task not in large]
+    call = partial(solve_elsewhere, share=run.jobs_for(tasks))
+    for (task, _), answer in spread(call, orders, executor):
+        if isinstance(answer, tuple):
+            outcome, files = answer
+            for path, content in files.items():
+                write_bytes(path, content)
+            yield task, outcome
         else:
-            other = f"the executor returned {parcel!r:.60}, not what the task returns"
-            yield task, parcel if isinstance(parcel, str) else other
-    for task in large:
-        yield (
-            task,
-            (
-                f"it needs about {task.memory / 2**30:.1f} GiB, but the largest worker has "
-                f"{room / 2**30:.1f} GiB"
-            ),
-        )
-
-
-def _fitting(tasks: Sequence[Task], jobs: int) -> int:
-    """Return the number of tasks, at most `jobs`, that fit into memory side by side."""
-    if jobs <= 1:
-        return jobs
-    largest = max(task.memory for task in tasks)
-    return max(1, min(jobs, int(available_memory() // largest)))
+            other = f"the executor returned {answer!r:.60}, not what the task returns"
+            yield task, answer if isinstance(answer, str) else other
+    for task, needed in large.items():
+        sizes = f"{needed / 2**30:.1f} GiB, but the largest worker has {room / 2**30:.1f} GiB"
+        yield task, f"it needs about {sizes}"
 
 
 def _require_distinct(cases: Sequence[Case]) -> None:
@@ -237,12 +219,15 @@ def tasks_of(case: Case, run: Run, methods: Mapping[str, Method] = METHODS) -> I
             yield task
 
 
-def _collect(tasks: Sequence[Task], done: Done) -> Answer:
-    results = [(t, r) for t in tasks if isinstance(r := done.outcomes[t], ContactResult)]
-    errors = [(t, r) for t in tasks if isinstance(r := done.outcomes[t], str)]
+def _collect(outcomes: Mapping[Task, Outcome], reused: int) -> Answer:
+    results = [(t.label, r) for t, r in outcomes.items() if isinstance(r, ContactResult)]
     return Answer(
         results=tuple(result for _, result in results),
-        labels=tuple(task.label for task, _ in results),
-        errors=tuple(f"{t.method.name}, {t.label}: {sentence}" for t, sentence in errors),
-        reused=len(done.reused & set(tasks)),
+        labels=tuple(label for label, _ in results),
+        errors=tuple(
+            f"{task.method.name}, {task.label}: {sentence}"
+            for task, sentence in outcomes.items()
+            if isinstance(sentence, str)
+        ),
+        reused=reused,
     )

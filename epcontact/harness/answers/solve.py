@@ -1,11 +1,8 @@
-"""One task: make the surface, solve the scene on it, measure what is asked for, write the fields.
+"""One task: make the surface, solve, measure what is asked for, write the fields.
 
-A process does a whole task, so nothing large passes between processes.  What is here decides a
-result, so that a kept result is solved again if this file changes, see `store`.
-
-A worker elsewhere may share nothing with this machine but the installed packages.  An executor
-calls `solve_elsewhere` there: it refuses other versions than those of the sender, counts the
-worker's cores, and returns the content of every file that the task writes.
+A process does a whole task, so nothing large passes between processes.  A worker of an executor may
+share nothing with this machine but the installed packages: `solve_elsewhere` refuses other versions
+than those of the sender, counts the worker's cores, and sends back every file that the task writes.
 """
 
 from __future__ import annotations
@@ -20,12 +17,12 @@ import signal
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from epcontact.errors import InvalidCase, NotConverged, sentence_of
-from epcontact.files import step_name, write_bytes, write_collection
+from epcontact.files import step_name, write_collection
 from epcontact.harness.answers.description import described
 from epcontact.harness.answers.store import Task, basis
 from epcontact.harness.methods import foreign
@@ -37,19 +34,18 @@ from epcontact.output.vtk import write_fields
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 
+Outcome = ContactResult | str  # the result of a task, or the sentence that says why there is none
+Files = Mapping[Path, bytes]  # the content of files by their paths
+
 #: The unit of each quantity in the field data of a .vti.
 _UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
-
 _MOMENT = 0.05  # seconds after which an alarm that came at a wrong moment comes again
-
-Outcome = ContactResult | str  # the result of a task, or the sentence that says why there is none
 
 
 def solve_task(task: Task, threads: int, moving: Callable[[float], None] | None = None) -> Outcome:
     """Solve one task; return the sentence of whatever went wrong, so that others are judged."""
     try:
-        case = task.case
-        method = task.method
+        case, method = task.case, task.method
         with contextlib.nullcontext() if method.source else _limited(case.time_limit):
             scene = case.scene(task.recipe)
             if method.source:  # its limit is enforced from outside its process
@@ -96,17 +92,15 @@ def _step_options(task: Task, scene: Scene) -> dict[str, Any]:
     def on_step(result: ContactResult) -> None:
         number = len(result.steps) - 1
         _write(task, scene, _told(task, scene, result), folder / step_name(number, ".vti"))
-        pressures = [step.mean_pressure for step in result.steps]
-        write_collection(folder / "path.pvd", pressures)
+        write_collection(folder / "path.pvd", [step.mean_pressure for step in result.steps])
 
     return {"on_step": on_step}
 
 
 def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
-    """Add the measured quantities that the gates need, while the fields are in memory.
+    """Add what is measured, while the fields are in memory.
 
-    One that a sweep asks for besides them is nan where it is not defined, and a note says why, so
-    that the rest of the result is kept.
+    A quantity that only a sweep asks for is nan where it is not defined, and a note says why.
     """
     if not task.measured:
         return result
@@ -127,15 +121,10 @@ def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> Conta
 
 @contextlib.contextmanager
 def _limited(seconds: float) -> Iterator[None]:
-    """Raise NotConverged after `seconds` if the platform and the thread allow an alarm.
-
-    The time that kernels take to compile is given on top.
-    """
-    main = threading.current_thread() is threading.main_thread()
-    if not (main and hasattr(signal, "SIGALRM")):
+    """Raise NotConverged after `seconds` and the time for kernels, if an alarm can be set here."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGALRM"):
         yield
         return
-
     compiled = compile_seconds()
 
     def expire(*_: object) -> None:
@@ -147,7 +136,7 @@ def _limited(seconds: float) -> Iterator[None]:
         raise NotConverged(f"not finished within the case's time limit of {seconds:g} s")
 
     previous = signal.signal(signal.SIGALRM, expire)
-    signal.setitimer(signal.ITIMER_REAL, min(seconds, math.floor(1e8)))
+    signal.setitimer(signal.ITIMER_REAL, min(seconds, 1e8))
     try:
         yield
     finally:
@@ -158,27 +147,13 @@ def _limited(seconds: float) -> Iterator[None]:
 # --- on a worker elsewhere -----------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Parcel:
-    """What a worker sends back: the outcome of a task, and the content of its files by path."""
-
-    outcome: Outcome
-    files: Mapping[Path, bytes]
-
-    def unpacked(self) -> Outcome:
-        """Write the files and return the outcome.  Raises OutputError."""
-        for path, content in self.files.items():
-            write_bytes(path, content)
-        return self.outcome
-
-
-def solve_elsewhere(order: tuple[Task, Mapping[str, str]], share: int) -> Parcel:
-    """Solve a task on a worker that need not see the folders of the sender."""
+def solve_elsewhere(order: tuple[Task, Mapping[str, str]], share: int) -> tuple[Outcome, Files]:
+    """Solve a task on a worker that need not see the folders of the sender; return the files."""
     task, sent = order
-    here = basis(task)
+    here = basis()
     if other := [name for name, version in sent.items() if here.get(name) != version]:
         found = ", ".join(f"{name} {here.get(name)} in the place of {sent[name]}" for name in other)
-        return Parcel(f"the worker on {platform.node()} has {found}; install the same there", {})
+        return f"the worker on {platform.node()} has {found}; install the same there", {}
     threads = max(1, _worker_cores() // share)
     with tempfile.TemporaryDirectory(prefix="epcontact-") as name:
         folder = Path(name)
@@ -187,7 +162,7 @@ def solve_elsewhere(order: tuple[Task, Mapping[str, str]], share: int) -> Parcel
         outcome = _called(replace(task, fields=fields, steps=steps), threads)
         above = (task.fields or task.steps or folder).parent
         files = [path for path in folder.rglob("*") if path.is_file()]
-        return Parcel(outcome, {above / p.relative_to(folder): p.read_bytes() for p in files})
+        return outcome, {above / p.relative_to(folder): p.read_bytes() for p in files}
 
 
 def _worker_cores() -> int:
@@ -204,10 +179,7 @@ def _called(task: Task, threads: int) -> Outcome:
     """Solve a task; a thread, which no time limit could interrupt, has a process do it."""
     if threading.current_thread() is threading.main_thread():
         return solve_task(task, threads)
-    try:
-        child = _IDLE.pop()
-    except IndexError:
-        child = Child()
+    child = _IDLE.pop() if _IDLE else Child()
     try:
         return child.call(solve_task, task, threads)
     except ChildDied as error:

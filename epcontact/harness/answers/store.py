@@ -1,7 +1,7 @@
 """Tasks and their results on disk: one file for each result, found again by its key.
 
 `<output>/<case>/<size>/members/<method>-<surface>.json` holds one result, its key (scene, size,
-options, and the sources and libraries that it rests on), a digest of this content, and the hash of
+options, and the sources and libraries of all solvers), a digest of this content, and the hash of
 the fields written with it.  A task of the same key is not run again if the content has that digest
 and the fields it asks for have that hash.  A solver from outside the package always runs, because
 its sources are not known here.
@@ -10,6 +10,7 @@ its sources are not known here.
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import itertools
 import json
@@ -23,7 +24,6 @@ from typing import Any
 from pydantic_core import to_json
 
 from epcontact.files import write_json
-from epcontact.harness.answers.foundation import Foundation, foundation
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates.statistics import estimate, standard_deviation
 from epcontact.harness.methods.memory import of_task
@@ -36,29 +36,17 @@ from epcontact.surfaces import Recipe
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One solve: a method on one surface of a case.
-
-    Attributes:
-        case: the case with its recipes, which are small.
-        method: the method that solves it.
-        member: index of the recipe in the case.
-        label: the name of the surface in files.
-        fields: file to write the fields to; None if they are not kept.
-        steps: folder for the files of every load; None if they are not kept.
-        quantities: what is measured beside the quantities of gates.
-        words: what a reader calls it; the label where it is empty.
-        precision: of the numbers in the files of fields, at least.
-    """
+    """One solve: a method on one surface of a case."""
 
     case: Case
     method: Method
-    member: int
-    label: str
-    fields: Path | None = None
-    steps: Path | None = None
-    quantities: tuple[str, ...] = ()
-    words: str = ""
-    precision: Precision = "single"
+    member: int  # index of the recipe in the case
+    label: str  # the name of the surface in files
+    fields: Path | None = None  # file for the fields; None if they are not kept
+    steps: Path | None = None  # folder for the files of every load; None if they are not kept
+    quantities: tuple[str, ...] = ()  # what is measured beside the quantities of gates
+    words: str = ""  # what a reader calls it; the label where it is empty
+    precision: Precision = "single"  # of the numbers in the files of fields, at least
 
     @property
     def recipe(self) -> Recipe:
@@ -129,33 +117,29 @@ class Answer:
         return None
 
 
-#: What every result rests on beside its method: the scene, and what composes and describes a task.
-_SCENE = ("epcontact.surfaces", "epcontact.scene")
-_FRAME = (
-    "epcontact.harness.answers.solve",
-    "epcontact.harness.methods.registry",
-    "epcontact.harness.answers.description",
+#: The sources that make the numbers of results, below the folder of the package.
+_SOURCES = (
+    *("scene.py", "results.py", "materials", "surfaces", "output/vtk.py", "persson", "bem"),
+    *("reference", "../fem_check", "harness/methods", "harness/quantities"),
+    *("harness/answers/solve.py", "harness/answers/description.py"),
 )
-_MEASURES = "epcontact.harness.quantities"
-#: It solves by other methods, and few quantities need it.
-_MODEL = "epcontact.harness.quantities.model_difference"
-_MACHINE = "epcontact.machine"  # cores, memory and the folder of kernels: no numbers
+_LIBRARIES = ("epcontact", "numpy", "scipy", "ducc0", "numba", "scikit-fem")
 
 
-def rests_on(task: Task) -> Foundation:
-    """Return the sources and the libraries behind the result of a task."""
-    roots = (*task.method.modules, *_SCENE)
-    names = [name for name in task.measured if name in QUANTITIES]
-    model = any("J2 flow" in QUANTITIES[name].needs for name in names)
-    if task.measured:
-        roots += (_MEASURES,)
-    return foundation(roots, _FRAME, (_MACHINE,) if model else (_MACHINE, _MODEL))
+@functools.cache
+def sources(home: Path = Path(__file__).parents[2]) -> str:
+    """Return the digest of the sources on which every result rests."""
+    digest = hashlib.sha256()
+    for path in (home / name for name in _SOURCES):
+        for file in [path] if path.is_file() else sorted(path.rglob("*.py")):
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
 
 
-def basis(task: Task) -> dict[str, str]:
-    """Return the digest of the sources of a task, and the versions of its libraries, by name."""
-    base, versions = rests_on(task), package_versions()
-    return {"sources": base.digest} | {n: versions[n] for n in ("epcontact", *base.libraries)}
+def basis() -> dict[str, str]:
+    """Return what results rest on by name: sources, and the versions of numerical libraries."""
+    versions = package_versions()
+    return {"sources": sources()} | {name: versions[name] for name in _LIBRARIES}
 
 
 def key_of(task: Task) -> str:
@@ -166,7 +150,7 @@ def key_of(task: Task) -> str:
         "method": task.method.name,
         "options": repr(sorted(task.case.options[task.method.name].items())),
         "measured": task.measured,
-        "basis": basis(task),
+        "basis": basis(),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -176,37 +160,34 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
 
     Fields of an earlier, different result are removed, because they would pass for this one's.
     """
-    about = {"case": task.case.id, "size": task.case.size, "key": key_of(task)}
+    about: dict[str, Any] = {"case": task.case.id, "size": task.case.size, "key": key_of(task)}
+    about |= {"fields_digest": _digest(task.fields), "steps_kept": task.steps is not None}
+    about |= {"precision": task.precision}
     earlier = read_member(task.result_path(output))
     same = earlier.get("key") == about["key"]
-    fields_digest, steps = _digest(task.fields), task.steps is not None
-    precision: Any = task.precision
     if task.fields is None and same:
-        fields_digest, precision = earlier.get("fields_digest"), earlier.get("precision")
+        about |= {name: earlier.get(name) for name in ("fields_digest", "precision")}
     elif task.fields is None:
         with contextlib.suppress(OSError):
             task.fields_path(output).unlink()
-    if not steps and same:
-        steps = bool(earlier.get("steps_kept"))
-    elif not steps:
+    if task.steps is None and same:
+        about["steps_kept"] = bool(earlier.get("steps_kept"))
+    elif task.steps is None:
         shutil.rmtree(task.steps_path(output), ignore_errors=True)
-    files = {"fields_digest": fields_digest, "steps_kept": steps, "precision": precision}
-    data = about | files | result.to_json()
+    data = about | result.to_json()
     write_json(task.result_path(output), {"digest": _content_digest(data)} | data)
 
 
 def kept(task: Task, output: Path) -> ContactResult | None:
     """Return the result of an earlier run of the same task, if it is there as it was written."""
-    if task.method.foreign:
-        return None
-    data = read_member(task.result_path(output))
-    if data.get("key") != key_of(task):
-        return None
+    data = {} if task.method.foreign else read_member(task.result_path(output))
     precise = data.get("precision") in (task.precision, "double")
-    if task.fields and not (precise and data.get("fields_digest") == _digest(task.fields)):
-        return None
     written = data.get("steps_kept") is True and (task.steps_path(output) / "path.pvd").is_file()
-    if task.steps is not None and not written:
+    if (
+        data.get("key") != key_of(task)
+        or (task.fields and not (precise and data.get("fields_digest") == _digest(task.fields)))
+        or (task.steps and not written)
+    ):
         return None
     try:
         return ContactResult.from_json(data)
@@ -242,44 +223,38 @@ def _digest(fields: Path | None) -> str | None:
 def summary(case: Case, answer: Answer) -> dict[str, Any]:
     """Return a method's answer as JSON: means over surfaces, their scatter, every member."""
     members = [result.to_json() for result in answer.results]
-    first = answer.results[0]
+    finals, costs = [r.final for r in answer.results], [r.cost for r in answer.results]
+    parts = ("total", "elastic", "plastic")
     ensemble = {
-        kind: {
-            part: _spread([getattr(r.final.areas[kind], part) for r in answer.results])
-            for part in ("total", "elastic", "plastic")
-        }
-        for kind in first.final.areas
-    }
-    mean = {
-        kind: {part: spread["mean"] for part, spread in parts.items()}
-        for kind, parts in ensemble.items()
-    }
-    cost = {
-        key: (max if key == "peak_memory_bytes" else sum)(r.cost[key] for r in answer.results)
-        for key in first.cost
-    }
-    residuals = {
-        key: max(r.final.residuals[key] for r in answer.results) for key in first.final.residuals
+        kind: {part: _spread([getattr(f.areas[kind], part) for f in finals]) for part in parts}
+        for kind in finals[0].areas
     }
     return {
         "case": case.id,
-        "method": first.method,
+        "method": answer.results[0].method,
         "size": case.size,
         "converged": all(r.converged for r in answer.results),
-        "residuals": residuals,
-        "areas": mean,
+        "residuals": {
+            key: max(final.residuals[key] for final in finals) for key in finals[0].residuals
+        },
+        "areas": {
+            kind: {part: ensemble[kind][part]["mean"] for part in parts} for kind in ensemble
+        },
         "ensemble": {"surfaces": list(answer.labels), "areas": ensemble},
-        "mean_pressure": first.final.mean_pressure,
-        "cost": cost,
+        "mean_pressure": finals[0].mean_pressure,
+        "cost": {
+            key: (max if key == "peak_memory_bytes" else sum)(cost[key] for cost in costs)
+            for key in costs[0]
+        },
         "provenance": members[0]["provenance"],
         "members": members,
     }
 
 
 def _spread(values: Sequence[float]) -> dict[str, float]:
-    e = estimate(values)
+    found = estimate(values)
     return {
-        "mean": e.mean,
+        "mean": found.mean,
         "standard_deviation": standard_deviation(values),
-        "half_width_95": e.half_width,
+        "half_width_95": found.half_width,
     }

@@ -116,8 +116,6 @@ class Method:
         requires: a module of the extra `peers` that the method needs.
         source: `module:function` or command of a solver from outside the package, which runs in a
             process of its own.
-        modules: the modules that answer the scene; a kept result is used again only while they
-            and all that they import are the same, see `foundation`.
     """
 
     name: str
@@ -131,7 +129,6 @@ class Method:
     load: Callable[[], None] = _nothing
     requires: str = ""
     source: str = ""
-    modules: tuple[str, ...] = ()
 
     @property
     def plannable(self) -> bool:
@@ -239,7 +236,6 @@ def _registry() -> dict[str, Method]:
             _persson,
             "theory",
             has_fields=False,
-            modules=("epcontact.persson",),
         ),
         Method(
             "bem",
@@ -249,7 +245,6 @@ def _registry() -> dict[str, Method]:
             steps="on_step",
             memory=memory.of_grid,
             load=_load_bem,
-            modules=("epcontact.bem",),
         ),
         Method(
             "fem",
@@ -260,7 +255,6 @@ def _registry() -> dict[str, Method]:
             steps="output",
             memory=memory.of_block,
             load=_load_fem,
-            modules=("fem_check",),
         ),
     ]
     peers = [
@@ -270,7 +264,6 @@ def _registry() -> dict[str, Method]:
             partial(_peer, name),
             has_model_measures=name == "tamaas_j2",
             requires=package,
-            modules=("epcontact.harness.methods.peers",),
         )
         for name, package, how in (
             ("contact_mechanics", "ContactMechanics", "with a pressure cap"),
