@@ -22,13 +22,8 @@ import pyvista as pv
 from PIL import Image
 
 from epcontact.errors import OutputError
-from epcontact.output.charts.style import (
-    PRESSURE_MAP,
-    STATE_COLOURS,
-    STATE_NAMES,
-    STRESS_MAP,
-    unit_for,
-)
+from epcontact.output.charts import style
+from epcontact.output.charts.style import STATE_NAMES, unit_for
 from epcontact.output.vtk import FieldFile, read_fields, read_quietly
 from epcontact.results import ELASTIC, PLASTIC
 
@@ -40,7 +35,7 @@ RELIEF = 0.08
 SHOWN = 0.04
 #: Largest number of faces of a block with drawn element edges; more edges would blacken it.
 EDGES = 20_000
-TEXT = {"color": "black", "font": "arial"}
+TEXT = {"color": "black", "font": "arial", "font_size": 11}
 
 Limits = tuple[float, ...]
 
@@ -61,7 +56,15 @@ def draw(
         for source in sources:
             plotter = _plotter(size)
             paint(plotter, read(source), chosen, limits)
-            frames += _pictures(plotter, size)
+            if size is None:
+                plotter.link_views()
+                plotter.show(title="epcontact")
+                continue
+            frame = np.asarray(plotter.screenshot(None, return_img=True))
+            plotter.close()
+            if np.ptp(frame) == 0:
+                raise OutputError("VTK draws on this machine, but its pictures are blank")
+            frames.append(Image.fromarray(frame))
     return frames
 
 
@@ -78,19 +81,6 @@ def _plotter(size: tuple[int, int] | None) -> Any:
     return plotter
 
 
-def _pictures(plotter: Any, size: tuple[int, int] | None) -> list[Image.Image]:
-    """Return the picture; without a size, show the window until the user closes it."""
-    if size is None:
-        plotter.link_views()
-        plotter.show(title="epcontact")
-        return []
-    frame = np.asarray(plotter.screenshot(None, return_img=True))
-    plotter.close()
-    if np.ptp(frame) == 0:
-        raise OutputError("VTK draws on this machine, but its pictures are blank")
-    return [Image.fromarray(frame)]
-
-
 def round_factor(value: float) -> float:
     """Round `value` down to 1, 2 or 5 times a power of ten; between 0.7 and 2 return 1."""
     if not np.isfinite(value) or value <= 0 or 0.7 <= value < 2:
@@ -105,7 +95,7 @@ def surface_scale(file: FieldFile) -> tuple[float, Limits]:
     factor = round_factor(RELIEF * max(file.periods) / depth) if depth > 0 else 1.0
     hardness = file.attributes.get("hardness", np.inf)
     known = isinstance(hardness, float) and np.isfinite(hardness)
-    top = float(hardness) if known else float(file.field("pressure").max())
+    top = float(hardness if known else file.field("pressure").max())
     return factor, (top or 1.0,)
 
 
@@ -113,11 +103,11 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
     """Draw the contact state and the pressure on the deformed surface, under the flat at z = 0."""
     scale, unit = unit_for(max(file.periods), "m")
     top_scale, top_unit = unit_for(limits[0], "Pa")
-    mesh = _surface(_strided(file), factor, scale, top_scale)
+    mesh = _surface(file, factor, scale, top_scale)
     shares = {kind: np.mean(file.field("state") == kind) for kind in (ELASTIC, PLASTIC)}
     mean = float(np.mean(file.field("pressure"), dtype=np.float64)) / top_scale
     state: dict[str, Any] = {
-        "cmap": list(STATE_COLOURS.values()),
+        "cmap": list(style.STATE_COLOURS.values()),
         "clim": (-0.5, 2.5),
         # The colours are interpolated, not the states: otherwise an elastic rim would appear
         # between apart and plastic.
@@ -127,35 +117,39 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         | {"n_labels": 0, "position_y": 0.06},
     }
     pressure: dict[str, Any] = {
-        "cmap": PRESSURE_MAP,
+        "cmap": style.PRESSURE_MAP,
         "clim": (0.0, limits[0] / top_scale),
         "nan_color": "white",
         "scalar_bar_args": _bar(f"pressure ({top_unit}), white: none"),
     }
-    title = f"Contact: {_size(file.periods, scale)} {unit}, heights × {factor:.3g}"
-    panels = (
-        ("state", state, title),
-        ("pressure", pressure, f"Contact pressure, mean {mean:.4g} {top_unit}"),
-    )
-    for column, (name, look, text) in enumerate(panels):
+    sides = " × ".join(f"{length / scale:.4g}" for length in file.periods)
+    titles = {
+        "state": f"Contact: {sides} {unit}, heights × {factor:.3g}",
+        "pressure": f"Contact pressure, mean {mean:.4g} {top_unit}",
+    }
+    shading = {"smooth_shading": True, "ambient": 0.45, "diffuse": 0.55, "specular": 0.0}
+    for column, (name, look) in enumerate((("state", state), ("pressure", pressure))):
         plotter.subplot(0, column)
-        shading = {"smooth_shading": True, "ambient": 0.45, "diffuse": 0.55, "specular": 0.0}
         plotter.add_mesh(mesh.copy(), scalars=name, **look, **shading)
-        plotter.add_text(text, font_size=11, **TEXT)
+        plotter.add_text(titles[name], **TEXT)
         _look_down(plotter, mesh)
         _mark_lengths(plotter, mesh.bounds, unit, "xy")
 
 
 def _surface(file: FieldFile, factor: float, scale: float, top_scale: float) -> Any:
     """Return the deformed surface with state and pressure, lengths and pressures over scales."""
+    step = max(1, -(-max(file.shape) // POINTS))
+    gap, state, pressure = (
+        np.asarray(file.field(name)[::step, ::step], dtype=kind)
+        for name, kind in (("gap", np.float64), ("state", np.intp), ("pressure", np.float64))
+    )
+    axes = [np.arange(n) * (d * step) / scale for n, d in zip(gap.shape, file.spacing, strict=True)]
     # Points in contact touch the flat, also where flow has cut off the peaks.
-    height = -np.maximum(np.asarray(file.field("gap"), dtype=np.float64), 0.0) / scale
-    axes = [np.arange(n) * d / scale for n, d in zip(file.shape, file.spacing, strict=True)]
+    height = -np.maximum(gap, 0.0) / scale
     mesh = pv.StructuredGrid(*np.meshgrid(*axes, indexing="ij"), height * factor)
-    mesh["state"] = np.asarray(file.field("state"), dtype=np.intp).ravel(order="F")
-    pressure = np.asarray(file.field("pressure"), dtype=np.float64) / top_scale
+    mesh["state"] = state.ravel(order="F")
     # Points without contact are NaN, not zero, so that they are white.
-    mesh["pressure"] = np.where(pressure > 0, pressure, np.nan).ravel(order="F")
+    mesh["pressure"] = np.where(pressure > 0, pressure / top_scale, np.nan).ravel(order="F")
     return mesh
 
 
@@ -214,7 +208,11 @@ def block_scale(mesh: Any) -> tuple[float, Limits]:
 def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
     """Draw von Mises stress and plastic strain on the block without its front quarter."""
     displacement, stress, strain = _field_names(mesh)
-    opened = _opened(mesh)
+    x0, x1, y0, y1, *_ = mesh.bounds
+    centres = np.asarray(mesh.cell_centers().points)
+    # Whole elements are removed.  The shift keeps those on the cut despite rounding.
+    x, y = (x0 + x1) / 2 - 1e-6 * (x1 - x0), (y0 + y1) / 2 - 1e-6 * (y1 - y0)
+    opened = mesh.extract_cells(np.flatnonzero((centres[:, 0] >= x) | (centres[:, 1] >= y)))
     if displacement:
         opened = opened.warp_by_vector(displacement, factor=factor)
     sides = np.ptp(np.reshape(mesh.bounds, (3, 2)), axis=1)
@@ -223,49 +221,29 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
     skin = opened.extract_surface(nonlinear_subdivision=1, algorithm="dataset_surface")
     stress_scale, stress_unit = unit_for(limits[0], "Pa")
     panels = (
-        (stress, stress_scale, limits[0], f"von Mises stress ({stress_unit})", STRESS_MAP),
+        (stress, stress_scale, limits[0], f"von Mises stress ({stress_unit})", style.STRESS_MAP),
         (strain, 1.0, limits[1], "equivalent plastic strain (-)", "cividis"),
     )
+    edges = {"show_edges": skin.n_cells <= EDGES, "edge_color": "#404040", "edge_opacity": 0.35}
+    shading = {"ambient": 0.5, "diffuse": 0.55, "specular": 0.0}
     for column, (name, divisor, top, title, colours) in enumerate(panels):
         plotter.subplot(0, column)
         if name:
             # Of a field that points and cells hold, that of the points is drawn.
             shown = skin.get_array(name, preference="point") / divisor
             look = {"clim": (0.0, top / divisor or 1.0), "cmap": colours}
-            edges = {"show_edges": skin.n_cells <= EDGES, "edge_color": "#404040"}
-            shading = {"edge_opacity": 0.35, "ambient": 0.5, "diffuse": 0.55, "specular": 0.0}
             bar = {"scalar_bar_args": _bar(title)}
             plotter.add_mesh(skin.copy(), scalars=shown, **look, **bar, **edges, **shading)
         else:
             plotter.add_mesh(skin, color="#d9d9d9")
-            plotter.add_text(f"no {title.partition(' (')[0]} in the file", font_size=11, **TEXT)
+            plotter.add_text(f"no {title.partition(' (')[0]} in the file", **TEXT)
         _frame_view(plotter, opened.bounds, (-0.9, -1.3, 1.1), 0.8)
         plotter.camera.SetWindowCenter(0.0, -0.2)
         _mark_lengths(plotter, opened.bounds, unit, "xyz")
     shape = f"displacements × {factor:.3g}" if displacement else "undeformed"
+    size = " × ".join(f"{length / scale:.4g}" for length in sides)
     plotter.subplot(0, 0)
-    plotter.add_text(f"{_size(sides, scale)} {unit}, {shape}", font_size=11, color="black")
-
-
-def _opened(mesh: Any) -> Any:
-    """Return the block without the elements of its front quarter."""
-    x0, x1, y0, y1, *_ = mesh.bounds
-    centres = np.asarray(mesh.cell_centers().points)
-    # Whole elements are removed.  The shift keeps those on the cut despite rounding.
-    x, y = (x0 + x1) / 2 - 1e-6 * (x1 - x0), (y0 + y1) / 2 - 1e-6 * (y1 - y0)
-    return mesh.extract_cells(np.flatnonzero((centres[:, 0] >= x) | (centres[:, 1] >= y)))
-
-
-def _strided(file: FieldFile) -> FieldFile:
-    """Thin out the points of the file until few enough remain to be drawn."""
-    step = max(1, -(-max(file.shape) // POINTS))
-    cut = (slice(None, None, step),) * len(file.shape)
-    fields = {name: field[cut] for name, field in file.fields.items()}
-    return FieldFile(fields, tuple(d * step for d in file.spacing), file.attributes, file.units)
-
-
-def _size(lengths: Sequence[float], scale: float) -> str:
-    return " × ".join(f"{length / scale:.4g}" for length in lengths)
+    plotter.add_text(f"{size} {unit}, {shape}", **TEXT)
 
 
 def _bar(title: str) -> dict[str, Any]:
@@ -283,14 +261,9 @@ def _mark_lengths(plotter: Any, bounds: Any, unit: str, axes: str) -> None:
     # Not an empty title, of which VTK would complain.
     titles = {f"{axis}title": f"{axis} ({unit})" if axis in axes else " " for axis in "xyz"}
     labels = {f"n_{axis}labels": 3 for axis in "xyz"} | {"fmt": "%.3g", "font_size": 11}
-    plotter.show_bounds(
-        bounds=bounds,
-        axes_ranges=[round(end / largest, 2) * largest + 0.0 for end in bounds],
-        location="outer",
-        ticks="outside",
-        color="#303030",
-        **(shown | titles | labels),
-    )
+    ends = [round(end / largest, 2) * largest + 0.0 for end in bounds]
+    look = {"location": "outer", "ticks": "outside", "color": "#303030"} | shown | titles | labels
+    plotter.show_bounds(bounds=bounds, axes_ranges=ends, **look)
 
 
 def _frame_view(plotter: Any, bounds: Any, towards: Sequence[float], zoom: float) -> None:

@@ -9,6 +9,7 @@ no script, follows the reader's choice of light or dark, and fits a phone.
 from __future__ import annotations
 
 import base64
+import collections
 import itertools
 import json
 import math
@@ -56,7 +57,6 @@ def report_folder(
 
     The page shows every picture in a case's folder that has a caption (.txt) beside it.  `draw`
     draws some there first, from the results.  `notes` are sentences for the top of the page.
-
     Raises OutputError if there is no verdict in the folder or the page cannot be written.
     """
     home = Path(folder)
@@ -107,26 +107,20 @@ def write_report(
         "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('. ')}.",
         "notes": _notes,
     }
-    statuses = [case["status"] for case in verdict["cases"]]
-    counts = {s: statuses.count(s) for s in ("holds", "falls short", "error", "skipped")}
-    page = environment.get_template("report.html.jinja").render(
-        verdict=verdict,
-        results=results,
-        pictures=pictures or {},
-        notes=notes,
-        counts=", ".join(f"{n} {status}" for status, n in counts.items() if n),
-    )
+    statuses = collections.Counter(case["status"] for case in verdict["cases"])
+    order = ("holds", "falls short", "error", "skipped")
+    counts = ", ".join(f"{statuses[s]} {s}" for s in order if statuses[s])
+    told = {"verdict": verdict, "results": results, "pictures": pictures or {}, "notes": notes}
+    page = environment.get_template("report.html.jinja").render(counts=counts, **told)
     write_text(path, page + "\n")
 
 
 def number(value: Any, digits: int = 4) -> str:
     """Return a number of a JSON file as text, other text unchanged, '' for a missing value."""
-    if value is None or isinstance(value, jinja2.Undefined):
-        return ""
     try:
         parsed = float(value)
-    except (TypeError, ValueError):
-        return str(value)
+    except (TypeError, ValueError, jinja2.UndefinedError):
+        return "" if value is None else str(value)
     return "–" if math.isnan(parsed) else f"{parsed:.{digits}g}"
 
 
@@ -153,11 +147,10 @@ def _counts(values: Data, digits: int, without: Sequence[str] = ()) -> str:
 
 def _computed(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
     """Return the scene that the methods answered, one row for each of its figures."""
-    told = [answer["provenance"].get("about") for answer in answers.values()]
-    about: Data = next((each for each in told if each), {})
+    told = (answer["provenance"].get("about") for answer in answers.values())
     rows = [
         {"name": name, **entry, "shown": shown(entry["value"], entry["unit"])}
-        for name, entry in about.items()
+        for name, entry in next(filter(None, told), {}).items()
     ]
     labels = (answer["ensemble"]["surfaces"] for answer in answers.values())
     surfaces = max(labels, key=len, default=())
@@ -180,19 +173,18 @@ def _area_rows(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
     """Return the error budget: the parts of the grid, its correction and the few surfaces."""
     rows = []
     for method, answer in answers.items():
-        areas, spread = answer["areas"], answer["ensemble"]["areas"]
-        surfaces = len(answer["members"])
+        areas, surfaces = answer["areas"], len(answer["members"])
+        spread = answer["ensemble"]["areas"].get("corrected", {})
         for part in ("total", "elastic", "plastic"):
+            found = {kind: areas.get(kind, {}).get(part) for kind in ("raw", "corrected", "error")}
             if not any(float(kind[part]) for kind in areas.values()):
                 continue
-            raw, corrected = (areas.get(kind, {}).get(part) for kind in ("raw", "corrected"))
-            both = raw is not None and corrected is not None
-            half_width = spread.get("corrected", {}).get(part, {}).get("half_width_95")
-            row = {"method": method, "part": part, "raw": raw, "corrected": corrected}
-            row["correction"] = float(corrected) - float(raw) if both else None
-            row["error"] = areas.get("error", {}).get(part)
-            row["half_width"] = half_width if surfaces > 1 else None
-            rows.append(row | {"surfaces": surfaces})
+            row = {"method": method, "part": part, "surfaces": surfaces, **found}
+            if None not in (found["raw"], found["corrected"]):
+                row["correction"] = float(found["corrected"]) - float(found["raw"])
+            if surfaces > 1:
+                row["half_width"] = spread.get(part, {}).get("half_width_95")
+            rows.append(row)
     return rows
 
 

@@ -46,7 +46,7 @@ def screenshot(
         write_bytes(picture, map_of_file(source).png())
         return
     with whole_file(picture) as temporary:
-        _draw([_last_step(source)], size, factor)[0].save(temporary)
+        _draw([source], size, factor)[0].save(temporary)
 
 
 def show(result: Path | str, *, factor: float | None = None) -> None:
@@ -54,7 +54,7 @@ def show(result: Path | str, *, factor: float | None = None) -> None:
     source = find_result(result)
     if _is_line(source):
         raise OutputError(f"{source} is a line, which has no view; ask for a screenshot instead")
-    _draw([_last_step(source)], None, factor)
+    _draw([source], None, factor)
 
 
 def compare(first: Path | str, second: Path | str, picture: Path | str) -> None:
@@ -123,20 +123,13 @@ def load_steps(collection: Path | str) -> list[Path]:
         raise OutputError(f"cannot read {collection}: it is no ParaView collection") from None
     if not steps:
         raise OutputError(f"cannot read {collection}: it names no file")
-    ordered = sorted(steps, key=lambda step: step[0])
-    return [Path(collection).parent / file for _, file in ordered]
-
-
-def _last_step(source: Path) -> Path:
-    return load_steps(source)[-1] if source.suffix == ".pvd" else source
+    return [Path(collection).parent / file for _, file in sorted(steps, key=lambda step: step[0])]
 
 
 def _is_line(source: Path) -> bool:
     """True if the file holds a line; only its head is read, because the fields may be large."""
-    if source.suffix != ".vti":
-        return False
-    extent = re.search(rb'WholeExtent="0 \d+ 0 (\d+) ', read_bytes(source, 512))
-    return extent is not None and extent[1] == b"0"
+    extent = rb'WholeExtent="0 \d+ 0 0 '
+    return source.suffix == ".vti" and re.search(extent, read_bytes(source, 512)) is not None
 
 
 def _require_ending(path: Path | str, what: str, *endings: str) -> None:
@@ -145,9 +138,11 @@ def _require_ending(path: Path | str, what: str, *endings: str) -> None:
 
 
 def _draw(sources: Sequence[Path], size: Size | None, factor: float | None) -> list[Image.Image]:
+    """Draw files, of a collection its last step."""
     from epcontact.output import drawing  # pyvista takes a second to load
 
-    return drawing.draw(sources, size, factor)
+    last = [load_steps(source)[-1] if source.suffix == ".pvd" else source for source in sources]
+    return drawing.draw(last, size, factor)
 
 
 def _write_gif(path: Path, frames: Sequence[Image.Image], frames_per_second: float) -> None:
@@ -155,9 +150,8 @@ def _write_gif(path: Path, frames: Sequence[Image.Image], frames_per_second: flo
     from PIL import Image
 
     strip = Image.fromarray(np.concatenate([np.asarray(frame)[::4, ::4] for frame in frames]))
-    none = Image.Dither.NONE
-    palette = strip.quantize(256, dither=none)
-    first, *rest = (frame.quantize(palette=palette, dither=none) for frame in frames)
+    palette = strip.quantize(256, dither=Image.Dither.NONE)
+    first, *rest = (f.quantize(palette=palette, dither=Image.Dither.NONE) for f in frames)
     pause = round(1000 / frames_per_second)
     first.save(path, save_all=True, append_images=rest, duration=pause, loop=0)
 

@@ -1,32 +1,28 @@
 """Field results as VTK image files (.vti) that pyvista and ParaView open at once.
 
 A surface is a plane of nx by ny points, a line a row of nx; point (i, j) is at (i dx, j dy, 0).
-The point one period further equals the first one and is not stored.  The point data are in SI units
-(each array has its unit, as VTK's UNITS_LABEL and in the field data `unit.<name>`):
-
-    heights, pressure, gap                  32-bit floats
-    plastic_displacement                    32-bit floats, of a capped or unloaded body
-    state                                   8-bit integers: 0 apart, 1 elastic, 2 plastic
+The point one period further equals the first one and is not stored.  The point data are heights,
+pressure, gap and, of a capped or unloaded body, plastic_displacement as 32-bit floats, and state as
+8-bit integers (0 apart, 1 elastic, 2 plastic), in SI units, which each array has as VTK's
+UNITS_LABEL and in the field data `unit.<name>`.
 
 The displacement is gap + heights less the height of the flat, so the field data hold `flat_height`
 in its place.  Numbers of 32 bits keep seven digits at half the size; zeros stay exactly zero.
 Rounding may lift a capped pressure above the hardness by one part in 10^7, so use the state to find
 plastic points.  `precision="double"` keeps every bit, and the displacement.
 
-The field data give the origin of the file: method, scene, surface, moduli, load, body, notes,
-versions, areas, residuals, and anything that the caller adds, each with its unit if it has one.
-
-The numbers are raw bytes behind the XML head, so writing needs neither VTK, whose import takes
-long, nor a copy of the fields.
+The field data give the origin of the file and its figures, and anything that the caller adds.  The
+numbers are raw bytes behind the XML head, so writing needs neither VTK, whose import takes long,
+nor a copy of the fields.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
-from xml.sax.saxutils import escape, quoteattr
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,13 +34,9 @@ from epcontact.scene import Surface
 
 #: Units of the standard fields; other fields are written without a unit.
 UNITS = {
-    "heights": "m",
-    "pressure": "Pa",
-    "gap": "m",
-    "displacement": "m",
-    "plastic_displacement": "m",
+    "heights": "m", "pressure": "Pa", "gap": "m", "displacement": "m", "plastic_displacement": "m",
     "state": "1",
-}
+}  # fmt: skip
 
 Attribute = str | float | int
 Precision = Literal["single", "double"]
@@ -56,19 +48,13 @@ _CLOSING = b"</VTKFile>"
 
 @dataclass(frozen=True)
 class FieldFile:
-    """The content of a .vti file.
+    """The content of a .vti file: arrays [x, y] or [x], their spacing in m, and the field data."""
 
-    Attributes:
-        fields: Arrays [x, y] or [x] by name, in the precision of the file.
-        spacing: Distance of grid points along each direction, in m.
-        attributes: The field data: strings, integers and floats by name.
-        units: The units of fields and attributes by name, if the file gives them.
-    """
-
+    source: Path | str
     fields: Mapping[str, NDArray[Any]]
     spacing: tuple[float, ...]
     attributes: Mapping[str, Attribute]
-    units: Mapping[str, str]
+    units: Mapping[str, str]  # of fields and attributes, if the file gives them
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -84,7 +70,7 @@ class FieldFile:
         """Return the field called `name`.  Raises OutputError if the file holds none."""
         if name not in self.fields:
             names = ", ".join(sorted(self.fields))
-            raise OutputError(f"the file holds no field {name}, only {names}")
+            raise OutputError(f"{self.source} holds no field {name}, only {names}")
         return self.fields[name]
 
 
@@ -123,7 +109,10 @@ def write_image(
     """Write arrays [x, y] or [x] on one grid, and field data with the units of some of them."""
     if Path(path).suffix != ".vti":
         raise OutputError(f"cannot write {path}: a field file must be named .vti")
-    planes = _planes(fields, spacing)
+    shapes = {np.shape(field) for field in fields.values()}
+    if len(shapes) != 1 or len(min(shapes)) != len(spacing) or len(spacing) > 2:
+        raise ValueError(f"fields of the shapes {shapes} lie on no grid of spacing {spacing}")
+    planes = {name: np.reshape(field, (len(field), -1)) for name, field in fields.items()}
     known = UNITS | {name: unit for name, unit in (units or {}).items() if unit not in ("", "–")}
     named = {f"unit.{name}": known[name] for name in (*fields, *attributes) if name in known}
     told = {name: _stored(value) for name, value in {**attributes, **named}.items()}
@@ -132,11 +121,12 @@ def write_image(
     with whole_file(path) as temporary, temporary.open("wb") as file:
         file.write(_head(planes, kinds, spacing, told).encode())
         for values in told.values():
-            file.write(np.uint64(values.nbytes).astype("<u8").tobytes() + values.tobytes())
+            file.write(np.array(values.nbytes, "<u8").tobytes() + values.tobytes())
         for name, plane in planes.items():
-            file.write(np.uint64(plane.size * kinds[name].itemsize).astype("<u8").tobytes())
-            for rows in _rows(plane, kinds[name]):
-                file.write(rows.data)
+            file.write(np.array(plane.size * kinds[name].itemsize, "<u8").tobytes())
+            # VTK stores x fastest; some columns at a time need no copy of the field.
+            for j in range(0, plane.shape[1], 64):
+                file.write(np.ascontiguousarray(plane[:, j : j + 64].T, kinds[name]).data)
         file.write(b"\n</AppendedData>\n" + _CLOSING + b"\n")
 
 
@@ -154,6 +144,7 @@ def read_fields(path: Path | str) -> FieldFile:
     held = {name: data[name].tolist()[0] for name in data.keys() if len(data[name]) == 1}  # noqa: SIM118
     fields = {n: np.asarray(image.point_data[n]).reshape(shape, order="F") for n in names}
     return FieldFile(
+        source=path,
         fields={name: np.ascontiguousarray(field) for name, field in fields.items()},
         spacing=tuple(image.spacing[: len(shape)]),
         attributes={k: v for k, v in held.items() if not k.startswith("unit.")},
@@ -183,63 +174,39 @@ def _closed(path: Path) -> bool:
 def _result_attributes(result: ContactResult) -> dict[str, Attribute]:
     """Return the field data of a result: figures of its last load step and its provenance."""
     final, provenance = result.final, result.provenance
+    about = {name: entry["value"] for name, entry in provenance.about.items()}
+    lists = {n: ", ".join(map(repr, v)) for n, v in about.items() if isinstance(v, list | tuple)}
     attributes: dict[str, Any] = {
         "method": result.method,
         "converged": int(result.converged),
         "scene": provenance.scene,
         "mean_pressure": final.mean_pressure,
+        **({} if provenance.seed is None else {"seed": provenance.seed}),
+        **{f"area.{part}.{k}": v for k, a in final.areas.items() for part, v in vars(a).items()},
+        **about,
+        **lists,
+        **({"notes": "; ".join(result.notes)} if result.notes else {}),
+        **{f"residual.{name}": value for name, value in final.residuals.items()},
+        **{f"iterations.{name}": value for name, value in final.iterations.items()},
+        **{f"quantity.{name}": value for name, value in final.quantities.items()},
+        **{f"version.{name}": value for name, value in provenance.versions.items()},
+        **{f"option.{name}": value for name, value in provenance.options.items()},
     }
-    if provenance.seed is not None:
-        attributes["seed"] = provenance.seed
-    for kind, areas in final.areas.items():
-        for part in ("total", "elastic", "plastic"):
-            attributes[f"area.{part}.{kind}"] = getattr(areas, part)
-    for name, entry in provenance.about.items():
-        value = entry["value"]
-        attributes[name] = ", ".join(map(repr, value)) if isinstance(value, list | tuple) else value
-    if result.notes:
-        attributes["notes"] = "; ".join(result.notes)
-    groups: dict[str, Mapping[str, Any]] = {
-        "residual": final.residuals,
-        "iterations": final.iterations,
-        "quantity": final.quantities,
-        "version": provenance.versions,
-        "option": provenance.options,
-    }
-    for prefix, values in groups.items():
-        attributes |= {f"{prefix}.{name}": value for name, value in values.items()}
     return {k: v if isinstance(v, str | int | float) else str(v) for k, v in attributes.items()}
 
 
 def _flat_height(fields: Mapping[str, NDArray[Any]]) -> float | None:
     """Return gap + heights - displacement if it is one number (in m), otherwise None."""
+    if not {"gap", "displacement"} <= fields.keys():
+        return None
     names = ("gap", "heights", "displacement")
-    if not all(name in fields for name in names):
-        return None
     gap, heights, displacement = (np.atleast_2d(fields[name]) for name in names)
-    if not gap.shape == heights.shape == displacement.shape:
-        return None
     # Row by row, because the sums of a large grid would be another copy of it.
     levels = (g + h - u for g, h, u in zip(gap, heights, displacement, strict=True))
     ends = np.array([(np.min(level), np.max(level)) for level in levels])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     tolerance = 1e-6 * float(np.ptp(heights))  # ten roundings of a 32-bit number
     return (low + high) / 2 if high - low <= tolerance else None
-
-
-def _planes(
-    fields: Mapping[str, NDArray[Any]], spacing: tuple[float, ...]
-) -> dict[str, NDArray[Any]]:
-    """Return the fields as arrays (nx, ny).  Raises ValueError unless all are on one grid."""
-    arrays = {name: np.asarray(field) for name, field in fields.items()}
-    shape = next(iter(arrays.values())).shape
-    for name, array in arrays.items():
-        if array.shape != shape or array.ndim != len(spacing) or array.ndim not in (1, 2):
-            raise ValueError(
-                f"the field {name} has shape {array.shape}, but {shape} on a grid of "
-                f"{len(spacing)} directions is needed"
-            )
-    return {name: array.reshape(len(array), -1) for name, array in arrays.items()}
 
 
 def _stored(value: Attribute) -> NDArray[Any]:
@@ -265,9 +232,8 @@ def _head(
         offset += 8 + values.nbytes
     for name, plane in planes.items():
         look = f'Name={quoteattr(name)} format="appended" offset="{offset}"'
-        unit = escape(UNITS.get(name, ""))
-        label = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{unit}'
-        inside = f"{label}</InformationKey>" if unit else ""
+        label = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{UNITS.get(name)}'
+        inside = f"{label}</InformationKey>" if name in UNITS else ""
         points += f'<DataArray type="{_TYPES[kinds[name].str]}" {look}>{inside}</DataArray>'
         offset += 8 + plane.size * kinds[name].itemsize
     nx, ny = next(iter(planes.values())).shape
@@ -282,9 +248,3 @@ def _head(
         f"<PointData Scalars={shown}>{points}</PointData></Piece>\n</ImageData>\n"
         '<AppendedData encoding="raw">\n_'
     )
-
-
-def _rows(plane: NDArray[Any], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
-    """Yield a plane with its axes exchanged, as VTK stores x fastest, some rows at a time."""
-    for j in range(0, plane.shape[1], 64):
-        yield np.ascontiguousarray(plane[:, j : j + 64].T, kind)

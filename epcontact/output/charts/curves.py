@@ -29,26 +29,20 @@ def pressure_distribution(
     Draws the mean over the results of each method, one for each surface, and marks the hardness
     (Pa).  `theory` has densities by formula in the columns series, PRESSURE and DENSITY; one with
     the name of a method replaces that method's binned pressures.  The delta functions at zero
-    pressure and at the hardness cannot be drawn; the legend names the area at the hardness.  Raises
-    ValueError if no result has a distribution.
+    pressure and at the hardness cannot be drawn; the legend names the area at the hardness.
     """
-    found = {
-        method: [r.distribution for r in answers if r.distribution is not None]
-        for method, answers in results.items()
-    }
+    known = {m: [r.distribution for r in each if r.distribution] for m, each in results.items()}
+    found = {method: each for method, each in known.items() if each}
     exact = {} if theory is None else dict(list(theory.groupby("series", sort=False)))
     tables = [
         exact.pop(method) if method in exact else _mean_density(method, each)
         for method, each in found.items()
-        if each
-    ] + [*exact.values()]
-    if not tables:
-        raise ValueError("there is nothing to draw: no result has a distribution")
-    table = pd.concat(tables)
-    areas = {m: float(np.mean([t.plastic for t in each])) for m, each in found.items() if each}
+    ]
+    table = pd.concat([*tables, *exact.values()])
+    areas = {method: float(np.mean([t.plastic for t in each])) for method, each in found.items()}
     top = hardness if np.isfinite(hardness) else float(table[PRESSURE].max())
     scale, unit = unit_for(top, "Pa")
-    pressure = next(r.final.mean_pressure for answers in results.values() for r in answers)
+    pressure = next(r.final.mean_pressure for each in results.values() for r in each)
     upright = {r"$\sigma_0$": pressure / scale}
     if np.isfinite(hardness):
         upright[r"$\sigma_\mathrm{P}$"] = hardness / scale
@@ -61,13 +55,12 @@ def pressure_distribution(
         limits={"xlim": (0, 1.04 * top / scale), "ylim": (0, None)},
         upright=upright,
     )
-    chart = draw_table(
-        table,
-        plot,
+    caption = (
         "Probability density of the contact pressure per nominal area, mean of all surfaces. "
         "The shares of the area without contact and at the hardness are delta functions, which "
-        "are not drawn.",
+        "are not drawn."
     )
+    chart = draw_table(table, plot, caption)
     return replace(chart, header=("series", PRESSURE, DENSITY, "low_per_Pa", "high_per_Pa"))
 
 
@@ -77,26 +70,22 @@ def residual_history(histories: Mapping[str, ArrayLike]) -> Chart:
         pd.DataFrame({"series": method, "iterations": range(np.size(values)), "residual": values})
         for method, values in histories.items()
     ]
-    return draw_table(
-        pd.concat(tables) if tables else pd.DataFrame(columns=["series", "iterations", "residual"]),
-        Plot(("iterations", "iterations (–)"), ("residual", "residual (–)"), log="y"),
-        "Residual of the iteration on the finest grid, of the surface that took longest.",
-    )
+    plot = Plot(("iterations", "iterations (–)"), ("residual", "residual (–)"), log="y")
+    caption = "Residual of the iteration on the finest grid, of the surface that took longest."
+    return draw_table(pd.concat(tables), plot, caption)
 
 
 def pressure_density(
     distribution: PressureDistribution, bins: int = 60, largest: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """The mean density P(sigma) of the elastic contact in intervals of one width up to `largest`.
+    """The middles (Pa) of `bins` intervals up to `largest`, and the mean density P(sigma) in each.
 
-    Returns the middles of the intervals in Pa and the densities in 1/Pa, both of shape (bins,).
-    The densities are differences of the cumulative areas, so that their sum is exactly the elastic
-    area.
+    The densities (1/Pa) of the elastic contact are differences of the cumulative areas, so that
+    their sum is exactly the elastic area.
     """
     edges = np.linspace(0.0, largest or distribution.pressure[-1], bins + 1)
     pressure = np.concatenate([[0.0], distribution.pressure])
-    cumulative = np.concatenate([[0.0], distribution.cumulative])
-    area = np.interp(edges, pressure, cumulative)
+    area = np.interp(edges, pressure, np.concatenate([[0.0], distribution.cumulative]))
     area[0] = 0.0
     # Equal pressures make a step, which counts in the interval below it.
     return 0.5 * (edges[1:] + edges[:-1]), np.diff(area) / np.diff(edges)

@@ -41,45 +41,36 @@ class Chart:
             self.figure.draw_without_rendering()
             self.figure.set_layout_engine("none")
 
-    def png(self, dots_per_inch: float | None = None) -> bytes:
+    def png(self) -> bytes:
         """The picture as PNG."""
-        return self._bytes("png", dots_per_inch, {"Software": None})
+        return self._bytes("png", {"Software": None})
 
     def svg(self) -> bytes:
         """The picture as SVG: the same bytes for the same data."""
-        return self._bytes("svg", None, {"Date": None, "Creator": None})
+        return self._bytes("svg", {"Date": None, "Creator": None})
 
     def csv(self) -> str:
         """The data as comma-separated values, every float with all its digits."""
         text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(self.header)
-        writer.writerows(
-            [repr(float(value)) if isinstance(value, float) else value for value in row]
-            for row in self.rows
-        )
+        csv.writer(text, lineterminator="\n").writerows([self.header, *self.rows])
         return text.getvalue()
 
     def save(self, stem: Path | str) -> tuple[Path, ...]:
-        """Write stem.png, stem.svg, stem.csv and stem.txt (the caption), all of them or none.
+        """Write stem.png, stem.svg, stem.csv and stem.txt (the caption), or raise OutputError.
 
-        Raises OutputError if one of them cannot be written.
+        If one of them cannot be written, none is.
         """
-        contents = {
-            ".png": self.png(),
-            ".svg": self.svg(),
-            ".csv": self.csv().encode(),
-            ".txt": (self.caption + "\n").encode(),
-        }
-        paths = {end: Path(f"{stem}{end}") for end in contents}
+        contents = {".png": self.png(), ".svg": self.svg(), ".csv": self.csv().encode()}
+        contents[".txt"] = f"{self.caption}\n".encode()
+        paths = [Path(f"{stem}{end}") for end in contents]
         with contextlib.ExitStack() as stack:
             # All four are on the disk before the first one is renamed.
-            for end, content in contents.items():
-                stack.enter_context(whole_file(paths[end])).write_bytes(content)
-        return tuple(paths.values())
+            for path, content in zip(paths, contents.values(), strict=True):
+                stack.enter_context(whole_file(path)).write_bytes(content)
+        return tuple(paths)
 
-    def _bytes(self, kind: str, dots_per_inch: float | None, metadata: dict[str, Any]) -> bytes:
-        buffer, dots = io.BytesIO(), dots_per_inch or SETTINGS["savefig.dpi"]
+    def _bytes(self, kind: str, metadata: dict[str, Any]) -> bytes:
+        buffer, dots = io.BytesIO(), SETTINGS["savefig.dpi"]
         with styled():
             self.figure.savefig(buffer, format=kind, dpi=dots, metadata=metadata)
         return buffer.getvalue()

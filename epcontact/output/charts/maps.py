@@ -14,18 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from epcontact.errors import OutputError
 from epcontact.files import write_bytes
+from epcontact.output.charts import style
 from epcontact.output.charts.figures import Chart, new_figure, styled
-from epcontact.output.charts.style import (
-    DIFFERENCE_MAP,
-    PRESSURE_MAP,
-    STATE_COLOURS,
-    STATE_NAMES,
-    STRESS_MAP,
-    typeset,
-    unit_for,
-)
+from epcontact.output.charts.style import STATE_COLOURS, STATE_NAMES, typeset, unit_for
 from epcontact.output.vtk import read_fields
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
@@ -43,24 +35,29 @@ def contact_map(
 ) -> Chart:
     """Figure 3 of the paper, from above: the contact state and the pressure side by side."""
     from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
 
     top = hardness if np.isfinite(hardness) else float(np.max(pressure))
-    _, unit = unit_for(top, "Pa")
     shares = {kind: float(np.mean(state == kind)) for kind in (ELASTIC, PLASTIC, APART)}
     colours = ListedColormap([STATE_COLOURS[kind] for kind in (APART, ELASTIC, PLASTIC)])
     with styled():
         figure, (left, right) = new_figure(7.4, 3.9, columns=2)
         show_field(left, state, spacing, cmap=colours, vmin=APART, vmax=PLASTIC)
-        image = _show_pressure(right, pressure, spacing, top)
+        image, unit = _show_pressure(right, pressure, spacing, top)
         bar = figure.colorbar(image, ax=right, shrink=0.82)
         bar.set_label(f"pressure ({unit}), white: none")
         left.set_title("contact state (shares of grid points)")
         right.set_title("contact pressure")
-        _state_legend(figure, shares)
-    general = "Contact state and contact pressure, seen from above."
+        handles = [
+            Patch(facecolor=STATE_COLOURS[kind], edgecolor="#555555", linewidth=0.6,
+                  label=f"{STATE_NAMES[kind]} {100 * share:.2f} %")
+            for kind, share in shares.items()
+        ]  # fmt: skip
+        figure.legend(handles=handles, loc="outside lower center", ncols=3)
     rows = [(STATE_NAMES[kind], share) for kind, share in shares.items()]
     rows.append(("mean_pressure_Pa", float(np.mean(pressure, dtype=np.float64))))
-    return Chart(figure, ("quantity", "share_of_points_or_value"), rows, caption or general)
+    caption = caption or "Contact state and contact pressure, seen from above."
+    return Chart(figure, ("quantity", "share_of_points_or_value"), rows, caption)
 
 
 def map_of_file(path: Path | str, caption: str = "") -> Chart:
@@ -69,12 +66,9 @@ def map_of_file(path: Path | str, caption: str = "") -> Chart:
     Raises OutputError if the file cannot be read or holds no contact.
     """
     file = read_fields(path)
-    missing = {"state", "pressure", "gap"} - file.fields.keys()
-    if missing:
-        raise OutputError(f"{path} holds no field called {', '.join(sorted(missing))}")
-    state, pressure = file.fields["state"], file.fields["pressure"]
+    state, pressure, gap = (file.field(name) for name in ("state", "pressure", "gap"))
     if state.ndim == 1:
-        return contact_profile(state, pressure, file.fields["gap"], file.spacing, caption=caption)
+        return contact_profile(state, pressure, gap, file.spacing, caption=caption)
     hardness = float(file.attributes.get("hardness", np.inf))
     return contact_map(state, pressure, file.spacing, hardness=hardness, caption=caption)
 
@@ -98,29 +92,22 @@ def pressure_difference(
     *,
     names: tuple[str, str] = ("BEM", "FE"),
 ) -> Chart:
-    """The pressures (Pa) of two methods side by side, in one scale, with their difference.
-
-    Raises ValueError if their grids differ.
-    """
-    if first.shape != second.shape:
-        raise ValueError(f"the pressures lie on different grids, {first.shape} and {second.shape}")
+    """The pressures (Pa) of two methods side by side, in one scale, with their difference."""
     top = float(max(np.max(first), np.max(second)))
     difference = np.asarray(first, dtype=np.float64) - second
     most = float(np.max(np.abs(difference)))
     with styled():
         figure, axes = new_figure(10.2, 3.4, columns=3)
         for panel, field, name in zip(axes, (first, second), names, strict=False):
-            image = _show_pressure(panel, field, spacing, top)
+            image, unit = _show_pressure(panel, field, spacing, top)
             panel.set_title(name)
-        label = f"pressure ({unit_for(top, 'Pa')[1]})"
-        figure.colorbar(image, ax=axes[:2], shrink=0.82, label=label)
+        figure.colorbar(image, ax=axes[:2], shrink=0.82, label=f"pressure ({unit})")
         scale, unit = unit_for(most, "Pa")
         bound = most / scale or 1.0
-        look = {"cmap": DIFFERENCE_MAP, "vmin": -bound, "vmax": bound}
+        look = {"cmap": style.DIFFERENCE_MAP, "vmin": -bound, "vmax": bound}
         image = show_field(axes[2], difference / scale, spacing, **look)
         axes[2].set_title(f"{names[0]} minus {names[1]}")
         figure.colorbar(image, ax=axes[2], shrink=0.82, label=f"difference ({unit})")
-    caption = f"Contact pressure by {names[0]} and by {names[1]}, and their difference."
     rows = [
         ("largest_pressure_Pa", top),
         ("largest_difference_Pa", most),
@@ -128,6 +115,7 @@ def pressure_difference(
         ("mean_pressure_first_Pa", float(np.mean(first, dtype=np.float64))),
         ("mean_pressure_second_Pa", float(np.mean(second, dtype=np.float64))),
     ]
+    caption = f"Contact pressure by {names[0]} and by {names[1]}, and their difference."
     return Chart(figure, ("quantity", "value"), rows, caption)
 
 
@@ -140,8 +128,7 @@ def contact_profile(
     caption: str = "",
 ) -> Chart:
     """A line contact: the deformed profile under the rigid flat, and the pressure."""
-    x = np.arange(state.size) * spacing[0]
-    depth = np.maximum(gap, 0.0)
+    x, depth = np.arange(state.size) * spacing[0], np.maximum(gap, 0.0)
     across, length_unit = unit_for(state.size * spacing[0], "m")
     up, height_unit = unit_for(float(np.max(depth)), "m")
     scale, unit = unit_for(float(np.max(pressure)), "Pa")
@@ -159,10 +146,10 @@ def contact_profile(
         for axes in (left, right):
             axes.margins(x=0)
             axes.set_xlabel(f"x ({length_unit})")
-    general = "A line contact: deformed profile under the rigid flat, and pressure."
     names = ("x_m", "state", "pressure_Pa", "gap_m")
-    rows = list(zip(x.tolist(), state.tolist(), pressure.tolist(), gap.tolist(), strict=True))
-    return Chart(figure, names, rows, caption or general)
+    rows = list(zip(*(column.tolist() for column in (x, state, pressure, gap)), strict=True))
+    caption = caption or "A line contact: deformed profile under the rigid flat, and pressure."
+    return Chart(figure, names, rows, caption)
 
 
 def stability_map(
@@ -171,28 +158,26 @@ def stability_map(
     y: ArrayLike,
     *,
     labels: tuple[str, str],
-    count: str = "iterations",
-    caption: str = "",
+    count: str,
+    caption: str,
 ) -> Chart:
     """A map for each method of the parameters at which it converges, and of its effort.
 
     An effort has the shape (len(x), len(y)); NaN means that the method failed there, which a cross
-    shows.  Raises ValueError if it has another shape.
+    shows.
     """
     from matplotlib.colors import LogNorm
 
     across, up = (np.asarray(v, dtype=np.float64).ravel() for v in (x, y))
     tables = {name: np.asarray(e, dtype=np.float64) for name, e in effort.items()}
-    for name, table in tables.items():
-        if table.shape != (across.size, up.size):
-            raise ValueError(f"{name} has shape {table.shape}, not {(across.size, up.size)}")
-    known = np.concatenate([t[np.isfinite(t)] for t in tables.values()] or [np.ones(0)])
+    known = np.concatenate([t[np.isfinite(t)] for t in tables.values()])
     low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 10.0)
     norm = LogNorm(max(low, 1.0), max(high, low + 1.0, 2.0))
     with styled():
         figure, panels = new_figure(1.6 + 2.6 * len(tables), 3.3, columns=len(tables))
         for axes, (name, table) in zip(panels, tables.items(), strict=True):
-            image = axes.imshow(table.T, origin="lower", aspect="auto", cmap=STRESS_MAP, norm=norm)
+            look = {"cmap": style.STRESS_MAP, "norm": norm}
+            image = axes.imshow(table.T, origin="lower", aspect="auto", **look)
             failed = np.argwhere(~np.isfinite(table))
             axes.plot(*failed.T, "x", color="#d55e00", markersize=6, markeredgewidth=1.6)
             axes.set(title=name, xlabel=typeset(labels[0]))
@@ -201,13 +186,17 @@ def stability_map(
             axes.set_yticks(*_few_ticks(up))
         panels[0].set_ylabel(typeset(labels[1]))
         figure.colorbar(image, ax=list(panels), label=f"{count} (crossed: failed)")
-    general = f"{count} of each method; a cross marks where it did not converge."
     rows = [
         (name, float(across[i]), float(up[j]), float(table[i, j]))
         for name, table in tables.items()
         for i, j in np.ndindex(table.shape)
     ]
-    return Chart(figure, ("method", labels[0], labels[1], count), rows, caption or general)
+    return Chart(figure, ("method", labels[0], labels[1], count), rows, caption)
+
+
+def _few_ticks(values: FloatArray) -> tuple[list[int], list[str]]:
+    places = np.unique(np.linspace(0, values.size - 1, min(values.size, 6)).astype(int))
+    return places.tolist(), [f"{values[i]:.3g}" for i in places]
 
 
 def show_field(axes: Any, field: NDArray[Any], spacing: tuple[float, ...], **look: Any) -> Any:
@@ -216,13 +205,10 @@ def show_field(axes: Any, field: NDArray[Any], spacing: tuple[float, ...], **loo
     Where several points share a pixel, colours are averaged and not values, because a state has
     no mean and a thin contact must remain visible.
     """
-    scale, unit = unit_for(max(n * d for n, d in zip(field.shape, spacing, strict=True)), "m")
+    sizes = list(zip(field.shape, spacing, strict=True))
+    scale, unit = unit_for(max(n * d for n, d in sizes), "m")
     # The first grid point is at the origin; each point is the centre of its pixel.
-    extent = [
-        edge * d / scale
-        for n, d in zip(field.shape, spacing, strict=True)
-        for edge in (-0.5, n - 0.5)
-    ]
+    extent = [edge * d / scale for n, d in sizes for edge in (-0.5, n - 0.5)]
     step = -(-max(field.shape) // POINTS)
     drawn, averaged = field[::step, ::step].T, {"interpolation_stage": "rgba"}
     image = axes.imshow(drawn, origin="lower", extent=extent, **averaged, **look)
@@ -233,28 +219,9 @@ def show_field(axes: Any, field: NDArray[Any], spacing: tuple[float, ...], **loo
 
 def _show_pressure(
     axes: Any, pressure: NDArray[Any], spacing: tuple[float, ...], top: float
-) -> Any:
-    """Draw a pressure (Pa), white where there is none, on a scale that ends at `top`."""
-    scale, _ = unit_for(top, "Pa")
+) -> tuple[Any, str]:
+    """Draw a pressure (Pa) up to `top`, white where there is none; return image and unit."""
+    scale, unit = unit_for(top, "Pa")
     shown = np.ma.masked_less_equal(np.asarray(pressure, dtype=np.float32) / scale, 0.0)
-    return show_field(axes, shown, spacing, cmap=PRESSURE_MAP, vmin=0.0, vmax=top / scale)
-
-
-def _few_ticks(values: FloatArray) -> tuple[list[int], list[str]]:
-    places = np.unique(np.linspace(0, values.size - 1, min(values.size, 6)).astype(int))
-    return places.tolist(), [f"{values[i]:.3g}" for i in places]
-
-
-def _state_legend(figure: Any, shares: Mapping[int, float]) -> None:
-    from matplotlib.patches import Patch
-
-    handles = [
-        Patch(
-            facecolor=STATE_COLOURS[kind],
-            edgecolor="#555555",
-            linewidth=0.6,
-            label=f"{STATE_NAMES[kind]} {100 * share:.2f} %",
-        )
-        for kind, share in shares.items()
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    look = {"cmap": style.PRESSURE_MAP, "vmin": 0.0, "vmax": top / scale}
+    return show_field(axes, shown, spacing, **look), unit

@@ -64,10 +64,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class _Line:
-    """One series: its points, their bounds (NaN for none), its style, its value of `Plot.colour`.
-
-    x, y, low and high are arrays of one length.
-    """
+    """One series: its points, their bounds (NaN for none), its style, its shared colour's value."""
 
     name: str
     x: FloatArray
@@ -75,11 +72,7 @@ class _Line:
     low: FloatArray
     high: FloatArray
     style: str
-    group: Any = None
-
-    @property
-    def is_curve(self) -> bool:
-        return self.style == "curve"
+    group: Any
 
     @property
     def bounded(self) -> bool:
@@ -112,74 +105,55 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
             _draw_zeros(axes, lines, looks)
         _draw_guides(axes, plot)
         if plot.front:
-            _draw_front(axes, [one for one in lines if not one.is_curve])
+            _draw_front(axes, [one for one in lines if one.style != "curve"])
         # Beside the axes the legend can cover no point.
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
         if undecided:
             axes.set_title("the intervals are wider than the differences", color="#a63c00")
-    columns = ("series", plot.x[0], plot.y[0], "low", "high")
+    rows = [
+        (one.name, x, y, *((low, high) if one.bounded else ("", "")))
+        for one in lines
+        for x, y, low, high in np.column_stack([one.x, one.y, one.low, one.high]).tolist()
+    ]
     words = f"{caption} {undecided}".rstrip()
-    return Chart(figure, columns, _rows(lines), typeset(words, mathtext=False))
+    columns = ("series", plot.x[0], plot.y[0], "low", "high")
+    return Chart(figure, columns, rows, typeset(words, mathtext=False))
 
 
 def _line(values: Sequence[Any], group: pd.DataFrame, plot: Plot) -> _Line:
-    def column(name: str) -> FloatArray:
-        missing = np.full(len(group), np.nan)
-        return group[name].to_numpy(np.float64) if name in group else missing
-
-    y, style = plot.y[0], group["style"].iloc[0] if "style" in group else None
+    style = group["style"].iloc[0] if "style" in group else None
     if not isinstance(style, str):
         style = next((plot.styles[value] for value in values if value in plot.styles), plot.style)
-    return _Line(
-        ", ".join(str(value) for value in values if value != ""),
-        *(column(plot.x[0]), column(y), column(f"{y}_low"), column(f"{y}_high")),
-        style,
-        group[plot.colour].iloc[0] if plot.colour else None,
-    )
+    columns = [plot.x[0], plot.y[0], f"{plot.y[0]}_low", f"{plot.y[0]}_high"]
+    x, y, low, high = group.reindex(columns=columns).to_numpy(np.float64).T
+    name = ", ".join(str(value) for value in values if value != "")
+    return _Line(name, x, y, low, high, style, group[plot.colour].iloc[0] if plot.colour else None)
 
 
-def _rows(lines: Sequence[_Line]) -> list[tuple[Any, ...]]:
-    """Rows (series, x, y, low, high), with empty cells where a series has no bounds."""
-    rows: list[tuple[Any, ...]] = []
-    for one in lines:
-        empty = [""] * one.x.size
-        bounds = (one.low.tolist(), one.high.tolist()) if one.bounded else (empty, empty)
-        rows += zip([one.name] * one.x.size, one.x.tolist(), one.y.tolist(), *bounds, strict=True)
-    return rows
-
-
-def series_looks(names: Sequence[str], curves: Sequence[bool]) -> list[dict[str, Any]]:
+def _looks(lines: Sequence[_Line], plot: Plot) -> list[dict[str, Any]]:
     """The colour, mark and dashes of each series, as keywords of matplotlib's `plot`.
 
     A series whose name begins with a method's name has the colour of the method; the others share
     the remaining colours of the cycle.  Curves have dashes of their own but no marks.
     """
-    own = [METHOD_COLOURS.get(name.split(" ")[0].rstrip(",:")) for name in names]
+    own = [METHOD_COLOURS.get(one.name.split(" ")[0].rstrip(",:")) for one in lines]
     taken = METHOD_COLOURS.values() if any(own) else ()
-    rest = itertools.cycle([c for c in CYCLE if c not in taken])
+    rest = itertools.cycle(colour for colour in CYCLE if colour not in taken)
     dashes, marks = itertools.cycle(DASHES), itertools.cycle(MARKERS)
-    return [
-        {
-            "color": colour or next(rest),
-            "marker": None if curve else next(marks),
-            "linestyle": next(dashes) if curve else "-",
-        }
-        for colour, curve in zip(own, curves, strict=True)
-    ]
-
-
-def _looks(lines: Sequence[_Line], plot: Plot) -> list[dict[str, Any]]:
-    looks = series_looks([one.name for one in lines], [one.is_curve for one in lines])
     groups = dict.fromkeys(one.group for one in lines)
-    colours = dict(zip(groups, CYCLE, strict=False)) | dict(plot.colours) if plot.colour else {}
-    for one, look in zip(lines, looks, strict=True):
-        look["color"] = colours.get(one.group, look["color"])
-        if one.style in ("marks", "open"):
-            look["linestyle"] = "none"
+    shared = dict(zip(groups, CYCLE, strict=False)) | dict(plot.colours) if plot.colour else {}
+    looks = []
+    for one, colour in zip(lines, own, strict=True):
+        curve, alone = one.style == "curve", one.style in ("marks", "open")
+        look: dict[str, Any] = {"color": colour or next(rest)}
+        look["marker"] = None if curve else next(marks)
+        look["linestyle"] = next(dashes) if curve else "none" if alone else "-"
+        look["color"] = shared.get(one.group, look["color"])
         if one.style == "open":
             look["fillstyle"] = "none"
-        if not one.is_curve and one.x.size > 25:
+        if not curve and one.x.size > 25:
             look["markersize"] = 3.0
+        looks.append(look)
     return looks
 
 
@@ -194,7 +168,7 @@ def _draw(axes: Any, one: _Line, look: Mapping[str, Any], plot: Plot) -> None:
     if not one.bounded:
         return
     bounds = x, one.low[good] / unit, one.high[good] / unit
-    if one.is_curve:
+    if one.style == "curve":
         axes.fill_between(*bounds, color=look["color"], alpha=0.2, linewidth=0)
     else:
         axes.vlines(*bounds, color=look["color"], linewidth=0.9)
@@ -218,14 +192,9 @@ def _draw_guides(axes: Any, plot: Plot) -> None:
         axes.axvline(x, **_GUIDE)
         # A label in the right half of the picture is to the left of its line.
         left = axes.transAxes.inverted().transform(axes.transData.transform((x, 0)))[0] > 0.5
-        axes.annotate(
-            f"{typeset(label)} " if left else f" {typeset(label)}",
-            (x, 0.985),
-            xycoords=("data", "axes fraction"),
-            va="top",
-            ha="right" if left else "left",
-            color="#555555",
-        )
+        text = f"{typeset(label)} " if left else f" {typeset(label)}"
+        look = {"va": "top", "ha": "right" if left else "left", "color": "#555555"}
+        axes.annotate(text, (x, 0.985), xycoords=("data", "axes fraction"), **look)
 
 
 def _draw_front(axes: Any, lines: Sequence[_Line]) -> None:
@@ -242,15 +211,11 @@ def _draw_front(axes: Any, lines: Sequence[_Line]) -> None:
 
 
 def _undecided(lines: Sequence[_Line]) -> str:
-    """Return a warning if the intervals of most points are wider than all differences shown.
-
-    Such a chart shows no trend; more surfaces would.
-    """
-    told = [one for one in lines if one.bounded and not one.is_curve]
-    if not told:
-        return ""
-    widths = np.concatenate([one.high - one.low for one in told])
-    means = np.concatenate([one.y for one in told])
+    """Return a warning if the intervals of most points are wider than all differences shown."""
+    told = [one for one in lines if one.bounded and one.style != "curve"]
+    none: FloatArray = np.zeros(0)
+    widths = np.concatenate([none, *(one.high - one.low for one in told)])
+    means = np.concatenate([none, *(one.y for one in told)])
     known = np.isfinite(widths) & np.isfinite(means)
     if known.sum() < 2 or np.median(widths[known]) <= np.ptp(means[known]):
         return ""

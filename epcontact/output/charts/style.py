@@ -2,8 +2,7 @@
 
 The colours are those of Okabe and Ito (2008), which people with any colour vision can distinguish;
 series differ in their marks and dashes as well.  Contact states have the same colours in every
-picture, matplotlib's or VTK's: apart white, elastic yellow, plastic black.  Pressure runs from
-yellow to dark.
+picture, matplotlib's or VTK's.  Pressure runs from yellow to dark.
 """
 
 from __future__ import annotations
@@ -11,13 +10,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 from epcontact.results import APART, ELASTIC, PLASTIC
 
-STATE_COLOURS = MappingProxyType({APART: "#ffffff", ELASTIC: "#f0c419", PLASTIC: "#000000"})
-STATE_NAMES = MappingProxyType({APART: "apart", ELASTIC: "elastic", PLASTIC: "plastic"})
+STATE_COLOURS = {APART: "#ffffff", ELASTIC: "#f0c419", PLASTIC: "#000000"}
+STATE_NAMES = {APART: "apart", ELASTIC: "elastic", PLASTIC: "plastic"}
 
 #: Sequential and diverging colour maps (names that matplotlib and pyvista share).
 PRESSURE_MAP = "viridis_r"
@@ -25,44 +23,26 @@ STRESS_MAP = "viridis"
 DIFFERENCE_MAP = "RdBu_r"
 
 #: A method has the same colour in every chart.
-METHOD_COLOURS = MappingProxyType({"persson": "#000000", "bem": "#0072b2", "fem": "#d55e00"})
+METHOD_COLOURS = {"persson": "#000000", "bem": "#0072b2", "fem": "#d55e00"}
 CYCLE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#000000")
 #: The parts of a contact area have the colours of their states.
-PART_COLOURS = MappingProxyType(
-    {"total": CYCLE[0], "elastic": STATE_COLOURS[ELASTIC], "plastic": STATE_COLOURS[PLASTIC]}
-)
+PART_COLOURS = {"total": CYCLE[0], **{STATE_NAMES[k]: STATE_COLOURS[k] for k in (ELASTIC, PLASTIC)}}
 #: Their numbers have no factor in common with that of the colours, so that looks differ for long.
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "h")
 DASHES = ("-", "--", "-.")
 
 #: matplotlib settings; text is drawn as paths, so that an SVG looks the same everywhere.
-SETTINGS: Mapping[str, Any] = MappingProxyType(
-    {
-        "font.family": "DejaVu Sans",
-        "font.size": 9.0,
-        "mathtext.fontset": "dejavusans",
-        "axes.titlesize": 10.0,
-        "axes.labelsize": 9.0,
-        "axes.grid": True,
-        "axes.axisbelow": True,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "grid.color": "#dddddd",
-        "grid.linewidth": 0.6,
-        "legend.frameon": False,
-        "legend.fontsize": 8.0,
-        "lines.linewidth": 1.4,
-        "lines.markersize": 4.5,
-        "figure.dpi": 100.0,
-        "savefig.dpi": 160.0,
-        "savefig.facecolor": "white",
-        "svg.fonttype": "path",
-        "svg.hashsalt": "epcontact",
-    }
-)
+SETTINGS: Mapping[str, Any] = {
+    "font.family": "DejaVu Sans", "font.size": 9.0, "mathtext.fontset": "dejavusans",
+    "axes.titlesize": 10.0, "axes.labelsize": 9.0, "axes.grid": True, "axes.axisbelow": True,
+    "axes.spines.top": False, "axes.spines.right": False,
+    "grid.color": "#dddddd", "grid.linewidth": 0.6, "legend.frameon": False, "legend.fontsize": 8.0,
+    "lines.linewidth": 1.4, "lines.markersize": 4.5,
+    "figure.dpi": 100.0, "savefig.dpi": 160.0, "savefig.facecolor": "white",
+    "svg.fonttype": "path", "svg.hashsalt": "epcontact",
+}  # fmt: skip
 
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
-
 
 #: Symbols as code and cases write them, as mathtext, and as text.
 _SYMBOLS = (
@@ -79,19 +59,15 @@ _SYMBOLS = (
 def typeset(text: str, *, mathtext: bool = True) -> str:
     """Return a label or caption with its symbols typeset, as mathtext or in plain Unicode."""
     for pattern, math_text, plain in _SYMBOLS:
-        text = re.sub(pattern, lambda _, new=(math_text if mathtext else plain): new, text)  # type: ignore[misc]
+        text = re.sub(pattern, (math_text if mathtext else plain).replace("\\", r"\\"), text)
     return text
 
 
 def unit_for(largest: float, unit: str) -> tuple[float, str]:
-    """Choose a prefix for a unit that suits the largest value of a quantity in it.
-
-    Returns the scale by which values are to be divided, and the unit with its prefix.
-    """
+    """Return the scale and the name of the prefixed unit that suit the largest value in a unit."""
     size = abs(largest)
     if not math.isfinite(size) or size == 0:
         return 1.0, unit
-    for scale, prefix in _PREFIXES:
-        if size >= scale and (unit != "m" or scale <= 1):
-            return scale, prefix + unit
-    return _PREFIXES[-1][0], _PREFIXES[-1][1] + unit
+    fitting = (p for p in _PREFIXES if size >= p[0] and (unit != "m" or p[0] <= 1))
+    scale, prefix = next(fitting, _PREFIXES[-1])
+    return scale, prefix + unit
