@@ -1,11 +1,9 @@
 """Files that appear whole or not at all.
 
-A file is written under a temporary name in the folder of its destination, flushed to the disk and
-then renamed over the destination, which the system does in one step.  So a reader, a second run
-into the same folder or a crash never sees half a file.  The temporary file is removed on every
-exception, a keyboard interrupt included.  Only a killed process can leave one behind; its name says
-on which machine it was and which process, so that `remove_leftovers` knows it.
-`tempfile` would make files that only their owner can read.
+A file is written under a temporary name beside its destination, flushed to the disk and renamed
+over the destination, which the system does in one step.  Only a killed process can leave a
+temporary file behind; its name says on which machine it was and which process, so that
+`remove_leftovers` knows it.  `tempfile` would make files that only their owner can read.
 """
 
 from __future__ import annotations
@@ -32,8 +30,8 @@ _BEGIN = f".epcontact-{platform.node()}-"
 def whole_file(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path, whose file replaces `path` if the block ends without an error.
 
-    Missing folders are made, a symbolic link keeps its target, and the file has the permissions
-    of any new file.  Raises OutputError if the system refuses; what else the block raises passes.
+    Missing folders are made, and a symbolic link keeps its target.  Raises OutputError if the
+    system refuses; what else the block raises passes.
     """
     if not Path(path).name:
         raise OutputError(f"cannot write {str(path)!r}: it names no file")
@@ -63,7 +61,7 @@ def whole_file(path: Path | str) -> Iterator[Path]:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove the temporary files that killed processes of this machine have left below a folder."""
+    """Remove the temporary files of killed processes of this machine below a folder."""
     for path in folder.rglob(f"{glob.escape(_BEGIN)}*"):
         pid = path.name.removeprefix(_BEGIN).partition("-")[0]
         if pid.isdecimal() and not alive(int(pid)):
@@ -83,9 +81,8 @@ def write_text(path: Path | str, text: str) -> None:
 
 
 def write_json(path: Path | str, data: Any) -> None:
-    """Write `data`, which `epcontact.results.plain` can turn into JSON types, as indented JSON."""
-    # json.dumps writes indented text by Python code: in an eightfold time.
-    from pydantic_core import to_json
+    """Write `data` as indented JSON of the types of `epcontact.results.plain`."""
+    from pydantic_core import to_json  # eight times as fast as json.dumps
 
     write_bytes(path, to_json(plain(data), indent=2) + b"\n")
 
@@ -137,4 +134,4 @@ def refusal(verb: str, path: Path | str, error: OSError | ValueError) -> OutputE
     reason = (getattr(error, "strerror", None) or str(error)).lower()
     culprit = str(getattr(error, "filename", None) or path)
     known = culprit == str(path) or Path(culprit).name.startswith(".epcontact-")
-    return OutputError(f"cannot {verb} {path}: {reason}" + ("" if known else f": {culprit}"))
+    return OutputError(f"cannot {verb} {path}: {reason}{'' if known else f': {culprit}'}")
