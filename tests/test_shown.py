@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import invoke
+from conftest import SMALL_CASE
 from PIL import Image
 from rich.console import Console
 
@@ -32,7 +33,7 @@ from epcontact.harness.verdict.record import CaseVerdict, MethodEntry, Verdict
 from epcontact.output.charts.curves import pressure_distribution
 from epcontact.output.charts.maps import contact_map
 from epcontact.output.charts.style import SETTINGS, STATE_NAMES
-from epcontact.output.report import Picture, report_folder, write_report
+from epcontact.output.report import report_folder, write_report
 from epcontact.output.vtk import FieldFile, read_fields
 from epcontact.results import (
     APART,
@@ -46,48 +47,31 @@ from epcontact.results import (
 )
 
 PARTS = ("total", "elastic", "plastic")
-SCENE = """
-[case]
-id = "shown"
-requirement = "Both methods answer a capped layer on its way down."
-source = "made for the tests"
-methods = ["bem", "fem"]
-[surface]
-kind = "self_affine"
-period = [1.0e-3, 1.25e-3]
-shape = [16, 20]
-hurst = 0.8
-wavenumber_low = 6.283185307179587e3
-wavenumber_roll_off = 6.283185307179587e3
-wavenumber_high = 2.0e4
-rms_slope = 0.02
-seeds = [5]
-[material]
-young_modulus = 210.0e9
-poisson_ratio = 0.3
-hardness = 1.5e9
-[body]
-kind = "bonded_layer"
-depth = 1.0e-3
-[fem]
-law = "capped"
-layers = 2
-[load]
-mean_pressure = [2.0e8, 5.0e8, 3.0e8]
-[[gate]]
-quantity = "area.total.raw"
-of = "fem"
-against = "bem"
-tolerance = 0.5
-because = "only a smoke test"
-"""
+#: What makes the small case one of an oblong layer that is unloaded, for two methods.
+CHANGES = {
+    '"small"': '"shown"', '"persson", "bem"': '"bem", "fem"', "[3, 5, 7]": "[5]",
+    "period = 1.0e-3": "period = [1.0e-3, 1.25e-3]\nshape = [16, 20]",
+    "wavenumber_high = 5.026548245743669e4\nrms_slope = 0.1":
+        "wavenumber_high = 2.0e4\nrms_slope = 0.02",
+    "points_per_shortest_wavelength = { fast = 4, full = 8 }\n": "",
+    "young_modulus = 100.0e9": "young_modulus = 210.0e9", "hardness = 6.0e9": "hardness = 1.5e9",
+    "[theory]\nenergy_reduction = 0.536":
+        '[body]\nkind = "bonded_layer"\ndepth = 1e-3\n[fem]\nlaw = "capped"\nlayers = 2',
+    "mean_pressure = 5.0e8": "mean_pressure = [2.0e8, 5.0e8, 3.0e8]",
+    "area.total.corrected": "area.total.raw", 'of = "bem"\nagainst = "persson"':
+        'of = "fem"\nagainst = "bem"',
+}  # fmt: skip
 
 
 @pytest.fixture(scope="session")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder in which `epcontact verify` and `report` leave the scene."""
     home = tmp_path_factory.mktemp("shown")
-    (home / "shown.toml").write_text(SCENE)
+    text = SMALL_CASE
+    for old, new in CHANGES.items():
+        assert old in text, old
+        text = text.replace(old, new)
+    (home / "shown.toml").write_text(text)
     options = ("--fields", "first", "--precision", "double", "--jobs", 1, "--output", home)
     assert invoke("verify", home / "shown.toml", *options).returncode == 0
     assert invoke("report", home).returncode == 0
@@ -275,7 +259,7 @@ def test_nothing_a_case_says_becomes_html(tmp_path: Path) -> None:
         "value": {"mean": "inf", "half_width_95": "nan"},
     }
     told["cases"][0]["methods"]["bem"]["errors"] = [HOSTILE]
-    picture = Picture(b"\x89PNG", ".png", HOSTILE)
+    picture = {"uri": "data:image/png;base64,iVBORw0KGgo=", "caption": HOSTILE}
     write_report(tmp_path / "x.html", told, found, {"case-0": [picture]}, [HOSTILE])
     page, data = page_of(tmp_path / "x.html")
     assert "".join(page.itertext()).count(HOSTILE) == 11  # the three requirements twice

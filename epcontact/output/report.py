@@ -14,7 +14,6 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,20 +29,6 @@ Data = Mapping[str, Any]  # the content of a JSON file
 Draw = Callable[[Mapping[str, Sequence[ContactResult]], Path], Sequence[str]]
 
 _MEDIA_TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif"}
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A picture on the page: its bytes, the ending of its file, and the caption below it."""
-
-    content: bytes
-    kind: str
-    caption: str
-
-    @property
-    def uri(self) -> str:
-        """The picture as a data URI."""
-        return f"data:{_MEDIA_TYPES[self.kind]};base64,{base64.b64encode(self.content).decode()}"
 
 
 def report_folder(
@@ -68,7 +53,7 @@ def report_folder(
     ):
         raise OutputError(f"cannot read {home / 'verdict.json'}: it is no verdict of this program")
     results: dict[str, dict[str, Data]] = {}
-    pictures: dict[str, list[Picture]] = {}
+    pictures: dict[str, list[dict[str, str]]] = {}
     sentences = list(notes)
     for case in cases:
         here = home / case["id"] / case["size"]
@@ -87,10 +72,13 @@ def write_report(
     path: Path | str,
     verdict: Data,
     results: Mapping[str, Mapping[str, Data]],
-    pictures: Mapping[str, Sequence[Picture]] | None = None,
+    pictures: Mapping[str, Sequence[Mapping[str, str]]] | None = None,
     notes: Sequence[str] = (),
 ) -> None:
-    """Write the page of a verdict, of the answers by case and method, and of pictures by case."""
+    """Write the page of a verdict, of the answers by case and method, and of pictures by case.
+
+    A picture has the data of its file as a `uri`, and a `caption`.
+    """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("epcontact.output", ""),
         autoescape=True,
@@ -188,14 +176,15 @@ def _area_rows(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
     return rows
 
 
-def _pictures(folder: Path) -> list[Picture]:
+def _pictures(folder: Path) -> list[dict[str, str]]:
     """Return each picture with a caption beside it, as .svg if there are several kinds of it."""
     pictures = []
     for caption in sorted(folder.glob("*.txt")):
         kinds = [kind for kind in _MEDIA_TYPES if caption.with_suffix(kind).is_file()]
         for kind in kinds[:1]:
-            content = caption.with_suffix(kind).read_bytes()
-            pictures.append(Picture(content, kind, caption.read_text("utf-8").strip()))
+            content = base64.b64encode(caption.with_suffix(kind).read_bytes()).decode()
+            uri = f"data:{_MEDIA_TYPES[kind]};base64,{content}"
+            pictures.append({"uri": uri, "caption": caption.read_text("utf-8").strip()})
     return pictures
 
 
