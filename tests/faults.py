@@ -1,7 +1,7 @@
-"""Deliberately wrong solvers: each must turn a named gate red (see test_faults.py).
+"""Deliberately wrong solvers of more than one line, and the parts of those in `breaking.boundary`.
 
-They stand in for the boundary elements through `--solver faults:<name>`; `epcontact verify`
-knows nothing of them.  Each is the honest solver but for one mistake that somebody could make.
+They stand in for the boundary elements, and each must turn a named gate red (see test_faults.py).
+Each is the honest solver but for one mistake that somebody could make.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 from epcontact.bem import driver
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.errors import SurfaceWarning
-from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution
-from epcontact.scene import Body, Load, Scene
+from epcontact.results import Areas, ContactResult
+from epcontact.scene import Body, Scene
 
 
 def honest(scene: Scene) -> ContactResult:
@@ -31,22 +31,7 @@ def honest(scene: Scene) -> ContactResult:
 
 def stiff(scene: Scene) -> ContactResult:
     """The modulus 5 % too high."""
-    return honest(_with_material(scene, young_modulus=1.05 * scene.material.young_modulus))
-
-
-def plane_stress(scene: Scene) -> ContactResult:
-    """E in the place of E*: seen only where Poisson's ratio is not zero."""
-    return honest(_with_material(scene, poisson_ratio=0.0))
-
-
-def light(scene: Scene) -> ContactResult:
-    """Force not conserved: 2 % of the load lost."""
-    return honest(replace(scene, load=Load(tuple(0.98 * p for p in scene.load.path))))
-
-
-def first_load(scene: Scene) -> ContactResult:
-    """A path of loads answered at half its last."""
-    return honest(replace(scene, load=Load(scene.load.final / 2)))
+    return with_material(scene, young_modulus=1.05 * scene.material.young_modulus)
 
 
 # --- the cap -------------------------------------------------------------------------------------
@@ -54,23 +39,13 @@ def first_load(scene: Scene) -> ContactResult:
 
 def no_cap(scene: Scene) -> ContactResult:
     """The cap lost."""
-    return honest(_with_material(scene, hardness=math.inf))
-
-
-def low_cap(scene: Scene) -> ContactResult:
-    """The cap 3 % too low."""
-    return honest(_with_material(scene, hardness=0.97 * scene.material.hardness))
-
-
-def high_cap(scene: Scene) -> ContactResult:
-    """The cap 3 % too high."""
-    return honest(_with_material(scene, hardness=1.03 * scene.material.hardness))
+    return with_material(scene, hardness=math.inf)
 
 
 def clipped(scene: Scene) -> ContactResult:
     """The elastic pressure cut at the hardness, and what is cut off forgotten."""
     result = no_cap(scene)
-    return _with_pressure(result, np.minimum(result.fields["pressure"], scene.material.hardness))
+    return with_pressure(result, np.minimum(result.fields["pressure"], scene.material.hardness))
 
 
 def clipped_and_scaled(scene: Scene) -> ContactResult:
@@ -79,15 +54,10 @@ def clipped_and_scaled(scene: Scene) -> ContactResult:
     for _ in range(200):
         pressure = np.minimum(pressure, scene.material.hardness)
         pressure = pressure * (scene.load.final / pressure.mean())
-    return _with_pressure(honest(scene), pressure)
+    return with_pressure(honest(scene), pressure)
 
 
 # --- the surface ---------------------------------------------------------------------------------
-
-
-def upside_down(scene: Scene) -> ContactResult:
-    """The sign of the heights flipped."""
-    return honest(_with_heights(scene, -scene.surface.heights))
 
 
 def transposed(scene: Scene) -> ContactResult:
@@ -105,7 +75,7 @@ def half_cell(scene: Scene) -> ContactResult:
         shape = [-1 if a == axis else 1 for a in range(heights.ndim)]
         modes = np.fft.fft(heights, axis=axis) * turn.reshape(shape)
         heights = np.fft.ifft(modes, axis=axis).real
-    return honest(_with_heights(scene, heights))
+    return with_heights(scene, heights)
 
 
 def shifted(scene: Scene) -> ContactResult:
@@ -121,7 +91,7 @@ def shifted(scene: Scene) -> ContactResult:
 def coarse(scene: Scene) -> ContactResult:
     """Solved on every second point, each answer given to the points of its cell."""
     every = (slice(None, None, 2),) * scene.surface.heights.ndim
-    result = honest(_with_heights(scene, scene.surface.heights[every]))
+    result = with_heights(scene, scene.surface.heights[every])
     fields = dict(result.fields)
     for axis in range(scene.surface.heights.ndim):
         fields = {name: np.repeat(a, 2, axis) for name, a in fields.items()}
@@ -129,16 +99,6 @@ def coarse(scene: Scene) -> ContactResult:
 
 
 # --- the kernel ----------------------------------------------------------------------------------
-
-
-def half_compliance(scene: Scene) -> ContactResult:
-    """C = 1/(E* q): the factor 2 of Boussinesq's sum forgotten."""
-    return _with_compliance(scene, lambda q, C: C / 2)
-
-
-def cycles_for_radians(scene: Scene) -> ContactResult:
-    """Wave numbers without their 2 pi."""
-    return _with_compliance(scene, lambda q, C: C * 2 * math.pi)
 
 
 def difference_kernel(scene: Scene) -> ContactResult:
@@ -149,12 +109,7 @@ def difference_kernel(scene: Scene) -> ContactResult:
         angle = np.minimum(q * dx / 2, math.pi / 2)
         return C * np.where(q > 0, angle / np.sin(np.where(q > 0, angle, 1.0)), 1.0)
 
-    return _with_compliance(scene, kernel)
-
-
-def no_depth(scene: Scene) -> ContactResult:
-    """The depth of the layer ignored."""
-    return honest(replace(scene, body=Body()))
+    return with_compliance(scene, kernel)
 
 
 def wrong_base(scene: Scene) -> ContactResult:
@@ -170,15 +125,11 @@ def no_compression(scene: Scene) -> ContactResult:
     modulus = material.young_modulus * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
     energy = result.final.quantities["elastic_energy"]
     energy -= scene.load.final**2 * scene.body.depth / modulus / 2
-    return _with_quantities(result, {"elastic_energy": energy})
+    quantities = dict(result.final.quantities) | {"elastic_energy": energy}
+    return _with_last(result, quantities=quantities)
 
 
 # --- the solver ----------------------------------------------------------------------------------
-
-
-def impatient(scene: Scene) -> ContactResult:
-    """Stops as soon as the areas move by less than a tenth, and calls it converged."""
-    return driver.solve(scene, threads=1, area_tolerance=0.1)
 
 
 def tensile(scene: Scene) -> ContactResult:
@@ -189,32 +140,10 @@ def tensile(scene: Scene) -> ContactResult:
     modes = np.fft.rfftn(scene.surface.heights) / C
     axes = range(scene.surface.heights.ndim)
     pressure = np.fft.irfftn(modes, scene.surface.shape, axes) + scene.load.final
-    return _with_pressure(honest(scene), pressure)
-
-
-def single_precision(scene: Scene) -> ContactResult:
-    """The pressure kept in float32."""
-    result = honest(scene)
-    return _with_pressure(result, result.fields["pressure"].astype(np.float32).astype(float))
+    return with_pressure(honest(scene), pressure)
 
 
 # --- what is reported ----------------------------------------------------------------------------
-
-
-def gap_sign(scene: Scene) -> ContactResult:
-    """The gap given with the wrong sign."""
-    result = honest(scene)
-    return replace(result, fields=dict(result.fields) | {"gap": -result.fields["gap"]})
-
-
-def raw_called_corrected(scene: Scene) -> ContactResult:
-    """The share of grid points passed off as the area in the continuum limit."""
-    return _with_areas(honest(scene), lambda areas: areas | {"corrected": areas["raw"]})
-
-
-def corrected_called_raw(scene: Scene) -> ContactResult:
-    """The other way round."""
-    return _with_areas(honest(scene), lambda areas: areas | {"raw": areas["corrected"]})
 
 
 def corrected_the_wrong_way(scene: Scene) -> ContactResult:
@@ -225,16 +154,7 @@ def corrected_the_wrong_way(scene: Scene) -> ContactResult:
         total, plastic = 2 * raw.total - good.total, 2 * raw.plastic - good.plastic
         return dict(areas) | {"corrected": Areas(total, total - plastic, plastic)}
 
-    return _with_areas(honest(scene), turned)
-
-
-def elastic_called_total(scene: Scene) -> ContactResult:
-    """The plastic area forgotten in the sum."""
-
-    def forgotten(areas: Mapping[str, Areas]) -> dict[str, Areas]:
-        return {k: Areas(a.elastic, a.elastic, a.plastic) for k, a in areas.items()}
-
-    return _with_areas(honest(scene), forgotten)
+    return with_areas(honest(scene), turned)
 
 
 def plastic_from_gap(scene: Scene) -> ContactResult:
@@ -247,57 +167,33 @@ def plastic_from_gap(scene: Scene) -> ContactResult:
         total = areas["raw"].total
         return dict(areas) | {"raw": Areas(total, total - plastic, plastic)}
 
-    return _with_areas(result, counted)
-
-
-def lost_delta(scene: Scene) -> ContactResult:
-    """A pressure distribution without its plastic part."""
-    result = honest(scene)
-    assert result.distribution is not None
-    return replace(result, distribution=replace(result.distribution, plastic=0.0))
-
-
-def of_the_contact(scene: Scene) -> ContactResult:
-    """A pressure distribution normalised by the contact in the place of the nominal area."""
-    result = honest(scene)
-    found = result.distribution
-    assert found is not None
-    total = found.cumulative[-1] + found.plastic
-    normalised = PressureDistribution(
-        found.pressure, found.cumulative / total, found.plastic / total
-    )
-    return replace(result, distribution=normalised)
+    return with_areas(result, counted)
 
 
 # --- helpers -------------------------------------------------------------------------------------
 
 
-def _with_material(scene: Scene, **changes: float) -> Scene:
-    return replace(scene, material=replace(scene.material, **changes))
+def with_material(scene: Scene, **changes: float) -> ContactResult:
+    return honest(replace(scene, material=replace(scene.material, **changes)))
 
 
-def _with_heights(scene: Scene, heights: np.ndarray) -> Scene:
-    return replace(scene, surface=replace(scene.surface, heights=heights, recipe=""))
+def with_heights(scene: Scene, heights: np.ndarray) -> ContactResult:
+    return honest(replace(scene, surface=replace(scene.surface, heights=heights, recipe="")))
 
 
-def _with_compliance(scene: Scene, change: Any) -> ContactResult:
+def with_compliance(scene: Scene, change: Any) -> ContactResult:
     q = rfft_wavenumbers(scene.surface.shape, scene.surface.periods)
     C = surface_compliance(q, scene.body, scene.material)
     return driver.solve(scene, threads=1, compliance=change(q, C))
 
 
-def _with_pressure(result: ContactResult, pressure: np.ndarray) -> ContactResult:
+def with_pressure(result: ContactResult, pressure: np.ndarray) -> ContactResult:
     return replace(result, fields=dict(result.fields) | {"pressure": pressure})
 
 
-def _with_last(result: ContactResult, last: LoadStep) -> ContactResult:
-    return replace(result, steps=(*result.steps[:-1], last))
+def with_areas(result: ContactResult, change: Any) -> ContactResult:
+    return _with_last(result, areas=change(dict(result.final.areas)))
 
 
-def _with_quantities(result: ContactResult, changes: Mapping[str, float]) -> ContactResult:
-    quantities = dict(result.final.quantities) | changes
-    return _with_last(result, replace(result.final, quantities=quantities))
-
-
-def _with_areas(result: ContactResult, change: Any) -> ContactResult:
-    return _with_last(result, replace(result.final, areas=change(dict(result.final.areas))))
+def _with_last(result: ContactResult, **changes: Any) -> ContactResult:
+    return replace(result, steps=(*result.steps[:-1], replace(result.final, **changes)))

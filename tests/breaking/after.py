@@ -52,7 +52,6 @@ FAULTS = (
     Fault("capped nodes that rise again when the load falls", "fem_check",
         scaled("fem_check.path._sunk", 0.0), "cycle-fem-capped", "area.total.corrected"),
     Fault("patches that do not join over the period", "harness",
-        at("epcontact.harness.interface._patch_of_points",
-            lambda mask: label(mask)[0][mask] - 1),
+        at("epcontact.harness.interface._patch_of_points", lambda mask: label(mask)[0][mask] - 1),
         test="tests/test_interface.py::test_patches_join_over_the_period"),
 )  # fmt: skip

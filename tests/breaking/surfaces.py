@@ -24,11 +24,9 @@ def _shape(what: str, patch: Any, *seen: Any, **more: Any) -> Fault:
 
 
 FAULTS = (
-    _shape(
-        "amplitude from valley to crest",
+    _shape("amplitude from valley to crest",
         on_result(S + "shapes.Sinusoid.build", lambda s: replace(s, heights=2 * s.heights)),
-        "westergaard-line", "quantity.surface_rms_height",
-    ),
+        "westergaard-line", "quantity.surface_rms_height"),
     _shape(
         "waves along y for waves along x",
         on_result(
@@ -38,10 +36,8 @@ FAULTS = (
         ),
         "westergaard-surface", "field.pressure", status="error",
     ),
-    _shape(
-        "radius for diameter", scaled(S + "shapes.squared_distance", 2.0),
-        "hertz-sphere", "quantity.surface_curvature",
-    ),
+    _shape("radius for diameter", scaled(S + "shapes.squared_distance", 2.0), "hertz-sphere",
+        "quantity.surface_curvature"),
     _shape(
         "spherical cap for parabola",
         changed(S + "shapes.Paraboloid.build",
@@ -56,15 +52,11 @@ FAULTS = (
         ),
         "punch-strip", "area.total.raw", 0.6,
     ),
-    _shape(
-        "slope of the band 5 % off", scaled(S + "self_affine.grid_heights", 1.05),
-        "rough-elastic", "quantity.surface_rms_slope",
-    ),
-    _shape(
-        "Hurst exponent of the surface",
+    _shape("slope of the band 5 % off", scaled(S + "self_affine.grid_heights", 1.05),
+        "rough-elastic", "quantity.surface_rms_slope"),
+    _shape("Hurst exponent of the surface",
         given(S + "self_affine.amplitude_shape", _spectrum(hurst=lambda s: s.hurst - 0.1)),
-        "rough-elastic", "quantity.surface_rms_height",
-    ),
+        "rough-elastic", "quantity.surface_rms_height"),
     _shape(
         "no roll-off",
         given(S + "self_affine.amplitude_shape",
@@ -83,11 +75,9 @@ FAULTS = (
             _spectrum(wavenumber_low=lambda s: 1.2 * s.wavenumber_low)),
         "rough-elastic", "quantity.surface_rms_height",
     ),
-    _shape(
-        "amplitudes of a line on a surface",
+    _shape("amplitudes of a line on a surface",
         changed(S + "self_affine.amplitude_shape", lambda f: lambda s, q, dimension: f(s, q, 1)),
-        "rough-elastic", "quantity.surface_rms_height",
-    ),
+        "rough-elastic", "quantity.surface_rms_height"),
     _shape(
         "the power spectrum for the amplitudes",
         changed(S + "self_affine.amplitude_shape",
@@ -103,28 +93,18 @@ FAULTS = (
                     r.slope_variance, 0))),
         "theory-surface", "quantity.rms_slope",
     ),
-    _shape(
-        "another seed than asked for",
+    _shape("another seed than asked for",
         given(S + "self_affine.grid_heights", lambda r: (replace(r, seed=r.seed + 1),)),
-        "path-elastic", "quantity.surface_highest",
-    ),
-    _shape(
-        "every seed the same surface",
-        given(S + "self_affine.grid_heights", lambda r: (replace(r, seed=7),)),
-        "path-elastic", "quantity.surface_highest",
-    ),
-    _shape(
-        "heights upside down", scaled(S + "self_affine.grid_heights", -1.0),
-        "path-elastic", "quantity.surface_skewness",
-    ),
-    _shape(
-        "heights turned round",
+        "path-elastic", "quantity.surface_highest"),
+    _shape("every seed the same surface",
+        given(S + "self_affine.grid_heights", lambda r: (replace(r, seed=7),)), "path-elastic",
+        "quantity.surface_highest"),
+    _shape("heights upside down", scaled(S + "self_affine.grid_heights", -1.0), "path-elastic",
+        "quantity.surface_skewness"),
+    _shape("heights turned round",
         on_result(S + "self_affine.grid_heights", lambda h: np.ascontiguousarray(h[::-1])),
-        "path-elastic", "quantity.surface_summit_x",
-    ),
-    _shape(
-        "heights turned round along y",
+        "path-elastic", "quantity.surface_summit_x"),
+    _shape("heights turned round along y",
         on_result(S + "self_affine.grid_heights", lambda h: np.ascontiguousarray(h[:, ::-1])),
-        "path-elastic", "quantity.surface_summit_y",
-    ),
+        "path-elastic", "quantity.surface_summit_y"),
 )  # fmt: skip
