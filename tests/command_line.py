@@ -39,7 +39,12 @@ def invoke(*arguments: object) -> Done:
 
 def start(*arguments: object, **options: object) -> Done:
     """Run the command line as a user does; the new process takes a second to load the package."""
-    command = [sys.executable, "-m", "epcontact", *map(str, arguments)]
+    return python("-m", "epcontact", *arguments, **options)
+
+
+def python(*arguments: object, **options: object) -> Done:
+    """Run Python in a process of its own."""
+    command = [sys.executable, *map(str, arguments)]
     return subprocess.run(
         command, check=False, capture_output=True, text=True, timeout=300, **options
     )

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import python
 
 import epcontact
 from epcontact.errors import OutputError
@@ -177,7 +178,7 @@ def test_importing_the_package_loads_no_heavy_library() -> None:
         "heavy = {'vtkmodules', 'pyvista', 'matplotlib', 'meshio', 'scipy'} & set(sys.modules);"
         "sys.exit(f'{heavy} loaded' if heavy else 0)"
     )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    assert python("-c", code).returncode == 0
 
 
 def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path: Path) -> None:

@@ -8,8 +8,6 @@ import itertools
 import math
 import os
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import python
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -172,7 +171,7 @@ def test_matplotlib_is_left_as_it_was() -> None:
         "assert mpl.rcParams['font.size'] == 33.0; assert 'matplotlib.pyplot' not in sys.modules;"
         f"assert chart.figure.axes[0].xaxis.label.get_size() == {SETTINGS['axes.labelsize']};"
     )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    assert python("-c", code).returncode == 0
 
 
 def test_intervals_wider_than_all_differences_are_said() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import itertools
 import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import pyvista as pv
+from command_line import python
 from PIL import Image
 
 from epcontact.errors import OutputError
@@ -151,10 +151,7 @@ def test_where_nothing_can_be_drawn(
     code = f"from epcontact.output.view import *\ntry: {call}\nexcept OutputError as e: print(e)"
     told = {"DISPLAY": display} | ({"VTK_DEFAULT_OPENGL_WINDOW": window} if window else {})
     kept = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env=kept | told, capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
+    done = python("-c", code, cwd=tmp_path, env=kept | told)
     assert (done.returncode, done.stderr, done.stdout.count("\n")) == (0, "", 1)
     assert words in done.stdout
     assert os.listdir(tmp_path) == ["x.vti"]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import pyvista
+from command_line import python
 
 from epcontact.errors import OutputError
 from epcontact.output.vtk import read_fields, write_fields, write_image
@@ -168,9 +167,7 @@ except OutputError as error:
     sys.exit(0 if "x.vti" in str(error) and not os.listdir() else f"{{error}}, {{os.listdir()}}")
 sys.exit("it was written")
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    done = python("-c", code, cwd=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
