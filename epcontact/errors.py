@@ -23,13 +23,7 @@ class SurfaceWarning(UserWarning):
 
 
 class InvalidCase(EpcontactError, ValueError):
-    """A case file that cannot be read or is inconsistent; `args` has a sentence for each mistake.
-
-    Example:
-        >>> print(InvalidCase("hurst is missing", "rms_slope is -1.0, but must be positive"))
-        hurst is missing
-        rms_slope is -1.0, but must be positive
-    """
+    """A case file that is unreadable or inconsistent; `args` has a sentence for each mistake."""
 
     def __str__(self) -> str:
         return "\n".join(map(str, self.args))
@@ -50,14 +44,10 @@ class NotConverged(EpcontactError, RuntimeError):
     """
 
     def __init__(
-        self,
-        message: str,
-        residuals: Mapping[str, float] | None = None,
-        history: Sequence[float] = (),
+        self, message: str, residuals: Mapping[str, float] = {}, history: Sequence[float] = ()
     ) -> None:
         super().__init__(message)
-        self.residuals = dict(residuals or {})
-        self.history = tuple(history)
+        self.residuals, self.history = dict(residuals), tuple(history)
 
 
 class StudyUnavailable(EpcontactError):
@@ -71,12 +61,7 @@ def printable(text: str) -> str:
 
 
 def sentence_of(error: BaseException) -> str:
-    """Return what an error says in one line; an error not raised on purpose is named by its type.
-
-    Example:
-        >>> sentence_of(InvalidCase("no such case")), sentence_of(ZeroDivisionError("division"))
-        ('no such case', 'ZeroDivisionError: division')
-    """
+    """Return what an error says in one line; one not raised on purpose is named by its type."""
     if isinstance(error, EpcontactError):
         return printable(str(error))
     text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

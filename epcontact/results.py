@@ -5,7 +5,7 @@ All methods return the same frozen class, so that a gate need not know which of 
 
 from __future__ import annotations
 
-import dataclasses
+import contextlib
 import functools
 import math
 import os
@@ -28,10 +28,9 @@ APART, ELASTIC, PLASTIC = 0, 1, 2
 def _versions() -> dict[str, str]:
     versions = {"python": platform.python_version()}
     for name in ("epcontact", "numpy", "scipy", "ducc0", "numba", "scikit-fem"):
-        try:
+        versions[name] = "not installed"
+        with contextlib.suppress(PackageNotFoundError):
             versions[name] = version(name)
-        except PackageNotFoundError:
-            versions[name] = "not installed"
     return versions
 
 
@@ -154,9 +153,7 @@ class ContactResult:
 
     def to_json(self) -> dict[str, Any]:
         """Return everything except the fields in JSON types; infinities become strings."""
-        final = self.final
-        shown = {"method": self.method, "converged": self.converged}
-        shown |= {f.name: getattr(final, f.name) for f in dataclasses.fields(final)}
+        shown = {"method": self.method, "converged": self.converged} | vars(self.final)
         names = ("steps", "distribution", "cost", "history", "notes", "provenance")
         data: dict[str, Any] = plain(shown | {name: getattr(self, name) for name in names})
         return data
@@ -168,20 +165,10 @@ class ContactResult:
         Raises:
             KeyError, TypeError, ValueError: `data` is not such a result.
         """
-        steps = tuple(
-            LoadStep(
-                float(step["mean_pressure"]),
-                {name: Areas(**_numbers(areas)) for name, areas in step["areas"].items()},
-                _numbers(step["residuals"]),
-                step["iterations"],
-                _numbers(step["quantities"]),
-            )
-            for step in data["steps"]
-        )
         saved = data["distribution"]
         return cls(
             method=data["method"],
-            steps=steps,
+            steps=tuple(map(_step, data["steps"])),
             provenance=Provenance(**data["provenance"]),
             distribution=None if saved is None else PressureDistribution(**saved),
             cost=_numbers(data["cost"]),
@@ -189,6 +176,20 @@ class ContactResult:
             notes=tuple(data["notes"]),
             converged=data["converged"],
         )
+
+
+def _step(data: Mapping[str, Any]) -> LoadStep:
+    return LoadStep(
+        float(data["mean_pressure"]),
+        {name: Areas(**_numbers(areas)) for name, areas in data["areas"].items()},
+        _numbers(data["residuals"]),
+        data["iterations"],
+        _numbers(data["quantities"]),
+    )
+
+
+def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: float(v) if isinstance(v, str) else v for name, v in data.items()}
 
 
 def plain(value: Any) -> Any:
@@ -201,7 +202,7 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, str | int):
         return value
     if is_dataclass(value):
-        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        value = vars(value)
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -213,7 +214,3 @@ def plain(value: Any) -> Any:
     # Most of a result is lists of finite numbers.
     finite = set(map(type, value)) == {float} and all(map(math.isfinite, value))
     return list(value) if finite else [plain(item) for item in value]
-
-
-def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: float(v) if isinstance(v, str) else v for name, v in data.items()}

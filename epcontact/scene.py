@@ -15,8 +15,8 @@ import json
 import math
 import sys
 import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
 from numbers import Real
 from typing import Any, Literal, get_args
 
@@ -25,14 +25,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from epcontact.errors import InvalidScene, SurfaceWarning
 from epcontact.results import FloatArray
-
-#: The rms slope above which a surface carries a warning.
-LARGEST_SLOPE = 1.0
-#: The ratio of a grid's spacings above which a surface carries a warning.
-LARGEST_RATIO = 2.0
-#: Lengths, pressures and wave numbers in SI units.  Their products and squares, which the methods
-#: form, neither overflow nor underflow: all answers keep their digits at both ends of the range.
-SMALLEST, LARGEST = 1e-40, 1e40
 
 BodyKind = Literal["half_space", "bonded_layer", "sliding_layer"]
 
@@ -65,16 +57,15 @@ class SelfAffineSpectrum:
     rms_slope: float
 
     def __post_init__(self) -> None:
-        units = dict.fromkeys(("wavenumber_low", "wavenumber_roll_off", "wavenumber_high"), "rad/m")
-        for name, unit in {**units, "rms_slope": "m/m"}.items():
-            settle(self, **{name: positive(name, getattr(self, name), unit)})
-        right = "a number between 0 and 1"
-        settle(self, hurst=number("hurst", self.hurst, right, lambda v: 0 <= v <= 1))
+        names = ("wavenumber_low", "wavenumber_roll_off", "wavenumber_high")
+        low, roll_off, high = waves = [positive(n, getattr(self, n), "rad/m") for n in names]
+        slope = positive("rms_slope", self.rms_slope, "m/m")
+        hurst = number("hurst", self.hurst, "a number between 0 and 1", lambda v: 0 <= v <= 1)
+        settle(self, hurst=hurst, rms_slope=slope, **dict(zip(names, waves, strict=True)))
         _require(
-            self.wavenumber_low <= self.wavenumber_roll_off <= self.wavenumber_high,
+            low <= roll_off <= high,
             "wavenumbers are out of order: wavenumber_low <= wavenumber_roll_off <= "
-            f"wavenumber_high is needed, got {self.wavenumber_low:g}, "
-            f"{self.wavenumber_roll_off:g}, {self.wavenumber_high:g}",
+            f"wavenumber_high is needed, got {low:g}, {roll_off:g}, {high:g}",
         )
 
 
@@ -88,18 +79,15 @@ class Surface:
         periods: The lengths (Lx, Ly) or (Lx,) in m after which the heights repeat.
         spectrum: The analytic spectrum that the heights were drawn from, if there is one.
         seed: The seed of the random phases, if there are any.
-        shortest_wavelength: The shortest wavelength of the roughness in m, if it is known
-            (2 pi / q_1 of self-affine roughness).
-        recipe: A text that identifies generated heights in the scene's digest.  If it is empty,
-            the bytes of the heights identify them.
-        notes: Sentences for the reader of a result, for example about the jump that was removed
-            at the edges of a measured map.  The class adds one for an rms slope above 1, for
-            heights in steps, for those of a picture and for oblong cells, and warns of it by a
-            `SurfaceWarning`.
+        shortest_wavelength: The shortest wavelength of the roughness in m, if it is known.
+        recipe: A text that identifies generated heights in the scene's digest; without it the
+            bytes of the heights identify them.
+        notes: Sentences for the reader of a result.  The class adds one for an rms slope above 1,
+            for heights in steps, for those of a picture and for oblong cells, and warns of it by
+            a `SurfaceWarning`.
 
     Raises:
-        InvalidScene: The heights are not finite real numbers, or the shape and the periods do not
-            fit.
+        InvalidScene: The heights are not finite real numbers, or do not fit the periods.
 
     Example:
         >>> Surface(np.zeros((4, 8)), periods=(1e-3, 2e-3)).spacing
@@ -134,8 +122,8 @@ class Surface:
         if self.seed is not None:
             settle(self, seed=whole("seed", self.seed, 0))
         require_known(heights, "heights")
-        cautions = (*levels_note(given.dtype), *_cautions(self))
-        new = cautioned(tuple(note for note in cautions if note not in self.notes))
+        doubts = (*levels_note(given.dtype), *_doubts(self))
+        new = cautioned(tuple(note for note in doubts if note not in self.notes))
         settle(self, notes=(*listed(self.notes), *new))
 
     @property
@@ -168,14 +156,13 @@ class Surface:
 class Material:
     """The elastoplastic solid; the counterface is rigid.
 
-    The two strengths are separate because their ratio is a result of the methods, not an input.
-
     Attributes:
         young_modulus: E in Pa.
         poisson_ratio: nu, between -1 and 0.5.
         hardness: sigma_P in Pa, the pressure at which the contact flows; infinite for an elastic
             solid.
-        yield_stress: sigma_Y in Pa of the J2 solid.
+        yield_stress: sigma_Y in Pa of the J2 solid.  Its ratio to the hardness is a result of the
+            methods, not an input.
 
     Raises:
         InvalidScene: A value is out of its range.
@@ -285,25 +272,31 @@ class Scene:
     @property
     def digest(self) -> str:
         """SHA-256 of everything the scene holds, as hexadecimal digits: its name in results."""
-        surface = self.surface
-        return scene_digest(
-            surface.fingerprint,
-            surface.shape,
-            surface.periods,
-            self.material,
-            self.body,
-            self.load,
-        )
+        surface = (self.surface.fingerprint, self.surface.shape, self.surface.periods)
+        return scene_digest(*surface, self.material, self.body, self.load)
+
+
+def scene_digest(
+    fingerprint: str,
+    shape: tuple[int, ...],
+    periods: tuple[float, ...],
+    material: Material,
+    body: Body,
+    load: Load,
+) -> str:
+    """Return the digest of a scene; its recipe gives the fingerprint before any heights exist."""
+    lengths = [repr(float(p)) for p in periods]
+    content: dict[str, Any] = {"surface": fingerprint, "shape": list(shape), "periods": lengths}
+    for part in (material, body, load):
+        content[type(part).__name__] = {name: repr(v) for name, v in asdict(part).items()}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def check_load(material: Material, load: Load) -> None:
     """Raise InvalidScene if a mean pressure reaches the hardness."""
-    worst = max(load.path)
-    _require(
-        worst < material.hardness,
-        f"mean_pressure is {worst:g} Pa, but must stay below the hardness of "
-        f"{material.hardness:g} Pa",
-    )
+    worst, hardness = max(load.path), material.hardness
+    words = f"mean_pressure is {worst:g} Pa, but must stay below the hardness of {hardness:g} Pa"
+    _require(worst < hardness, words)
 
 
 def check_loading(material: Material, load: Load) -> None:
@@ -318,26 +311,6 @@ def check_loading(material: Material, load: Load) -> None:
         "mean_pressure falls to 0 along the path, but this method needs a load; end the path above "
         "0 or give the method bem or fem",
     )
-
-
-def scene_digest(
-    fingerprint: str,
-    shape: tuple[int, ...],
-    periods: tuple[float, ...],
-    material: Material,
-    body: Body,
-    load: Load,
-) -> str:
-    """Return the digest of a scene; its recipe gives the fingerprint before any heights exist."""
-    content: dict[str, Any] = {
-        "surface": fingerprint,
-        "shape": list(shape),
-        "periods": [repr(float(p)) for p in periods],
-    }
-    for part in (material, body, load):
-        values = asdict(part)
-        content[type(part).__name__] = {f.name: repr(values[f.name]) for f in fields(part)}
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 # --- heights -------------------------------------------------------------------------------------
@@ -364,11 +337,9 @@ def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
         raise InvalidScene(f"{where}: rows of unequal length are no grid of heights") from None
     if np.ma.is_masked(heights):
         heights = np.ma.filled(heights.astype(np.float64), np.nan)
-    kind = "complex" if heights.dtype.kind == "c" else str(heights.dtype)
-    _require(
-        heights.dtype.kind in "buif",
-        f"{where}: holds {kind} values, but heights are real numbers",
-    )
+    kind = "complex" if heights.dtype.kind == "c" else heights.dtype
+    real = heights.dtype.kind in "buif"
+    _require(real, f"{where}: holds {kind} values, but heights are real numbers")
     _require(
         heights.ndim in (1, 2) and min(heights.shape) >= 2,
         f"{where}: has shape {heights.shape}, but heights are a line (nx,) or a grid (nx, ny) of "
@@ -384,24 +355,26 @@ def require_known(heights: NDArray[Any], where: str, missing: str = "refuse") ->
     """
     low, high = float(heights.min()), float(heights.max())  # without a temporary array
     if not (math.isfinite(low) and math.isfinite(high)):
-        known = heights[~np.isnan(heights)]
-        infinite, absent = int(np.count_nonzero(np.isinf(known))), heights.size - known.size
+        infinite, absent = (int(np.count_nonzero(f(heights))) for f in (np.isinf, np.isnan))
         _require(
             not infinite,
             f"{where}: {infinite} of {heights.size} heights are infinite; mark missing ones by NaN",
         )
         _require(
-            missing != "refuse" and known.size > 0,
+            missing != "refuse" and absent < heights.size,
             f"{where}: {absent} of {heights.size} heights are NaN or masked; crop them, or let "
             'epcontact.surfaces fill them: set missing to "harmonic" or "nearest"',
         )
-        low, high = float(known.min()), float(known.max())
+        low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
     span, largest = high - low, max(abs(low), abs(high))
     _require(largest <= LARGEST, f"{where}: heights reach {largest:.3g} m; check their unit")
     _require(
         span == 0 or span >= SMALLEST,
         f"{where}: heights span {span:.3g} m, less than {SMALLEST:g} m; check their unit",
     )
+
+
+# --- doubts about heights ------------------------------------------------------------------------
 
 
 def levels_note(kind: np.dtype[Any]) -> tuple[str, ...]:
@@ -415,27 +388,23 @@ def levels_note(kind: np.dtype[Any]) -> tuple[str, ...]:
     )
 
 
-def _cautions(surface: Surface) -> Iterator[str]:
-    """Yield a sentence for each sign that a surface is not what its maker means."""
+def _doubts(surface: Surface) -> list[str]:
+    """Return a sentence for each sign that a surface is not what its maker means."""
     slope = surface.spectrum.rms_slope if surface.spectrum is not None else surface.rms_slope
-    if slope > LARGEST_SLOPE:
-        yield (
-            f"the rms slope is {slope:.3g}, beyond the small slopes that the methods assume; check "
-            "that heights and periods are in m"
-        )
-    if step := _coarse_step(surface.heights, slope * min(surface.spacing)):
-        yield (
-            f"the heights are in steps of {step:.3g} m at most points, as a map of few bits is: "
-            "claimed errors of areas do not hold; smooth the heights if the steps are rounding, or "
-            "refine the grid until each tread is several points wide"
-        )
+    step = _coarse_step(surface.heights, slope * min(surface.spacing))
     ratio = max(surface.spacing) / min(surface.spacing)
-    if ratio > LARGEST_RATIO * (1 + 1e-9):
-        yield (
-            f"the grid's cells are {ratio:.3g} times as long as wide: corrected areas and their "
-            f"claimed errors hold up to {LARGEST_RATIO:g}; take points at like distances in both "
-            "directions"
-        )
+    signs = {
+        f"the rms slope is {slope:.3g}, beyond the small slopes that the methods assume; check "
+        "that heights and periods are in m": slope > 1,
+        f"the heights are in steps of {step:.3g} m at most points, as a map of few bits is: "
+        "claimed errors of areas do not hold; smooth the heights if the steps are rounding, or "
+        "refine the grid until each tread is several points wide": step > 0,
+        f"the grid's cells are {ratio:.3g} times as long as wide: corrected areas and their "
+        "claimed errors hold up to 2; take points at like distances in both directions": (
+            ratio > 2 * (1 + 1e-9)
+        ),
+    }
+    return [sentence for sentence, doubtful in signs.items() if doubtful]
 
 
 def _coarse_step(heights: FloatArray, change: float) -> float:
@@ -471,6 +440,10 @@ def cautioned(notes: tuple[str, ...]) -> tuple[str, ...]:
 
 
 # --- inputs --------------------------------------------------------------------------------------
+
+#: Lengths, pressures and wave numbers in SI units.  Their products and squares, which the methods
+#: form, neither overflow nor underflow: all answers keep their digits at both ends of the range.
+SMALLEST, LARGEST = 1e-40, 1e40
 
 
 def _require(condition: bool, message: str) -> None:

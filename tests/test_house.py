@@ -24,24 +24,24 @@ FLOORS = (
 #: The most lines of each room.  A change that needs more takes something out of the room, or says
 #: in its commit why the room grows.
 LINES = {
-    "epcontact": 120,
-    "epcontact.bem": 4780,
+    "epcontact": 110,
+    "epcontact.bem": 4740,
     "epcontact.cli": 1230,
-    "epcontact.errors": 100,
+    "epcontact.errors": 90,
     "epcontact.files": 140,
     "epcontact.harness": 6680,
     "epcontact.machine": 240,
     "epcontact.materials": 280,
     "epcontact.output": 1660,
-    "epcontact.persson": 1760,
+    "epcontact.persson": 1630,
     "epcontact.planning": 810,
-    "epcontact.reference": 1080,
+    "epcontact.reference": 1010,
     "epcontact.results": 220,
-    "epcontact.scene": 550,
-    "epcontact.studies": 3390,
-    "epcontact.surfaces": 2030,
+    "epcontact.scene": 530,
+    "epcontact.studies": 3350,
+    "epcontact.surfaces": 1870,
     "fem_check": 4260,
-    "tests": 17990,
+    "tests": 17520,
 }
 #: Imports of the project inside functions, each with its reason beside it; fewer is better.
 DEFERRED = 15

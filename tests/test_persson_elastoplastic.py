@@ -29,67 +29,65 @@ mp.mp.dps = 45
 TINY = 1e-290
 
 
-# ---- the referee ---------------------------------------------------------------------------
+def images(s, x, c):
+    """Plastic area, force, mass below x, dP/dx at 0 and P(x), each summed over mirror images."""
+
+    def phi(z):
+        return mp.exp(-((z / c) ** 2)) / (mp.sqrt(mp.pi) * c)
+
+    def mass(start):  # of a Gaussian about the start, between 0 and x
+        return (mp.erf((x - start) / c) + mp.erf(start / c)) / 2
+
+    walls = [(2 * m + 1 - s) / c for m in range(6)]
+    plastic = mp.fsum(mp.erfc(w) - mp.erfc(w + 2 * s / c) for w in walls)
+    starts = [2 * m + s for m in range(-6, 7)]
+    below = mp.fsum(mass(z) - mass(z - 2 * s) for z in starts)
+    slope = mp.fsum(4 / c**2 * z * phi(z) for z in starts)
+    density = mp.fsum(phi(x - z) - phi(x - z + 2 * s) for z in starts)
+    return plastic, s - plastic, below, slope, density
 
 
-def _phi_mass(a, b, c):
-    """Integral of the Gaussian of spread c from a to b."""
-    return (mp.erf(b / c) - mp.erf(a / c)) / 2
+def modes(s, x, c):
+    """The same by eigenfunctions."""
+
+    def total(weight):
+        waves = [(mp.pi * k, 2 * mp.sin(k * mp.pi * s)) for k in range(1, 10)]
+        return mp.fsum(weight(k) * b * mp.exp(-((k * c / 2) ** 2)) for k, b in waves)
+
+    force = total(lambda k: -mp.cos(k) / k)
+    below = total(lambda k: (1 - mp.cos(k * x)) / k)
+    return s - force, force, below, total(lambda k: k), total(lambda k: mp.sin(k * x))
 
 
-def referee(G, p0, H, sigma=None):
-    """Areas, density, cumulative and slopes with 45 digits, from the doubles as they are."""
+def referee(G, p0, H, sigma=0.0):
+    """Areas, force, slopes, density and cumulative with 45 digits, from the doubles as they are."""
     G, p0, H = mp.mpf(G), mp.mpf(p0), mp.mpf(H)
-    s, c = p0 / H, 2 * mp.sqrt(G) / H
-    x = mp.mpf(0 if sigma is None else sigma) / H
-    if c < 1:
-        ms = range(-6, 7)
-        phi = lambda z: mp.exp(-((z / c) ** 2)) / (mp.sqrt(mp.pi) * c)  # noqa: E731
-        upper = lambda t: mp.fsum(  # noqa: E731
-            mp.erfc((2 * m + 1 - t) / c) - mp.erfc((2 * m + 1 + t) / c) for m in range(6)
-        )
-        mass = lambda y: mp.fsum(  # noqa: E731
-            _phi_mass(-s - 2 * m, y - s - 2 * m, c) - _phi_mass(s - 2 * m, y + s - 2 * m, c)
-            for m in ms
-        )
-        slope = lambda t: mp.fsum(4 / c**2 * (t + 2 * m) * phi(t + 2 * m) for m in ms)  # noqa: E731
-        density = mp.fsum(phi(x - s - 2 * m) - phi(x + s - 2 * m) for m in ms)
-        force = s - upper(s)
-        plastic, separated, elastic, below = upper(s), upper(1 - s), mass(1), mass(x)
-    else:
-        ns = range(1, 10)
-        mode = lambda n, t: mp.sin(n * mp.pi * t) * mp.exp(-((n * mp.pi * c / 2) ** 2))  # noqa: E731
-        upper = lambda t: t + 2 / mp.pi * mp.fsum((-1) ** n * mode(n, t) / n for n in ns)  # noqa: E731
-        mass = lambda y: mp.fsum(  # noqa: E731
-            2 / mp.pi / n * mode(n, s) * (1 - mp.cos(n * mp.pi * y)) for n in ns
-        )
-        slope = lambda t: mp.fsum(2 * mp.pi * n * mode(n, t) for n in ns)  # noqa: E731
-        density = mp.fsum(2 * mode(n, s) * mp.sin(n * mp.pi * x) for n in ns)
-        force = -2 / mp.pi * mp.fsum((-1) ** n * mode(n, s) / n for n in ns)
-        plastic, separated, elastic, below = upper(s), upper(1 - s), mass(1), mass(x)
+    s, c, x = p0 / H, 2 * mp.sqrt(G) / H, mp.mpf(sigma) / H
+    known = images if c < 1 else modes
+    plastic, force, below, at_zero, density = known(s, x, c)
+    separated, _, _, at_wall, _ = known(1 - s, x, c)
+    elastic = known(s, mp.mpf(1), c)[2]
+    slopes = (at_zero / H**2, -at_wall / H**2)
     return {
-        "plastic": plastic,
-        "separated": separated,
-        "elastic": elastic,
-        "cumulative": below,
-        "density": density / H,
-        "slopes": (slope(s) / H**2, -slope(1 - s) / H**2),
-        "force": H * force,
+        **{"plastic": plastic, "separated": separated, "elastic": elastic, "force": H * force},
+        **{"slopes": slopes, "density": density / H, "cumulative": below},
     }
 
 
-def _relative(value, exact):
-    return float(abs(mp.mpf(float(value)) - exact) / abs(exact))
+def is_near(found, exact, rel=1e-10):
+    """Whether a number is right to so much of itself; below TINY, whether it is small, too."""
+    if abs(exact) < TINY:
+        return abs(found) < 2 * TINY
+    return abs(mp.mpf(float(found)) - exact) < rel * abs(exact)
 
 
 _tail = st.floats(-12, -0.302).map(lambda u: 10.0**u)
-_hardness = st.floats(-3, 12).map(lambda u: 10.0**u)
 
 
 @st.composite
 def contacts(draw, widest=1.7):
     """(G, p0, H): p0/H from 1e-12 to 1 - 1e-12, the spread 2 sqrt(G)/H from 1e-13 to 50."""
-    H = draw(_hardness)
+    H = 10.0 ** draw(st.floats(-3, 12))
     share = draw(_tail)
     p0 = H * share if draw(st.booleans()) else H - H * share
     spread = 10.0 ** draw(st.floats(-13, widest))
@@ -103,19 +101,18 @@ def contacts(draw, widest=1.7):
 @example((0.1599, 0.5, 1.0))
 @example((100.0, 12.5, 150.0))
 @example((3.0, 1e-3, 1.0))  # tiny elastic area
-def test_areas_are_right_to_1e10_of_themselves(contact):
-    exact = referee(*contact)
-    found = areas(*contact)
+def test_areas_force_and_slopes_are_right_to_1e10_of_themselves(contact):
+    exact, found = referee(*contact), areas(*contact)
     for name in ("elastic", "plastic", "separated"):
-        true = exact[name]
-        if true < TINY:
-            assert getattr(found, name) < 2 * TINY
-        else:
-            assert _relative(getattr(found, name), true) < 1e-10, name
-    if exact["elastic"] + exact["plastic"] > TINY:
-        assert _relative(found.total, exact["elastic"] + exact["plastic"]) < 1e-10
-    if exact["force"] > TINY:
-        assert _relative(elastic_force(*contact), exact["force"]) < 1e-10
+        assert is_near(getattr(found, name), exact[name]), name
+    assert is_near(found.total, exact["elastic"] + exact["plastic"])
+    assert exact["force"] < TINY or is_near(elastic_force(*contact), exact["force"])
+    if 2 * math.sqrt(contact[0]) < 10 * contact[2]:
+        assert all(map(is_near, boundary_slopes(*contact), exact["slopes"]))
+    # Exact identities: the areas sum to one, and the forces to the load.
+    _, p0, H = contact
+    assert_allclose(found.total + found.separated, 1, rtol=0, atol=1e-13)
+    assert_allclose(elastic_force(*contact) + H * found.plastic, p0, rtol=1e-12)
 
 
 @settings(max_examples=250, deadline=None, derandomize=True)
@@ -132,27 +129,7 @@ def test_distribution_is_right(contact, share, offset, near_start):
     assert error <= 1e-12 * exact["elastic"] + TINY
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
-@given(contacts(widest=1.0))
-def test_boundary_slopes_are_right(contact):
-    exact = referee(*contact)["slopes"]
-    for found, true in zip(boundary_slopes(*contact), exact, strict=True):
-        if abs(true) > TINY:
-            assert _relative(found, true) < 1e-10
-        else:
-            assert abs(found) < 2 * TINY
-
-
 # ---- exact identities ----------------------------------------------------------------------
-
-
-@settings(max_examples=250, deadline=None, derandomize=True)
-@given(contacts())
-def test_areas_sum_to_one_and_forces_to_the_load(contact):
-    _, p0, H = contact
-    found = areas(*contact)
-    assert_allclose(found.total + found.separated, 1, rtol=0, atol=1e-13)
-    assert_allclose(elastic_force(*contact) + H * found.plastic, p0, rtol=1e-12)
 
 
 def test_force_is_the_first_moment_of_the_density():
@@ -177,26 +154,16 @@ def test_particle_hole_symmetry(contact):
 @given(st.floats(0.7, 0.95), _tail, st.booleans(), st.floats(0, 1))
 def test_eigenfunctions_and_images_are_one_function(c, share, mirrored, x):
     """To 1e-13 around the switch, where the areas take either."""
-    G, p0 = c**2 / 4, 1 - share if mirrored else share
-
-    def quantities():
-        found = areas(G, p0, 1.0)
-        return (
-            found.plastic,
-            found.elastic,
-            found.separated,
-            elastic_force(G, p0, 1.0),
-            *boundary_slopes(G, p0, 1.0),
-            pressure_density(x, G, p0, 1.0),
-            pressure_cumulative(x, G, p0, 1.0),
-        )
-
-    with mock.patch.object(series, "SWITCH", 0.0):
-        modes = quantities()
-    with mock.patch.object(series, "SWITCH", math.inf):
-        images = quantities()
+    walk = (c**2 / 4, 1 - share if mirrored else share, 1.0)
+    sums = []
+    for switch in (0.0, math.inf):
+        with mock.patch.object(series, "SWITCH", switch):
+            found = areas(*walk)
+            numbers = (found.plastic, found.elastic, found.separated, elastic_force(*walk))
+            densities = (f(x, *walk) for f in (pressure_density, pressure_cumulative))
+            sums.append([*numbers, *boundary_slopes(*walk), *densities])
     # The modes end at exp(-(4 pi 0.7)^2) = 3e-34, the images at exp(-(6.5 / 0.95)^2) = 5e-21.
-    assert_allclose(images, modes, rtol=0, atol=1e-13)
+    assert_allclose(*sums, rtol=0, atol=1e-13)
 
 
 def test_slopes_are_the_rates_of_the_areas():
@@ -213,13 +180,11 @@ def test_slopes_are_the_rates_of_the_areas():
 
 def test_distribution_meets_its_ends():
     G, p0, H = 4189.0, 12.5, 150.0
-    sigma = np.linspace(0, H, 1025)
-    below = pressure_cumulative(sigma, G, p0, H)
-    assert below[0] == 0
-    assert below[-1] == areas(G, p0, H).elastic
-    assert np.all(np.diff(below) > 0)
-    density = pressure_density(sigma, G, p0, H)
-    assert density[0] == density[-1] == 0
+    elastic = areas(G, p0, H).elastic
+    assert np.all(np.diff(pressure_cumulative(np.linspace(0, H, 1025), G, p0, H)) > 0)
+    outside = [-1.0, 0.0, H, 151.0]
+    assert np.all(pressure_density(outside, G, p0, H) == 0)
+    assert_allclose(pressure_cumulative(outside, G, p0, H), [0, 0, elastic, elastic], rtol=0)
     step = 1e-6 * H
     slopes = boundary_slopes(G, p0, H)
     near = pressure_density([step, H - step], G, p0, H) / step
@@ -265,9 +230,6 @@ def test_small_loads_are_linear():
     assert_allclose(found, math.sqrt(8 / math.pi) * 1e-9 / (250.0 * 0.7), rtol=1e-14)
 
 
-# ---- the paper -----------------------------------------------------------------------------
-
-
 def test_the_theory_row_of_the_paper():
     """E* = 250, hardness 150, p0 = 12.5 GPa, energy reduction 0.536, rms slope 1.
 
@@ -276,18 +238,11 @@ def test_the_theory_row_of_the_paper():
     1/slope, puts it between .9990 and .9999 of 1; hence 2e-4 on figures of four decimals.
     """
     G = 250.0**2 * 0.536 / 8
-    found, elastic = areas(G, 12.5, 150.0), areas(G, 12.5)
-    printed = {"elastic": 0.0526, "plastic": 0.0572, "total": 0.1099}
-    for name, value in printed.items():
-        assert_allclose(getattr(found, name), value, rtol=0, atol=2.5e-4, err_msg=name)
-    assert_allclose(elastic.elastic, 0.1087, rtol=0, atol=1e-4)
+    found, elastic = areas(G, 12.5, 150.0), areas(G, 12.5).elastic
+    rows = [found.elastic, found.plastic, found.total, elastic]
+    assert_allclose(rows, [0.0526, 0.0572, 0.1099, 0.1087], rtol=0, atol=2.5e-4)
     # What equations (4), (5) and (1) give at a slope of exactly 1.
-    assert_allclose(
-        [found.elastic, found.plastic, found.total, elastic.total],
-        [0.0525, 0.0572, 0.1097, 0.1086],
-        rtol=0,
-        atol=5e-5,
-    )
+    assert_allclose(rows, [0.0525, 0.0572, 0.1097, 0.1086], rtol=0, atol=5e-5)
 
 
 # ---- shapes and refusals -------------------------------------------------------------------
@@ -304,17 +259,9 @@ def test_arguments_broadcast_and_scale():
         # Not to the bit: sums over an array may be ordered otherwise.
         assert_allclose(single.elastic, found.elastic[i, j], rtol=1e-14)
         assert_allclose(single.plastic, found.plastic[i, j], rtol=1e-14)
-    scaled = areas(G * 1e18, p0 * 1e9, hardness * 1e9)
-    assert_allclose(scaled.plastic, found.plastic, rtol=1e-12)
+    assert_allclose(areas(G * 1e18, p0 * 1e9, hardness * 1e9).plastic, found.plastic, rtol=1e-12)
     density = pressure_density(30.0, G, p0, hardness)
     assert_allclose(pressure_density(30e9, G * 1e18, p0 * 1e9, hardness * 1e9) * 1e9, density)
-
-
-def test_pressures_outside_the_range_hold_no_contact():
-    outside, elastic = [-1.0, 0.0, 150.0, 151.0], areas(4189.0, 12.5, 150.0).elastic
-    assert np.all(pressure_density(outside, 4189.0, 12.5, 150.0) == 0)
-    below = pressure_cumulative(outside, 4189.0, 12.5, 150.0)
-    assert_allclose(below, [0, 0, elastic, elastic], rtol=0)
 
 
 @pytest.mark.parametrize(
@@ -325,6 +272,7 @@ def test_pressures_outside_the_range_hold_no_contact():
         (areas, (1.0, np.inf, np.inf), "mean_pressure"),
         (pressure_density, (1.0, 0.0, 1.0, 2.0), "density"),
         (pressure_cumulative, (np.nan, 1.0, 1.0, 2.0), "NaN"),
+        (areas, ([1.0, 2.0], [1.0, 2.0, 3.0]), r"diffusion \(2,\) .* do not fit"),
     ],
 )
 def test_nonsense_is_refused(function, arguments, word):

@@ -40,13 +40,12 @@ def periodic_displacement(pressure: Any, points: Any, period: float) -> Any:
     """
     n = len(pressure)
     q = 2 * np.pi * np.fft.rfftfreq(n, period / n)
-    symbol = np.zeros_like(q)
-    symbol[1:] = 2 / (MODULUS * q[1:])
+    symbol = np.divide(2 / MODULUS, q, out=np.zeros_like(q), where=q > 0)
     u = np.fft.irfft(symbol * np.fft.rfft(pressure), n)
     return np.interp(points, np.arange(n) * period / n, u)
 
 
-# --- one sphere, one cylinder a period ------------------------------------------------------------
+# --- one sphere, one cylinder, one strip a period -------------------------------------------------
 
 
 def test_lattice_sums() -> None:
@@ -60,7 +59,6 @@ def test_lattice_sums() -> None:
 def test_spheres_on_a_lattice() -> None:
     """Hertz without images; the images act as extra curvature, and lower the middle of a load."""
     a = bumps.sphere_contact_radius(12.0, RADIUS, MODULUS)
-    assert bumps.sphere_force(a, RADIUS, MODULUS) == pytest.approx(12.0, rel=1e-14)
     alone = bumps.sphere_contact_radius_periodic(12.0, RADIUS, MODULUS, math.inf)
     assert alone == pytest.approx(a, rel=1e-12)
     for ratio in (0.05, 0.1, 0.2):
@@ -80,10 +78,10 @@ def test_spheres_on_a_lattice() -> None:
     assert lattice - own - curvature == pytest.approx(shift, rel=1e-6)
 
 
-def cylinder_force(half_width: float, period: float = L) -> float:
+def cylinder_force(half_width: float) -> float:
     """P' = -(E* L^2/(2 pi R)) ln cos(pi a/L), which `cylinder_half_width_periodic` inverts."""
-    sine = math.sin(math.pi * half_width / period)
-    return -MODULUS * period**2 / (4 * math.pi * RADIUS) * math.log1p(-(sine**2))
+    sine = math.sin(math.pi * half_width / L)
+    return -MODULUS * L**2 / (4 * math.pi * RADIUS) * math.log1p(-(sine**2))
 
 
 def test_cylinders_in_a_row() -> None:
@@ -102,15 +100,10 @@ def test_cylinders_in_a_row() -> None:
     inside, a = np.linspace(0, 0.98 * 0.35 * L, 50), 0.35 * L
     u = periodic_displacement(pressure(np.minimum(x, L - x), a), inside, L)
     assert np.ptp(inside**2 / (2 * RADIUS) + u) < 1e-5 * a**2 / RADIUS
-    # The images enter by (a/L)^2 first, and next by (a/L)^4.
-    free = [math.pi * MODULUS * (r * L) ** 2 / (4 * RADIUS) for r in (0.01, 0.02)]  # Hertz
-    left = [cylinder_force(r * L) / f - 1 - math.pi**2 / 6 * r**2
-            for r, f in zip((0.01, 0.02), free, strict=True)]  # fmt: skip
-    assert left[1] / left[0] == pytest.approx(16, rel=0.02)
     # One cylinder is the limit of a long period: p = E* a/(2 R) sqrt(1 - x^2/a^2).
     a, x = 1e-4, np.linspace(0, 1e-4, 7)
-    assert_allclose(pressure(x, a, 1.0), MODULUS * a / (2 * RADIUS) * np.sqrt(1 - (x / a) ** 2),
-                    rtol=1e-7)  # fmt: skip
+    hertz = MODULUS * a / (2 * RADIUS) * np.sqrt(1 - (x / a) ** 2)
+    assert_allclose(pressure(x, a, 1.0), hertz, rtol=1e-7)
     # dP'/da times the punch of half-width a is the growth of the pressure.
     a, step, x = 2e-4, 1e-9, np.linspace(0, 1.5e-4, 5)
     growth = (pressure(x, a + step) - pressure(x, a - step)) / (2 * step)
@@ -187,46 +180,18 @@ def test_pressure_and_gap_of_a_wave_solve_the_contact_problem() -> None:
     assert_allclose(gap - gap.mean(), expected - expected.mean(), atol=1e-5 * amplitude)
 
 
-# --- layers ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
-def test_layers_agree_with_the_published_closed_forms(nu: float) -> None:
-    """Carbone and Mangialardi (2008), equation A.30; the sliding form by cosh and sinh."""
-    depth, young = 1e-3, 200e9
-    x = np.array([[0.3, 1.0], [3.0, 12.0]])
-    bonded = ((3 - 4 * nu) * np.sinh(2 * x) - 2 * x) / (
-        (3 - 4 * nu) * np.cosh(2 * x) + 2 * x**2 + 5 - 12 * nu + 8 * nu**2
-    )
-    sliding = (np.cosh(2 * x) - 1) / (np.sinh(2 * x) + 2 * x)
-    thin, deep = 1e-2, np.array([50.0, 700.0])
-    lame = layers.lame_compliance(depth, young, nu)
-    for is_bonded, factor, limit in (
-        (True, bonded, lame),
-        (False, sliding, depth * (1 - nu**2) / young),  # plane stress along the modes: d/E*
-    ):
-
-        def solved(x: Any, is_bonded: bool = is_bonded) -> Any:
-            return layers.surface_compliance(x / depth, depth, young, nu, bonded=is_bonded)
-
-        half_space = 2 * depth * (1 - nu**2) / young
-        assert_allclose(solved(x), half_space / x * factor, rtol=1e-11)
-        assert_allclose(solved(deep), half_space / deep, rtol=1e-13)
-        # The next term is of order (q d)^2, and larger where the layer hardly yields.
-        assert solved(thin) == pytest.approx(limit, rel=1e-3 / (1 - 2 * nu))
-
-
-def test_uniaxial_yield_is_where_mises_says() -> None:
-    pressure = layers.uniaxial_yield_pressure(1.0, 0.3)
-    assert pressure * (1 - 0.3 / 0.7) == pytest.approx(1.0, rel=1e-14)
-
-
 # --- closed forms: one property each --------------------------------------------------------------
 
 
 def wave(share: float, shape: tuple[int, ...] = (4096,), waves: int = 1) -> Scene:
     recipe = Sinusoid((L,) * len(shape), shape, 1e-6, waves)
     complete = math.pi * STIFFNESS * 1e-6 * waves / L
+    return Scene(recipe.build(), ELASTIC, Load(share * complete))
+
+
+def waviness(share: float, count: int = 1) -> Scene:
+    recipe = Sinusoid((L, L), (64, 64), 1e-6, count, "both")
+    complete = math.sqrt(2) * math.pi * STIFFNESS * 1e-6 * count / L
     return Scene(recipe.build(), ELASTIC, Load(share * complete))
 
 
@@ -243,71 +208,33 @@ def punch(shape: tuple[int, ...], pressure: float, hardness: float = math.inf) -
 def rough(pressure: float = 2e10, body: Body | None = None, hardness: float = math.inf) -> Scene:
     spectrum = SelfAffineSpectrum(0.8, 7e3, 1.4e4, 6e4, 0.02)
     surface = SelfAffine(spectrum, (L, 1.2 * L), (48, 60), 3).build()
-    material = Material(2.0e11, 0.3, hardness)
-    return Scene(surface, material, Load(pressure), body or Body())
+    return Scene(surface, Material(2.0e11, 0.3, hardness), Load(pressure), body or Body())
 
 
 def scalar(form: str, quantity: str, scene: Scene) -> float:
     return CLOSED_FORMS[form].scalar(quantity, scene)
 
 
+def pressure_of(form: str, scene: Scene) -> np.ndarray:
+    return CLOSED_FORMS[form].field("pressure", scene)
+
+
 @pytest.mark.parametrize("share", [0.01, 0.3, 0.99])
 def test_westergaard_is_consistent(share) -> None:
     scene = wave(share)
-    form = CLOSED_FORMS["westergaard"]
-    pressure = form.field("pressure", scene)
+    form, pressure = CLOSED_FORMS["westergaard"], pressure_of("westergaard", scene)
     assert pressure.mean() == pytest.approx(scene.load.final, rel=1e-4)
     assert pressure.max() == pytest.approx(form.scalar("quantity.largest_pressure", scene))
     contact = form.scalar("area.total.raw", scene)
     assert (pressure > 0).mean() == pytest.approx(contact, abs=2 / 4096)
-    assert form.field("gap", scene).mean() == pytest.approx(
-        form.scalar("quantity.mean_gap", scene), rel=1e-3
-    )
+    mean_gap = form.scalar("quantity.mean_gap", scene)
+    assert form.field("gap", scene).mean() == pytest.approx(mean_gap, rel=1e-3)
+    # The distribution is the one that the field itself has, but for a step a point.
     found = form.pressures(scene)
     assert found.cumulative[-1] == pytest.approx(contact, rel=1e-12)
-    # The distribution is the one that the field itself has.
-    ordered = np.sort(pressure)
-    sampled = PressureDistribution(
-        ordered, np.maximum(np.arange(1, 4097) / 4096 - (1 - contact), 0)
-    )
-    assert distance("wasserstein", found, sampled, math.inf) < 2 / (
-        4096 * contact
-    )  # a step a point
-
-
-@pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")  # of oblong cells
-def test_westergaard_on_a_surface_with_waves_is_that_of_the_line() -> None:
-    line, surface = wave(0.3, (512,), waves=2), wave(0.3, (512, 8), waves=2)
-    for quantity in ("area.total.raw", "quantity.mean_gap", "quantity.elastic_energy"):
-        assert scalar("westergaard", quantity, surface) == pytest.approx(
-            scalar("westergaard", quantity, line), rel=1e-12
-        )
-    fields = [CLOSED_FORMS["westergaard"].field("pressure", s) for s in (line, surface)]
-    assert_allclose(fields[1], np.broadcast_to(fields[0][:, None], (512, 8)), rtol=1e-9)
-
-
-@pytest.mark.parametrize(("shape", "rel"), [((4096,), 1e-4), ((512, 512), 1e-3)])
-def test_hertz_carries_its_load_wherever_the_bump_lies(shape, rel) -> None:
-    centred, moved = bump(shape, 3e7), bump(shape, 3e7, (0.5013,) * len(shape))
-    for scene in (centred, moved):
-        field = CLOSED_FORMS["hertz"].field("pressure", scene)
-        assert field.mean() == pytest.approx(3e7, rel=rel)
-        assert field.max() == pytest.approx(
-            scalar("hertz", "quantity.largest_pressure", scene), rel=1e-3
-        )
-    areas = [scalar("hertz", "area.total.corrected", s) for s in (centred, moved)]
-    assert areas[0] == pytest.approx(areas[1], rel=1e-7)
-
-
-def test_waviness_is_the_same_at_any_number_of_waves() -> None:
-    for form, share in (("waviness_light", 1e-3), ("waviness_heavy", 0.99)):
-        areas = []
-        for count in (1, 3):
-            recipe = Sinusoid((L, L), (64, 64), 1e-6, count, "both")
-            complete = math.sqrt(2) * math.pi * STIFFNESS * 1e-6 * count / L
-            scene = Scene(recipe.build(), ELASTIC, Load(share * complete))
-            areas.append(scalar(form, "area.total.raw", scene))
-        assert areas[0] == pytest.approx(areas[1], rel=1e-9)
+    shares = np.maximum(np.arange(1, 4097) / 4096 - (1 - contact), 0)
+    sampled = PressureDistribution(np.sort(pressure), shares)
+    assert distance("wasserstein", found, sampled, math.inf) < 2 / (4096 * contact)
 
 
 def test_punch_sinks_by_the_integral_of_its_pressure() -> None:
@@ -329,20 +256,16 @@ def test_capped_strip_has_its_two_limits() -> None:
     width = 601 / 1000
     nearly = punch((1000,), 1e8, 1e8 / width * (1 + 1e-9))
     assert scalar("capped_strip", "area.plastic.raw", nearly) == pytest.approx(width, rel=1e-3)
-    hard = punch((1000,), 1e8, 1e12)
-    rim = scalar("capped_strip", "area.plastic.raw", hard)
-    angle = math.pi * width / 2
-    expected = 2 / math.pi * (math.pi * 1e-4 / 2) ** 2 / 2 / math.tan(angle)
+    rim = scalar("capped_strip", "area.plastic.raw", punch((1000,), 1e8, 1e12))
+    expected = 2 / math.pi * (math.pi * 1e-4 / 2) ** 2 / 2 / math.tan(math.pi * width / 2)
     assert rim == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["half_space", "bonded_layer", "sliding_layer"])
 def test_full_contact_pressure_displaces_the_surface_flat(kind) -> None:
     scene = rough(body=Body(kind, math.inf if kind == "half_space" else 1e-4))
-    pressure = CLOSED_FORMS["full_contact"].field("pressure", scene)
-    u = np.fft.irfftn(
-        layers.compliance(scene) * np.fft.rfftn(pressure), s=pressure.shape, axes=(0, 1)
-    )
+    pressure = pressure_of("full_contact", scene)
+    u = np.fft.irfft2(layers.compliance(scene) * np.fft.rfft2(pressure), s=pressure.shape)
     heights = scene.surface.heights
     assert_allclose(u - u.mean(), heights - heights.mean(), atol=1e-12 * heights.std())
     energy = scalar("full_contact", "quantity.elastic_energy", scene)
@@ -351,16 +274,12 @@ def test_full_contact_pressure_displaces_the_surface_flat(kind) -> None:
 
 def test_uniaxial_path_by_hand() -> None:
     material = Material(2.0e11, 0.3, yield_stress=1e9)  # yields at 1.75e9
-    surface = Surface(np.zeros(8), (L,))
     M, K = 2.0e11 * 0.7 / (1.3 * 0.4), 2.0e11 / 1.2
-
-    def approach(*path: float) -> float:
-        scene = Scene(surface, material, Load(path), Body("bonded_layer", 2.0))
-        return scalar("flat", "quantity.approach", scene)
-
-    assert approach(1e9) == pytest.approx(2 * 1e9 / M)
-    assert approach(1e9, 3e9) == pytest.approx(2 * (1.75e9 / M + 1.25e9 / K))
-    assert approach(3e9, 1e9) == pytest.approx(2 * (1.75e9 / M + 1.25e9 / K - 2e9 / M))
+    yielded = 2 * (1.75e9 / M + 1.25e9 / K)
+    paths = {(1e9,): 2e9 / M, (1e9, 3e9): yielded, (3e9, 1e9): yielded - 4e9 / M}
+    for path, sunk in paths.items():
+        scene = Scene(Surface(np.zeros(8), (L,)), material, Load(path), Body("bonded_layer", 2.0))
+        assert scalar("flat", "quantity.approach", scene) == pytest.approx(sunk)
 
 
 def test_bearing_area_is_that_of_the_highest_points() -> None:
@@ -371,46 +290,35 @@ def test_bearing_area_is_that_of_the_highest_points() -> None:
     assert scalar("bearing_area", "quantity.mean_gap", scene) == pytest.approx(gap, rel=2e-3)
 
 
-def test_slope_and_pressure_variance_of_the_heights() -> None:
-    scene = rough()
-    assert scalar("heights", "quantity.rms_slope", scene) == pytest.approx(0.02, rel=1e-12)
-    pressure = CLOSED_FORMS["full_contact"].field("pressure", scene)
-    half = scalar("heights", "quantity.diffusion", scene)
-    assert pressure.var() / 2 == pytest.approx(half, rel=1e-9)
-
-
 def test_theory_tends_to_the_light_load_line_at_a_gamma_of_two_over_pi() -> None:
     """kappa = sqrt(8/(pi gamma)): equal in the limit, 0.6 % below at an area of 0.15."""
-    for load, deviation in ((1e-6, 1e-10), (0.0749, 6.5e-3)):
+    for load, deviation in ((1e-6, 0), (0.0749, 6e-3)):
         scene = rough(load * 0.02 * STIFFNESS)
         line = scalar("light_load", "area.total.corrected", scene)
         assert line == pytest.approx(2 * load, rel=1e-12)
         theory = areas(2 / math.pi * (0.02 * STIFFNESS) ** 2 / 8, scene.load.final).elastic
-        assert theory == pytest.approx(line, rel=deviation)
-    assert theory < line * (1 - 5e-3)
+        assert theory == pytest.approx(line * (1 - deviation), rel=deviation / 10 + 1e-10)
 
 
-# --- refusals -------------------------------------------------------------------------------------
+# --- refusals and measures ------------------------------------------------------------------------
 
-CAPPED = replace(ELASTIC, hardness=1e11)
 REFUSED = {
-    "two waves": ("westergaard", "area.total.raw", rough()),
-    "capped": ("westergaard", "area.total.raw", replace(wave(0.3), material=CAPPED)),
-    "layer": ("hertz", "area.total.raw",
-              replace(bump((64,), 1e7), body=Body("bonded_layer", 1e-3))),
-    "no bump": ("hertz", "area.total.raw", rough()),
+    "two waves": ("westergaard", "area.total", rough()),
+    "capped": ("westergaard", "area.total",
+               replace(wave(0.3), material=replace(ELASTIC, hardness=1e11))),
+    "layer": ("hertz", "area.total", replace(bump((64,), 1e7), body=Body("bonded_layer", 1e-3))),
+    "no bump": ("hertz", "area.total", rough()),
     "closed": ("westergaard", "quantity.elastic_energy", wave(1.5)),
-    "a line": ("waviness_light", "area.total.raw", wave(0.3)),
-    "a heavy load": ("waviness_light", "area.total.raw", Scene(
-        Sinusoid((L, L), (32, 32), 1e-6, 1, "both").build(), ELASTIC, Load(5e8))),
-    "no post": ("flat_punch", "area.total.raw", wave(0.3)),
-    "elastic": ("capped_strip", "area.plastic.raw", punch((100,), 1e8)),
-    "all yielded": ("capped_strip", "area.plastic.raw", punch((100,), 1e8, 1.1e8)),
-    "infinite hardness": ("bearing_area", "area.plastic.raw", rough()),
-    "a capped body": ("light_load", "area.total.raw", rough(1e6, hardness=1e9)),
-    "a wave on a line": ("light_load", "area.total.raw", wave(1e-4)),
-    "too heavy a load": ("light_load", "area.total.raw", rough(0.08 * 0.02 * STIFFNESS)),
-    "gaps left": ("full_contact", "area.total.raw", rough(1e6)),
+    "a line": ("waviness_light", "area.total", wave(0.3)),
+    "a heavy load": ("waviness_light", "area.total", waviness(0.5)),
+    "no post": ("flat_punch", "area.total", wave(0.3)),
+    "elastic": ("capped_strip", "area.plastic", punch((100,), 1e8)),
+    "all yielded": ("capped_strip", "area.plastic", punch((100,), 1e8, 1.1e8)),
+    "infinite hardness": ("bearing_area", "area.plastic", rough()),
+    "a capped body": ("light_load", "area.total", rough(1e6, hardness=1e9)),
+    "a wave on a line": ("light_load", "area.total", wave(1e-4)),
+    "too heavy a load": ("light_load", "area.total", rough(0.08 * 0.02 * STIFFNESS)),
+    "gaps left": ("full_contact", "area.total", rough(1e6)),
     "no layer": ("flat", "quantity.approach", wave(0.3)),
     "no such quantity": ("hertz", "quantity.mean_gap", bump((64,), 1e7)),
 }  # fmt: skip
@@ -419,51 +327,40 @@ REFUSED = {
 @pytest.mark.parametrize("why", REFUSED)
 def test_scene_that_a_form_does_not_describe(why) -> None:
     form, quantity, scene = REFUSED[why]
+    name = quantity + ".raw" if quantity.startswith("area") else quantity
     with pytest.raises(InvalidCase, match=form) as caught:
-        scalar(form, quantity, scene)
+        scalar(form, name, scene)
     assert "\n" not in str(caught.value)
-
-
-def test_distribution_that_a_form_does_not_know() -> None:
     with pytest.raises(InvalidCase, match="hertz has no 'distribution'"):
-        CLOSED_FORMS["hertz"].pressures(bump((64,), 1e7))
-
-
-# --- measures -------------------------------------------------------------------------------------
+        CLOSED_FORMS["hertz"].pressures(scene)
 
 
 def result_of(scene: Scene, pressure: np.ndarray) -> ContactResult:
     raw = Areas(float((pressure > 0).mean()), float((pressure > 0).mean()), 0.0)
-    distribution = PressureDistribution(
-        np.array([0.0, pressure.max()]), np.array([0.0, 1.0]), plastic=0.0
-    )
+    table = PressureDistribution(np.array([0.0, pressure.max()]), np.array([0.0, 1.0]))
     step = LoadStep(scene.load.final, {"raw": raw, "corrected": raw})
-    return ContactResult("bem", (step,), Provenance("x"), distribution, {"pressure": pressure})
+    return ContactResult("bem", (step,), Provenance("x"), table, {"pressure": pressure})
 
 
 def measured(name: str, scene: Scene, result: ContactResult) -> float:
     return measure(f"quantity.{name}", scene, result)
 
 
-def test_exact_answer_passes_every_measure() -> None:
-    scene = rough()
-    result = result_of(scene, CLOSED_FORMS["full_contact"].field("pressure", scene))
-    for name in ("measured_force", "measured_bounds", "measured_gap", "measured_raw_total"):
-        assert abs(measured(name, scene, result)) < 1e-11, name
-
-
 def test_measures_see_what_is_wrong_by_as_much_as_it_is() -> None:
     scene = rough()
-    exact = CLOSED_FORMS["full_contact"].field("pressure", scene)
-    p0 = scene.load.final
-    assert measured("measured_force", scene, result_of(scene, 1.01 * exact)) == pytest.approx(0.01)
-    pulled = exact - exact.min() - 0.1 * p0
-    assert measured("measured_bounds", scene, result_of(scene, pulled)) == pytest.approx(0.1)
-    # Half of the fluctuation leaves half of the roughness as a gap, where gaps must be none.
-    half = result_of(scene, (exact + p0) / 2)
+    exact, p0 = pressure_of("full_contact", scene), scene.load.final
     heights = scene.surface.heights - scene.surface.heights.mean()
-    expected = 0.5 * np.abs(heights).max() / heights.std()
-    assert measured("measured_gap", scene, half) == pytest.approx(expected, rel=1e-9)
+    names = ("measured_force", "measured_bounds", "measured_gap")
+    for pressure, scores in (
+        (exact, (0, 0, 0)),
+        (1.01 * exact, (0.01, 0, None)),
+        (exact - exact.min() - 0.1 * p0, (None, 0.1, None)),
+        # Half of the fluctuation leaves half of the roughness as a gap, where gaps must be none.
+        ((exact + p0) / 2, (0, 0, 0.5 * np.abs(heights).max() / heights.std())),
+    ):
+        for name, score in zip(names, scores, strict=True):
+            found = measured(name, scene, result_of(scene, pressure))
+            assert score is None or found == pytest.approx(score, rel=1e-9, abs=1e-11)
     # A uniform distribution up to the largest pressure carries half of it.
     carried = measured("measured_carried", scene, result_of(scene, exact))
     assert carried == pytest.approx(exact.max() / 2 / p0 - 1)
@@ -474,8 +371,7 @@ def test_sign_of_the_gap_at_the_bounds() -> None:
     # where it would stand below.
     scene = wave(1e-4, (256,))
     crest, valley = np.zeros(256), np.zeros(256)
-    crest[[255, 0, 1]] = scene.load.final * 256 / 3
-    valley[127:130] = scene.load.final * 256 / 3
+    crest[[255, 0, 1]] = valley[127:130] = scene.load.final * 256 / 3
     good, bad = (measured("measured_gap", scene, result_of(scene, p)) for p in (crest, valley))
     assert good < 0.1  # the crest stands 1e-4 of p* out, on three points
     assert bad > 2 * math.sqrt(2) * 0.99
@@ -485,25 +381,13 @@ def test_sign_of_the_gap_at_the_bounds() -> None:
 
 def test_measures_that_lack_a_field() -> None:
     scene = wave(0.3, (64,))
-    empty = replace(result_of(scene, np.ones(64)), fields={})
+    flat = result_of(scene, np.ones(64))
     for name in (q.name for q in QUANTITIES.values() if q.measure and "fields" in q.needs):
         with pytest.raises(InvalidCase, match="no field 'pressure'"):
-            measure(name, scene, empty)
-    with pytest.raises(InvalidCase, match=r"shape \(32,\) on a grid of \(64,\)"):
-        measured("measured_force", scene, result_of(scene, np.ones(32)))
-    with pytest.raises(InvalidCase, match="no pressure distribution"):
-        measured(
-            "measured_carried", scene, replace(result_of(scene, np.ones(64)), distribution=None)
-        )
-
-
-def test_surface_measures() -> None:
-    scene = bump((64, 64), 1e7)
-    result = result_of(scene, np.ones((64, 64)))
-    assert measured("surface_curvature", scene, result) == pytest.approx(100.0, rel=1e-9)
-    wavy = wave(0.3, (64,))
-    given = result_of(wavy, np.ones(64))
-    assert measured("surface_rms_height", wavy, given) == pytest.approx(1e-6 / math.sqrt(2))
-    assert measured("surface_rms_slope", wavy, given) == pytest.approx(
-        1e-6 / math.sqrt(2) * 2 * math.pi / L
-    )
+            measure(name, scene, replace(flat, fields={}))
+    for name, result, words in (
+        ("measured_force", result_of(scene, np.ones(32)), r"shape \(32,\) on a grid of \(64,\)"),
+        ("measured_carried", replace(flat, distribution=None), "no pressure distribution"),
+    ):
+        with pytest.raises(InvalidCase, match=words):
+            measured(name, scene, result)

@@ -10,10 +10,9 @@ import pytest
 import fem_check
 from epcontact import InvalidScene, Load, Material, Scene, SelfAffineSpectrum, Surface, bem
 from epcontact.output.vtk import write_fields
-from epcontact.persson.gaps import gap_distribution
 from epcontact.persson.reduction import EnergyReduction
 from epcontact.persson.roughness import analytic_roughness
-from epcontact.persson.separation import mean_separation
+from epcontact.persson.separation import gap_distribution, mean_separation
 from epcontact.persson.theory import Theory
 from epcontact.studies.left import residual_of, theory_power
 from epcontact.studies.paper_scene import rough_scene

@@ -8,6 +8,7 @@ import shutil
 import sys
 import types
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,16 +19,7 @@ import pytest
 
 from epcontact.errors import InvalidScene, SurfaceWarning
 from epcontact.planning.grids import one_directional
-from epcontact.scene import (
-    Body,
-    Load,
-    Material,
-    Scene,
-    SelfAffineSpectrum,
-    Surface,
-    rms_slope,
-    scene_digest,
-)
+from epcontact.scene import Body, Load, Material, SelfAffineSpectrum, Surface, rms_slope
 from epcontact.surfaces import HeightsFromArray, HeightsFromFile, SelfAffine
 from epcontact.surfaces.treatment import edge_jumps, filled, form_removed, windowed
 
@@ -49,71 +41,79 @@ def cut_out(shape: tuple[int, int] = (40, 30)) -> np.ndarray[Any, np.dtype[np.fl
     return piece + 0.01 * x[:, None] - 0.02 * y
 
 
-def write(folder: Path, name: str, heights: Any) -> Path:
-    path = folder / name
-    if path.suffix == ".npy":
-        np.save(path, heights)
-    else:
-        delimiter = {".csv": ",", ".dat": ";"}.get(path.suffix, " ")
-        np.savetxt(path, heights, delimiter=delimiter, header="heights, in micrometres")
-    return path
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[[str, Any], Path]:
+    """Write bytes, or heights in the format of the name's ending."""
+
+    def write(name: str, content: Any) -> Path:
+        path = tmp_path / name
+        if isinstance(content, bytes):
+            path.write_bytes(content)
+        elif path.suffix == ".npy":
+            np.save(path, content)
+        else:
+            delimiter = {".csv": ",", ".dat": ";"}.get(path.suffix, " ")
+            np.savetxt(path, content, delimiter=delimiter, header="heights, in micrometres")
+        return path
+
+    return write
+
+
+def refused(words: str) -> Any:
+    return pytest.raises(InvalidScene, match=words)
 
 
 # ---------------------------------------------------------------- formats
 
 
 @pytest.mark.parametrize("name", ["map.npy", "map.txt", "map.csv", "map.dat", "MAP.CSV"])
-def test_every_format_holds_the_same_heights(tmp_path: Path, name: str) -> None:
-    surface = HeightsFromFile(write(tmp_path, name, periodic()), (L, 2 * L), unit=1e-6).build()
+def test_every_format_holds_the_same_heights(write: Any, name: str) -> None:
+    surface = HeightsFromFile(write(name, periodic()), (L, 2 * L), unit=1e-6).build()
     # savetxt writes 19 digits; the unit costs a rounding.
     assert np.array_equal(surface.heights, periodic() * 1e-6)
     assert surface.periods == (L, 2 * L)
-    assert not surface.heights.flags.writeable
     line = periodic((64,))
     for written in (line, line[None, :]):  # one column, one row
-        path = write(tmp_path, name, written.squeeze() if name.endswith("npy") else written)
+        path = write(name, written.squeeze() if name.endswith("npy") else written)
         assert np.array_equal(HeightsFromFile(path, (3.0,), unit=1.0).build().heights, line)
 
 
-TABLES = {
-    "a.csv": ("1.5,2.5,\n3.5,4.5,\n", []),  # each line ends with a separator
-    "b.csv": ("1,5;2,5\n3,5;4,5\n", ["decimal commas"]),
-    "c.txt": ("1,5 2,5\n3,5 4,5\n", ["decimal commas"]),
-    "d.txt": ("Höhe in µm\nx y\n1.5\t2.5\n3.5\t4.5\n", ["of heights: 2", "read as Latin-1"]),
-    "e.csv": ("\ufeffheight;height\r\n1.5;2.5\r\n\r\n3.5;4.5 # last\r\n", ["of heights: 1"]),
-    "f.csv": ("1.5, 2.5\n3.5, 4.5", []),
-    # As spreadsheets save "Unicode text".
-    "g.txt": ("\ufeffheight\n1.5\t2.5\n3.5\t4.5\n", ["of heights: 1", "read as UTF-16"]),
-}
-
-
-@pytest.mark.parametrize("name", TABLES)
-def test_tables_as_programs_write_them(tmp_path: Path, name: str) -> None:
-    content, notes = TABLES[name]
-    encoding = "latin-1" if "ö" in content else "utf-16-le" if name == "g.txt" else "utf-8"
-    (tmp_path / name).write_bytes(content.encode(encoding))
-    surface = HeightsFromFile(tmp_path / name, (100.0, 100.0), 1.0, "periodic").build()
+@pytest.mark.parametrize(
+    ("name", "content", "notes"),
+    [
+        ("a.csv", b"1.5,2.5,\n3.5,4.5,\n", []),  # each line ends with a separator
+        ("b.csv", b"1,5;2,5\n3,5;4,5\n", ["decimal commas"]),
+        ("c.txt", b"1,5 2,5\n3,5 4,5\n", ["decimal commas"]),
+        ("d.txt", "Höhe in µm\nx y\n1.5\t2.5\n3.5\t4.5\n".encode("latin-1"), ["s: 2", "Latin-1"]),
+        ("e.csv", "\ufeffh;h\r\n1.5;2.5\r\n\r\n3.5;4.5 # last\r\n".encode(), ["of heights: 1"]),
+        ("f.csv", b"1.5, 2.5\n3.5, 4.5", []),
+        # As spreadsheets save "Unicode text".
+        ("g.txt", "\ufeffh\n1.5\t2.5\n3.5\t4.5\n".encode("utf-16-le"), ["s: 1", "as UTF-16"]),
+    ],
+)  # fmt: skip
+def test_tables_as_programs_write_them(
+    write: Any, name: str, content: bytes, notes: list[str]
+) -> None:
+    surface = HeightsFromFile(write(name, content), (100.0, 100.0), 1.0, "periodic").build()
     assert np.array_equal(surface.heights, [[1.5, 2.5], [3.5, 4.5]])
     assert len(surface.notes) == len(notes) + 1
     assert all(any(words in note for note in surface.notes) for words in notes)
 
 
-@pytest.mark.parametrize("both", [False, True])
-def test_coordinates_beside_the_heights_are_told(tmp_path: Path, both: bool) -> None:
-    table = np.column_stack([np.arange(12) * 0.8, periodic()[:12, :10]])
-    if both:
-        table = np.vstack([[np.nan, *range(10)], table])
-    np.savetxt(tmp_path / "map.csv", table, delimiter=",")
-    recipe = HeightsFromFile(tmp_path / "map.csv", (L, L), 1.0, "periodic", missing="nearest")
-    told = [note.split()[2] for note in recipe.build().notes if "even steps" in note]
-    assert told == (["column", "line"] if both else ["column"])
+def test_coordinates_beside_the_heights_are_told(write: Any) -> None:
+    column = np.column_stack([np.arange(12) * 0.8, periodic()[:12, :10]])
+    both = np.vstack([[np.nan, *range(10)], column])
+    for table, parts in ((column, ["column"]), (both, ["column", "line"])):
+        path = write("map.csv", table)
+        recipe = HeightsFromFile(path, (L, L), 1.0, "periodic", missing="nearest")
+        told = [note.split()[2] for note in recipe.build().notes if "even steps" in note]
+        assert told == parts
 
 
 @pytest.mark.parametrize("dtype", ["<f4", ">f8", "<i2", "u1", "?"])
-def test_any_real_type_and_order_will_do(tmp_path: Path, dtype: str) -> None:
+def test_any_real_type_and_order_will_do(write: Any, dtype: str) -> None:
     heights = np.asfortranarray((periodic() * 1000).astype(dtype))
-    path = write(tmp_path, "map.npy", heights)
-    file = HeightsFromFile(path, (1.0, 1.0), unit=1.0).build()
+    file = HeightsFromFile(write("map.npy", heights), (1.0, 1.0), unit=1.0).build()
     array = HeightsFromArray(heights, (1.0, 1.0)).build()
     for built in (file, array, Surface(heights, (1.0, 1.0))):
         assert np.array_equal(built.heights, heights.astype(float))
@@ -135,31 +135,28 @@ def test_meshes_on_a_grid_are_height_maps(tmp_path: Path, name: str) -> None:
     recipe = read(points)
     assert recipe.periods == pytest.approx((1.2e-3, 2.25e-3), rel=1e-6)
     assert recipe.build().heights == pytest.approx(1e-3 * heights, rel=1e-14)
-    with pytest.raises(InvalidScene, match="in which unit its heights are"):
+    with refused("in which unit its heights are"):
         replace(recipe, unit=None)
     above = np.concatenate([points, points + np.array([0, 0, 5])])
     scattered = points + np.random.default_rng(1).uniform(0, 0.1, points.shape)
     for wrong in (above, scattered, points[:, [2, 0, 1]]):
-        with pytest.raises(InvalidScene, match=f"{name}: its points are no height map"):
+        with refused(f"{name}: its points are no height map"):
             read(wrong)
 
 
-def test_periods_by_one_length_or_by_the_pixel(tmp_path: Path) -> None:
-    square = write(tmp_path, "square.npy", periodic((48, 48)))
-    oblong = write(tmp_path, "oblong.npy", periodic())
+def test_periods_by_one_length_or_by_the_pixel(write: Any) -> None:
+    square, oblong = write("square.npy", periodic((48, 48))), write("oblong.npy", periodic())
     assert HeightsFromFile(square, (2.0,), unit=1.0).periods == (2.0, 2.0)
     assert HeightsFromFile(oblong, pixel_size=0.5, unit=1.0).periods == (24.0, 25.0)
     changes: list[tuple[dict[str, Any], str]] = [
         ({"periods": (2.0,)}, "48 x 50 .* give both"),
         ({}, "does not say how large"),
         ({"periods": (1.0, 1.0), "pixel_size": 1.0}, "not both"),
-        ({"pixel_size": 0.0}, "pixel_size is 0.0"),
-        ({"periods": (1.0, 1.0), "unit": math.nan}, "unit is nan"),
         ({"periods": (1.0, 1.0), "unit": None}, "in which unit its heights are; give unit = 1e-6"),
         ({"periods": (1.0, 1.0, 1.0)}, "2 positive lengths"),
     ]
     for arguments, message in changes:
-        with pytest.raises(InvalidScene, match=message):
+        with refused(message):
             HeightsFromFile(oblong, **({"unit": 1.0} | arguments))
     swapped = HeightsFromFile(oblong, (1.0, 5.0), unit=1e-9).build()
     assert any("wide along x, over 48 lines" in note for note in swapped.notes)
@@ -168,57 +165,38 @@ def test_periods_by_one_length_or_by_the_pixel(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- identity
 
 
-def test_the_content_is_the_identity_not_the_place(tmp_path: Path) -> None:
-    path = write(tmp_path, "one.npy", periodic())
-    other = tmp_path / "other.npy"
+def test_the_content_is_the_identity_not_the_place(write: Any) -> None:
+    path = write("one.npy", periodic())
+    other = path.with_name("other.npy")
     shutil.copy(path, other)
+    window = {"treatment": "detrend_and_window"}
     changes: list[dict[str, Any]] = [
-        {"path": write(tmp_path, "changed.npy", periodic() + 1e-12)},
-        {"unit": 1e-6},
-        {"treatment": "periodic"},
-        {"treatment": "detrend_and_window"},
-        {"treatment": "detrend_and_window", "taper": 0.2},
-        {"form": 1},
-        {"form": 2},
-        {"missing": "nearest"},
-        {"missing": "harmonic"},
-        {"longest_wavelength": 1.0},
-        {"shortest_wavelength": 0.1},
+        *({"path": write("changed.npy", periodic() + 1e-12)}, {"unit": 1e-6}),
+        *({"treatment": "periodic"}, window, window | {"taper": 0.2}),
+        *({"form": 1}, {"form": 2}, {"missing": "nearest"}, {"missing": "harmonic"}),
+        *({"longest_wavelength": 1.0}, {"shortest_wavelength": 0.1}),
     ]
     recipe = HeightsFromFile(path, (L, L), unit=1.0)
     assert replace(recipe, path=other).fingerprint == recipe.fingerprint
     assert len({r.fingerprint for r in [recipe, *(replace(recipe, **c) for c in changes)]}) == 12
-
-
-def test_a_recipe_travels_to_another_process_without_its_heights(tmp_path: Path) -> None:
-    recipe = HeightsFromFile(write(tmp_path, "map.txt", periodic()), (L, L), unit=1.0)
+    # It travels to another process without its heights.
     sent = pickle.dumps(recipe)
-    assert len(sent) < 1000 < periodic().nbytes
     arrived = pickle.loads(sent)
-    assert arrived == recipe
-    assert arrived.fingerprint == recipe.fingerprint
+    assert len(sent) < 1000 < periodic().nbytes
+    assert (arrived, arrived.fingerprint) == (recipe, recipe.fingerprint)
     assert np.array_equal(arrived.build().heights, periodic())
 
 
 @pytest.mark.parametrize("treatment", ["refuse", "detrend_and_window"])
-def test_the_digest_is_known_before_the_heights(tmp_path: Path, treatment: Any) -> None:
-    material, load = Material(1e9, 0.3), Load(1e5)
-    array = HeightsFromArray(periodic(), (L, L), treatment)
-    path = write(tmp_path, "a.npy", periodic())
-    file = HeightsFromFile(path, (L, L), unit=1.0, treatment=treatment)
-    for recipe in (array, file):
-        identity = (recipe.fingerprint, recipe.shape, recipe.periods)
-        known = scene_digest(*identity, material, Body(), load)
-        assert Scene(recipe.build(), material, load).digest == known
-    assert np.array_equal(array.build().heights, file.build().heights)
-
-
-def test_the_given_array_is_left_alone() -> None:
-    given = cut_out()
-    recipe = HeightsFromArray(given, (1.0, 1.0), "detrend_and_window")
-    first = recipe.build().heights
+def test_array_and_file_are_one_surface_and_the_given_array_is_left_alone(
+    write: Any, treatment: Any
+) -> None:
+    given = periodic().copy()
+    array = HeightsFromArray(given, (L, L), treatment)
+    file = HeightsFromFile(write("a.npy", given), (L, L), unit=1.0, treatment=treatment)
     given[...] = 0
-    assert np.array_equal(recipe.build().heights, first)
+    assert np.array_equal(array.build().heights, file.build().heights)
+    assert (array.build().recipe, file.build().recipe) == (array.fingerprint, file.fingerprint)
 
 
 # ---------------------------------------------------------------- treatment
@@ -232,7 +210,6 @@ def test_a_periodic_map_passes_wherever_it_is_cut(shape: tuple[int, ...]) -> Non
         assert np.array_equal(surface.heights, moved)
         assert "rms jump at the edges" in surface.notes[0]
     wall = np.zeros((8, 8))
-    HeightsFromArray(wall, (1.0, 1.0)).build()
     wall[:4] = 1.0  # as steep inside as across the edge
     HeightsFromArray(wall, (1.0, 1.0)).build()
 
@@ -240,16 +217,11 @@ def test_a_periodic_map_passes_wherever_it_is_cut(shape: tuple[int, ...]) -> Non
 def test_a_map_that_is_not_periodic_is_refused_with_its_jump() -> None:
     ramp = np.zeros((20, 10)) + 0.5 * np.arange(20)[:, None]
     jump = r"jump at the edges: 9.5 m across x \(between neighbours at most 0.5 m"
-    for heights, message in (
-        (ramp, jump),
-        (cut_out(), r"not periodic.* across y"),
-        (np.arange(9.0), "not periodic"),
-    ):
-        with pytest.raises(InvalidScene, match=message):
+    for heights, message in ((ramp, jump), (cut_out(), "across y"), (np.arange(9.0), "not period")):
+        with refused(message):
             HeightsFromArray(heights, (1.0,) * heights.ndim).build()
     taken = HeightsFromArray(cut_out(), (1.0, 1.0), "periodic").build()  # the user's word is taken
     assert np.array_equal(taken.heights, cut_out())
-    assert "rms jump at the edges" in taken.notes[0]
     (edge_x, inner_x), (edge_y, inner_y) = edge_jumps(np.array([[0.0, 3, 4], [1, 3, 8]]))
     assert edge_x == inner_x == pytest.approx(math.sqrt((1 + 0 + 16) / 3))
     assert edge_y == pytest.approx(math.sqrt((16 + 49) / 2))
@@ -270,7 +242,6 @@ def test_a_form_is_all_gone(shape: tuple[int, ...], order: int, hole: bool) -> N
     bare = form_removed(rough, order)
     # The form is 40 high at most, so it leaves a few of its roundings.
     assert np.nanmax(np.abs(form_removed(rough + form, order) - bare)) < 1e-12
-    assert np.nanmax(np.abs(form_removed(form, order))) < 1e-12
     if order:
         assert np.nanmax(np.abs(form_removed(form, order - 1))) > 0.1
     # What is left is orthogonal to the form, as least squares leave it.
@@ -278,27 +249,25 @@ def test_a_form_is_all_gone(shape: tuple[int, ...], order: int, hole: bool) -> N
 
 
 @pytest.mark.parametrize("method", ["nearest", "harmonic"])
-def test_missing_points_are_filled_and_said(tmp_path: Path, method: Any) -> None:
+def test_missing_points_are_filled_and_said(write: Any, method: Any) -> None:
     heights, holed = periodic(), periodic().copy()
     holed[5:8, 10:13] = holed[0, 0] = holed[30, 49] = np.nan
-    masked = np.ma.masked_invalid(holed)
+    known = np.isfinite(holed)
     for recipe in (
         HeightsFromArray(holed, (L, L), missing=method),
-        HeightsFromArray(masked, (L, L), missing=method),
-        HeightsFromFile(write(tmp_path, "map.npy", holed), (L, L), unit=1.0, missing=method),
+        HeightsFromArray(np.ma.masked_invalid(holed), (L, L), missing=method),
+        HeightsFromFile(write("map.npy", holed), (L, L), unit=1.0, missing=method),
     ):
         surface = recipe.build()
-        known = np.isfinite(holed)
         assert np.array_equal(surface.heights[known], heights[known])
         # Heights from elsewhere on the surface would be off by sqrt(2) of its rms height.
         error = (surface.heights - heights)[~known]
         assert np.sqrt(np.mean(error**2)) < heights.std()
         note = f"11 of 2400 heights missing (0.46 %), filled by the method {method}"
         assert note in surface.notes
-    for heights_of in (holed, masked):
-        for make in (HeightsFromArray, Surface):
-            with pytest.raises(InvalidScene, match=r'11 of 2400 .* set missing to "harmonic"'):
-                make(heights_of, (L, L))
+    for make in (HeightsFromArray, Surface):
+        with refused(r'11 of 2400 .* set missing to "harmonic"'):
+            make(holed, (L, L))
 
 
 def test_a_film_over_a_hole_is_harmonic() -> None:
@@ -307,9 +276,7 @@ def test_a_film_over_a_hole_is_harmonic() -> None:
     holed = saddle.copy()
     holed[4:12, 3:9] = np.nan
     assert filled(holed, "harmonic") == pytest.approx(saddle, rel=1e-12)
-    near = filled(holed, "nearest")
-    assert near[4, 5] == saddle[3, 5]
-    assert np.isfinite(near).all()
+    assert filled(holed, "nearest")[4, 5] == saddle[3, 5]
     edge = np.array([np.nan, np.nan, 1.0, np.nan, 4.0, np.nan])  # at a right angle to the edge
     assert filled(edge, "harmonic") == pytest.approx([1, 1, 1, 2.5, 4, 4])
 
@@ -320,7 +287,6 @@ def test_waves_outside_a_band_are_removed() -> None:
     recipe = HeightsFromArray(heights, (L,), longest_wavelength=L / 2, shortest_wavelength=L / 5)
     surface = recipe.build()
     assert surface.heights == pytest.approx(np.cos(3 * x), abs=1e-14)
-    assert surface.recipe == recipe.fingerprint
     assert "waves longer than 3.14 m and shorter than 1.26 m removed" in surface.notes
 
 
@@ -332,8 +298,7 @@ def test_the_window_keeps_the_rms_slope_and_closes_the_edge(taper: float) -> Non
     slope = rms_slope(form_removed(heights, 1), (1 / 100, 1 / 101))
     assert surface.rms_slope == pytest.approx(slope, rel=1e-12)
     assert surface.heights.mean() == pytest.approx(0, abs=1e-14)
-    for edge, inner in edge_jumps(surface.heights):
-        assert edge < 0.2 * inner
+    assert all(edge < 0.2 * inner for edge, inner in edge_jumps(surface.heights))
     jump = edge_jumps(form_removed(heights, 1))[0][0]
     form, window = surface.notes[:2]
     assert form == "least-squares plane removed"
@@ -345,23 +310,22 @@ def test_the_window_keeps_the_rms_slope_and_closes_the_edge(taper: float) -> Non
 
 def test_the_factor_of_white_noise_is_the_window_s() -> None:
     noise = np.random.default_rng(1).standard_normal((400, 400))
-    _, factor = windowed(noise, 0.1, (1.0, 1.0))
     # mean(w^2) = 1 - 5/4 taper each way; 160,000 samples scatter by 1e-2 of the difference.
-    assert factor == pytest.approx(1 / (1 - 1.25 * 0.1), rel=3e-3)
+    assert windowed(noise, 0.1, (1.0, 1.0))[1] == pytest.approx(1 / (1 - 0.125), rel=3e-3)
 
 
-# ---------------------------------------------------------------- cautions
+# ---------------------------------------------------------------- doubts
 
 
 @pytest.mark.parametrize("mark", [-9999.0, 1e5])
 def test_a_mark_of_missing_points_is_told_from_heights(mark: float) -> None:
     heights = periodic().copy()
-    assert not any("marks" in note for note in HeightsFromArray(heights, (L, L)).build().notes)
     heights[3, 4:9] = mark
     surface = HeightsFromArray(heights, (L, L), treatment="periodic").build()
     assert surface.notes[0].startswith(f"5 heights are {mark:g}, far from all others")
     two_levels = np.where(heights == mark, 1.0, 0.0)  # a post is no mark
-    assert not any("marks" in note for note in HeightsFromArray(two_levels, (L, L)).build().notes)
+    for unmarked in (two_levels, periodic()):
+        assert "marks" not in str(HeightsFromArray(unmarked, (L, L)).build().notes)
 
 
 def test_slopes_beyond_one_are_said_once() -> None:
@@ -387,24 +351,28 @@ def test_slopes_beyond_one_are_said_once() -> None:
         assert sum("8 bits" in str(one.message) for one in warned) == 1
 
 
-def test_heights_in_steps_that_the_grid_does_not_resolve_are_noted() -> None:
-    """Not treads that are wide, nor slopes that rise by one step from each point to the next."""
-    x = np.arange(64.0) - 32
-    wave = np.sin(x[:, None] / 2) + np.cos(x / 3 + 0.4 * x[:, None])
-    wide = np.sin(2 * np.pi * x / 64)[:, None] + np.sin(2 * np.pi * x / 64)
-    pyramid = -np.maximum(np.abs(x)[:, None], np.abs(x))
-    for heights, noted in (
-        (np.round(8 * wave), True),
-        (np.round(8 * wave).astype(np.float32) * np.float32(0.1), True),
-        (np.round(8 * wave[3]), True),
-        (wave, False),
-        (np.round(300 * wave), False),
-        (np.round(wide), False),
-        (pyramid, False),
-        (np.sign(wave), False),
-    ):
-        notes = Surface(1e-3 * heights, (1.0,) * heights.ndim).notes
-        assert any("are in steps of" in note for note in notes) is noted
+X = np.arange(64.0) - 32
+HILLS = np.sin(X[:, None] / 2) + np.cos(X / 3 + 0.4 * X[:, None])
+
+
+@pytest.mark.parametrize(
+    ("heights", "noted"),
+    [
+        (np.round(8 * HILLS), True),
+        (np.round(8 * HILLS).astype(np.float32) * np.float32(0.1), True),
+        (np.round(8 * HILLS[3]), True),
+        (HILLS, False),
+        (np.round(300 * HILLS), False),
+        (np.sign(HILLS), False),
+        # Treads that are wide, and slopes that rise by one step from each point to the next.
+        (np.round(np.sin(2 * np.pi * X / 64)[:, None] + np.sin(2 * np.pi * X / 64)), False),
+        (-np.maximum(np.abs(X)[:, None], np.abs(X)), False),
+    ],
+)
+def test_heights_in_steps_that_the_grid_does_not_resolve_are_noted(
+    heights: Any, noted: Any
+) -> None:
+    assert ("are in steps of" in str(Surface(1e-3 * heights, (1.0,) * heights.ndim).notes)) is noted
 
 
 def test_oblong_cells_are_noted() -> None:
@@ -437,13 +405,13 @@ def test_oblong_cells_are_noted() -> None:
         (periodic() * 1e-300, "heights span .* less than 1e-40 m; check their unit"),
     ],
 )
-def test_arrays_that_are_no_heights(tmp_path: Path, heights: Any, message: str) -> None:
+def test_arrays_that_are_no_heights(write: Any, heights: Any, message: str) -> None:
     for make in (Surface, HeightsFromArray):
-        with pytest.raises(InvalidScene, match=message):
+        with refused(message):
             make(heights, (1.0, 1.0))
     if isinstance(heights, np.ndarray) and not isinstance(heights, np.ma.MaskedArray):
-        with pytest.raises(InvalidScene, match=f"{message}|no complete .npy file"):
-            HeightsFromFile(write(tmp_path, "map.npy", heights), (1.0, 1.0), unit=1.0).build()
+        with refused(f"{message}|no complete .npy file"):
+            HeightsFromFile(write("map.npy", heights), (1.0, 1.0), unit=1.0).build()
 
 
 @pytest.mark.parametrize(
@@ -452,7 +420,6 @@ def test_arrays_that_are_no_heights(tmp_path: Path, heights: Any, message: str) 
         ({"treatment": "window"}, "treatment is 'window', but must be one of refuse, periodic"),
         ({"taper": 0.0}, "taper is 0.0"),
         ({"taper": 0.6}, "taper is 0.6"),
-        ({"taper": "much"}, "taper is 'much'"),
         ({"periods": (L,)}, "2 positive lengths"),
         ({"missing": "linear"}, "missing is 'linear'"),
         ({"form": 3}, "form is 3"),
@@ -460,21 +427,24 @@ def test_arrays_that_are_no_heights(tmp_path: Path, heights: Any, message: str) 
     ],
 )
 def test_arrays_with_wrong_words(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(InvalidScene, match=message):
+    with refused(message):
         replace(HeightsFromArray(periodic(), (L, L)), **change)
 
 
-def test_numbers_whose_squares_are_not_finite_are_refused() -> None:
-    for make, message in (
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
         (lambda: Material(1e200, 0.3), r"young_modulus is 1e\+200 Pa, .* between 1e-40 and"),
         (lambda: Material(1.0, 0.3, hardness=1e-300), "hardness is 1e-300 Pa"),
         (lambda: Load((1.0, 1e99)), r"mean_pressure is 1e\+99 Pa"),
         (lambda: Surface(np.zeros(4), (1e-50,)), "periods is 1e-50 m"),
         (lambda: Body("bonded_layer", depth=10**400), "depth is 1000*, but must be a positive"),
         (lambda: Surface(np.ones((4, 4)), 1.0), "periods has 1 lengths for heights of 2"),  # type: ignore[arg-type]
-    ):
-        with pytest.raises(InvalidScene, match=message):
-            make()
+    ],
+)
+def test_numbers_whose_squares_are_not_finite_are_refused(make: Any, message: str) -> None:
+    with refused(message):
+        make()
 
 
 def npy_with_header(header: str) -> bytes:
@@ -482,28 +452,24 @@ def npy_with_header(header: str) -> bytes:
     return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
 
 
-def pickled() -> bytes:
-    return np.array([{"a": 1}, {}], dtype=object).dumps()
-
-
 HUGE = "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000, 1000000000)}"
+NO_NPY = "no complete .npy file"
 #: What a file holds, and the sentence that refuses it.
 BROKEN: list[tuple[str, bytes, str]] = [
     ("empty.npy", b"", "is empty"),
     ("empty.txt", b"", "is empty"),
     ("blank.txt", b"\n\n  \n# only words\n", "no table of numbers"),
-    ("huge.npy", npy_with_header(HUGE), "no complete .npy file"),
-    ("huger.npy", npy_with_header(HUGE.replace("0)", "0" * 30 + ")")), "no complete .npy file"),
-    ("negative.npy", npy_with_header(HUGE.replace("(1", "(-1")), "no complete .npy file"),
-    ("short.npy", npy_with_header(HUGE.replace("000000000", "")) + b"\0" * 7, "no complete .npy"),
-    ("header.npy", npy_with_header("{'descr': "), "no complete .npy file"),
-    ("code.npy", npy_with_header("__import__('os').system('false')"), "no complete .npy file"),
-    ("object.npy", npy_with_header("{'descr': '|O', 'fortran_order': False, 'shape': (2,)}"),
-     "no complete .npy file"),
-    ("pickle.npy", pickled(), "no complete .npy file"),
-    ("magic.npy", b"\x93NUM", "no complete .npy file"),
-    ("junk.npy", bytes(range(256)) * 8, "no complete .npy file"),
-    ("archive.npy", b"PK\x03\x04" + bytes(60), "no complete .npy file"),
+    ("huge.npy", npy_with_header(HUGE), NO_NPY),
+    ("huger.npy", npy_with_header(HUGE.replace("0)", "0" * 30 + ")")), NO_NPY),
+    ("negative.npy", npy_with_header(HUGE.replace("(1", "(-1")), NO_NPY),
+    ("short.npy", npy_with_header(HUGE.replace("000000000", "")) + b"\0" * 7, NO_NPY),
+    ("header.npy", npy_with_header("{'descr': "), NO_NPY),
+    ("code.npy", npy_with_header("__import__('os').system('false')"), NO_NPY),
+    ("object.npy", npy_with_header(HUGE.replace("<f8", "|O").replace("000000000", "")), NO_NPY),
+    ("pickle.npy", np.array([{"a": 1}, {}], dtype=object).dumps(), NO_NPY),
+    ("magic.npy", b"\x93NUM", NO_NPY),
+    ("junk.npy", bytes(range(256)) * 8, NO_NPY),
+    ("archive.npy", b"PK\x03\x04" + bytes(60), NO_NPY),
     ("junk.txt", bytes(range(256)) * 8, "no table of numbers"),
     ("nul.txt", b"1 2\x003\n\x00\n", "no table of numbers"),
     ("latin.txt", "1 2 µ\n3 4 5".encode("latin-1"), "line 1 holds 'µ'"),
@@ -526,11 +492,10 @@ BROKEN: list[tuple[str, bytes, str]] = [
 
 @pytest.mark.parametrize(("name", "content", "message"), BROKEN, ids=lambda v: str(v)[:12])
 def test_broken_files_end_in_one_sentence(
-    tmp_path: Path, name: str, content: bytes, message: str
+    write: Any, name: str, content: bytes, message: str
 ) -> None:
-    path = tmp_path / name
-    path.write_bytes(content)
-    with pytest.raises(InvalidScene, match=message) as caught:
+    path = write(name, content)
+    with refused(message) as caught:
         HeightsFromFile(path, (1.0, 1.0), unit=1.0).build()
     assert name in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -538,10 +503,10 @@ def test_broken_files_end_in_one_sentence(
 
 @pytest.mark.parametrize("name", ["map.npy", "map.txt", "map.sur", "map.stl"])
 def test_missing_files_and_folders(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InvalidScene, match=f"{name}: no such file"):
+    with refused(f"{name}: no such file"):
         HeightsFromFile(tmp_path / name, (1.0, 1.0))
     (tmp_path / name).mkdir()
-    with pytest.raises(InvalidScene, match=f"{name}: is a folder"):
+    with refused(f"{name}: is a folder"):
         HeightsFromFile(tmp_path / name, (1.0, 1.0))
 
 
@@ -558,7 +523,6 @@ class Topography:
         self.physical_sizes = (2e9 * scale, 3e9 * scale)
 
     def to_unit(self, unit: str) -> Topography:
-        assert unit == "m"
         return Topography(1e-9, unit, self.hole, self.is_uniform)
 
     def heights(self) -> Any:
@@ -576,10 +540,9 @@ class Topography:
 
 
 def test_instrument_files_know_their_size_and_unit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    write: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / "map.sur"
-    path.write_bytes(b"DIGITAL SURF")
+    path = write("map.sur", b"DIGITAL SURF")
 
     def read_by(open_topography: Any) -> None:
         module = types.SimpleNamespace(open_topography=open_topography)
@@ -590,28 +553,25 @@ def test_instrument_files_know_their_size_and_unit(
     assert recipe.periods == pytest.approx((2.0, 3.0))
     assert recipe.build().heights == pytest.approx(periodic(), rel=1e-14)
     assert HeightsFromFile(path, (5.0, 6.0)).periods == (5.0, 6.0)
-    with pytest.raises(InvalidScene, match="knows the unit"):
-        HeightsFromFile(path, unit=1e-6)
     read_by(lambda _: Topography(unit=None))
-    with pytest.raises(InvalidScene, match="in which unit"):
-        HeightsFromFile(path)
-    with pytest.raises(InvalidScene, match="does not say how large"):
-        HeightsFromFile(path, unit=1e-9)
     with_unit = HeightsFromFile(path, (2.0, 3.0), unit=1e-9).build()
     assert with_unit.heights == pytest.approx(periodic(), rel=1e-14)
     read_by(lambda _: Topography(hole=True))
-    with pytest.raises(InvalidScene, match="1 of 2400 heights are NaN or masked"):
-        HeightsFromFile(path).build()
     holed = HeightsFromFile(path, missing="nearest").build().heights
     assert holed[3, 4] in (holed[2, 4], holed[4, 4], holed[3, 3], holed[3, 5])
-    read_by(lambda _: Topography(uniform=False))
-    with pytest.raises(InvalidScene, match="no regular grid"):
-        HeightsFromFile(path)
-    read_by(lambda _: {}["block 3\nof 4"])
-    with pytest.raises(InvalidScene, match=r"SurfaceTopography cannot read it \('block 3"):
-        HeightsFromFile(path)
+    for reader, options, sentence in (
+        (lambda _: Topography(), {"unit": 1e-6}, "knows the unit"),
+        (lambda _: Topography(unit=None), {}, "in which unit"),
+        (lambda _: Topography(unit=None), {"unit": 1e-9}, "does not say how large"),
+        (lambda _: Topography(hole=True), {}, "1 of 2400 heights are NaN or masked"),
+        (lambda _: Topography(uniform=False), {}, "no regular grid"),
+        (lambda _: {}["block 3\nof 4"], {}, r"SurfaceTopography cannot read it \('block 3"),
+    ):
+        read_by(reader)
+        with refused(sentence):
+            HeightsFromFile(path, **options).build()  # type: ignore[arg-type]
     monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
-    with pytest.raises(InvalidScene, match=r"SurfaceTopography; pip install 'epcontact\[instr"):
+    with refused(r"SurfaceTopography; pip install 'epcontact\[instr"):
         HeightsFromFile(path, (1.0, 1.0))
 
 
@@ -623,5 +583,5 @@ def test_a_real_instrument_file(tmp_path: Path) -> None:
     assert recipe.periods == pytest.approx((2e-3, 3e-3))
     assert recipe.build().heights == pytest.approx(periodic(), rel=1e-12)
     path.write_bytes(b"CDF" + bytes(100))
-    with pytest.raises(InvalidScene, match="SurfaceTopography cannot read it"):
+    with refused("SurfaceTopography cannot read it"):
         HeightsFromFile(path)

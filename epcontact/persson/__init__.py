@@ -3,8 +3,8 @@
 `solve` solves a scene.  `Theory` gives curves against magnification and pressure.  The other
 modules are `elastoplastic` (the equations for areas and pressures), `series` (the evaluation of
 their sums), `reduction` (the energy reduction S and the diffusion), `roughness` (the moments of a
-spectrum), `separation` (mean gap and elastic energy) and `hardness` (a hardness that depends on
-the magnification, by `moving_wall`).
+spectrum), `separation` (elastic energy and gaps) and `hardness` (a hardness that depends on the
+magnification).
 """
 
 from epcontact.persson.driver import solve

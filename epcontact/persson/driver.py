@@ -28,15 +28,8 @@ def solve(
 
     Args:
         scene: An isotropic surface on a half-space under non-decreasing loads.
-        energy_reduction: gamma, between 0 (excluded) and 1.
-        spectrum: "analytic" for the spectrum that the surface was drawn from, "surface" for the
-            surface's own.
-        reduction: The rule by which gamma enters, see `persson.reduction`.
+        energy_reduction, spectrum, reduction: See `Theory.of_scene`.
         points: Number of pressures at which the distribution of the last load is tabulated.
-
-    Returns:
-        One step for each mean pressure of the load, with areas, residuals of area and force, and
-        the theory's quantities; no fields.
 
     Raises:
         InvalidScene: The scene is a line, a layer or an unloading path, or has no analytic
@@ -58,11 +51,8 @@ def solve(
     steps = tuple(_step(theory, mean_pressure) for mean_pressure in scene.load.path)
     diffusion = steps[-1].quantities["diffusion"]
     curve = pressure_curve(diffusion, scene.load.final, theory.hardness, points)
-    options = {
-        "energy_reduction": theory.reduction.gamma,
-        "reduction": reduction,
-        "spectrum": spectrum,
-    }
+    gamma = theory.reduction.gamma
+    options = {"energy_reduction": gamma, "reduction": reduction, "spectrum": spectrum}
     return ContactResult(
         method="persson",
         steps=steps,
@@ -71,8 +61,7 @@ def solve(
         cost={"seconds": time.perf_counter() - started, "unknowns": 0},
         notes=(
             *scene.surface.notes,
-            f"energy reduction gamma = {theory.reduction.gamma:g}, rule {reduction!r}, "
-            f"{spectrum} spectrum",
+            f"energy reduction gamma = {gamma:g}, rule {reduction!r}, {spectrum} spectrum",
             "the areas solve the theory's equations to a relative error of 1e-10, without a grid "
             "to correct for; the error of the theory itself is not included",
         ),

@@ -24,7 +24,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from epcontact.errors import InvalidScene
 from epcontact.persson import series
@@ -61,9 +61,6 @@ def areas(
         mean_pressure: p_0 in Pa.
         hardness: sigma_P in Pa; infinite for an elastic body.
 
-    Returns:
-        Shares of the nominal area, of the shape that the arguments broadcast to.
-
     Raises:
         InvalidScene: An argument is out of range.
 
@@ -72,7 +69,7 @@ def areas(
         >>> print(f"{found.elastic:.4f} {found.plastic:.4f} {found.total:.4f}")
         0.0525 0.0572 0.1097
     """
-    walk, _ = _scaled(diffusion, mean_pressure, hardness)
+    walk, _, _ = _scaled(diffusion, mean_pressure, hardness)
     return ContactAreas(_elastic_area(walk), _plastic_area(walk), _plastic_area(walk.mirrored()))
 
 
@@ -111,7 +108,7 @@ def elastic_force(
 
     The plastic contact carries hardness * A_pl; together they are the mean pressure.
     """
-    walk, unit = _scaled(diffusion, mean_pressure, hardness)
+    walk, unit, _ = _scaled(diffusion, mean_pressure, hardness)
     return unit * evaluate(walk, modes=lambda w: -_plastic_modes(w), images=series.force_images)
 
 
@@ -128,18 +125,14 @@ def pressure_density(
     Arguments and errors are those of `areas`; the diffusion must be above 0.
 
     Returns:
-        Density in 1/Pa, of the shape that the arguments broadcast to; 0 outside of (0, sigma_P).
+        Density in 1/Pa; 0 outside of (0, sigma_P).
 
     Example:
         >>> pressure_density([0.0, 50.0, 150.0], 4187.5, 12.5, 150.0).round(5)
         array([0.     , 0.00048, 0.     ])
     """  # fmt: skip
-    sigma, G, p0, H = _broadcast(
-        pressure=pressure, diffusion=diffusion, mean_pressure=mean_pressure, hardness=hardness
-    )
-    inside = (sigma > 0) & (sigma < H)
-    walk, unit = _scaled(G, p0, H, np.where(inside, sigma, p0))
-    if np.any(G == 0):
+    walk, unit, inside = _scaled(diffusion, mean_pressure, hardness, pressure)
+    if np.any(np.equal(diffusion, 0)):
         raise InvalidScene("diffusion is 0, where the pressures have no density but one value")
     values = evaluate(
         walk,
@@ -159,27 +152,20 @@ def pressure_cumulative(
 
     Arguments and errors are those of `areas`.
 
-    Returns:
-        Shares of the shape that the arguments broadcast to; the elastic area from the hardness
-        upwards.
-
     Example:
         >>> pressure_cumulative([0.0, 75.0, 150.0], 4187.5, 12.5, 150.0).round(4)
         array([0.    , 0.0265, 0.0525])
     """
-    sigma, G, p0, H = _broadcast(
-        pressure=pressure, diffusion=diffusion, mean_pressure=mean_pressure, hardness=hardness
-    )
-    if np.isnan(sigma).any():
+    walk, _, inside = _scaled(diffusion, mean_pressure, hardness, pressure)
+    if np.isnan(pressure).any():
         raise InvalidScene("pressure is not a number (NaN)")
-    inside = (sigma > 0) & (sigma < H)
-    walk, _ = _scaled(G, p0, H, np.where(inside, sigma, p0))
     values = evaluate(
         walk,
         modes=lambda w: w.sum_modes(lambda n: 4 / np.pi * np.sin(0.5 * n * np.pi * w.x) ** 2 / n),
         images=series.cumulative_images,
     )
-    return np.where(sigma <= 0, 0.0, np.where(sigma >= H, _elastic_area(walk), values))
+    flowing = ~inside & (np.asarray(pressure) > 0)
+    return np.where(inside, values, np.where(flowing, _elastic_area(walk), 0.0))
 
 
 def boundary_slopes(
@@ -190,27 +176,16 @@ def boundary_slopes(
     They are the rates at which area leaves elastic contact: d(separated)/dG is the first,
     d(plastic)/dG is minus the second.
     """
-    walk, unit = _scaled(diffusion, mean_pressure, hardness)
-    at_zero, mirrored = (
-        evaluate(
-            side,
-            modes=lambda w: w.sum_modes(lambda n: 2 * np.pi * n),
-            images=series.slope_images,
-        )
-        / unit
-        / unit
+    walk, unit, _ = _scaled(diffusion, mean_pressure, hardness)
+
+    def at_zero(w: Walk) -> FloatArray:
+        return w.sum_modes(lambda n: 2 * np.pi * n)
+
+    lower, upper = (
+        evaluate(side, modes=at_zero, images=series.slope_images) / unit / unit
         for side in (walk, walk.mirrored())
     )
-    return at_zero, 0.0 - mirrored
-
-
-def _broadcast(**given: ArrayLike) -> tuple[FloatArray, ...]:
-    arrays = [array(name, values) for name, values in given.items()]
-    try:
-        return np.broadcast_arrays(*arrays)
-    except ValueError:
-        shapes = " and ".join(f"{name} {a.shape}" for name, a in zip(given, arrays, strict=True))
-        raise InvalidScene(f"{shapes} do not fit: give numbers, or arrays of one shape") from None
+    return lower, 0.0 - upper
 
 
 def _scaled(
@@ -218,12 +193,20 @@ def _scaled(
     mean_pressure: ArrayLike,
     hardness: ArrayLike,
     pressure: ArrayLike | None = None,
-) -> tuple[Walk, FloatArray]:
+) -> tuple[Walk, FloatArray, NDArray[np.bool_]]:
     """The checked arguments in units of the hardness (or mean pressure), and that unit in Pa.
 
-    The pressure is between 0 and the hardness; by default it is the mean pressure.
+    The last is true where the pressure is between 0 and the hardness; elsewhere, and by default,
+    the walk has the mean pressure in its place.
     """
-    G, p0, H = _broadcast(diffusion=diffusion, mean_pressure=mean_pressure, hardness=hardness)
+    given = {"diffusion": diffusion, "mean_pressure": mean_pressure, "hardness": hardness}
+    given |= {} if pressure is None else {"pressure": pressure}
+    arrays = {name: array(name, values) for name, values in given.items()}
+    try:
+        G, p0, H, *rest = np.broadcast_arrays(*arrays.values())
+    except ValueError:
+        shapes = " and ".join(f"{name} {a.shape}" for name, a in arrays.items())
+        raise InvalidScene(f"{shapes} do not fit: give numbers, or arrays of one shape") from None
     good = np.isfinite(G) & (G >= 0)
     if not good.all():
         raise InvalidScene(
@@ -235,9 +218,11 @@ def _scaled(
             f"mean_pressure is {p0[~good].flat[0]!s} at a hardness of "
             f"{H[~good].flat[0]!s}, but must lie between 0 and the hardness, both excluded"
         )
-    sigma = p0 if pressure is None else np.asarray(pressure)
+    sigma = rest[0] if rest else p0
+    inside = (sigma > 0) & (sigma < H)
+    sigma = np.where(inside, sigma, p0)
     elastic = np.isinf(H)
     unit = np.where(elastic, p0, H)
     spread = np.clip(2 * np.sqrt(G) / unit, _NARROWEST, np.where(elastic, np.inf, _WIDEST))
     distances = ((H - p0) / unit, spread, sigma / unit, (H - sigma) / unit, (sigma - p0) / unit)
-    return Walk(p0 / unit, *distances, bounded=~elastic), unit
+    return Walk(p0 / unit, *distances, bounded=~elastic), unit, inside

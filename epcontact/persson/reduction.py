@@ -91,9 +91,6 @@ def full_contact_diffusion(effective_modulus: float, slope_variance: ArrayLike) 
         effective_modulus: E* in Pa.
         slope_variance: xi^2 of the roughness up to a wave number, of any shape.
 
-    Returns:
-        Half the variance of the pressure in full contact in Pa^2, of the same shape.
-
     Example:
         >>> float(full_contact_diffusion(250.0, 1.0))  # GPa
         7812.5
@@ -128,18 +125,18 @@ def reduced_diffusion(
         loss, _ = boundary_slopes(G, mean_pressure, hardness)
         return G - factor(G) * late, 1 + (1 - reduction.gamma) * late * loss
 
-    G = tau.flatten()
     # Up to here A = 1 to 1e-22, and all these rules have S(1) = 1.
     smallest = mean_pressure**2 / 200
-    late = G[smallest < G]
+    G, wide = tau.copy(), tau > smallest
+    late = tau[wide]
     if late.size and reduction.rule == "xu":
-        G[smallest < G] = _newton(xu, reduction.gamma * late, late)
+        G[wide] = _newton(xu, reduction.gamma * late, late)
     elif late.size:
         ratio = max(late.max() / smallest, 1 + 1e-9)
         steps = math.ceil(math.log10(ratio) * steps_per_decade) + 1
         edges = np.geomspace(smallest, smallest * ratio, steps + 1)
-        G[smallest < G] = _integrate(factor, late, edges)
-    return G.reshape(tau.shape)
+        G[wide] = _integrate(factor, late, edges)
+    return G
 
 
 def _integrate(
@@ -187,17 +184,12 @@ def gamma_columns(
     hardness: float = math.inf,
     gammas: ArrayLike | None = None,
 ) -> dict[str, FloatArray]:
-    """Areas against a constant gamma, of the elastoplastic and of the elastic body.
+    """Columns of gamma, elastic, plastic and total area, and the area of the elastic body.
 
     Args:
         full_contact_diffusion: tau in Pa^2.
-        mean_pressure: In Pa.
-        hardness: In Pa.
+        mean_pressure, hardness: In Pa.
         gammas: (n,); by default 141 values from 0.3 to 1.
-
-    Returns:
-        Columns (n,): gamma, elastic_area, plastic_area, total_area, and elastic_body_area, the
-        total area of the body of infinite hardness.
 
     Raises:
         InvalidScene: A gamma outside (0, 1], or pressures out of range.

@@ -60,12 +60,8 @@ def analytic_roughness(spectrum: SelfAffineSpectrum, bands: int = 512) -> Roughn
     ln q grows with the square of the band's number: near q_0 the pressure of full contact goes
     to zero like sqrt(q - q_0), and equal ratios would not resolve it.
 
-    Args:
-        spectrum: The spectrum that surfaces are drawn from.
-        bands: Number of bands.
-
     Raises:
-        InvalidScene: The spectrum has no width.
+        InvalidScene: The spectrum has no width, or the number of bands is less than 1.
 
     Example:
         >>> from epcontact import SelfAffineSpectrum
@@ -87,26 +83,13 @@ def analytic_roughness(spectrum: SelfAffineSpectrum, bands: int = 512) -> Roughn
     )
 
 
-def surface_roughness(surface: Surface) -> Roughness:
-    """One band for each ring of the surface's own modes; q_0 belongs to its longest period."""
-    _require_surface(surface)
-    rings = radial_spectrum(surface)
-    return Roughness(
-        upper_edge=rings.upper_edge,
-        slope_variance=rings.slope_variance,
-        first_moment=rings.slope_variance / rings.wavenumber,
-        lowest=2 * math.pi / max(surface.periods),
-        slope_variance_up_to=lambda q: cumulative_slope_variance(surface, q),
-    )
-
-
 def roughness_of(surface: Surface, spectrum: SpectrumKind = "analytic") -> Roughness:
     """The roughness of a surface as the theory uses it.
 
     Args:
         surface: Heights over two directions.
         spectrum: "analytic" for the spectrum that the surface was drawn from, "surface" for the
-            surface's own modes.
+            surface's own modes, with q_0 of its longest period and a band for each ring.
 
     Raises:
         InvalidScene: The surface is a line or has no analytic spectrum, or the kind is unknown.
@@ -119,22 +102,25 @@ def roughness_of(surface: Surface, spectrum: SpectrumKind = "analytic") -> Rough
         >>> print(f"{roughness_of(surface, 'surface').rms_slope:.6f}")
         0.100000
     """
-    _require_surface(surface)
-    if spectrum == "surface":
-        return surface_roughness(surface)
-    if spectrum != "analytic":
-        raise InvalidScene(f"spectrum is {spectrum!r}, but must be 'analytic' or 'surface'")
-    if surface.spectrum is None:
-        raise InvalidScene(
-            "the surface was not drawn from an analytic spectrum; write spectrum = 'surface' "
-            "for that of its heights"
-        )
-    return analytic_roughness(surface.spectrum)
-
-
-def _require_surface(surface: Surface) -> None:
     if len(surface.shape) != 2:
         raise InvalidScene(
             "the surface is a line, but the theory is defined for isotropic surfaces: its "
             "pressure diffuses with roughness of every direction"
         )
+    if spectrum not in ("analytic", "surface"):
+        raise InvalidScene(f"spectrum is {spectrum!r}, but must be 'analytic' or 'surface'")
+    if spectrum == "analytic":
+        if surface.spectrum is None:
+            raise InvalidScene(
+                "the surface was not drawn from an analytic spectrum; write spectrum = 'surface' "
+                "for that of its heights"
+            )
+        return analytic_roughness(surface.spectrum)
+    rings = radial_spectrum(surface)
+    return Roughness(
+        upper_edge=rings.upper_edge,
+        slope_variance=rings.slope_variance,
+        first_moment=rings.slope_variance / rings.wavenumber,
+        lowest=2 * math.pi / max(surface.periods),
+        slope_variance_up_to=lambda q: cumulative_slope_variance(surface, q),
+    )

@@ -41,24 +41,15 @@ class Walk(NamedTuple):
 
     Distances that are differences come from unscaled pressures, so that they keep their digits.
     The unit is the hardness, or the mean pressure where the hardness is infinite.
-
-    Attributes:
-        s: Start, mean pressure / unit.
-        r: Distance of the start from the upper wall.
-        c: Spread, 2 sqrt(G) / unit.
-        x: Pressure / unit.
-        y: Distance of the pressure from the upper wall.
-        d: Pressure less mean pressure, / unit.
-        bounded: Whether there is an upper wall, at 1.
     """
 
-    s: FloatArray
-    r: FloatArray
-    c: FloatArray
-    x: FloatArray
-    y: FloatArray
-    d: FloatArray
-    bounded: NDArray[np.bool_]
+    s: FloatArray  # start: mean pressure / unit
+    r: FloatArray  # distance of the start from the upper wall
+    c: FloatArray  # spread: 2 sqrt(G) / unit
+    x: FloatArray  # pressure / unit
+    y: FloatArray  # distance of the pressure from the upper wall
+    d: FloatArray  # pressure less mean pressure, / unit
+    bounded: NDArray[np.bool_]  # whether there is an upper wall, at 1
 
     def rows(self, chosen: NDArray[np.bool_]) -> Walk:
         """The elements that a mask chooses, in one dimension; not copied if it chooses all."""

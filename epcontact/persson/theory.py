@@ -52,11 +52,7 @@ class MagnificationCurve(Curve):
 
 @dataclass(frozen=True)
 class PressureCurve(Curve):
-    """The distribution of the contact pressure.
-
-    `cumulative` is the share of the nominal area in elastic contact at pressures in (0, pressure],
-    `plastic` the share at the hardness.
-    """
+    """The share of the nominal area in elastic contact at (0, pressure], and at the hardness."""
 
     pressure: Annotated[FloatArray, "pressure_Pa"]
     density: Annotated[FloatArray, "density_per_Pa"]
@@ -74,8 +70,7 @@ def pressure_curve(
 
     Args:
         diffusion: G in Pa^2.
-        mean_pressure: In Pa.
-        hardness: In Pa; infinite for an elastic body.
+        mean_pressure, hardness: In Pa; an elastic body's hardness is infinite.
         points: Number of pressures that are tabulated.
 
     Raises:
@@ -170,9 +165,8 @@ class Theory:
         Raises:
             InvalidScene: A magnification below 1, or a mean pressure out of range.
         """
-        if magnification is None:
-            variance = np.asarray(self.roughness.rms_slope**2)
-        else:
+        variance: ArrayLike = self.roughness.rms_slope**2
+        if magnification is not None:
             zeta = array("magnification", magnification)
             bad = ~((zeta >= 1) & np.isfinite(zeta))
             if bad.any():
@@ -197,17 +191,13 @@ class Theory:
             InvalidScene: A magnification or the mean pressure is out of range.
         """
         if magnifications is None:
-            highest = self.roughness.highest / self.roughness.lowest
-            zeta = np.geomspace(1.0, highest, 1000)
-        else:
-            zeta = np.atleast_1d(array("magnifications", magnifications))
+            magnifications = np.geomspace(1.0, self.roughness.highest / self.roughness.lowest, 1000)
+        zeta = np.atleast_1d(array("magnifications", magnifications))
         if zeta.ndim != 1:
             raise InvalidScene("magnifications must be a list of numbers, not a table")
-        G = self.diffusion(mean_pressure, zeta)
+        G, q = self.diffusion(mean_pressure, zeta), zeta * self.roughness.lowest
         found = areas(G, mean_pressure, self.hardness)
-        return MagnificationCurve(
-            zeta, zeta * self.roughness.lowest, G, found.elastic, found.plastic, found.total
-        )
+        return MagnificationCurve(zeta, q, G, found.elastic, found.plastic, found.total)
 
     def pressure_curve(
         self, mean_pressure: float, magnification: float | None = None

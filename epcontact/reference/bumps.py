@@ -116,21 +116,20 @@ def _bump(scene: Scene) -> tuple[float, FloatArray, float, float]:
     """Radius (m), distance of each grid point from the summit (m), load (N or N/m), E*."""
     E = HERTZ.elastic_half_space(scene)
     surface = scene.surface
-    curvatures, squares = [], np.zeros(())
-    for axis, d in enumerate(surface.spacing):
+    curvatures, squares = [], []
+    for axis, (n, d, period) in enumerate(
+        zip(surface.shape, surface.spacing, surface.periods, strict=True)
+    ):
         centre, curvature = _parabola(scene, axis)
         curvatures.append(curvature)
-        x = np.arange(surface.shape[axis]) * d - centre
-        x -= np.rint(x / surface.periods[axis]) * surface.periods[axis]
-        squares = squares + (x**2).reshape(
-            [-1 if a == axis else 1 for a in range(len(surface.shape))]
-        )
+        x = np.arange(n) * d - centre
+        squares.append((x - np.rint(x / period) * period) ** 2)
     radius = 1 / curvatures[0]
     round_bump = np.allclose(curvatures, curvatures[0], rtol=1e-6) and radius > 0
     square = len(set(surface.periods)) == 1
     HERTZ.needs(bool(round_bump) and square, "one round bump in a square period")
     force = scene.load.final * math.prod(surface.periods)
-    return radius, np.sqrt(squares), force, E
+    return radius, np.sqrt(sum(np.ix_(*squares))), force, E
 
 
 def _parabola(scene: Scene, axis: int) -> tuple[float, float]:
@@ -148,40 +147,29 @@ def _parabola(scene: Scene, axis: int) -> tuple[float, float]:
     return i * d - first / second, -second
 
 
-def _size(scene: Scene) -> float:
-    """Contact radius or half-width, m."""
+@HERTZ.gives("area.total")
+def _bump_fraction(scene: Scene) -> float:
     radius, _, force, E = _bump(scene)
     period = scene.surface.periods[0]
     if scene.surface.heights.ndim == 1:
-        return cylinder_half_width_periodic(force, radius, E, period)
-    return sphere_contact_radius_periodic(force, radius, E, period)
+        return 2 * cylinder_half_width_periodic(force, radius, E, period) / period
+    return math.pi * sphere_contact_radius_periodic(force, radius, E, period) ** 2 / period**2
 
 
-@HERTZ.gives("area.total")
-def _bump_fraction(scene: Scene) -> float:
-    a, period = _size(scene), scene.surface.periods[0]
-    return 2 * a / period if scene.surface.heights.ndim == 1 else math.pi * a**2 / period**2
-
-
-@HERTZ.gives("field.pressure")
-def _bump_pressure(scene: Scene) -> FloatArray:
-    """Pressure on the grid.
+def _pressure_at(scene: Scene, distance: FloatArray) -> FloatArray:
+    """Pressure at distances from the summit.
 
     On a surface it is the semi-ellipse that carries the load on the area of the periodic problem;
     the images change it by less than (a/L)^5.
     """
-    radius, distance, force, E = _bump(scene)
-    a, period = _size(scene), scene.surface.periods[0]
+    radius, _, force, E = _bump(scene)
+    share, period = _bump_fraction(scene), scene.surface.periods[0]
     if scene.surface.heights.ndim == 1:
-        return cylinder_pressure_periodic(distance, a, radius, E, period)
+        return cylinder_pressure_periodic(distance, share * period / 2, radius, E, period)
+    a = period * math.sqrt(share / math.pi)
     peak = 3 * force / (2 * math.pi * a**2)
     return np.asarray(peak * np.sqrt(np.maximum(1 - (distance / a) ** 2, 0)))
 
 
-@HERTZ.gives("quantity.largest_pressure")
-def _bump_peak(scene: Scene) -> float:
-    radius, _, force, E = _bump(scene)
-    a, period = _size(scene), scene.surface.periods[0]
-    if scene.surface.heights.ndim == 1:
-        return float(cylinder_pressure_periodic(np.zeros(1), a, radius, E, period)[0])
-    return 3 * force / (2 * math.pi * a**2)
+HERTZ.gives("field.pressure")(lambda scene: _pressure_at(scene, _bump(scene)[1]))
+HERTZ.gives("quantity.largest_pressure")(lambda scene: _pressure_at(scene, np.zeros(1))[0])

@@ -17,11 +17,9 @@ Answer = TypeVar("Answer", bound=Callable[[Scene], Any])
 
 
 class ClosedForm:
-    """An exact solution; functions of the scene belong to it by the decorator `gives`.
+    """An exact solution by the name that gates use, and its source.
 
-    Attributes:
-        name: The name that gates use.
-        source: Where the solution comes from.
+    Functions of the scene belong to it by the decorator `gives`.
     """
 
     def __init__(self, name: str, source: str) -> None:
@@ -52,28 +50,18 @@ class ClosedForm:
         """True if a gate can read `quantity` of this form."""
         return quantity in self._answers
 
-    def scalar(self, quantity: str, scene: Scene) -> float:
-        """The value of a quantity.
+    # Each of these raises InvalidCase if the form does not know what is asked, or the scene.
 
-        Raises:
-            InvalidCase: The form does not know the quantity or does not describe the scene.
-        """
+    def scalar(self, quantity: str, scene: Scene) -> float:
+        """The value of a quantity."""
         return float(self._answer(quantity)(scene))
 
     def field(self, name: str, scene: Scene) -> FloatArray:
-        """A field on the scene's grid.
-
-        Raises:
-            InvalidCase: The form does not know the field or does not describe the scene.
-        """
+        """A field on the scene's grid."""
         return np.asarray(self._answer(f"field.{name}")(scene))
 
     def pressures(self, scene: Scene) -> PressureDistribution:
-        """The distribution of the pressures.
-
-        Raises:
-            InvalidCase: The form has none or does not describe the scene.
-        """
+        """The distribution of the pressures."""
         found: PressureDistribution = self._answer("distribution")(scene)
         return found
 

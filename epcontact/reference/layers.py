@@ -59,18 +59,14 @@ def surface_compliance(
     k = poisson_ratio / (1 - poisson_ratio)
     shear = 2 / (1 - poisson_ratio)  # m / s
 
-    def along(v: FloatArray) -> FloatArray:  # u_x without sin, in units of s q p / q^2
-        return np.asarray(v[2] + k * v[0])
-
-    def normal(v: FloatArray) -> FloatArray:  # u_z without cos, in the same units
-        return np.asarray(v[3] + (k - shear) * v[1])
-
-    base = along(value_d) if bonded else value_d[1]
-    system = np.stack([value_0[0], value_0[1], base, normal(value_d)], axis=-2)
+    # u_z without cos and u_x without sin, in units of s q p / q^2
+    normal_0, normal_d = (v[3] + (k - shear) * v[1] for v in (value_0, value_d))
+    base = value_d[2] + k * value_d[0] if bonded else value_d[1]
+    system = np.stack([value_0[0], value_0[1], base, normal_d], axis=-2)
     load = np.zeros((x.size, 4, 1))
     load[:, 0] = 1
     coefficients = np.linalg.solve(system, load)[..., 0]
-    shape = np.sum(normal(value_0) * coefficients, axis=-1)
+    shape = np.sum(normal_0 * coefficients, axis=-1)
     s = (1 - poisson_ratio**2) / young_modulus
     return np.asarray((s * shape / q.ravel()).reshape(np.shape(wavenumber)))
 
@@ -79,13 +75,8 @@ def _basis(x: FloatArray, depth: FloatArray) -> FloatArray:
     """Derivatives 0 to 3 (in units of q) of the four functions of f at q z = x: (4, n, 4)."""
     y = depth - x
     down, up = np.exp(-x), np.exp(-y)
-    rows = []
-    for n in range(4):
-        sign = (-1.0) ** n
-        rows.append(
-            np.stack([sign * down, sign * (x - n) * down, up, (y - n) * up], axis=-1),
-        )
-    return np.stack(rows)
+    rows = [((-1) ** n * down, (-1) ** n * (x - n) * down, up, (y - n) * up) for n in range(4)]
+    return np.moveaxis(np.array(rows), 1, 2)
 
 
 def lame_compliance(depth: float, young_modulus: float, poisson_ratio: float) -> float:
@@ -110,10 +101,7 @@ _DEEP = 20.0
 
 
 def compliance(scene: Scene) -> FloatArray:
-    """Surface compliance of a scene's body for each mode of numpy.fft.rfftn.
-
-    That of a layer follows from its boundary-value problem, wave by wave (`surface_compliance`).
-    """
+    """Surface compliance of a scene's body for each mode of numpy.fft.rfftn."""
     surface, body, material = scene.surface, scene.body, scene.material
     *others, (n, d) = zip(surface.shape, surface.spacing, strict=True)
     waves = [*(np.fft.fftfreq(m, s) for m, s in others), np.fft.rfftfreq(n, d)]
@@ -151,14 +139,11 @@ def _full_pressure(scene: Scene) -> FloatArray:
 
 @FULL_CONTACT.gives("area.total", "area.elastic")
 def _all_of_it(scene: Scene) -> float:
-    _full_pressure(scene)
+    _full_pressure(scene)  # raises where a gap is left
     return 1.0
 
 
-@FULL_CONTACT.gives("area.plastic", "quantity.mean_gap")
-def _nothing(scene: Scene) -> float:
-    _full_pressure(scene)
-    return 0.0
+FULL_CONTACT.gives("area.plastic", "quantity.mean_gap")(lambda scene: 1 - _all_of_it(scene))
 
 
 @FULL_CONTACT.gives("quantity.elastic_energy")
@@ -180,36 +165,23 @@ def _full_distribution(scene: Scene) -> PressureDistribution:
 # --- a flat surface ------------------------------------------------------------------------------
 
 
-@FLAT.gives("area.total")
-def _unit(_: Scene) -> float:
-    return 1.0
+def _yield_pressure(material: Material) -> float:
+    return uniaxial_yield_pressure(material.yield_stress, material.poisson_ratio)
 
 
 @FLAT.gives("area.plastic", "quantity.plastic_volume")
 def _flow(scene: Scene) -> float:
     """1 if a layer of J2 flow in uniaxial strain has yielded along the load path, else 0."""
-    yields = uniaxial_yield_pressure(scene.material.yield_stress, scene.material.poisson_ratio)
-    return float(max(scene.load.path) > yields)
+    return float(max(scene.load.path) > _yield_pressure(scene.material))
 
 
-@FLAT.gives("area.elastic")
-def _no_flow(scene: Scene) -> float:
-    return 1 - _flow(scene)
-
-
-@FLAT.gives("quantity.plastic_depth")
-def _flow_depth(scene: Scene) -> float:
-    return _flow(scene) * scene.body.depth
-
-
-@FLAT.gives("quantity.mean_contact_pressure", "quantity.largest_pressure")
-def _uniform(scene: Scene) -> float:
-    return scene.load.final
-
-
-@FLAT.gives("field.pressure")
-def _flat_pressure(scene: Scene) -> FloatArray:
-    return np.full(scene.surface.shape, scene.load.final)
+FLAT.gives("area.total")(lambda scene: 1.0)
+FLAT.gives("area.elastic")(lambda scene: 1 - _flow(scene))
+FLAT.gives("quantity.plastic_depth")(lambda scene: _flow(scene) * scene.body.depth)
+FLAT.gives("quantity.mean_contact_pressure", "quantity.largest_pressure")(
+    lambda scene: scene.load.final
+)
+FLAT.gives("field.pressure")(lambda scene: np.full(scene.surface.shape, scene.load.final))
 
 
 @FLAT.gives("distribution")
@@ -226,14 +198,14 @@ def _bulk_modulus(material: Material) -> float:
 def _compression(scene: Scene) -> float:
     """The approach of a layer since the first touch, at the end of the load path, in m.
 
-    In uniaxial strain the top sinks by p d/M up to the yield pressure Y (1 - nu)/(1 - 2 nu); beyond
-    it the tangent is the bulk modulus.  Unloading is elastic while the pressure falls by less than
-    twice the yield pressure.
+    In uniaxial strain the top sinks by p d/M up to the yield pressure; beyond it the tangent is the
+    bulk modulus.  Unloading is elastic while the pressure falls by less than twice the yield
+    pressure.
     """
     material, depth, path = scene.material, scene.body.depth, scene.load.path
     FLAT.needs(math.isfinite(depth), "a layer, to be compressed")
     M, top, last = oedometric_modulus(material), max(path), path[-1]
-    yields = uniaxial_yield_pressure(material.yield_stress, material.poisson_ratio)
+    yields = _yield_pressure(material)
     loading = path[: path.index(top) + 1]
     once = all(a <= b for a, b in itertools.pairwise(loading))
     FLAT.needs(once and top - last < 2 * yields, "one loading and elastic unloading")
@@ -248,12 +220,10 @@ def _plastic_strain(scene: Scene) -> float:
     """The equivalent plastic strain of a layer in uniaxial strain.
 
     Beyond the yield pressure the stress grows by the bulk modulus K, so the strain beyond the yield
-    strain is (p - p_y)/K, and its plastic part is purely deviatoric: two thirds of it.  Unloading
-    is elastic.
+    strain is (p - p_y)/K, and its plastic part is purely deviatoric: two thirds of it.
     """
-    material = scene.material
-    yields = uniaxial_yield_pressure(material.yield_stress, material.poisson_ratio)
-    return 2 / 3 * max(0.0, max(scene.load.path) - yields) / _bulk_modulus(material)
+    beyond = max(0.0, max(scene.load.path) - _yield_pressure(scene.material))
+    return 2 / 3 * beyond / _bulk_modulus(scene.material)
 
 
 @FLAT.gives("quantity.plastic_work")

@@ -58,9 +58,7 @@ def _post(scene: Scene, form: ClosedForm) -> tuple[float, float]:
     return share, share * period / 2 if heights.ndim == 1 else period * math.sqrt(share / math.pi)
 
 
-@FLAT_PUNCH.gives("area.total")
-def _post_fraction(scene: Scene) -> float:
-    return _post(scene, FLAT_PUNCH)[0]
+FLAT_PUNCH.gives("area.total")(lambda scene: _post(scene, FLAT_PUNCH)[0])
 
 
 @FLAT_PUNCH.gives("quantity.elastic_energy")
@@ -117,37 +115,31 @@ def _elastic_middle(scene: Scene) -> float:
     return period / math.pi * math.acos(cosine)
 
 
-@CAPPED_STRIP.gives("area.total")
-def _strip_fraction(scene: Scene) -> float:
-    return _post(scene, CAPPED_STRIP)[0]
-
-
 @CAPPED_STRIP.gives("area.plastic")
 def _yielded_rim(scene: Scene) -> float:
-    middle = _elastic_middle(scene)
-    return 2 * (_post(scene, CAPPED_STRIP)[1] - middle) / scene.surface.periods[0]
+    rim = _post(scene, CAPPED_STRIP)[1] - _elastic_middle(scene)
+    return 2 * rim / scene.surface.periods[0]
 
 
-@CAPPED_STRIP.gives("area.elastic")
-def _strip_middle(scene: Scene) -> float:
-    return _strip_fraction(scene) - _yielded_rim(scene)
+CAPPED_STRIP.gives("area.total")(lambda scene: _post(scene, CAPPED_STRIP)[0])
+CAPPED_STRIP.gives("area.elastic")(
+    lambda scene: _post(scene, CAPPED_STRIP)[0] - _yielded_rim(scene)
+)
 
 
-def _strip_conductance(half_width: float, period: float) -> float:
+def _strip_conductance(half_width: float, scene: Scene) -> float:
     """Conductance per nominal area times the sum of the resistivities, in 1/m, of a row of strips.
 
     It is that of the pressures which a strip of this half-width takes up, pi/(L ln(1/sin(pi a/L))).
     """
+    period = scene.surface.periods[0]
     return -math.pi / (period * math.log(math.sin(math.pi * half_width / period)))
 
 
-@CAPPED_STRIP.gives("quantity.conductance_loading")
-def _loading_conductance(scene: Scene) -> float:
-    """The yielded rim of a capped strip carries no more of a growing load: its middle does."""
-    return _strip_conductance(_elastic_middle(scene), scene.surface.periods[0])
-
-
-@CAPPED_STRIP.gives("quantity.conductance_unloading")
-def _unloading_conductance(scene: Scene) -> float:
-    """All of a capped strip is elastic as soon as the load falls."""
-    return _strip_conductance(_post(scene, CAPPED_STRIP)[1], scene.surface.periods[0])
+# The yielded rim carries no more of a growing load; all is elastic as soon as the load falls.
+CAPPED_STRIP.gives("quantity.conductance_loading")(
+    lambda scene: _strip_conductance(_elastic_middle(scene), scene)
+)
+CAPPED_STRIP.gives("quantity.conductance_unloading")(
+    lambda scene: _strip_conductance(_post(scene, CAPPED_STRIP)[1], scene)
+)

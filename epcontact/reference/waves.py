@@ -152,9 +152,7 @@ class _Wave:
         return wave
 
 
-@WESTERGAARD.gives("area.total")
-def _wave_fraction(scene: Scene) -> float:
-    return line_contact_fraction(min(1.0, _Wave.of(scene).load))
+WESTERGAARD.gives("area.total")(lambda scene: line_contact_fraction(min(1.0, _Wave.of(scene).load)))
 
 
 @WESTERGAARD.gives("quantity.mean_gap")

@@ -28,7 +28,7 @@ import fem_check
 from epcontact import bem, persson
 from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import CYCLE
-from epcontact.persson.gaps import gap_distribution
+from epcontact.persson.separation import gap_distribution
 from epcontact.persson.theory import Theory
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Load, Scene

@@ -27,7 +27,7 @@ from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Load, Scene, Surface
 from epcontact.studies.frame import Charts, Say, listed, mean_with_interval, rows, study
 from epcontact.studies.paper_scene import CONSTRAINT, GAMMA, MODULUS, rough_scene
-from epcontact.surfaces.residual import power_by_octave, residual_surface, topography
+from epcontact.surfaces import power_by_octave, residual_surface, topography
 
 
 def solved(model: str, scene: Scene) -> ContactResult:

@@ -6,24 +6,16 @@ the table [surface] of a case file, which selects one by its `kind`.
 
     self_affine     random phases on an analytic spectrum
     shapes          sinusoids, paraboloid, sphere, flat punch
-    measured        heights from an array or a file
+    measured        heights from an array, a file or a result
     treatment       holes, form, edges and band of measured maps
     readers         the file formats; text_tables: tables of numbers
-    filters         surfaces without their short waves
     spectrum        analytic spectra: densities and moments in closed form
-    power_spectrum  the spectrum and the moments of any surface's heights
-    residual        the surface that plastic flow leaves behind, and its statistics
+    power_spectrum  spectrum, moments and statistics of any surface's heights, and filters
 """
 
-from epcontact.surfaces.filters import filtered
-from epcontact.surfaces.measured import HeightsFromArray, HeightsFromFile
+from epcontact.surfaces.measured import HeightsFromArray, HeightsFromFile, residual_surface
+from epcontact.surfaces.power_spectrum import Topography, filtered, power_by_octave, topography
 from epcontact.surfaces.recipe import Recipe, SurfaceAbsent, require_room, unit_of
-from epcontact.surfaces.residual import (
-    Topography,
-    power_by_octave,
-    residual_surface,
-    topography,
-)
 from epcontact.surfaces.self_affine import SelfAffine, SelfAffineEnsemble, grid_shape
 from epcontact.surfaces.shapes import FlatPunch, Paraboloid, Sinusoid, Sphere
 from epcontact.surfaces.treatment import Treatment

@@ -1,4 +1,4 @@
-"""Measured or computed heights: from an array or a file to a surface; see `treatment`."""
+"""Heights that are given: in an array, in a file, or as what a result leaves; see `treatment`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Strict, ValidationInfo
 
 from epcontact.errors import InvalidScene
+from epcontact.results import ContactResult
 from epcontact.scene import (
     Surface,
     cautioned,
@@ -30,22 +31,12 @@ from epcontact.surfaces.recipe import (
     SurfaceAbsent,
     checked_grid,
     entry,
-    out_of_memory,
+    require_room,
 )
-from epcontact.surfaces.treatment import (
-    EdgeField,
-    Preparation,
-    TaperField,
-    preparation_words,
-    prepared,
-)
+from epcontact.surfaces.treatment import EdgeField, Preparation, TaperField, prepared
 
-
-def _beside_the_case(value: Any, info: ValidationInfo) -> Any:
-    """Resolve a path of a case file, which is relative to the folder of that file."""
-    if not isinstance(value, str) or not value:
-        raise ValueError("must be the path of a file")
-    return (info.context or {}).get("folder", Path()) / value
+#: A path counts as unloaded if it ends below this share of its largest mean pressure.
+UNLOADED = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +45,6 @@ class HeightsFromArray(Preparation):
 
     A map that is not periodic is refused ("refuse"), taken as it is ("periodic") or made periodic
     ("detrend_and_window").
-
-    Raises:
-        InvalidScene: if the heights are not a grid of real numbers, or missing and not filled.
 
     Example:
         >>> recipe = HeightsFromArray([0.0, 1e-6, 0.0, -1e-6], periods=(1e-3,))
@@ -73,8 +61,7 @@ class HeightsFromArray(Preparation):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given = checked_heights(self.heights, "heights")
-        heights = np.array(given)
+        heights = np.array(checked_heights(self.heights, "heights"))
         heights.flags.writeable = False
         require_known(heights, "heights", self.missing)
         settle(self, heights=heights, periods=checked_grid(heights.shape, self.periods)[1])
@@ -88,13 +75,20 @@ class HeightsFromArray(Preparation):
     def fingerprint(self) -> str:
         """The SHA-256 of the heights, and their treatment."""
         digest = hashlib.sha256(np.ascontiguousarray(self.heights, np.float64).data).hexdigest()
-        return f"array/1 {digest} {preparation_words(self)}"
+        return f"array/1 {digest} {self.steps}"
 
     def build(self) -> Surface:
         """Treat the heights.  Raises InvalidScene if they are refused."""
         heights = np.asarray(self.heights)
         levels = cautioned(levels_note(heights.dtype))
         return prepared(heights.astype(np.float64), self, "heights", levels)
+
+
+def _beside_the_case(value: Any, info: ValidationInfo) -> Any:
+    """Resolve a path of a case file, which is relative to the folder of that file."""
+    if not isinstance(value, str) or not value:
+        raise ValueError("must be the path of a file")
+    return (info.context or {}).get("folder", Path()) / value
 
 
 @dataclass(frozen=True)
@@ -109,9 +103,6 @@ class HeightsFromFile(Preparation):
     One period is enough for a square map, none is needed if the file gives it.  The first belongs
     to the lines of a text file, the second to the heights in a line.  An absent file raises
     SurfaceAbsent if it is `optional`, so that a case is skipped.
-
-    Raises:
-        InvalidScene: if the file does not hold a grid of real numbers, or not their size and unit.
     """
 
     path: Annotated[
@@ -188,29 +179,54 @@ class HeightsFromFile(Preparation):
     @cached_property
     def fingerprint(self) -> str:
         """The SHA-256 of the file's content, the unit, and the treatment of the heights."""
-        unit = 1.0 if self.unit is None else self.unit
-        return f"file/1 {file_digest(Path(self.path))} unit={unit!r} {preparation_words(self)}"
+        return f"file/1 {file_digest(Path(self.path))} unit={self.unit or 1.0!r} {self.steps}"
 
     def build(self) -> Surface:
         """Read the heights and treat them.  Raises InvalidScene if they are refused."""
-        try:
-            heights = np.array(self._map.heights, dtype=np.float64)
-        except MemoryError:
-            raise out_of_memory(self.shape, arrays=2) from None
-        if self.unit is not None:
-            heights *= self.unit
-        levels = cautioned(levels_note(self._map.heights.dtype))
-        told = (*levels, *self._map.notes, *self._spacing_note())
-        return prepared(heights, self, str(self.path), told)
+        require_room(self.shape)
+        stored = self._map
+        notes = [*cautioned(levels_note(stored.heights.dtype)), *stored.notes]
+        x, y = self.periods[0] / self.shape[0], self.periods[-1] / self.shape[-1]
+        if stored.periods is None and not math.isclose(x, y, rel_tol=0.01):
+            # Periods given in the wrong order show in spacings that differ.
+            notes.append(
+                f"the periods make the grid {x:.3g} m wide along x, over {self.shape[0]} lines of "
+                f"the file, and {y:.3g} m along y, over {self.shape[1]} heights in each"
+            )
+        heights = stored.heights.astype(np.float64) * (self.unit or 1.0)
+        return prepared(heights, self, str(self.path), tuple(notes))
 
-    def _spacing_note(self) -> tuple[str, ...]:
-        """Periods given in the wrong order show in spacings that differ."""
-        if self._map.periods is not None or len(self.shape) < 2:
-            return ()
-        x, y = (length / n for length, n in zip(self.periods, self.shape, strict=True))
-        if math.isclose(x, y, rel_tol=0.01):
-            return ()
-        return (
-            f"the periods make the grid {x:.3g} m wide along x, over {self.shape[0]} lines of the "
-            f"file, and {y:.3g} m along y, over {self.shape[1]} heights in each",
-        )
+
+def residual_surface(surface: Surface, result: ContactResult) -> Surface:
+    """Return the surface that a result leaves behind, which another scene can take up.
+
+    A capped contact keeps its plastic displacement, so any load will do.  J2 flow shows only after
+    unloading: the displacement that remains is the plastic one.
+
+    Args:
+        surface: the surface of the scene that was solved.
+        result: the answer to it, with fields.
+
+    Raises:
+        InvalidScene: the result has no fields, or its path does not unload a body without cap.
+
+    Example:
+        >>> from epcontact import Load, Material, Scene, bem
+        >>> surface = Surface(np.cos(2 * np.pi * np.arange(64) / 64), (50.0,))
+        >>> scene = Scene(surface, Material(1.0, 0.0, hardness=0.05), Load(0.02))
+        >>> left = residual_surface(surface, bem.solve(scene))
+        >>> bool(left.heights.max() < surface.heights.max())
+        True
+    """
+    lowered = result.fields.get("plastic_displacement")
+    if lowered is None:
+        pressures = [step.mean_pressure for step in result.steps]
+        if "displacement" not in result.fields or pressures[-1] > UNLOADED * max(pressures):
+            raise InvalidScene(
+                f"{result.method} gives no plastic displacement; let its load path end at 0, where "
+                "the displacement that remains is the plastic one"
+            )
+        lowered = result.fields["displacement"]
+    note = f"the surface that {result.method} has left after plastic flow"
+    left, notes = surface.heights - lowered, (*surface.notes, note)
+    return replace(surface, heights=left, spectrum=None, recipe="", notes=notes)

@@ -1,4 +1,4 @@
-"""The power spectrum of any surface or line: moments, densities, and slope up to a cut-off.
+"""The spectrum of the heights of any surface or line: moments, densities, statistics and filters.
 
 With the modes h_q = FFT(h) / N, h_rms^2 = sum_{q != 0} |h_q|^2 (Parseval), and likewise
 xi^2 = sum q^2 |h_q|^2, the mean square of the spectral derivative.  On even grids the Nyquist mode
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import ducc0
@@ -20,11 +20,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from epcontact.results import FloatArray
-from epcontact.scene import Surface
-from epcontact.surfaces.spectrum import BAND_TOLERANCE
+from epcontact.scene import Surface, number, positive, require_kind
+from epcontact.surfaces.spectrum import BAND_TOLERANCE, truncated
 
 #: Number of modes handled at once, which limits temporary arrays to a few MiB.
 _BLOCK = 1 << 16
+
+# --- statistics ----------------------------------------------------------------------------------
 
 
 class Moments(NamedTuple):
@@ -40,17 +42,49 @@ class Moments(NamedTuple):
 
 
 def surface_moments(surface: Surface) -> Moments:
-    """Return the moments of a surface's or line's spectrum: exact sums over its Fourier modes.
-
-    rms_height is that of the grid points about their mean (Parseval).  On an even grid the Nyquist
-    mode counts with |q| = pi / dx, as in numpy.fft.fftfreq.
-    """
+    """Return the moments of a surface's or line's spectrum: exact sums over its Fourier modes."""
     sums = np.zeros(3)
     for q, variance in _mode_variances(surface):
         q2, v = (q * q).ravel(), variance.ravel()
         sums += v.sum(), v @ q2, (v * q2) @ q2
     m0, m2, m4 = np.sqrt(sums).tolist()
     return Moments(m0, m2, m4 / len(surface.shape))
+
+
+class Topography(NamedTuple):
+    """Statistics of the heights about their mean.
+
+    Attributes:
+        rms_height: in m.
+        rms_slope: that of the gradient.
+        rms_curvature: in 1/m, that of half the Laplacian (of a line: the second derivative).
+        skewness: third moment over rms_height^3; 0 if the heights are symmetric.
+        excess_kurtosis: fourth moment over rms_height^4, less the 3 of Gaussian heights.
+    """
+
+    rms_height: float
+    rms_slope: float
+    rms_curvature: float
+    skewness: float
+    excess_kurtosis: float
+
+
+def topography(surface: Surface) -> Topography:
+    """Return the statistics of a surface's heights.
+
+    Example:
+        >>> wave = Surface(np.cos(2 * np.pi * np.arange(64) / 64), (2 * np.pi,))
+        >>> found = topography(wave)
+        >>> round(found.rms_slope**2, 9), round(found.excess_kurtosis, 9)
+        (0.5, -1.5)
+    """
+    from scipy.stats import kurtosis, skew  # slow to load
+
+    heights = surface.heights.ravel()
+    return Topography(*surface_moments(surface), float(skew(heights)), float(kurtosis(heights)))
+
+
+# --- densities -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -92,22 +126,40 @@ def radial_spectrum(surface: Surface) -> RadialSpectrum:
             sums[row] += np.bincount(index, weights=values.ravel(), minlength=rings)
     sums[:, 0] = 0  # the mean height
     filled = np.flatnonzero(sums[0])
-    cell = math.prod(2 * math.pi / p for p in surface.periods)  # the measure of one mode
     modes, total_q, height, slope = sums[:, filled]
-    return RadialSpectrum(
-        wavenumber=total_q / modes,
-        density=height / (modes * cell),
-        modes=modes,
-        upper_edge=np.asarray((filled + 0.5) * width, dtype=np.float64),
-        height_variance=height,
-        slope_variance=slope,
-    )
+    cell = math.prod(2 * math.pi / p for p in surface.periods)  # the measure of one mode
+    edge = np.asarray((filled + 0.5) * width, dtype=np.float64)
+    return RadialSpectrum(total_q / modes, height / (modes * cell), modes, edge, height, slope)
+
+
+def power_by_octave(surface: Surface) -> tuple[FloatArray, FloatArray]:
+    """Return the height variance of each octave of wave numbers.
+
+    Octave k holds the wave numbers from 2^k to 2^(k+1) times the lowest one, 2 pi over the longest
+    period.
+
+    Returns:
+        lowest: (n,) the lowest wave number of each octave in rad/m.
+        variance: (n,) its contribution to the square of the rms height, in m^2.
+
+    Example:
+        >>> wave = Surface(0.1 * np.cos(2 * np.pi * 5 * np.arange(64) / 64), (2 * np.pi,))
+        >>> lowest, variance = power_by_octave(wave)
+        >>> float(lowest[np.argmax(variance)]), float(variance.max().round(9))
+        (4.0, 0.005)
+    """
+    rings = radial_spectrum(surface)
+    first = 2 * math.pi / max(surface.periods)
+    ratio = rings.wavenumber / first * (1 + BAND_TOLERANCE)
+    octave = np.maximum(np.floor(np.log2(ratio)), 0).astype(np.intp)
+    variance = np.bincount(octave, weights=rings.height_variance)
+    return first * np.exp2(np.arange(variance.size)), np.asarray(variance, dtype=np.float64)
 
 
 def cumulative_slope_variance(surface: Surface, wavenumber: ArrayLike) -> FloatArray:
     """Return xi^2(q), the exact sum over a surface's modes with |q| <= wavenumber.
 
-    `wavenumber`, (m,) in rad/m, may have any order.  Modes that equal a wave number within rounding
+    `wavenumber`, in rad/m, has any shape and order.  Modes that equal a wave number within rounding
     (`BAND_TOLERANCE`) are included.  `slope_variance_up_to` is the same for an analytic spectrum.
     """
     q_given = np.asarray(wavenumber, dtype=np.float64)
@@ -119,14 +171,68 @@ def cumulative_slope_variance(surface: Surface, wavenumber: ArrayLike) -> FloatA
     return np.cumsum(sums[:-1])[place].reshape(q_given.shape)
 
 
+# --- filters -------------------------------------------------------------------------------------
+
+
+def filtered(surface: Surface, wavenumber_high: float, wavenumber_low: float = 0.0) -> Surface:
+    """Keep the modes of wavenumber_low <= |q| <= wavenumber_high (rad/m), on the same grid.
+
+    Without a lower limit the result is the surface that the theory sees at the magnification
+    wavenumber_high / q_0.  An analytic spectrum is cut off with the short waves, and dropped if
+    long waves are removed or nothing of it remains.  The mean height is kept.
+
+    Raises:
+        InvalidScene: unless 0 <= wavenumber_low < wavenumber_high.
+
+    Example:
+        >>> surface = Surface(0.1 * np.cos(2 * math.pi * np.arange(8) / 4), (2 * math.pi,))
+        >>> float(abs(filtered(surface, 1.0).heights).max()) < 1e-15
+        True
+    """
+    require_kind("surface", surface, Surface)
+    high = positive("wavenumber_high", wavenumber_high, "rad/m", finite=False)
+    right = f"a number between 0 and wavenumber_high = {high:g} rad/m"
+    low = number("wavenumber_low", wavenumber_low, right, lambda q: 0 <= q < high)
+    spectrum = surface.spectrum
+    if spectrum is not None:
+        left = high > spectrum.wavenumber_low >= low * (1 - BAND_TOLERANCE)
+        spectrum = truncated(spectrum, high, len(surface.shape)) if left else None
+    band = f"{low!r} to " if low else ""
+    return replace(
+        surface,
+        heights=kept_waves(surface.heights, surface.periods, high, low),
+        spectrum=spectrum,
+        shortest_wavelength=max(2 * math.pi / high, surface.shortest_wavelength or 0.0) or None,
+        recipe=f"filtered/1 {band}{high!r} of {surface.fingerprint}",
+    )
+
+
+def kept_waves(
+    heights: FloatArray, periods: tuple[float, ...], highest: float, lowest: float = 0.0
+) -> FloatArray:
+    """Return heights of these periods without the waves outside a band; see `filtered`."""
+    low, high = lowest * (1 - BAND_TOLERANCE), highest * (1 + BAND_TOLERANCE)
+    modes = ducc0.fft.r2c(heights)
+    for rows, q in _wavenumbers(heights.shape, periods):
+        block = modes.reshape(-1, modes.shape[-1])[rows]
+        block[(q > high) | ((q < low) & (q > 0))] = 0.0
+    modes *= 1 / heights.size
+    if heights.ndim == 2:
+        ducc0.fft.c2c(modes, axes=(0,), forward=False, out=modes)
+    kept = np.empty(heights.shape)
+    ducc0.fft.c2r(modes, (heights.ndim - 1,), heights.shape[-1], forward=False, out=kept)
+    kept.flags.writeable = False
+    return kept
+
+
+# --- modes ---------------------------------------------------------------------------------------
+
+
 def _multiplicity(surface: Surface) -> FloatArray:
     """Return the number of modes of the whole plane for each column of the half grid."""
     n = surface.shape[-1]
-    weight = np.full(n // 2 + 1, 2.0)
-    weight[0] = 1.0
-    if n % 2 == 0:
-        weight[-1] = 1.0
-    return weight
+    k = np.arange(n // 2 + 1)
+    return np.where((k == 0) | (2 * k == n), 1.0, 2.0)
 
 
 def _mode_variances(surface: Surface) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -134,14 +240,14 @@ def _mode_variances(surface: Surface) -> Iterator[tuple[FloatArray, FloatArray]]
     modes = ducc0.fft.r2c(surface.heights)
     modes = modes.reshape(-1, modes.shape[-1])
     scale = _multiplicity(surface) / float(surface.heights.size) ** 2
-    for rows, q in wavenumbers(surface.shape, surface.periods):
+    for rows, q in _wavenumbers(surface.shape, surface.periods):
         variance = (modes[rows].real ** 2 + modes[rows].imag ** 2) * scale
         if rows.start == 0:
             variance[0, 0] = 0.0
         yield q, variance
 
 
-def wavenumbers(
+def _wavenumbers(
     shape: tuple[int, ...], periods: tuple[float, ...]
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Yield |q| on the half grid of a real transform, by blocks of rows; a line is one row.

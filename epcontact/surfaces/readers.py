@@ -7,7 +7,8 @@ promises more than the file holds is detected before memory is allocated.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,35 +41,36 @@ class HeightMap:
 
 def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file's content.  Raises InvalidScene if it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise _unreadable(path, error) from None
+    with _refusing(path), path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def read_heights(path: Path) -> HeightMap:
     """Read a file of heights by its ending.  Raises InvalidScene if it holds none."""
-    try:
+    with _refusing(path):
         if path.is_dir():
-            raise IsADirectoryError(21, "is a folder, but a file of heights is needed")
+            raise InvalidScene(f"{path}: is a folder, but a file of heights is needed")
         if path.stat().st_size == 0:
             raise InvalidScene(f"{path}: is empty")
         return READERS.get(path.suffix.lower(), _read_instrument)(path)
+
+
+@contextmanager
+def _refusing(path: Path, words: str = "") -> Iterator[None]:
+    """Turn errors of the system into InvalidScene; with words for them, those of a parser, too."""
+    try:
+        yield
+    except InvalidScene:
+        raise
     except OSError as error:
-        raise _unreadable(path, error) from None
-
-
-def _unreadable(path: Path, error: OSError) -> InvalidScene:
-    return InvalidScene(f"{path}: {(error.strerror or str(error)).lower()}")
-
-
-def _first_line(error: BaseException) -> str:
-    lines = str(error).strip().splitlines()
-    if not lines:
-        return type(error).__name__
-    words = " ".join(lines[0].split("; use")[0].split()).rstrip(".")
-    return words if len(words) <= 100 else words[:99] + "…"
+        raise InvalidScene(f"{path}: {(error.strerror or str(error)).lower()}") from None
+    except (Exception, SystemExit) as error:  # each parser has errors of its own
+        if not words:
+            raise
+        lines = str(error).strip().splitlines() or [type(error).__name__]
+        said = " ".join(lines[0].split("; use")[0].split()).rstrip(".")
+        said = said if len(said) <= 100 else said[:99] + "…"
+        raise InvalidScene(f"{path}: {words} ({said})") from None
 
 
 def _read_text(path: Path) -> HeightMap:
@@ -77,14 +79,8 @@ def _read_text(path: Path) -> HeightMap:
 
 
 def _read_npy(path: Path) -> HeightMap:
-    try:
+    with _refusing(path, "is no complete .npy file of numbers"):
         return HeightMap(np.lib.format.open_memmap(path, mode="r"))
-    except OSError:
-        raise
-    except Exception as error:  # a damaged header raises errors of Python's tokenizer
-        raise InvalidScene(
-            f"{path}: is no complete .npy file of numbers ({_first_line(error)})"
-        ) from None
 
 
 def _read_fields(path: Path) -> HeightMap:
@@ -108,11 +104,9 @@ def _read_mesh(path: Path) -> HeightMap:
     """The heights z of a mesh whose points lie on a regular grid in x and y, NaN where none is."""
     import meshio
 
-    try:
-        with np.errstate(all="ignore"):  # of text that meshio tries as numbers
-            mesh = getattr(meshio, path.suffix.lower()[1:]).read(path)
-    except (Exception, SystemExit) as error:  # each format has errors of its own
-        raise InvalidScene(f"{path}: meshio cannot read it ({_first_line(error)})") from None
+    # Text that meshio tries as numbers may overflow.
+    with _refusing(path, "meshio cannot read it"), np.errstate(all="ignore"):
+        mesh = getattr(meshio, path.suffix.lower()[1:]).read(path)
     points = np.asarray(mesh.points, np.float64)
     if points.shape[1:] == (3,) and len(points) >= 4 and np.isfinite(points).all():
         (x, dx), (y, dy) = map(_even_places, points.T[:2])
@@ -150,24 +144,19 @@ def _read_instrument(path: Path) -> HeightMap:
             f"{path}: reading {path.suffix or 'such'} files needs SurfaceTopography; "
             "pip install 'epcontact[instruments]', or convert it to .npy or text"
         ) from None
-    try:
-        with open_topography(str(path)) as reader:
-            topography = reader.topography()
-            in_metres = topography.unit is not None
-            if in_metres:
-                topography = topography.to_unit("m")
-            if not topography.is_uniform:
-                raise InvalidScene(f"{path}: its points lie on no regular grid; resample it first")
-            # Points without a height are masked.
-            heights = np.ma.filled(np.ma.asarray(topography.heights(), np.float64), np.nan)
-            periods = topography.physical_sizes if in_metres else None
-    except InvalidScene:
-        raise
-    except Exception as error:  # many parsers, each with its own errors
-        raise InvalidScene(
-            f"{path}: SurfaceTopography cannot read it ({_first_line(error)})"
-        ) from None
-    return HeightMap(heights, in_metres, None if periods is None else tuple(map(float, periods)))
+    with (
+        _refusing(path, "SurfaceTopography cannot read it"),
+        open_topography(str(path)) as reader,
+    ):
+        topography = reader.topography()
+        if in_metres := topography.unit is not None:
+            topography = topography.to_unit("m")
+        if not topography.is_uniform:
+            raise InvalidScene(f"{path}: its points lie on no regular grid; resample it first")
+        # Points without a height are masked.
+        heights = np.ma.filled(np.ma.asarray(topography.heights(), np.float64), np.nan)
+        periods = tuple(map(float, topography.physical_sizes)) if in_metres else None
+        return HeightMap(heights, in_metres, periods)
 
 
 #: The reader of each ending; SurfaceTopography reads all others.

@@ -20,14 +20,12 @@ from epcontact.machine import available_memory
 from epcontact.results import FloatArray
 from epcontact.scene import Surface, positive, require_one_of, settle, whole
 
-#: Largest number of points that an array can address.
-LARGEST_GRID = 2**56
 #: Bytes of memory that every machine has.
 SMALL = 2**28
 
 
 class Recipe(Protocol):
-    """The interface of every recipe; `build` sets `Surface.recipe` to `fingerprint`."""
+    """One surface; `build` sets `Surface.recipe` to `fingerprint`."""
 
     @property
     def fingerprint(self) -> str:
@@ -58,14 +56,14 @@ def entry(unit: str, meaning: str, **bounds: Any) -> Any:
     return Field(description=words, json_schema_extra={"unit": unit} if unit else None, **bounds)
 
 
-def as_tuple(value: Any) -> Any:
+def _as_tuple(value: Any) -> Any:
     """Turn a list of a TOML file into a tuple; return anything else unchanged."""
     return tuple(value) if isinstance(value, list) else value
 
 
-def _lengths(value: Any) -> Any:
-    """Turn one length or a list of lengths into a tuple; return a table unchanged."""
-    return as_tuple(value) if isinstance(value, list | tuple | dict) else (value,)
+def sequence(kind: Any) -> BeforeValidator:
+    """Return the part of an annotation that takes a list of a TOML file."""
+    return BeforeValidator(_as_tuple, json_schema_input_type=list[kind])
 
 
 # Numbers of a case file are strict: text and booleans are not converted.
@@ -74,13 +72,15 @@ Whole = Annotated[int, Strict()]
 
 # The fields of several recipes.  A case file calls the periods `period`.
 Lengths = Annotated[
-    tuple[Real, ...], BeforeValidator(_lengths, json_schema_input_type=float | list[float])
+    tuple[Real, ...],
+    BeforeValidator(
+        lambda value: _as_tuple(value) if isinstance(value, list | tuple | dict) else (value,),
+        json_schema_input_type=float | list[float],
+    ),
 ]
 Periods = Annotated[Lengths, entry("m", "one length, or [x, y]", validation_alias="period")]
 Shape = Annotated[
-    tuple[Whole, ...],
-    BeforeValidator(as_tuple, json_schema_input_type=list[int]),
-    entry("", "grid points [nx, ny], or [nx] for a line"),
+    tuple[Whole, ...], sequence(int), entry("", "grid points [nx, ny], or [nx] for a line")
 ]
 
 
@@ -100,7 +100,9 @@ class Fields:
             if isinstance(info, FieldInfo) and info.description
         }
         stated = "\n".join(f"        {n}: {f.description}." for n, (_, f) in cls.entries.items())
-        cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n\n    Args:\n{stated}\n    "
+        raised = "        InvalidScene: if a value is out of its range or does not fit the others."
+        text = (cls.__doc__ or "").rstrip()
+        cls.__doc__ = f"{text}\n\n    Args:\n{stated}\n\n    Raises:\n{raised}\n    "
 
     def __post_init__(self) -> None:
         for name, (kind, info) in self.entries.items():
@@ -153,11 +155,9 @@ class Generated(Fields):
         return f"{self.formula} {_words(self)}"
 
     def build(self: Any) -> Surface:
-        """Make the surface.  Raises NotEnoughMemory if its heights cannot be allocated."""
-        try:
-            heights = self._heights()
-        except MemoryError:
-            raise out_of_memory(self.shape, arrays=2) from None
+        """Make the surface.  Raises NotEnoughMemory if its heights do not fit into memory."""
+        require_room(self.shape)
+        heights = self._heights()
         heights.flags.writeable = False
         return Surface(heights, self.periods, recipe=self.fingerprint, **self._known())
 
@@ -180,6 +180,9 @@ def _words(value: Any) -> str:
     return repr(int(value)) if value == int(value) else repr(float(value))
 
 
+# --- grids ---------------------------------------------------------------------------------------
+
+
 def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...], tuple[float, ...]]:
     """Return matching shape and periods as tuples of int and float.  Raises InvalidScene."""
     try:
@@ -196,26 +199,18 @@ def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...],
         raise InvalidScene(
             f"periods is {given_periods!r}, but must be {len(shape)} positive lengths in m"
         )
-    if math.prod(shape) > LARGEST_GRID:
-        raise out_of_memory(shape, arrays=1)
     return shape, periods
 
 
 def require_room(shape: tuple[int, ...]) -> None:
     """Raise NotEnoughMemory if heights and their modes would not fit into memory.
 
-    The check comes before any array is made, because a system that overcommits memory kills the
-    process that uses it.
+    A system that overcommits memory kills the process that uses it, so this asks beforehand.
     """
     needed = 16 * math.prod(shape)
     if needed >= SMALL and needed > available_memory():
-        raise out_of_memory(shape, arrays=2)
-
-
-def out_of_memory(shape: tuple[int, ...], arrays: int) -> NotEnoughMemory:
-    """Return the error for a grid that does not fit into memory."""
-    size = math.prod(shape) * 8 * arrays / 2**30
-    grid = " x ".join(map(str, shape))
-    return NotEnoughMemory(
-        f"a surface of {grid} points needs {size:.3g} GiB, more than there is; use a coarser grid"
-    )
+        grid = " x ".join(map(str, shape))
+        raise NotEnoughMemory(
+            f"a surface of {grid} points needs {needed / 2**30:.3g} GiB, more than there is; use a "
+            "coarser grid"
+        )

@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal
 import ducc0
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
@@ -32,12 +32,10 @@ from epcontact.surfaces.recipe import (
     Real,
     Shape,
     Whole,
-    as_tuple,
     entry,
+    sequence,
 )
 from epcontact.surfaces.spectrum import BAND_TOLERANCE, amplitude_shape
-
-ComplexArray = NDArray[np.complex128]
 
 #: Number of modes handled at once, which limits temporary arrays to a few MiB.
 _BLOCK = 1 << 16
@@ -54,9 +52,6 @@ def grid_shape(
         spectrum: the spectrum, whose `wavenumber_high` is q_1.
         periods: (Lx, Ly), or (L,) for a line, in m.
         points_per_shortest_wavelength: more than 2; 4 or 8 are usual.
-
-    Returns:
-        The grid's shape, for `SelfAffine`.
 
     Raises:
         InvalidScene: if a number is not positive, or a period has less than two points.
@@ -84,10 +79,8 @@ def grid_shape(
 class SelfAffine(Generated):
     """Self-affine roughness by random phases, with the exact rms slope on the grid.
 
-    Raises:
-        InvalidScene: if the grid does not resolve `wavenumber_high` (more than two points per
-            wavelength are needed: at two, a mode's phase is lost), or the period does not hold
-            `wavenumber_low`.
+    The grid needs more than two points per shortest wavelength (at two, a mode's phase is lost),
+    and the period must hold the longest one.
 
     Example:
         >>> spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, 8.0, rms_slope=0.5)
@@ -134,9 +127,6 @@ class SelfAffineEnsemble(Fields):
     Either `shape` or `points_per_shortest_wavelength` gives the grid.  A single period is used for
     both directions of a surface; a line must give its shape.
 
-    Raises:
-        InvalidScene: if the grid is given twice or not at all, or a seed is given twice.
-
     Example:
         >>> ensemble = SelfAffineEnsemble(
         ...     periods=(2 * math.pi,), hurst=0.8, wavenumber_low=1.0, wavenumber_roll_off=4.0,
@@ -159,7 +149,7 @@ class SelfAffineEnsemble(Fields):
     shape: Shape | None = None
     seeds: Annotated[
         tuple[Annotated[Whole, Field(ge=0)], ...],
-        BeforeValidator(as_tuple, json_schema_input_type=list[int]),
+        sequence(int),
         entry("", "one random surface each; gates read their mean", min_length=1),
     ]
     kind: Literal["self_affine"] = "self_affine"
@@ -185,6 +175,9 @@ class SelfAffineEnsemble(Fields):
         return tuple(SelfAffine(spectrum, periods, shape, seed) for seed in self.seeds)
 
 
+# --- heights -------------------------------------------------------------------------------------
+
+
 def _highest_index(wavenumber: float, period: float) -> int:
     """Return the largest k with 2 pi k / period <= wavenumber."""
     return math.floor(wavenumber * period / (2 * math.pi) * (1 + BAND_TOLERANCE))
@@ -205,11 +198,9 @@ def _phases(seed: int, kx: NDArray[np.int64], ky: NDArray[np.int64]) -> FloatArr
 
 def _mixed(word: NDArray[np.uint64]) -> NDArray[np.uint64]:
     word = word + np.uint64(0x9E3779B97F4A7C15)
-    word ^= word >> np.uint64(30)
-    word *= np.uint64(0xBF58476D1CE4E5B9)
-    word ^= word >> np.uint64(27)
-    word *= np.uint64(0x94D049BB133111EB)
-    word ^= word >> np.uint64(31)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB), (31, 1)):
+        word ^= word >> np.uint64(shift)
+        word *= np.uint64(factor)
     return word
 
 
@@ -219,10 +210,9 @@ def _line(recipe: SelfAffine) -> FloatArray:
     q = 2 * math.pi / period * k
     amplitude = amplitude_shape(recipe.spectrum, q, dimension=1)
     scale = recipe.spectrum.rms_slope / math.sqrt(2 * np.sum((q * amplitude) ** 2))
+    phases = _phases(recipe.seed, k, np.zeros_like(k))
     modes = np.zeros(n // 2 + 1, np.complex128)
-    modes[1 : k.size + 1] = (
-        scale * amplitude * np.exp(1j * _phases(recipe.seed, k, np.zeros_like(k)))
-    )
+    modes[1 : k.size + 1] = scale * amplitude * np.exp(1j * phases)
     return np.asarray(ducc0.fft.c2r(modes, lastsize=n, forward=False))
 
 
@@ -231,18 +221,17 @@ def grid_heights(recipe: SelfAffine) -> FloatArray:
     nx, ny = recipe.shape
     modes = np.zeros((nx, ny // 2 + 1), np.complex128)
     slope_variance = _fill_modes(recipe, modes)
-    scale = recipe.spectrum.rms_slope / math.sqrt(slope_variance)
     # Only columns with nonzero modes need the transform along x, which is done in place.
     columns = _highest_index(recipe.spectrum.wavenumber_high, recipe.periods[1]) + 1
     filled = modes[:, :columns]
-    filled *= scale
+    filled *= recipe.spectrum.rms_slope / math.sqrt(slope_variance)
     ducc0.fft.c2c(filled, axes=(0,), forward=False, out=filled)
     heights = np.empty((nx, ny))  # an array made by the FFT library would be copied later
     ducc0.fft.c2r(modes, (1,), ny, forward=False, out=heights)
     return heights
 
 
-def _fill_modes(recipe: SelfAffine, modes: ComplexArray) -> float:
+def _fill_modes(recipe: SelfAffine, modes: NDArray[np.complex128]) -> float:
     """Fill in the modes of equation (7) of the paper; return the sum of q^2 f over all of them.
 
     The amplitudes are equation (8) of the paper, the phases come from `_phases`: the height is
@@ -267,7 +256,5 @@ def _fill_modes(recipe: SelfAffine, modes: ComplexArray) -> float:
         mirrored = (ky == 0) & (kx < 0)
         phase = _phases(recipe.seed, np.where(mirrored, -kx, kx), ky)
         phase = np.where(mirrored, -phase, phase)
-        block = modes[kx[:, 0] % modes.shape[0], : ky_max + 1]
-        block.real, block.imag = amplitude * np.cos(phase), amplitude * np.sin(phase)
-        modes[kx[:, 0] % modes.shape[0], : ky_max + 1] = block
+        modes[kx[:, 0] % modes.shape[0], : ky_max + 1] = amplitude * np.exp(1j * phase)
     return slope_variance

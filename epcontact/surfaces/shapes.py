@@ -15,22 +15,20 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 from epcontact.scene import listed, number, settle
-from epcontact.surfaces.recipe import Generated, Periods, Real, Shape, Whole, as_tuple, entry
+from epcontact.surfaces.recipe import Generated, Periods, Real, Shape, Whole, entry, sequence
 
 #: Relative rounding of r^2; without it a rim through grid points would lose some of them.
 _ON_THE_RIM = 1e-9
 
 _Centre = Annotated[
     tuple[Real, ...],
-    BeforeValidator(as_tuple, json_schema_input_type=list[float]),
+    sequence(float),
     entry("", "as fractions of the periods; the middle where it is not given"),
 ]
-_Radius = Annotated[Real, entry("m", "radius of curvature at the summit", gt=0)]
 
 
 @dataclass(frozen=True)
@@ -41,10 +39,8 @@ class Sinusoid(Generated):
     gap under the summits is amplitude (1 - cos) or amplitude (1 - cos cos), the convention of
     Westergaard (1939) and of Johnson, Greenwood and Higginson (1985).  With the wavelength
     lambda = L / waves, complete contact needs the pressure p* = pi E* amplitude / lambda or, for
-    the product on a square period, p* = sqrt(2) pi E* amplitude / lambda.
-
-    Raises:
-        InvalidScene: if a value is out of its range, or a wave has two grid points or fewer.
+    the product on a square period, p* = sqrt(2) pi E* amplitude / lambda.  A wave needs more than
+    two grid points.
 
     Example:
         >>> surface = Sinusoid((1e-3, 1e-3), (8, 8), amplitude=1e-6, direction="both").build()
@@ -78,21 +74,18 @@ class Sinusoid(Generated):
         return {"x": (0,), "y": (1,), "both": (0, 1)}[self.direction]
 
     def _heights(self) -> FloatArray:
-        heights = np.full(self.shape, self.amplitude)
+        waves = [np.ones(n) for n in self.shape]
         for axis in self._axes:
             n = self.shape[axis]
             # Whole turns are removed as integers, so that equal phases have equal heights.
-            turns = (self.waves * np.arange(n)) % n / n
-            heights *= _along(np.cos(2 * math.pi * turns), axis, len(self.shape))
-        return heights
+            waves[axis] = np.cos(2 * math.pi * ((self.waves * np.arange(n)) % n / n))
+        return np.asarray(math.prod(np.ix_(*waves), start=self.amplitude))
 
     def _known(self) -> dict[str, Any]:
         return {"shortest_wavelength": min(self.periods[a] for a in self._axes) / self.waves}
 
 
 class _Centred(Generated):
-    """A shape around a `centre`."""
-
     def __post_init__(self: Any) -> None:
         super().__post_init__()
         centre = listed(self.centre) or (0.5,) * len(self.shape)
@@ -104,14 +97,19 @@ class _Centred(Generated):
 
 
 @dataclass(frozen=True)
-class Paraboloid(_Centred):
+class _Round(_Centred):
+    periods: Periods
+    shape: Shape
+    radius: Annotated[Real, entry("m", "radius of curvature at the summit", gt=0)]
+    centre: _Centre = ()
+
+
+@dataclass(frozen=True)
+class Paraboloid(_Round):
     """One bump h = -r^2 / (2 radius) (on a line a parabolic cylinder), summit at h = 0.
 
     r is the distance to the nearest periodic image.  Hertz's theory is exact for this shape except
     for the effect of the images.
-
-    Raises:
-        InvalidScene: if a length is not positive or the sizes do not fit.
 
     Example:
         >>> bump = Paraboloid((1e-3, 1e-3), (64, 64), radius=1e-2).build()
@@ -120,10 +118,6 @@ class Paraboloid(_Centred):
     """
 
     formula = "paraboloid/1"
-    periods: Periods
-    shape: Shape
-    radius: _Radius
-    centre: _Centre = ()
     kind: Literal["paraboloid"] = field(default="paraboloid", kw_only=True)
 
     def _heights(self) -> FloatArray:
@@ -131,13 +125,10 @@ class Paraboloid(_Centred):
 
 
 @dataclass(frozen=True)
-class Sphere(_Centred):
+class Sphere(_Round):
     """The upper half of a ball (on a line, of a cylinder) on a flat, summit at h = 0.
 
     h = sqrt(radius^2 - r^2) - radius within r < radius, -radius outside; r as in Paraboloid.
-
-    Raises:
-        InvalidScene: if a length is not positive or the sizes do not fit.
 
     Example:
         >>> ball = Sphere((1e-3,), (8,), radius=2.5e-4).build()
@@ -146,10 +137,6 @@ class Sphere(_Centred):
     """
 
     formula = "sphere/1"
-    periods: Periods
-    shape: Shape
-    radius: _Radius
-    centre: _Centre = ()
     kind: Literal["sphere"] = field(default="sphere", kw_only=True)
 
     def _heights(self) -> FloatArray:
@@ -163,9 +150,6 @@ class FlatPunch(_Centred):
     """A flat circular plateau (on a line a strip) at h = 0 over a flat floor at h = -depth.
 
     Grid points on the rim belong to the plateau.
-
-    Raises:
-        InvalidScene: if a length is not positive or the sizes do not fit.
 
     Example:
         >>> FlatPunch((8.0,), (8,), radius=1.0, depth=0.5).build().heights.tolist()
@@ -187,14 +171,8 @@ class FlatPunch(_Centred):
 
 def squared_distance(recipe: Any) -> FloatArray:
     """Return r^2 from each grid point to the nearest image of the centre, in m^2."""
-    squared = np.zeros(recipe.shape)
-    grid = zip(recipe.shape, recipe.periods, recipe.centre, strict=True)
-    for axis, (n, period, centre) in enumerate(grid):
+    squares = []
+    for n, period, centre in zip(recipe.shape, recipe.periods, recipe.centre, strict=True):
         offset = np.arange(n) / n - centre
-        offset -= np.rint(offset)
-        squared += _along((period * offset) ** 2, axis, len(recipe.shape))
-    return squared
-
-
-def _along(values: FloatArray, axis: int, dimensions: int) -> FloatArray:
-    return values.reshape([-1 if a == axis else 1 for a in range(dimensions)])
+        squares.append((period * (offset - np.rint(offset))) ** 2)
+    return np.asarray(sum(np.ix_(*squares)))

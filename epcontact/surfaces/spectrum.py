@@ -18,6 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import exprel
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
@@ -64,18 +65,12 @@ def spectral_moment(
 def slope_variance_up_to(
     spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int = 2
 ) -> FloatArray:
-    """Return xi^2(q), the slope variance of all roughness with wave numbers up to `wavenumber`.
-
-    It is 0 below the band and xi^2 above it, and sets the diffusion in Persson's theory.
-    """
+    """Return xi^2(q), the slope variance of all roughness up to `wavenumber`: 0 below the band."""
     return spectral_moment(spectrum, 2, dimension, wavenumber)
 
 
 def _shape_moment(
-    spectrum: SelfAffineSpectrum,
-    order: float,
-    dimension: int,
-    wavenumber: ArrayLike = math.inf,
+    spectrum: SelfAffineSpectrum, order: float, dimension: int, wavenumber: ArrayLike = math.inf
 ) -> FloatArray:
     """Return the moment of f(q), that is of C with C_0 = 1."""
     if dimension not in (1, 2):
@@ -91,17 +86,14 @@ def _shape_moment(
     flat = _power_integral(order + dimension, q0, np.minimum(q, qr))
     # q^(j + d - 1) (q/q_r)^(-(2H + d)) = q_r^(2H + d) q^(n - 1) with n = j - 2H
     fractal = _power_integral(order - 2 * hurst, qr, np.maximum(q, qr))
-    scale = qr ** (2 * hurst + dimension)
-    weight: float = 2 * math.pi if dimension == 2 else 1.0
-    return np.asarray(weight * (flat + scale * fractal))
+    weight = 2 * math.pi if dimension == 2 else 1.0
+    return np.asarray(weight * (flat + qr ** (2 * hurst + dimension) * fractal))
 
 
 def _power_integral(n: float, a: float, b: FloatArray) -> FloatArray:
     """Return int_a^b q^(n-1) dq, for any n and b >= a > 0."""
     log_ratio = np.log1p((b - a) / a)
-    t = n * log_ratio
-    safe = np.where(t == 0, 1.0, t)
-    return np.asarray(a**n * log_ratio * np.where(t == 0, 1.0, np.expm1(safe) / safe))
+    return np.asarray(a**n * log_ratio * exprel(n * log_ratio))
 
 
 def truncated(

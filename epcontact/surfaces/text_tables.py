@@ -8,7 +8,6 @@ is read as UTF-16 if it begins like it, otherwise as Latin-1.  A list of x, y an
 
 from __future__ import annotations
 
-import codecs
 import math
 import re
 from collections.abc import Iterator
@@ -29,17 +28,14 @@ def read_table(path: Path) -> tuple[FloatArray, tuple[str, ...]]:
     Each line is a row of the grid; a single row or column is a line of heights.  Raises
     InvalidScene if the file holds no table of numbers; the sentence names the line.
     """
-    text, encoding = _text(path)
-    lines = [
-        (number, stripped)
-        for number, line in enumerate(text.splitlines(), 1)
-        if (stripped := line.partition("#")[0].strip(" \r\n\ufeff"))
-    ]
+    text, encoding = _text(path.read_bytes())
+    stripped = (line.partition("#")[0].strip(" \r\n\ufeff") for line in text.splitlines())
+    lines = {number: line for number, line in enumerate(stripped, 1) if line}
     if not lines or "\0" in text:
         raise InvalidScene(f"{path}: is no table of numbers")
-    separator, decimal = _form(lines[-1][1])
+    separator, decimal = _form(list(lines.values())[-1])
     try:
-        table = np.array(_rows(lines, separator, decimal))
+        table = np.array(list(_rows(lines, separator, decimal)))
     except ValueError as error:
         raise InvalidScene(f"{path}: is no table of numbers: {error}") from None
     header = len(lines) - len(table)
@@ -52,21 +48,17 @@ def read_table(path: Path) -> tuple[FloatArray, tuple[str, ...]]:
         )
     notes = [
         f"the first {part} of the file has even steps; if these are coordinates, leave them out"
-        for part in _even_edges(table)
+        for part, grid in (("column", table), ("line", table.T))
+        if _looks_like_coordinates(grid)
     ]
-    if header:
-        notes.append(f"lines skipped above the table of heights: {header}")
-    if decimal == ",":
-        notes.append("the commas of the file were read as decimal commas")
-    if encoding != "utf-8":
-        notes.append(f"the file is no UTF-8 and was read as {encoding}")
+    notes += [f"lines skipped above the table of heights: {header}"] * bool(header)
+    notes += ["the commas of the file were read as decimal commas"] * (decimal == ",")
+    notes += [f"the file is no UTF-8 and was read as {encoding}"] * (encoding != "utf-8")
     return (table.ravel() if 1 in table.shape else table), tuple(notes)
 
 
-def _text(path: Path) -> tuple[str, str]:
-    content = path.read_bytes()
-    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    encoding = "UTF-16" if wide else "utf-8"
+def _text(content: bytes) -> tuple[str, str]:
+    encoding = "UTF-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8"
     try:
         return content.decode(encoding), encoding
     except UnicodeDecodeError:
@@ -78,60 +70,53 @@ def _form(line: str) -> tuple[str | None, str]:
     for separator in (";", "\t"):
         if separator in line:
             return separator, "," if "," in line else "."
-    if "," not in line:
-        return None, "."
     cells = line.split()
-    if len(cells) > 1 and all(re.fullmatch(r"[^,]*\d,\d[^,]*|[^,]+", cell) for cell in cells):
-        return None, ","
+    decimal_commas = all(re.fullmatch(r"[^,]*\d,\d[^,]*|[^,]+", cell) for cell in cells)
+    if "," not in line or (len(cells) > 1 and decimal_commas):
+        return None, "," if "," in line else "."
     return ",", "."
 
 
-def _rows(lines: list[tuple[int, str]], separator: str | None, decimal: str) -> list[list[float]]:
-    """Return the numbers of each line below the header.  Raises ValueError, which names a line."""
-    rows: list[list[float]] = []
+def _rows(lines: dict[int, str], separator: str | None, decimal: str) -> Iterator[list[float]]:
+    """Yield the numbers of each line below the header.  Raises ValueError, which names a line."""
     # With a decimal comma, a point makes no number.
     marks = str.maketrans(",.", ".,") if decimal == "," else {}
-    for number, line in lines:
-        row, wrong = [], None
+    width = 0
+    for number, line in lines.items():
+        row, wrong = [], ""
         for cell in (part.strip() for part in line.split(separator)):
             try:
                 row.append(math.nan if cell.lower() in MISSING else float(cell.translate(marks)))
             except ValueError:
                 wrong = wrong or cell
-        if wrong is None:
-            if rows and len(row) != len(rows[-1]):
-                raise ValueError(
-                    f"line {number} holds {len(row)} numbers, the one above {len(rows[-1])}"
-                )
-            rows.append(row)
-        elif rows or re.match(r"[+-]?[.,]?\d", line):
+        if wrong and (width or re.match(r"[+-]?[.,]?\d", line)):
             shown = repr(wrong if len(wrong) <= 40 else wrong[:39] + "…")
-            hint = "" if rows else "; begin the lines of a header with #"
+            hint = "" if width else "; begin the lines of a header with #"
             raise ValueError(f"line {number} holds {shown}{hint}")
-    if not rows:
+        if wrong:
+            continue
+        if len(row) != (width or len(row)):
+            raise ValueError(f"line {number} holds {len(row)} numbers, the one above {width}")
+        width = len(row)
+        yield row
+    if not width:
         raise ValueError("no line begins with a number")
-    return rows
 
 
 def _is_list_of_points(table: FloatArray) -> bool:
     """Return whether the first two of three columns are the coordinates of a grid."""
     if table.shape[1] != 3 or len(table) < 4:
         return False
+    x, y = table.T[:2]
     points = len(np.unique(table[:, :2], axis=0))
-    grid = np.unique(table[:, 0]).size * np.unique(table[:, 1]).size
-    return points == len(table) and grid <= 2 * len(table)
+    return points == len(table) and np.unique(x).size * np.unique(y).size <= 2 * points
 
 
-def _even_edges(table: FloatArray) -> Iterator[str]:
-    """Yield the edges of a table that look like coordinates, which heights may do as well."""
-    if min(table.shape) < 2:
-        return
+def _looks_like_coordinates(table: FloatArray) -> bool:
+    """Return whether the first column alone has even steps, which heights may have as well."""
     # The corner between the coordinates of both axes may be empty.
-    for part, grid in (("column", table), ("line", table.T)):
-        if _even_steps(grid[1:, 0]) and not _even_steps(grid[1:, 1]):
-            yield part
-
-
-def _even_steps(values: FloatArray) -> bool:
-    steps = np.diff(values)
-    return steps.size >= 8 and bool(np.ptp(steps) < 0.01 * abs(steps[0]))
+    steps = np.diff(table[1:, :2], axis=0)
+    if steps.shape[0] < 8 or steps.shape[1] < 2:
+        return False
+    even, beside = np.ptp(steps, axis=0) < 0.01 * np.abs(steps[0])
+    return bool(even and not beside)

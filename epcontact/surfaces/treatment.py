@@ -26,7 +26,7 @@ import numpy as np
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 from epcontact.scene import Surface, number, require_known, rms_slope, settle
-from epcontact.surfaces.filters import kept_waves
+from epcontact.surfaces.power_spectrum import kept_waves
 from epcontact.surfaces.recipe import Fields, Real, entry
 
 Treatment = Literal["refuse", "periodic", "detrend_and_window"]
@@ -76,77 +76,48 @@ class Preparation(Fields):
                 f"{longest:g} m"
             )
 
+    @property
+    def steps(self: Any) -> str:
+        """The steps as a part of a fingerprint."""
+        words: str = self.treatment
+        if words == "detrend_and_window":
+            words += f"/2 taper={self.taper!r}"
+        for name in ("missing", "form", "longest_wavelength", "shortest_wavelength"):
+            if getattr(self, name) not in (None, "refuse"):
+                words += f" {name}={getattr(self, name)!r}"
+        return words
 
-def preparation_words(recipe: Any) -> str:
-    """Return the steps of a recipe as a part of its fingerprint."""
-    words: str = recipe.treatment
-    if recipe.treatment == "detrend_and_window":
-        words = f"detrend_and_window/2 taper={recipe.taper!r}"
-    for name in ("missing", "form", "longest_wavelength", "shortest_wavelength"):
-        if getattr(recipe, name) not in (None, "refuse"):
-            words += f" {name}={getattr(recipe, name)!r}"
-    return words
 
-
-def prepared(heights: FloatArray, recipe: Any, where: str, told: tuple[str, ...] = ()) -> Surface:
+def prepared(heights: FloatArray, recipe: Any, where: str, notes: tuple[str, ...] = ()) -> Surface:
     """Treat a recipe's own writable heights, NaN where missing, and return the surface.
 
-    Its notes begin with `told`.  Raises InvalidScene if heights are missing, or jump at the edges,
-    and no remedy is chosen.
+    Its notes begin with those given.  Raises InvalidScene if heights are missing, or jump at the
+    edges, and no remedy is chosen.
     """
     require_known(heights, where, recipe.missing)
-    notes = [*told, *_mark_notes(heights, getattr(recipe, "unit", None) or 1.0)]
-    windowed_order = 1 if recipe.treatment == "detrend_and_window" else None
-    order = windowed_order if recipe.form is None else recipe.form
+    said = [*notes, *_mark_notes(heights, getattr(recipe, "unit", None) or 1.0)]
+    order = recipe.form
+    if order is None and recipe.treatment == "detrend_and_window":
+        order = 1
     if order is not None:
         heights = form_removed(heights, order)
-        notes.append(f"{_FORMS[order]} removed")
-    absent = int(np.count_nonzero(np.isnan(heights)))
-    if absent:
+        said.append(f"{_FORMS[order]} removed")
+    if absent := int(np.count_nonzero(np.isnan(heights))):
         heights = filled(heights, recipe.missing)
-        notes.append(
+        said.append(
             f"{absent} of {heights.size} heights missing ({100 * absent / heights.size:.2g} %), "
             f"filled by the method {recipe.missing}"
         )
     heights, words = _joined(heights, recipe, where)
-    notes.append(words)
-    shortest, longest = recipe.shortest_wavelength, recipe.longest_wavelength
-    if shortest or longest:
-        low, high = (2 * math.pi / length if length else None for length in (longest, shortest))
+    said.append(words)
+    limits = {"longer": recipe.longest_wavelength, "shorter": recipe.shortest_wavelength}
+    if bounds := [f"{word} than {length:.3g} m" for word, length in limits.items() if length]:
+        low, high = (2 * math.pi / length if length else None for length in limits.values())
         heights = kept_waves(heights, recipe.periods, high or math.inf, low or 0.0)
-        limits = {"longer": longest, "shorter": shortest}
-        bounds = [f"{word} than {length:.3g} m" for word, length in limits.items() if length]
-        notes.append(f"waves {' and '.join(bounds)} removed")
+        said.append(f"waves {' and '.join(bounds)} removed")
     heights.flags.writeable = False
-    return Surface(
-        heights,
-        recipe.periods,
-        shortest_wavelength=shortest,
-        recipe=recipe.fingerprint,
-        notes=tuple(notes),
-    )
-
-
-def _joined(heights: FloatArray, recipe: Any, where: str) -> tuple[FloatArray, str]:
-    """Make heights periodic as the recipe asks, and say how they jump at the edges."""
-    jumps = edge_jumps(heights)
-    words = f"rms jump at the edges: {_jump_words(jumps)}"
-    if recipe.treatment == "detrend_and_window":
-        before = heights.std()
-        spacing = tuple(p / n for p, n in zip(recipe.periods, heights.shape, strict=True))
-        heights, factor = windowed(heights, recipe.taper, spacing)
-        words = (
-            f"tapered over {recipe.taper:g} of the period at each edge and multiplied by "
-            f"{factor:.4g} to keep the rms slope (rms height {before:.3g} m before, "
-            f"{heights.std():.3g} m after); {words} before, {_jump_words(edge_jumps(heights))} "
-            "after"
-        )
-    elif recipe.treatment == "refuse" and any(a > LARGEST_JUMP * b for a, b in jumps):
-        raise InvalidScene(
-            f"{where}: not periodic, {words}; set treatment to detrend_and_window, or to periodic "
-            "to take it as it is"
-        )
-    return heights, words
+    shortest = recipe.shortest_wavelength
+    return Surface(heights, recipe.periods, None, None, shortest, recipe.fingerprint, tuple(said))
 
 
 def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
@@ -171,21 +142,16 @@ def form_removed(heights: FloatArray, order: int) -> FloatArray:
 
     The polynomial is a sum of products of Legendre's, which are nearly orthogonal on the map.
     """
-    grid = heights.reshape(len(heights), -1)
-    known = ~np.isnan(grid)
-    x, y = (
-        np.polynomial.legendre.legvander(np.linspace(-1, 1, n) if n > 1 else np.zeros(1), order)
-        for n in grid.shape
-    )
+    left = heights.reshape(len(heights), -1).copy()
+    known = ~np.isnan(left)
+    x, y = (np.polynomial.legendre.legvander(np.linspace(-1, 1, n), order) for n in left.shape)
     orders = np.arange(order + 1)
     kept = orders[:, None] + orders <= order
-    weights = known.astype(np.float64)
-    normal = np.einsum("xi,xk,xy,yj,yl->ijkl", x, x, weights, y, y, optimize=True)[kept][:, kept]
-    left = grid.copy()
+    normal = np.einsum("xi,xk,xy,yj,yl->ijkl", x, x, known * 1.0, y, y, optimize=True)
+    table = np.zeros(kept.shape)
     for _ in range(2):  # the second pass removes what rounding left of a large form
         moments = x.T @ np.where(known, left, 0.0) @ y
-        table = np.zeros(kept.shape)
-        table[kept] = np.linalg.lstsq(normal, moments[kept])[0]
+        table[kept] = np.linalg.lstsq(normal[kept][:, kept], moments[kept])[0]
         left -= x @ table @ y.T
     return left.reshape(heights.shape)
 
@@ -200,9 +166,7 @@ def filled(heights: FloatArray, method: str) -> FloatArray:
 
     absent = np.isnan(heights)
     if method == "nearest":
-        nearest = ndimage.distance_transform_edt(
-            absent, return_distances=False, return_indices=True
-        )
+        _, nearest = ndimage.distance_transform_edt(absent, return_indices=True)
         return np.asarray(heights[tuple(nearest)])
     holes = np.argwhere(absent)
     numbers = np.full(heights.shape, -1)
@@ -223,6 +187,28 @@ def filled(heights: FloatArray, method: str) -> FloatArray:
     return result
 
 
+def _joined(heights: FloatArray, recipe: Any, where: str) -> tuple[FloatArray, str]:
+    """Make heights periodic as the recipe asks, and say how they jump at the edges."""
+    jumps = edge_jumps(heights)
+    words = f"rms jump at the edges: {_jump_words(jumps)}"
+    if recipe.treatment == "detrend_and_window":
+        before = heights.std()
+        spacing = tuple(p / n for p, n in zip(recipe.periods, heights.shape, strict=True))
+        heights, factor = windowed(heights, recipe.taper, spacing)
+        words = (
+            f"tapered over {recipe.taper:g} of the period at each edge and multiplied by "
+            f"{factor:.4g} to keep the rms slope (rms height {before:.3g} m before, "
+            f"{heights.std():.3g} m after); {words} before, {_jump_words(edge_jumps(heights))} "
+            "after"
+        )
+    elif recipe.treatment == "refuse" and any(a > LARGEST_JUMP * b for a, b in jumps):
+        raise InvalidScene(
+            f"{where}: not periodic, {words}; set treatment to detrend_and_window, or to periodic "
+            "to take it as it is"
+        )
+    return heights, words
+
+
 def windowed(
     heights: FloatArray, taper: float, spacing: tuple[float, ...]
 ) -> tuple[FloatArray, float]:
@@ -233,13 +219,11 @@ def windowed(
     flattens the roughness, so all heights are then multiplied by a factor that restores the rms
     slope, by which the contact area goes, rather than the rms height.
     """
+    from scipy.signal.windows import tukey
+
     before = rms_slope(heights, spacing)
-    heights = heights - heights.mean()
-    for axis, n in enumerate(heights.shape):
-        distance = (np.arange(n) + 0.5) / n
-        rise = np.minimum(np.minimum(distance, 1 - distance) / taper, 1.0)
-        window = 0.5 - 0.5 * np.cos(np.pi * rise)
-        heights *= window[:, None] if axis < heights.ndim - 1 else window
+    windows = np.ix_(*(tukey(2 * n + 1, 2 * taper)[1::2] for n in heights.shape))
+    heights = math.prod(windows, start=heights - heights.mean())
     heights -= heights.mean()
     after = rms_slope(heights, spacing)
     factor = before / after if after > 0 else 1.0
