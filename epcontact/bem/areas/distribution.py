@@ -5,8 +5,6 @@ square root of the distance, p = K sqrt(s), so in the continuum P(sigma) = slope
 sigma -> 0, with slope = 2 x the integral of K^-2 along the rims; by particle-hole symmetry the same
 holds at the hardness.  On a grid the points next to the rim, with pressures of the order
 K sqrt(dx), fill the ends: P(0+) > 0 falls as dx^(1/2).
-
-`end_fits` measures both ends; `extrapolated` takes limits for ever more points per wavelength.
 """
 
 from __future__ import annotations
@@ -28,8 +26,7 @@ _CHUNK = 1 << 20  # points taken at a time, so that no temporary has the grid's 
 def graded_pressures(largest: float, bins: int, *, both_ends: bool) -> FloatArray:
     """(bins + 1,) pressures in Pa from 0 to `largest`, close together at 0, or at both ends.
 
-    largest (1 - cos(pi k/(2 bins))) or largest sin^2(pi k/(2 bins)): quadratic where they are
-    dense, so that each bin has about the same number of points where P rises linearly.
+    They are quadratic there, so that bins have about the same number of points where P is linear.
     """
     angle = np.pi / 2 * np.arange(bins + 1) / bins
     grades = np.sin(angle) ** 2 if both_ends else 1 - np.cos(angle)
@@ -42,8 +39,8 @@ def pressure_distribution(
 ) -> PressureDistribution:
     """The distribution of a pressure field, of any shape, by counting its points.
 
-    bins: number of bins, or their ascending edges in Pa from 0 on.  So many bins are finer towards
-    0 and the hardness; if this is infinite, towards 0, and they end at the largest pressure.
+    bins: their number, finer towards 0 and the hardness (if this is infinite, towards 0, up to the
+    largest pressure), or their ascending edges in Pa from 0 on.
     """
     finite = math.isfinite(hardness)
     flat = pressure.reshape(-1)
@@ -71,17 +68,15 @@ def pressure_distribution(
 class EndFit:
     """P(sigma) near an end, as a function of the distance from it (Pa).
 
-    Attributes:
-        density, slope: of the straight line that has the area and the mean pressure of the points
-            in the window, in 1/Pa and 1/Pa^2; both include the effect of the grid.
-        continuum_slope: of the straight line through zero that has the corrected area in it.
-        window: in Pa.
+    The straight line of `density` (1/Pa) and `slope` (1/Pa^2) has the area and the mean pressure of
+    the points in the window, with the effect of the grid.  That of `continuum_slope` goes through
+    zero and has the corrected area in it.
     """
 
     density: float
     slope: float
     continuum_slope: float
-    window: float
+    window: float  # in Pa
 
 
 def end_fits(
@@ -110,15 +105,14 @@ def end_fits(
 
 
 def end_fit(share: float, moment: float, window: float, surplus: float = 0.0) -> EndFit:
-    """The fit to a share of the nominal area within `window` (Pa) of an end.
+    """The fit to a share of the nominal area within `window` w (Pa) of an end.
 
     moment: integral of the distance from the end over that share, Pa; surplus: the part of the
-    share that is due to the grid.  The line of density d and slope s at the end has the same share
-    and moment, d w + s w^2/2 and d w^2/2 + s w^3/3.
+    share that is due to the grid.  The line has share d w + s w^2/2 and moment d w^2/2 + s w^3/3.
     """
-    w = window
-    slope = 12 * moment / w**3 - 6 * share / w**2
-    return EndFit(share / w - slope * w / 2, slope, 2 * (share - surplus) / w**2, w)
+    slope = 12 * moment / window**3 - 6 * share / window**2
+    density = share / window - slope * window / 2
+    return EndFit(density, slope, 2 * (share - surplus) / window**2, window)
 
 
 def extrapolated(
@@ -126,12 +120,11 @@ def extrapolated(
     values: Sequence[float] | FloatArray,
     order: float = 1.0,
 ) -> tuple[float, float]:
-    """The limit of values for ever more points n per wavelength, v = limit + c n^-order.
+    """(limit, error) of values for ever more points n per wavelength, v = limit + c n^-order.
 
-    order: 1/2 for the density of `EndFit`, 1 for raw areas.  Returns (limit, error) of a
-    least-squares fit.  The error is the standard error of the fit, or twice the change of the limit
-    without the coarsest value, whichever is larger; with two values it is the distance of the limit
-    from the finer one.
+    order: 1/2 for the density of `EndFit`, 1 for raw areas.  The error of the least-squares fit is
+    its standard error, or twice the change of the limit without the coarsest value, whichever is
+    larger; with two values it is the distance of the limit from the finer one.
     """
     n = np.asarray(points_per_wavelength, dtype=np.float64)
     v = np.asarray(values, dtype=np.float64)
@@ -146,10 +139,7 @@ def extrapolated(
 
 def _limit(n: FloatArray, v: FloatArray, order: float) -> tuple[float, float]:
     """Intercept of the straight line in n^-order, and its standard error."""
-    x = n**-order
-    design = np.stack([np.ones_like(x), x], axis=1)
+    design = np.stack([np.ones_like(n), n**-order], axis=1)
     solution = np.linalg.lstsq(design, v, rcond=None)[0]
-    if n.size == 2:
-        return float(solution[0]), 0.0
-    variance = float(np.sum((design @ solution - v) ** 2)) / (n.size - 2)
+    variance = float(np.sum((design @ solution - v) ** 2)) / max(n.size - 2, 1)
     return float(solution[0]), math.sqrt(variance * np.linalg.inv(design.T @ design)[0, 0])

@@ -9,11 +9,10 @@ c = pi E*/(2 e dx), with b = Si(pi)/pi and points counted from the last in conta
     q(0) = p_0,  q(-1) = p_1 + b p_0,  q(-2) = p_2 + b p_1 + (b^2/2 + d) p_0  (to a common factor),
     q(1) = -c g_1,  q(2) = -c (g_2 - b g_1),  q(3) = -c (g_3 - b g_2 + (b^2/2 - d) g_1)
 
-with d = Si(2 pi)/(2 pi).  The front is AXIS_OFFSET dx short of the root of q between 0 and 1.  The
-root is that of the polynomial through those of the six values that this contact and this gap have:
-the offset is exact up to the fifth order in dx, as the magnitude of S has no further terms.  A
-parabola beside a contact of one point would put the fronts of waves of four points a tenth of a
-spacing too far in.  In a narrow contact near the cap (FAR) only four values are used.
+with d = Si(2 pi)/(2 pi).  The front is AXIS_OFFSET dx short of the root of q between 0 and 1, that
+of the polynomial through those of the six values that this contact and this gap have: the offset is
+exact up to the fifth order in dx, as the magnitude of S has no further terms.  In a narrow contact
+near the cap (FAR) only four values are used.
 
 The plastic front is the same with hardness - p for p and -g for g.
 """
@@ -37,9 +36,9 @@ MIX = 0.5894898722360835  # Si(pi)/pi
 INNER, OUTER = 0.3994549881295272, -0.05195667866061313
 #: With this ratio to the third difference, a fourth one moves the middle of a link as far.
 EQUAL = 8 / 3
-#: Only four points locate a front where the contact has fewer than three points behind it and these
-#: carry more than this share of the hardness: such a contact hides a plastic spot, and with four
-#: points the errors of the two fronts cancel in the elastic area (fit of `error_bars`).
+#: Only four points locate a front of a contact of fewer than three points that carries more than
+#: this share of the hardness: it hides a plastic spot, and with four points the errors of the two
+#: fronts cancel in the elastic area (fit of `error_bars`).
 FAR = 0.1
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
@@ -59,31 +58,25 @@ inlined = numba.njit(nogil=True, error_model="numpy", inline="always")
 
 
 class Links(NamedTuple):
-    """Links that a front crosses, and what `locate` finds on each, in spacings.
+    """Links that a front crosses, and what `locate` finds on each, in spacings."""
 
-    Attributes:
-        values: (6, n) v at six points in a row, of which the first three are inside and the front
-            is between the third and the fourth.  For the plastic front v is hardness - v.
-        place: of the front from the third point, 0 to 1; 1/2 where a step holds it.
-        held: 1 if a step of the surface holds the front, so that any place is equally likely.
-        hidden: width of the zone next to an edge in which the singular pressure exceeds the
-            hardness, but which no point shows.
-        doubt: by how much the last term of the polynomial moves the middle of the link, outwards
-            if positive: the front may be elsewhere by as much.
-        kinked: 1 where the surface has a kink at the front or close behind it.
-    """
-
+    #: (6, n) v at six points in a row: the front is between the third, which is inside, and the
+    #: fourth.  For the plastic front v is hardness - v.
     values: FloatArray
-    place: FloatArray
-    held: FloatArray
-    hidden: FloatArray
+    place: FloatArray  # of the front from the third point, 0 to 1; 1/2 where a step holds it
+    held: FloatArray  # 1 if a step of the surface holds the front: any place is equally likely
+    hidden: FloatArray  # width of the zone at an edge that must be plastic, but shows no point
+    #: By how much the last term of the polynomial moves the middle of the link, outwards if
+    #: positive: the front may be elsewhere by as much.
     doubt: FloatArray
-    kinked: FloatArray
+    kinked: FloatArray  # 1 where the surface has a kink at the front or close behind it
 
 
+@compiled
 def empty_links(n: int) -> Links:
     """Memory for n links."""
-    return Links(np.empty((6, n)), *np.empty((5, n)))
+    found = np.empty((5, n))
+    return Links(np.empty((6, n)), found[0], found[1], found[2], found[3], found[4])
 
 
 @compiled
@@ -130,12 +123,9 @@ def _differences(
 ) -> tuple[float, float, float, float, float, bool]:
     """(second to fifth differences, last term, whether q(-2) is left out) of a polynomial.
 
-    q: at -2 to 3; inside, outside: how many of the two values before 0, and of the two after 1,
-    there are; free: whether to use the outermost of them.
-
-    The outermost values may belong to another part of the surface: they are left out where the term
-    of the fourth difference exceeds that of the third.  The last term is the one in the middle of
-    the link.
+    q: at -2 to 3; inside, outside: how many of the two values on either side there are; free:
+    whether to use the outermost of them.  These may belong to another part of the surface: they are
+    left out where the term of the fourth difference exceeds that of the third.
     """
     # Second differences about -1, 0, 1 and 2.
     first, near = q[2] - 2 * q[1] + q[0], q[3] - 2 * q[2] + q[1]
@@ -203,10 +193,13 @@ def _solve(terms: FloatArray, roots: FloatArray) -> None:
 
 @compiled
 def _place_at_edge(links: Links, n: int, hardness: float) -> None:
-    """Place a front at a step or kink.
+    """Place a front at a step, or at a kink, where the parabola of the gap closes, but for KINK.
 
-    At a kink the surfaces part at an angle: the front is where the parabola of the gap closes, but
-    for KINK.
+    There may be a plastic zone between the last point and the edge.  At a step the mean of
+    K/sqrt(distance) over the last spacing is 2 K, and Dugdale's zone is (pi^2/4) K^2/H^2 wide.  At
+    a kink the pressure grows as the logarithm of the distance does from 3/2 to 1/2 of a spacing.
+    Capped, H - k ln s becomes H - k arcosh(s/w), and the zone is twice as wide as that in which the
+    elastic pressure exceeds the hardness.
     """
     v = links.values
     first, before, last, out, after, far = v[0, n], v[1, n], v[2, n], v[3, n], v[4, n], v[5, n]
@@ -216,7 +209,10 @@ def _place_at_edge(links: Links, n: int, hardness: float) -> None:
         if after <= 0:
             away = _closing(-out, -after, -far if far <= 0 else out - 2 * after)
         held = away >= 1
-    links.hidden[n], links.held[n] = _hidden(last, before, hardness, step), 1.0 if held else 0.0
+    if last < hardness:
+        at_kink = 3 ** ((last - hardness) / (last - before))
+        links.hidden[n] = (math.pi / 4 * last / hardness) ** 2 if step else at_kink
+    links.held[n] = 1.0 if held else 0.0
     if held:
         links.place[n], links.doubt[n], links.kinked[n] = 0.5, 0.0, 0.0
     elif kink:
@@ -225,27 +221,8 @@ def _place_at_edge(links: Links, n: int, hardness: float) -> None:
 
 
 @compiled
-def _hidden(p: float, before: float, hardness: float, step: bool) -> float:
-    """Width of the plastic zone between the last point in contact, of pressure p, and an edge.
-
-    At a step the mean of K/sqrt(distance) over the last spacing is 2 K, and Dugdale's zone is
-    (pi^2/4) K^2/H^2 wide.  At a kink the pressure grows by p - before, as the logarithm of the
-    distance does from 3/2 to 1/2 of a spacing.  Capped, H - k ln s becomes H - k arcosh(s/w), and
-    the zone is twice as wide as that in which the elastic pressure exceeds the hardness.
-    """
-    if p >= hardness:
-        return 0.0
-    if step:
-        return float((math.pi / 4 * p / hardness) ** 2)
-    return float(3 ** ((p - hardness) / (p - before)))
-
-
-@compiled
 def _closing(near: float, middle: float, far: float) -> float:
-    """How far before the first of three neighbouring points the parabola of their gaps is 0.
-
-    The distance is at most 1: there the gaps do not close within the spacing.
-    """
+    """How far before the first of three points the parabola of their gaps is 0, at most 1."""
     bend = (far - 2 * middle + near) / 2
     slope = middle - near - bend
     if slope <= 0:

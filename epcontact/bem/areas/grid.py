@@ -4,54 +4,42 @@ All that the pass needs to know of a point is v = p - c g: at most 0 where apart
 hardness where plastic; c is that of `front` for links along x and, on oblong cells, for those along
 y.  A front crosses links between neighbouring points, where `front` locates it, and straight
 segments between the two crossings of a cell bound the area.  `Sums` says what is added up.
+
+Front 0 bounds the contact and front 1 its plastic part.  A cell is named after its last corner,
+point (i, j).  Its corners 0 to 3 are (i - 1, j - 1), (i, j - 1), (i, j) and (i - 1, j), and side k
+runs from corner k to the next.
 """
 
 from __future__ import annotations
 
-import math
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem.areas.front import Links, compiled, empty_links, inlined, locate
-from epcontact.bem.areas.hidden import LAST, Bytes, Columns, add_hidden, add_tips
+from epcontact.bem.areas.hidden import Bytes, Columns, add_hidden, add_tips
 from epcontact.results import FloatArray
 
 #: Values of u at which the offset is tabulated, all of them multiples of U_STEP.
 U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
 U_STEP = 0.05
-#: Columns in memory before the first cell's and after the last one's.
+#: Points around the cells of a block that are looked at, too.
 PAD = 4
-
-#: For each set of corners inside (a bit each), the two sides that a front crosses; side k is that
-#: from corner k to the next.  A corner that is cut off is between the second side and the first.
-#: Of two opposite corners the first, or its neighbour, and the other one are cut off.
-_SIDES = np.array(
-    [
-        *((0, 0), (0, 3), (1, 0), (1, 3), (2, 1), (0, 3), (2, 0), (3, 2)),
-        *((3, 2), (2, 0), (1, 0), (2, 1), (1, 3), (1, 0), (0, 3), (0, 0)),
-    ]
-)
-#: Whether the corner cut off, or the first of two neighbours, is inside.
-_INSIDE = np.array([0, 1, 1, 1, 1, 1, 1, 0, 1, 0, 1, 0, 0, 0, 0, 0], np.bool_)
+#: By the sum of 2^k over the corners inside: the corner that is cut off, or the first of the two
+#: that are on one side of the front.
+_CUT = np.array([0, 0, 1, 0, 2, 0, 1, 3, 3, 1, 1, 2, 0, 1, 0, 0])
 
 
 class Solution(NamedTuple):
-    """A solution on a periodic grid.
+    """A solution on a periodic grid."""
 
-    Attributes:
-        pressure, gap: (nx, ny).
-        hardness: the least pressure of a plastic point.
-        stiffness: c of `front` for links along x and along y.
-        offsets: table of the offsets of a front, of `tabulated`.
-    """
-
-    pressure: FloatArray
-    gap: FloatArray
-    hardness: float
-    stiffness: tuple[float, float]
-    offsets: FloatArray
+    pressure: FloatArray  # (nx, ny)
+    gap: FloatArray  # (nx, ny)
+    hardness: float  # the least pressure of a plastic point
+    stiffness: tuple[float, float]  # c of `front` for links along x and along y
+    offsets: FloatArray  # of a front, of `tabulated`
 
 
 class Sums(NamedTuple):
@@ -60,72 +48,40 @@ class Sums(NamedTuple):
     A front of u < 1 spacings, the width hardness/|grad v| of the elastic strip beside it, moves
     with the other front there: it belongs by u^2 to the first of the last two parts, else to the
     second.  Lengths are in spacings, "free" ones are those that no edge of the surface holds.
-
-    Attributes:
-        area: inside the located front, in cells.
-        offset: free length times the tabulated offset at u.
-        turn: of the front, a quarter for each corner cut off: over a whole front its Euler number.
-        flowing: length held at edges where plastic points are next to points apart.
-        length: of the front.
-        harmonic, sine: free length times cos and sin of 4 theta.
-        chance: free length times the square of the doubt of `front`.
-        common: free length times this doubt, which is positive outwards: it adds up where all of a
-            front meets the grid alike, or is bent alike.
-        held: length held at edges.
-        aligned: length held at edges times cos 4 theta.
-        hidden: length times the width of the zone hidden at edges.
-        kinked: length where the surface has a kink.
-        points: inside the front.
-        tips: points apart (or plastic) with at most two of their eight neighbours in the same
-            state, but for those of spots of two or three points.
-        squares: of the areas of gaps that may be hidden between points that all touch, and of what
-            lone points lack of CORNER.
-        crease: areas of gaps that may be hidden at creases between points that all touch.
     """
 
-    area: FloatArray
-    offset: FloatArray
-    turn: FloatArray
-    flowing: FloatArray
-    length: FloatArray
-    harmonic: FloatArray
-    sine: FloatArray
-    chance: FloatArray
+    area: FloatArray  # inside the located front, in cells
+    offset: FloatArray  # free length times the tabulated offset at u
+    turn: FloatArray  # a quarter for each corner cut off: over a whole front its Euler number
+    flowing: FloatArray  # length held at edges where plastic points are next to points apart
+    length: FloatArray  # of the front
+    harmonic: FloatArray  # free length times cos 4 theta
+    sine: FloatArray  # free length times sin 4 theta
+    chance: FloatArray  # free length times the square of the doubt of `front`
+    #: Free length times this doubt, which is positive outwards: it adds up where all of a front
+    #: meets the grid alike, or is bent alike.
     common: FloatArray
-    held: FloatArray
-    aligned: FloatArray
-    hidden: FloatArray
-    kinked: FloatArray
-    points: FloatArray
+    held: FloatArray  # length held at edges
+    aligned: FloatArray  # length held at edges times cos 4 theta
+    hidden: FloatArray  # length times the width of the zone hidden at edges
+    kinked: FloatArray  # length where the surface has a kink
+    points: FloatArray  # inside the front
+    #: Points apart (or plastic) with at most two of their eight neighbours in the same state, but
+    #: for those of spots of two or three points.
     tips: FloatArray
+    #: Squares of the areas of gaps that may be hidden between points that all touch, and of what
+    #: lone points lack of CORNER.
     squares: FloatArray
-    crease: FloatArray
+    crease: FloatArray  # areas of gaps that may be hidden at creases between points that all touch
 
 
-class Rows(NamedTuple):
-    """The rows of a solution around a row of cells, row i at i & LAST, in w columns.
+class Block(NamedTuple):
+    """The points of a block of cells, and PAD more on each side."""
 
-    A link needs three points before its second one and two after it.
-
-    Attributes:
-        v: (1 or 2, 8, w) for links along x and, where it differs, along y.
-        inside: (8, w) 0 where apart, 1 where elastic and 17 where plastic.
-        codes: (w,) which corners are inside, of the cell whose last corner is in a column: a bit
-            for each of (0, 0), (1, 0), (1, 1), (0, 1), four for each front.
-        lists: (3, w) columns where there is something to do.
-        crossed: (4 w,) links: 8 * (column - 3) + 4 * front + 2 along x or 1 along y.
-        links: 4 w of them, as `front.locate` needs them.
-        found: (2, 3, w) for each front what was found on the link that ends in a column: along x,
-            and along y in even and in odd rows.
-    """
-
-    v: FloatArray
-    inside: Bytes
+    v: FloatArray  # (1 or 2, rows, columns) for links along x and, where it differs, along y
+    inside: Bytes  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
+    #: For each cell of a row a bit for each corner inside front 0, and the next four for front 1.
     codes: Bytes
-    lists: Columns
-    crossed: Columns
-    links: Links
-    found: Links
 
 
 def tabulated(offsets: FloatArray) -> FloatArray:
@@ -136,67 +92,59 @@ def tabulated(offsets: FloatArray) -> FloatArray:
 def sweep(solution: Solution, blocks: NDArray[np.int64]) -> FloatArray:
     """The `Sums` over blocks of the cells of a periodic grid, as an array (n, 17, 2, 2).
 
-    blocks: (n, 4) the first row and the row after the last of the cells' last corners, and so their
-    columns; none has more columns than the first.
+    blocks: (n, 4) the first row and the row after the last of the cells, and so their columns.
     """
-    w, oblong = blocks[0, 3] - blocks[0, 2] + 2 * PAD, len(set(solution.stiffness)) - 1
     sums = np.zeros((len(Sums._fields), len(blocks), 2, 2))
-    rows = Rows(
-        v=np.empty((1 + oblong, LAST + 1, w)),
-        inside=np.empty((LAST + 1, w), np.uint8),
-        codes=np.empty(w, np.uint8),
-        lists=np.empty((3, w), np.uint32),
-        crossed=np.empty(4 * w, np.uint32),
-        links=empty_links(4 * w),
-        found=Links(np.empty((0, 0)), *np.empty((5, 2, 3, w))),
-    )
-    _sweep(solution, blocks, rows, Sums(*sums))
+    _sweep(solution, blocks, Sums(*sums))
     return np.moveaxis(sums, 1, 0)
 
 
 @compiled
-def _sweep(solution: Solution, blocks: NDArray[np.int64], rows: Rows, sums: Sums) -> None:
+def _sweep(solution: Solution, blocks: NDArray[np.int64], sums: Sums) -> None:
     hardness = solution.hardness
     for n in range(len(blocks)):
-        first, stop, left, right = blocks[n]
-        for i in range(first - 4, first + 2):
-            _fill(rows, i, (left, right), solution)
+        block = _block(solution, blocks[n])
+        rows, width = block.inside.shape
+        # By front and column, what was found on the link along x, and on those along y of even and
+        # of odd rows, that end in the column.
+        shape = (2, 3, width)
+        found = Links(np.empty((0, 0)), np.empty(shape), np.empty(shape), np.empty(shape),
+                      np.empty(shape), np.empty(shape))  # fmt: skip
         # The row and the column before have links of the first cells.
-        for i in range(first - 1, stop):
-            _fill(rows, i + 2, (left, right), solution)
-            busy = _busy_cells(rows, i, right - left + PAD)
-            _locate(rows, i, busy, hardness)
-            if i < first:
+        for i in range(PAD - 1, rows - PAD):
+            busy = _busy_cells(block, i)
+            _locate(block, found, i, busy, hardness)
+            if i < PAD:
                 continue
             busy = busy[int(len(busy) > 0 and busy[0] < PAD) :]
             for front in range(2 if hardness < np.inf else 1):
-                _add_segments(rows, i, busy, solution, sums, (n, front))
+                _add_segments(block, found, i, busy, solution, sums, (n, front))
                 points = 0
-                for inside in rows.inside[i & LAST, PAD : right - left + PAD]:
+                for inside in block.inside[i, PAD : width - PAD]:
                     points += inside > 16 * front
                 sums.points[n, front, 0] += points
                 sums.area[n, front, 0] += points
-            add_tips(rows.v, rows.inside, i, busy, hardness, sums.tips[n, :, 0])
-            squares, crease = sums.squares[n, :, 0], sums.crease[n, :, 0]
-            add_hidden(rows.v, rows.lists[1:], i, busy, hardness, squares, crease)
+            add_tips(block.v, block.inside, i, busy, hardness, sums.tips[n, :, 0])
+            add_hidden(block.v, i, busy, hardness, (sums.squares[n, :, 0], sums.crease[n, :, 0]))
 
 
 @compiled
-def _fill(rows: Rows, i: int, columns: tuple[int, int], solution: Solution) -> None:
-    """Put row i into memory, from PAD columns before the first to PAD after the last."""
-    (pressure, gap, hardness, stiffness, _), done = solution, 0
+def _block(solution: Solution, place: NDArray[np.int64]) -> Block:
+    (pressure, gap, hardness, stiffness, _), (first, stop, left, right) = solution, place
     nx, ny = pressure.shape
-    first, width = (columns[0] - PAD) % ny, columns[1] - columns[0] + 2 * PAD
-    while done < width:
-        p, g = pressure[i % nx, first:], gap[i % nx, first:]
-        inside, count = rows.inside[i & LAST, done:], min(ny - first, width - done)
-        for j in range(count):
-            inside[j] = (p[j] > 0) + 16 * (p[j] >= hardness)
-        for layer in range(len(rows.v)):
-            v, c = rows.v[layer, i & LAST, done:], stiffness[layer]
-            for j in range(count):
-                v[j] = _field(p[j], g[j], hardness, c)
-        done, first = done + count, 0
+    rows, columns = stop - first + 2 * PAD, right - left + 2 * PAD
+    v = np.empty((1 if stiffness[0] == stiffness[1] else 2, rows, columns))
+    inside = np.empty((rows, columns), np.uint8)
+    at = (np.arange(left, left + columns) - PAD) % ny
+    for i in range(rows):
+        row = (first - PAD + i) % nx
+        p, g = pressure[row][at], gap[row][at]
+        for j in range(columns):
+            inside[i, j] = (p[j] > 0) + 16 * (p[j] >= hardness)
+        for layer in range(len(v)):
+            for j in range(columns):
+                v[layer, i, j] = _field(p[j], g[j], hardness, stiffness[layer])
+    return Block(v, inside, np.empty(columns, np.uint8))
 
 
 @compiled
@@ -204,150 +152,116 @@ def _field(p: float, g: float, hardness: float, c: float) -> float:
     """v of a point."""
     if p <= 0:
         return float(-c * max(g, 0.0))
-    if p >= hardness:
-        return float(hardness - c * min(g, 0.0))
-    return p
+    return float(hardness - c * min(g, 0.0)) if p >= hardness else p
 
 
 @compiled
-def _busy_cells(rows: Rows, i: int, stop: int) -> Columns:
-    """Columns from PAD - 1 of cells that have a front, or whose last corner is elastic."""
-    busy: Columns = rows.lists[0]
-    start, count = PAD - 1, 0
-    above, here = rows.inside[(i - 1) & LAST, start - 1 :], rows.inside[i & LAST, start - 1 :]
-    codes = rows.codes[start:stop]
-    for j in range(len(codes)):
-        codes[j] = above[j] + 2 * here[j] + 4 * here[j + 1] + 8 * above[j + 1]
-    for j in range(len(codes)):
-        busy[count] = start + j
+def _busy_cells(block: Block, i: int) -> Columns:
+    """Find the codes of a row, and its cells that have a front or whose last corner is elastic."""
+    before, here, codes = block.inside[i - 1], block.inside[i], block.codes
+    busy, count = np.empty(len(codes), np.uint32), 0
+    for j in range(1, len(codes)):
+        codes[j] = before[j - 1] + 2 * here[j - 1] + 4 * here[j] + 8 * before[j]
+    for j in range(PAD - 1, len(codes) - PAD):
+        busy[count] = j
         count += (codes[j] != 0) & (codes[j] != 255)
     return busy[:count]
 
 
-@compiled
-def _find_links(codes: Bytes, columns: Columns, crossed: Columns) -> int:
-    """Put the links along x and y that fronts cross, at last corners in `columns`, into memory."""
-    count = 0
-    for j in columns:
-        changes = codes[j] ^ codes[j] >> 1
-        for link in (1, 2, 5, 6):
-            crossed[count] = 8 * (j - 3) + link
-            count += (changes >> link) & 1
-    return count
+@inlined
+def _locate(block: Block, found: Links, i: int, columns: Columns, hardness: float) -> None:
+    """Locate fronts on the links along x and y that end in row i and in `columns`."""
+    v, codes = block.v, block.codes
+    links = empty_links(4 * len(columns))
+    crossed, ends, count = np.empty(4 * len(columns), np.uint32), np.zeros((2, 2), np.int64), 0
+    for front in range(2):
+        cap, sign = (hardness, -1.0) if front else (0.0, 1.0)
+        for y in range(2):
+            begin, layer = count, len(v) - 1 if y else 0
+            for j in columns:  # between corners 2 and 3 along x, and 1 and 2 along y
+                crossed[count] = j
+                count += ((codes[j] ^ codes[j] >> 1) >> (4 * front + 2 - y)) & 1
+            ends[front, y] = count
+            for n in range(begin, count):
+                j = crossed[n]
+                turned = _ends_inside(codes[j], front)
+                for k in range(6):  # from inside
+                    way = 2 - k if turned else k - 3
+                    p = v[layer, i, j + way] if y else v[layer, i + way, j]
+                    links.values[k, n] = cap + sign * p
+    locate(links, count, hardness)
+    begin = 0
+    for front in range(2):
+        for y in range(2):
+            to = 1 + (i & 1) if y else 0
+            for n in range(begin, ends[front, y]):
+                at, place = (front, to, crossed[n]), links.place[n]
+                found.place[at] = 1 - place if _ends_inside(codes[crossed[n]], front) else place
+                found.held[at] = links.held[n]
+                found.hidden[at] = links.hidden[n]
+                found.doubt[at] = links.doubt[n]
+                found.kinked[at] = links.kinked[n]
+            begin = ends[front, y]
 
 
 @inlined
-def _locate(rows: Rows, i: int, columns: Columns, hardness: float) -> None:
-    """Locate fronts on the links along x and y that end in row i and in `columns`."""
-    codes, crossed, links, found = rows.codes, rows.crossed, rows.links, rows.found
-    w = len(codes)
-    count = _find_links(codes, columns, crossed)
-    v, across = rows.v.reshape(-1), (len(rows.v) - 1) * (LAST + 1) * w
-    six = np.empty((4, 6), np.uint32)  # the points of links along y and x, from inside or outside
-    for k in range(6):
-        along_y, along_x = across + (i & LAST) * w + k, ((i + k - 3) & LAST) * w + 3
-        six[0, k], six[1, 5 - k], six[2, k], six[3, 5 - k] = along_y, along_y, along_x, along_x
-    for n in range(count):
-        link = int(crossed[n])
-        j, front, x = link >> 3, (link >> 2) & 1, (link >> 1) & 1
-        cap, sign = (hardness, -1.0) if front else (0.0, 1.0)
-        turned = ((codes[j + 3] >> (4 * front + 2)) & 1) ^ front
-        for k in range(6):
-            links.values[k, n] = cap + sign * v[six[2 * x + turned, k] + j]
-    locate(links, count, hardness)
-    for n in range(count):
-        link = int(crossed[n])
-        j, front, x = (link >> 3) + 3, (link >> 2) & 1, (link >> 1) & 1
-        turned, to = ((codes[j] >> (4 * front + 2)) & 1) ^ front, 0 if x else 1 + (i & 1)
-        found.place[front, to, j] = 1 - links.place[n] if turned else links.place[n]
-        found.held[front, to, j], found.hidden[front, to, j] = links.held[n], links.hidden[n]
-        found.doubt[front, to, j], found.kinked[front, to, j] = links.doubt[n], links.kinked[n]
+def _ends_inside(code: int, front: int) -> int:
+    """Whether the last corner of a cell is inside front 0, or outside front 1."""
+    return ((code >> (4 * front + 2)) & 1) ^ front
 
 
 class _Cell(NamedTuple):
-    """A cell with a front.
+    """A cell with a front, and the means of what was found at its crossings."""
 
-    Attributes:
-        dx, dy: changes of v along x and y.
-        sign: 1 if the corner that is cut off, or the first of two neighbours, is inside, else -1.
-        corner: whether the front cuts off a corner.
-        flows: whether plastic points are next to points apart.
-    """
-
-    dx: float
+    dx: float  # changes of v along x and y
     dy: float
-    sign: float
-    corner: bool
-    flows: bool
-
-
-class _Segment(NamedTuple):
-    """A segment of a front in a cell, between its crossings of two sides of the cell.
-
-    Attributes:
-        first: the way from the corner between the sides, or the first of two neighbours, to the
-            crossing; second: that from this corner, or the second.
-        held, zone, doubt, kinked: the means of both crossings.
-    """
-
-    first: float
-    second: float
+    sign: float  # 1 if the corner that is cut off, or the first of two, is inside, else -1
+    corner: bool  # whether the front cuts off a corner
+    flows: bool  # whether plastic points are next to points apart
     held: float
-    zone: float
+    hidden: float
     doubt: float
     kinked: float
 
 
 @inlined
 def _add_segments(
-    rows: Rows, i: int, columns: Columns, solution: Solution, sums: Sums, place: tuple[int, int]
+    block: Block,
+    found: Links,
+    i: int,
+    columns: Columns,
+    solution: Solution,
+    sums: Sums,
+    place: tuple[int, int],
 ) -> None:
     """Add the segments of a front in a row's cells to the sums of `place`: block and front."""
-    codes, (block, front) = rows.codes, place
-    x_0, x_1 = rows.v[0, (i - 1) & LAST], rows.v[0, i & LAST]
-    y_0, y_1 = rows.v[-1, (i - 1) & LAST], rows.v[-1, i & LAST]
+    v, codes, (n, front) = block.v, block.codes, place
+    x_0, x_1, y_0, y_1 = v[0, i - 1], v[0, i], v[-1, i - 1], v[-1, i]
     for j in columns:
         code = (codes[j] >> (4 * front)) & 15
         if code % 15 == 0:  # all of its corners are inside, or none
             continue
-        a, b, inside = _SIDES[code, 0], _SIDES[code, 1], _INSIDE[code]
-        opposite = code % 5 == 0  # 5 or 10
+        cut, opposite, straight = _CUT[code], code % 5 == 0, int(code % 3 == 0)
         if opposite:
             middle = x_0[j - 1] + x_0[j] + x_1[j - 1] + x_1[j]
             middle += y_0[j - 1] + y_0[j] + y_1[j - 1] + y_1[j]
             if middle > (8 * solution.hardness if front else 0.0):  # the inside is connected
-                a, b, inside = a ^ 1, b ^ 3, False
-        cell = _Cell(
-            (x_1[j - 1] + x_1[j] - x_0[j - 1] - x_0[j]) / 2,
-            (y_0[j] + y_1[j] - y_0[j - 1] - y_1[j - 1]) / 2,
-            1.0 if inside else -1.0,
-            ((a ^ b) & 1) == 1,
-            codes[j] == 17 * (codes[j] & 15),
-        )
-        # The last corner is counted as a point.
-        sums.area[block, front, 0] += (0.0 if inside else 1.0) - ((code >> 2) & 1)
-        segment = _segment(rows.found, front, i, j, (a, b))
-        if opposite:
-            other = _segment(rows.found, front, i, j, (a ^ 2, b ^ 2))
-            segment, other = _alike(segment, other), _alike(other, segment)
-            _add(sums, place, cell, other, solution)
-        _add(sums, place, cell, segment, solution)
-
-
-@compiled
-def _segment(found: Links, front: int, i: int, j: int, sides: tuple[int, int]) -> _Segment:
-    """The segment between two sides of the cell whose last corner is in row i and column j."""
-    a, b = sides
-    one, other = _link(front, i, j, a), _link(front, i, j, b)
-    first, second = found.place[one], found.place[other]
-    return _Segment(
-        1 - first if a > 1 else first,  # links run along sides 0 and 1 and against sides 2 and 3
-        second if b > 1 else 1 - second,
-        (found.held[one] + found.held[other]) / 2,
-        (found.hidden[one] + found.hidden[other]) / 2,
-        (found.doubt[one] + found.doubt[other]) / 2,
-        (found.kinked[one] + found.kinked[other]) / 2,
-    )
+                cut ^= 1
+        inside, held, hidden, doubt, kinked = float((code >> cut) & 1), 0.0, 0.0, 0.0, 0.0
+        sums.area[n, front, 0] += 1 - inside - ((code >> 2) & 1)  # which was counted as a point
+        for side in range(4):
+            if opposite or (side - cut) % 4 == straight or (side - cut) % 4 == 3:
+                at, share = _link(front, i, j, side), 0.25 if opposite else 0.5
+                held, hidden = held + share * found.held[at], hidden + share * found.hidden[at]
+                doubt, kinked = doubt + share * found.doubt[at], kinked + share * found.kinked[at]
+        dx = (x_1[j - 1] + x_1[j] - x_0[j - 1] - x_0[j]) / 2
+        dy = (y_0[j] + y_1[j] - y_0[j - 1] - y_1[j - 1]) / 2
+        flows = codes[j] == 17 * (codes[j] & 15)
+        cell = _Cell(dx, dy, 2 * inside - 1, not straight, flows, held, hidden, doubt, kinked)
+        for corner in range(cut, cut + (4 if opposite else 1), 2):
+            first = _way(found, front, i, j, corner + straight)
+            second = 1 - _way(found, front, i, j, corner + 3)
+            _add(sums, place, cell, first, second, solution)
 
 
 @compiled
@@ -359,31 +273,28 @@ def _link(front: int, i: int, j: int, side: int) -> tuple[int, int, int]:
 
 
 @compiled
-def _alike(segment: _Segment, other: _Segment) -> _Segment:
-    """A segment with the means of what it and the other one of its cell have but their ways."""
-    return _Segment(
-        segment.first,
-        segment.second,
-        (segment.held + other.held) / 2,
-        (segment.zone + other.zone) / 2,
-        (segment.doubt + other.doubt) / 2,
-        (segment.kinked + other.kinked) / 2,
-    )
+def _way(found: Links, front: int, i: int, j: int, side: int) -> float:
+    """How far from its first corner a side is crossed; links run against sides 2 and 3."""
+    place = found.place[_link(front, i, j, side % 4)]
+    return float(place if side % 4 < 2 else 1 - place)
 
 
 @compiled
 def _add(
-    sums: Sums, place: tuple[int, int], cell: _Cell, segment: _Segment, solution: Solution
+    sums: Sums, place: tuple[int, int], cell: _Cell, x: float, y: float, solution: Solution
 ) -> None:
-    """Add a segment to the sums of a block and front."""
-    (dx, dy, sign, corner, flows), (x, y, held, zone, doubt, kinked) = cell, segment
-    square = dx * dx + dy * dy
-    u, cos4, sin4 = solution.hardness / math.sqrt(square), 0.0, 0.0
+    """Add a segment to the sums of a block and front.
+
+    x, y: the ways to its ends from the corner that it cuts off, or from the two on one side of it.
+    """
+    dx, dy, sign, corner, flows, held, hidden, doubt, kinked = cell
+    square, cos4, sin4 = dx * dx + dy * dy, 0.0, 0.0
     if square > 0:
         cos4 = 1 - 8 * (dx * dy / square) ** 2
         sin4 = 4 * dx * dy * (dx - dy) * (dx + dy) / square**2
-    length = math.sqrt(x * x + y * y) if corner else math.sqrt(1 + (x - y) * (x - y))
-    stuck, free, own = held * length, (1 - held) * length, max(min(u, 1.0) ** 2, held)
+    length = sqrt(x * x + y * y) if corner else sqrt(1 + (x - y) * (x - y))
+    u, stuck, free = solution.hardness / sqrt(square), held * length, (1 - held) * length
+    own = max(min(u, 1.0) ** 2, held)
     block, front = place
     sums.area[block, front, 0] += sign * (x * y if corner else x + y) / 2
     sums.offset[block, front, 0] += _interpolated(u, solution.offsets) * free
@@ -398,7 +309,7 @@ def _add(
         sums.common[block, front, part] += share * doubt * free
         sums.held[block, front, part] += share * stuck
         sums.aligned[block, front, part] += share * cos4 * stuck
-        sums.hidden[block, front, part] += share * zone * length
+        sums.hidden[block, front, part] += share * hidden * length
         sums.kinked[block, front, part] += share * kinked * length
 
 

@@ -2,11 +2,7 @@
 
 Counting grid points overestimates a contact by its rim, because a point in contact stands for a
 whole cell.  By particle-hole symmetry (p -> hardness - p, g -> -g) the count underestimates the
-plastic part as it overestimates the contact.
-
-`perimeter_areas` is the published remedy (Yastrebov, Anciaux and Molinari, Tribology
-International 114 (2017) 161): A = A_raw - (pi - 1 + ln 2)/24 S dx with S the length of the rim,
-counted by the switches along rows and columns.  It takes off a sixth too much.
+plastic part as it overestimates the contact.  `perimeter_areas` is the published remedy.
 
 `estimate_areas` locates the fronts inside the cells (`grid`) and corrects the area A_located that
 they enclose.  In cells, with a front's length L in spacings, the contact is
@@ -23,9 +19,7 @@ and for the plastic part the offset and the tips have the opposite sign.
   the latter; the former integrates to the Euler number of the front's inside, so that CORNER,
   measured on a sphere (and, of the other sign, on a penny-shaped gap) holds for any shape.
 * Not resolved: chance decides whether a gap (or plastic spot) narrower than a spacing contains a
-  grid point.  If it does, it shows as tips.  TIP is the median of what each tip needs on many
-  kinds of surfaces.  A lone point needs somewhat more, as it stands for spots that no point shows,
-  and a spot of two or three points nothing.
+  grid point.  If it does, it shows as tips; TIP is the median of what each needs on many surfaces.
 * Held by an edge: where the surface has a step, the front rests on it, somewhere between two
   points.  `front` recognises it by the jump of the gap and puts the front in the middle, so that
   the count is right there; at a kink the gap shows the place.  Where the singular pressure exceeds
@@ -34,9 +28,8 @@ and for the plastic part the offset and the tips have the opposite sign.
   short of the cells' edge, and other fronts come out too far by as much (`_softness`).
 
 The load is one more measurement of the areas (`_balanced`), and the estimated errors follow from
-the same sums (`_covariance`).  `laboratory.rim` measures the constants of the areas and
-`laboratory.error_bars` those of the errors; `epcontact chart areas` judges them, and
-`laboratory.area_scenes` has the scenes in which they once were wrong.
+the same sums (`_covariance`).  The constants come from `laboratory.rim` and `laboratory.error_bars`
+in the tests; `epcontact chart areas` judges them.
 """
 
 from __future__ import annotations
@@ -59,8 +52,7 @@ from epcontact.scene import array, number
 #: Share of a grid cell's area that each switch takes off (Yastrebov, Anciaux and Molinari, 2017).
 PERIMETER_FACTOR = (math.pi - 1 + math.log(2)) / 24
 #: Offset of a located front in spacings at grid.U_NODES (`rim.calibrate_strips`); the last is that
-#: of a front alone (`rim.calibrate_directions`: 0.1781; the paper's surface on 8192 x 8192 and
-#: 16384 x 16384 points: 0.1783).
+#: of a front alone (`rim.calibrate_directions`: 0.1781; the paper's surface: 0.1783).
 OFFSETS = np.array(
     [
         *(0.0, 0.0721, 0.137, 0.1916, 0.2198, 0.2229, 0.215, 0.1933),
@@ -83,18 +75,13 @@ POINTS = 0.0728
 
 @dataclass(frozen=True)
 class ErrorConstants:
-    """Standard deviations of the errors of areas, in cells.
+    """Standard deviations of the errors of areas, in cells."""
 
-    Attributes:
-        place: of a front's place, in units of its doubt (`front`): by chance, and in common as far
-            as a front's directions are alike.
-        kink: for each spacing of a front at kinks, in common, times their share of the front.
-        gaps: of the areas of gaps hidden at creases, in units of their bounds.
-    """
-
+    #: Of a front's place, in units of its doubt (`front`): by chance, and in common as far as a
+    #: front's directions are alike.
     place: float
-    kink: float
-    gaps: float
+    kink: float  # for each spacing of a front at kinks, in common, times their share of the front
+    gaps: float  # of the areas of gaps hidden at creases, in units of their bounds
 
 
 #: Of `laboratory.error_bars`, which finds (2.19, 0.191, 0.307) with the same loss to 0.001.
@@ -108,27 +95,16 @@ STRIPS = 0.001
 SURE = 1.645
 # A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
-# Rows and columns that are swept at a time.  Six more rows are read, and one is located twice.
+# Rows and columns that are swept at a time.
 _ROWS, _COLUMNS = 128, 1024
 
 
 def perimeter_areas(pressure: FloatArray, hardness: float = math.inf) -> tuple[Areas, Areas]:
-    """Areas by the published perimeter correction.
+    """(raw, corrected) areas by the published correction, which takes off a sixth too much.
 
-    Args:
-        pressure: (nx, ny) or (nx,), in Pa, zero where apart and `hardness` where plastic.
-        hardness: in Pa.
-
-    Returns:
-        (raw, corrected).  On a line, for which nothing is published, each edge is moved by the
-        exact AXIS_OFFSET.
-
-    Example:
-        >>> pressure = np.zeros((8, 8))
-        >>> pressure[2:5, 3:7] = 1.0
-        >>> raw, corrected = perimeter_areas(pressure)
-        >>> raw.total * 64, round(corrected.total * 64, 2)
-        (12.0, 10.35)
+    Yastrebov, Anciaux and Molinari, Tribology International 114 (2017) 161: A = A_raw - (pi - 1 +
+    ln 2)/24 S dx with S the length of the rim, counted by the switches along rows and columns.  On
+    a line, for which nothing is published, each edge is moved by the exact AXIS_OFFSET.
     """
     factor = AXIS_OFFSET if pressure.ndim == 1 else PERIMETER_FACTOR
     raw, corrected = [], []
@@ -148,31 +124,15 @@ def estimate_areas(
     effective_modulus: float,
     threads: int = 1,
 ) -> tuple[Areas, Areas, Areas]:
-    """Areas as fractions of the nominal area, from one converged solution.
+    """(raw, corrected, error) areas as fractions of the nominal area, from one converged solution.
 
-    Oblong cells are right on average over directions up to dx/dy = 2; beyond, and for fronts of
-    one direction, the error grows.  No array of the grid's size is made.
+    pressure, gap: (nx, ny) or (nx,), in Pa and m; hardness: in Pa, may be infinite; spacing:
+    (dx, dy) or (dx,), in m; effective_modulus: E* in Pa, also for a layer, because short waves
+    determine a rim; threads: the sums have the same bits on any number of them.
 
-    Args:
-        pressure: (nx, ny) or (nx,), in Pa: 0 where apart, the hardness where plastic.
-        gap: of the same shape, in m.
-        hardness: in Pa, may be infinite.
-        spacing: (dx, dy) or (dx,), in m.
-        effective_modulus: E* in Pa, also for a layer, because short waves determine a rim.
-        threads: share the pass over a grid; its sums have the same bits on any number of them.
-
-    Returns:
-        (raw, corrected, error).  The error is the estimated absolute error of the corrected
-        areas; it is meant to cover nine out of ten errors.
-
-    Raises:
-        InvalidScene: the shapes do not fit, or a value is no number or out of its range.
-
-    Example:
-        >>> pressure, gap = np.array([2, 1, 0, 0, 1.0]), np.array([0, 0, 0.2, 0.2, 0])
-        >>> raw, corrected, error = estimate_areas(pressure, gap, math.inf, [0.2], 1.0)
-        >>> raw.total, corrected.total < raw.total
-        (0.6, True)
+    The error is meant to cover nine out of ten absolute errors of the corrected areas.  Oblong
+    cells are right on average over directions up to dx/dy = 2; beyond, and for fronts of one
+    direction, the error grows.  No array of the grid's size is made.
     """
     # Also arrays of another byte order, which compiled loops would misread.
     pressure, gap = array("pressure", pressure), array("gap", gap)
@@ -214,13 +174,8 @@ def sums_of_fronts(
     # The fronts of a line run along one axis, for which the offset is known exactly.
     offsets = OFFSETS * ((AXIS_OFFSET - HARMONIC) / OFFSETS[-1]) if ny == 1 else OFFSETS
     solution = Solution(pressure, gap, hardness * _ROUNDING, stiffness, tabulated(offsets))
-    blocks = np.array(
-        [
-            (row.start, row.stop, column.start, column.stop)
-            for column in ranges(ny, _COLUMNS)  # the narrowest is the last, as `sweep` needs it
-            for row in ranges(nx, _ROWS)
-        ]
-    )
+    rows, columns = ranges(nx, _ROWS), ranges(ny, _COLUMNS)
+    blocks = np.array([(r.start, r.stop, c.start, c.stop) for c in columns for r in rows])
     # Each call makes its own memory, which takes longer than to sweep a few rows.
     shares = np.array_split(blocks, min(len(blocks), 4 * threads if threads > 1 else 1))
     with Workers(threads) as workers:
@@ -237,7 +192,11 @@ def areas_of_sums(
     dx/dy.
     """
     oblong, sums = OBLONG * math.log(aspect) ** 2, Sums(*array)
-    located, unseen = located_areas(array, oblong), _unseen(sums, errors.gaps)
+    located = located_areas(array, oblong)
+    # What may be hidden between points: zones at edges, lone spots, gaps.  All are bounds, but a
+    # zone may not be there or be twice as wide, and of the bounds at creases a part is in common.
+    unseen = (sums.hidden[::-1].sum(axis=1) ** 2 + sums.squares[:, 0]) / SURE**2
+    unseen = unseen + (errors.gaps * sums.crease[:, 0]) ** 2
     covariance = _covariance(sums, oblong, errors) + np.diag(unseen)
     contact, plastic = sums.points[:, 0]
     if contact > plastic > 0:
@@ -261,16 +220,15 @@ def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[
     total, plastic = np.minimum(claims, np.maximum(moved - low, high - moved))
     apart, elastic = covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1], moved[0] - moved[1]
     claim = min(SURE * math.sqrt(max(apart, 0.0)) + far.sum(), max(elastic, 1 - elastic))
-    error = Areas(total=float(total), elastic=float(claim), plastic=float(plastic))
-    return _areas(*moved), error
+    return _areas(*moved), Areas(float(total), float(claim), float(plastic))
 
 
 def _areas(total: float, plastic: float) -> Areas:
-    return Areas(total=float(total), elastic=float(total - plastic), plastic=float(plastic))
+    return Areas(float(total), float(total - plastic), float(plastic))
 
 
 def located_areas(array: FloatArray, oblong: float) -> FloatArray:
-    """(2,) areas of the contact and of the plastic part that their fronts enclose, in cells.
+    """(2,) areas in cells that the fronts around the contact and its plastic part enclose.
 
     array: the sums of fronts; oblong: OBLONG ln^2(dx/dy).
     """
@@ -278,16 +236,6 @@ def located_areas(array: FloatArray, oblong: float) -> FloatArray:
     outward = (1 + oblong) * whole.offset + HARMONIC * whole.harmonic
     outward += TIP * sums.tips[:, 0] + whole.hidden[::-1] + _softness(sums)
     return np.asarray(whole.area + (-1, 1) * outward + CORNER * whole.turn)
-
-
-def _unseen(sums: Sums, gaps: float) -> FloatArray:
-    """Variances (2,) of what may be hidden between points: zones at edges, lone spots, gaps.
-
-    All are bounds, but a zone at an edge may not be there or be twice as wide, and of the bounds of
-    gaps at creases a part is in common.
-    """
-    sure = sums.hidden[::-1].sum(axis=1) ** 2 + sums.squares[:, 0]
-    return np.asarray(sure / SURE**2 + (gaps * sums.crease[:, 0]) ** 2)
 
 
 def _softness(sums: Sums) -> FloatArray:
@@ -340,7 +288,7 @@ def _balanced(
 ) -> tuple[FloatArray, FloatArray]:
     """Total and plastic area and their covariance (2, 2), with the load as one more measurement.
 
-    All in cells; load: by the hardness; unseen: variances of `_unseen`.
+    All in cells; load: by the hardness; unseen: variances of what may be hidden.
 
     The elastic area carries the share phi of its hardness, load = A_pl + phi (A - A_pl).  The
     counted points have this exactly with a phi of their own, which is as wrong as the counts are.
@@ -354,8 +302,7 @@ def _balanced(
     slopes = np.maximum([phi, 1 - phi], 1e-9)  # elastic points may carry nothing but rounding
     length, held = sums.length[:, 0], sums.held[:, 0]
     free = 1 - held / np.maximum(length, 1.0)
-    flowing = ANYWHERE**2 * sums.flowing[:, 0] * (free / slopes) ** 2
-    covariance = covariance + np.diag(flowing)
+    covariance = covariance + np.diag(ANYWHERE**2 * sums.flowing[:, 0] * (free / slopes) ** 2)
     counted = COUNTED * (length - held) + TIP * sums.tips[:, 0]
     carried = load - (slopes * (1, -1)) @ counted
     doubt = POINTS * length + (ANYWHERE * sums.harmonic[:, 0]) ** 2 + unseen
