@@ -28,10 +28,10 @@ def project(
     workers: Workers | None = None,
     out: FloatArray | None = None,
 ) -> FloatArray:
-    """Return clip(w + z, 0, cap), the p nearest to w with 0 <= p <= cap and sum(p) = total.
+    """clip(w + z, 0, cap), the p nearest to w with 0 <= p <= cap and sum(p) = total.
 
-    The sum is piecewise linear and increasing in z; Newton steps within a bracket find z.
-    out: where to write the result, which may be w itself.
+    The sum is piecewise linear and increasing in z; Newton steps within a bracket find z.  The
+    result is written to `out`, which may be w itself.
     """
     workers = workers or Workers()
     parts = ranges(w.size, BLOCK_POINTS)
@@ -62,15 +62,16 @@ def put(
 ) -> None:
     """Write pressure + x at the points of p, move it into the bounds and restore its force.
 
-    The force that the bounds cut off varies over the surface.  If all points shared it equally,
-    a long-wave imbalance of forces, whose displacement is large, would be left, and steps would
-    overshoot.  So each cell keeps its force if its points can carry it, and otherwise the rest goes
-    to as small a block of cells around it as can.
+    If all points shared the force that the bounds cut off equally, a long-wave imbalance, whose
+    displacement is large, would be left, and steps would overshoot.  So each cell keeps its force
+    if its points can carry it, and otherwise the rest goes to as small a block of cells as can.
     """
     flat, cap, target = p.reshape(-1), level.cap, float(pressure.sum())
     index, pressures, steps = points.split(points.index, pressure, x)
     missing, weight = cells.sums(put_clipped, 2, flat, index, pressures, steps, cap)
-    factor = shared(missing.reshape(cells.shape), weight.reshape(cells.shape)).reshape(-1)
+    factor = np.zeros(missing.size)
+    forces = [sums.reshape(cells.shape) for sums in (missing, weight, factor)]
+    share_forces(*forces, 1e-12 * float(np.abs(missing).max()))
     carried, weight = level.workers.total(
         spread, flat, index, cells.numbers, cells.split(factor), cap
     )
@@ -82,20 +83,14 @@ def put(
         flat[points.index] = project(pressure + x, cap, target)
 
 
-def shared(missing: FloatArray, weight: FloatArray) -> FloatArray:
-    """The shares (mx, my), by cell, that restore missing forces as near to it as possible.
-
-    Each share times its weight is a force, and no share is beyond _LARGEST_SHARE.  Cells that
-    cannot carry their missing force pass the rest to blocks of 2 x 2, 4 x 4, ... cells.
-    """
-    share = np.zeros(missing.shape)
-    share_forces(missing.copy(), weight, share, 1e-12 * float(np.abs(missing).max()))
-    return share
-
-
 @compiled
 def share_forces(left: Any, weight: Any, share: Any, rounding: float) -> None:
-    """Restore the forces `left`, block by block of cells, until no more than `rounding` is left."""
+    """The shares, by cell, that restore the forces `left` as near to it as possible.
+
+    Each share times its weight is a force, and no share is beyond _LARGEST_SHARE.  Cells that
+    cannot carry their force pass the rest to blocks of 2 x 2, 4 x 4, ... cells, until no more than
+    `rounding` is left.
+    """
     mx, my = left.shape
     side, worst = 1, np.inf
     while worst > rounding and side < 2 * max(mx, my):
@@ -109,7 +104,7 @@ def share_forces(left: Any, weight: Any, share: Any, rounding: float) -> None:
 
 @compiled
 def share_block(left: Any, weight: Any, share: Any, block: tuple[int, int, int, int]) -> float:
-    """Restore the sum of the forces `left` by equal parts of what the cells of a block can carry.
+    """Restore the forces of a block by equal parts of what its cells can carry.
 
     block: its first cell and the one behind its last, along x and along y.  Returns the largest
     force that is left.
@@ -137,8 +132,7 @@ def share_block(left: Any, weight: Any, share: Any, block: tuple[int, int, int, 
 @compiled
 def clipped_sum(w: Any, z: float, cap: float) -> tuple[float, int]:
     """Sum of clip(w + z, 0, cap), and the number of points strictly between the bounds."""
-    total = 0.0
-    inside = 0
+    total, inside = 0.0, 0
     for i in range(w.size):
         value = w[i] + z
         if value >= cap:
@@ -179,8 +173,7 @@ def spread(p: Any, index: Any, cell: Any, factor: Any, cap: float) -> tuple[floa
 
     Returns the sums of the new p and of the new p (1 - p/cap).
     """
-    total = 0.0
-    weight = 0.0
+    total = weight = 0.0
     for k in range(index.size):
         i = index[k]
         value = p[i] + factor[cell[k]] * p[i] * (1.0 - p[i] / cap)

@@ -52,9 +52,9 @@ def _half(number: int) -> int:
 
 
 def coarsened_heights(heights: FloatArray, shape: tuple[int, int], workers: Workers) -> FloatArray:
-    """Return `heights` on a coarser grid of the same periods, without the modes it cannot hold.
+    """Heights on a coarser grid of the same periods, without the modes it cannot hold.
 
-    The unpaired mode of an even number of points is left out too.
+    The unpaired mode of an even number of points is left out, too.
     """
     (nx, ny), (mx, my) = heights.shape, shape
     kept_rows = (mx + 1) // 2 if mx < nx else mx
@@ -113,15 +113,10 @@ def interpolate(
     """out[i, j] = the weighted sum of the 4 x 4 coarse neighbours."""
     line = np.empty(coarse.shape[1])
     for i in range(out.shape[0]):
-        a, b, c, d = rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3]
-        wa, wb, wc, wd = (
-            row_weights[i, 0],
-            row_weights[i, 1],
-            row_weights[i, 2],
-            row_weights[i, 3],
-        )
+        a, b, c, d = coarse[rows[i, 0]], coarse[rows[i, 1]], coarse[rows[i, 2]], coarse[rows[i, 3]]
+        w = row_weights[i]
         for j in range(line.size):
-            line[j] = wa * coarse[a, j] + wb * coarse[b, j] + wc * coarse[c, j] + wd * coarse[d, j]
+            line[j] = w[0] * a[j] + w[1] * b[j] + w[2] * c[j] + w[3] * d[j]
         for j in range(out.shape[1]):
             value = 0.0
             for k in range(4):

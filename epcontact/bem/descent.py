@@ -26,27 +26,21 @@ _ENERGY_NOISE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A Newton step that was taken.
+    """A Newton step that was taken."""
 
-    Attributes:
-        points: the points that the step changed.
-        before, gap: their pressures and gaps before the step.
-        energy: the energy before the step.
-    """
-
-    points: Points
-    before: FloatArray
+    points: Points  # that the step changed
+    before: FloatArray  # their pressures and gaps before the step
     gap: FloatArray
-    energy: float
+    energy: float  # before the step
 
 
 def best_share(level: Level, it: Iterate, step: Step, energy: float) -> float:
-    """Return the share of the step, at most 1, at which the energy is least.
+    """The share of the step, at most 1, at which the energy is least; 1 if rounding hides it.
 
-    `energy` is the energy after the step.  The share is 1 if rounding hides its change.
+    energy: after the step.
     """
-    p = it.p.reshape(-1)
-    slope: float = step_product(p, step.points.index, step.before, step.gap)
+    moved = it.p.reshape(-1)[step.points.index] - step.before
+    slope = float(np.sum(np.multiply(moved, step.gap, out=moved)))
     curvature = 2 * (energy - step.energy - slope)
     noise = _ENERGY_NOISE * level.heights.size * level.gap_scale
     if abs(slope) <= noise and abs(energy - step.energy) <= noise:
@@ -82,27 +76,15 @@ def gradient_step(level: Level, it: Iterate, length: float) -> float:
     slope, curvature, square = descent_products(*arrays)
     if curvature <= 0:
         return level.step
-    t = min(1.0, max(0.0, -slope / curvature))
-    if t < 1:
+    if (t := min(1.0, max(0.0, -slope / curvature))) < 1:
         blend(arrays[0], arrays[1], arrays[3], arrays[4], t)
     return float(square / curvature)
 
 
 @compiled
-def step_product(p: Any, index: Any, before: Any, gap: Any) -> float:
-    """Sum over the listed points of gap (p - before)."""
-    total = 0.0
-    for k in range(index.size):
-        total += gap[k] * (p[index[k]] - before[k])
-    return total
-
-
-@compiled
 def descent_products(p: Any, u: Any, h: Any, p_old: Any, u_old: Any) -> tuple[float, float, float]:
     """(u_old - h).d, d.(u - u_old) and d.d for d = p - p_old."""
-    slope = 0.0
-    curvature = 0.0
-    square = 0.0
+    slope = curvature = square = 0.0
     for i in range(p.size):
         d = p[i] - p_old[i]
         slope += (u_old[i] - h[i]) * d

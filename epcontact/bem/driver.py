@@ -1,7 +1,6 @@
 """Solve a scene by boundary elements: check input and memory, and put the result together.
 
-The modules below this one do not know the scene: they take a `GridProblem` for each load, and
-`Options`.
+The modules below do not know the scene: they take a `GridProblem` for each load, and `Options`.
 """
 
 from __future__ import annotations
@@ -100,18 +99,12 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     if plastic_displacement is not None:
         given = checked_plastic_displacement(plastic_displacement, shape)
         plastic_displacement = given.reshape(symbol.shape)
-    path = _Path(scene, symbol, options, progress, on_step)
+    path = _Path(scene, symbol, options, compliance is not None, progress, on_step)
     steps, last, pairs = path.walk(start, plastic_displacement)
-    cost = pairs | {
-        "seconds": time.perf_counter() - started - (compile_seconds() - compiled),
-        "unknowns": float(scene.surface.heights.size),
-        "peak_memory_bytes": float(peak_memory()),
-    }
-    result = path.result(steps, last, cost)
-    if compliance is None:
-        return result
-    chosen = {**result.provenance.options, "compliance": "given"}
-    return replace(result, provenance=replace(result.provenance, options=chosen))
+    seconds = time.perf_counter() - started - (compile_seconds() - compiled)
+    size, peak = float(scene.surface.heights.size), float(peak_memory())
+    cost = {**pairs, "seconds": seconds, "unknowns": size, "peak_memory_bytes": peak}
+    return path.result(steps, last, cost)
 
 
 def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
@@ -140,6 +133,7 @@ class _Path:
     scene: Scene
     symbol: Symbol
     options: Options
+    given_compliance: bool
     progress: Callable[[float, str], None] | None
     on_step: Callable[[ContactResult], None] | None
 
@@ -148,8 +142,8 @@ class _Path:
     ) -> tuple[tuple[LoadStep, ...], LoadedSurface, dict[str, float]]:
         """Solve at each load, on the surface that the loads before it have left.
 
-        start: pressure in Pa to start the first load from; before: plastic displacement before it.
         Returns the load steps, the surface under the last load, and the transforms of all loads.
+        start, before: pressure in Pa to start from, and plastic displacement before the first load.
         """
         heights, path = self.scene.surface.heights.reshape(self.symbol.shape), self.scene.load.path
         left = heights if before is None else heights - before
@@ -196,29 +190,26 @@ class _Path:
         self, steps: tuple[LoadStep, ...], last: LoadedSurface, cost: dict[str, float]
     ) -> ContactResult:
         """The result after some steps, with the fields of the last one."""
-        surface, hardness, solution = (
-            self.scene.surface,
-            self.scene.material.hardness,
-            last.solution,
-        )
+        surface, solution, options = self.scene.surface, last.solution, self.options
+        hardness = self.scene.material.hardness
         pressure = solution.pressure.reshape(surface.shape)
         displacement = solution.displacement.reshape(surface.shape)
-        compression = _compression(self.scene, steps[-1].mean_pressure)
+        if compression := _compression(self.scene, steps[-1].mean_pressure):
+            displacement = displacement + compression
         fields: dict[str, NDArray[Any]] = {
             "heights": surface.heights,
             "pressure": pressure,
             "gap": solution.gap(surface.heights),
-            "displacement": displacement + compression if compression else displacement,
+            "displacement": displacement,
             "state": states(pressure, hardness),
         }
         if last.after is not None:
             fields["plastic_displacement"] = last.after.reshape(surface.shape)
-        chosen: dict[str, Any] = {
-            "method": self.options.method,
-            "tolerance": self.options.tolerance,
-        }
-        if self.options.area_tolerance:
-            chosen["area_tolerance"] = self.options.area_tolerance
+        chosen: dict[str, Any] = {"method": options.method, "tolerance": options.tolerance}
+        if options.area_tolerance:
+            chosen["area_tolerance"] = options.area_tolerance
+        if self.given_compliance:
+            chosen["compliance"] = "given"
         return ContactResult(
             method="bem",
             steps=steps,
@@ -234,8 +225,7 @@ class _Path:
 def _warm_start(last: LoadedSurface, left: FloatArray, following: float) -> FloatArray | None:
     """p - c g of the last solution in Pa, scaled to the next load; None for a distant load.
 
-    Where p is 0, p - c g still shows how far away contact is.  left: (nx, ny) the heights that the
-    next load meets, in m.
+    Where p is 0, it still shows how far away contact is.  left: the heights that the load meets.
     """
     problem, solution = last.problem, last.solution
     ratio = following / problem.mean_pressure if problem.mean_pressure else math.inf
@@ -256,7 +246,7 @@ def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
         flow = float(now.after.mean())
         # Fronts of plastic flow are placed by the whole depth of the flow.
         np.negative(now.after, out=gap, where=pressure >= problem.hardness)
-    raw, corrected, error = estimate_areas(
+    step_areas = estimate_areas(
         pressure.reshape(shape),
         gap.reshape(shape),
         problem.hardness,
@@ -275,13 +265,9 @@ def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
         "elastic_energy": (fluctuation + compression * problem.mean_pressure) / 2,
         "largest_pressure": float(pressure.max()),
     }
-    return LoadStep(
-        problem.mean_pressure,
-        {"raw": raw, "corrected": corrected, "error": error},
-        dict(solution.residuals),
-        {name: int(count) for name, count in solution.counts.items()},
-        quantities,
-    )
+    areas = dict(zip(("raw", "corrected", "error"), step_areas, strict=True))
+    counts = {name: int(count) for name, count in solution.counts.items()}
+    return LoadStep(problem.mean_pressure, areas, dict(solution.residuals), counts, quantities)
 
 
 def _compression(scene: Scene, mean_pressure: float) -> float:

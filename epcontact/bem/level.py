@@ -21,30 +21,24 @@ from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
 StateArray = NDArray[np.uint8]
 
-#: First length of a projected gradient step, in units of the stiffness of the shortest wave along
-#: an axis.
-#: It is also the factor c of the pressures p - c g that start a finer grid or the next load.
+#: First length of a projected gradient step, and the factor c of the pressures p - c g that start a
+#: finer grid or the next load, in units of the stiffness of the shortest wave along an axis.
 GRADIENT_STEP = 0.3
 
 
 class Level:
     """A grid problem with the data of its iterations.
 
-    Attributes:
-        heights: (nx, ny) in m.
-        cap: hardness / mean pressure.
-        gap_scale: in m, that of the finest grid; gap residuals are divided by it.
-        convolution: from pressures in units of the mean pressure to displacements in m.
-        step: first length c of a gradient step p - c g, in mean pressures per m.
-        parts: the flat range of each block of rows.
+    Gap residuals are divided by gap_scale (m), that of the finest grid; `convolution` leads from
+    pressures in units of the mean pressure to displacements in m; `step` is the first length c of a
+    gradient step p - c g, in mean pressures per m; `parts` are the flat ranges of the blocks.
     """
 
     def __init__(self, problem: GridProblem, gap_scale: float, workers: Workers) -> None:
         self.heights = problem.heights.view()
         # As those of a scene, so that kernels are compiled for one kind of array.
         self.heights.flags.writeable = False
-        self.cap, self.gap_scale = problem.cap, gap_scale
-        self.workers = workers
+        self.cap, self.gap_scale, self.workers = problem.cap, gap_scale, workers
         self.convolution = Convolution(problem.symbol, problem.mean_pressure, workers)
         self.step = GRADIENT_STEP / (problem.mean_pressure * problem.symbol.shortest())
         ny = problem.shape[1]
@@ -57,26 +51,18 @@ class Level:
 
 @dataclass
 class Iterate:
-    """The current state of the iteration on a grid, and its cost so far.
+    """The current state of the iteration on a grid, and its cost so far."""
 
-    Attributes:
-        p, u, z: a feasible pressure (units of the mean), its displacement (m), the offset (m).
-        settled: whether the goal is met.
-        history: the largest residual after each step.
-        newton, cg, gradient, cut: numbers of steps; cut: Newton steps that were cut short.
-        pairs: cost of all transforms, in pairs of transforms of this grid.
-    """
-
-    p: FloatArray
-    u: FloatArray
-    z: float = 0.0
-    settled: bool = False
-    history: list[float] = field(default_factory=list)
-    newton: int = 0
+    p: FloatArray  # feasible, in units of the mean pressure
+    u: FloatArray  # its displacement, in m
+    z: float = 0.0  # the offset, in m
+    settled: bool = False  # whether the goal is met
+    history: list[float] = field(default_factory=list)  # the largest residual after each step
+    newton: int = 0  # numbers of steps
     cg: int = 0
     gradient: int = 0
-    cut: int = 0
-    pairs: float = 0.0
+    cut: int = 0  # Newton steps that were cut short
+    pairs: float = 0.0  # cost of all transforms, in pairs of transforms of this grid
 
 
 def first_iterate(level: Level, p: FloatArray) -> Iterate:
@@ -94,14 +80,11 @@ def measured(level: Level, p: FloatArray, u: FloatArray) -> tuple[float, float, 
     """
     sums = level.workers.total(measure, *level.split(p, u, level.heights), level.cap)
     needed, number, force, energy = sums
-    return needed / number if number else _offset_between(level, p, u), force / p.size, energy
-
-
-def _offset_between(level: Level, p: FloatArray, u: FloatArray) -> float:
-    needed = level.heights - u
-    below, above = needed[p <= 0], needed[p > 0]
-    limits = [x for x in (below.max(initial=-np.inf), above.min(initial=np.inf)) if np.isfinite(x)]
-    return float(np.mean(limits))
+    if number:
+        return needed / number, force / p.size, energy
+    offsets = level.heights - u
+    ends = offsets[p <= 0].max(initial=-np.inf), offsets[p > 0].min(initial=np.inf)
+    return float(np.mean([end for end in ends if np.isfinite(end)])), force / p.size, energy
 
 
 def states(p: FloatArray, cap: float) -> StateArray:
@@ -131,8 +114,7 @@ def kkt_residuals(level: Level, it: Iterate) -> dict[str, float]:
 def put_on_bounds(level: Level, p: FloatArray) -> bool:
     """Move pressures that are within rounding of a bound onto it; return True if there were any.
 
-    If points on the bounds carry all of the load, the pressures of the others are only the
-    rounding error of a sum, which depends on the order of summation.
+    If points on the bounds carry all of the load, those of the others are rounding of a sum only.
     """
     rounding = 8 * p.size * np.finfo(np.float64).eps
     (moved,) = level.workers.total(move_to_bounds, *level.split(p), level.cap, rounding)
@@ -175,10 +157,8 @@ def violations(p: Any, u: Any, h: Any, z: float, cap: float) -> tuple[float, flo
 def measure(p: Any, u: Any, h: Any, cap: float) -> tuple[float, int, float, float]:
     """The sum of h - u over the points with 0 < p < cap and their number, and the sums of p and
     of p (u/2 - h) over all points."""
-    total = 0.0
+    total = force = energy = 0.0
     number = 0
-    force = 0.0
-    energy = 0.0
     for i in range(p.size):
         force += p[i]
         energy += p[i] * (0.5 * u[i] - h[i])

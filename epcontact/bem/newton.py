@@ -9,11 +9,10 @@ One outer step, from a pressure p that keeps its bounds and its mean:
 2. move the result into the bounds, restore the force of each cell and the mean, and find the
    displacement of all points.
 
-So a step costs one pair of transforms, and a cheap one for each inner iteration.  The
-Karush-Kuhn-Tucker residuals and the energy 1/2 <p, S p> - <p, h> of every iterate are known.  The
-full step is taken if it lowers the energy; otherwise it is cut at the minimum of the energy along
-it, and projected gradient steps follow (`descent`).  The energy of the iterates never rises, which
-rules out the cycles of the plain method with a capped pressure.
+So a step costs one pair of transforms, and a cheap one for each inner iteration.  The full step is
+taken if it lowers the energy 1/2 <p, S p> - <p, h>; otherwise it is cut at the minimum of the
+energy along it, and projected gradient steps follow (`descent`).  The energy of the iterates never
+rises, which rules out the cycles of the plain method with a capped pressure.
 """
 
 from __future__ import annotations
@@ -37,8 +36,8 @@ from epcontact.results import FloatArray
 
 _MAX_STEPS = 500  # default limit on the Newton steps
 # Most gradient steps after a Newton step that was cut: none after the first cut, one after the
-# second, then four.  With one at most, one of 561 hard scenes did not converge; with 16, lines of
-# 1e5 points took up to 130 pairs instead of 41.
+# second, then four.  With one at most, one of 561 hard scenes did not converge; with 16, lines took
+# thrice as long.
 _GRADIENT_STEPS = 4
 # The areas count as settled only if fewer points changed sets in the last step than this times
 # `area_tolerance` times the contact.  A step leaves at most a fifth of the changes of the one
@@ -65,35 +64,24 @@ class _Sets:
     """Numbers of points by set, and the worst violation of the conditions on the gap in m."""
 
     changed: int
+    elastic: int
     plastic: int
     entering: int
     unloading: int
     worst: float
     elastic_by_block: list[int]
 
-    @property
-    def elastic(self) -> int:
-        """Elastic points."""
-        return sum(self.elastic_by_block)
-
-    @property
-    def contact(self) -> int:
-        """Points in contact."""
-        return self.elastic + self.plastic
-
-    def least(self) -> int:
-        """Points of the elastic or plastic area: of the smaller one that is not empty."""
-        return min((n for n in (self.elastic, self.plastic) if n), default=0)
-
-    def unsettled(self) -> float:
-        """The largest relative change of an area by the points that come into contact and those
-        that cease to be plastic."""
-        shares = (
-            (self.entering, self.contact),
-            (self.unloading, self.plastic),
-            (self.entering + self.unloading, self.elastic),
+    def settled(self, aim: float, residual: float) -> bool:
+        """True if few points change, an area of a point is seen, and areas change by `aim`."""
+        contact = self.elastic + self.plastic
+        least = min((n for n in (self.elastic, self.plastic) if n), default=0)
+        changes = (
+            self.entering / max(contact, 1),
+            self.unloading / max(self.plastic, 1),
+            (self.entering + self.unloading) / max(self.elastic, 1),
         )
-        return max(number / max(area, 1) for number, area in shares)
+        few_changes = self.changed <= _CHANGES_PER_ERROR * aim * max(contact, 1)
+        return few_changes and (aim * least >= 1 or residual <= _UNSEEN) and max(changes) <= aim
 
 
 def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
@@ -110,7 +98,6 @@ def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
         it.z, force, energy = measured(level, it.p, it.u)
         share = 1.0 if step is None else best_share(level, it, step, energy)
         full = share >= _FULL_STEP
-        gradient = 0
         if step is not None and not full:
             it.cut += 1
             trouble += 1
@@ -147,28 +134,23 @@ def _slow(history: list[float]) -> bool:
 def _settled(it: Iterate, sets: _Sets, options: Options, full_step: bool) -> bool:
     """True if the residual or the areas meet their tolerance.
 
-    The areas do not count after a step that was cut, while many points still change, or while the
-    residual is near the first one: with many points a wavelength, fronts move by less than a point
-    while forces are still out of balance.
+    The areas do not count after a step that was cut, or while the residual is near the first one:
+    with many points a wavelength, fronts move by less than a point while forces are out of balance.
     """
-    first, residual, aim = it.history[0], it.history[-1], options.area_tolerance
+    residual, aim = it.history[-1], options.area_tolerance
     if residual <= options.tolerance:
         return True
-    if aim is None or not full_step:
-        return False
-    few_changes = sets.changed <= _CHANGES_PER_ERROR * aim * max(sets.contact, 1)
-    seen = aim * sets.least() >= 1 or residual <= _UNSEEN
-    return few_changes and seen and residual <= _CALM * first and sets.unsettled() <= aim
+    calm = full_step and residual <= _CALM * it.history[0]
+    return aim is not None and calm and sets.settled(aim, residual)
 
 
 def _update_sets(level: Level, it: Iterate, state: StateArray) -> _Sets:
     """Overwrite `state` with the sets that the iterate calls for, and count them."""
-    parts = level.workers.each(
-        update_states, *level.split(it.p, it.u, level.heights, state), it.z, level.cap
-    )
+    fields = level.split(it.p, it.u, level.heights, state)
+    parts = level.workers.each(update_states, *fields, it.z, level.cap)
     changed, elastic, plastic, entering, unloading, worst = zip(*parts, strict=True)
-    return _Sets(sum(changed), sum(plastic), sum(entering), sum(unloading), max(worst),
-                 list(elastic))  # fmt: skip
+    numbers = sum(changed), sum(elastic), sum(plastic), sum(entering), sum(unloading)
+    return _Sets(*numbers, max(worst), list(elastic))
 
 
 def _newton_step(
@@ -180,7 +162,7 @@ def _newton_step(
     energy: float,
     tolerance: float,
 ) -> Step | None:
-    """Take one outer step, which moves the iterate; None if there is nothing to solve for."""
+    """Take one outer step; None if there is nothing to solve for."""
     points, pressure, r = _elastic_points(level, it, state, sets)
     if r.size < 2:
         # A single point carries the rest of the load: only a gradient step can change the sets.
@@ -229,11 +211,7 @@ def update_states(
     points, of points that come into contact and of points that cease to be plastic, and the largest
     violation of the conditions on g.
     """
-    changed = 0
-    elastic = 0
-    plastic = 0
-    entering = 0
-    unloading = 0
+    changed = elastic = plastic = entering = unloading = 0
     worst = 0.0
     for i in range(p.size):
         g = u[i] + z - h[i]

@@ -31,19 +31,12 @@ METHODS: tuple[str, ...] = get_args(Method)
 
 @dataclass(frozen=True, eq=False)
 class GridProblem:
-    """One contact problem on a periodic grid.
+    """One contact problem on a periodic grid."""
 
-    Attributes:
-        heights: (nx, ny) in m; a line is (1, n).
-        symbol: surface compliance of each mode, in m/Pa.
-        mean_pressure: in Pa, above 0.
-        hardness: in Pa, above the mean pressure; infinite for an elastic body.
-    """
-
-    heights: FloatArray
-    symbol: Symbol
-    mean_pressure: float
-    hardness: float = math.inf
+    heights: FloatArray  # (nx, ny) in m; a line is (1, n)
+    symbol: Symbol  # surface compliance of each mode, in m/Pa
+    mean_pressure: float  # in Pa, above 0
+    hardness: float = math.inf  # in Pa, above the mean pressure; infinite for an elastic body
 
     @property
     def cap(self) -> float:
@@ -56,11 +49,10 @@ class GridProblem:
         return self.symbol.shape
 
     def gap_scale(self) -> float:
-        """The length in m by which gap residuals are divided: the rms height.
+        """The length in m by which gap residuals are divided: the rms height, as a rule.
 
-        If the rms height is below a millionth of p0 dx / E*, the length is p0 dx / E* instead:
-        p resolves its fluctuation about p0 to eps p0 only, so gaps below eps p0 dx / E* are
-        rounding.
+        If it is below a millionth of p0 dx / E*, it is p0 dx / E* instead: p resolves its
+        fluctuation about p0 to eps p0 only, so gaps below eps p0 dx / E* are rounding.
         """
         floor = self.mean_pressure * self.symbol.shortest() * math.pi / 2
         rms = float(np.std(self.heights))
@@ -99,9 +91,8 @@ class Options:
         if self.max_steps is not None:
             settle(self, max_steps=whole("max_steps", self.max_steps, 1))
         if self.method not in METHODS:
-            raise InvalidScene(
-                f"method is {self.method!r}, but must be one of {', '.join(METHODS)}"
-            )
+            methods = ", ".join(METHODS)
+            raise InvalidScene(f"method is {self.method!r}, but must be one of {methods}")
 
     def steps(self, default: int) -> int:
         """The most steps that a method may take; its own limit is `default`."""
@@ -141,8 +132,7 @@ class PressureSolution:
 def checked_symbol(compliance: NDArray[np.floating], shape: tuple[int, ...]) -> Symbol:
     """A user's compliance per mode of `numpy.fft.rfftn` as a Symbol; a line becomes (1, n).
 
-    Raises InvalidScene unless it has the modes' shape, is finite, is positive except in mode zero,
-    belongs to a real symmetric operator, and falls no faster than about 1/q^1.5.
+    It must belong to a real symmetric positive operator and fall no faster than about 1/q^1.5.
     """
     values = np.atleast_2d(array("compliance", compliance).copy())
     grid = (1, shape[0]) if len(shape) == 1 else (shape[0], shape[1])
@@ -167,19 +157,15 @@ def checked_symbol(compliance: NDArray[np.floating], shape: tuple[int, ...]) -> 
 def _require_gradual(values: FloatArray, grid: tuple[int, int]) -> None:
     """Refuse a compliance that falls too fast from a wave to the one of half its length.
 
-    The pressures of short waves that heights call for would be out of all proportion to those of
-    long waves: the sets of points change wildly from step to step, and a solve does not end.
+    The pressures of short waves would be out of all proportion, and a solve would not end.
     """
     nx, ny = grid
     for name, (a, b) in {"first axis": (1, 0), "second axis": (0, 1), "diagonal": (1, 1)}.items():
-        last = min(n // 2 for n, used in ((nx, a), (ny, b)) if used)
-        k = np.arange(1, last + 1)
+        k = np.arange(1, min(n // 2 for n, used in ((nx, a), (ny, b)) if used) + 1)
         along = values[a * k, b * k]
-        if last < 2:
-            continue
-        fall = along[: last // 2] / along[1::2][: last // 2]
-        worst = int(np.argmax(fall))
-        if fall[worst] > STEEPEST:
+        fall = along[: k.size // 2] / along[1::2]
+        worst = int(np.argmax(fall)) if fall.size else 0
+        if fall.size and fall[worst] > STEEPEST:
             raise InvalidScene(
                 f"compliance falls by a factor of {fall[worst]:.3g} from mode {worst + 1} to mode "
                 f"{2 * worst + 2} along the {name}, but the solver needs one that falls by at "
@@ -189,10 +175,9 @@ def _require_gradual(values: FloatArray, grid: tuple[int, int]) -> None:
 
 
 def checked_start(start: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
-    """A start pressure as a float64 array of the grid's shape, -inf where it is exactly 0.
+    """A finite start pressure as a float64 array of the grid's shape, -inf where it is exactly 0.
 
-    A point without pressure is to stay apart: rounding of the load would else put all such points
-    into contact.  Raises InvalidScene unless the pressures are finite.
+    A point without pressure stays apart: rounding of the load would else bring it into contact.
     """
     first = array("start", start)
     if first.shape != shape or not np.isfinite(first).all():

@@ -1,10 +1,10 @@
 """Convolutions of a grid with a surface compliance, or with its inverse, by blocks of rows.
 
 One application transforms the rows; then, for each block of columns while it is in cache, it
-transforms the columns, multiplies by the symbol and transforms them back; then it transforms the
-rows back.  If a convolution is from values at listed points (the elastic set) to values at these
-points, each thread makes and reads the rows in a small buffer, and the array of modes is the only
-one of the grid's size.  A grid that is in cache as a whole is transformed in one call.
+transforms the columns, multiplies by the symbol and transforms them back; then the rows.  If a
+convolution is from values at listed points (the elastic set) to values at these points, each thread
+makes and reads the rows in a small buffer, and the array of modes is the only one of the grid's
+size.  A grid that is in cache as a whole is transformed in one call.
 
 Each transform handles a fixed block on one thread.  The library's own threads would group lines by
 the number of threads, and the last digits of a result would depend on it.
@@ -39,10 +39,9 @@ BLOCK_POINTS = 524288
 #: solve, on larger grids little, and memory.
 KEPT_POINTS = 1 << 20
 # Points are far apart if the shortest wave along their axis is this much more compliant than the
-# other's: on the half-space the spacing is then as many times the other.
+# other's.
 _OBLONG = 2.0
-# Columns beside those of a buffer: rows a power of two apart would share a part of the cache, where
-# transforms in single precision take three times as long.
+# Columns beside those of a buffer: rows a power of two apart would share a part of the cache.
 _PAD = 16
 # Fields of cells are small: smaller blocks leave work for every thread.
 _FILTER_POINTS = 65536
@@ -69,9 +68,9 @@ def through_columns(
     change: Callable[[ComplexArray, slice], ComplexArray],
     inorm: int = 0,
 ) -> None:
-    """Transform the columns of `modes`, `step` at a time, `change` them and transform them back.
+    """Transform the columns of `modes`, `step` at a time, and transform back what `change` returns.
 
-    change(block, columns) returns the modes to transform back, in the block or in another array.
+    It is called with the block and its columns.
     """
 
     def through(columns: slice) -> None:
@@ -120,14 +119,12 @@ class Symbol:
     def once(self, function: Callable[..., T], *arguments: Any) -> T:
         """function(self, *arguments), up to KEPT_POINTS computed at the first call only.
 
-        What a solver prepares for a symbol serves each of its solves: all loads of a path, and all
-        surfaces of an ensemble.
+        So it serves all loads of a path, and all surfaces of an ensemble.
         """
-        if self.shape[0] * self.shape[1] > KEPT_POINTS:
-            return function(self, *arguments)
-        if (function, *arguments) not in self._known:
-            self._known[function, *arguments] = function(self, *arguments)
-        found: T = self._known[function, *arguments]
+        key = function, *arguments
+        found: T = self._known[key] if key in self._known else function(self, *arguments)
+        if self.shape[0] * self.shape[1] <= KEPT_POINTS:
+            self._known[key] = found
         return found
 
     @classmethod
@@ -144,7 +141,7 @@ class Symbol:
 
     def shortest(self) -> float:
         """The compliance of the shortest wave along an axis, the larger of the two, in m/Pa."""
-        return float(max(self._ends()))
+        return max(self._ends())
 
     def oblong(self) -> float:
         """The compliance of the shortest wave along the second axis by that along the first.
@@ -156,11 +153,9 @@ class Symbol:
 
     def far(self) -> tuple[bool, bool]:
         """For each axis, whether the points along it are far apart beside those along the other."""
-        ratio = self.oblong()
-        return ratio < 1 / _OBLONG, ratio > _OBLONG
+        return self.oblong() < 1 / _OBLONG, self.oblong() > _OBLONG
 
     def _ends(self) -> tuple[float, float]:
-        """The compliances of the shortest waves along the first and along the second axis."""
         nx, ny = self.shape
         across = self.values[self.rows[nx // 2], 0] if nx > 1 else 0.0
         return float(across), float(self.values[self.rows[0], ny // 2])
@@ -168,7 +163,7 @@ class Symbol:
     def sampled(self, most: int) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
         """A quarter of the modes on a raster of at most `most` modes in each direction.
 
-        Returns the values, each direction's phases per point, and its weights in a mean of all.
+        Their values, and each direction's phases per point and weights in a mean of all.
         """
         at, phases, weights = [], [], []
         for n in self.shape:
@@ -199,10 +194,7 @@ class Points:
 
 
 class Convolution:
-    """Applies a symbol, times `scale`, or its inverse, and counts its pairs of transforms.
-
-    Mode zero of the symbol is taken as 0, so results have no mean.
-    """
+    """Applies a symbol, times `scale`, but 0 in mode zero, or its inverse; counts its `pairs`."""
 
     def __init__(
         self,
@@ -214,8 +206,7 @@ class Convolution:
     ) -> None:
         nx, ny = symbol.shape
         self.symbol, self.scale, self.workers = symbol, scale, workers
-        self.shape = symbol.shape
-        self.pairs = 0
+        self.shape, self.pairs = symbol.shape, 0
         self.row_step = max(1, min(nx, BLOCK_POINTS // ny))
         self.rows = ranges(nx, self.row_step)
         self._dtype = np.dtype(dtype)
@@ -245,9 +236,9 @@ class Convolution:
         other: FloatArray,
         inverse: bool = False,
     ) -> tuple[float, float]:
-        """Apply S, or its inverse, to a field that is `values` at the points and 0 elsewhere.
+        """out = S, or its inverse, of a field that is `values` at the points and 0 elsewhere.
 
-        out: the result at the points, overwritten.  Returns sum(out) and sum(out other).
+        Returns sum(out) and sum(out other).
         """
         index, values_, out_, other_ = points.split(points.index, values, out, other)
         first = [rows.start * self.shape[1] for rows in self.rows]
@@ -280,13 +271,16 @@ class Convolution:
         return buffer
 
     def _multiply(self, inverse: bool) -> None:
-        nx, ny = self.shape
-        kernel = divide_rows if inverse else multiply_rows
+        (nx, ny), symbol = self.shape, self.symbol
         factor = self._dtype.type((1 / self.scale if inverse else self.scale) / (nx * ny))
-        symbol, reals = self.symbol, self._modes.view(self._dtype)
+        reals = self._modes.view(self._dtype)
 
         def change(block: ComplexArray, columns: slice) -> ComplexArray:
-            kernel(reals, symbol.values, symbol.rows, factor, columns.start, columns.stop)
+            if inverse:
+                values = symbol.values[symbol.rows, columns]
+                block *= np.divide(factor, values, out=np.zeros_like(values), where=values > 0)
+            else:
+                multiply(reals, symbol.values, symbol.rows, factor, columns.start, columns.stop)
             if columns.start == 0:
                 block[0, 0] = 0.0
             return block
@@ -314,7 +308,7 @@ def _single(symbol: Symbol) -> tuple[Symbol, float]:
 
 
 @compiled
-def multiply_rows(modes: Any, symbol: Any, rows: Any, factor: float, start: int, stop: int) -> None:
+def multiply(modes: Any, symbol: Any, rows: Any, factor: float, start: int, stop: int) -> None:
     """modes[i] *= factor symbol[rows[i]] in a range of columns of complex numbers."""
     for i in range(modes.shape[0]):
         row = rows[i]
@@ -325,44 +319,28 @@ def multiply_rows(modes: Any, symbol: Any, rows: Any, factor: float, start: int,
 
 
 @compiled
-def divide_rows(modes: Any, symbol: Any, rows: Any, factor: float, start: int, stop: int) -> None:
-    """As `multiply_rows`, by factor / symbol; a mode without compliance becomes 0."""
-    for i in range(modes.shape[0]):
-        for j in range(start, stop):
-            s = symbol[rows[i], j]
-            weight = factor / s if s > 0 else 0.0
-            modes[i, 2 * j] *= weight
-            modes[i, 2 * j + 1] *= weight
-
-
-@compiled
 def scatter(block: Any, first: int, index: Any, values: Any) -> None:
     """block[index - first] = values, and block = 0 elsewhere."""
-    columns = block.shape[1]
     block[:] = 0.0
-    row, begin, end = 0, first, first + columns
-    for k in range(index.size):
-        if index[k] >= end:
-            row = (index[k] - first) // columns
-            begin = first + row * columns
-            end = begin + columns
-        block[row, index[k] - begin] = values[k]
+    k, begin, columns = 0, first, block.shape[1]
+    for row in block:
+        while k < index.size and index[k] < begin + columns:
+            row[index[k] - begin] = values[k]
+            k += 1
+        begin += columns
 
 
 @compiled
 def gather_dot(block: Any, first: int, index: Any, out: Any, other: Any) -> tuple[float, float]:
     """out = block[index - first]; returns sum(out) and sum(out other)."""
-    columns = block.shape[1]
-    total = 0.0
-    product = 0.0
-    row, begin, end = 0, first, first + columns
-    for k in range(index.size):
-        if index[k] >= end:
-            row = (index[k] - first) // columns
-            begin = first + row * columns
-            end = begin + columns
-        value = block[row, index[k] - begin]
-        out[k] = value
-        total += value
-        product += value * other[k]
+    total = product = 0.0
+    k, begin, columns = 0, first, block.shape[1]
+    for row in block:
+        while k < index.size and index[k] < begin + columns:
+            value = row[index[k] - begin]
+            out[k] = value
+            total += value
+            product += value * other[k]
+            k += 1
+        begin += columns
     return total, product

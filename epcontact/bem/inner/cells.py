@@ -25,32 +25,24 @@ def cells_of(symbol: Symbol) -> tuple[int, int]:
     Cells are as wide as long in units of length, not in points; they are at least three points
     wide, or one, so that a wave has its aliases on the cells' grid at other waves of the points.
     """
-    oblong = symbol.oblong()
+    (nx, ny), oblong = symbol.shape, symbol.oblong()
     wanted = CELL * min(1.0, oblong), CELL / max(1.0, oblong)
-    sides = [side if side >= 3 else 1.0 for side in wanted]
-    number = [max(1, int(n / side)) for n, side in zip(symbol.shape, sides, strict=True)]
-    if any(n > 1 and m < 2 for n, m in zip(symbol.shape, number, strict=True)):
-        return 1, 1
-    return number[0], number[1]
+    along, across = (side if side >= 3 else 1.0 for side in wanted)
+    mx, my = max(1, int(nx / along)), max(1, int(ny / across))
+    return (1, 1) if (nx > 1 and mx < 2) or (ny > 1 and my < 2) else (mx, my)
 
 
 class Cells:
-    """The cells that listed points lie in.
+    """The cells that listed points lie in; `counts` (cells,) are the points of each, as floats.
 
     Blocks of rows share the cells at their edges, so each block sums over a range of cells of
-    its own, and numbers the cells from the first one of that range.
-
-    Attributes:
-        shape: cells in each direction.
-        numbers: for each block the cell of each of its points.
-        counts: (cells,) the points of each cell, as floats.
+    its own; `numbers` are the cells of its points, counted from the first one of that range.
     """
 
     def __init__(self, convolution: Convolution, points: Points) -> None:
         self.workers, self.points = convolution.workers, points
         self.shape = cells_of(convolution.symbol)
-        nx = convolution.shape[0]
-        mx, my = self.shape
+        nx, (mx, my) = convolution.shape[0], self.shape
         self._ranges = [
             slice(rows.start * mx // nx * my, ((rows.stop - 1) * mx // nx + 1) * my)
             for rows in convolution.rows
@@ -68,8 +60,8 @@ class Cells:
     def sums(self, kernel: Callable[..., None], number: int, *arguments: Any) -> FloatArray:
         """(number, cells) sums over the points of each cell.
 
-        kernel: called for each block with the numbers of its cells, an array (number, cells of
-        the block) to fill, and the arguments.
+        The kernel gets the cells of a block's points, an array (number, cells of the block) to
+        fill, and the arguments.
         """
         parts = [np.empty((number, cells.stop - cells.start)) for cells in self._ranges]
         self.workers.each(kernel, self.numbers, parts, *arguments)
@@ -95,8 +87,7 @@ def number_cells(
 
     columns: the column of cells of each of the columns of points; nx: rows of points.
     """
-    ny = columns.size
-    mx, my = cells
+    ny, (mx, my) = columns.size, cells
     sums[:] = 0.0
     row, end, begin = -1, 0, 0
     for k in range(index.size):

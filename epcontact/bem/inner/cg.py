@@ -35,8 +35,7 @@ class InnerOperators:
         self._body = None if body is None else body.scaled(convolution.scale)
         self._split: SplitOperator | None = None
         self._single: Convolution | None = None
-        self._cheap = True
-        self._last_residual = math.inf
+        self._cheap, self._last_residual = True, math.inf
 
     @property
     def pairs(self) -> float:
@@ -48,8 +47,7 @@ class InnerOperators:
         """A cheap operator or the exact one for the next step, on the points of a masked grid.
 
         A cheap one is used while the sets change or the residual falls: the split one on few
-        elastic points, and otherwise the exact one in single precision.  Full contact is solved by
-        one exact step.
+        elastic points, otherwise single precision.  One exact step solves full contact.
         """
         if not changed and residual > 0.5 * self._last_residual:
             self._cheap = False
@@ -88,14 +86,11 @@ def conjugate_gradients(
 ) -> int:
     """Solve S_F x = r up to a constant for x of zero mean, adding to x and overwriting r.
 
-    Stops when the 2-norm of r has fallen by `reduction`, or its largest element below `floor`.
-    Returns the number of iterations.
+    Stops when the 2-norm of r has fallen by `reduction`, or its largest element below `floor`, and
+    returns the number of iterations.
     """
-    v, y = np.empty_like(r), np.empty_like(r)
-    d = np.zeros_like(r)
-    goal = reduction * math.sqrt(dot(r, r))
-    rho_old = math.inf
-    n = r.size
+    v, y, d = np.empty_like(r), np.empty_like(r), np.zeros_like(r)
+    goal, rho_old, n = reduction * math.sqrt(dot(r, r)), math.inf, r.size
     if np.abs(r).max() <= floor:
         return 0
     for k in range(200):
@@ -116,8 +111,7 @@ def conjugate_gradients(
 @compiled
 def cg_step(x: Any, r: Any, d: Any, v: Any, alpha: float, mean: float) -> tuple[float, float]:
     """x += alpha d, r -= alpha (v - mean); returns sum(r^2) and max|r|."""
-    square = 0.0
-    largest = 0.0
+    square = largest = 0.0
     for k in range(x.size):
         x[k] += alpha * d[k]
         value = r[k] - alpha * (v[k] - mean)

@@ -16,9 +16,8 @@ number of points of each cell,
     E ~ c (B + delta(c)) c,   delta(c) = 0.6 [b(square of c points) - b(cell)],
 
 B is the kernel averaged over pairs of cells, and b the mean displacement of a square under a unit
-force on it; delta is needed because contact within a cell is denser than the cell.  Neither part
-takes a transform of the fine grid; the cells' problem is solved by conjugate gradients of
-its own, or directly if it is small.
+force on it; delta is needed because contact within a cell is denser than the cell.  The cells'
+problem is solved by conjugate gradients of its own, or directly if it is small.
 """
 
 from __future__ import annotations
@@ -37,8 +36,8 @@ from epcontact.results import FloatArray
 # The factor 0.6 of delta: contacts are not squares.  0.5 to 1 took the same number of iterations.
 _DENSITY = 0.6
 _SAMPLE = 128  # modes in each direction from which the stencil and the squares are computed
-# The stencil is used if it is within this factor of 1/S on every wave up to two cells.  Otherwise
-# (some bodies and oblong grids) the preconditioner uses transforms (`cg`).
+# The stencil is used if it is within this factor of 1/S on every wave up to two cells; otherwise
+# (some bodies and oblong grids) there is no preconditioner by cells (`cg`).
 _WORST_FIT = 5.0
 _LEAST_DELTA = 0.05  # of b(square): keeps the cells' problem definite where cells are full
 # Of the residual of the cells' problem: 1e-1 takes more iterations on the points, 1e-2 as many.
@@ -50,40 +49,27 @@ _DIRECT = 96
 
 @dataclass(frozen=True, eq=False)
 class CellBody:
-    """The parts of the preconditioner that do not depend on the elastic points.
+    """The parts of the preconditioner that do not depend on the elastic points."""
 
-    Attributes:
-        taps: (3, 3) the stencil K.
-        kernel: (mx, my // 2 + 1) modes of B.
-        delta: by the number of points of a cell, from 0.
-        field: (mx, my) B from the first cell to each.
-    """
-
-    taps: FloatArray
-    kernel: FloatArray
-    delta: FloatArray
-    field: FloatArray
+    taps: FloatArray  # (3, 3) the stencil K
+    kernel: FloatArray  # (mx, my // 2 + 1) modes of B
+    delta: FloatArray  # by the number of points of a cell, from 0
+    field: FloatArray  # (mx, my) B from the first cell to each
 
     def scaled(self, scale: float) -> CellBody:
         """The cell body of the symbol times `scale`."""
-        return CellBody(
-            self.taps / scale, self.kernel * scale, self.delta * scale, self.field * scale
-        )
+        rest = (part * scale for part in (self.kernel, self.delta, self.field))
+        return CellBody(self.taps / scale, *rest)
 
 
 def cell_body(symbol: Symbol) -> CellBody | None:
-    """The cell body of a grid's symbol.
-
-    None where there are too few cells, or where no stencil is near enough to the inverse (very
-    oblong spacings, bodies unlike a half-space).
-    """
+    """The cell body of a grid's symbol; None where cells are too few, or no stencil fits."""
     cells = cells_of(symbol)
     if cells == (1, 1):
         return None
     sample, _, weights = symbol.sampled(_SAMPLE)
     sides = (symbol.shape[0] / cells[0], symbol.shape[1] / cells[1])
-    taps = _stencil(sample, sides)
-    if taps is None:
+    if (taps := _stencil(sample, sides)) is None:
         return None
     kernel = _kernel(symbol, cells)
     return CellBody(taps, kernel, _delta(sample, weights, sides), np.fft.irfft2(kernel, s=cells))
@@ -97,8 +83,7 @@ class CellPreconditioner:
         used = cells.counts > 0
         self._per_point = used / np.maximum(cells.counts, 1)
         self._delta = np.where(used, body.delta[cells.counts.astype(int)], 0.0)
-        mean = 1 / np.mean(1 / self._delta[used])
-        self._smoother = 1 / (body.kernel + mean)
+        self._smoother = 1 / (body.kernel + 1 / np.mean(1 / self._delta[used]))
         self._used = np.flatnonzero(used)
         self._inverse = self._direct() if self._used.size <= _DIRECT else None
 
@@ -113,8 +98,8 @@ class CellPreconditioner:
         masked, ny = self._masked.array.reshape(-1), self._masked.columns
         within = cells.sums(gather_stencil, 1, masked, ny, self._body.taps, index, y_)[0]
         shift = cells.split((forces - within) * self._per_point)
-        total, product = cells.workers.total(add_cells, cells.numbers, shift, y_, r_)
-        return total, product
+        found: tuple[float, float] = cells.workers.total(add_cells, cells.numbers, shift, y_, r_)
+        return found
 
     def _solve(self, mean: FloatArray) -> FloatArray:
         """The cells' forces that give them the mean displacements `mean`, (B + delta) y = mean."""
@@ -164,8 +149,7 @@ def _stencil(sample: FloatArray, sides: tuple[float, float]) -> FloatArray | Non
     wanted = (np.hypot(x * sides[0], y * sides[1]) >= np.pi) & (sample > 0)
     columns = np.stack([part[wanted] * sample[wanted] for part in parts], axis=1)
     found = np.linalg.lstsq(columns, np.ones(len(columns)))[0]
-    ratio = columns @ found
-    symbol = sum(c * part for c, part in zip(found, parts, strict=True))
+    ratio, symbol = columns @ found, sum(c * part for c, part in zip(found, parts, strict=True))
     if ratio.max() > _WORST_FIT or ratio.min() < 1 / _WORST_FIT or np.min(symbol) <= 0:
         return None
     centre, along, across, corner = (*found, 0.0, 0.0)[:4]
@@ -205,7 +189,7 @@ def _delta(sample: FloatArray, weights: list[FloatArray], sides: tuple[float, fl
         across = _box(y, b[:, None]) ** 2 * weights[1]
         return np.asarray(np.sum((along @ sample) * across, axis=1))
 
-    # Patches of so many points each, which are no narrower than a point.
+    # Patches of so many points each, no narrower than a point.
     most = int(np.ceil(sides[0]) * np.ceil(sides[1]))
     number = np.unique(np.rint(np.geomspace(1, most, _PATCHES)))
     share = np.sqrt(number / (sides[0] * sides[1]))
@@ -231,8 +215,7 @@ def gather_stencil(
 
     flat: the masked grid, of ny columns and their halo, in one dimension.
     """
-    width = ny + LEFT + RIGHT
-    size = flat.size
+    width, size = ny + LEFT + RIGHT, flat.size
     centre, along, across, corner = taps[1, 1], taps[1, 2], taps[2, 1], taps[2, 2]
     sums[:] = 0.0
     row, end = -1, 0
@@ -256,8 +239,7 @@ def gather_stencil(
 @compiled
 def add_cells(cell: Any, shift: Any, out: Any, other: Any) -> tuple[float, float]:
     """out += shift[cell]; returns sum(out) and sum(out other)."""
-    total = 0.0
-    product = 0.0
+    total = product = 0.0
     for k in range(cell.size):
         value = out[k] + shift[cell[k]]
         out[k] = value

@@ -25,20 +25,18 @@ from epcontact.results import FloatArray
 
 _WIDTH = 2.0  # a: a larger one lowers the alias of the interpolation, but the stencil grows
 _SAMPLE = 128  # modes in each direction from which the stencil is computed
-# Smaller grids, and more elastic points, are faster by transforms in single precision.  Grids from
-# the second size on are not in cache, where transforms are slower and the stencil is not.
+# Smaller grids, and larger shares of elastic points, are faster by transforms in single precision.
+# From the second size on, where grids are not in cache, transforms are slower.
 _FEWEST, _LARGE = 64, 1 << 20
 _MOST_ELASTIC = 0.06, 0.15
-#: Grid points that a stencil reaches to each side, the number of points that it handles at once (a
-#: register of single precision), and columns that a masked grid repeats on its left and right.
+#: Grid points that a stencil reaches to each side, points that it handles at once (a register of
+#: single precision), and columns that a masked grid repeats on its left and right.
 REACH, RUN = 3, 16
 LEFT, RIGHT = REACH, RUN + REACH
 # Weights of the cubic through four coarse points in their middle: -FAR, NEAR, NEAR, -FAR.
 _NEAR, _FAR = np.float32(9 / 16), np.float32(1 / 16)
-# Unsigned indices cannot count from the end, so a loop over them needs no test that would keep it
-# from vectorising.
-_UINT = np.uint64
-_RUN = np.uint64(RUN)
+# Unsigned indices need no test for a negative one that would keep a loop from vectorising.
+_UINT, _RUN = np.uint64, np.uint64(RUN)
 # Compiled with what calls it: of functions of their own, kernels that are loaded would round
 # differently from those just compiled.
 inlined = numba.njit(inline="always")
@@ -57,11 +55,8 @@ def split_pays(symbol: Symbol, elastic: int) -> bool:
 class MaskedGrid:
     """A grid in single precision that is 0 except at listed points, the same ones for ever.
 
-    Attributes:
-        points: the points.
-        columns: ny.
-        array: (nx, LEFT + ny + RIGHT), the columns at its sides repeated; in the memory of `field`
-            (nx, ny), which is in double precision, unless this is too narrow.
+    `array` (nx, LEFT + ny + RIGHT), with the columns at its sides repeated, is in the memory of
+    `field` (nx, ny), which is in double precision, unless this is too narrow.
     """
 
     def __init__(self, points: Points, field: FloatArray, workers: Workers) -> None:
@@ -188,8 +183,7 @@ def gather_split(
     """
     nx, ny = fine.shape[0], fine.shape[1] - LEFT - RIGHT
     near = np.empty(RUN, dtype=np.float32)
-    total = product = 0.0
-    k = 0
+    total, product, k = 0.0, 0.0, 0
     while k < index.size:
         i = index[k] // ny
         first = index[k] - i * ny
