@@ -5,20 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from epcontact import bem
 from epcontact.bem.areas.distribution import (
     end_fits,
     extrapolated,
     graded_pressures,
     pressure_distribution,
 )
-from epcontact.bem.areas.rim_correction import estimate_areas
-from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import InvalidScene
-from epcontact.reference import waves
 from epcontact.results import Areas
-from epcontact.scene import SelfAffineSpectrum
-from epcontact.surfaces import SelfAffine
 
 #: 30 % apart, 20 % plastic at 3.0, the rest with P ~ sigma.
 EXACT = Areas(0.7, 0.5, 0.2)
@@ -97,48 +91,3 @@ def test_bad_input(random_pressures):
     for points, values in (([4], [1.0]), ([4, 4], [1.0, 2.0]), ([4, 8], [1.0])):
         with pytest.raises(InvalidScene, match="two values"):
             extrapolated(points, values)
-
-
-def solved(heights, load, hardness=math.inf):
-    """Pressure, and (raw, corrected) areas."""
-    q = rfft_wavenumbers(heights.shape, (1.0,) * heights.ndim)
-    q.flat[0] = np.inf
-    options = bem.Options(tolerance=1e-7)
-    found = bem.solve_pressure(heights, 2 / q, load, hardness, options=options)
-    spacing = [1 / n for n in heights.shape]
-    areas = estimate_areas(found.pressure, found.gap(heights), hardness, spacing, 1.0)
-    return found.pressure, areas[:2]
-
-
-def test_slope_of_a_sinusoidal_line():
-    """p = 2 p* cos(psi) sqrt(s - sin^2 psi): P(sigma) -> sigma (2/pi)/(p*^2 4 sqrt s (1-s)^1.5)."""
-    n, load, window = 2048, 0.4, 0.15 * math.pi
-    p, areas = solved(np.cos(2 * np.pi * (np.arange(n) + 0.3) / n), load * math.pi)
-    total, exact = areas[0].total, waves.line_contact_fraction(load)
-    assert total == pytest.approx(exact, abs=1 / n)
-    low, _ = end_fits(p, math.inf, window, areas)
-    # x(p) of the pressure itself, over the same window.
-    x = np.linspace(0, 0.5, 400_001)
-    share = 2 * np.mean((waves.line_pressure(x, load) * math.pi <= window) & (x <= total / 2))
-    inside = 2 * (share * 0.5 - (total - exact)) / window**2
-    first = 2 / math.pi / (4 * math.pi**2 * math.sqrt(load) * (1 - load) ** 1.5)
-    assert (inside, first) == pytest.approx((low.continuum_slope,) * 2, rel=0.05)
-
-
-@pytest.mark.long
-def test_the_density_vanishes_at_both_ends():
-    """Raw P(0+) and P(hardness-) fall as the root of the spacing; their limit is zero."""
-    points, hardness, high = (4, 8, 16, 32), 0.6, 32
-    spectrum, found = SelfAffineSpectrum(0.8, 2 * np.pi, 8 * np.pi, 2 * np.pi * high, 1.0), []
-    for k in points:
-        surface = SelfAffine(spectrum, (1.0, 1.0), (k * high,) * 2, 12).build()
-        p, areas = solved(surface.heights, 0.15, hardness)
-        found.append(end_fits(p, hardness, 0.2 * hardness, areas))
-    for densities in np.array([[fit.density for fit in pair] for pair in found]).T:
-        limit, error = extrapolated(points, densities, 0.5)
-        assert densities[0] > 1.7 * densities[-1]
-        # A tenth of the coarsest: one surface, a window of a fifth of the hardness.
-        assert abs(limit) < max(3 * error, 0.1 * densities[0])
-    # The slope is the same from 8 points a wavelength on.
-    slopes = [low.continuum_slope for low, _ in found]
-    assert slopes[1] == pytest.approx(slopes[-1], rel=0.1)

@@ -1,7 +1,5 @@
 """The surface compliance of each body, its limits and its independence of scale."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -28,21 +26,14 @@ def test_layer_agrees_with_the_plane_strain_solve(kind, nu):
 
 
 @pytest.mark.parametrize("nu", RATIOS)
-def test_long_waves_see_the_uniform_layer(nu):
-    material = Material(E, nu)
-    q = np.array([1e-7, 1e-5]) / DEPTH
-    bonded = surface_compliance(q, Body("bonded_layer", DEPTH), material)
-    sliding = surface_compliance(q, Body("sliding_layer", DEPTH), material)
+def test_long_waves_see_the_uniform_layer_and_the_mean_uniaxial_strain(nu):
+    material, q = Material(E, nu), np.array([0.0, 1e-7, 1e-5]) / DEPTH
+    bonded, sliding = (surface_compliance(q, Body(kind, DEPTH), material) for kind in LAYERS)
+    uniform = DEPTH / oedometric_modulus(material)
+    assert bonded[0] == sliding[0] == pytest.approx(uniform, rel=1e-15)
     # The next term of either series is (q d)^2 times up to about (1 - 2 nu)^-2 = 2.5e5.
-    np.testing.assert_allclose(bonded, DEPTH / oedometric_modulus(material), rtol=1e-4)
-    np.testing.assert_allclose(sliding, DEPTH / effective_modulus(material), rtol=1e-9)
-
-
-@pytest.mark.parametrize("kind", LAYERS)
-def test_mean_mode_is_uniaxial_strain(kind):
-    material = Material(E, 0.3)
-    mean = surface_compliance(np.zeros(1), Body(kind, DEPTH), material)[0]
-    assert mean == pytest.approx(DEPTH / oedometric_modulus(material), rel=1e-15)
+    np.testing.assert_allclose(bonded, uniform, rtol=1e-4)
+    np.testing.assert_allclose(sliding[1:], DEPTH / effective_modulus(material), rtol=1e-9)
 
 
 @pytest.mark.parametrize("kind", LAYERS)
@@ -71,7 +62,7 @@ def test_half_space_leaves_out_the_mean():
     assert c.tolist() == [0.0, pytest.approx((1 - 0.3**2) / E, rel=1e-15)]
 
 
-@pytest.mark.parametrize("shape", [(8, 6), (7, 6), (8, 5), (5, 9)])
+@pytest.mark.parametrize("shape", [(8, 6), (7, 6), (5, 9)])
 def test_quarter_holds_every_mode(shape):
     periods = (3e-4, 1e-4)
     material, body = Material(E, 0.2), Body("bonded_layer", DEPTH)
@@ -79,8 +70,3 @@ def test_quarter_holds_every_mode(shape):
     quarter = quarter_compliance(shape, periods, body, material)
     rows = np.minimum(np.arange(shape[0]), shape[0] - np.arange(shape[0]))
     np.testing.assert_array_equal(full, quarter[rows])
-
-
-def test_wavenumbers_of_a_line():
-    q = rfft_wavenumbers((6,), (2e-4,))
-    np.testing.assert_allclose(q, 2 * math.pi / 2e-4 * np.arange(4), rtol=1e-15)

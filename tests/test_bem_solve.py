@@ -1,4 +1,4 @@
-"""The capped contact problem by boundary elements: closed forms, exact properties, all scenes."""
+"""The capped contact problem by boundary elements: exact properties, few transforms, all scenes."""
 
 import itertools
 import math
@@ -11,7 +11,6 @@ from epcontact.bem import Options, solve_pressure
 from epcontact.bem.baselines import BASELINES
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
-from epcontact.reference import bumps, waves
 from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
@@ -24,6 +23,7 @@ PERIOD = 2 * math.pi / 2.5e4
 HARDNESS = 0.6 * E
 LOAD = 0.05 * E
 CAPS = pytest.mark.parametrize("hardness", [HARDNESS, math.inf])
+BONDED = Body("bonded_layer", 1e-5)
 
 
 def rough(shape=(64, 64), seed=7, points=4.0, slope=1.0) -> np.ndarray:
@@ -33,7 +33,6 @@ def rough(shape=(64, 64), seed=7, points=4.0, slope=1.0) -> np.ndarray:
 
 
 def scene(heights, load=LOAD, hardness=HARDNESS, body=None, periods=None, nu=0.0) -> Scene:
-    heights = np.asarray(heights)
     surface = Surface(heights, periods or (PERIOD,) * heights.ndim)
     return Scene(surface, Material(E, nu, hardness), Load(load), body or Body())
 
@@ -67,44 +66,8 @@ def require_same(result, other, tolerance=1e-6 * E):
     assert np.abs(result.fields["pressure"] - other.fields["pressure"]).max() < tolerance
 
 
-# Closed forms ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("load", [0.02, 0.3, 0.9])
-def test_westergaard_line(load):
-    """Contact within a point, the pressure to first order in the grid spacing."""
-    errors, complete = [], waves.line_complete_pressure(1e-6, PERIOD, E)
-    for n in (128, 512, 2048):
-        x = np.arange(n) / n
-        result = solve(1e-6 * np.cos(2 * np.pi * x), load * complete, math.inf)
-        exact = waves.line_contact_fraction(load)
-        assert abs(result.final.areas["raw"].total - exact) <= 2 / n
-        error = result.fields["pressure"] / complete - waves.line_pressure(x, load)
-        errors.append(np.abs(error).mean() / load)
-        gap = result.final.quantities["mean_gap"] / 1e-6
-        assert gap == pytest.approx(waves.line_mean_gap(load), abs=4 / n)
-    # The rim lies a fixed fraction of the spacing off, so the mean error is of order 1; the
-    # phase of the grid at the rim scatters it.
-    assert np.log(errors[0] / errors[-1]) / np.log(16) > 0.9
-    assert errors[-1] < 2e-3
-
-
-def test_hertz_on_a_periodic_grid():
-    n, radius = 256, 1e-3
-    x = (np.arange(n) / n - 0.5) * PERIOD
-    force = bumps.sphere_force(0.1 * PERIOD, radius, E)
-    result = solve(-(x[:, None] ** 2 + x**2) / (2 * radius), force / PERIOD**2, math.inf)
-    exact = bumps.sphere_contact_radius_periodic(force, radius, E, PERIOD)
-    # 26 points across the radius: counting points errs by about a tenth of one point of radius.
-    area = result.final.areas["raw"].total * PERIOD**2
-    assert area == pytest.approx(math.pi * exact**2, rel=0.02)
-    peak = 1.5 * force / (math.pi * exact**2)
-    # The images only add curvature, to first order: what is left is of the order (a/L)^5.
-    assert result.fields["pressure"].max() == pytest.approx(peak, rel=5e-3)
-
-
 @pytest.mark.parametrize("shape", [(64, 64), (33, 48), (101,)])
-@pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 1e-5), Body("sliding_layer", 1e-5)])
+@pytest.mark.parametrize("body", [Body(), BONDED, Body("sliding_layer", 1e-5)])
 def test_full_contact_is_linear(shape, body):
     heights, compliance = rough(shape, points=8, slope=0.01), compliance_of(shape, body)
     result = solve(heights, E, math.inf, body)
@@ -112,33 +75,7 @@ def test_full_contact_is_linear(shape, body):
     modes = np.fft.rfftn(heights) / compliance
     modes.flat[0] = E * heights.size
     exact = np.fft.irfftn(modes, s=shape, axes=range(len(shape)))
-    assert result.final.areas["raw"].total == 1
     assert np.abs(result.fields["pressure"] - exact).max() < 1e-9 * E
-
-
-def test_soft_body_is_the_bearing_area():
-    """With hardness << E* xi the highest points are plastic and the others apart."""
-    heights = rough()
-    result = solve(heights, 1e-6 * E * 0.3, 1e-6 * E)
-    highest = heights > np.sort(heights.reshape(-1))[round(0.7 * heights.size)]
-    # Where the load fills no whole number of points, some share one; deformation of order
-    # hardness/(E* xi) = 1e-6 may swap neighbours in height.
-    assert np.count_nonzero((result.fields["state"] == PLASTIC) != highest) <= 4
-    assert result.final.areas["raw"].plastic == pytest.approx(0.3, abs=2 / heights.size)
-
-
-def test_flat_surfaces_share_the_load_and_layers_are_compressed():
-    for body in (Body(), Body("bonded_layer", 1e-5)):
-        result = solve(np.full((16, 20), 0.3), body=body, nu=0.3)
-        np.testing.assert_allclose(result.fields["pressure"], LOAD, rtol=1e-14)
-        assert result.final.areas["raw"].elastic == 1
-    modulus = E * (1 - 0.3) / ((1 + 0.3) * (1 - 2 * 0.3))
-    np.testing.assert_allclose(result.fields["displacement"], LOAD * 1e-5 / modulus, rtol=1e-12)
-    energy = result.final.quantities["elastic_energy"]
-    assert energy == pytest.approx(LOAD**2 * 1e-5 / modulus / 2, rel=1e-12)
-
-
-# Exact properties ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("share", [0.08, 0.5, 0.97])
@@ -175,9 +112,7 @@ def test_what_moves_the_surface_moves_the_pressure_and_no_more():
 def test_a_cap_that_is_not_reached_and_any_start_change_nothing():
     heights = rough()
     elastic = solve(heights, hardness=math.inf)
-    capped = solve(heights, hardness=10 * elastic.fields["pressure"].max())
-    require_same(elastic, capped)
-    assert capped.final.areas["raw"].plastic == 0
+    require_same(elastic, solve(heights, hardness=10 * elastic.fields["pressure"].max()))
     reference, rng = solve(heights), np.random.default_rng(3)
     spikes = np.where(rng.random(heights.shape) > 0.9, 1e9 * E, -1.0)
     for start in (np.zeros_like(heights), rng.random(heights.shape) * E, spikes):
@@ -196,23 +131,11 @@ def test_same_call_same_bits_whatever_the_threads(shape):
         assert first.final.residuals == other.final.residuals
 
 
-def test_load_path_is_a_sequence_of_independent_solves():
-    heights, path = rough(), (0.2 * LOAD, 0.9 * LOAD, LOAD)
-    together = bem.solve(scene(heights, path), tolerance=1e-9, threads=1)
-    assert [step.mean_pressure for step in together.steps] == list(path)
-    alone = [solve(heights, load) for load in path]
-    for step, single in zip(together.steps, alone, strict=True):
-        assert step.areas["raw"] == single.final.areas["raw"]
-    require_same(together, alone[-1])
-    areas = [step.areas["raw"].total for step in together.steps]
-    assert areas == sorted(areas)
-
-
 def test_given_compliances_and_plain_arrays():
-    heights, layer = rough((48, 64)), Body("bonded_layer", 2e-5)
-    compliance = compliance_of(heights.shape, layer)
+    heights = rough((48, 64))
+    compliance = compliance_of(heights.shape, BONDED)
     given = bem.solve(scene(heights), compliance=compliance, tolerance=1e-9, threads=1)
-    own = solve(heights, body=layer)
+    own = solve(heights, body=BONDED)
     require_same(given, own)
     assert np.abs(own.fields["pressure"] - solve(heights).fields["pressure"]).max() > 0.01 * E
     copy, options = heights.copy(), Options(tolerance=1e-9)
@@ -242,42 +165,6 @@ def test_classic_methods_find_the_same_minimum(method, hardness, shape):
     assert max(caught.value.residuals.values()) > 1e-8
 
 
-# Results ---------------------------------------------------------------------------------------
-
-
-def test_result_holds_together():
-    heights = rough()
-    result = solve(heights)
-    p, g, u = (result.fields[name] for name in ("pressure", "gap", "displacement"))
-    raw, quantities = result.final.areas["raw"], result.final.quantities
-    assert (raw.total, raw.plastic) == (np.mean(p > 0), np.mean(p == HARDNESS))
-    assert quantities["mean_separation"] == pytest.approx(g.mean(), rel=1e-12)
-    open_and_flowed = quantities["mean_gap"] - quantities["mean_plastic_displacement"]
-    assert open_and_flowed == pytest.approx(g.mean(), rel=1e-7)
-    assert quantities["elastic_energy"] == pytest.approx((p * u).mean() / 2, rel=1e-12)
-    distribution = result.distribution
-    assert distribution is not None
-    assert distribution.cumulative[-1] == pytest.approx(raw.elastic, abs=1e-15)
-    assert distribution.plastic == raw.plastic
-    # The ends are resolved: intervals there are small beside those of one width.
-    assert np.diff(distribution.pressure)[[0, -1]].max() < 1e-2 * HARDNESS / 1024
-    between = np.mean((p > 0) & (p <= distribution.pressure[512]))
-    assert distribution.cumulative[512] == pytest.approx(between, abs=1e-15)
-    assert np.ptp(g + heights - u) < 1e-12 * np.ptp(heights)
-    assert ContactResult.from_json(result.to_json()).final.areas["raw"] == raw
-
-
-def test_energy_is_the_work_of_the_load():
-    """Elastic: dU = p0 d(-separation), by the trapezoidal rule along a path."""
-    loads = np.geomspace(0.01, 0.4, 81) * E
-    path = bem.solve(scene(rough((48, 48), points=8), tuple(loads), math.inf), threads=1)
-    energy = np.array([step.quantities["elastic_energy"] for step in path.steps])
-    separation = np.array([step.quantities["mean_separation"] for step in path.steps])
-    work = -np.sum((loads[1:] + loads[:-1]) / 2 * np.diff(separation))
-    # The rule's error falls with the square of the step, ln(40)/80: about 2e-4 of the work.
-    assert energy[-1] - energy[0] == pytest.approx(work, rel=1e-3)
-
-
 @CAPS
 @pytest.mark.parametrize("points", [4, 16])
 def test_area_tolerance_ends_sooner_with_the_same_areas(points, hardness):
@@ -291,8 +178,8 @@ def test_area_tolerance_ends_sooner_with_the_same_areas(points, hardness):
 
 
 def test_without_elastic_points_the_offset_lies_midway_whatever_the_rounding():
-    # Twenty of forty points carry all of the load at the cap; the order of the sums must not
-    # leave one of them, or of the others, a rounding error between its bounds.
+    """Twenty of forty points carry all of the load at the cap; the order of the sums must not
+    leave one of them, or of the others, a rounding error between its bounds."""
     q = 2 * np.pi * np.arange(21) / 40
     q[0] = np.inf
     found = 0
@@ -307,49 +194,55 @@ def test_without_elastic_points_the_offset_lies_midway_whatever_the_rounding():
     assert found > 40
 
 
-# Few transforms: counts, not seconds -------------------------------------------------------------
+def require_solved(heights, load, hardness=math.inf, body=None, nu=0.0, periods=None):
+    """The residuals again, from the fields, with the largest count that the map has shown."""
+    periods = periods or tuple(PERIOD * n / max(heights.shape) for n in heights.shape)
+    result = bem.solve(scene(heights, load, hardness, body, periods, nu), threads=1)
+    assert max(result.final.residuals.values()) <= 1e-8
+    require_kkt(result, hardness)
+    # The worst of some two thousand scenes took 360 pairs, a line of white noise.
+    assert result.cost["equivalent_fft_pairs"] < 1000
+    return result
 
 
 @CAPS
 def test_finest_grid_sees_few_transforms_whatever_the_roughness(hardness):
     """7 to 9 and 16 to 25 were measured; 16 times as many wavelengths take the same work."""
     for points in (4, 8, 16):
-        result = bem.solve(scene(rough((256, 256), points=points), hardness=hardness), threads=1)
+        result = require_solved(rough((256, 256), points=points), LOAD, hardness)
         assert result.cost["fft_pairs"] <= 11
         assert result.cost["equivalent_fft_pairs"] <= 28
-    found = [bem.solve(scene(rough((n, n)), hardness=hardness), threads=1) for n in (128, 512)]
+    found = [require_solved(rough((n, n)), LOAD, hardness) for n in (128, 512)]
     assert not found[0].notes + found[1].notes
     assert found[1].cost["fft_pairs"] <= found[0].cost["fft_pairs"] + 1
 
 
-@pytest.mark.parametrize(
-    ("heights", "load", "hardness", "pairs", "equivalent"),
-    [
-        (rough((243, 243)), 0.05, 0.6, 12, 40),  # 9 measured
-        (rough((251, 180)), 0.05, math.inf, 12, 40),  # 9
-        (rough((256, 256)), 1.5, math.inf, 15, 40),  # 8, 99.9 % of the points elastic
-        (rough((256, 256)), 0.42, math.inf, 15, 50),  # two thirds of the points in contact
-        (rough((20011,)), 0.05, 0.6, 45, math.inf),
-        # They took 415 where a direction of fewer than 64 points had no cells; 60 to 90 since.
-        (rough((1024, 1024))[:32], 0.05, 0.6, math.inf, 130),
-    ],
-    ids=["odd", "even", "full", "dense", "line", "thin"],
-)
-def test_awkward_grids_and_loads_take_as_few(heights, load, hardness, pairs, equivalent):
-    periods = tuple(PERIOD * n / max(heights.shape) for n in heights.shape)
-    result = bem.solve(scene(heights, load * E, hardness * E, periods=periods), threads=1)
-    require_kkt(result, hardness * E)
+def noise(shape):
+    return np.random.default_rng(1).standard_normal(shape) * PERIOD / 1000
+
+
+#: Heights, load, hardness, periods, most pairs and equivalent pairs; the numbers measured.
+AWKWARD = {
+    "odd": (rough((243, 243)), 0.05, 0.6, None, 12, 40),  # 9
+    "even": (rough((251, 180)), 0.05, math.inf, None, 12, 40),  # 9
+    "full": (rough((256, 256)), 1.5, math.inf, None, 15, 40),  # 8, 99.9 % of the points elastic
+    "dense": (rough((256, 256)), 0.42, math.inf, None, 15, 50),  # two thirds in contact
+    "line": (rough((20011,)), 0.05, 0.6, None, 45, math.inf),
+    # They took 415 where a direction of fewer than 64 points had no cells; 60 to 90 since.
+    "thin": (rough((1024, 1024))[:32], 0.05, 0.6, None, math.inf, 130),
+    "rows far apart": (rough((256, 256), 5, 16), 0.01, 0.6, (10 * PERIOD, PERIOD), 20, 1000),
+    "rows close": (rough((256, 256), 5, 16), 0.01, 0.6, (PERIOD, 30 * PERIOD), 20, 1000),
+    "light noise": (noise((256, 256)), 0.03, math.inf, None, 15, 1000),  # 11
+    "noise": (noise((256, 256)), 0.5, math.inf, None, 15, 1000),  # 10
+}
+
+
+@pytest.mark.parametrize("name", AWKWARD)
+def test_awkward_grids_and_loads_take_as_few(name):
+    heights, load, hardness, periods, pairs, equivalent = AWKWARD[name]
+    result = require_solved(heights, load * E, hardness * E, periods=periods)
     assert result.cost["fft_pairs"] <= pairs
     assert result.cost["equivalent_fft_pairs"] <= equivalent
-
-
-@pytest.mark.parametrize("ratio", [10, 1 / 30])
-def test_oblong_spacings_take_few_transforms(ratio):
-    """Rows that are 10 times as far apart as the points along them, and 30 times as near."""
-    periods = (PERIOD * max(1, ratio), PERIOD * max(1, 1 / ratio))
-    heights = rough((256, 256), 5, 16)
-    result = bem.solve(scene(heights, 0.01 * E, periods=periods), threads=1)
-    assert result.cost["fft_pairs"] <= 20
 
 
 @pytest.mark.parametrize("body", [Body(), Body("bonded_layer", PERIOD / 25600)])
@@ -363,50 +256,30 @@ def test_almost_rigid_bodies_take_no_more_steps_than_others(body, hardness):
         assert result.final.iterations["newton"] <= 20  # 10 measured
 
 
-# The solver is never lost ------------------------------------------------------------------------
-
-
-def require_solved(heights, load, hardness, body=None, nu=0.0):
-    """The residuals again, from the fields, with the largest count that the map has shown."""
-    shape = heights.shape
-    periods = tuple(PERIOD * n / max(shape) for n in shape)
-    result = bem.solve(scene(heights, load, hardness, body, periods, nu), threads=1)
-    assert max(result.final.residuals.values()) <= 1e-8
-    require_kkt(result, hardness)
-    # The worst of some two thousand scenes took 360 pairs, a line of white noise.
-    assert result.cost["equivalent_fft_pairs"] < 1000
-    return result
-
-
-HARDNESSES = (1e-3, 1e-2, 0.1, 0.6, 3.0, 30.0)
-SHARES = (1e-4, 0.01, 0.1, 0.5, 0.9, 0.99)
-ELASTIC_LOADS = (1e-6, 1e-3, 0.05, 0.3, 1.0, 3.0, 1e3, 1e8)
-
-
 @pytest.mark.parametrize("points", [2.2, 4, 16])
 @pytest.mark.parametrize(
     "shape", [(64, 64), (256,), pytest.param((128, 128), marks=pytest.mark.long)]
 )
 def test_map_of_loads_and_hardnesses(shape, points):
-    heights = rough(shape, 3, points)
-    for hardness, share in itertools.product(HARDNESSES, SHARES):
+    heights, shares = rough(shape, 3, points), (1e-4, 0.01, 0.1, 0.5, 0.9, 0.99)
+    for hardness, share in itertools.product((1e-3, 1e-2, 0.1, 0.6, 3.0, 30.0), shares):
         require_solved(heights, share * hardness * E, hardness * E)
-    for load in ELASTIC_LOADS:
-        require_solved(heights, load * E, math.inf)
+    for load in (1e-6, 1e-3, 0.05, 0.3, 1.0, 3.0, 1e3, 1e8):
+        require_solved(heights, load * E)
 
 
 def surfaces(shape):
     axes = np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij")
     square = sum((x - 0.5) ** 2 for x in axes)
-    rng, unit = np.random.default_rng(1), PERIOD / 100
+    unit = PERIOD / 100
     return {
         "flat": np.ones(shape),
         "mode": unit * np.cos(2 * np.pi * axes[0]),
         "modes": unit * sum(np.cos(2 * np.pi * x) for x in axes),
         "sphere": -square * PERIOD / 10,
         "cone": -np.sqrt(square) * PERIOD / 10,
-        "noise": rng.standard_normal(shape) * unit / 10,
-        "ties": np.floor(rng.random(shape) * 3) * unit / 10,
+        "noise": noise(shape),
+        "ties": np.floor(np.random.default_rng(1).random(shape) * 3) * unit / 10,
         "plateau": np.where(square < 0.05, unit / 10, 0.0),
         "pit": np.where(square < 0.05, -unit / 10, 0.0),
         "spike": np.where(square == square.min(), unit, 0.0),
@@ -427,36 +300,26 @@ def test_every_kind_of_surface_and_grid(shape):
     for heights in surfaces(shape).values():
         scale = rms_slope(heights) * E
         for load in (1e-3, 0.1, 2.0):
-            require_solved(heights, load * scale, math.inf)
+            require_solved(heights, load * scale)
         for hardness, share in itertools.product((3e-3, 0.3, 5.0), (1e-2, 0.5, 0.99)):
             require_solved(heights, share * hardness * scale, hardness * scale)
 
 
-@pytest.mark.parametrize("load", [0.1, 0.5, 1.5])
-def test_white_noise_takes_few_transforms(load):
-    heights = surfaces((256, 256))["noise"]
-    result = require_solved(heights, load * rms_slope(heights) * E, math.inf)
-    assert result.cost["fft_pairs"] <= 15  # 11, 10 and 10 measured
-
-
 def test_energy_steps_are_reported_where_newton_fails():
     """A line of white noise near the middle of its load range makes plain steps overshoot."""
-    heights = surfaces((512,))["noise"]
+    heights = noise((512,))
     hardness = 0.3 * rms_slope(heights) * E
     result = require_solved(heights, 0.5 * hardness, hardness)
     assert any("would have raised the energy" in note for note in result.notes)
 
 
 @pytest.mark.parametrize("nu", [-0.9, 0.0, 0.3, 0.499])
-@pytest.mark.parametrize(
-    ("kind", "depth"),
-    [("bonded_layer", 1 / 5000), ("bonded_layer", 1 / 50), ("sliding_layer", 1 / 50),
-     ("sliding_layer", 5)],
-)  # fmt: skip
-def test_every_body(kind, depth, nu):
-    heights = rough((64, 64), 3)
+@pytest.mark.parametrize("layer", [("bonded", 2e-4), ("bonded", 2e-2), ("sliding", 2e-2)])
+def test_every_body(layer, nu):
+    kind, depth = layer
     for hardness, load in ((math.inf, 0.05), (0.6, 0.05), (0.6, 0.5), (math.inf, 3.0)):
-        require_solved(heights, load * E, hardness * E, Body(kind, depth * PERIOD), nu)
+        body = Body(f"{kind}_layer", depth * PERIOD)
+        require_solved(rough((64, 64), 3), load * E, hardness * E, body, nu)
 
 
 @pytest.mark.parametrize("length", [1e-20, 1e-33])
@@ -464,9 +327,8 @@ def test_lengths_below_those_of_atoms(length):
     """Stiffnesses a point beyond single precision, in which the cheap operators work."""
     heights = length * rough() / PERIOD
     result = bem.solve(scene(heights, 1e-4 * LOAD, periods=(length, length)), threads=1)
-    g, state = result.fields["gap"], result.fields["state"]
-    assert np.abs(g[state == ELASTIC]).max() <= 1e-8 * np.std(heights)
-    assert max(result.final.residuals.values()) <= 1e-8
+    elastic = result.fields["gap"][result.fields["state"] == ELASTIC]
+    assert np.abs(elastic).max() <= 1e-8 * np.std(heights)
 
 
 @pytest.mark.parametrize("power", [1.5, 0.5, 0.0, -1.0])
@@ -479,16 +341,6 @@ def test_any_gradual_compliance_converges(power):
     for steep in (q**-4.0, np.exp(-5 * q)):
         with pytest.raises(InvalidScene, match=r"falls by a factor of .* along the first axis"):
             solve_pressure(rough(seed=3) / PERIOD, steep, 0.05)
-
-
-# Refusals --------------------------------------------------------------------------------------
-
-
-def test_unconverged_raises_with_its_residuals():
-    with pytest.raises(NotConverged, match="did not reach") as caught:
-        bem.solve(scene(rough()), max_steps=1, threads=1)
-    assert caught.value.residuals["gap_elastic"] > 1e-8
-    assert len(caught.value.history) == 2
 
 
 @pytest.mark.parametrize(
@@ -514,12 +366,14 @@ def test_wrong_options_are_refused(options, message):
         bem.solve(scene(rough()), **options)
 
 
-def test_plain_arrays_and_memory_are_checked(monkeypatch):
-    ones = np.ones((8, 5))
+def test_plain_arrays_steps_and_memory_are_checked(monkeypatch):
     with pytest.raises(InvalidScene, match="finite"):
-        solve_pressure(np.full((8, 8), np.inf), ones, 1.0)
+        solve_pressure(np.full((8, 8), np.inf), np.ones((8, 5)), 1.0)
     with pytest.raises(InvalidScene, match="between 0 and the hardness"):
-        solve_pressure(np.zeros((8, 8)), ones, 2.0, 1.0)
+        solve_pressure(np.zeros((8, 8)), np.ones((8, 5)), 2.0, 1.0)
+    with pytest.raises(NotConverged, match="did not reach") as caught:
+        bem.solve(scene(rough()), max_steps=1, threads=1)
+    assert caught.value.residuals["gap_elastic"] > 1e-8
     monkeypatch.setattr("epcontact.bem.memory.available_memory", lambda: 1000)
     with pytest.raises(NotEnoughMemory, match="64 x 64 needs about"):
         bem.solve(scene(rough()))
