@@ -5,13 +5,13 @@ import pytest
 
 from epcontact.bem import transforms as tr
 from epcontact.bem.bounds import project
-from epcontact.bem.cascade import coarsened_heights, interpolated
 from epcontact.bem.inner import split
 from epcontact.bem.inner.cells import CELL, Cells, number_cells
 from epcontact.bem.inner.cg import conjugate_gradients
 from epcontact.bem.inner.preconditioner import CellPreconditioner, cell_body
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.newton import collect
+from epcontact.bem.solver import coarsened_heights, interpolated
 from epcontact.bem.workers import Workers
 from epcontact.scene import Body, Material
 

@@ -25,7 +25,7 @@ FLOORS = (
 #: in its commit why the room grows.
 LINES = {
     "epcontact": 110,
-    "epcontact.bem": 4368,
+    "epcontact.bem": 4260,
     "epcontact.cli": 1230,
     "epcontact.errors": 90,
     "epcontact.files": 140,
@@ -41,7 +41,7 @@ LINES = {
     "epcontact.studies": 3350,
     "epcontact.surfaces": 1870,
     "fem_check": 4260,
-    "tests": 17520,
+    "tests": 16780,
 }
 #: Imports of the project inside functions, each with its reason beside it; fewer is better.
 DEFERRED = 15

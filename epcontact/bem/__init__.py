@@ -4,8 +4,8 @@
 in which a scene passes through them:
 
     driver      scene -> problem (GridProblem, Options)  -> result
-    solver      solves on coarse grids first (cascade); each grid is a level
-    newton      the Newton method (with descent, bounds); baselines has classic methods
+    solver      solves on coarse grids first; each grid is a level
+    newton      the Newton method (with bounds); baselines has classic methods
     inner/      the linear problem of a step: conjugate gradients, operators, preconditioner
     transforms  convolutions with the compliance (kernel), in blocks on threads (workers)
     areas/      contact areas in the continuum limit (the rim correction), pressure distributions

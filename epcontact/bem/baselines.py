@@ -17,17 +17,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from epcontact.bem.bounds import project
-from epcontact.bem.descent import gradient_step
+from epcontact.bem.bounds import gradient_step, project
 from epcontact.bem.level import Iterate, Level, first_iterate, kkt_residuals, measured
 from epcontact.bem.problem import Options
 from epcontact.results import FloatArray
 
 #: Solves from a feasible p in units of the mean pressure, which is overwritten.
 Baseline = Callable[[Level, FloatArray, Options], Iterate]
-
-#: Default limit on the steps; each step costs one or two pairs of transforms.
-_MAX_STEPS = 5000
+_MAX_STEPS = 5000  # default limit; each step costs one or two pairs of transforms
 
 
 def _finished(level: Level, it: Iterate, options: Options) -> bool:
@@ -96,12 +93,11 @@ def polonsky_keer(level: Level, p: FloatArray, options: Options) -> Iterate:
 def _rescale(p: FloatArray, cap: float, total: float) -> None:
     """Scale the pressures below the cap so that their sum is kept; cut those above the cap."""
     below = p < cap
-    wanted = total - cap * float(np.count_nonzero(~below)) if np.isfinite(cap) else total
-    carried = float(p[below].sum())
+    full = float(np.count_nonzero(~below))
+    wanted, carried = total - cap * full if full else total, float(p[below].sum())
     if carried > 0 and wanted > 0:
         p[below] = np.minimum(p[below] * (wanted / carried), cap)
-    missing = abs(float(p.sum()) - total)
-    if missing > 1e-12 * total:
+    if abs(float(p.sum()) - total) > 1e-12 * total:
         p[...] = project(p, cap, total)
 
 

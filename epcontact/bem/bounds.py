@@ -1,7 +1,9 @@
 """Move a pressure into its bounds 0 <= p <= cap and keep its mean.
 
 `project` finds the nearest feasible pressure.  `put` writes the result of a Newton step and
-restores, cell by cell, the force that the bounds cut off.
+restores, cell by cell, the force that the bounds cut off.  A projected gradient step is p <- P(p -
+lambda (u - h)), P the projection, lambda the spectral length of Barzilai and Borwein, with an exact
+line search: the energy along it is a parabola.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from epcontact.bem.inner.cells import Cells
-from epcontact.bem.level import Level
+from epcontact.bem.level import Iterate, Level
 from epcontact.bem.transforms import BLOCK_POINTS, Points
 from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
@@ -81,6 +83,25 @@ def put(
         level.workers.each(spread, flat, index, cells.numbers, cells.split(factor), cap)
     else:
         flat[points.index] = project(pressure + x, cap, target)
+
+
+def gradient_step(level: Level, it: Iterate, length: float) -> float:
+    """Take one projected gradient step with exact line search; returns the next length."""
+    p_old, u_old = it.p, it.u
+    w = u_old - level.heights
+    w *= -length
+    w += p_old
+    it.p = project(w, level.cap, float(w.size), level.workers, out=w)
+    it.u = np.empty_like(u_old)
+    level.convolution.apply(it.p, it.u)
+    it.gradient += 1
+    arrays = [a.reshape(-1) for a in (it.p, it.u, level.heights, p_old, u_old)]
+    slope, curvature, square = descent_products(*arrays)
+    if curvature <= 0:
+        return level.step
+    if (t := min(1.0, max(0.0, -slope / curvature))) < 1:
+        blend(arrays[0], arrays[1], arrays[3], arrays[4], t)
+    return float(square / curvature)
 
 
 @compiled
@@ -181,3 +202,23 @@ def spread(p: Any, index: Any, cell: Any, factor: Any, cap: float) -> tuple[floa
         total += value
         weight += value * (1.0 - value / cap)
     return total, weight
+
+
+@compiled
+def descent_products(p: Any, u: Any, h: Any, p_old: Any, u_old: Any) -> tuple[float, float, float]:
+    """(u_old - h).d, d.(u - u_old) and d.d for d = p - p_old."""
+    slope = curvature = square = 0.0
+    for i in range(p.size):
+        d = p[i] - p_old[i]
+        slope += (u_old[i] - h[i]) * d
+        curvature += d * (u[i] - u_old[i])
+        square += d * d
+    return slope, curvature, square
+
+
+@compiled
+def blend(p: Any, u: Any, p_old: Any, u_old: Any, t: float) -> None:
+    """Move p and u back to the fraction t of the way from the old to the new."""
+    for i in range(p.size):
+        p[i] = p_old[i] + t * (p[i] - p_old[i])
+        u[i] = u_old[i] + t * (u[i] - u_old[i])

@@ -1,14 +1,11 @@
 """Plastic flow as the memory of a capped contact: what a load leaves behind for the next one.
 
 Where the pressure is at the hardness the surface has flowed, and the gap g = u + z - h, which the
-solver leaves negative there, says how far.  The plastic displacement
-
-    w = -g  where the pressure is at the hardness,  0 elsewhere
-
+solver leaves negative there, says how far: the plastic displacement w = -g there, and 0 elsewhere,
 is what the flow has lowered the surface by.  On the surface h - w that is left, the same pressures
 solve the *elastic* contact problem at the same load: the gap g + w is nowhere negative, and is zero
-wherever there is pressure.  So a smaller load meets an elastic contact on h - w, which is the
-unloading branch; a larger one meets the capped contact on h - w and adds to w.  The idea is that of
+wherever there is pressure.  So a smaller load meets an elastic contact on h - w, the unloading
+branch; a larger one meets the capped contact on h - w and adds to w.  The idea is that of
 Almqvist, Sahlin, Larsson and Glavatskih, Tribology International 40 (2007) 574.
 
 While the load grows, no pressure of a half-space falls, hence w only grows, and one solve on the
@@ -33,19 +30,12 @@ from epcontact.scene import array
 
 @dataclass(frozen=True, eq=False)
 class LoadedSurface:
-    """A surface under one load of a path.
+    """A surface under one load of a path."""
 
-    Attributes:
-        problem: the load on the heights that earlier flow has left.
-        solution: its pressures.
-        before: (nx, ny) the plastic displacement of that earlier flow, in m; None: there was none.
-        after: (nx, ny) the plastic displacement after this load, in m; None: nothing can flow.
-    """
-
-    problem: GridProblem
+    problem: GridProblem  # the load on the heights that earlier flow has left
     solution: PressureSolution
-    before: FloatArray | None
-    after: FloatArray | None
+    before: FloatArray | None  # (nx, ny) w of that earlier flow in m; None: there was none
+    after: FloatArray | None  # (nx, ny) w after this load in m; None: nothing can flow
 
     def gap(self) -> FloatArray:
         """(nx, ny) the gap in m to the surface that earlier flow has left."""
@@ -55,10 +45,7 @@ class LoadedSurface:
 def loaded(
     problem: GridProblem, options: Options, start: FloatArray | None, before: FloatArray | None
 ) -> LoadedSurface:
-    """Solve one load of a path, which may be zero, and find the plastic displacement after it.
-
-    start: pressure in Pa to start from; None: coarser grids.
-    """
+    """Solve one load of a path, which may be zero, and find the plastic displacement after it."""
     solution = solve_problem(problem, options, start) if problem.mean_pressure else _apart(problem)
     if before is not None:
         _put_on_hardness(problem, solution, before, options.tolerance)
@@ -103,10 +90,9 @@ def _put_on_hardness(
     """Put pressures on the hardness, in place, that have come back to it within their error.
 
     When a load returns to the largest one before it, both the gap and the distance of the pressure
-    from the hardness vanish where the surface has flowed, so that rounding would decide which of
-    these points count as plastic.  The error of a pressure is that of the gap, divided by the
-    compliance of the shortest wave.  The gap has the error of this solve and that of the one that
-    left the surface, which is within the tolerance.
+    from the hardness vanish where the surface has flowed: rounding would decide what is plastic.
+    The error of a pressure is that of the gap, of this solve and of the one that left the surface,
+    divided by the compliance of the shortest wave.
     """
     pressure, hardness = solution.pressure, problem.hardness
     residual = max(solution.residuals.values()) + tolerance

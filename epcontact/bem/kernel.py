@@ -23,7 +23,7 @@ from epcontact.results import FloatArray
 from epcontact.scene import Body, Material
 
 # Below this q d the numerator k sinh 2x - 2x is summed as a series: the closed form would lose
-# more than ten digits for nu -> 1/2, the series is exact to rounding.
+# more than ten digits for nu -> 1/2.
 _SERIES_BELOW = 0.1
 # Beyond this q d a layer's compliance is the half-space's to the last digit.
 _DEEP = 300.0
@@ -63,12 +63,11 @@ def surface_compliance(wavenumber: FloatArray, body: Body, material: Material) -
     zero = q == 0
     safe = np.where(zero, 1.0, q)
     compliance = 2 / (effective_modulus(material) * safe)
-    if body.kind != "half_space":
+    if not (endless := body.kind == "half_space"):
         x = np.minimum(safe * body.depth, _DEEP)
         bonded = body.kind == "bonded_layer"
         compliance *= _bonded_factor(x, material.poisson_ratio) if bonded else _sliding_factor(x)
-    mean = 0.0 if body.kind == "half_space" else body.depth / oedometric_modulus(material)
-    compliance[zero] = mean
+    compliance[zero] = 0.0 if endless else body.depth / oedometric_modulus(material)
     return compliance
 
 
@@ -77,8 +76,7 @@ def quarter_compliance(
 ) -> FloatArray:
     """C(q) on the non-negative quarter of the modes, (nx//2 + 1, ny//2 + 1), in m/Pa.
 
-    This is enough for an isotropic body: the row of a negative wave number equals its mirror image.
-    The grid is filled row by row, so that no temporary of the grid's size is made.
+    The grid is filled by a few rows, so that no temporary of the grid's size is made.
     """
     nx, ny = shape
     qx = 2 * np.pi / periods[0] * np.arange(nx // 2 + 1)

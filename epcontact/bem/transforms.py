@@ -28,12 +28,10 @@ T = TypeVar("T")
 IntArray = NDArray[np.signedinteger]
 RealArray = NDArray[np.floating]  # float64, or float32 in single precision
 ComplexArray = NDArray[np.complexfloating]
-
-#: The axes of a transform of each row, and of one of rows and columns.
-Axes = tuple[int, ...]
+Axes = tuple[int, ...]  # of a transform of each row, or of rows and columns
 ROWS, BOTH = (1,), (0, 1)
-#: Points of a block of rows or columns: 4 MiB of reals are near a core, and most passes over them
-#: take ten times as long as a request to a thread.
+#: Points of a block of rows or columns: 4 MiB of reals are near a core, and a pass over them takes
+#: ten times as long as a request to a thread.
 BLOCK_POINTS = 524288
 #: Points up to which a symbol keeps what follows from it: on 128 x 128 points it takes a sixth of a
 #: solve, on larger grids little, and memory.
@@ -146,7 +144,7 @@ class Symbol:
     def oblong(self) -> float:
         """The compliance of the shortest wave along the second axis by that along the first.
 
-        On the half-space this is the ratio of the spacings of the points.  On a line it is 0.
+        On the half-space this is the ratio of the spacings, and on a line 0.
         """
         across, along = self._ends()
         return along / across if across > 0 else 0.0
@@ -204,16 +202,14 @@ class Convolution:
         dtype: type = np.float64,
         modes: ComplexArray | None = None,
     ) -> None:
-        nx, ny = symbol.shape
-        self.symbol, self.scale, self.workers = symbol, scale, workers
-        self.shape, self.pairs = symbol.shape, 0
+        nx, ny = self.shape = symbol.shape
+        self.symbol, self.scale, self.workers, self.pairs = symbol, scale, workers, 0
         self.row_step = max(1, min(nx, BLOCK_POINTS // ny))
         self.rows = ranges(nx, self.row_step)
-        self._dtype = np.dtype(dtype)
-        complex_type = np.result_type(dtype, np.complex64)
-        self._modes = np.empty((nx, ny // 2 + 1), complex_type) if modes is None else modes
-        self._local = threading.local()
-        self._axes = BOTH if nx == self.row_step > 1 else ROWS
+        if modes is None:
+            modes = np.empty((nx, ny // 2 + 1), np.result_type(dtype, np.complex64))
+        self._dtype, self._modes, self._local = np.dtype(dtype), modes, threading.local()
+        self._axes: Axes = BOTH if nx == self.row_step > 1 else ROWS
 
     def in_single_precision(self) -> Convolution:
         """The same in single precision, at half the cost and in the same memory."""
@@ -248,19 +244,16 @@ class Convolution:
         total, product = self.workers.total(self._backward, modes, first, index, out_, other_)
         return total, product
 
-    def _forward(
-        self, modes: ComplexArray, first: int, index: IntArray, values: FloatArray
-    ) -> None:
+    def _forward(self, modes: ComplexArray, *points: Any) -> None:
         block = self._buffer(len(modes))
-        scatter(block, first, index, values)
+        scatter(block, *points)
         to_modes(block, modes, self._axes)
 
-    def _backward(
-        self, modes: ComplexArray, first: int, index: IntArray, out: FloatArray, other: FloatArray
-    ) -> Any:
+    def _backward(self, modes: ComplexArray, *points: Any) -> tuple[float, float]:
         block = self._buffer(len(modes))
         to_values(modes, block, 0, self._axes)
-        return gather_dot(block, first, index, out, other)
+        found: tuple[float, float] = gather_dot(block, *points)
+        return found
 
     def _buffer(self, rows: int) -> RealArray:
         """This thread's buffer for some rows of the grid."""

@@ -24,8 +24,7 @@ provide_kernel_cache()  # before the first kernel is defined
 T = TypeVar("T")
 
 #: Compiles a pass.  Its sums may be reordered so that they vectorise; infinities (an infinite
-#: hardness) keep their meaning.  A division by zero gives one of these and needs no branch.  No C
-#: code calls a pass, so it needs no wrapper for that, which takes a tenth of a compilation.
+#: hardness, a division by zero) keep their meaning.  No C code calls a pass, which saves a wrapper.
 compiled = numba.njit(
     nogil=True,
     cache=True,

@@ -8,17 +8,13 @@ import numpy as np
 
 from epcontact.results import FloatArray
 
-#: Pressures that differ by less than this share of their range are taken for copies.  On a texture
-#: with a roughness of up to a hundredth of its height they do, and the errors are still alike; with
-#: one of three hundredths neither is so.
+#: Pressures that differ by less than this share of their range are taken for copies.  Of a texture
+#: with a roughness of up to a hundredth of its height they do, and the errors are alike.
 CLOSE = 0.2
 
 
 def copies(pressure: FloatArray) -> int:
-    """How many copies of one cell a periodic grid (nx, ny) holds at whole numbers of points.
-
-    The grid meets all of them alike, so that their errors are the same.
-    """
+    """How many copies of one cell a periodic grid (nx, ny) holds at whole numbers of points."""
     row, column = np.unravel_index(pressure.argmax(), pressure.shape)
     close = CLOSE * float(pressure[row, column] - pressure.min())
     along_x, along_y = _times(pressure, int(row), close), _times(pressure.T, int(column), close)
@@ -28,10 +24,7 @@ def copies(pressure: FloatArray) -> int:
 
 
 def _oblique(cell: FloatArray, highest: tuple[int, int], close: float) -> int:
-    """How many copies there are in a cell that does not repeat along its rows and columns.
-
-    All are reached by repeating one step along both, as in a hexagonal or a tilted lattice.
-    """
+    """How many copies a cell holds that are one step along both axes apart, as in a hexagon."""
     (nx, ny), (row, column) = cell.shape, highest
     # Points from the highest on, one and more, rule out the steps of most surfaces without copies.
     some = (column + np.arange(0, ny, max(ny // 16, 1))) % ny
@@ -65,8 +58,8 @@ def _repeats(
 ) -> bool:
     """Whether values on a periodic grid are `count` copies, to `close`, one step from the next.
 
-    first: a row of the highest values.  Surfaces without copies differ there at once.  A smooth one
-    may hardly change in one step, but does in several.
+    first: a row of the highest values, where surfaces without copies differ at once, at least in
+    several steps.
     """
     n, few = len(values), 8
     steps = sorted({count // part for part in range(2, count + 1)}, reverse=True)

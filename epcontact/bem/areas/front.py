@@ -52,8 +52,7 @@ KINK = 0.13
 #: Compiles a function of this room; nothing calls one from C.
 compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
-#: Compiles a function with the one that calls it, which takes less time.  A loop that calls it can
-#: be done several times at once, but not if the function has max or min.
+#: Compiles a function with the one that calls it, which takes less time.
 inlined = numba.njit(nogil=True, error_model="numpy", inline="always")
 
 
@@ -84,8 +83,8 @@ def locate(links: Links, count: int, hardness: float) -> None:
     """Find where the first `count` links are crossed.
 
     Where a kink is behind the front, the pressure has its peak at the last point but one, and the
-    value before that is left out of the polynomial.  The loop has no branches, so that the compiler
-    sees that processors can do several links at a time.
+    value before that is left out of the polynomial.  Without branches, a processor does several
+    links at a time.
     """
     terms, roots, v = np.empty((6, count)), np.empty(count), links.values
     for n in range(count):
@@ -151,10 +150,7 @@ def _differences(
 def _edges(
     first: float, before: float, last: float, out: float, after: float, hardness: float
 ) -> tuple[bool, bool]:
-    """Whether the surface has a step, or a kink, at a front.
-
-    At a step the gap jumps.  At a kink the pressure rises towards the edge, and ever faster.
-    """
+    """Whether a front is at a step, where the gap jumps, or a kink: there p rises ever faster."""
     elastic, carried = last < hardness, (first > 0) & (before > 0) & (after <= 0)
     step = last - out > STEP * max(before - last, out - after)
     step &= (not elastic) | (before > 0) & (before < last) | carried

@@ -14,18 +14,15 @@ and for the plastic part the offset and the tips have the opposite sign.
 
 * First order: the offset of a located front is that of the discrete problem at a straight one, of
   any direction theta, with an elastic strip of any width u beside it.
-* Second order: a smooth front has two local lengths, the radius of its curvature and the length
-  over which the pressure departs from its square root.  The polynomial of `front` takes care of
-  the latter; the former integrates to the Euler number of the front's inside, so that CORNER,
-  measured on a sphere (and, of the other sign, on a penny-shaped gap) holds for any shape.
+* Second order: of a smooth front's two local lengths, the polynomial of `front` takes care of that
+  over which the pressure departs from its square root.  The radius of its curvature integrates to
+  the Euler number of its inside, so that CORNER, measured on a sphere, holds for any shape.
 * Not resolved: chance decides whether a gap (or plastic spot) narrower than a spacing contains a
   grid point.  If it does, it shows as tips; TIP is the median of what each needs on many surfaces.
-* Held by an edge: where the surface has a step, the front rests on it, somewhere between two
-  points.  `front` recognises it by the jump of the gap and puts the front in the middle, so that
-  the count is right there; at a kink the gap shows the place.  Where the singular pressure exceeds
-  the hardness next to an edge, but at no point, that zone is part of the plastic area.  The body is
-  softer than its surface at steps, because the pressure of the points beside them ends AXIS_OFFSET
-  short of the cells' edge, and other fronts come out too far by as much (`_softness`).
+* Held by an edge: a front rests on a step of the surface, somewhere between two points.  `front`
+  recognises it by the jump of the gap and puts the front in the middle, so that the count is right
+  there; at a kink the gap shows the place.  Where the singular pressure exceeds the hardness next
+  to an edge, but at no point, that zone is part of the plastic area.
 
 The load is one more measurement of the areas (`_balanced`), and the estimated errors follow from
 the same sums (`_covariance`).  The constants come from `laboratory.rim` and `laboratory.error_bars`
@@ -53,12 +50,8 @@ from epcontact.scene import array, number
 PERIMETER_FACTOR = (math.pi - 1 + math.log(2)) / 24
 #: Offset of a located front in spacings at grid.U_NODES (`rim.calibrate_strips`); the last is that
 #: of a front alone (`rim.calibrate_directions`: 0.1781; the paper's surface: 0.1783).
-OFFSETS = np.array(
-    [
-        *(0.0, 0.0721, 0.137, 0.1916, 0.2198, 0.2229, 0.215, 0.1933),
-        *(0.18, 0.1742, 0.1694, 0.1782, 0.1773, 0.1783),
-    ]
-)
+OFFSETS = np.array([0.0, 0.0721, 0.137, 0.1916, 0.2198, 0.2229, 0.215, 0.1933,
+                    0.18, 0.1742, 0.1694, 0.1782, 0.1773, 0.1783])  # fmt: skip
 #: Amplitude of the offset's change with the direction of a front, and its rms error in the worst
 #: direction (`rim.calibrate_directions`).
 HARMONIC, LOCATED = 0.0132, 0.005
@@ -186,10 +179,9 @@ def sums_of_fronts(
 def areas_of_sums(
     array: FloatArray, share: float, cells: float, aspect: float, errors: ErrorConstants = ERRORS
 ) -> tuple[Areas, Areas]:
-    """(corrected, error) from the sums of fronts.
+    """(corrected, error) from the sums and cells of one of the `copies`, which err alike.
 
-    array, cells: of one of the `copies`, which have the same error; share: p0/hardness; aspect:
-    dx/dy.
+    share: p0/hardness; aspect: dx/dy.
     """
     oblong, sums = OBLONG * math.log(aspect) ** 2, Sums(*array)
     located = located_areas(array, oblong)
@@ -210,8 +202,7 @@ def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[
     """Move the total and plastic area to the nearest values that carry the load, and their errors.
 
     A plastic area above share = p0/hardness carries too much, and a contact below it too little.
-    The distance moved adds to the error: if nothing of a contact is resolved, the estimate is worth
-    no more than the bound.  No error is larger than the distance to the farther bound.
+    The distance moved adds to the error, which is at most the distance to the farther bound.
     """
     low, high = np.array([share, 0.0]), np.array([1.0, share])
     moved = np.clip(areas, low, high)
@@ -228,10 +219,7 @@ def _areas(total: float, plastic: float) -> Areas:
 
 
 def located_areas(array: FloatArray, oblong: float) -> FloatArray:
-    """(2,) areas in cells that the fronts around the contact and its plastic part enclose.
-
-    array: the sums of fronts; oblong: OBLONG ln^2(dx/dy).
-    """
+    """(2,) areas in cells of the contact and its plastic part; oblong: OBLONG ln^2(dx/dy)."""
     sums, whole = Sums(*array), Sums(*array.sum(axis=2))
     outward = (1 + oblong) * whole.offset + HARMONIC * whole.harmonic
     outward += TIP * sums.tips[:, 0] + whole.hidden[::-1] + _softness(sums)
@@ -241,8 +229,9 @@ def located_areas(array: FloatArray, oblong: float) -> FloatArray:
 def _softness(sums: Sums) -> FloatArray:
     """Cells (2,) by which other fronts are too far out where steps hold a part of them.
 
-    In proportion to the share of the load that steps carry, for which that of the fronts' length
-    stands.  Not where plastic points are next to a step: these carry the hardness in any case.
+    The body is softer than its surface at steps, because the pressure of the points beside them
+    ends AXIS_OFFSET short of the cells' edge: in proportion to the share of the load that steps
+    carry, for which that of the fronts' length stands.  Plastic points carry the hardness anyway.
     """
     length, held = sums.length.sum(axis=1), sums.held.sum(axis=1)
     share = held / np.maximum(length, 1.0)
@@ -255,9 +244,8 @@ def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray
     Errors by chance grow as the square root of a front's length, errors in common as the length.
     Those that depend on the direction of a front are in common as far as the directions are alike,
     which is the length of the mean of exp(4 i theta), and those at edges and kinks as far as these
-    prevail.  A strip narrower than a spacing, whose two fronts move together, may be anywhere in
-    its link: the load tells better.  What a spot lacks because its front is curved is known to a
-    quarter, where no edge holds the front.  Oblong cells claim what they change.
+    prevail.  A strip narrower than a spacing may be anywhere in its link: the load tells better.
+    What a spot lacks by its curvature is known to a quarter, where no edge holds the front.
     """
     length, held, kinked = sums.length, sums.held, sums.kinked
     directed = np.hypot(sums.harmonic, sums.sine)
@@ -288,14 +276,13 @@ def _balanced(
 ) -> tuple[FloatArray, FloatArray]:
     """Total and plastic area and their covariance (2, 2), with the load as one more measurement.
 
-    All in cells; load: by the hardness; unseen: variances of what may be hidden.
-
-    The elastic area carries the share phi of its hardness, load = A_pl + phi (A - A_pl).  The
-    counted points have this exactly with a phi of their own, which is as wrong as the counts are.
-    In narrow strips between apart and plastic points it is not, because there the pressure rises
-    antisymmetrically.  Other fronts count COUNTED too much for each spacing, by chance of POINTS,
-    or in common where they run along the grid, and TIP for each tip.  What plastic points carry too
-    much at edges, the elastic ones carry too little, so that a lightly loaded front moves far.
+    All in cells, the load by the hardness; unseen: variances of what may be hidden.  The
+    elastic area carries the share phi of its hardness, load = A_pl + phi (A - A_pl).  The counted
+    points have this exactly with a phi of their own, which is as wrong as the counts are, but not
+    in narrow strips between apart and plastic points, where the pressure rises antisymmetrically.
+    Other fronts count COUNTED too much for each spacing, by chance of POINTS, or in common where
+    they run along the grid, and TIP for each tip.  What plastic points carry too much at edges, the
+    elastic ones carry too little, so that a lightly loaded front moves far.
     """
     contact, plastic = sums.points[:, 0]
     phi = (load - plastic) / (contact - plastic)

@@ -10,14 +10,13 @@ the indicators of square cells of some points a side, and Pi = Z (Z^T Z)^-1 Z^T 
 
 an additive two-level preconditioner whose fine part sees no collective displacement.  K need only
 be right within a cell: a stencil of 3 x 3 points, fitted to 1/S over the wavelengths up to two
-cells.  E approximates Z^T S Z, which gives the cells' displacements from their forces: with c the
-number of points of each cell,
+cells.  E approximates Z^T S Z, the cells' displacements by their forces: with c the number of
+points of each cell,
 
     E ~ c (B + delta(c)) c,   delta(c) = 0.6 [b(square of c points) - b(cell)],
 
 B is the kernel averaged over pairs of cells, and b the mean displacement of a square under a unit
-force on it; delta is needed because contact within a cell is denser than the cell.  The cells'
-problem is solved by conjugate gradients of its own, or directly if it is small.
+force on it; delta is needed because contact within a cell is denser than the cell.
 """
 
 from __future__ import annotations
@@ -84,8 +83,12 @@ class CellPreconditioner:
         self._per_point = used / np.maximum(cells.counts, 1)
         self._delta = np.where(used, body.delta[cells.counts.astype(int)], 0.0)
         self._smoother = 1 / (body.kernel + 1 / np.mean(1 / self._delta[used]))
-        self._used = np.flatnonzero(used)
-        self._inverse = self._direct() if self._used.size <= _DIRECT else None
+        self._used, self._inverse = np.flatnonzero(used), None
+        if self._used.size <= _DIRECT:
+            i, j = np.divmod(self._used, cells.shape[1])
+            matrix = body.field[i[:, None] - i, j[:, None] - j]  # negative indices are periodic
+            matrix[np.diag_indices(i.size)] += self._delta[self._used]
+            self._inverse = np.linalg.inv(matrix)
 
     def apply(self, r: FloatArray, y: FloatArray, scratch: FloatArray) -> tuple[float, float]:
         """y = P r, using `scratch` of the same size; returns sum(y) and sum(y r)."""
@@ -116,27 +119,19 @@ class CellPreconditioner:
                 break
             d = s + (rho / rho_old) * d
             v = self._filter(d, self._body.kernel)
-            alpha = rho / add_own(v, self._delta, d)
-            rho_old = rho
+            alpha, rho_old = rho / add_own(v, self._delta, d), rho
             if descend(y, r, d, v, alpha) <= goal:
                 break
         return y
 
-    def _direct(self) -> FloatArray:
-        """The inverse of B + delta on the cells that have points."""
-        i, j = np.divmod(self._used, self._cells.shape[1])
-        matrix = self._body.field[i[:, None] - i, j[:, None] - j]  # negative indices are periodic
-        matrix[np.diag_indices(i.size)] += self._delta[self._used]
-        return np.asarray(np.linalg.inv(matrix))
-
     def _filter(self, values: FloatArray, modes: FloatArray) -> FloatArray:
-        field = filtered(values.reshape(self._cells.shape), modes, self._cells.workers)
-        return field.reshape(-1)
+        cells = self._cells
+        return filtered(values.reshape(cells.shape), modes, cells.workers).reshape(-1)
 
 
 def _phases(sample: FloatArray) -> tuple[FloatArray, FloatArray]:
-    theta = [np.linspace(0, np.pi, n) if n > 1 else np.zeros(1) for n in sample.shape]
-    return theta[0][:, None], theta[1][None, :]
+    x, y = (np.linspace(0, np.pi, n) if n > 1 else np.zeros(1) for n in sample.shape)
+    return x[:, None], y[None, :]
 
 
 def _stencil(sample: FloatArray, sides: tuple[float, float]) -> FloatArray | None:
@@ -248,8 +243,7 @@ def add_cells(cell: Any, shift: Any, out: Any, other: Any) -> tuple[float, float
     return total, product
 
 
-# The vectors of the cells' problem are short: the threads of a linear algebra library would cost
-# more than they gain.
+# The vectors of the cells' problem are short: threads of a library would cost more than they gain.
 
 
 @compiled

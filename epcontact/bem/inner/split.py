@@ -110,13 +110,16 @@ class SplitOperator:
 def _parts(symbol: Symbol) -> tuple[FloatArray, Symbol]:
     """The stencil, and the symbol of the half grid."""
     nx, ny = symbol.shape
-    sample, (sx, sy), _ = symbol.sampled(_SAMPLE)
+    sample, phases, weights = symbol.sampled(_SAMPLE)
     i, j = np.arange(nx // 4 + 1), np.arange(ny // 4 + 1)
     x, y = 2 * np.pi * i / nx, 2 * np.pi * j / ny
     coarse = symbol.values[symbol.rows[: i.size], : j.size].copy()
     coarse[0, 0] = sample[0, 0] = 0.0
-    taps = _stencil(sample * (1 - _gaussian(sx, sy)), (sx, sy))
     phi, at = _gaussian(x, y), np.arange(-REACH, REACH + 1)
+    pairs = zip(phases, weights, strict=True)
+    along, across = (weight * np.cos(np.outer(at, theta)) for theta, weight in pairs)
+    taps = along @ (sample * (1 - _gaussian(*phases))) @ across.T  # the kernel within its reach
+    taps[at[:, None] ** 2 + at**2 > REACH**2] = 0.0
     short = np.cos(np.outer(x, at)) @ taps @ np.cos(np.outer(at, y))
     rest = coarse * (1 - phi) - short
     # Half of the fine points lie on coarse ones, half between four: weights (-1, 9, 9, -1)/16.
@@ -128,17 +131,6 @@ def _parts(symbol: Symbol) -> tuple[FloatArray, Symbol]:
 
 def _gaussian(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray(np.exp(-(_WIDTH**2) / 4 * (x[:, None] ** 2 + y**2)))
-
-
-def _stencil(part: FloatArray, phases: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """The kernel within its reach, from its symbol on a quarter of sampled modes."""
-    at, waves = np.arange(-REACH, REACH + 1), []
-    for theta in phases:
-        weight = np.where((theta == 0) | (theta == theta[-1]), 1.0, 2.0)
-        waves.append(weight[:, None] / weight.sum() * np.cos(theta[:, None] * at))
-    taps = waves[0].T @ part @ waves[1]
-    taps[at[:, None] ** 2 + at**2 > REACH**2] = 0.0
-    return np.asarray(taps, dtype=np.float64)
 
 
 @compiled
@@ -178,8 +170,7 @@ def gather_split(
 ) -> tuple[float, float]:
     """out = the stencil on the fine grid plus the coarse one interpolated, at the listed points.
 
-    Listed points among RUN neighbours of a row are handled together.  Returns the sums of out and
-    of out other.
+    Those among RUN neighbours of a row are handled together.  Returns sum(out), sum(out other).
     """
     nx, ny = fine.shape[0], fine.shape[1] - LEFT - RIGHT
     near = np.empty(RUN, dtype=np.float32)
