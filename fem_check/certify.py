@@ -8,7 +8,6 @@ internal force.  Only the stresses come from the solver's own loops.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,11 +15,10 @@ from numpy.typing import NDArray
 from skfem import Basis, ElementHex1, LinearForm, MeshHex
 
 from epcontact.results import FloatArray
-from fem_check import plasticity
 from fem_check.element import CORNERS
 from fem_check.mesh import PeriodicBlock
 from fem_check.plasticity import History
-from fem_check.problem import Problem, State, without_base
+from fem_check.problem import Problem, State, layer_stresses, without_base
 
 #: Rows of the stress tensor as indices into xx, yy, zz, xy, yz, zx.
 _ROWS = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
@@ -32,42 +30,17 @@ def certify(problem: Problem, state: State, history: History, largest: float) ->
     certified_balance: norm of (assembled internal force + contact forces), without the held base.
     certified_load: difference of the base's reaction and the sum of the contact forces.
     """
-    u, nx_ny = state.displacement.reshape(-1, 3), problem.heights.size
-
-    def stress(k: int) -> FloatArray:
-        """(nx ny, 6, 8) stresses of layer k: those of all layers would be as large as a solve."""
-        layer = slice(k * nx_ny, (k + 1) * nx_ny)
-        bricks, past = problem.bricks, None
-        if problem.plastic:
-            past = history._replace(rows=history.rows[layer])
-        some = bricks._replace(
-            connectivity=bricks.connectivity[layer], shape_of=bricks.shape_of[layer]
-        )
-        return plasticity.stresses(u, some, problem.law, past)
-
-    force = assembled_force(problem.block, stress)
-    reaction = float(force[-1, ..., 2].sum())
+    force, positions = np.zeros(problem.block.field_shape), problem.block.positions()
+    for k in range(len(problem.block.layers)):
+        stress, _ = layer_stresses(problem, state, history, k)
+        force[k : k + 2] += _layer_force(problem.block, positions[k : k + 2], stress)
+    reaction, pressed = float(force[-1, ..., 2].sum()), float(state.forces.sum())
     force[0, ..., 2] += state.forces
-    force = without_base(problem, force)
-    pressed = float(state.forces.sum())
     total = largest or 1.0  # without any force on the path, all are zero
     return {
-        "certified_balance": float(np.linalg.norm(force)) / total,
+        "certified_balance": float(np.linalg.norm(without_base(problem, force))) / total,
         "certified_load": abs(reaction - pressed) / total,
     }
-
-
-def assembled_force(block: PeriodicBlock, stress: Callable[[int], FloatArray]) -> FloatArray:
-    """The internal force (nz + 1, nx, ny, 3), assembled by scikit-fem.
-
-    `stress` maps the number of a layer to its (nx ny, 6, 8) stresses.
-    """
-    nz = len(block.layers)
-    force = np.zeros(block.field_shape)
-    positions = block.positions()
-    for k in range(nz):
-        force[k : k + 2] += _layer_force(block, positions[k : k + 2], stress(k))
-    return force
 
 
 def layer_mesh(

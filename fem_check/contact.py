@@ -50,39 +50,27 @@ def _project(values, contact, free):  # type: ignore[no-untyped-def]
     return out
 
 
-@dataclass(frozen=True)
-class ContactForces:
-    """Forces (nx, ny) on the contact nodes in N, and the approach in m."""
-
-    forces: FloatArray
-    approach: float
-
-
 def solve_contact_forces(
     compliance: FloatArray,
     wanted: FloatArray,
     contact: NDArray[np.bool_],
     load: float | None,
-    *,
     start: FloatArray | None = None,
     tolerance: float = 1e-11,
-) -> ContactForces:
-    """Solve for the forces on the `contact` nodes that displace them by `wanted` (m) + d.
+) -> tuple[FloatArray, float]:
+    """(forces, d): the forces in N on the `contact` nodes that displace them by `wanted` (m) + d.
 
     The method is conjugate gradients preconditioned by 1/compliance (m/N, one value a wave), from
     `start` until the residual is `tolerance` times the first one.  The `load` is the sum of the
     forces, which makes d an unknown; all residuals and directions then have zero mean over the
     contact nodes.  If it is None, d = 0.
     """
-    count = int(contact.sum())
-    nx = contact.shape[0]
-    free = load is not None
+    count, nx, free = int(contact.sum()), contact.shape[0], load is not None
     if count == 0:
-        return ContactForces(np.zeros(contact.shape), 0.0)
+        return np.zeros(contact.shape), 0.0
 
     def project(values: FloatArray) -> FloatArray:
-        out: FloatArray = _project(values, contact, free)
-        return out
+        return np.asarray(_project(values, contact, free))
 
     def displacement(forces: FloatArray) -> FloatArray:
         return inverse(compliance * transform(forces), nx)
@@ -91,13 +79,11 @@ def solve_contact_forces(
     if load is not None:
         forces = np.where(contact, forces + (load - forces.sum()) / count, 0.0)
     answered = displacement(forces)
-    raw = wanted - answered
-    residual = project(raw)
+    residual = project(raw := wanted - answered)
     # If `wanted` is uniform, load control, which leaves the mean free, leaves only rounding.
     rounding = 8 * np.finfo(float).eps * (norm(wanted) + norm(answered))
     enough = max(tolerance * (norm(project(wanted)) + norm(residual)), rounding)
-    direction = np.zeros_like(residual)
-    rho_before = np.inf
+    direction, rho_before = np.zeros_like(residual), np.inf
     for _ in range(499):
         if norm(residual) <= enough:
             break
@@ -108,10 +94,8 @@ def solve_contact_forces(
         step = rho / dot(direction, pushed)
         axpy(forces, step, direction)
         axpy(raw, -step, pushed)
-        residual = project(raw)
-        rho_before = rho
-    approach = -float(raw[contact].mean()) if free else 0.0
-    return ContactForces(forces, approach)
+        residual, rho_before = project(raw), rho
+    return forces, -float(raw[contact].mean()) if free else 0.0
 
 
 def predicted_states(forces: FloatArray, gap: FloatArray, cap: float, stiffness: float) -> States:
@@ -144,8 +128,7 @@ def rigid_contact(
     The total force is `load` or, if that is None, the `approach` d is given; no nodal force is
     larger than the `cap`.  Raises NotConverged if the contact sets do not settle.
     """
-    nx = heights.shape[0]
-    stiffness = 1.0 / float(compliance.min())
+    nx, stiffness = heights.shape[0], 1.0 / float(compliance.min())
     states = _first_states(heights, load, approach, cap)
     forces, residuals = np.zeros(heights.shape), []
     for sweep in range(200):
@@ -154,16 +137,16 @@ def rigid_contact(
         contact, capped = states == ELASTIC, states == PLASTIC
         fixed = np.where(capped, cap, 0.0) if capped.any() else np.zeros(heights.shape)
         already = inverse(compliance * transform(fixed), nx)
-        solved = solve_contact_forces(
+        forces, d = solve_contact_forces(
             compliance,
             heights - already + (0.0 if load is not None else approach),
             contact,
             None if load is None else load - float(fixed.sum()),
-            start=forces,
+            forces,
             tolerance=1e-3 if sweep < 3 else 1e-12,
         )
-        forces = solved.forces + fixed
-        d = solved.approach if load is not None else approach
+        forces = forces + fixed
+        d = d if load is not None else approach
         gap = inverse(compliance * transform(forces), nx) - heights - d
         gap[contact] = 0.0
         new = predicted_states(forces, gap, cap, stiffness)
@@ -171,20 +154,15 @@ def rigid_contact(
         residuals.append(changed / states.size)
         if changed == 0 and sweep >= 3:
             return SurfaceContact(forces, states, d)
-        states = _damped(states, new, sweep)
+        if sweep >= 30:  # only a random third of the nodes change, to break cycles
+            keep = np.random.default_rng(sweep).random(states.shape) < 2 / 3
+            new = np.where(keep, states, new).astype(np.int8)
+        states = new
     raise NotConverged(
         f"the elastic contact did not settle in {len(residuals)} sweeps: "
         f"{changed} nodes still change their state",
         history=residuals,
     )
-
-
-def _damped(old: States, new: States, sweep: int) -> States:
-    """The new states; from sweep 30 on for a random third of the nodes only, to break cycles."""
-    if sweep < 30:
-        return new
-    keep = np.random.default_rng(sweep).random(old.shape) < 2 / 3
-    return np.where(keep, old, new).astype(np.int8)
 
 
 def _first_states(heights: FloatArray, load: float | None, approach: float, cap: float) -> States:
@@ -202,16 +180,12 @@ def _with_load(states: States, heights: FloatArray, load: float, cap: float) -> 
     Elastic nodes are added if the contact could not carry the load, and capped nodes become elastic
     if they alone would carry more.
     """
-    capped, contact = states == PLASTIC, states == ELASTIC
+    capped, contact, out = states == PLASTIC, states == ELASTIC, states.copy()
     if np.isinf(cap):
-        enough = bool(contact.any())
-    else:
-        enough = capped.sum() * cap < load < (capped.sum() + contact.sum()) * cap
-    if enough:
-        return states
-    out = states.copy()
-    if np.isinf(cap):
-        out.ravel()[int(np.argmax(heights))] = ELASTIC
+        if not contact.any():
+            out.ravel()[int(np.argmax(heights))] = ELASTIC
+        return out
+    if capped.sum() * cap < load < (capped.sum() + contact.sum()) * cap:
         return out
     order = np.argsort(heights.ravel())[::-1]
     rank = np.where(capped.ravel()[order], 0, np.where(contact.ravel()[order], 1, 2))

@@ -19,8 +19,7 @@ from epcontact.scene import Scene, require_kind, whole
 from fem_check import plasticity
 from fem_check.certify import certify
 from fem_check.linear_solver import factorise
-from fem_check.memory import require_memory
-from fem_check.mesh import block_for, flat_elements, moved_elements
+from fem_check.mesh import block_for, flat_elements, moved_elements, require_memory
 from fem_check.options import FemOptions
 from fem_check.path import PathPoint, SolvedPath, follow_path, path_targets
 from fem_check.plasticity import History
@@ -108,8 +107,8 @@ def solve_path(
             write_step(Path(output), len(points), scene, options, problem, point, history)
         points.append(point)
         if progress is not None:
-            sentence = f"fem: mean pressure {point.mean_pressure:.3g} Pa"
-            progress(len(points) / len(targets), sentence)
+            done = len(points) / len(targets)
+            progress(done, f"fem: mean pressure {point.mean_pressure:.3g} Pa")
     if output is not None:
         pressures = [point.mean_pressure for point in points]
         write_collection(Path(output) / "path.pvd", pressures, ENDS)
@@ -118,20 +117,14 @@ def solve_path(
     return SolvedPath(scene, options, problem, history, tuple(points), seconds, certificate)
 
 
-def surface_compliance(
-    scene: Scene,
-    *,
-    depth: float | None = None,
-    layers: int | None = None,
-    first_layer: float | None = None,
-) -> FloatArray:
+def surface_compliance(scene: Scene, **block: Any) -> FloatArray:
     """The compliance of the flat block's surface: its displacement under a wave of pressure.
 
     With it the boundary elements can solve exactly the same body.
 
     Args:
         scene: the surface's grid, the material and the body.
-        depth, layers, first_layer: of the block, as in `FemOptions`.
+        block: its depth, layers and first_layer, as in `FemOptions`.
 
     Returns:
         m/Pa, one value for each mode of numpy.fft.rfft2 (rfft for a line) of the scene's grid.
@@ -147,8 +140,7 @@ def surface_compliance(
         >>> float(surface_compliance(scene)[0].round(12))
         0.5
     """
-    options = FemOptions(law="elastic", depth=depth, layers=layers, first_layer=first_layer)
-    problem = problem_of(scene, replace(options, certified=False), 1)
+    problem = problem_of(scene, FemOptions(law="elastic", certified=False, **block))
     nx, ny = problem.block.shape
     half = problem.factor.surface * problem.block.node_area
     if scene.surface.heights.ndim == 1:
@@ -163,11 +155,9 @@ def problem_of(scene: Scene, options: FemOptions, threads: int | None = 1) -> Pr
     material, moved = scene.material, options.geometry == "moved"
     block = block_for(scene, options)
     require_memory(scene, options, block)
+    yield_stress = material.yield_stress if options.law == "j2" else math.inf
     law = plasticity.law(
-        material.young_modulus,
-        material.poisson_ratio,
-        material.yield_stress if options.law == "j2" else math.inf,
-        options.hardening,
+        material.young_modulus, material.poisson_ratio, yield_stress, options.hardening
     )
     flat = flat_elements(block)
     workers = Workers(available_cores() if threads is None else whole("threads", threads, 1))

@@ -6,9 +6,8 @@ dilatation (Nagtegaal, Parks and Rice 1974; Hughes 1980):
     e = dev sym(sum_a u_a (x) grad N_a) + I/3 * sum_a u_a . <grad N_a>,
     <g> = (1/V) int_e g dV,
 
-so that plastic flow, which keeps volume, does not lock the element.  An element is therefore given
-by the gradients of its eight basis functions at its eight Gauss points, their mean and the
-weights.  Elements of one shape share one set of them, whose index is in `Elements.shape_of`.
+so that plastic flow, which keeps volume, does not lock the element.  Elements of one shape share
+the gradients of their eight basis functions at the eight Gauss points.
 """
 
 from __future__ import annotations
@@ -37,9 +36,8 @@ class Elements(NamedTuple):
     gradients: (shapes, 3, 8, 8) dN_a/dx_j as [shape, j, a, Gauss point], in 1/m.
     mean_gradients: (shapes, 3, 8) their volume averages.
     weights: (shapes, 8) volumes of the Gauss points, in m^3.
-    sides: (shapes, 3) edges along x, y and z in m, if the elements are those of a flat block: layer
-        by layer, each layer of one shape, a box with its corners in the order of CORNERS; None
-        otherwise.
+    sides: (shapes, 3) edges along x, y and z in m, if the elements are those of a flat block, layer
+        by layer, each of one shape; None otherwise.
     """
 
     connectivity: IntArray
@@ -58,7 +56,7 @@ class Elements(NamedTuple):
 def layers_apart(
     bricks: Elements, which: NDArray[np.int64] | None
 ) -> tuple[NDArray[np.int64], ...]:
-    """Parts of elements, or of the numbers `which` of some, to be worked on one after the other.
+    """Parts of all elements, or of `which`, to be worked on one after the other.
 
     A part has (r, 2) ranges, each the first index of a layer and the one after its last; its layers
     have no node in common.  Elements that are not those of a flat block are one range.
@@ -78,9 +76,17 @@ def elements(
 
     Raises ValueError if a shape is turned inside out, as happens where the top is too rough.
     """
-    gradients, weights = _gradients(corners)
-    volumes = weights.sum(axis=1)
-    mean = np.einsum("sjag,sg->sja", gradients, weights) / volumes[:, None, None]
+    # The bricks share no node here, so that scikit-fem need not find their neighbours.
+    apart = np.arange(8 * len(corners)).reshape(-1, 8).T.copy()
+    mesh = MeshHex(corners.reshape(-1, 3).T.copy(), apart, validate=False, sort_t=False)
+    basis = Basis(mesh, ElementHex1(), intorder=2)
+    if abs(np.sign(mesh.mapping().detDF(basis.X)).sum()) < basis.dx.size:
+        raise ValueError("an element is turned inside out: the top is too rough for its layers")
+    gradients = np.empty((len(corners), 3, 8, 8))
+    for a, (function,) in enumerate(basis.basis):
+        gradients[:, :, a] = np.moveaxis(np.asarray(function.grad), 0, 1)
+    weights = np.ascontiguousarray(basis.dx)
+    mean = np.einsum("sjag,sg->sja", gradients, weights) / weights.sum(axis=1)[:, None, None]
     return Elements(
         np.ascontiguousarray(connectivity, dtype=np.int32),
         np.ascontiguousarray(shape_of, dtype=np.int32),
@@ -88,27 +94,6 @@ def elements(
         mean,
         weights,
     )
-
-
-def _gradients(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(shapes, 3, 8, 8) gradients and (shapes, 8) weights, 2 x 2 x 2 Gauss points."""
-    count = len(corners)
-    # The bricks share no node here, so that scikit-fem need not find their neighbours.
-    mesh = MeshHex(
-        corners.reshape(-1, 3).T.copy(),
-        np.arange(8 * count).reshape(count, 8).T.copy(),
-        validate=False,
-        sort_t=False,
-    )
-    basis = Basis(mesh, ElementHex1(), intorder=2)
-    if not np.all(mesh.mapping().detDF(basis.X) > 0) and not np.all(
-        mesh.mapping().detDF(basis.X) < 0
-    ):
-        raise ValueError("an element is turned inside out: the top is too rough for its layers")
-    gradients = np.empty((count, 3, 8, basis.W.size))
-    for a in range(8):
-        gradients[:, :, a] = np.moveaxis(np.asarray(basis.basis[a][0].grad), 0, 1)
-    return gradients, np.ascontiguousarray(basis.dx)
 
 
 def strain_operator(shape: Elements, index: int, *, mean_dilatation: bool = True) -> FloatArray:

@@ -1,8 +1,7 @@
 """The increments of a load path: equal ones, or as long as an estimate of their error allows.
 
-Radial return follows an increment's strain as if it were straight, an error of first order in the
-increment: too few of them let the contact spread too far.  `advance` measures that error along the
-path, by pairs of increments,
+Radial return takes an increment's strain for straight, an error of first order in the increment:
+too few of them let the contact spread too far.  `advance` measures it by pairs of increments,
 
     whole           one increment over the pair's length, which is not kept
     half, second    two increments of half the length
@@ -11,10 +10,8 @@ path, by pairs of increments,
 
 and keeps the pair if its error is within the step tolerance; otherwise it keeps the first half, and
 goes on with pairs of half the length.  The whole increment costs little, because the second one
-starts from its solution.  The errors are not added up along the path: the state forgets them as
-the contact grows (tests/test_fem_solve.py).  Increments that do not converge are halved, too.
-
-Forces are judged by the largest force of the path so far.  Without a load the flat just touches.
+starts from its solution.  The errors are not added up: the state forgets them as the contact grows
+(tests/test_fem_solve.py).  Increments that do not converge are halved, too.
 """
 
 from __future__ import annotations
@@ -30,7 +27,7 @@ from epcontact.results import APART, ELASTIC, FloatArray
 from fem_check import plasticity
 from fem_check.contact import States, rigid_contact
 from fem_check.linear_solver import eliminate, substitute
-from fem_check.newton import NewtonOptions, SolvedIncrement, solve_increment
+from fem_check.newton import SolvedIncrement, solve_increment
 from fem_check.plasticity import History
 from fem_check.problem import Control, Counts, Problem, State, gap
 
@@ -44,10 +41,9 @@ ROUGH = 1e-4
 
 @dataclass(frozen=True)
 class Rule:
-    """How a path is followed.
+    """How a path to targets of at most `largest` is followed, with options of `FemOptions`.
 
-    largest: the largest target.  highest: the height in m from which targets count as approaches in
-    m; None: they are forces in N.  The others are those of `FemOptions`.
+    highest: the height in m from which targets are approaches in m; None: they are forces in N.
     """
 
     largest: float
@@ -61,10 +57,9 @@ class Rule:
 class Along:
     """A place on the path.
 
-    history: of the material.  at: the force in N, or the approach in m.  states: the last two.
-    solved: the last increment.  counts: iterations since the last point.  peak: the largest force
-    so far, in N.  step_error: the largest error of a pair of increments so far.  pair: the length
-    of the next one, in N or m.
+    at: the force in N, or the approach in m.  states: the last two.  solved: the last increment.
+    counts: iterations since the last point.  peak: the largest force so far, in N.  step_error: the
+    largest error of a pair of increments so far.  pair: the length of the next one, in N or m.
     """
 
     history: History
@@ -75,10 +70,6 @@ class Along:
     peak: float = 0.0
     step_error: float = 0.0
     pair: float = np.inf
-
-    def with_error(self, error: float) -> Along:
-        """The place whose largest error is not below `error`."""
-        return replace(self, step_error=max(self.step_error, error))
 
 
 def advance(problem: Problem, along: Along, target: float, rule: Rule) -> Along:
@@ -112,9 +103,8 @@ def _pair(
 ) -> tuple[Along, SolvedIncrement | None]:
     """Make a pair of increments towards the target; `whole` is the increment over it, if known.
 
-    Returns the place after the pair, or after its first half if the error is too large or the
-    second does not converge, or before the pair if nothing converges; and the next pair's whole
-    increment if it is known.
+    Returns the place after as much of the pair as converges with a small enough error, and the next
+    pair's whole increment if it is known.
     """
     left = target - along.at
     length = left if abs(left) <= 1.001 * along.pair else math.copysign(along.pair, left)
@@ -125,9 +115,8 @@ def _pair(
             rough = replace(rule, tolerance=max(rule.tolerance, ROUGH))
             whole = _solved(problem, along, end, rough)
             along = before = replace(along, counts=along.counts + whole.counts)
-        between = None
-        if along.states and middle != 0:
-            between = _on_secant(problem, along.states[-1], whole.state, 0.5)
+        known = along.states and middle != 0
+        between = _on_secant(problem, along.states[-1], whole.state, 0.5) if known else None
         half = _solved(problem, along, middle, rule, between)
         along = _kept(problem, along, half, middle)
         second = _solved(problem, along, end, rule, whole.state)
@@ -143,10 +132,10 @@ def _pair(
         if error > 4 * rule.step_tolerance and not before.states:
             # Nothing precedes the path's first pair, so that it can be taken back.
             return replace(before, counts=along.counts, pair=shorter), half
-        return along.with_error(error / 4), second
+        return replace(along, step_error=max(along.step_error, error / 4)), second
     along = _kept(problem, along, second, end)
     pair = 2 * along.pair if error < rule.step_tolerance / 4 else along.pair
-    return replace(along, pair=pair).with_error(error), None
+    return replace(along, pair=pair, step_error=max(along.step_error, error)), None
 
 
 def _once_more_halved(along: Along, failure: NotConverged) -> Along:
@@ -178,45 +167,44 @@ def _solved(
     problem: Problem, along: Along, end: float, rule: Rule, guess: State | None = None
 ) -> SolvedIncrement:
     """Solve the increment to `end` from a guess, by default by extrapolation."""
-    options = NewtonOptions(rule.tolerance)
-    if rule.highest is None and end == 0:
-        return _touching(problem, along, options)
     if rule.highest is not None:
         control = Control(approach=end - rule.highest, scale=along.peak)
+    elif end == 0:
+        return _touching(problem, along, rule.tolerance)
     else:
         control = Control(load=end, scale=max(end, along.peak))
     # No name is given to the guess, so that it does not stay in memory.
     return solve_increment(
-        problem, guess or _guess(problem, along, control, end), along.history, control, options
+        problem, guess or _guess(problem, along, control), along.history, control, rule.tolerance
     )
 
 
-def _guess(problem: Problem, along: Along, control: Control, end: float) -> State:
+def _guess(problem: Problem, along: Along, control: Control) -> State:
     if not along.states:
         return _elastic_state(problem, control)
-    return along.states[-1] if control.load is None else _extrapolated(problem, along.states, end)
+    if control.load is None:
+        return along.states[-1]
+    return _extrapolated(problem, along.states, control.load)
 
 
-def _touching(problem: Problem, along: Along, options: NewtonOptions) -> SolvedIncrement:
-    """The body without a load, whose highest point touches the flat."""
+def _touching(problem: Problem, along: Along, tolerance: float) -> SolvedIncrement:
+    """The body without a load, whose highest point just touches the flat."""
     last = along.states[-1]
     reach = float(np.ptp(problem.heights)) + 4 * float(np.abs(last.displacement[0]).max())
     away = Control(approach=last.approach - 2 * reach, scale=along.peak)
-    start = State(
-        last.displacement, away.approach, np.full_like(last.states, APART), 0 * last.forces
-    )
-    solved = solve_increment(problem, start, along.history, away, options)
+    apart = np.full_like(last.states, APART)
+    start = State(last.displacement, away.approach, apart, 0 * last.forces)
+    solved = solve_increment(problem, start, along.history, away, tolerance)
     free = float(gap(problem, solved.state.displacement, 0.0).min())
     return replace(solved, state=replace(solved.state, approach=free))
 
 
 def _elastic_state(problem: Problem, control: Control) -> State:
     """The contact of the flat elastic block, from which every path starts."""
-    solved = rigid_contact(
-        problem.factor.surface, problem.heights, control.load, control.approach, problem.cap
-    )
-    spectrum = eliminate(problem.factor, np.zeros(problem.block.field_shape))
-    u = substitute(problem.factor, spectrum, solved.forces)
+    factor, heights = problem.factor, problem.heights
+    solved = rigid_contact(factor.surface, heights, control.load, control.approach, problem.cap)
+    spectrum = eliminate(factor, np.zeros(problem.block.field_shape))
+    u = substitute(factor, spectrum, solved.forces)
     return State(u, solved.approach, solved.states, solved.forces)
 
 
@@ -237,8 +225,7 @@ def _extrapolated(problem: Problem, states: tuple[State, ...], load: float) -> S
         if forces > 0:
             return state
         # The unloaded body is loaded from a quarter of its nodes in contact.
-        apart = np.zeros(state.states.shape, dtype=bool)
-        wanted = max(1, apart.size // 4)
+        apart, wanted = np.zeros(state.states.shape, dtype=bool), max(1, state.states.size // 4)
         seeded = _nearest(problem, state.displacement, state.approach, apart, wanted)
         return replace(state, states=seeded)
     if len(states) == 1:

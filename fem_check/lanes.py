@@ -21,13 +21,17 @@ LANES = 16
 _GAUSS = sqrt(1.0 / 3.0)
 # Sums may be reordered and products fused; infinities and NaNs keep their meaning.  No C code calls
 # a kernel, so it needs no wrapper for that, which takes a tenth of a compilation.
-compiled = njit(
-    cache=True,
-    nogil=True,
-    fastmath={"contract", "reassoc", "nsz"},
-    error_model="numpy",
-    no_cfunc_wrapper=True,
-)
+OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+compiled = njit(fastmath={"contract", "reassoc", "nsz"}, **OPTIONS)
+
+
+@compiled
+def inverse_of_symmetric(a, b, d, e, f, g):  # type: ignore[no-untyped-def]
+    """The components 00, 11, 22, 01, 12, 20 of the inverse of the matrix that has a to g there."""
+    x, y, z = b * d - f * f, f * g - e * d, e * f - b * g
+    det = a * x - e * (e * d - f * g) + g * z
+    others = (a * d - g * g) / det, (a * b - e * e) / det, y / det, (e * g - a * f) / det
+    return x / det, *others, z / det
 
 
 @compiled

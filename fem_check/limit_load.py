@@ -1,14 +1,14 @@
 """Limit loads of small bodies: the same bricks and return mapping, but a sparse direct solver.
 
-A body without contact has what no scene has: unknowns of its own, and elements without mean
-dilatation, which lock (`strip_punch`).  Its mean pressure is linear in the strain, so that it is
-split off as a constant matrix: with and without mean dilatation only this matrix differs.
+Its elements may lack mean dilatation, and then lock (`strip_punch`).  The mean pressure is linear
+in the strain, and split off as a constant matrix: only this depends on the mean dilatation.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -68,25 +68,19 @@ def push(
     free: NDArray[np.bool_],
     pushed: NDArray[np.integer],
     path: Iterable[float],
-    *,
     mean_dilatation: bool = True,
     motion: Any = None,
 ) -> list[Pushed]:
-    """Give some unknowns of a body prescribed values, step by step, and find the forces.
+    """Push some unknowns of a body step by step, and find the forces.  Raises NotConverged.
 
-    Newton's method with the consistent tangent is blended with the elastic stiffness by a tenth of
-    the relative residual.  The displacements are `motion` (sparse) times the unknowns, or are the
-    unknowns; those neither `free` nor `pushed` stay zero.  Raises NotConverged.
+    Newton's method is blended with the elastic stiffness by a tenth of the relative residual.  The
+    displacements are `motion` (sparse) times the unknowns, or are the unknowns; those neither
+    `free` nor `pushed` stay zero.
     """
-    shapes = range(len(bricks.weights))
 
     def stiffness(shear: float) -> FloatArray:
-        return np.stack(
-            [
-                elastic_stiffness(bricks, s, shear, law.bulk, mean_dilatation=mean_dilatation)
-                for s in shapes
-            ]
-        )
+        each = partial(elastic_stiffness, bricks, mean_dilatation=mean_dilatation)
+        return np.stack([each(s, shear, law.bulk) for s in range(len(bricks.weights))])
 
     spheric = assembled(bricks, stiffness(0.0)[bricks.shape_of])
     both = stiffness(law.shear), layer_stiffness(bricks, law)[1]
@@ -126,26 +120,18 @@ STRIP_LIMIT = (2 + math.pi) / math.sqrt(3)
 
 
 def strip_punch(
-    count: int,
-    *,
-    poisson_ratio: float = 0.3,
-    mean_dilatation: bool = True,
-    steps: int = 6,
-    domain: float = 5.0,
+    count: int, *, poisson_ratio: float = 0.3, mean_dilatation: bool = True, steps: int = 6
 ) -> FloatArray:
     """(steps,) mean pressure over the yield stress under a smooth strip punch in plane strain.
 
-    `count` elements are under half of its width, the unit of length; `domain` is the width and the
-    depth of half of the body.  The last step is far beyond the limit load.
+    `count` elements are under half of its width, the unit of length; half of the body is 5 wide
+    and deep.  The last step is far beyond the limit load.
     """
-    n = round(domain * count)
+    n = 5 * count
     number = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)  # of the nodes, [across, down]
     corners = [number[x : n + x, 1 - z : n + 1 - z].ravel() for x, _, z in CORNERS]
-    bricks = elements(
-        np.stack(corners, axis=1),
-        np.zeros(n * n, dtype=int),
-        CORNERS[None] * [1 / count, 1.0, 1 / count],
-    )
+    shape = CORNERS[None] * [1 / count, 1.0, 1 / count]
+    bricks = elements(np.stack(corners, axis=1), np.zeros(n * n, dtype=int), shape)
     free = np.ones((n + 1, n + 1, 3), dtype=bool)
     free[..., 1] = free[[0, -1], :, 0] = free[:, -1, 2] = free[: count + 1, 0, 2] = False
     under = 3 * number[: count + 1, 0] + 2

@@ -1,25 +1,25 @@
 """The exact inverse of the elastic flat block: lateral Fourier transforms and sweeps over levels.
 
 A lateral transform splits the stiffness of flat layers of equal bricks, wave by wave, into a
-block-tridiagonal matrix of 3 x 3 blocks A_k (level k with itself) and C_k (with level k + 1).
-Mirror symmetry makes every block real once u_z is replaced by i u_z.  Elimination from the base
-to the top,
+block-tridiagonal matrix of 3 x 3 blocks A_k (level k with itself) and C_k (with level k + 1), which
+are real once u_z is replaced by i u_z.  Elimination from the base to the top,
 
     S_k = (A_k - C_k S_{k+1} C_k^T)^-1,   f_k <- f_k - C_k S_{k+1} f_{k+1},
 
-leaves S_0 on the top level, whose normal entry is the layer's own surface compliance; the sweep
-back is u_{k+1} = S_{k+1} (f_{k+1} - C_k^T u_k).  Contact forces act on the top level, which is
-eliminated last: they can be found between the two sweeps, on the surface alone (`contact`).
+leaves S_0 on the top level, whose normal entry is the surface's compliance; the sweep back is
+u_{k+1} = S_{k+1} (f_{k+1} - C_k^T u_k).  Contact forces, which act on the top, are found between
+the two sweeps, on the surface alone (`contact`).
 
-The inverse is used as a preconditioner, and as the solution of an elastic flat block; convergence
-is judged by the internal force of the assembled elements.  Half of the spectrum is kept along x, so
-that the spectrum of a line (ny = 1) is halved, too.
+Convergence is judged by the internal force of the elements.  Half of the spectrum is kept along x,
+so that the spectrum of a line (ny = 1) is halved, too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import ducc0
 import numpy as np
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
 from fem_check.element import CORNERS, Elements, elastic_stiffness
-from fem_check.lanes import compiled
+from fem_check.lanes import OPTIONS, compiled
 from fem_check.mesh import PeriodicBlock
 from fem_check.plasticity import Law
 from fem_check.workers import ALONE, Workers, pieces
@@ -45,9 +45,8 @@ ComplexArray = NDArray[np.complex128]
 class Factor:
     """The factorised flat elastic block; q runs over (nx // 2 + 1) * ny waves.
 
-    compliances: (nz + 1, q, 6) the symmetric S_k, as 00, 11, 22, 01, 12, 20.
-    couplings: (nz, q, 9) the C_k, row by row.
-    workers: the threads.
+    compliances: (nz + 1, q, 6) the symmetric S_k, as 00, 11, 22, 01, 12, 20.  couplings:
+    (nz, q, 9) the C_k, row by row.
     """
 
     shape: tuple[int, int]
@@ -63,7 +62,7 @@ class Factor:
 
 
 def factorise(block: PeriodicBlock, flat: Elements, law: Law, workers: Workers = ALONE) -> Factor:
-    """Eliminate the `flat` elements of `block` wave by wave.  `law` gives the elastic moduli."""
+    """Eliminate the `flat` elements of `block` wave by wave, with the moduli of `law`."""
     nx, ny = block.shape
     count, waves = len(block.layers), (nx // 2 + 1) * ny
     cosines, sines = _phases(nx, ny)
@@ -74,11 +73,7 @@ def factorise(block: PeriodicBlock, flat: Elements, law: Law, workers: Workers =
         base[0] = np.eye(2)
         inverse = np.linalg.inv(base)
         inverse[0] = 0  # holds the mean of the sliding base still
-        S[count, :, 0], S[count, :, 1], S[count, :, 3] = (
-            inverse[:, 0, 0],
-            inverse[:, 1, 1],
-            inverse[:, 0, 1],
-        )
+        S[count][:, [0, 1, 3]] = inverse[:, [0, 1, 0], [0, 1, 1]]
 
     def task(ranges: NDArray[np.int64]) -> None:
         some = slice(ranges[0, 0], ranges[-1, 1])
@@ -96,11 +91,9 @@ def factorise(block: PeriodicBlock, flat: Elements, law: Law, workers: Workers =
 
 def _phases(nx: int, ny: int) -> tuple[FloatArray, FloatArray]:
     """(waves, 9) cosines and sines of the phase between a node and its lateral neighbours."""
-    ax = 2 * np.pi * np.arange(nx // 2 + 1) / nx
-    ay = 2 * np.pi * np.arange(ny) / ny
-    angle = np.array(
-        [(ax[:, None] * ox + ay[None, :] * oy).ravel() for ox in (-1, 0, 1) for oy in (-1, 0, 1)]
-    ).T
+    ax, ay = 2 * np.pi * np.arange(nx // 2 + 1) / nx, 2 * np.pi * np.arange(ny) / ny
+    ox, oy = np.repeat([-1, 0, 1], 3), np.tile([-1, 0, 1], 3)
+    angle = (ax[:, None, None] * ox + ay[:, None] * oy).reshape(-1, 9)
     return np.cos(angle), np.sin(angle)
 
 
@@ -110,18 +103,14 @@ def _stencils(stiffness: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray
     out = np.zeros((3, 9, 3, 3))
     for a, (ax, ay, az) in enumerate(CORNERS):
         for b, (bx, by, bz) in enumerate(CORNERS):
-            if (az, bz) != (0, 1):
-                which = {(1, 1): 0, (1, 0): 1, (0, 0): 2}[int(az), int(bz)]
-                out[which, 3 * (bx - ax + 1) + by - ay + 1] += K[a, :, b, :]
+            if az >= bz:
+                out[2 - az - bz, 3 * (bx - ax + 1) + by - ay + 1] += K[a, :, b, :]
     return out[0], out[1], out[2]
 
 
 @compiled
 def _symbol(stencil, cosines, sines):  # type: ignore[no-untyped-def]
-    """(waves, 9) the real form of a stencil's transform, with u_z = i times the unknown.
-
-    numpy's products call a BLAS whose threads cost more than these short loops take.
-    """
+    """(waves, 9) the real form of a stencil's transform, with u_z = i times the unknown."""
     out = np.zeros(cosines.shape)
     for q in range(out.shape[0]):
         for o in range(9):
@@ -137,7 +126,7 @@ def _symbol(stencil, cosines, sines):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+@njit(**OPTIONS)
 def _eliminate(A, C, below, S):  # type: ignore[no-untyped-def]
     """S <- (A - C below C^T)^-1 for every wave."""
     D, B, T = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
@@ -158,16 +147,9 @@ def _eliminate(A, C, below, S):  # type: ignore[no-untyped-def]
         a, b, d = D[0, 0], D[1, 1], D[2, 2]
         e, f, g = (D[0, 1] + D[1, 0]) / 2, (D[1, 2] + D[2, 1]) / 2, (D[2, 0] + D[0, 2]) / 2
         det = a * (b * d - f * f) - e * (e * d - f * g) + g * (e * f - b * g)
-        S[q, 0], S[q, 1], S[q, 2] = (
-            (b * d - f * f) / det,
-            (a * d - g * g) / det,
-            (a * b - e * e) / det,
-        )
-        S[q, 3], S[q, 4], S[q, 5] = (
-            (f * g - e * d) / det,
-            (e * g - a * f) / det,
-            (e * f - b * g) / det,
-        )
+        S[q, 0], S[q, 1] = (b * d - f * f) / det, (a * d - g * g) / det
+        S[q, 2], S[q, 3] = (a * b - e * e) / det, (f * g - e * d) / det
+        S[q, 4], S[q, 5] = (e * g - a * f) / det, (e * f - b * g) / det
 
 
 @compiled
@@ -258,59 +240,43 @@ def inverse(spectrum: ComplexArray, nx: int, workers: Workers = ALONE) -> FloatA
 def _share_levels(
     workers: Workers, task: Callable[[NDArray[np.int64]], None], shape: tuple[int, ...]
 ) -> None:
-    """Call `task` with ranges of levels, which do not depend on the number of threads.
-
-    A transform of other levels at once would round in another way.
-    """
+    """Call `task` with the same ranges of levels on any threads: others would round otherwise."""
     size = shape[1] * shape[2]
     workers.share(task, pieces(shape[0], max(1, _NODES_AT_ONCE // size)), weight=size / 4)
 
 
 def eliminate(factor: Factor, force: FloatArray) -> ComplexArray:
-    """The transformed `force` (levels, nx, ny, 3) after the sweep to the top.
-
-    No force acts below the given levels, and the sweeps leave out the levels below them.
-    """
+    """The transformed `force` (levels, nx, ny, 3) after the sweep up; below it none acts."""
     spectrum = transform(force, factor.workers)
-    flat = _flat(spectrum)
-    _share(factor, lambda waves: _down(flat, factor.compliances, factor.couplings, waves))
+    _share(factor, partial(_down, _flat(spectrum), factor.compliances, factor.couplings))
     return spectrum
 
 
 def top_descent(factor: Factor, eliminated: ComplexArray) -> FloatArray:
     """(nx, ny) downward displacement of the top under the eliminated force, in m."""
-    s, f = factor.compliances[0], eliminated[0].reshape(-1, 3)
-    z = -1j * f[:, 2]
-    w = 1j * (s[:, 5] * f[:, 0] + s[:, 4] * f[:, 1] + s[:, 2] * z)
+    s, f = factor.compliances[0].T, eliminated[0].reshape(-1, 3).T
+    w = 1j * (s[5] * f[0] + s[4] * f[1] + s[2] * (-1j * f[2]))
     return -inverse(w.reshape(eliminated.shape[1:3]), factor.shape[0])
 
 
 def substitute(factor: Factor, eliminated: ComplexArray, contact_forces: FloatArray) -> FloatArray:
-    """The displacement under the eliminated force and the downward `contact_forces` (nx, ny).
-
-    It overwrites `eliminated`, which saves a copy in every iteration.
-    """
+    """The displacement under the eliminated force, which it overwrites, and `contact_forces`."""
     eliminated[0, :, :, 2] -= transform(contact_forces)
-    flat = _flat(eliminated)
-    _share(factor, lambda waves: _up(flat, factor.compliances, factor.couplings, waves))
+    _share(factor, partial(_up, _flat(eliminated), factor.compliances, factor.couplings))
     return inverse(eliminated, factor.shape[0], factor.workers)
 
 
 def extend_to_base(factor: Factor, level: FloatArray, above: int) -> FloatArray:
-    """The displacement of all levels below the first `above`, given that of the last of these.
-
-    `level` (nx, ny, 3) is the given displacement; no force acts below it.
-    """
-    spectrum = transform(level[None])
-    top = _flat(spectrum)[0]
-    below = np.empty((len(factor.compliances) - above, *spectrum.shape[1:]), dtype=complex)
+    """The displacement below the first `above` levels, of which the last has the given one."""
+    top = _flat(transform(level[None]))[0]
+    nx, ny = factor.shape
+    below = np.empty((len(factor.compliances) - above, nx // 2 + 1, ny, 3), dtype=complex)
     S, C = factor.compliances[above:], factor.couplings[above - 1 :]
-    flat = _flat(below)
-    _share(factor, lambda waves: _continue(top, S, C, flat, waves))
-    return inverse(below, factor.shape[0], factor.workers)
+    _share(factor, partial(_continue, top, S, C, _flat(below)))
+    return inverse(below, nx, factor.workers)
 
 
-def _share(factor: Factor, task: Callable[[NDArray[np.int64]], None]) -> None:
+def _share(factor: Factor, task: Callable[[NDArray[np.int64]], Any]) -> None:
     """Call `task` with parts of the waves."""
     factor.workers.share(task, pieces(factor.compliances.shape[1], _WAVES))
 

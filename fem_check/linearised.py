@@ -9,10 +9,8 @@ cannot represent.  Without the sweeps, iterations grow as the flowing zones gain
 
 On the flat block the elastic stiffness times a preconditioned residual is that residual, so a
 product with the tangent touches the flowing elements only.  After an elastic solve all residuals
-lie on the levels of nodes that flow, and a state that comes from such a solve has none below them.
-So the solves work on the levels with residuals alone, and the step is continued to the base once.
-
-The signs are those of `problem`.
+lie on the levels of nodes that flow: the solves work on these alone, and the step is continued to
+the base once.  The signs are those of `problem`.
 """
 
 from __future__ import annotations
@@ -34,26 +32,24 @@ from fem_check.problem import (
     Counts,
     Problem,
     State,
+    contact_forces,
     gap,
+    internal_force,
     missing_load,
     unbalanced,
     unbalanced_norm,
     without_base,
 )
-from fem_check.smoother import FlowRows, Smoother, assemble, flowing_levels, smoother
+from fem_check.smoother import FlowRows, Smoother, assemble
 from fem_check.workers import axpy, dot, norm, xpay
 
 #: The contact set is accepted when the share of its nodes that still change is below this factor
-#: times the reduction of the residual that the linear solve aims at: the next Newton iteration
-#: moves more nodes than that.  A node in the wrong set shows in the residuals of tension and
-#: penetration, so this affects the work and not the answer.
+#: times `forcing`: the next Newton iteration moves more nodes.  A node in the wrong set shows in
+#: the residuals of tension and penetration, so this affects the work and not the answer.
 UNSETTLED = 0.1
-
 #: Levels whose residual is below this share of what the linear solve aims at are left out of it.
 NEGLIGIBLE = 0.01
-
-#: A solve that reduces the residual by less than this factor takes so few iterations that
-#: assembling the smoother's matrix would cost more than it saves.
+#: A solve that reduces the residual by less takes too few iterations for a smoother to pay.
 WORTH_SMOOTHING = 0.1
 
 
@@ -65,11 +61,6 @@ class Tangent:
     correction: TangentCorrection | None
     blend: float = 0.0
 
-    @property
-    def flows(self) -> bool:
-        """True if any element is softer than elastic."""
-        return self.correction is not None and self.correction.which.size > 0
-
     @cached_property
     def levels(self) -> int:
         """Number of levels of nodes, from the top, with a residual after an elastic solve."""
@@ -78,7 +69,8 @@ class Tangent:
             return every
         if self.correction is None:
             return 1
-        return min(flowing_levels(self.correction, self.problem.block.shape), every)
+        deepest = int(self.correction.which.max(initial=0)) // self.problem.heights.size
+        return min(deepest + 3, every)  # of the flowing elements and their neighbours
 
     def levels_with(self, R: FloatArray, norm_below: float) -> int:
         """Number of levels outside of which nothing flows and R has at most this norm."""
@@ -87,6 +79,12 @@ class Tangent:
             level -= 1
             below = math.hypot(below, norm(R[level], self.problem.workers))
         return level if below <= norm_below else level + 1
+
+    @property
+    def smoothed(self) -> bool:
+        """True if some element flows, and its rows can be assembled."""
+        flows = self.correction is not None and self.correction.which.size > 0
+        return flows and self.problem.flat
 
     @cached_property
     def rows(self) -> FlowRows:
@@ -99,23 +97,14 @@ class Tangent:
 
     def excess(self, v: FloatArray, elastic: FloatArray) -> FloatArray:
         """The stiffness times `v`, less `elastic`, the flat block's elastic product."""
-        problem, nodal = self.problem, v.reshape(-1, 3)
-        if problem.flat:
-            out = np.zeros_like(v)
-        else:
-            force, _ = plasticity.internal_force(
-                nodal, problem.bricks, problem.law, None, problem.workers
-            )
-            out = force.reshape(v.shape) - elastic
-        if self.correction is not None and self.flows:
+        problem, out = self.problem, np.zeros_like(v)
+        if not problem.flat:
+            out = internal_force(problem, v, None)[0] - elastic
+        if self.correction is not None and self.correction.which.size:
             plasticity.add_correction(
-                nodal,
-                problem.bricks,
-                self.correction,
-                1 - self.blend,
-                out.reshape(-1, 3),
-                problem.workers,
-            )
+                v.reshape(-1, 3), problem.bricks, self.correction, 1 - self.blend,
+                out.reshape(-1, 3), problem.workers,
+            )  # fmt: skip
         return without_base(problem, out)
 
 
@@ -137,9 +126,8 @@ def linear_contact(
     R: FloatArray,
     tangent: Tangent,
     control: Control,
-    *,
     forcing: float,
-    sweeps: int,
+    sweeps: int = 12,
 ) -> tuple[LinearSolution, Counts]:
     """Solve the contact problem of the tangent frozen at `state`, whose reaction is R.
 
@@ -183,16 +171,10 @@ def _elastic_solve(
     `target` + approach."""
     spectrum = eliminate(problem.factor, r)
     descent = top_descent(problem.factor, spectrum)
-    solved = solve_contact_forces(
-        problem.factor.surface,
-        target - descent,
-        states == ELASTIC,
-        load,
-        start=start,
-        tolerance=tolerance,
+    forces, approach = solve_contact_forces(
+        problem.factor.surface, target - descent, states == ELASTIC, load, start, tolerance
     )
-    z = substitute(problem.factor, spectrum, solved.forces)
-    return z, solved.forces, solved.approach
+    return substitute(problem.factor, spectrum, forces), forces, approach
 
 
 def precondition(
@@ -212,9 +194,8 @@ def precondition(
         if missing is not None:
             missing -= float(remaining[0, ..., 2][contact].sum())
         remaining[0, ..., 2][contact] = 0
-    z, forces, approach = _elastic_solve(
-        problem, remaining, states, np.zeros(states.shape), missing, 1e-6
-    )
+    still = np.zeros(states.shape)
+    z, forces, approach = _elastic_solve(problem, remaining, states, still, missing, 1e-6)
     remaining[0, ..., 2] -= forces  # the elastic product of z
     excess = tangent.excess(z, remaining)
     stiff = np.add(remaining, excess, out=remaining)
@@ -248,8 +229,9 @@ def _solve_on_set(
     R[0, ..., 2] += forces
     linear.step[:] += z
     del z
-    begun = replace(linear, approach=d + offset)
-    solved, spent = _conjugate_gradients(begun, tangent, control, goal)
+    solved, spent = _conjugate_gradients(
+        replace(linear, approach=d + offset), tangent, control, goal
+    )
     return solved, 1 + spent
 
 
@@ -261,22 +243,20 @@ def _conjugate_gradients(
     The arrays of `linear` are changed in place.  Raises NotConverged if no node can take the load.
     """
     problem, states, levels = tangent.problem, linear.states, tangent.levels
-    workers = problem.workers
-    whole, approach = linear.reaction, linear.approach
-    R, spent, rho_before = whole[:levels], 0, 0.0
-    sweeps, step = None, np.zeros_like(R)
+    workers, approach = problem.workers, linear.approach
+    R = linear.reaction[:levels]
+    sweeps, step, spent = None, np.zeros_like(R), 0
     p = Kp = np.empty(0)
-    p_approach = 0.0
+    p_approach = rho_before = 0.0
     while spent < 400:
         missing = missing_load(problem, R, states, control)
         size = unbalanced_norm(R, states, workers) + abs(missing)
         if size <= goal:
             break
-        if spent == 0 and problem.flat and tangent.flows and goal < WORTH_SMOOTHING * size:
-            sweeps = smoother(tangent.rows, states == ELASTIC, problem.workers)
-        z, Kz, d = precondition(
-            tangent, sweeps, R, None if control.load is None else missing, states
-        )
+        if spent == 0 and tangent.smoothed and goal < WORTH_SMOOTHING * size:
+            sweeps = Smoother(tangent.rows, states == ELASTIC, workers)
+        asked = None if control.load is None else missing
+        z, Kz, d = precondition(tangent, sweeps, R, asked, states)
         rho = dot(unbalanced(R[:1], states), z[:1]) + dot(R[1:], z[1:], workers) + missing * d
         if spent == 0:
             p, Kp, p_approach = z, Kz, d
@@ -297,13 +277,10 @@ def _conjugate_gradients(
         approach += alpha * p_approach
         rho_before = rho
         spent += 1
-    if spent == 0:
-        return linear, 0
-    total = linear.step
-    total[:levels] += step
-    if levels < len(total):
-        total[levels:] += _to_base(problem, step)[levels : len(total)]
-    return LinearSolution(total, whole, approach, states), spent
+    if spent:
+        total = linear.step
+        total += (_to_base(problem, step) if levels < len(total) else step)[: len(total)]
+    return replace(linear, approach=approach), spent
 
 
 def _with_predicted_states(
@@ -314,9 +291,7 @@ def _with_predicted_states(
     Capped forces move between the reaction and the states.
     """
     R, states = linear.reaction, linear.states
-    forces = np.where(states == ELASTIC, R[0, ..., 2], 0.0)
-    if problem.capped:
-        forces = np.where(states == PLASTIC, problem.cap, forces)
+    forces = contact_forces(problem, states, R[0, ..., 2])
     g = gap(problem, state.displacement[:1] + linear.step[:1], linear.approach)
     g[states == ELASTIC] = 0
     stiffness = 1.0 / float(problem.factor.surface.min())

@@ -1,49 +1,45 @@
-"""The periodic block: its nodes and layers, and the depth and grading that a scene needs.
+"""The periodic block: its nodes and layers, and the depth, grading and memory that a scene needs.
 
-Nodes are numbered level by level from the top: node (k nx + i) ny + j is at x = i hx,
-y = j hy and level k, level 0 being the rough top and level nz the base.  A line becomes a block
-with one node along y, joined to itself: no field can vary along y, which is plane strain.
+Node (k nx + i) ny + j is at x = i hx, y = j hy and level k, level 0 being the rough top and level
+nz the base.  A line becomes a block with one node along y, joined to itself: no field can vary
+along y, which is plane strain.
 
-Depth.  The block replaces a half-space if its base does not affect the longest wave.  The
-compliance of a bonded layer of depth d differs from the half-space's 2/(E* q), for a wave
-exp(i q x), by a share that falls as exp(-2 q d) (Carbone and Mangialardi 2008).
-`half_space_depth` returns the smallest depth at which the share is `tolerance` for the longest
-wave, q = 2 pi / max(period).
+Depth.  The block replaces a half-space if its base does not affect the longest wave.  For a wave
+exp(i q x), the compliance of a bonded layer of depth d differs from the half-space's 2/(E* q) by a
+share that falls as exp(-2 q d) (Carbone and Mangialardi 2008).
 
-Grading.  Waves decay over 1/q, so layers may thicken with depth as long as they resolve the waves
-that are left there.  The first is as thick as the grid spacing, and each further one is thicker
-than the one above it by a ratio of at most `GROWTH`.
+Grading.  Waves decay over 1/q, so layers may thicken with depth.  The first is as thick as the grid
+spacing, and each further one is thicker than the one above it by a ratio of at most `GROWTH`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.errors import InvalidScene
+from epcontact.errors import InvalidScene, NotEnoughMemory
+from epcontact.machine import available_memory
 from epcontact.results import FloatArray
 from epcontact.scene import Scene
 from fem_check.element import CORNERS, Elements, elements
 from fem_check.options import FemOptions
 
 #: Ratio of neighbouring layers.  Compared with equal layers as thin as the first, no compliance
-#: changes by more than 0.7 % (tests/test_fem_elements.py); on a rough J2 scene of 64 x 64 nodes,
-#: going from 1.08 to 1.2 changed the pressure quantiles by 0.2 % and no node's contact.
+#: changes by more than 0.7 % (tests/test_fem_elements.py).
 GROWTH = 1.2
 
 
 @dataclass(frozen=True)
 class PeriodicBlock:
-    """A periodic block.
+    """A periodic block; lengths in m.
 
-    shape: (nx, ny) nodes of a level; ny = 1 is plane strain.
-    spacing: (hx, hy) in m.
-    layers: (nz,) thicknesses from the top, in m.
-    sliding: whether the base slides without friction; it is bonded otherwise.
-    moved: (nx, ny) heights to which the top nodes are moved, in m, or None for a flat top.
+    shape: (nx, ny) nodes of a level; ny = 1 is plane strain.  spacing: (hx, hy).  layers: (nz,)
+    thicknesses from the top.  sliding: whether the base slides without friction; it is bonded
+    otherwise.  moved: (nx, ny) heights to which the top nodes are moved, or None for a flat top.
     """
 
     shape: tuple[int, int]
@@ -99,12 +95,9 @@ def connectivity(block: PeriodicBlock) -> NDArray[np.int32]:
 
 def flat_elements(block: PeriodicBlock) -> Elements:
     """The elements of the flat block: one shape a layer."""
-    hx, hy = block.spacing
-    per_layer = block.shape[0] * block.shape[1]
-    sizes = np.stack(np.broadcast_arrays(hx, hy, block.layers), axis=-1)
-    corners = CORNERS[None] * sizes[:, None, :]
-    shape_of = np.repeat(np.arange(len(block.layers)), per_layer)
-    return elements(connectivity(block), shape_of, corners)._replace(sides=sizes.copy())
+    sides = np.stack(np.broadcast_arrays(*block.spacing, block.layers), axis=-1)
+    shape_of = np.repeat(np.arange(len(block.layers)), math.prod(block.shape))
+    return elements(connectivity(block), shape_of, CORNERS * sides[:, None])._replace(sides=sides)
 
 
 def moved_elements(block: PeriodicBlock) -> Elements:
@@ -114,63 +107,53 @@ def moved_elements(block: PeriodicBlock) -> Elements:
     """
     nodes = connectivity(block)
     corners = block.positions().reshape(-1, 3)[nodes]
-    nx, ny = block.shape
-    lengths = (nx * block.spacing[0], ny * block.spacing[1])
-    cell = np.indices((len(block.layers), nx, ny)).reshape(3, -1)
-    for axis in (0, 1):  # unwrap the elements that reach over the edge
-        reach = (cell[axis + 1] + 1 == block.shape[axis])[:, None] & (CORNERS[:, axis] == 1)
-        corners[..., axis] += reach * lengths[axis]
+    cell = np.indices((len(block.layers), *block.shape)).reshape(3, -1)[1:]
+    for axis, count in enumerate(block.shape):  # unwrap the elements that reach over the edge
+        reach = (cell[axis] + 1 == count)[:, None] & (CORNERS[:, axis] == 1)
+        corners[..., axis] += reach * count * block.spacing[axis]
     try:
         return elements(nodes, np.arange(len(nodes)), corners)
     except ValueError as error:
-        raise InvalidScene(
-            f"{error}; give a finer grid, a deeper block or geometry='gap'"
-        ) from None
+        advice = "give a finer grid, a deeper block or geometry='gap'"
+        raise InvalidScene(f"{error}; {advice}") from None
 
 
 def half_space_depth(longest: float, poisson_ratio: float, tolerance: float = 1e-3) -> float:
-    """The smallest depth at which a bonded layer can replace a half-space.
-
-    The compliances of the `longest` wave then differ by the share `tolerance`.
-    """
+    """The smallest depth at which the `longest` wave differs from a half-space by `tolerance`."""
     nu = poisson_ratio
 
     def distance(t: float) -> float:
         c = (3 - 4 * nu) * math.cosh(2 * t) + 2 * t * t + 5 - 12 * nu + 8 * nu * nu
         return abs(((3 - 4 * nu) * math.sinh(2 * t) - 2 * t) / c - 1)
 
-    low, high = 1.0, 20.0  # t = q d; beyond t = 1 the distance only falls
-    while high - low > 1e-6:
+    # t = q d; beyond t = 1 the distance only falls.
+    t = _bisected(lambda t: distance(t) > tolerance, 1.0, 20.0, 25)
+    return t * longest / (2 * math.pi)
+
+
+def _bisected(below: Callable[[float], bool], low: float, high: float, times: int) -> float:
+    """The upper end of the interval after `times` bisections by the condition `below`."""
+    for _ in range(times):
         middle = (low + high) / 2
-        low, high = (middle, high) if distance(middle) > tolerance else (low, middle)
-    return high * longest / (2 * math.pi)
+        low, high = (middle, high) if below(middle) else (low, middle)
+    return high
 
 
-def graded_layers(
-    depth: float, first: float, count: int | None = None, growth: float = GROWTH
-) -> FloatArray:
-    """Thicknesses of layers that fill a depth in a geometric series from about `first` on.
-
-    By default they are the fewest with a ratio of at most `growth` between neighbours.
-    """
+def graded_layers(depth: float, first: float, count: int | None = None) -> FloatArray:
+    """Thicknesses of a geometric series of layers from about `first` on; by default the fewest."""
     if count is None:
-        exact = math.log1p((growth - 1) * depth / first) / math.log(growth)
-        count = max(2, math.ceil(exact))
-    ratio = _ratio(depth / first, count)
-    layers = first * ratio ** np.arange(count)
+        count = math.ceil(math.log1p((GROWTH - 1) * depth / first) / math.log(GROWTH))
+        count = max(2, count)
+    layers = first * _ratio(depth / first, count) ** np.arange(count)
     return np.asarray(layers * (depth / layers.sum()))
 
 
 def _ratio(total: float, count: int) -> float:
-    """The ratio r >= 1 with 1 + r + ... + r^(count - 1) = total, by bisection."""
+    """The ratio r >= 1 with 1 + r + ... + r^(count - 1) = total."""
     if count >= total:
         return 1.0
-    low, high = 1.0, math.pow(total, 1 / max(1, count - 1))  # as r^(count - 1) is below the total
-    for _ in range(100):
-        middle = (low + high) / 2
-        reached = sum(middle**k for k in range(count))
-        low, high = (middle, high) if reached < total else (low, middle)
-    return (low + high) / 2
+    most = math.pow(total, 1 / max(1, count - 1))  # as r^(count - 1) is below the total
+    return _bisected(lambda r: sum(r**k for k in range(count)) < total, 1.0, most, 100)
 
 
 def block_for(scene: Scene, options: FemOptions) -> PeriodicBlock:
@@ -197,3 +180,65 @@ def block_for(scene: Scene, options: FemOptions) -> PeriodicBlock:
         sliding=body.kind == "sliding_layer",
         moved=heights - heights.mean() if options.geometry == "moved" else None,
     )
+
+
+def bytes_needed(
+    scene: Scene, options: FemOptions, block: PeriodicBlock, rms_slope: float | None = None
+) -> float:
+    """An estimate of the memory of a solve, in bytes; `rms_slope` replaces that of the surface.
+
+    It counts the arrays that are alive in a linear solve.  A node keeps its element's connectivity,
+    shape and place in the history (44 bytes), half of the factor (15 numbers a wave) and six
+    displacement fields (24 each); ten more end a few levels below the flow.  A layer keeps its
+    stiffness (9 matrices).  An element that flows keeps its history and correction (970), and its
+    nodes, up to 1.6 times as many, the rows of the tangent (2250).  Without flow seven fields are
+    alive.  In the moved geometry an element keeps its own gradients (2900), all fields reach the
+    base, and no rows are made.  The certificate takes 7000 bytes, or 10000 with flow, for each
+    element of a layer, after most of the fields have been given back.
+    """
+    surface, levels = math.prod(block.shape), len(block.layers) + 1
+    moved, flows = block.moved is not None, options.law == "j2"
+    kept = levels * (44 + 15 * 8 / 2 + (2900 if moved else 0))
+    solve = kept + levels * 7 * 24
+    if flows:
+        material = scene.material
+        stiff = material.young_modulus / (1 - material.poisson_ratio**2)
+        slope = scene.surface.rms_slope if rms_slope is None else rms_slope
+        limit = material.yield_stress
+        flow = flowing_shares(block, max(scene.load.path), limit, stiff * slope / limit)
+        history, upper = 970 * float(flow.sum()), min(levels, int((flow > 0).sum()) + 3)
+        rows = 0.0 if moved else 2250 * float(np.minimum(1.0, 1.6 * flow).sum())
+        fields = 24 * (6 * levels + 10 * (levels if moved else upper))
+        solve = kept + fields + history + rows + 9 * 24 * 24 * 8 * len(block.layers) / surface
+        kept += history
+    certificate = kept + levels * 6 * 24 + (10000 if flows else 7000)
+    return surface * (max(solve, certificate) if options.certified else solve)
+
+
+def flowing_shares(
+    block: PeriodicBlock, mean_pressure: float, yield_stress: float, severity: float
+) -> FloatArray:
+    """(layers,) the share of each layer's elements that is expected to flow (test_fem_solve.py).
+
+    At the surface it is .6 times mean_pressure/yield_stress at a `severity` E* xi/sigma_Y of 5, and
+    1.2 times at 50.  It falls to none at a depth that grows with the load and with the spacing.
+    """
+    load = mean_pressure / yield_stress
+    at_top = min(1.0, 0.6 * min(max(severity / 5, 1.0), 10.0) ** 0.3 * load)
+    longest = max(n * h for n, h in zip(block.shape, block.spacing, strict=True))
+    middles = -(block.levels[1:] + block.levels[:-1]) / 2
+    reach = (0.12 + 0.25 * load) * longest + 1.5 * max(block.spacing)
+    shares: FloatArray = np.clip(at_top * (1 - (middles / reach) ** 1.5), 0.0, 1.0)
+    return shares
+
+
+def require_memory(scene: Scene, options: FemOptions, block: PeriodicBlock) -> None:
+    """Raise NotEnoughMemory, before any array is made, if the block will not fit."""
+    needed, free = bytes_needed(scene, options, block), available_memory()
+    if needed > free:
+        nx, ny = block.shape
+        raise NotEnoughMemory(
+            f"the block of {nx} x {ny} x {len(block.layers)} elements needs about "
+            f"{needed / 2**30:.1f} GiB, but {free / 2**30:.1f} GiB are free; give fewer grid "
+            "points or layers"
+        )

@@ -2,8 +2,8 @@
 
 Each iteration freezes the material's consistent tangent and solves the contact problem of that
 linear body (`linearised`).  The step to that solution is taken whole unless the energy's slope
-along it shows that it overshoots.  With the two loops merged into one, or with full steps from a
-cold start, the contact set jumped between a few nodes and all of them (tests/test_fem_solve.py).
+along it shows that it overshoots.  With the two loops merged into one, full steps and the pure
+tangent, a cold start lets the contact set jump between a few nodes and all of them.
 
 Far from the solution the tangent is blended with the elastic stiffness, by a tenth of the relative
 residual, because a fully plastic contact has almost no stiffness.
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import NotConverged
-from epcontact.results import ELASTIC, PLASTIC, FloatArray
+from epcontact.results import FloatArray
 from fem_check import plasticity
 from fem_check.linearised import LinearSolution, Tangent, linear_contact
 from fem_check.plasticity import History
@@ -27,26 +27,15 @@ from fem_check.problem import (
     Counts,
     Problem,
     State,
+    contact_forces,
     internal_force,
     reaction,
     residuals,
 )
 from fem_check.workers import dot
 
-
-@dataclass(frozen=True)
-class NewtonOptions:
-    """Options of an increment; tests/test_fem_solve.py shows that the last three are needed.
-
-    line_search: shorten steps that overshoot.  regularise: blend the tangent with the elastic
-    stiffness far from the solution.  sweeps: changes of the contact set within one iteration.
-    """
-
-    tolerance: float = 1e-8
-    max_newton: int = 30
-    line_search: bool = True
-    regularise: bool = True
-    sweeps: int = 12
+#: Newton iterations after which an increment is given up.
+MOST_NEWTON = 30
 
 
 @dataclass(frozen=True)
@@ -64,58 +53,41 @@ class SolvedIncrement:
 
 
 def solve_increment(
-    problem: Problem,
-    state: State,
-    history: History,
-    control: Control,
-    options: NewtonOptions | None = None,
+    problem: Problem, state: State, history: History, control: Control, tolerance: float = 1e-8
 ) -> SolvedIncrement:
     """Solve for the state at `control`, starting from `state`.
 
     Raises NotConverged with the residuals of every iteration.
     """
-    options = options or NewtonOptions()
     counts, worst = Counts(increments=1), []
     internal, flowing = internal_force(problem, state.displacement, history)
     while True:
         R = reaction(problem, state.states, internal)
         residual = residuals(problem, state, R, control)
         worst.append(max(residual.values()))
-        if worst[-1] <= options.tolerance and counts.newton > 0:
+        if worst[-1] <= tolerance and counts.newton > 0:
             counts = replace(counts, most_newton=counts.newton)
             return SolvedIncrement(state, flowing, counts, residual, tuple(worst))
-        if counts.newton >= options.max_newton or not np.isfinite(worst[-1]):
+        if counts.newton >= MOST_NEWTON or not np.isfinite(worst[-1]):
             raise NotConverged(
                 f"the load step did not converge in {counts.newton} Newton iterations: relative "
-                f"residual {worst[-1]:.2e} instead of {options.tolerance:.0e}",
+                f"residual {worst[-1]:.2e} instead of {tolerance:.0e}",
                 residuals=residual,
                 history=worst,
             )
         balance = min(1.0, residual["balance"] + residual["load"])
-        linear, spent = linear_contact(
-            state,
-            R,
-            _tangent(
-                problem, state, history, flowing, 0.1 * balance if options.regularise else 0.0
-            ),
-            control,
-            forcing=min(
-                0.5, max(min(0.1, balance), 0.1 * options.tolerance / max(balance, 1e-300))
-            ),
-            sweeps=options.sweeps,
-        )
+        forcing = min(0.5, max(min(0.1, balance), 0.1 * tolerance / max(balance, 1e-300)))
+        tangent = _tangent(problem, state, history, flowing, 0.1 * balance)
+        linear, spent = linear_contact(state, R, tangent, control, forcing)
         held = control.load is not None or linear.approach == state.approach
         trial = _trial(problem, state, linear, 1.0, history)
-        if options.line_search and problem.plastic and balance > 1e-4 and held:
+        if problem.plastic and balance > 1e-4 and held:
             trial, tried = _line_search(problem, state, internal, linear, history, control, trial)
             spent += Counts(line_searches=tried)
         counts += spent + Counts(newton=1)
-        state, internal, flowing = (
-            _state_after(problem, state, linear, trial),
-            trial.force,
-            trial.flowing,
-        )
-        del R, linear, trial  # fields, which would stay in memory during the next linear solve
+        state = _state_after(problem, state, linear, trial)
+        internal, flowing = trial.force, trial.flowing
+        del R, tangent, linear, trial  # fields, which would stay in memory in the next linear solve
 
 
 def _tangent(
@@ -153,14 +125,13 @@ def _line_search(
     linear: LinearSolution,
     history: History,
     control: Control,
-    whole: _Trial,
+    trial: _Trial,
 ) -> tuple[_Trial, int]:
     """The whole step, or its part up to where the energy stops falling; also the number of cuts."""
     work = (control.load or 0.0) * (linear.approach - state.approach)
     before = dot(internal, linear.step) - work
-    trial, cuts = whole, 0
     if before >= 0:
-        return trial, cuts
+        return trial, 0
     low, slope_low, high, slope_high = 0.0, before, np.inf, 0.0
     for cuts in range(12):
         slope = dot(trial.force, linear.step) - work
@@ -173,12 +144,10 @@ def _line_search(
         secant = slope_low / (slope_low - slope_high)
         share = low + min(max(secant, 0.1), 0.9) * (high - low)
         trial = _trial(problem, state, linear, share, history)
-    return trial, cuts + 1
+    return trial, 12
 
 
 def _state_after(problem: Problem, state: State, linear: LinearSolution, trial: _Trial) -> State:
-    forces = np.where(linear.states == ELASTIC, -trial.force[0, ..., 2], 0.0)
-    if problem.capped:
-        forces = np.where(linear.states == PLASTIC, problem.cap, forces)
+    forces = contact_forces(problem, linear.states, -trial.force[0, ..., 2])
     approach = state.approach + trial.share * (linear.approach - state.approach)
     return State(trial.displacement, approach, linear.states, forces)

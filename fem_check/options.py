@@ -15,9 +15,12 @@ LawName = Literal["elastic", "capped", "j2"]
 Geometry = Literal["gap", "moved"]
 
 
-def _means(description: str, **bounds: float) -> dict[str, Any]:
-    """What an option means and its bounds, by names that pydantic reads, too."""
-    return {"description": description, **bounds}
+def _option(default: Any, description: str, **bounds: float) -> Any:
+    """A field with its meaning and its bounds, by names that pydantic reads, too."""
+    return field(default=default, metadata={"description": description, **bounds})
+
+
+_hardening = partial(number, right="0 or positive, in Pa", good=lambda value: 0 <= value < math.inf)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,44 +42,31 @@ class FemOptions:
         1e-08
     """
 
-    law: LawName = field(default="j2", metadata=_means("material law"))
+    law: LawName = field(default="j2", metadata={"description": "material law"})
     geometry: Geometry = field(
         default="gap",
-        metadata=_means("roughness as gap over a flat block, or as moved top nodes"),
+        metadata={"description": "roughness as gap over a flat block, or as moved top nodes"},
     )
-    depth: float | None = field(
-        default=None, metadata=_means("m; else chosen from the scene", gt=0)
+    depth: float | None = _option(None, "m; else chosen from the scene", gt=0)
+    layers: int | None = _option(None, "elements over the depth", ge=2)
+    first_layer: float | None = _option(
+        None, "thickness of the top layer, m; else the spacing", gt=0
     )
-    layers: int | None = field(default=None, metadata=_means("elements over the depth", ge=2))
-    first_layer: float | None = field(
-        default=None, metadata=_means("thickness of the top layer, m; else the spacing", gt=0)
-    )
-    steps: int | None = field(
-        default=None,
-        metadata=_means("equal load increments to the largest pressure; else chosen", ge=1),
+    steps: int | None = _option(
+        None, "equal load increments to the largest pressure; else chosen", ge=1
     )
     # With the default, areas are within 1 % of those of 40 equal increments at E* xi/sigma_Y of 5
     # and of 50.
-    step_tolerance: float = field(
-        default=0.03,
-        metadata=_means(
-            "of the increments of a J2 path: share of the force that shorter ones may move",
-            gt=0, lt=1,
-        ),
+    step_tolerance: float = _option(
+        0.03, "of the increments of a J2 path: share of the force that shorter ones may move",
+        gt=0, lt=1,
     )  # fmt: skip
-    tolerance: float = field(
-        default=1e-8, metadata=_means("on the residuals, dimensionless", gt=0, lt=1)
+    tolerance: float = _option(1e-8, "on the residuals, dimensionless", gt=0, lt=1)
+    approach: float | Sequence[float] | None = _option(
+        None, "path of the flat since the first touch, m, instead of mean pressures"
     )
-    approach: float | Sequence[float] | None = field(
-        default=None,
-        metadata=_means("path of the flat since the first touch, m, instead of mean pressures"),
-    )
-    hardening: float = field(
-        default=0.0, metadata=_means("H of linear isotropic hardening, Pa", ge=0)
-    )
-    certified: bool = field(
-        default=True, metadata=_means("whether scikit-fem's own assembly checks the last state")
-    )
+    hardening: float = _option(0.0, "H of linear isotropic hardening, Pa", ge=0)
+    certified: bool = _option(True, "whether scikit-fem's own assembly checks the last state")
 
     def __post_init__(self) -> None:
         for name, kinds in (("law", get_args(LawName)), ("geometry", get_args(Geometry))):
@@ -86,8 +76,8 @@ class FemOptions:
         length, count = partial(positive, unit="m"), partial(whole, least=1)
         checks: dict[str, Any] = {
             "depth": length, "first_layer": length, "layers": count, "steps": count,
-            "tolerance": share, "step_tolerance": share, "hardening": _hardening,
-            "approach": _approaches,
+            "tolerance": share, "step_tolerance": share, "approach": _approaches,
+            "hardening": _hardening,
         }  # fmt: skip
         for name, check in checks.items():
             value = getattr(self, name)
@@ -101,10 +91,6 @@ class FemOptions:
                 raise InvalidScene(
                     f"law {law} needs a finite {strength}; give one or take law='elastic'"
                 )
-
-
-def _hardening(name: str, given: Any) -> float:
-    return number(name, given, "0 or positive, in Pa", lambda value: 0 <= value < math.inf)
 
 
 def _approaches(name: str, given: Any) -> tuple[float, ...]:

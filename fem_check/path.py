@@ -1,10 +1,9 @@
 """The load path: its points, and what the body remembers between them.
 
-J2 flow keeps a history of strains.  A body whose nodal forces are capped keeps the plastic
-displacement w = -g of the capped nodes: below the largest load so far it meets the flat with the
-heights h - w, on which the same forces at that load leave no gap.  No force falls while the load
-grows, so w is that of the largest load alone, and from there on the path goes as if it had never
-turned back.
+J2 flow keeps a history of strains.  A capped body keeps the plastic displacement w = -g of the
+capped nodes: below the largest load so far it meets the flat with the heights h - w, on which the
+same forces at that load leave no gap.  No force falls while the load grows, so w is that of the
+largest load alone, and from there on the path goes as if it had never turned back.
 """
 
 from __future__ import annotations
@@ -23,30 +22,20 @@ from fem_check.contact import States
 from fem_check.increments import Along, Rule, advance
 from fem_check.options import FemOptions
 from fem_check.plasticity import History
-from fem_check.problem import Counts, Problem, State, gap
+from fem_check.problem import Counts, Problem, State, gap, layer_stresses
 from fem_check.workers import dot
-
-# Elements whose stresses are held at once, to find their energy.
-_ENERGY_BLOCK = 1 << 12
 
 
 @dataclass(frozen=True)
 class PathPoint:
     """A converged point of the path.
 
-    Attributes:
-        mean_pressure: in Pa.
-        state: the finite-element state.
-        counts: iterations since the point before.
-        residuals: of the state, by name.
-        history: the largest residual after each Newton iteration of the last increment.
-        surface_states: (nx, ny) APART, ELASTIC or PLASTIC in the sense of `result`.
-        gap: (nx, ny) from the surface before any flow to the flat, in m.
-        plastic_displacement: (nx, ny) of capped nodes, now or earlier, in m.
-        flow: measures of plastic flow, by name; empty for an elastic material.
-        step_error: largest error of a pair of increments up to here (`increments`); 0 where their
-            number is given.
-        peak: the largest force of the path up to here, in N.
+    counts: iterations since the point before.  residuals: of the state, by name.  history: the
+    largest residual after each Newton iteration of the last increment.  surface_states: (nx, ny)
+    APART, ELASTIC or PLASTIC in the sense of `result`.  gap: (nx, ny) from the surface before any
+    flow to the flat, in m.  plastic_displacement: (nx, ny) of capped nodes, now or earlier, in m.
+    flow: measures of plastic flow, by name.  step_error: largest error of a pair of increments up
+    to here (`increments`); 0 where their number is given.  peak: the largest force so far, in N.
     """
 
     mean_pressure: float
@@ -120,11 +109,11 @@ def follow_path(
 
 def _elastic(along: Along) -> Along:
     """The place with elastic contact alone, as on the surface that flow has lowered."""
-    states = tuple(
-        replace(state, states=np.where(state.states == PLASTIC, ELASTIC, state.states))
-        for state in along.states
-    )
-    return replace(along, states=states)
+
+    def eased(state: State) -> State:
+        return replace(state, states=np.where(state.states == PLASTIC, ELASTIC, state.states))
+
+    return replace(along, states=tuple(map(eased, along.states)))
 
 
 def _sunk(problem: Problem, state: State) -> FloatArray:
@@ -140,7 +129,7 @@ def _path_point(problem: Problem, pressure: float, along: Along, lowered: FloatA
     if problem.plastic:
         yielded = _yielded_surface(problem, history)
         states = np.where((states != APART) & yielded, PLASTIC, states).astype(np.int8)
-        flow = _plastic_zone(problem, history) | _energies(problem, state.displacement, history)
+        flow = _plastic_flow(problem, state, history)
     if problem.capped:
         mean = float(lowered.mean())
         work = problem.cap / problem.block.node_area * mean
@@ -163,46 +152,31 @@ def _path_point(problem: Problem, pressure: float, along: Along, lowered: FloatA
 
 def _yielded_surface(problem: Problem, history: History) -> NDArray[np.bool_]:
     """(nx, ny) top nodes that touch an element of the top layer which has flowed."""
-    nx, ny = problem.block.shape
-    flowed = (history.rows[: nx * ny] > 0).reshape(nx, ny)
+    flowed = history.rows[: problem.heights.size].reshape(problem.block.shape) > 0
     around = flowed | np.roll(flowed, 1, 0)
     return np.asarray(around | np.roll(around, 1, 1))
 
 
-def _plastic_zone(problem: Problem, history: History) -> dict[str, float]:
-    """Largest strain, share of the body's volume, and depth in m, of the plastic zone."""
-    bricks = problem.bricks
-    flowed = np.flatnonzero(history.rows)
-    strain = history.accumulated[history.rows[flowed]]
-    volume = float(bricks.weights[bricks.shape_of[flowed]][strain > 0].sum())
-    last = int(flowed.max(initial=-1)) // problem.heights.size  # the layer; -1: none
-    body = float(np.bincount(bricks.shape_of) @ bricks.weights.sum(axis=1))
-    return {
-        "largest_plastic_strain": float(strain.max(initial=0.0)),
-        "plastic_volume": volume / body,
-        "plastic_depth": -float(problem.block.levels[last + 1]),
-    }
+def _plastic_flow(problem: Problem, state: State, history: History) -> dict[str, float]:
+    """Largest strain, share of the volume and depth (m) of the plastic zone; energies in J/m^2.
 
-
-def _energies(problem: Problem, displacement: FloatArray, history: History) -> dict[str, float]:
-    """Energy stored in the block, and plastic work spent in it, per nominal area in J/m^2.
-
-    Stored: the compression of a half-space's block included.  Spent: sigma_Y a + H a^2/2 with the
-    accumulated plastic strain a, which is exact for linear hardening.
+    Stored: in the block, the compression of a half-space's included.  Spent: sigma_Y a + H a^2/2
+    with the accumulated plastic strain a, which is exact for linear hardening.
     """
-    bricks, law = problem.bricks, problem.law
-    u = displacement.reshape(-1, 3)
-    stored = 0.0
-    for first in range(0, bricks.number, _ENERGY_BLOCK):
-        part = slice(first, first + _ENERGY_BLOCK)
-        some = bricks._replace(
-            connectivity=bricks.connectivity[part], shape_of=bricks.shape_of[part]
-        )
-        stress = plasticity.stresses(u, some, law, history._replace(rows=history.rows[part]))
-        stored += plasticity.stored_energy(stress, some, law)
+    block, bricks, law = problem.block, problem.bricks, problem.law
     flowed = np.flatnonzero(history.rows)
-    a = history.accumulated[history.rows[flowed]]
-    work = law.yield_stress * a + law.hardening * a**2 / 2
-    spent = dot(bricks.weights[bricks.shape_of[flowed]], work)
-    area = problem.block.node_area * problem.heights.size
-    return {"stored_energy": stored / area, "plastic_work": spent / area}
+    a, weights = history.accumulated[history.rows[flowed]], bricks.weights[bricks.shape_of[flowed]]
+    last = int(flowed.max(initial=-1)) // problem.heights.size  # the layer; -1: none
+    volume = float(np.bincount(bricks.shape_of) @ bricks.weights.sum(axis=1))
+    stored = 0.0
+    for layer in range(len(block.layers)):
+        stress, some = layer_stresses(problem, state, history, layer)
+        stored += plasticity.stored_energy(stress, some, law)
+    area = block.node_area * problem.heights.size
+    return {
+        "largest_plastic_strain": float(a.max(initial=0.0)),
+        "plastic_volume": float(weights[a > 0].sum()) / volume,
+        "plastic_depth": -float(block.levels[last + 1]),
+        "stored_energy": stored / area,
+        "plastic_work": dot(weights, law.yield_stress * a + law.hardening * a**2 / 2) / area,
+    }

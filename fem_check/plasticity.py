@@ -1,8 +1,8 @@
 """Small-strain J2 plasticity with radial return, point by point and over all elements.
 
 Stress and strain: tensor components xx, yy, zz, xy, yz, zx.  With the shear modulus mu, the bulk
-modulus K, the yield stress sigma_Y and the hardening modulus H (isotropic, linear; 0: perfect
-plasticity), a strain e, its plastic part e_p and the accumulated plastic strain a:
+modulus K, the yield stress sigma_Y, the modulus H of linear isotropic hardening, a strain e, its
+plastic part e_p and the accumulated plastic strain a:
 
     s_trial = 2 mu (dev e - e_p),   R = sqrt(2/3) (sigma_Y + H a)
     over    = max(|s_trial| - R, 0) / (1 + H/(3 mu))            (= 2 mu times the multiplier)
@@ -14,12 +14,10 @@ plasticity), a strain e, its plastic part e_p and the accumulated plastic strain
     C = K I (x) I + 2 mu theta I_dev - 2 mu theta_bar n (x) n,
     theta = 1 - over/|s_trial|,   theta_bar = 1/(1 + H/(3 mu)) - (1 - theta)     (box 3.2).
 
-`commit` makes the next history (e_p, a) after an increment has converged.  Only elements that have
-flowed have one: in rough contact these are few, and a history is the largest array of an element.
-Two compiled loops do the work, on LANES elements at a time (`lanes`).  `_stress_update` finds
-Hooke's stresses, and returns those of the elements that have flowed or would flow to the yield
-surface.  `_add_correction` multiplies by the difference between the consistent tangent and the
-elastic stiffness.  The dilatation of the B-bar brick (`element`) is its mean over the element.
+Only elements that have flowed have a history (e_p, a): they are few, and it is large.  Two compiled
+loops work on LANES elements at a time (`lanes`): `_stress_update` finds Hooke's stresses, and
+returns those of the elements that have flowed or would flow to the yield surface;
+`_add_correction` multiplies by the consistent tangent less the elastic stiffness.
 """
 
 from __future__ import annotations
@@ -52,10 +50,7 @@ class Law(NamedTuple):
 def law(
     young_modulus: float, poisson_ratio: float, yield_stress: float, hardening: float = 0.0
 ) -> Law:
-    """The law of a material: Figure 1 of the paper where the hardening is 0.
-
-    In uniaxial tension the stress rises with slope E up to the yield stress and stays there.
-    """
+    """The law of a material: Figure 1 of the paper where the hardening is 0."""
     E, nu = young_modulus, poisson_ratio
     return Law(E / (2 * (1 + nu)), E / (3 * (1 - 2 * nu)), float(yield_stress), float(hardening))
 
@@ -63,9 +58,8 @@ def law(
 class History(NamedTuple):
     """The history variables of m elements, of which k have flowed.
 
-    rows: (m,) each element's index in the other two, whose first row is that of all elements that
-        have never flowed: zero.
-    plastic_strain: (k + 1, 6, 8).  accumulated: (k + 1, 8).
+    rows: (m,) each element's index in plastic_strain (k + 1, 6, 8) and accumulated (k + 1, 8),
+    whose first row, of zeros, is that of all elements that have never flowed.
     """
 
     rows: NDArray[np.int32]
@@ -74,10 +68,9 @@ class History(NamedTuple):
 
 
 class TangentCorrection(NamedTuple):
-    """The consistent tangent less the elastic stiffness, in the elements that flow.
+    """The consistent tangent less the elastic stiffness, in the elements `which` flow.
 
-    which: (k,) numbers of the elements.  terms: (k, 8, 8): the six components of n, then
-    2 mu (1 - theta) and 2 mu theta_bar, at each Gauss point.
+    terms: (k, 8, 8), the six components of n, 2 mu (1 - theta) and 2 mu theta_bar, by Gauss point.
     """
 
     which: NDArray[np.int64]
@@ -110,10 +103,7 @@ def _elastic_stress(e, dilatation, law, worst):  # type: ignore[no-untyped-def]
 
 @compiled
 def _trial(s, at, p, history, row, q, law):  # type: ignore[no-untyped-def]
-    """Trial deviatoric stress, its norm, and its distance from the yield surface (`over`).
-
-    The norm is found only where the point flows; elsewhere it is 1.
-    """
+    """Trial deviatoric stress, its norm (1 where the point does not flow), and `over`."""
     G2, L, ep = 2 * law[0], 8 * LANES, history.plastic_strain
     xx = s[at] - p - G2 * ep[row, 0, q]
     yy = s[at + L] - p - G2 * ep[row, 1, q]
@@ -134,10 +124,10 @@ def _trial(s, at, p, history, row, q, law):  # type: ignore[no-untyped-def]
 def _return(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
     s, n, p, history, row, law, updated, terms, k
 ):
-    """Returns the stresses of lane n to the yield surface; True if a point flows.
+    """Returns the stresses of lane n, of the history's `row`, to the yield surface.
 
-    `row` is the element's in the history.  Where they are not None, `updated` is the history to
-    move on, and terms[k] are those of the correction.
+    True if a point flows.  `updated` is the history to move on, and terms[k] are those of the
+    correction, where they are not None.
     """
     flows = False
     for q in range(8):
@@ -164,12 +154,11 @@ def _return(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
 def _stress_update(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
     u, bricks, law, history, which, nodal, stress, updated, terms, ranges
 ):
-    """Radial return at every Gauss point of all elements, or of `which`.
+    """Radial return at every Gauss point of all elements, or of `which`; `ranges` as in `_share`.
 
-    Without a history the law is elastic.  `ranges` (r, 2) are those of `layers_apart`.  Each of the
-    outputs may be None, and numba then leaves its part out of the compiled loop: nodal = (force,
-    flowing), where the internal force is added to `force`; stress (m, 6, 8); updated, the history
-    to move on; terms, those of the correction.
+    Without a history the law is elastic.  Each of the outputs may be None, and is then left out of
+    the compiled loop: nodal = (force, flowing), where the internal force is added to `force`;
+    stress (m, 6, 8); updated, the history to move on; terms, those of the correction.
     """
     ue, d, s, fe = workspace()
     dilatation, worst, shapes = np.empty(LANES), np.empty(LANES), np.empty(LANES, np.int32)
@@ -232,22 +221,16 @@ def _add_correction(v, bricks, correction, scale, f, ranges):  # type: ignore[no
 
 
 def internal_force(
-    u: FloatArray,
-    bricks: Elements,
-    law: Law,
-    history: History | None,
-    workers: Workers = ALONE,
+    u: FloatArray, bricks: Elements, law: Law, history: History | None, workers: Workers = ALONE
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """The internal force (nodes, 3) of a displacement `u`, and (m,) which elements flow.
 
-    The history is that at the beginning of the increment; without one the material is elastic, and
-    the force is the elastic stiffness times `u`.
+    The history is that at the beginning of the increment; without one the material is elastic.
     """
-    force, flowing = np.zeros_like(u), np.zeros(bricks.number, dtype=np.bool_)
-    nodal = (force, flowing)
+    nodal = np.zeros_like(u), np.zeros(bricks.number, dtype=np.bool_)
     task = partial(_stress_update, u, bricks, law, history, None, nodal, None, None, None)
     _share(task, bricks, None, workers)
-    return force, flowing
+    return nodal
 
 
 def stresses(u: FloatArray, bricks: Elements, law: Law, history: History | None) -> FloatArray:
@@ -258,32 +241,19 @@ def stresses(u: FloatArray, bricks: Elements, law: Law, history: History | None)
     return stress
 
 
-@compiled
-def _energy(stress, shape_of, weights, law):  # type: ignore[no-untyped-def]
-    total = 0.0
-    for e in range(stress.shape[0]):
-        for q in range(8):
-            xx, yy, zz = stress[e, 0, q], stress[e, 1, q], stress[e, 2, q]
-            xy, yz, zx = stress[e, 3, q], stress[e, 4, q], stress[e, 5, q]
-            p = (xx + yy + zz) / 3
-            xx, yy, zz = xx - p, yy - p, zz - p
-            norm = xx * xx + yy * yy + zz * zz + 2 * (xy * xy + yz * yz + zx * zx)
-            total += weights[shape_of[e], q] * (norm / (4 * law[0]) + p * p / (2 * law[1]))
-    return total
-
-
 def stored_energy(stress: FloatArray, bricks: Elements, law: Law) -> float:
     """The integral of |s|^2/(4 mu) + p^2/(2 K), in J, of (m, 6, 8) stresses."""
-    return float(_energy(stress, bricks.shape_of, bricks.weights, law))
+    p = stress[:, :3].mean(axis=1)
+    normal, shears = stress[:, :3] - p[:, None], stress[:, 3:]
+    squared = (normal**2).sum(axis=1) + 2 * (shears**2).sum(axis=1)
+    density = squared / (4 * law.shear) + p**2 / (2 * law.bulk)
+    return float((bricks.weights[bricks.shape_of] * density).sum())
 
 
 def commit(
     u: FloatArray, bricks: Elements, law: Law, history: History, flowing: NDArray[np.bool_]
 ) -> History:
-    """The history at the end of the increment with the displacement `u`.
-
-    `flowing` says which elements flow there, as `internal_force` returns it.
-    """
+    """The history after an increment to `u`, where the elements flow that `internal_force` says."""
     which, count = np.flatnonzero(flowing), len(history.accumulated)
     new = which[history.rows[which] == 0]
     rows = history.rows.copy()
@@ -306,10 +276,7 @@ def tangent_correction(
     flowing: NDArray[np.bool_],
     workers: Workers = ALONE,
 ) -> TangentCorrection:
-    """The consistent tangent less the elastic stiffness at the displacement `u`.
-
-    `flowing` says which elements flow there, as `internal_force` returns it.
-    """
+    """The consistent tangent less the elastic one at `u`; `flowing` as from `internal_force`."""
     which = np.flatnonzero(flowing)
     terms = np.empty((which.size, 8, 8))
     task = partial(_stress_update, u, bricks, law, history, which, None, None, None, terms)

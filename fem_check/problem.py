@@ -1,20 +1,20 @@
 """The finite-element contact problem: its data, its unknowns, and the residuals of a state.
 
-Signs: a contact force F presses down, so the body feels -F.  The *reaction* is
-R = -(internal force) - (forces of the capped nodes): on the contact nodes of a solution it equals
-the contact force, and everywhere else it vanishes.
+A contact force F presses down, so the body feels -F.  The *reaction* is R = -(internal force)
+- (forces of the capped nodes): on the contact nodes of a solution it equals the contact force, and
+everywhere else it vanishes.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.results import ELASTIC, PLASTIC, FloatArray
+from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 from fem_check import plasticity
 from fem_check.contact import States
 from fem_check.element import Elements
@@ -29,9 +29,8 @@ from fem_check.workers import ALONE, Workers, norm
 class Problem:
     """The data that do not change along a load path.
 
-    bricks: the elements of the true geometry.  flat: True if the factor's block has the same
-    geometry.  heights: (nx, ny) of the top, in m.  cap: the largest nodal force, in N.
-    workers: the threads.
+    bricks: the elements of the true geometry, which is the factor's if `flat`.  heights: (nx, ny)
+    of the top, in m.  cap: the largest nodal force, in N.
     """
 
     block: PeriodicBlock
@@ -83,7 +82,7 @@ class State:
 
 @dataclass(frozen=True)
 class Counts:
-    """Iterations of one increment, or of several, whose counts are added.
+    """Iterations of one increment, or the sum of several.
 
     most_newton and most_cg are the largest numbers in one increment and in one linear solve.
     """
@@ -98,15 +97,18 @@ class Counts:
     halvings: int = 0
 
     def __add__(self, other: Counts) -> Counts:
-        names = [field.name for field in fields(self)]
-        pairs = ((name, (getattr(self, name), getattr(other, name))) for name in names)
-        return Counts(**{n: max(p) if n.startswith("most") else sum(p) for n, p in pairs})
+        mine, others = vars(self), vars(other)
+        most = {n: max(mine[n], others[n]) for n in mine if n.startswith("most")}
+        return Counts(**{n: mine[n] + others[n] for n in mine} | most)
 
 
 def internal_force(
-    problem: Problem, u: FloatArray, history: History
+    problem: Problem, u: FloatArray, history: History | None
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The internal force of the displacement `u`, of the same shape, and which elements flow."""
+    """The internal force of the displacement `u`, of the same shape, and which elements flow.
+
+    Without a history the body is elastic.
+    """
     past = history if problem.plastic else None
     force, flowing = plasticity.internal_force(
         u.reshape(-1, 3), problem.bricks, problem.law, past, problem.workers
@@ -116,21 +118,26 @@ def internal_force(
 
 def gap(problem: Problem, u: FloatArray, approach: float) -> FloatArray:
     """(nx, ny) gap between the top and the flat, in m."""
-    down: FloatArray = -u[0, ..., 2]
-    return down - problem.heights - approach
+    return np.asarray(-u[0, ..., 2] - problem.heights - approach)
 
 
 def without_base(problem: Problem, force: FloatArray) -> FloatArray:
-    """The force without the reactions of the base, changed in place.
-
-    A force on upper levels only, without the base, stays as it is.
-    """
+    """The force, in place without the reactions of the base, if it reaches the base at all."""
     if len(force) > len(problem.block.layers):
-        if problem.block.sliding:
-            force[-1, ..., 2] = 0
-        else:
-            force[-1] = 0
+        force[-1, ..., 2 if problem.block.sliding else 0 :] = 0
     return force
+
+
+def layer_stresses(
+    problem: Problem, state: State, history: History, layer: int
+) -> tuple[FloatArray, Elements]:
+    """(nx ny, 6, 8) stresses of a layer, and its elements; those of all would fill the memory."""
+    size, bricks = problem.heights.size, problem.bricks
+    part = slice(layer * size, (layer + 1) * size)
+    some = bricks._replace(connectivity=bricks.connectivity[part], shape_of=bricks.shape_of[part])
+    past = history._replace(rows=history.rows[part]) if problem.plastic else None
+    u = state.displacement.reshape(-1, 3)
+    return plasticity.stresses(u, some, problem.law, past), some
 
 
 def reaction(problem: Problem, states: States, internal: FloatArray) -> FloatArray:
@@ -139,6 +146,12 @@ def reaction(problem: Problem, states: States, internal: FloatArray) -> FloatArr
     if problem.capped:
         R[0, ..., 2] -= problem.cap * (states == PLASTIC)
     return R
+
+
+def contact_forces(problem: Problem, states: States, pressing: FloatArray) -> FloatArray:
+    """(nx, ny) contact forces: `pressing` where the contact is elastic, and the cap."""
+    forces = np.where(states == ELASTIC, pressing, 0.0)
+    return np.where(states == PLASTIC, problem.cap, forces) if problem.capped else forces
 
 
 def missing_load(problem: Problem, R: FloatArray, states: States, control: Control) -> float:
@@ -153,9 +166,9 @@ def missing_load(problem: Problem, R: FloatArray, states: States, control: Contr
 
 def unbalanced(R: FloatArray, states: States) -> FloatArray:
     """R without the contact forces."""
-    r = R.copy()
-    r[0, ..., 2][states == ELASTIC] = 0
-    return r
+    R = R.copy()
+    R[0, ..., 2][states == ELASTIC] = 0
+    return R
 
 
 def unbalanced_norm(R: FloatArray, states: States, workers: Workers = ALONE) -> float:
@@ -172,7 +185,6 @@ def residuals(problem: Problem, state: State, R: FloatArray, control: Control) -
     surface: gap, the largest on the elastic contact; penetration, the deepest node elsewhere.
     """
     contact, capped = state.states == ELASTIC, state.states == PLASTIC
-    apart = ~contact & ~capped
     forces = np.where(contact, R[0, ..., 2], 0.0)
     pressed = float(forces.sum()) + (problem.cap * int(capped.sum()) if capped.any() else 0.0)
     # Where nothing has ever pressed, all forces are exactly zero.
@@ -180,11 +192,11 @@ def residuals(problem: Problem, state: State, R: FloatArray, control: Control) -
     uniform = total / problem.heights.size * float(problem.factor.surface[0, 0])
     rms = float(np.std(problem.heights)) or uniform
     g = gap(problem, state.displacement, state.approach)
-    deepest = max(float((-g[apart]).max(initial=0.0)), float(g[capped].max(initial=0.0)))
+    apart, below = -g[state.states == APART], g[capped]
     return {
         "balance": unbalanced_norm(R, state.states, problem.workers) / total,
         "load": abs(missing_load(problem, R, state.states, control)) / total,
         "gap": float(np.abs(g[contact]).max(initial=0.0)) / rms,
-        "penetration": deepest / rms,
+        "penetration": float(max(apart.max(initial=0.0), below.max(initial=0.0))) / rms,
         "tension": float((-forces[contact]).max(initial=0.0)) / total,
     }

@@ -1,25 +1,22 @@
 """From finite-element states to a ContactResult: areas, pressures, fields, notes.
 
 Areas.  `raw` counts nodes in contact.  The count overestimates the area: the rim is inside the
-last node in contact, and elements as large as the waves they carry are softer than the solid, so
-that contacts grow beyond their true rim.  Both errors are a fixed share of a spacing.  Measured
-with these elements against Westergaard (lines) and periodic Hertz (spheres), averaged over shifts
-of the grid (tests/test_fem_closed_forms.py), a straight rim is
+last node in contact, and elements as large as the waves they carry are softer than the solid.
+Measured against Westergaard (lines) and periodic Hertz (spheres), averaged over shifts of the grid
+(tests/test_fem_closed_forms.py), a straight rim is
 
     rim(nu) = 0.25 + 0.21 nu          (+- 0.02)
 
 spacings inside the count.  `corrected` subtracts this for every end of a contact on a line, and
 pi/4 of it for every switch along rows and columns of a surface, because a rim of any direction
 crosses 4/pi as many rows and columns as its length.  The front between elastic and capped contact
-is corrected in the same way, with the other sign.  `error` is a quarter of the correction.  Where a
-capped node is the neighbour of an open one, the elastic rim is narrower than a spacing, and the cap
-on the counted nodes is the load: neither front is corrected there, only doubted.  The correction
-would make the total area of rough surfaces with a hardness of 0.01 to 0.1 E* xi too small by 3 to
-19 %; without it the area is right to 0.5 % in the mean, and to 4.3 % at worst.
+is corrected with the other sign.  `error` is a quarter of the correction.  Where a capped node is
+the neighbour of an open one, the elastic rim is narrower than a spacing, and the cap on the counted
+nodes is the load: neither front is corrected there, only doubted, as the correction would make the
+area of rough surfaces with a hardness of 0.01 to 0.1 E* xi too small by 3 to 19 %.
 
 Plastic area.  For the law "capped" it counts the nodes at the hardness; for "j2", the contact nodes
-that touch an element of the top layer in which some Gauss point has flowed, now or earlier.  A
-contact that flows only below the surface does not count.
+that touch an element of the top layer in which some Gauss point has flowed, now or earlier.
 """
 
 from __future__ import annotations
@@ -55,8 +52,8 @@ _DISTRIBUTION_POINTS = 1025
 #: Largest rms slope at which the gap geometry and small strains are trusted: at slope 0.1 and
 #: E* xi/sigma_Y = 50, moving the nodes changed the load by 11 to 13 %.
 LARGEST_SLOPE = 0.1
-#: Fewest nodes across the median contact: with a radius below 2 nodes, a shift of the grid changes
-#: a sphere's area by more than a quarter (tests/test_fem_solve.py).
+#: Fewest nodes across the median contact: below, a shift of the grid changes a sphere's area by
+#: more than a quarter (tests/test_fem_solve.py).
 FEWEST_NODES = 4
 #: Largest plastic strain at which small strains are trusted.
 LARGEST_STRAIN = 0.2
@@ -67,24 +64,19 @@ def contact_result(path: SolvedPath) -> ContactResult:
     problem, points, surface = path.problem, path.points, path.scene.surface
     block = problem.block
     fields = surface_fields(path.scene, problem, points[-1])
+    contact = fields["pressure"], fields["state"]
     counts = sum((point.counts for point in points[1:]), points[0].counts)
-    options = asdict(path.options) | {
-        "depth": block.depth,
-        "layers": len(block.layers),
-        "first_layer": float(block.layers[0]),
-    }
+    layers = {"layers": len(block.layers), "first_layer": float(block.layers[0])}
+    options = asdict(path.options) | {"depth": block.depth, **layers}
     del options["approach"], options["certified"]
-    certificates: list[Mapping[str, float]] = [{}] * (len(points) - 1) + [path.certificate]
     return ContactResult(
         method="fem",
         steps=tuple(
-            load_step(path.scene, problem, point, certificate)
-            for point, certificate in zip(points, certificates, strict=True)
+            load_step(path.scene, problem, point, path.certificate if point is points[-1] else {})
+            for point in points
         ),
         provenance=Provenance(path.scene.digest, surface.seed, options),
-        distribution=distribution(
-            fields["pressure"], fields["state"], problem.cap / block.node_area
-        ),
+        distribution=distribution(*contact, problem.cap / block.node_area),
         fields={name: values.reshape(surface.shape) for name, values in fields.items()},
         cost={
             "seconds": path.seconds,
@@ -227,11 +219,7 @@ def _warnings(path: SolvedPath) -> tuple[str, ...]:
         for number, point in enumerate(path.points)
         if point.counts.halvings
     ]
-    block, last = path.problem.block, path.points[-1]
-    heights, slopes = path.problem.heights, []
-    for axis, step in enumerate(block.spacing):
-        slopes.append((heights - np.roll(heights, 1, axis)) / step)
-    slope = math.sqrt(np.mean(np.square(slopes), axis=(1, 2)).sum())
+    block, last, slope = path.problem.block, path.points[-1], path.scene.surface.rms_slope
     if slope > LARGEST_SLOPE:
         out.append(
             f"the rms slope of {slope:.2g} is too large for small strains (more than "
@@ -260,12 +248,12 @@ def nodes_across(touching: NDArray[np.bool_]) -> float:
     if not touching.any():
         return 0.0
     number = np.arange(touching.size).reshape(touching.shape)
-    neighbours = []
+    pairs = []
     for shift in ((0, 1), (1, 0), (1, 1), (1, -1)):
         both = touching & np.roll(touching, shift, (0, 1))
-        neighbours.append([number[both], np.roll(number, shift, (0, 1))[both]])
-    first, second = np.concatenate(neighbours, axis=1)
-    graph = coo_matrix((np.ones(first.size), (first, second)), (number.size, number.size))
+        pairs.append([number[both], np.roll(number, shift, (0, 1))[both]])
+    joined = np.concatenate(pairs, axis=1)
+    graph = coo_matrix((np.ones(joined.shape[1]), joined), (number.size, number.size))
     labels = connected_components(graph, directed=False)[1]
     sizes = np.sort(np.bincount(labels[touching.ravel()]))
     median = sizes[np.searchsorted(np.cumsum(sizes), touching.sum() / 2)]

@@ -10,17 +10,13 @@ a multiplicative Schwarz method (Smith, Bjorstad and Gropp, Domain Decomposition
 1.1).  Its product with the tangent comes for free, because each part starts from the residual
 that the one before has left.
 
-The tangent's rows of the flowing nodes are assembled as 3 x 3 blocks, one for each of the at most
-27 nodes that share an element with a node.
-
-The rows go strip by strip across the surface, every other strip first.  Strips that are not beside
-each other have no element in common, so that threads share the first half of them and then the
-rest.
+The tangent's rows of the flowing nodes are 3 x 3 blocks, one for each of the at most 27 nodes that
+share an element with a node.  They go strip by strip across the surface, every other strip first:
+threads share one half and then the other, as strips that are apart have no element in common.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -30,7 +26,7 @@ from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
 from fem_check.element import CORNERS, Elements, deviatoric_stiffness, elastic_stiffness
-from fem_check.lanes import compiled
+from fem_check.lanes import OPTIONS, compiled, inverse_of_symmetric
 from fem_check.plasticity import Law, TangentCorrection
 from fem_check.workers import ALONE, Workers
 
@@ -45,11 +41,10 @@ STRIP = 4
 class FlowRows(NamedTuple):
     """The tangent's matrix rows of the flowing nodes.
 
-    nodes: (n,) their numbers, strip by strip.
-    neighbours: (n, 27) numbers of the nodes in their rows, -1 where there is none.
-    places: (n, 27) the neighbours' indices in `nodes`; n where a neighbour does not flow.
-    blocks: (n, 27, 3, 3) in N/m.
-    strips: two arrays (s, 2), the first row of each strip and the one after its last.
+    nodes: (n,) their numbers, strip by strip.  neighbours: (n, 27) numbers of the nodes in their
+    rows, -1 where there is none.  places: (n, 27) the neighbours' indices in `nodes`; n where one
+    does not flow.  blocks: (n, 27, 3, 3) in N/m.  strips: two arrays (s, 2), the first row of each
+    strip and the one after its last.
     """
 
     nodes: NDArray[np.int64]
@@ -59,16 +54,13 @@ class FlowRows(NamedTuple):
     strips: tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
-@dataclass(frozen=True)
 class Smoother:
-    """The rows, the inverses (n, 3, 3) of their diagonal blocks, and the threads.
+    """The sweeps of `rows`; `held` (nx, ny) are the top nodes whose normal motion is zero."""
 
-    The inverses leave the normal motion of contact nodes at zero.
-    """
-
-    rows: FlowRows
-    inverses: FloatArray
-    workers: Workers
+    def __init__(self, rows: FlowRows, held: NDArray[np.bool_], workers: Workers = ALONE) -> None:
+        self.rows, self.workers = rows, workers
+        self._inverses = np.empty((len(rows.nodes), 3, 3))  # of the diagonal blocks
+        _invert(rows, held.ravel(), self._inverses)
 
     def pre_smooth(self, residual: FloatArray) -> FloatArray:
         """The displacement (n, 3) of the flowing nodes after sweeps from zero.
@@ -84,7 +76,7 @@ class Smoother:
     def _swept(self, residual: FloatArray, ascending: list[bool]) -> FloatArray:
         x, right = np.zeros((len(self.rows.nodes), 3)), residual.reshape(-1, 3)
         for way in ascending:
-            sweep = partial(_sweep, self.rows, self.inverses, right, x, way)
+            sweep = partial(_sweep, self.rows, self._inverses, right, x, way)
             for strips in self.rows.strips if way else self.rows.strips[::-1]:
                 self.workers.share(sweep, strips, weight=0.5)
         return x
@@ -98,19 +90,6 @@ class Smoother:
     def add(self, x: FloatArray, displacement: FloatArray) -> None:
         """Add x to the flowing nodes' part of a (levels, nx, ny, 3) field, in place."""
         displacement.reshape(-1, 3)[self.rows.nodes] += x
-
-
-def smoother(rows: FlowRows, held: NDArray[np.bool_], workers: Workers = ALONE) -> Smoother:
-    """The smoother of `rows`; `held` (nx, ny) are the top nodes whose normal motion is zero."""
-    inverses = np.empty((len(rows.nodes), 3, 3))
-    _invert(rows, held.ravel(), inverses)
-    return Smoother(rows, inverses, workers)
-
-
-def flowing_levels(correction: TangentCorrection, shape: tuple[int, int]) -> int:
-    """Number of levels of nodes, from the top, of the flowing elements and their neighbours."""
-    nx, ny = shape
-    return int(correction.which.max(initial=0)) // (nx * ny) + 3
 
 
 def layer_stiffness(bricks: Elements, law: Law) -> tuple[FloatArray, FloatArray]:
@@ -245,31 +224,21 @@ def _invert(rows, held, out):  # type: ignore[no-untyped-def]
     """Inverses of the diagonal blocks; a held normal motion has neither row nor column."""
     for r in range(rows.nodes.size):
         A, node = rows.blocks[r, _SELF], rows.nodes[r]
-        a, b, d = A[0, 0], A[1, 1], A[2, 2]
-        e, f, g = A[0, 1], A[1, 2], A[0, 2]
-        if node < held.size and held[node]:
-            det = a * b - e * e
-            out[r, 0, 0], out[r, 1, 1], out[r, 0, 1] = b / det, a / det, -e / det
-            out[r, 1, 0] = out[r, 0, 1]
-            out[r, 2, :] = 0
-            out[r, :, 2] = 0
-            continue
-        det = a * (b * d - f * f) - e * (e * d - f * g) + g * (e * f - b * g)
-        out[r, 0, 0], out[r, 1, 1] = (b * d - f * f) / det, (a * d - g * g) / det
-        out[r, 2, 2] = (a * b - e * e) / det
-        out[r, 0, 1] = out[r, 1, 0] = (f * g - e * d) / det
-        out[r, 1, 2] = out[r, 2, 1] = (e * g - a * f) / det
-        out[r, 0, 2] = out[r, 2, 0] = (e * f - b * g) / det
+        d, f, g = A[2, 2], A[1, 2], A[0, 2]
+        fixed = node < held.size and held[node]
+        if fixed:
+            d, f, g = 1.0, 0.0, 0.0
+        inverse = inverse_of_symmetric(A[0, 0], A[1, 1], d, A[0, 1], f, g)
+        for i in range(3):
+            j = (i + 1) % 3
+            out[r, i, i] = inverse[i]
+            out[r, i, j] = out[r, j, i] = inverse[3 + i]
+        if fixed:
+            out[r, 2, 2] = 0
 
 
 # The sums keep their order: reassociated, they would be gathered into slow vectors of neighbours.
-@njit(
-    cache=True,
-    nogil=True,
-    fastmath={"contract", "nsz"},
-    error_model="numpy",
-    no_cfunc_wrapper=True,
-)
+@njit(fastmath={"contract", "nsz"}, **OPTIONS)
 def _sweep(rows, inverses, right, x, ascending, strips):  # type: ignore[no-untyped-def]
     """Makes one Gauss-Seidel sweep of each strip, which starts from x and changes it."""
     count = rows.nodes.size

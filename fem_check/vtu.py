@@ -1,9 +1,8 @@
 """The finite-element body as a mesh for other codes, and as files for ParaView.
 
-`step-0000.vtu` is the body at one point of the load path, with the data of `mesh_of`;
-`step-0000-surface.vtu` is its top as quadrilaterals, with displacement, contact_pressure, gap and
-state.  In both each array has its unit, and the field data say where it comes from.  `path.pvd` is
-the list of the steps.
+`step-0000.vtu` is the body at one point of the load path, with the data of `mesh_of`, and
+`step-0000-surface.vtu` its top as quadrilaterals.  Each array has its unit, and the field data say
+where it comes from.  `path.pvd` is the list of the steps.
 """
 
 from __future__ import annotations
@@ -72,18 +71,14 @@ def mesh_of(problem: Problem, state: State | None = None, history: History | Non
         fade = 1 + block.levels / block.depth
         where[..., 2] += fade[:, None, None] * (problem.heights - problem.heights.mean())
     nodes = closed(np.arange(where[..., 0].size).reshape(where.shape[:3])).ravel()
-    points = where.reshape(-1, 3)[nodes]
-    _, i, j = np.indices((nz + 1, nx + 1, ny + 1))
-    points[:, 0] += (i == nx).ravel() * nx * block.spacing[0]
-    points[:, 1] += (j == ny).ravel() * ny * block.spacing[1]
     number = np.arange(len(nodes)).reshape(nz + 1, nx + 1, ny + 1)
+    points = where.reshape(-1, 3)[nodes].reshape(*number.shape, 3)
+    points[:, -1, :, 0] += nx * block.spacing[0]
+    points[:, :, -1, 1] += ny * block.spacing[1]
     corners = [number[1 - z : nz + 1 - z, x : nx + x, y : ny + y].ravel() for x, y, z in _CORNERS]
-    on_points: dict[str, FloatArray] = {}
-    on_cells: dict[str, FloatArray] = {}
-    if state is not None:
-        on_points, on_cells = _data(problem, state, history)
+    on_points, on_cells = ({}, {}) if state is None else _data(problem, state, history)
     return meshio.Mesh(
-        points,
+        points.reshape(-1, 3),
         [("hexahedron", np.stack(corners, axis=1))],
         {name: values[nodes] for name, values in on_points.items()},
         {name: [values] for name, values in on_cells.items()},
@@ -94,6 +89,38 @@ def mesh_of(problem: Problem, state: State | None = None, history: History | Non
 def closed(field: NDArray[Any]) -> NDArray[Any]:
     """A (..., nx, ny) field with its first row and column copied to the end of the period."""
     return np.pad(field, [(0, 0)] * (field.ndim - 2) + [(0, 1), (0, 1)], mode="wrap")
+
+
+def write_step(
+    folder: Path,
+    number: int,
+    scene: Scene,
+    options: FemOptions,
+    problem: Problem,
+    point: PathPoint,
+    history: History,
+) -> None:
+    """Write the body and its surface at one point of the path.  Raises OutputError."""
+    material = scene.material
+    told = {
+        "mean_pressure": point.mean_pressure,
+        "method": "fem",
+        "law": options.law,
+        "geometry": options.geometry,
+        "scene": scene.digest,
+        "young_modulus": material.young_modulus,
+        "poisson_ratio": material.poisson_ratio,
+        "yield_stress": material.yield_stress,
+        "hardness": material.hardness,
+        "body": scene.body.kind,
+        "depth": problem.block.depth,
+        "notes": "; ".join(scene.surface.notes),
+        **{f"version.{name}": number for name, number in package_versions().items()},
+    }
+    body = mesh_of(problem, point.state, history)
+    for mesh, end in zip((body, _top_of(body, problem, point)), ENDS, strict=True):
+        with whole_file(folder / step_name(number, end)) as temporary:
+            _write_grid(mesh, told, str(temporary))
 
 
 def _top_of(body: Any, problem: Problem, point: PathPoint) -> Any:
@@ -114,74 +141,32 @@ def _top_of(body: Any, problem: Problem, point: PathPoint) -> Any:
     return meshio.Mesh(body.points[top], [("quad", cells[: problem.heights.size, 4:])], data)
 
 
-def write_step(
-    folder: Path,
-    number: int,
-    scene: Scene,
-    options: FemOptions,
-    problem: Problem,
-    point: PathPoint,
-    history: History,
-) -> None:
-    """Write the body and its surface at one point of the path.  Raises OutputError."""
-    told = {"mean_pressure": point.mean_pressure, **_about(scene, options, problem)}
-    body = mesh_of(problem, point.state, history)
-    for mesh, end in zip((body, _top_of(body, problem, point)), ENDS, strict=True):
-        with whole_file(folder / step_name(number, end)) as temporary:
-            _write_grid(mesh, told, str(temporary))
-
-
-def _about(scene: Scene, options: FemOptions, problem: Problem) -> dict[str, str | float]:
-    """The origin of a file: method, scene, material, body, versions."""
-    material = scene.material
-    return {
-        "method": "fem",
-        "law": options.law,
-        "geometry": options.geometry,
-        "scene": scene.digest,
-        "young_modulus": material.young_modulus,
-        "poisson_ratio": material.poisson_ratio,
-        "yield_stress": material.yield_stress,
-        "hardness": material.hardness,
-        "body": scene.body.kind,
-        "depth": problem.block.depth,
-        "notes": "; ".join(scene.surface.notes),
-        **{f"version.{name}": number for name, number in package_versions().items()},
-    }
-
-
 def _write_grid(mesh: Any, about: Mapping[str, str | float], path: str) -> None:
     """Write a mesh with units and field data.  Raises OSError.
 
     meshio's own writer leaves both out, and pyvista's crashes on a full disk.
     """
     import pyvista as pv
-    from vtkmodules.vtkCommonCore import vtkDataArray, vtkObject
+    from vtkmodules.vtkCommonCore import vtkDataArray
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
     grid = pv.from_meshio(mesh)
     grid.point_data.update(mesh.point_data)  # with its own types of numbers
-    for data, arrays in ((grid.point_data, mesh.point_data), (grid.cell_data, mesh.cell_data)):
-        for name in arrays:
-            about_array = data.GetAbstractArray(name).GetInformation()
-            about_array.Set(vtkDataArray.UNITS_LABEL(), UNITS[name])
+    for data in (grid.point_data, grid.cell_data):
+        for name in data:
+            told = data.GetAbstractArray(name).GetInformation()
+            told.Set(vtkDataArray.UNITS_LABEL(), UNITS[name])
     units = {f"unit.{name}": UNITS[name] for name in (*UNITS, *about) if name in UNITS}
     for name, value in {**about, **units}.items():
         grid.field_data[name] = [value]
     writer = vtkXMLUnstructuredGridWriter()
     writer.SetInputData(grid)
-    writer.SetDataModeToAppended()
     writer.EncodeAppendedDataOff()
-    writer.SetHeaderTypeToUInt64()
     writer.SetCompressorTypeToLZ4()
     writer.SetFileName(path)
-    shown = vtkObject.GetGlobalWarningDisplay()
-    vtkObject.GlobalWarningDisplayOff()
-    try:
+    with pv.vtk_verbosity("off"), pv.VtkErrorCatcher(send_to_logging=False):
         if not writer.Write() or writer.GetErrorCode():
             raise OSError("VTK could not write all of it; is the disk full?")
-    finally:
-        vtkObject.SetGlobalWarningDisplay(shown)
 
 
 def _data(
@@ -204,19 +189,15 @@ def _data(
         return np.bincount(corners, np.repeat(values * volumes, 8), len(u)) / shared
 
     nodal = np.stack([at_nodes(component) for component in mean.T], axis=1)
-    on_points = {"displacement": u, **_named(nodal, at_nodes(strain))}
-    return on_points, _named(mean, strain)
-
-
-def _named(stress: FloatArray, strain: FloatArray) -> dict[str, FloatArray]:
-    return {
-        "stress": stress, "von_mises": von_mises(stress), "equivalent_plastic_strain": strain
-    }  # fmt: skip
+    points, cells = (
+        {"stress": s, "von_mises": von_mises(s), "equivalent_plastic_strain": e}
+        for s, e in ((nodal, at_nodes(strain)), (mean, strain))
+    )
+    return {"displacement": u, **points}, cells
 
 
 def von_mises(stress: FloatArray) -> FloatArray:
     """The von Mises norm of stresses (..., 6) with the components xx, yy, zz, xy, yz, zx."""
     s = np.moveaxis(stress, -1, 0)
     normal = (s[0] - s[1]) ** 2 + (s[1] - s[2]) ** 2 + (s[2] - s[0]) ** 2
-    result: FloatArray = np.sqrt(normal / 2 + 3 * (s[3] ** 2 + s[4] ** 2 + s[5] ** 2))
-    return result
+    return np.asarray(np.sqrt(normal / 2 + 3 * (s[3] ** 2 + s[4] ** 2 + s[5] ** 2)))

@@ -8,7 +8,7 @@ their own, because numpy's products call a BLAS whose threads cost more than the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -46,21 +46,15 @@ class Workers:
         if self._pool is None or len(ranges) == 1:
             task(ranges)
             return
-        parts = in_parts(ranges, self.threads, self.fewest / weight)
-        others = [self._pool.submit(task, part) for part in parts[1:]]
-        task(parts[0])
+        lengths = ranges[:, 1] - ranges[:, 0]
+        ends, total = np.cumsum(lengths), int(lengths.sum())
+        threads = min(self.threads, max(1, int(total * weight / self.fewest)))
+        cuts = np.searchsorted(ends - lengths / 2, total * np.arange(1, threads) / threads)
+        first, *parts = [part for part in np.split(ranges, cuts) if len(part)]
+        others = [self._pool.submit(task, part) for part in parts]
+        task(first)
         for other in others:
             other.result()
-
-
-def in_parts(ranges: NDArray[np.int64], threads: int, fewest: float) -> Sequence[NDArray[np.int64]]:
-    """At most `threads` parts of the ranges, in their order, and fewer if they are short."""
-    ends = np.cumsum(ranges[:, 1] - ranges[:, 0])
-    total = int(ends[-1]) if ends.size else 0
-    threads = min(threads, max(1, int(total / fewest)))
-    middles = ends - (ranges[:, 1] - ranges[:, 0]) / 2
-    cuts = np.searchsorted(middles, total * np.arange(1, threads) / threads)
-    return [part for part in np.split(np.ascontiguousarray(ranges), cuts) if len(part)]
 
 
 def pieces(count: int, length: int) -> NDArray[np.int64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import os
+import re
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -20,11 +20,8 @@ from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.studies.fem import speed_scene
 from epcontact.studies.stability import rough_surface
-from fem_check import FemOptions, driver, increments, plasticity, vtu
-from fem_check.driver import problem_of
-from fem_check.memory import bytes_needed
-from fem_check.newton import NewtonOptions, solve_increment
-from fem_check.problem import Control, State
+from fem_check import FemOptions, driver, increments, newton, vtu
+from fem_check.mesh import bytes_needed
 from fem_check.result import nodes_across
 
 
@@ -45,35 +42,27 @@ def test_every_law_geometry_and_body_converges_and_is_certified(
     assert max(result.final.residuals.values()) < 1e-7
     # scikit-fem's own assembly of the stresses balances the contact forces.
     assert result.final.residuals["certified_balance"] < 1e-8
-    fields = result.fields
-    assert all(fields[name].shape == scene.surface.shape for name in fields)
-    assert fields["pressure"].mean() == pytest.approx(0.05, rel=1e-7)
-    touching, plastic = fields["state"] != APART, fields["state"] == PLASTIC
-    assert (fields["pressure"][~touching] == 0).all()
-    assert (fields["gap"][~touching] > 0).all()
+    pressure, gap, state = (result.fields[name] for name in ("pressure", "gap", "state"))
+    touching, plastic = state != APART, state == PLASTIC
+    assert pressure.mean() == pytest.approx(0.05, rel=1e-7)
+    assert (pressure[~touching] == 0).all()
+    assert (gap[~touching] > 0).all()
+    assert (gap[touching] <= (1e-9 if law == "capped" else 0)).all()
     if law == "capped":
-        np.testing.assert_allclose(fields["pressure"][plastic], hardness, rtol=1e-12)
-        assert (fields["gap"][plastic] <= 1e-9).all()
-    else:
-        assert (fields["gap"][touching] == 0).all()
+        np.testing.assert_allclose(pressure[plastic], hardness, rtol=1e-12)
     assert plastic.any() == (law != "elastic")
     areas = result.final.areas["raw"]
-    assert areas.total == touching.mean()
-    assert areas.total == pytest.approx(areas.elastic + areas.plastic)
+    assert areas.total == touching.mean() == pytest.approx(areas.elastic + areas.plastic)
 
 
 def test_the_result_survives_json_and_options_are_an_object_or_keywords() -> None:
     result = fem_check.solve(rough_scene(16, 2), FemOptions(layers=6), steps=2)
-    same = fem_check.solve(rough_scene(16, 2), layers=6, steps=2)
+    same = solved(rough_scene(16, 2), layers=6, steps=2)
     np.testing.assert_array_equal(result.fields["pressure"], same.fields["pressure"])
     again = ContactResult.from_json(json.loads(json.dumps(result.to_json())))
     assert again.final.areas["raw"] == result.final.areas["raw"]
-    assert again.provenance.options["first_layer"] > 0
-    assert result.cost["newton_steps"] > 0
-    assert result.cost["unknowns"] == 3 * 256 * result.provenance.options["layers"]
+    assert result.cost["unknowns"] == 3 * 256 * again.provenance.options["layers"]
     assert result.history[-1] <= 1e-8
-    assert result.distribution is not None
-    assert result.distribution.cumulative[-1] == pytest.approx(result.final.areas["raw"].total)
 
 
 # Symmetries and limits -----------------------------------------------------------------------
@@ -110,26 +99,10 @@ def test_an_unreachable_yield_stress_is_elastic_and_needs_no_increments() -> Non
     assert chosen.cost["increments"] == 6
 
 
-def test_uniform_compression_yields_where_uniaxial_strain_does() -> None:
-    """sigma_Y (1 - nu)/(1 - 2 nu) in uniaxial strain (Lame)."""
-    body, material = Body("bonded_layer", 1.0), Material(20.0, 0.3, yield_stress=0.2)
-    for factor, volume in ((0.999, 0.0), (1.001, 1.0)):
-        load = Load(factor * 0.2 * 0.7 / 0.4)
-        result = fem_check.solve(Scene(Surface(np.zeros(4), (1.0,)), material, load, body))
-        assert result.final.quantities["plastic_volume"] == volume
-
-
 def test_hardening_bears_more_on_less() -> None:
     soft, hard = (solved(rough_scene(16, 2), hardening=h).final for h in (0.0, 5.0))
     assert hard.areas["raw"].total < soft.areas["raw"].total
     assert hard.quantities["largest_pressure"] > soft.quantities["largest_pressure"]
-
-
-def test_no_poisson_ratio_locks() -> None:
-    """As nu tends to 1/2 the answer settles; a locking element would stiffen without bound."""
-    scenes = (rough_scene(24, 3, poisson_ratio=nu) for nu in (0.45, 0.49, 0.499))
-    areas = [solved(scene).final.areas["raw"].total for scene in scenes]
-    assert max(areas) - min(areas) < 0.03 * areas[0]
 
 
 @pytest.mark.parametrize("law", ["elastic", "j2"])
@@ -181,19 +154,17 @@ def test_a_body_that_flows_wherever_it_touches_has_the_area_of_the_load_over_the
 
 def test_unloading_is_elastic_at_first_and_leaves_its_mark() -> None:
     steps = solved(rough_scene(16, 3, pressure=(0.05, 0.049, 0.01, 0.0, 0.05))).steps
-    peak, eased, low, free, again = steps
-    strain = [s.quantities["largest_plastic_strain"] for s in steps]
-    assert strain[1] == strain[0]  # nothing flows on the first bit of unloading
+    peak, eased, low, free, again = ({"area": s.areas["raw"].total} | s.quantities for s in steps)
+    assert eased["largest_plastic_strain"] == peak["largest_plastic_strain"]
     # Conforming on the way down: more contact than on the way up at the same load.
     up = solved(rough_scene(16, 3, pressure=0.01)).final
-    assert low.areas["raw"].total > up.areas["raw"].total
-    assert eased.areas["raw"].total <= peak.areas["raw"].total
-    assert free.areas["raw"].total == free.mean_pressure == free.quantities["largest_pressure"] == 0
+    assert up.areas["raw"].total < low["area"] < eased["area"] <= peak["area"]
+    assert free["area"] == free["largest_pressure"] == 0
     # Flattened asperities: the flat touches deeper than at first, and less deep than pressed.
-    assert 0 < free.quantities["approach"] < peak.quantities["approach"]
-    # Back at the peak load the body is where it was: shakedown to 1 %.
-    assert again.areas["raw"].total == pytest.approx(peak.areas["raw"].total, rel=0.05)
-    assert again.quantities["mean_gap"] == pytest.approx(peak.quantities["mean_gap"], rel=0.01)
+    assert 0 < free["approach"] < peak["approach"]
+    # Back at the peak load the body is where it was.
+    assert again["area"] == pytest.approx(peak["area"], rel=0.05)
+    assert again["mean_gap"] == pytest.approx(peak["mean_gap"], rel=0.01)
 
 
 def test_elastic_unloading_comes_back_the_same_way() -> None:
@@ -223,14 +194,17 @@ def test_a_capped_body_unloads_as_an_elastic_one_with_the_surface_left_behind(bo
 
     lowered = along(peak).fields["plastic_displacement"]
     result = along(0.3 * peak, peak, 0.7 * peak, 0.4 * peak)
-    np.testing.assert_allclose(result.fields["plastic_displacement"], lowered, atol=1e-12)
+    fields = {name: np.array(field) for name, field in result.fields.items()}
+    np.testing.assert_allclose(fields["plastic_displacement"], lowered, atol=1e-12)
+    fields["gap"] += lowered  # from the surface left behind
     left = replace(scene.surface, heights=scene.surface.heights - lowered)
-    elastic = solved(replace(scene, surface=left, load=Load(0.4 * peak)), law="elastic")
-    for name, scale in (("pressure", 0.25), ("displacement", lowered.max())):
-        difference = np.abs(result.fields[name] - elastic.fields[name]).max()
-        assert difference < 1e-7 * scale
-    open_gap = result.fields["gap"] + result.fields["plastic_displacement"]
-    np.testing.assert_allclose(open_gap, elastic.fields["gap"], atol=1e-7 * lowered.max())
+    elastic = solved(replace(scene, surface=left, load=Load(0.4 * peak)), law="elastic").fields
+    for name, scale in (
+        ("pressure", 0.25),
+        ("displacement", lowered.max()),
+        ("gap", lowered.max()),
+    ):
+        assert np.abs(fields[name] - elastic[name]).max() < 1e-7 * scale
     assert result.final.areas["raw"].plastic == 0.0
     *_, again, beyond = along(peak, 0.0, 0.2 * peak, peak, 1.3 * peak).steps
     assert again.areas == along(peak).final.areas
@@ -269,23 +243,19 @@ def test_the_increments_are_as_many_as_their_error_asks_for(severity: float) -> 
 @pytest.mark.parametrize(("length", "stress"), [(1e-9, 1e9), (10.0, 1e9), (1e-3, 1.0)])
 def test_the_unit_of_length_does_not_matter(length: float, stress: float) -> None:
     """1 nm to 10 m, on a path that unloads to nothing: the same dimensionless answers."""
-
-    def scaled(length: float, stress: float) -> Scene:
-        scene = rough_scene(12, 2)
-        E, nu, Y = 20 * (1 - 0.3**2) * stress, 0.3, 0.2 * stress
-        surface = Surface(scene.surface.heights * length, (length, length))
-        loads = Load(tuple(p * stress for p in (0.05, 0.01, 0.0)))
-        return Scene(surface, Material(E, nu, yield_stress=Y), loads)
-
-    one, other = (fem_check.solve(scaled(*units)) for units in ((1.0, 1.0), (length, stress)))
-    for a, b in zip(one.steps, other.steps, strict=True):
+    one = rough_scene(12, 2, pressure=(0.05, 0.01, 0.0))
+    other = Scene(
+        Surface(one.surface.heights * length, (length, length)),
+        Material(one.material.young_modulus * stress, 0.3, yield_stress=0.2 * stress),
+        Load(tuple(p * stress for p in one.load.path)),
+    )
+    units = {"mean_gap": length, "approach": length, "largest_pressure": stress}
+    for a, b in zip(*(fem_check.solve(scene).steps for scene in (one, other)), strict=True):
         assert a.areas["raw"] == b.areas["raw"]
         assert max(b.residuals.values()) < 1e-7
-        for name, unit in (
-            ("mean_gap", length), ("approach", length), ("largest_pressure", stress)
-        ):  # fmt: skip
-            expected = a.quantities[name]
-            assert b.quantities[name] / unit == pytest.approx(expected, rel=1e-8, abs=1e-10)
+        for name, unit in units.items():
+            expected = pytest.approx(a.quantities[name], rel=1e-8, abs=1e-10)
+            assert b.quantities[name] / unit == expected
 
 
 def test_the_shortest_pair_is_kept_and_its_error_reported(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -298,11 +268,11 @@ def test_the_shortest_pair_is_kept_and_its_error_reported(monkeypatch: pytest.Mo
 def test_increments_that_fail_are_halved(monkeypatch: pytest.MonkeyPatch) -> None:
     real, asked = increments.solve_increment, list[float]()
 
-    def reluctant(problem, state, history, control, options):  # type: ignore[no-untyped-def]
+    def reluctant(problem, state, history, control, tolerance):  # type: ignore[no-untyped-def]
         asked.append(control.load)
         if control.load > 0.03 and not (asked[:-1] and max(asked[:-1]) > 0.03 and len(asked) > 2):
             raise NotConverged("too far")
-        return real(problem, state, history, control, options)
+        return real(problem, state, history, control, tolerance)
 
     monkeypatch.setattr(increments, "solve_increment", reluctant)
     result = solved(rough_scene(8, 2), steps=1)
@@ -311,35 +281,14 @@ def test_increments_that_fail_are_halved(monkeypatch: pytest.MonkeyPatch) -> Non
     assert any("halved" in note for note in result.notes)
 
 
-def test_a_step_that_does_not_converge_raises_with_its_history_and_commits_nothing() -> None:
-    path = driver.solve_path(rough_scene(16, 3))
-    history, state, control = path.history, path.points[-1].state, Control(0.2, scale=0.2)
-    before = history.accumulated.copy()
+def test_a_step_that_does_not_converge_raises_with_its_residuals(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(newton, "MOST_NEWTON", 1)
     with pytest.raises(NotConverged, match="did not converge in 1 Newton") as caught:
-        solve_increment(path.problem, state, history, control, NewtonOptions(max_newton=1))
+        solved(rough_scene(16, 3))
     assert len(caught.value.history) == 2
     assert caught.value.residuals["balance"] > 1e-8
-    np.testing.assert_array_equal(history.accumulated, before)
-
-
-def test_an_unglobalised_merged_newton_diverges_where_the_nested_one_does_not() -> None:
-    """One change of the contact set an iteration, full steps, pure tangent, cold start: from the
-    virgin body out of contact, all nodes taken for touching."""
-    scene = rough_scene(12, 2, yield_stress=0.02, pressure=0.01, hardness=np.inf)
-    problem = problem_of(scene, FemOptions())
-    shape = problem.block.shape
-    start = State(
-        np.zeros(problem.block.field_shape), 0.0, np.ones(shape, np.int8), np.zeros(shape)
-    )
-    history = plasticity.initial_history(problem.bricks.number)
-    control = Control(0.01, scale=0.01)
-    naive = NewtonOptions(line_search=False, regularise=False, sweeps=1, max_newton=12)
-    with pytest.raises(NotConverged) as caught:
-        solve_increment(problem, start, history, control, naive)
-    # It does not merely run out of iterations: it is nowhere near.
-    assert min(caught.value.history[-5:]) > 1e-3
-    found = solve_increment(problem, start, history, control, NewtonOptions(max_newton=12))
-    assert max(found.residuals.values()) < 1e-8
 
 
 # Warnings and refusals -----------------------------------------------------------------------
@@ -366,13 +315,13 @@ def test_too_few_nodes_across_a_contact_mislead() -> None:
     area by more than a quarter, with 10 by less than a fiftieth; only the first is warned of."""
     hertz = 4 / 3 / (1 - 0.3**2) * 0.05**3  # the force for a radius of 0.05 on R = E = 1
     for rim, least, most in ((1.5, 0.25, 9.0), (10.0, 0.0, 0.02)):
-        found = []
-        for offset in ((0.0, 0.0), (0.25, 0.5), (0.5, 0.5), (0.1, 0.3)):
-            scene = sphere_scene(hertz, nodes=48, nodes_to_rim=rim, offset=offset)
-            result = solved(scene, law="elastic")
-            found.append(result.final.areas["raw"].total)
-            assert any("nodes across" in note for note in result.notes) == (rim < 2)
-        assert least <= (max(found) - min(found)) / np.mean(found) < most
+        found = [
+            solved(sphere_scene(hertz, nodes=48, nodes_to_rim=rim, offset=offset), law="elastic")
+            for offset in ((0.0, 0.0), (0.25, 0.5), (0.5, 0.5), (0.1, 0.3))
+        ]
+        assert {any("nodes across" in note for note in r.notes) for r in found} == {rim < 2}
+        areas = [result.final.areas["raw"].total for result in found]
+        assert least <= np.ptp(areas) / np.mean(areas) < most
 
 
 def test_the_nodes_across_a_contact_are_counted_over_the_periodic_edges() -> None:
@@ -386,29 +335,29 @@ def test_the_nodes_across_a_contact_are_counted_over_the_periodic_edges() -> Non
 
 
 @pytest.mark.parametrize(
-    ("scene", "options", "words"),
+    ("options", "words"),
     [
-        ({}, {"law": "viscous"}, "law is 'viscous', but must be elastic, capped or j2"),
-        ({}, {"geometry": "curved"}, "geometry is 'curved', but must be gap or moved"),
-        ({}, {"hardening": -1.0}, "hardening is -1.0"),
-        ({}, {"tolerance": 0.0}, "tolerance is 0.0"),
-        ({}, {"steps": 0}, "steps is 0"),
-        ({}, {"step_tolerance": 1.0}, "step_tolerance is 1.0"),
-        ({}, {"approach": -0.1}, "approach is -0.1"),
-        ({}, {"approach": ()}, "approach is ()"),
-        ({}, {"layers": -3}, "layers is -3"),
-        ({}, {"depth": math.nan}, "depth is nan"),
-        ({}, {"first_layer": -1.0}, "first_layer is -1"),
-        ({"yield_stress": math.inf}, {}, "finite yield_stress"),
-        ({"hardness": math.inf}, {"law": "capped"}, "finite hardness"),
+        ({"law": "viscous"}, "law is 'viscous', but must be elastic, capped or j2"),
+        ({"geometry": "curved"}, "geometry is 'curved', but must be gap or moved"),
+        ({"hardening": -1.0}, "hardening is -1.0"),
+        ({"tolerance": 0.0}, "tolerance is 0.0"),
+        ({"steps": 0}, "steps is 0"),
+        ({"step_tolerance": 1.0}, "step_tolerance is 1.0"),
+        ({"approach": -0.1}, "approach is -0.1"),
+        ({"approach": ()}, "approach is ()"),
+        ({"layers": -3}, "layers is -3"),
+        ({"depth": math.nan}, "depth is nan"),
+        ({"first_layer": -1.0}, "first_layer is -1"),
+        ({}, "finite yield_stress"),
+        ({"law": "capped"}, "finite hardness"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_one_sentence(
-    scene: dict[str, float], options: dict[str, Any], words: str
+    options: dict[str, Any], words: str
 ) -> None:
-    with pytest.raises(InvalidScene) as caught:
-        fem_check.solve(rough_scene(8, 2, **scene), **options)
-    assert words in str(caught.value)
+    scene = rough_scene(8, 2, yield_stress=math.inf, hardness=math.inf)
+    with pytest.raises(InvalidScene, match=re.escape(words)):
+        fem_check.solve(scene, **options)
 
 
 # A twentieth of the elements flow, or a third, or all of them, or none may.
@@ -416,21 +365,20 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(
     ("nodes", "load", "yield_stress", "depth", "options"),
     [
         (16, 0.05, 0.2, 0.0, {"law": "elastic"}),
-        (16, 0.05, 0.2, 0.0, {"steps": 2, "certified": True}),
-        (16, 0.05, 0.2, 0.0, {}),
-        (32, 0.05, 0.2, 0.0, {"steps": 2, "layers": 24}),
-        (16, 0.05, 0.2, 0.0, {"steps": 2, "geometry": "moved"}),
-        (16, 0.1, 0.2, 0.0, {"steps": 2}),
-        (24, 0.3, 0.2, 0.0, {"steps": 2}),
-        (24, 0.005, 0.02, 0.0, {"steps": 2}),
-        (16, 0.08, 0.02, 0.3, {"steps": 2}),
-        (16, 0.05, 0.2, 0.4, {"steps": 2}),
+        (16, 0.05, 0.2, 0.0, {"certified": True}),
+        (32, 0.05, 0.2, 0.0, {"layers": 24}),
+        (16, 0.05, 0.2, 0.0, {"geometry": "moved"}),
+        (24, 0.3, 0.2, 0.0, {}),
+        (24, 0.005, 0.02, 0.0, {}),
+        (16, 0.08, 0.02, 0.3, {}),
+        (16, 0.05, 0.2, 0.4, {}),
     ],
 )
 def test_the_estimate_of_memory_is_right_to_a_quarter(
     nodes: int, load: float, yield_stress: float, depth: float, options: dict[str, Any]
 ) -> None:
-    given, chosen = speed_scene(nodes, load=load), FemOptions(**{"certified": False} | options)
+    chosen = FemOptions(**{"certified": False, "steps": 2} | options)
+    given = speed_scene(nodes, load=load)
     given = replace(given, material=replace(given.material, yield_stress=yield_stress))
     given = replace(given, body=Body("bonded_layer", depth) if depth else Body())
     fem_check.solve(speed_scene(8), chosen)  # compiles the same kernels, which needs memory, too
@@ -463,20 +411,14 @@ def test_pyvista_opens_the_path_with_its_fields(
         scene, geometry=geometry, output=tmp_path, progress=lambda share, _: told.append(share)
     )
     assert told == [0.5, 1.0]
-    umask = os.umask(0)
-    os.umask(umask)
-    for path in tmp_path.iterdir():
-        assert path.stat().st_mode & 0o777 == 0o666 & ~umask  # as of any new file
     assert len(list(tmp_path.iterdir())) == 5
     reader = pyvista.get_reader(tmp_path / "path.pvd")
     assert len(reader.time_values) == 2
     reader.set_active_time_point(1)
     body, top = reader.read()
-    columns = 8**dimensions
+    columns, whole = 8**dimensions, {"stress", "von_mises", "equivalent_plastic_strain"}
     assert (body.n_cells, top.n_cells) == (result.provenance.options["layers"] * columns, columns)
-    whole = {"displacement", "stress", "von_mises", "equivalent_plastic_strain"}
-    assert set(body.point_data) == whole
-    assert set(body.cell_data) == whole - {"displacement"}
+    assert set(body.cell_data) == whole == set(body.point_data) - {"displacement"}
     assert set(top.point_data) == {"displacement", "contact_pressure", "gap", "state"}
     assert top["state"].dtype == np.uint8
     corners = top.points[top.cells.reshape(-1, 5)[:, 1:4]]
@@ -494,8 +436,7 @@ def test_pyvista_opens_the_path_with_its_fields(
     assert np.ptp(warped.points[touching, 2]) < 1e-9 * roughness
     assert body["equivalent_plastic_strain"].max() > 0
     assert body["von_mises"].max() <= 0.2 * (1 + 1e-9)
-    for part in (body, top):
-        held = part.field_data
+    for held in (body.field_data, top.field_data):
         assert (held["scene"][0], held["law"][0]) == (scene.digest, "j2")
         assert held["mean_pressure"][0] == pytest.approx(0.05)
         assert (held["unit.displacement"][0], held["unit.young_modulus"][0]) == ("m", "Pa")

@@ -52,8 +52,7 @@ def of_block(
     recipe: Recipe, material: Material, body: Body, load: Load, options: Mapping[str, Any]
 ) -> float:
     """Estimate the bytes of the finite elements."""
-    from fem_check.memory import bytes_needed  # loads solvers
-    from fem_check.mesh import block_for
+    from fem_check.mesh import block_for, bytes_needed  # loads solvers
     from fem_check.options import FemOptions
 
     flat = Scene(Surface(np.zeros(recipe.shape), recipe.periods), material, load, body)
