@@ -48,14 +48,27 @@ against = "persson"
 tolerance = 0.5
 because = "only a smoke test"
 """
+#: What makes SMALL_CASE a family of two.
+VARIANTS = """
+[[variant]]
+case = { id = "soft" }
+material = { young_modulus = 50.0e9 }
+
+[[variant]]
+case = { id = "stiff", requirement = "A stiff one." }
+gate = [
+  { quantity = "area.total.corrected", tolerance = 0.1, because = "It is stiff." },
+  { quantity = "quantity.mean_gap", of = "bem", against = "persson", tolerance = 2, because = "-" },
+]
+"""
 
 
 @pytest.fixture
 def write_case(tmp_path: Path) -> Callable[..., Path]:
-    """Write SMALL_CASE, with replacements, to a file named after its id."""
+    """Write SMALL_CASE, with replacements and more text, to a file named after its id."""
 
-    def write(*replacements: tuple[str, str], name: str = "small") -> Path:
-        text = SMALL_CASE.replace('id = "small"', f'id = "{name}"')
+    def write(*replacements: tuple[str, str], name: str = "small", more: str = "") -> Path:
+        text = SMALL_CASE.replace('id = "small"', f'id = "{name}"') + more
         for old, new in replacements:
             assert old in text, old
             text = text.replace(old, new)

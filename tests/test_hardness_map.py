@@ -137,12 +137,14 @@ def test_a_case_may_take_its_hardness_from_the_map(write_case, tmp_path) -> None
     source = solve_task(theory, 1).provenance.about["hardness_source"]["value"]
     assert f"map {map_digest()}" in source
     assert f"95 % interval {expected.interval[0]:.3g} to" in source
-    with pytest.raises(InvalidCase, match="but yield_stress, from which it follows, is missing"):
+    with pytest.raises(
+        InvalidCase, match="yield_stress is inf, but must be a positive number in Pa"
+    ):
         load_case(write_case((given[0], 'hardness = "effective"')))
     thin = (given[1] + '\n\n[body]\nkind = "bonded_layer"\ndepth = 1e-4', given[0])[::-1]
     with pytest.raises(InvalidCase, match=r"for deep bodies, .* 0\.0001 m and the period 0\.001 m"):
         load_case(write_case(thin))
-    with pytest.raises(InvalidCase, match="'efective', but must be a valid number or 'effective'"):
+    with pytest.raises(InvalidCase, match="valid number or be 'effective'"):
         load_case(write_case((given[0], 'hardness = "efective"')))
 
 
@@ -178,7 +180,7 @@ def test_a_measured_map_has_the_hardness_of_its_own_slope(write_case, tmp_path) 
     assert str(expected).partition(" (")[0] in case.hardness_source
     tilted = heights + 1e-5 * np.arange(32)[:, None]
     np.save(tmp_path / "map.npy", tilted)
-    with pytest.raises(InvalidCase, match=r"\[surface\] .*map.npy: not periodic"):
+    with pytest.raises(InvalidCase, match=r"map\.npy: not periodic"):
         load_case(given)
 
 

@@ -93,7 +93,9 @@ def verified(write_case, tmp_path, monkeypatch) -> Callable[..., Verdict]:
             return next(turns, answered)(*given)
 
         monkeypatch.setitem(METHODS, "persson", replace(METHODS["persson"], solve=chosen))
-        cases = [first.changed(**options), second]
+        about = {"requirement": options.pop("requirement", first.head.requirement)}
+        head = first.head.model_copy(update=about)
+        cases = [first.changed(head=head, **options), second]
         return verify(cases, output=tmp_path / "out", jobs=1, fresh=True)
 
     return run

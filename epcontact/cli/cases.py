@@ -72,8 +72,8 @@ def run(
     print_surface_notes(open_console(), chosen, answers)
     if sentence := gamma_sentence([chosen]):
         click.echo(sentence)
-    if chosen.hardness_in_words:
-        click.echo(chosen.hardness_in_words)
+    if chosen.mapped_hardness:
+        click.echo(str(chosen.mapped_hardness))
     errors = [sentence for answer in answers.values() for sentence in answer.errors]
     if errors:
         raise _Refusal(f"{loaded.id}: {'; '.join(errors)}")
@@ -157,8 +157,8 @@ def _show(verdict: Verdict, output: Path) -> None:
     for case in verdict.cases:
         if isinstance(next(iter(case.case.recipes), None), HeightsFromFile):
             print_surface_notes(console, case.case, case.answers)
-        if case.case.hardness_in_words:
-            click.echo(f"{case.id}: {case.case.hardness_in_words}")
+        if case.case.mapped_hardness:
+            click.echo(f"{case.id}: {case.case.mapped_hardness}")
         print_shortfalls(console, case)
     counts = {s: sum(case.status == s for case in verdict.cases) for s in STYLES}
     summary = ", ".join(f"{n} {_PLURAL.get(s, s) if n > 1 else s}" for s, n in counts.items() if n)

@@ -51,8 +51,8 @@ def plan(case: str, tolerance: str, size: str | None, check: bool, run: Run) -> 
     grid = " x ".join(map(str, chosen.shape))
     areas = f", {grid} points, {surfaces}" if chosen.on_grid else ""
     click.echo(f"{chosen.case}: {chosen.method}{areas}, {chosen.areas} areas")
-    cap = loaded.hardness_in_words
-    capped = [cap, "the plan is for a body with this hardness, whose own error is not in it"]
+    cap = loaded.mapped_hardness
+    capped = [str(cap), "the plan is for a body with this hardness, whose own error is not in it"]
     for sentence in (*chosen.reasons, *(capped if cap else ()), *chosen.notes):
         click.echo(f"  {sentence}")
     click.echo(

@@ -11,10 +11,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -25,7 +24,6 @@ from epcontact.harness.answers.store import Task, key_of, read_member
 from epcontact.harness.case_files.axes import MOST_TASKS, Point, Scalar
 from epcontact.harness.case_files.case import Case, CaseText, case_at, find_case, sweep_of
 from epcontact.harness.methods.registry import METHODS, Method
-from epcontact.harness.processes import made
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
 from epcontact.results import ContactResult
 
@@ -34,23 +32,12 @@ _LIST, _FORMAT = "sweep.json", "epcontact-sweep-1"
 COSTS = ("cost.seconds", "cost.peak_memory_bytes")
 
 
-@dataclass(frozen=True)
-class Sweep:
-    """The tasks of a sweep, each with its point.
+class Sweep(NamedTuple):
+    """The tasks of a sweep, the point of each, and what is measured beside what methods report."""
 
-    Attributes:
-        case: the id of the case.
-        size: its size.
-        tasks: the tasks, in the order of the table.
-        points: the point of each task.
-        quantities: what is measured beside what the methods report.
-    """
-
-    case: str
-    size: str
-    tasks: tuple[Task, ...]
-    points: tuple[Point, ...]
-    quantities: tuple[str, ...]
+    tasks: list[Task]
+    points: list[Point]
+    quantities: list[str]
 
 
 @dataclass(frozen=True)
@@ -69,48 +56,35 @@ class Swept:
     table: pd.DataFrame
     failures: Mapping[str, str]
     reused: int
-    quantities: tuple[str, ...]
+    quantities: Sequence[str]
 
 
 def read_sweep(case: CaseText | Path | str, size: str = "fast") -> Sweep:
-    """Return the tasks of the table [sweep] of a case; every point is checked.
-
-    Args:
-        case: a case from `find_case`, or a name or path for it.
-        size: "fast", "full" or "large", if the case has it.
-
-    Raises:
-        InvalidCase: if there is no such table, or a point of it is no valid case.
-    """
+    """Return the tasks of the table [sweep] of a case; every point is checked."""
     text = case if isinstance(case, CaseText) else find_case(case)
     swept = sweep_of(text, size)
-    tasks: list[Task] = []
-    points: list[Point] = []
+    sweep = Sweep([], [], swept.quantities)
     for point in swept.points():
-        values: Mapping[str, Any] = point
-        if swept.seeds is not None:
-            values = {**point, "surface.seeds": swept.seeds}
-        found = [*_tasks_at(point, case_at(text, values, size), swept.quantities)]
-        tasks += found
-        points += [point] * len(found)
-        if len(tasks) > MOST_TASKS:
+        seeds = {} if swept.seeds is None else {"surface.seeds": swept.seeds}
+        found = [*_tasks_at(point, case_at(text, {**point, **seeds}, size), swept.quantities)]
+        sweep.tasks.extend(found)
+        sweep.points.extend([point] * len(found))
+        if len(sweep.tasks) > MOST_TASKS:
             raise InvalidCase(
                 f"{text.where}: [sweep] {swept.size} points with their surfaces and methods are "
                 f"more than {MOST_TASKS} tasks"
             )
-    return Sweep(text.id, size, tuple(tasks), tuple(points), tuple(swept.quantities))
+    return sweep
 
 
 def _tasks_at(point: Point, case: Case, quantities: Sequence[str]) -> Iterator[Task]:
     if case.skip:
         raise InvalidCase(f"{case.path}: {case.skip}")
-    for name in quantities:
-        if name not in QUANTITIES:
-            known = nearest(name, QUANTITIES)
-            raise InvalidCase(f"{case.path}: [sweep] no quantity is called {name!r}{known}")
-        if not any(_answers(METHODS[method], name) for method in case.methods):
+    for quantity in quantities:
+        if not any(_answers(METHODS[method], quantity) for method in case.methods):
+            known = "" if quantity in QUANTITIES else nearest(quantity, QUANTITIES)
             raise InvalidCase(
-                f"{case.path}: [sweep] quantities has {name!r}, which no method of the case answers"
+                f"{case.path}: [sweep] no method of the case answers {quantity!r}{known}"
             )
     name = hashlib.sha256(json.dumps(point, sort_keys=True).encode()).hexdigest()[:10]
     values = ", ".join(f"{key.partition('.')[2]} {in_words(value)}" for key, value in point.items())
@@ -129,11 +103,9 @@ def in_words(value: Scalar) -> str:
 
 
 def _answers(method: Method, name: str) -> bool:
-    """Return whether a method has what a quantity needs."""
-    needs = QUANTITIES[name].needs
-    return (method.has_fields or "fields" not in needs) and (
-        method.has_model_measures or "J2 flow" not in needs
-    )
+    """Return whether there is such a quantity, and a method has what it needs."""
+    has = {"fields": method.has_fields, "J2 flow": method.has_model_measures}
+    return name in QUANTITIES and all(has.get(need, True) for need in QUANTITIES[name].needs)
 
 
 def run_sweep(
@@ -152,20 +124,21 @@ def run_sweep(
         OutputError: if a file cannot be written.
     """
     run = replace(run or Run(), **options)
-    sweep = read_sweep(case, size)
-    folder = sweep.tasks[0].case.folder(run.folder)
-    executor = run.executor
-
-    def listed() -> Executor:  # the list is not left behind where there is no such executor
-        found = made(executor)
-        _write_list(sweep, run.folder, folder)
-        return found
-
-    if not executor:
-        _write_list(sweep, run.folder, folder)
-    outcomes, reused = run_tasks(sweep.tasks, replace(run, executor=listed if executor else ""))
-    if executor and len(reused) == len(sweep.tasks):  # then no executor was made
-        _write_list(sweep, run.folder, folder)
+    tasks, points, quantities = read_sweep(case, size)
+    folder = tasks[0].case.folder(run.folder)
+    rows = [
+        {
+            "point": point,
+            "method": task.method.name,
+            "seed": None if task.label.endswith("-single") else getattr(task.recipe, "seed", None),
+            "file": str(task.result_path(run.folder).relative_to(folder)),
+            "key": key_of(task),
+        }
+        for task, point in zip(tasks, points, strict=True)
+    ]
+    about = {"schema": _FORMAT, "case": tasks[0].case.id, "size": size}
+    write_json(folder / _LIST, about | {"tasks": rows})
+    outcomes, reused = run_tasks(tasks, run)
     failures = {
         f"{task.method.name}-{task.label}": outcome
         for task, outcome in outcomes.items()
@@ -174,22 +147,7 @@ def run_sweep(
     found = table(folder)
     with whole_file(folder / "sweep.csv") as temporary:
         found.to_csv(temporary, index=False)
-    return Swept(folder, found, failures, len(reused), sweep.quantities)
-
-
-def _write_list(sweep: Sweep, output: Path, folder: Path) -> None:
-    rows = [
-        {
-            "point": point,
-            "method": task.method.name,
-            "seed": None if task.label.endswith("-single") else getattr(task.recipe, "seed", None),
-            "file": str(task.result_path(output).relative_to(folder)),
-            "key": key_of(task),
-        }
-        for task, point in zip(sweep.tasks, sweep.points, strict=True)
-    ]
-    data = {"schema": _FORMAT, "case": sweep.case, "size": sweep.size, "tasks": rows}
-    write_json(folder / _LIST, data)
+    return Swept(folder, found, failures, len(reused), quantities)
 
 
 def table(folder: str | Path) -> pd.DataFrame:
@@ -206,23 +164,20 @@ def table(folder: str | Path) -> pd.DataFrame:
     Raises:
         OutputError: if there is no sweep in the folder.
     """
-    path = Path(folder) / _LIST
+    path, rows = Path(folder) / _LIST, []
     try:
         data = json.loads(read_bytes(path))
         if data["schema"] != _FORMAT:
             raise ValueError(data["schema"])
-        rows = [_row(Path(folder), task) for task in data["tasks"]]
+        for task in data["tasks"]:
+            member = read_member(Path(folder) / task["file"])
+            solved = member.get("key") == task["key"]
+            found = scalar_quantities(ContactResult.from_json(member)) if solved else {}
+            about = {"method": task["method"], "seed": task["seed"], "solved": solved}
+            rows.append(task["point"] | about | found)
     except (ValueError, KeyError, TypeError):
         raise OutputError(f"{path} is no list of a sweep; run `epcontact sweep` again") from None
-    found = pd.DataFrame(rows)
-    return found.dropna(axis="columns", how="all")
-
-
-def _row(folder: Path, task: Mapping[str, Any]) -> dict[str, Any]:
-    member = read_member(folder / task["file"])
-    solved = member.get("key") == task["key"]
-    row = {**task["point"], "method": task["method"], "seed": task["seed"], "solved": solved}
-    return row | (scalar_quantities(ContactResult.from_json(member)) if solved else {})
+    return pd.DataFrame(rows).dropna(axis="columns", how="all")
 
 
 def digest(found: pd.DataFrame) -> str:

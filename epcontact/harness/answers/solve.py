@@ -46,10 +46,10 @@ def solve_task(task: Task, threads: int, moving: Callable[[float], None] | None 
     """Solve one task; return the sentence of whatever went wrong, so that others are judged."""
     try:
         case, method = task.case, task.method
-        with contextlib.nullcontext() if method.source else _limited(case.time_limit):
+        with contextlib.nullcontext() if method.source else _limited(case.head.time_limit):
             scene = case.scene(task.recipe)
             if method.source:  # its limit is enforced from outside its process
-                result = foreign.solve(method.name, method.source, scene, case.time_limit)
+                result = foreign.solve(method.name, method.source, scene, case.head.time_limit)
             else:
                 options = {**case.options[method.name], **_step_options(task, scene)}
                 if moving is not None and method.steps:

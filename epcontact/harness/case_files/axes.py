@@ -1,15 +1,6 @@
 """The table [sweep] of a case file: which keys take which values, and the points that they make.
 
-    [sweep]
-    load.mean_pressure = [1e8, 2e8, 4e8]                                    # these values
-    material.hardness = { low = 2e9, high = 8e9, points = 3, spacing = "log" }  # a grid
-    material.poisson_ratio = { low = 0.0, high = 0.45 }                     # sampled
-    surface.hurst = { low = 0.5, high = 1.0 }                               # sampled
-    samples = 20
-    seeds = [1, 2, 3, 4]
-
-Values and grids are combined, each with each, and with every sample.  Keys that change together
-are tables [[sweep.point]], each of which gives all of them; they are combined with the rest, too.
+Values and grids are combined, each with each, and with every sample and every [[sweep.point]].
 """
 
 from __future__ import annotations
@@ -20,7 +11,7 @@ from itertools import product
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from epcontact.harness.methods.registry import Table
 
@@ -60,38 +51,29 @@ class Range(Table):
         return [float(f"{value:.12g}") for value in values]
 
 
-def _different(values: list[Scalar]) -> list[Scalar]:
-    if len(set(values)) < len(values):
-        raise ValueError("a value is there twice; give each once")
-    return values
-
-
-_Values = Annotated[list[Scalar], Field(min_length=1), AfterValidator(_different)]
 #: What a key takes: values, or a range.
-Axis = Annotated[
-    Annotated[_Values, Tag("values")] | Annotated[Range, Tag("range")],
+_Axis = Annotated[
+    Annotated[list[Scalar], Field(min_length=1), Tag("values")] | Annotated[Range, Tag("range")],
     Discriminator(lambda given: "range" if isinstance(given, Mapping | Range) else "values"),
 ]
-_Axes = dict[str, Axis]
+_SECTIONS = ("surface", "material", "body", "load", "theory", "bem", "fem")
 
 
 def _joined(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Return the keys of sections by their names, such as "material.hardness"."""
-    return {
-        f"{name}.{key}": value for name, keys in sections.items() for key, value in keys.items()
-    }
+    return {f"{name}.{key}": v for name, keys in sections.items() for key, v in keys.items()}
 
 
 class SweepTable(Table):
     """[sweep]: each section has the keys of the case's section, with lists or ranges."""
 
-    surface: _Axes = Field(default={}, description="values of keys of [surface]")
-    material: _Axes = Field(default={}, description="values of keys of [material]")
-    body: _Axes = Field(default={}, description="values of keys of [body]")
-    load: _Axes = Field(default={}, description="values of keys of [load]")
-    theory: _Axes = Field(default={}, description="values of keys of [theory]")
-    bem: _Axes = Field(default={}, description="values of keys of [bem]")
-    fem: _Axes = Field(default={}, description="values of keys of [fem]")
+    surface: dict[str, _Axis] = Field(default={}, description="values of keys of [surface]")
+    material: dict[str, _Axis] = Field(default={}, description="values of keys of [material]")
+    body: dict[str, _Axis] = Field(default={}, description="values of keys of [body]")
+    load: dict[str, _Axis] = Field(default={}, description="values of keys of [load]")
+    theory: dict[str, _Axis] = Field(default={}, description="values of keys of [theory]")
+    bem: dict[str, _Axis] = Field(default={}, description="values of keys of [bem]")
+    fem: dict[str, _Axis] = Field(default={}, description="values of keys of [fem]")
     seeds: list[Annotated[int, Field(ge=0)]] | None = Field(
         default=None, min_length=1, description="of the surfaces at every point; else the case's"
     )
@@ -107,44 +89,41 @@ class SweepTable(Table):
     )
 
     @property
-    def axes(self) -> dict[str, list[Scalar] | Range]:
-        """What each key takes, by its name such as "material.hardness"."""
-        sections = ("surface", "material", "body", "load", "theory", "bem", "fem")
-        return _joined({name: getattr(self, name) for name in sections})
+    def _axes(self) -> dict[str, list[Scalar] | Range]:
+        return _joined({name: getattr(self, name) for name in _SECTIONS})
 
     @property
-    def tables(self) -> list[Point]:
-        """The tables [[sweep.point]]."""
-        return [_joined(point) for point in self.point]
-
-    @property
-    def sampled(self) -> dict[str, Range]:
-        """The ranges that the Latin hypercube samples."""
-        return {k: a for k, a in self.axes.items() if isinstance(a, Range) and a.points is None}
+    def _sampled(self) -> dict[str, Range]:
+        return {k: a for k, a in self._axes.items() if isinstance(a, Range) and a.points is None}
 
     @property
     def size(self) -> int:
         """The number of points."""
-        counts = [len(a) if isinstance(a, list) else a.points or 1 for a in self.axes.values()]
+        counts = [len(a) if isinstance(a, list) else a.points or 1 for a in self._axes.values()]
         return math.prod(counts) * (self.samples or 1) * max(1, len(self.point))
 
     @model_validator(mode="after")
     def _answerable(self) -> Self:
-        axes, tables, sampled = self.axes, self.tables, self.sampled
+        axes, sampled = self._axes, self._sampled
         if sampled and self.samples is None:
             raise ValueError(f"{min(sampled)} is a range; give points, or samples for the sweep")
-        if self.samples is not None and not sampled:
-            raise ValueError("samples is given, but no key is a range without points")
-        if "seed" in self.model_fields_set and not sampled:
-            raise ValueError("seed is of samples, but there are none; surfaces have seeds = [1, 2]")
-        if not axes and not tables:
+        if not sampled and self.model_fields_set & {"samples", "seed"}:
+            raise ValueError(
+                "samples and seed are of ranges without points, but no key has such a range; "
+                "surfaces have seeds = [1, 2]"
+            )
+        for key, axis in axes.items():
+            if isinstance(axis, list) and len(set(axis)) < len(axis):
+                raise ValueError(f"{key} has a value twice; give each once")
+        if not axes and not self.point:
             raise ValueError("no key has values; give such as load.mean_pressure = [1e8, 2e8]")
+        tables = [_joined(point) for point in self.point]
         for number, table in enumerate(tables, start=1):
             if table.keys() != tables[0].keys():
                 raise ValueError(f"point {number} and point 1 have different keys")
             if both := table.keys() & axes.keys():
                 raise ValueError(f"point {number} gives {min(both)}, which has values of its own")
-        if "surface.seeds" in {*axes, *(key for table in tables for key in table)}:
+        if "surface.seeds" in axes or any("surface.seeds" in table for table in tables):
             raise ValueError("surface.seeds is not one value; give seeds = [1, 2, 3] instead")
         if self.size > MOST_TASKS:
             raise ValueError(f"it has {self.size} points, but at most {MOST_TASKS} can be kept")
@@ -154,20 +133,20 @@ class SweepTable(Table):
         """Yield the points: tables, values and grids in the order of the file, then samples."""
         values = {
             key: axis if isinstance(axis, list) else axis.at(np.linspace(0, 1, axis.points or 2))
-            for key, axis in self.axes.items()
-            if key not in self.sampled
+            for key, axis in self._axes.items()
+            if key not in self._sampled
         }
-        samples = list(self._samples())
-        for table, combined in product(self.tables or [{}], product(*values.values())):
+        samples = self._samples()
+        for table, combined in product(self.point or [{}], product(*values.values())):
             for sample in samples:
-                yield table | dict(zip(values, combined, strict=True)) | sample
+                yield _joined(table) | dict(zip(values, combined, strict=True)) | sample
 
-    def _samples(self) -> Iterator[Point]:
-        if not self.sampled:
-            return iter([{}])
+    def _samples(self) -> list[Point]:
+        if not (sampled := self._sampled):
+            return [{}]
         from scipy.stats import qmc  # takes long to load
 
-        shares = qmc.LatinHypercube(len(self.sampled), rng=np.random.default_rng(self.seed))
+        shares = qmc.LatinHypercube(len(sampled), rng=np.random.default_rng(self.seed))
         columns = shares.random(self.samples or 1).T
-        values = [a.at(column) for a, column in zip(self.sampled.values(), columns, strict=True)]
-        return (dict(zip(self.sampled, row, strict=True)) for row in zip(*values, strict=True))
+        values = [axis.at(column) for axis, column in zip(sampled.values(), columns, strict=True)]
+        return [dict(zip(sampled, row, strict=True)) for row in zip(*values, strict=True)]

@@ -8,7 +8,6 @@ one is run.
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -33,22 +32,9 @@ from epcontact.harness.case_files.text import (
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.scene import check_load, check_loading
-from epcontact.surfaces import HeightsFromFile, SurfaceAbsent
+from epcontact.surfaces import SurfaceAbsent
 
-__all__ = [
-    "SIZES",
-    "Case",
-    "CaseText",
-    "case_at",
-    "find_case",
-    "find_cases",
-    "find_named",
-    "load_case",
-    "load_cases",
-    "sweep_of",
-]
-
-_FIGURES = re.compile(r"\d+")
+__all__ = ["SIZES", "Case", "CaseText", "find_case", "find_cases", "find_named", "load_case"]
 
 
 def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
@@ -56,18 +42,7 @@ def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
     text = case if isinstance(case, CaseText) else find_case(case)
     if size not in text.sizes:
         raise InvalidCase(f"{text.where}: has no size {size!r}; it has {', '.join(text.sizes)}")
-    cases: dict[str, Case] = {}
-    sentences: list[str] = []
-    for each in text.sizes:
-        try:
-            cases[each] = _read(text, each)
-        except InvalidCase as error:
-            # A value by size may have one mistake with other figures at each of them.
-            known = {_FIGURES.sub("", sentence) for sentence in sentences}
-            sentences += [s for s in error.args if _FIGURES.sub("", s) not in known]
-    if sentences:
-        raise InvalidCase(*sentences)
-    return cases[size]
+    return {each: _read(text, each) for each in text.sizes}[size]
 
 
 def load_cases(texts: Iterable[CaseText | Case], size: str = "fast") -> list[Case]:
@@ -119,7 +94,7 @@ def case_at(text: CaseText, point: Mapping[str, Any], size: str) -> Case:
 
 
 def _read(text: CaseText, size: str, *, judged: bool = True) -> Case:
-    context = {"folder": text.path.parent, "path": text.path, "size": size}
+    context = {"path": text.path, "folder": text.path.parent, "size": size}
     try:
         case = Case.model_validate(at_size(text.tables, size), context=context)
         mistakes = [*_mistakes(case, text), *(_gate_mistakes(case, text.sizes) if judged else ())]
@@ -128,7 +103,7 @@ def _read(text: CaseText, size: str, *, judged: bool = True) -> Case:
     except ValidationError as error:
         mistakes = told(error)
     except EpcontactError as error:  # a grid too large for memory; pydantic wraps only ValueErrors
-        mistakes = [f"[surface] {error}"]
+        mistakes = [str(error)]
     raise InvalidCase(*(f"{text.where}: {sentence}" for sentence in mistakes))
 
 
@@ -136,38 +111,28 @@ def _mistakes(case: Case, text: CaseText) -> Iterator[str]:
     """Yield a sentence for each mistake between the tables of a case, its gates apart."""
     if case.id != text.id:
         yield f"case.id is {case.id!r}, but must be the file's name, {text.id!r}"
-    yield from _option_mistakes(case)
-    if case.sweep is None and not isinstance(case.surface, SurfaceAbsent):
-        yield from _strength_mistakes(case)  # a sweep may give what its case lacks
-    section = "surface"
-    try:
-        if case.solid.hardness == "effective" and isinstance(case.surface, HeightsFromFile):
-            case.surface.build()  # its slope makes the hardness, so that its mistakes come first
-        section = "material"
-        material = case.material
-        section = "load"
-        check_load(material, case.load)
-        if not all(METHODS[name].steps for name in case.methods):
-            check_loading(material, case.load)
-    except EpcontactError as error:
-        yield f"[{section}] {error}"
-
-
-def _option_mistakes(case: Case) -> Iterator[str]:
     for name in case.methods:
-        method = METHODS[name]
-        given = getattr(case, method.table) if method.table else None
-        if method.table and given is None:
+        table = METHODS[name].table
+        given = getattr(case, table) if table else None
+        if table and given is None:
             yield (
-                f"case.methods asks for {name}, which needs a table [{method.table}]; "
+                f"case.methods asks for {name}, which needs a table [{table}]; "
                 "`epcontact keys` lists its keys"
             )
         kind = getattr(case.surface, "kind", "self_affine")  # an absent file has none
         if getattr(given, "spectrum", "") == "analytic" and kind != "self_affine":
             yield (
-                f"{method.table}.spectrum is 'analytic', but a surface of kind {kind} is not drawn "
-                "from one; write spectrum = 'surface', which takes that of the heights"
+                f"{table}.spectrum is 'analytic', but a surface of kind {kind} is not drawn from "
+                "one; write spectrum = 'surface', which takes that of the heights"
             )
+    if case.sweep is None and not isinstance(case.surface, SurfaceAbsent):
+        yield from _strength_mistakes(case)  # a sweep may give what its case lacks
+    try:
+        check_load(case.material, case.load)
+        if not all(METHODS[name].steps for name in case.methods):
+            check_loading(case.material, case.load)
+    except EpcontactError as error:
+        yield str(error)
 
 
 def _strength_mistakes(case: Case) -> Iterator[str]:
@@ -196,11 +161,10 @@ def _gate_mistakes(case: Case, sizes: tuple[str, ...]) -> Iterator[str]:
             yield f"gate {number}: {wrong}"
     if not case.gate and case.sweep is None:
         yield "gate is missing; add it (a table [[gate]])"
-    if case.gate and not case.own_gates:
+    own = Counter(g.gate.name for g in case.gate if g.sizes is None or case.size in g.sizes)
+    if case.gate and not own:
         yield f"no gate applies to size {case.size!r}, which the case offers"
-    for name, count in Counter(gate.gate.name for gate in case.own_gates).items():
-        if count > 1:
-            yield f"there are {count} gates {name}; keep one"
+    yield from (f"there are {n} gates {name}; keep one" for name, n in own.items() if n > 1)
     for omitted in case.omit:
         known = [gate.quantity for gate in default_gates() if gate.of == omitted.of]
         if omitted.quantity not in known:
@@ -215,26 +179,24 @@ def _unanswerable(gate: GateTable, case: Case, sizes: tuple[str, ...]) -> Iterat
     for method in (gate.of, gate.against):
         if method in METHODS and method not in case.methods:
             yield f"reads {method}, which case.methods does not name; add it there"
-    for size in gate.sizes or ():
-        if size not in sizes:
-            known = ", ".join(sizes)
-            yield f"applies to size {size!r}, which the case does not offer; it has {known}"
+    if absent := [size for size in gate.sizes or () if size not in sizes]:
+        yield f"applies to size {absent[0]!r}, which the case does not offer"
     needs = QUANTITIES[gate.quantity].needs if gate.quantity in QUANTITIES else ()
     if "fields" in needs and not METHODS[gate.of].has_fields:
         yield f"{gate.quantity} is read of the fields of a method, but {gate.of} has none"
     if "J2 flow" in needs and (wrong := _no_model(gate, case, needs)):
         yield f"{gate.quantity} needs {wrong}"
-    of_form = gate.number is None and gate.against not in METHODS
-    if gate.norm == "l2" and not of_form:
+    number = not isinstance(gate.against, str)
+    if gate.norm == "l2" and (number or gate.against in METHODS):
         yield f"{gate.quantity} against {gate.against!r}: give a closed form that has it"
-    if gate.quantity == "distribution" and gate.number is not None:
+    if gate.quantity == "distribution" and number:
         yield f"a distribution against {gate.against!r}: give a closed form, or a method"
 
 
 def _no_model(gate: GateTable, case: Case, needs: tuple[str, ...]) -> str:
     """Return what the case lacks for a gate on a model measure (J2 flow against a cap), or ""."""
     able = [m.name for m in METHODS.values() if m.has_model_measures]
-    sides = {gate.of} if gate.number is not None else {gate.of, gate.against}
+    sides = {gate.of, gate.against} if isinstance(gate.against, str) else {gate.of}
     capped = case.solid.hardness == "effective" or math.isfinite(case.solid.hardness)
     needed = {
         f"a gate of {' or '.join(able)} against a number or each other, not of {gate.of} against "

@@ -12,6 +12,7 @@ from epcontact.reference import CLOSED_FORMS
 from epcontact.results import package_versions
 
 _RESOLVER = "https://doi.org/"
+_DATA = tomllib.loads((files(__package__) / "papers.toml").read_text("utf-8"))
 
 
 @dataclass(frozen=True)
@@ -27,9 +28,6 @@ class Paper:
         return f"{self.text} {_RESOLVER}{self.doi}" if self.doi else self.text
 
 
-_DATA = tomllib.loads(
-    files("epcontact.harness.case_files").joinpath("papers.toml").read_text("utf-8")
-)
 PAPERS = tuple(
     Paper(p["text"], p.get("doi", ""), tuple(p.get("methods", ())), tuple(p.get("mentions", ())))
     for p in _DATA["paper"]
@@ -39,12 +37,12 @@ PAPERS = tuple(
 def sources_of(case: Case) -> list[str]:
     """Return the sources that a case, its gates and their closed forms name, each once."""
     forms = [CLOSED_FORMS[str(g.against)] for g in case.gates if str(g.against) in CLOSED_FORMS]
-    named = [case.source, *(gate.source for gate in case.gates), *(form.source for form in forms)]
+    named = [case.head.source, *(g.source for g in case.gates), *(form.source for form in forms)]
     return list(dict.fromkeys(source for source in named if source))
 
 
 def papers_of(case: Case) -> list[Paper]:
-    """Return the papers that a case rests on."""
+    """Return the papers of a case's methods, and those that its sources or options mention."""
     values = [str(value) for options in case.options.values() for value in options.values()]
     text = "\n".join([*sources_of(case), *values])
     return [
@@ -56,7 +54,7 @@ def papers_of(case: Case) -> list[Paper]:
 
 def citation(case: Case) -> Iterator[str]:
     """Yield the lines that tell what a case's results rest on: sources, papers and software."""
-    yield f"{case.id}: {case.requirement}"
+    yield f"{case.id}: {case.head.requirement}"
     yield "\nSources that the case names:"
     yield from (f"  {source}" for source in sources_of(case))
     yield "\nPapers:"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,6 +18,8 @@ from epcontact.harness.case_files.text import SIZES
 MOST_TOLD = 20
 #: Pydantic's names of the mistake that a key is none of its table.
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+#: What pydantic puts between the keys of a place: types, and tags of unions.
+_TYPES = re.compile(r"(float|str|int|bool|range|values)$|(list|literal)\[")
 
 
 @functools.cache
@@ -30,26 +33,23 @@ def case_schema() -> dict[str, Any]:
         }
         for name in schema["properties"]
     }
-    schema["$defs"]["Variant"] = {
-        "type": "object", "properties": differ, "additionalProperties": False,
-    }  # fmt: skip
     schema["properties"]["variant"] = {
         "type": "array",
         "description": "partial case files, each laid over the rest of this one",
-        "items": {"$ref": "#/$defs/Variant"},
+        "items": {"type": "object", "properties": differ, "additionalProperties": False},
     }
     return schema
 
 
 @functools.cache
 def _tables() -> dict[str, dict[str, Any]]:
-    """Return the JSON Schema of each table by name, such as "case" or "surface, sinusoid"."""
+    """Return the keys of each table by name, such as "case" or "surface, sinusoid"."""
     schema, tables = case_schema(), {}
     for name, entry in schema["properties"].items():
         form = entry.get("items") or entry.get("anyOf", [entry])[0]
-        kinds = entry.get("discriminator", {}).get("mapping") or {"": form["$ref"]}
+        kinds = entry.get("discriminator", {}).get("mapping") or {"": form.get("$ref", "")}
         for kind, reference in kinds.items():
-            table = schema["$defs"][reference.rpartition("/")[2]]
+            table = schema["$defs"].get(reference.rpartition("/")[2], form)
             tables[f"{name}, {kind}" if kind else name] = table
     return tables
 
@@ -78,77 +78,62 @@ def _meaning(entry: Mapping[str, Any]) -> str:
 
 def told(error: ValidationError) -> list[str]:
     """Return pydantic's errors as sentences, each of which names the key and the remedy."""
-    found: dict[str, list[Any]] = {}
-    misspelt = {
+    errors, found = error.errors(), dict[str, list[Any]]()
+    meant = [
         (*e["loc"][:-1], closest(str(e["loc"][-1]), _keys_beside(e["loc"])))
-        for e in error.errors()
+        for e in errors
         if e["type"] in _UNKNOWN
-    }
-    for e in error.errors():
-        # A misspelt key is both unknown and missing; that it is unknown says more.
-        if e["type"] != "missing" or e["loc"] not in misspelt:
+    ]
+    for e in errors:
+        if e["loc"] not in meant:  # a misspelt key is unknown and missing; the first says more
             found.setdefault(_where(e["loc"]), []).append(e)
     # Of a path with a word in it both are said to be no number, the path and the word.
     keys = [where for where in found if not any(o.startswith(f"{where}[") for o in found)]
-    sentences = [_sentence(where, found[where]) for where in keys[:MOST_TOLD]]
-    more = len(keys) - len(sentences)
-    return [*sentences, f"there are {more} more mistakes"] if more else sentences
+    more = [f"there are {len(keys) - MOST_TOLD} more mistakes"] if len(keys) > MOST_TOLD else []
+    return [_sentence(where, found[where]) for where in keys[:MOST_TOLD]] + more
 
 
 def _sentence(where: str, errors: Sequence[Any]) -> str:
     """Return the sentence for the errors of one key: one that takes a number or a word has two."""
     location, kind, given = errors[0]["loc"], errors[0]["type"], errors[0].get("input")
     if kind in _UNKNOWN:
-        known = nearest(str(location[-1]), _keys_beside(location))
-        sentence = f"{where} is no key of a case file{known}"
+        said = f" is no key of a case file{nearest(str(location[-1]), _keys_beside(location))}"
     elif kind == "missing":
         meaning = _keys_beside(location).get(str(location[-1]), {}).get("description")
-        sentence = f"{where} is missing; add it ({meaning or f'a table [{location[-1]}]'})"
-    elif kind.startswith("union_tag"):
-        sentence = f"{where}.kind must be one of {', '.join(_kinds())}"
+        said = f" is missing; add it ({meaning or f'a table [{location[-1]}]'})"
     elif kind == "value_error":
-        table = len(location) == 1 or location[0] in ("surface", "material")
-        sentence = f"{f'[{location[0]}]' if table else f'{where}:'} {errors[0]['ctx']['error']}"
-    elif isinstance(given, dict) and kind in ("list_type", "tuple_type") and len(location) == 1:
-        sentence = f"[{where}] is one table of a list; write [[{where}]]"
+        said = f": {errors[0]['ctx']['error']}"
+    elif kind.startswith("union_tag"):
+        said = f".kind must be one of {', '.join(_kinds())}"
+    elif kind == "list_type" and isinstance(given, dict) and len(location) == 1:
+        said = f" is one table of a list; write [[{where}]]"
     elif isinstance(given, dict) and given:
-        names = ", ".join(map(repr, given))
-        sentence = f"{where} has the keys {names}, but must be one value, or one each for the sizes"
-        sentence += nearest(next(iter(given)), SIZES)
+        names, size = ", ".join(map(repr, given)), nearest(next(iter(given)), SIZES)
+        said = f" has the keys {names}, but must be one value, or one each for sizes{size}"
     else:
-        needed = " or ".join(_needed(e["msg"]) for e in errors)
-        sentence = f"{where} is {given!r}, but must {needed.replace(' or be ', ' or ')}"
-    return sentence
-
-
-def _needed(message: str) -> str:
-    """Return what pydantic asks for: "Input should be greater than 0" becomes "be greater ..."."""
-    needed = message.lower().partition(" should ")[2] or "be valid"
-    if "valid dictionary" in needed:
-        return "be a table"
-    return needed.replace("valid tuple", "valid list").removesuffix(" after validation, not 0")
+        needed = " or ".join(e["msg"].partition(" should ")[2] or "be valid" for e in errors)
+        said = f" is {given!r:.200}, but must {needed}"
+    return f"{where}{said}"
 
 
 def _kinds() -> list[str]:
-    return [name.partition(", ")[2] for name in _tables() if name.startswith("surface, ")]
+    return [name.removeprefix("surface, ") for name in _tables() if name.startswith("surface, ")]
 
 
 def _where(location: tuple[Any, ...]) -> str:
     """Return the key as written in the file: gates count from 1, no names of types or kinds."""
-    types = (*_kinds(), "float", "str", "int", "bool", "range", "values")
-    parts = [part for part in location if part not in types]
-    parts = [part for part in parts if not str(part).startswith(("list[", "literal["))]
+    parts = [part for part in location if part not in _kinds() and not _TYPES.match(str(part))]
     if parts[:1] in (["gate"], ["omit"]) and len(parts) > 1:
         parts[:2] = [f"{parts[0]} {parts[1] + 1}"]
     keys = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)
     return "".join(keys).removeprefix(".") or "the case"
 
 
-def _keys_beside(location: tuple[Any, ...]) -> dict[str, Any]:
+def _keys_beside(location: tuple[Any, ...]) -> Mapping[str, Any]:
     """Return the JSON Schema of each key of the table that holds the key at `location`."""
     if len(location) == 1:
         return {key: {} for key in case_schema()["properties"]}
-    if location[:1] == ("sweep",) and len(location) > 2:
+    if location[0] == "sweep" and len(location) > 2:
         return dict(Range.model_json_schema()["properties"])
-    name = str(location[0])
-    return dict(_tables()[f"{name}, {location[1]}" if name == "surface" else name]["properties"])
+    name = f"surface, {location[1]}" if location[0] == "surface" else str(location[0])
+    return dict(_tables()[name]["properties"])

@@ -109,26 +109,6 @@ class Case(Table):
         return self.head.id
 
     @cached_property
-    def requirement(self) -> str:
-        """The requirement, one sentence."""
-        return self.head.requirement
-
-    @cached_property
-    def source(self) -> str:
-        """The source of the requirement."""
-        return self.head.source
-
-    @cached_property
-    def time_limit(self) -> float:
-        """Seconds after which one solve is given up."""
-        return self.head.time_limit
-
-    @cached_property
-    def verify(self) -> bool:
-        """True if a bare `epcontact verify` includes the case."""
-        return self.head.verify
-
-    @cached_property
     def methods(self) -> tuple[str, ...]:
         """The methods that answer the scenes."""
         return tuple(self.head.methods)
@@ -136,18 +116,16 @@ class Case(Table):
     @cached_property
     def options(self) -> Mapping[str, Mapping[str, Any]]:
         """The options of each method."""
-        given = {name: getattr(self, METHODS[name].table or "", None) for name in self.methods}
-        return {
-            n: table.model_dump(exclude_none=True) if table else {} for n, table in given.items()
-        }
+        tables = {name: getattr(self, METHODS[name].table or "", None) for name in self.methods}
+        return {n: t.model_dump(exclude_none=True) if t else {} for n, t in tables.items()}
 
     @cached_property
     def skip(self) -> str:
         """The sentence that says why the case cannot run here, or ""."""
         if isinstance(self.surface, SurfaceAbsent):
             return f"skipped: {self.surface}"
-        missing = [METHODS[name].missing for name in self.methods if METHODS[name].missing]
-        return f"skipped: {missing[0]}" if missing else ""
+        missing = next((m for name in self.methods if (m := METHODS[name].missing)), "")
+        return f"skipped: {missing}" if missing else ""
 
     @cached_property
     def recipes(self) -> tuple[Recipe, ...]:
@@ -160,15 +138,12 @@ class Case(Table):
         given, surface = self.solid, self.surface
         if given.hardness != "effective" or isinstance(surface, SurfaceAbsent):
             return None
-        line = len(recipes_of(surface)[0].shape) == 1
-        if line or not isinstance(surface, SelfAffineEnsemble | HeightsFromFile):
+        if not isinstance(surface, SelfAffineEnsemble | HeightsFromFile) or (
+            len(recipes_of(surface)[0].shape) == 1
+        ):
             raise InvalidScene(
                 "hardness is 'effective', which is known for rough surfaces only, those of kind "
                 "self_affine and the maps of kind file; give it in Pa"
-            )
-        if given.yield_stress == math.inf:
-            raise InvalidScene(
-                "hardness is 'effective', but yield_stress, from which it follows, is missing"
             )
         if self.body.depth < min(surface.periods):
             raise InvalidScene(
@@ -198,20 +173,10 @@ class Case(Table):
         return Material(**given)
 
     @cached_property
-    def hardness_in_words(self) -> str:
-        """The effective hardness with its interval, or "" where the file gives a number."""
-        return "" if self.mapped_hardness is None else str(self.mapped_hardness)
-
-    @cached_property
     def hardness_source(self) -> str:
         """The effective hardness and what it rests on, or ""."""
         found = self.mapped_hardness
         return "" if found is None else f"{found}; {found.rests_on}".replace("\n", " ")
-
-    @cached_property
-    def own_gates(self) -> list[GateTable]:
-        """The gates of the file that apply to this size."""
-        return [gate for gate in self.gate if gate.sizes is None or self.size in gate.sizes]
 
     @cached_property
     def gates(self) -> tuple[Gate, ...]:
@@ -220,8 +185,8 @@ class Case(Table):
         A gate of the case replaces the default gate on the same quantity of the same method, and a
         table [[omit]] removes one.  A case that is there for its sweep has no gate at all.
         """
-        replaced = {(gate.of, gate.quantity) for gate in self.own_gates}
-        replaced |= {(omitted.of, omitted.quantity) for omitted in self.omit}
+        own = [gate for gate in self.gate if gate.sizes is None or self.size in gate.sizes]
+        replaced = {(g.of, g.quantity) for g in own} | {(o.of, o.quantity) for o in self.omit}
         shared = [
             gate
             for gate in (default_gates() if self.gate else ())
@@ -229,16 +194,16 @@ class Case(Table):
             and self.size in (gate.sizes or ())
             and (gate.of, gate.quantity) not in replaced
         ]
-        return tuple(gate.gate for gate in (*self.own_gates, *shared))
+        return tuple(gate.gate for gate in (*own, *shared))
 
     @cached_property
     def not_judged(self) -> tuple[str, ...]:
         """A sentence for each gate that the case has or omits and that this size leaves out."""
+        elsewhere = [g for g in self.gate if g.sizes and self.size not in g.sizes]
         return (
             *(
-                f"{gate.gate.name} applies to size {' and '.join(gate.sizes)} only"
-                for gate in self.gate
-                if gate.sizes and self.size not in gate.sizes
+                f"{g.gate.name} applies to size {' and '.join(g.sizes or ())} only"
+                for g in elsewhere
             ),
             *(f"default gate {o.quantity} of {o.of} is omitted: {o.because}" for o in self.omit),
         )

@@ -1,8 +1,7 @@
 """The tables of a case file, one class for each; a `Case` has them all.
 
 Those of [surface] are the recipes of `epcontact.surfaces`, those of methods are in
-`methods.registry`.  Any value may be given by size, as in `shape = { fast = [256, 256], full =
-[1024, 1024] }`; sizes are resolved before these classes see the values.
+`methods.registry`.  Values by size are resolved before these classes see them.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import functools
 import math
 import tomllib
+from collections.abc import Iterator
 from importlib.resources import files
 from typing import Annotated, Any, Literal, Self
 
@@ -32,9 +32,8 @@ def _registered(name: str) -> str:
 
 
 def _each_once(names: list[str]) -> list[str]:
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f"{name} is named {names.count(name)} times; name each method once")
+    if len(set(names)) < len(names):
+        raise ValueError(f"it names {', '.join(names)}; name each method once")
     return names
 
 
@@ -109,28 +108,17 @@ class GateTable(Table):
         description="a method, a closed form's name, or a number"
     )
     norm: Norm = Field(default="relative", description="how the difference is measured")
-    tolerance: float | None = Field(
-        default=None,
-        gt=0,
-        allow_inf_nan=False,
-        description="the difference must be within +- tolerance",
+    tolerance: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
+        default=None, description="the difference must be within +- tolerance"
     )
-    between: list[float] | None = Field(
-        default=None,
-        min_length=2,
-        max_length=2,
-        description="or the difference must be within [low, high]",
+    between: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
+        default=None, description="or the difference must be within [low, high]"
     )
     because: str = Field(min_length=1, description="why the band is as wide as it is")
     source: str = Field(default="", description="where a number comes from; needed for one")
-    sizes: list[Size] | None = Field(
-        default=None, min_length=1, description="the sizes it applies to; else all"
+    sizes: Annotated[list[Size], Field(min_length=1)] | None = Field(
+        default=None, description="the sizes it applies to; else all"
     )
-
-    @property
-    def number(self) -> float | None:
-        """The number that it is held against; None for a method or a closed form."""
-        return None if isinstance(self.against, str) else self.against
 
     @property
     def gate(self) -> Gate:
@@ -142,45 +130,39 @@ class GateTable(Table):
 
     @model_validator(mode="after")
     def _tells_something(self) -> Self:
-        low, high = self.between or (0.0, 0.0)
-        everything = math.isinf(low) and math.isinf(high)
-        unsourced = self.number is not None and not self.source
-        distances, field = self.norm in DISTRIBUTION_NORMS, self.quantity.startswith("field.")
-        mistakes = {
-            "give either tolerance or between": (self.tolerance is None) == (self.between is None),
-            "between is out of order; give [low, high]": not low <= high,
-            "between holds whatever the difference is, or never; give it a finite end": everything,
-            f"{self.of} is compared with itself; name another method": self.against == self.of,
-            "against is a number without a source; say where it comes from": unsourced,
-            "a distribution, and nothing else, has the norm wasserstein or supremum": distances
-            != (self.quantity == "distribution"),
-            "a field, and nothing else, has the norm l2": field != (self.norm == "l2"),
-        }
-        for sentence, made in mistakes.items():
-            if made:
-                raise ValueError(sentence)
+        if mistake := next(self._mistakes(), ""):
+            raise ValueError(mistake)
         return self
 
-    @model_validator(mode="after")
-    def _known_names(self) -> Self:
+    def _mistakes(self) -> Iterator[str]:
+        """Yield why the gate contradicts itself, cannot fail or hold, or has an unknown name."""
+        low, high = self.between or (0.0, 0.0)
+        against, quantity = self.against, self.quantity
+        if (self.tolerance is None) == (self.between is None):
+            yield "give either tolerance or between"
+        if not low <= high:
+            yield "between is out of order; give [low, high]"
+        if math.isinf(low) and math.isinf(high):
+            yield "between holds whatever the difference is, or never; give it a finite end"
+        if against == self.of:
+            yield f"{self.of} is compared with itself; name another method"
+        if not isinstance(against, str) and not self.source:
+            yield "against is a number without a source; say where it comes from"
+        if (self.norm in DISTRIBUTION_NORMS) != (quantity == "distribution"):
+            yield "a distribution, and nothing else, has the norm wasserstein or supremum"
+        if (self.norm == "l2") != quantity.startswith("field."):
+            yield "a field, and nothing else, has the norm l2"
         # A user's solver may report quantities of its own.
-        own = METHODS[self.of].source and self.quantity.startswith(REPORTED_GROUPS)
-        if self.quantity not in QUANTITIES and not own:
-            raise ValueError(
-                f"no quantity is called {self.quantity!r}{nearest(self.quantity, QUANTITIES)}"
-            )
-        form = self.against
-        if not isinstance(form, str) or form in METHODS:
-            return self
-        if form not in CLOSED_FORMS:
-            raise ValueError(
-                f"against is {form!r}, which is neither a method nor a closed form"
-                f"{nearest(form, CLOSED_FORMS)}"
-            )
-        if not CLOSED_FORMS[form].knows(self.quantity):
-            known = ", ".join(CLOSED_FORMS[form].quantities)
-            raise ValueError(f"the closed form {form} has no {self.quantity!r}; it has {known}")
-        return self
+        own = METHODS[self.of].source and quantity.startswith(REPORTED_GROUPS)
+        if quantity not in QUANTITIES and not own:
+            yield f"no quantity is called {quantity!r}{nearest(quantity, QUANTITIES)}"
+        if isinstance(against, str) and against not in METHODS:
+            known = nearest(against, CLOSED_FORMS)
+            if against not in CLOSED_FORMS:
+                yield f"against is {against!r}, which is neither a method nor a closed form{known}"
+            elif not CLOSED_FORMS[against].knows(quantity):
+                known = ", ".join(CLOSED_FORMS[against].quantities)
+                yield f"the closed form {against} has no {quantity!r}; it has {known}"
 
 
 class OmitTable(Table):
@@ -194,5 +176,5 @@ class OmitTable(Table):
 @functools.cache
 def default_gates() -> tuple[GateTable, ...]:
     """Return the gates of `default_gates.toml`, which every case of a method must hold."""
-    text = files("epcontact.harness.case_files").joinpath("default_gates.toml").read_text("utf-8")
+    text = (files(__package__) / "default_gates.toml").read_text("utf-8")
     return tuple(GateTable.model_validate(gate) for gate in tomllib.loads(text)["gate"])

@@ -3,7 +3,7 @@
 A file holds one case, which has the name of the file (without .toml or .case.toml), or a family of
 cases.  In a family each table [[variant]] is a partial case file that is laid over the rest of the
 file: its keys replace those of the same table.  A gate of a variant completes the file's gate on
-the same quantity or, if there is none, is added.  So a family states once what its cases share.
+the same quantity or, if there is none, is added.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 from epcontact.errors import InvalidCase, nearest
 
 SIZES = ("fast", "full", "large")
-LARGEST_FILE = 1 << 20  # bytes; a case is a page of text, so a larger file is not one
+LARGEST_FILE = 1 << 20  # bytes; a case is a page of text
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,7 @@ class CaseText:
     path: Path
     id: str  # of the variant, or the file's name
     tables: Mapping[str, Any]
-    is_variant: bool = False
-
-    @property
-    def where(self) -> str:
-        """The file, and the variant if there is one, for messages."""
-        return f"{self.path}: variant {self.id}" if self.is_variant else str(self.path)
+    where: str  # the file, and the variant if there is one, for messages
 
     @property
     def sizes(self) -> tuple[str, ...]:
@@ -76,7 +71,7 @@ def find_named(name: str | Path) -> tuple[CaseText, ...]:
             if case_name(file) == text:
                 return read_cases(file)
             known.setdefault(case_name(file), ())
-            with contextlib.suppress(InvalidCase):  # other mistakes in that file do not matter here
+            with contextlib.suppress(InvalidCase):  # mistakes in that file do not matter here
                 known |= {case.id: (case,) for case in read_cases(file)}
         if text in known:
             return known[text]
@@ -103,35 +98,27 @@ def find_case(name: str | Path) -> CaseText:
 def read_cases(path: Path) -> tuple[CaseText, ...]:
     """Read the case, or the family of cases, in a file."""
     tables = _read(path)
-    if misspelt := tuple(_misspelt_sizes("", tables)):
-        raise InvalidCase(*(f"{path}: {sentence}" for sentence in misspelt))
     variants = tables.pop("variant", None)
-    if variants is None:
-        return (_offered(CaseText(path, case_name(path), tables)),)
-    if not (isinstance(variants, list) and variants and all(isinstance(v, dict) for v in variants)):
+    family = {"": CaseText(path, case_name(path), tables, str(path))} if variants is None else {}
+    if not (variants is None or (variants and isinstance(variants, list))):
         raise InvalidCase(f"{path}: variant is {variants!r:.60}, but must be tables [[variant]]")
-    family: dict[str, CaseText] = {}
-    for number, variant in enumerate(variants, start=1):
-        head = variant.get("case")
+    for number, variant in enumerate(variants or (), start=1):
+        head = variant.get("case") if isinstance(variant, dict) else None
         name = head.get("id") if isinstance(head, dict) else None
         if not isinstance(name, str) or name in family:
             raise InvalidCase(
                 f"{path}: variant {number} has the case.id {name!r}, but each variant needs a "
                 "text of its own"
             )
-        laid = _laid_over(f"{path}: variant {name}", tables, variant)
-        family[name] = _offered(CaseText(path, name, laid, is_variant=True))
+        where = f"{path}: variant {name}"
+        family[name] = CaseText(path, name, _laid_over(where, tables, variant), where)
+    for case in family.values():
+        if not case.sizes:
+            raise InvalidCase(
+                f"{case.where}: the values that are given by size have no size in common; give "
+                f"all of them for one of {', '.join(SIZES)}"
+            )
     return tuple(family.values())
-
-
-def _offered(case: CaseText) -> CaseText:
-    """Return a case that has at least one size."""
-    if not case.sizes:
-        raise InvalidCase(
-            f"{case.where}: the values that are given by size have no size in common; give all of "
-            f"them for one of {', '.join(SIZES)}"
-        )
-    return case
 
 
 def at_size(value: Any, size: str) -> Any:
@@ -140,58 +127,37 @@ def at_size(value: Any, size: str) -> Any:
         return value[size]
     if isinstance(value, Mapping):
         return {key: at_size(item, size) for key, item in value.items()}
-    if isinstance(value, list):
-        return [at_size(item, size) for item in value]
-    return value
+    return [at_size(item, size) for item in value] if isinstance(value, list) else value
 
 
 def _is_size_table(value: Any) -> bool:
     return isinstance(value, Mapping) and bool(value) and set(value) <= set(SIZES)
 
 
-def _items(value: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield what a table or a list holds, each with its key or its number from 1."""
-    if isinstance(value, Mapping):
-        yield from value.items()
-    elif isinstance(value, list):
-        yield from enumerate(value, start=1)
-
-
 def _size_tables(value: Any) -> Iterator[Mapping[str, Any]]:
     if _is_size_table(value):
         yield value
-        return
-    for _, item in _items(value):
-        yield from _size_tables(item)
-
-
-def _misspelt_sizes(where: str, value: Any) -> Iterator[str]:
-    """Yield a sentence for each table in which only some keys are sizes."""
-    wrong = [key for key in value if key not in SIZES] if isinstance(value, Mapping) else []
-    if wrong and len(wrong) < len(value):
-        yield f"{where} has {wrong[0]!r}, which is no size{nearest(wrong[0], SIZES)}"
-    for key, item in _items(value):
-        yield from _misspelt_sizes(
-            f"{where} {key}" if isinstance(key, int) else f"{where}.{key}".lstrip("."), item
-        )
+    elif isinstance(value, Mapping | list):
+        for item in value.values() if isinstance(value, Mapping) else value:
+            yield from _size_tables(item)
 
 
 def _laid_over(where: str, tables: Mapping[str, Any], variant: Mapping[str, Any]) -> dict[str, Any]:
+    """Return tables with the keys of a variant in the place of their own."""
     laid = dict(tables)
     for name, table in variant.items():
         below = tables.get(name)
         if name == "gate" and isinstance(below, list) and isinstance(table, list):
             laid[name] = below
             for gate in table:
-                laid[name] = _gates_with(where, laid[name], gate)
-        elif isinstance(below, dict) and isinstance(table, dict):
-            laid[name] = below | table
+                laid[name] = _completed(where, laid[name], gate)
         else:
-            laid[name] = table
+            both = isinstance(below, dict) and isinstance(table, dict)
+            laid[name] = below | table if both else table
     return laid
 
 
-def _gates_with(where: str, gates: Sequence[Any], more: Any) -> list[Any]:
+def _completed(where: str, gates: Sequence[Any], more: Any) -> list[Any]:
     """Return gates, one of which is completed by another on its quantity, or that one added."""
     quantity = more.get("quantity") if isinstance(more, dict) else None
     same = [g for g in gates if isinstance(g, dict) and g.get("quantity") == quantity]
@@ -207,17 +173,12 @@ def _gates_with(where: str, gates: Sequence[Any], more: Any) -> list[Any]:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        if not path.is_file():
-            path.stat()  # raises, with the reason, if there is no such file
+        if path.stat() and not path.is_file():
             raise InvalidCase(f"{path}: is no regular file")
         if path.stat().st_size > LARGEST_FILE:
             raise InvalidCase(f"{path}: is larger than a case file can be (1 MiB)")
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
         raise InvalidCase(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InvalidCase(f"{path}: is not UTF-8 text, as TOML must be") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InvalidCase(f"{path}: is not TOML: {error}") from None
-    except RecursionError:
-        raise InvalidCase(f"{path}: is nested too deeply for a case file") from None
+    except (ValueError, RecursionError) as error:  # of TOML, of UTF-8, and of too many brackets
+        raise InvalidCase(f"{path}: is not TOML in UTF-8: {error}") from None

@@ -44,8 +44,8 @@ def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
         id=case.id,
         size=case.size,
         status=SKIPPED if case.skip else worst,
-        requirement=case.requirement,
-        source=case.source,
+        requirement=case.head.requirement,
+        source=case.head.source,
         skipped_because=case.skip,
         methods={
             name: MethodEntry(surfaces=len(a.results), reused=a.reused, errors=list(a.errors))

@@ -110,7 +110,7 @@ def cases_to_verify(size: str) -> list[CaseText]:
         raise InvalidCase("no cases found, neither in ./cases nor in the installed package")
     offered = [case for case in cases if size in case.sizes]
     loaded = zip(offered, load_cases(offered, size), strict=True)
-    return [text for text, case in loaded if case.verify and (case.gates or case.skip)]
+    return [text for text, case in loaded if case.head.verify and (case.gates or case.skip)]
 
 
 def _in_place(case: Case, name: str) -> Case:
