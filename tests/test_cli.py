@@ -79,7 +79,7 @@ def test_list_shows_a_requirement_as_it_is_written(
     (tmp_path / "small.toml").rename(tmp_path / "cases" / "small.toml")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(listing, "open_console", lambda: Console(width=columns))
-    listing.list_cases.main([], standalone_mode=False)
+    listing.list.main([], standalone_mode=False)
     lines = capsys.readouterr().out.splitlines()
     assert requirement in " ".join(lines)
     assert max(map(len, lines)) <= columns
@@ -364,10 +364,10 @@ def test_crosscheck_needs_both_kinds_of_elements(write_case) -> None:
 @pytest.mark.parametrize(
     ("seeds", "sentence"),
     [
-        ("", "no range of seeds"),
-        ("9-3", "no range of seeds"),
-        ("1-2-3", "no range of seeds"),
-        ("1-" + "9" * 5000, "no range of seeds"),
+        ("", "no range of at most"),
+        ("9-3", "no range of at most"),
+        ("1-2-3", "no range of at most"),
+        ("1-" + "9" * 5000, "no range of at most"),
         ("1-999999999999", "at most 10000"),
     ],
 )

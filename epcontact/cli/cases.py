@@ -9,9 +9,11 @@ from pathlib import Path
 
 import click
 
-from epcontact.cli import options
 from epcontact.cli.listing import open_console
 from epcontact.cli.main import forget_output
+from epcontact.cli.options import fields as fields_option
+from epcontact.cli.options import of_run, shown_progress, tell
+from epcontact.cli.options import size as size_option
 from epcontact.cli.tables import (
     STYLES,
     answers_table,
@@ -24,8 +26,7 @@ from epcontact.errors import EpcontactError, OutputError
 from epcontact.files import write_text
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
-from epcontact.harness.case_files import case as casefile
-from epcontact.harness.case_files.case import Case
+from epcontact.harness.case_files.case import Case, CaseText, find_case, find_named, load_case
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.verdict.files import set_verdict_aside
 from epcontact.harness.verdict.record import Verdict
@@ -33,10 +34,6 @@ from epcontact.harness.verdict.verification import cases_to_verify
 from epcontact.harness.verdict.verification import verify as run_gates
 from epcontact.output.view import animate, load_steps
 from epcontact.surfaces import HeightsFromFile
-
-
-class _Refusal(EpcontactError):
-    """The command line cannot do what it was asked to."""
 
 
 @click.command()
@@ -48,35 +45,31 @@ class _Refusal(EpcontactError):
     type=click.Choice(list(METHODS)),
     help="Only this method; may be repeated. Default: all that the case names.",
 )
-@options.size
-@options.of_run("jobs", "output", "fresh", "precision")
-@options.fields
+@size_option
+@of_run("jobs", "output", "fresh", "precision")
+@fields_option
 @click.option("--charts", is_flag=True, help="Draw charts, which take as long as a large solve.")
 def run(
     case: str, methods: tuple[str, ...], size: str, run: Run, fields: str | None, charts: bool
 ) -> None:
     """Solve one case and write its results and fields; no gate is judged."""
-    loaded = _load(casefile.find_case(case), size)
-    absent = [m for m in methods if m not in loaded.methods]
-    if absent:
+    loaded = _load(find_case(case), size)
+    if absent := [m for m in methods if m not in loaded.methods]:
         raise click.UsageError(
             f"{loaded.id} has no method {absent[0]}; it has {', '.join(loaded.methods)}"
         )
     if loaded.skip:
-        raise _Refusal(f"{loaded.path}: {loaded.skip}")
+        raise EpcontactError(f"{loaded.path}: {loaded.skip}")
     chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
-    run = _writing(run, fields or "first")
-    with options.shown_progress(run) as shown:
+    with shown_progress(_writing(run, fields or "first")) as shown:
         answers = run_cases([chosen], shown)[loaded.id]
     open_console().print(answers_table(answers))
     print_surface_notes(open_console(), chosen, answers)
-    if sentence := gamma_sentence([chosen]):
-        click.echo(sentence)
-    if chosen.mapped_hardness:
-        click.echo(str(chosen.mapped_hardness))
-    errors = [sentence for answer in answers.values() for sentence in answer.errors]
-    if errors:
-        raise _Refusal(f"{loaded.id}: {'; '.join(errors)}")
+    for sentence in (gamma_sentence([chosen]), chosen.mapped_hardness):
+        if sentence:
+            click.echo(str(sentence))
+    if errors := [sentence for answer in answers.values() for sentence in answer.errors]:
+        raise EpcontactError(f"{loaded.id}: {'; '.join(errors)}")
     if charts:
         _draw(chosen, answers, run.folder)
     if fields == "film":
@@ -86,8 +79,8 @@ def run(
 
 @click.command()
 @click.argument("cases", nargs=-1)
-@options.size
-@options.of_run("jobs", "output", "fresh", "executor", "precision")
+@size_option
+@of_run("jobs", "output", "fresh", "executor", "precision")
 @click.option(
     "--solver",
     default="",
@@ -97,7 +90,7 @@ def run(
     "language with the placeholders {scene} and {result}.",
 )
 @click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
-@options.fields
+@fields_option
 def verify(
     cases: tuple[str, ...],
     size: str,
@@ -121,9 +114,9 @@ def verify(
     given: Sequence[str | Case] = cases
     fields = fields or ("first" if with_report else "none")
     if size == "auto":
-        named = [case for name in cases for case in casefile.find_named(name)]
+        named = [case for name in cases for case in find_named(name)]
         given = [_load(case, size) for case in named or cases_to_verify("fast")]
-    with options.shown_progress(_writing(run, fields)) as shown:
+    with shown_progress(_writing(run, fields)) as shown:
         verdict = run_gates(given, shown, size=size, solver=solver)
     try:
         if fields == "film":
@@ -181,31 +174,31 @@ def _draw(case: Case, answers: Mapping[str, Answer], output: Path) -> list[str]:
 
     sentences = write_pictures(case, answers, case.folder(output))
     for sentence in sentences:
-        click.echo(f"epcontact: {sentence}", err=True)
+        tell(f"epcontact: {sentence}")
     return sentences
 
 
 def _draw_films(case: Case, output: Path) -> None:
     """Draw a film of every load path that was written; a path of one load has none."""
     for collection in sorted(case.folder(output).glob("*-steps/path.pvd")):
-        if len(load_steps(collection)) > 1:
-            target = collection.parent.with_suffix(".gif")
-            try:
-                animate([collection], target)
-                words = f"The loads of the path in order, {target.stem}.\n"
-                write_text(target.with_suffix(".txt"), words)
-                click.echo(f"film in {target}")
-            except OutputError as error:  # many machines cannot draw; the results are whole
-                click.echo(f"epcontact: {target} is left out: {error}", err=True)
+        target = collection.parent.with_suffix(".gif")
+        if len(load_steps(collection)) == 1:
+            continue
+        try:
+            animate([collection], target)
+            write_text(target.with_suffix(".txt"), f"The loads of the path {target.stem}.\n")
+            click.echo(f"film in {target}")
+        except OutputError as error:  # many machines cannot draw; the results are whole
+            tell(f"epcontact: {target} is left out: {error}")
 
 
-def _load(path: casefile.CaseText, size: str) -> Case:
+def _load(text: CaseText, size: str) -> Case:
     """Load a case at a size; "auto" makes it cheaper by a plan and says so on stderr."""
     if size != "auto":
-        return casefile.load_case(path, size)
+        return load_case(text, size)
     from epcontact.planning import load_auto  # no other size needs a plan
 
-    case, sentence = load_auto(path)
+    case, sentence = load_auto(text)
     if sentence:
-        click.echo(sentence, err=True)
+        tell(sentence)
     return case

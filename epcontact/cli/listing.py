@@ -23,19 +23,15 @@ def open_console() -> Console:
     return plain if plain.is_terminal else Console(width=200)
 
 
-@click.command("list")
-def list_cases() -> None:
+@click.command()
+def list() -> None:
     """List the cases, one line each."""
     rows = (_row(case) for path in case_files() for case in read_cases(path))
     print_rows(open_console(), ("case", "sizes", "methods", "requirement"), rows)
 
 
 def print_rows(console: Console, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print texts as they are: a table, or on a narrow terminal a paragraph for each row.
-
-    Brackets in the texts are no markup.  A paragraph has the last text of its row, which is the
-    longest, below the others.
-    """
+    """Print texts, no markup: a table, or on a narrow terminal a paragraph for each row."""
     if console.width >= WIDE:
         table = Table(box=None, pad_edge=False)
         for heading in headings:
@@ -50,10 +46,11 @@ def print_rows(console: Console, headings: Sequence[str], rows: Iterable[Sequenc
 
 
 def _row(case: CaseText) -> tuple[str, str, str, str]:
-    sizes = case.sizes
-    head = at_size(case.tables.get("case"), sizes[0])
-    methods = head.get("methods") if isinstance(head, dict) else None
-    requirement = head.get("requirement") if isinstance(head, dict) else None
-    if not (isinstance(methods, list) and isinstance(requirement, str)):
-        raise InvalidCase(f"{case.where}: needs a table [case] with a requirement and methods")
-    return case.id, " ".join(sizes), " ".join(map(str, methods)), requirement
+    try:
+        head = at_size(case.tables, case.sizes[0])["case"]
+        methods = " ".join(head["methods"])
+        return case.id, " ".join(case.sizes), methods, str(head["requirement"])
+    except (KeyError, TypeError):
+        raise InvalidCase(
+            f"{case.where}: needs a table [case] with a requirement and methods"
+        ) from None

@@ -45,57 +45,37 @@ COMMANDS = {
     "view": "figures",
 }
 
-#: Click (from 8.2) raises it if no command is given; its message is the help.
-_NO_ARGUMENTS: type[click.UsageError] | tuple[()]
-_NO_ARGUMENTS = getattr(click.exceptions, "NoArgsIsHelpError", ())
-
 
 class _Commands(click.Group):
     """The group of `COMMANDS`; each is imported when it runs."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the commands."""
-        del ctx
         return list(COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command."""
-        del ctx
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        """Import a command, or refuse an unknown one and name the nearest."""
         if cmd_name not in COMMANDS:
-            return None
+            known = nearest(cmd_name, COMMANDS)
+            raise click.UsageError(f"there is no command {cmd_name!r}{known}")
         # No command has matrices that need threads, and to start them takes as long as numpy's
         # import.  A number of threads that the user sets counts.
         with single_threads(*({LINEAR_ALGEBRA} - os.environ.keys())):
             module = import_module(f"epcontact.cli.{COMMANDS[cmd_name]}")
-        command: click.Command = getattr(module, _function(cmd_name))
+        command: click.Command = getattr(module, cmd_name)
         return command
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Refuse an unknown command and name the nearest one."""
-        if args[0] not in COMMANDS:
-            raise click.UsageError(f"there is no command {args[0]!r}{nearest(args[0], COMMANDS)}")
-        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the first line of each command's docstring, which is read without an import."""
-        del ctx
         functions = {
             f"{file.stem}.{node.name}": (ast.get_docstring(node) or "").partition("\n")[0]
             for file in Path(__file__).parent.glob("*.py")
             for node in ast.parse(file.read_text(encoding="utf-8")).body
             if isinstance(node, ast.FunctionDef)
         }
+        lines = [(name, functions[f"{file}.{name}"]) for name, file in COMMANDS.items()]
         with formatter.section("Commands"):
-            formatter.write_dl(
-                [(name, functions[f"{file}.{_function(name)}"]) for name, file in COMMANDS.items()]
-            )
-
-
-def _function(command: str) -> str:
-    """Return the name of a command's function; `list` is a word of Python's."""
-    return "list_cases" if command == "list" else command
+            formatter.write_dl(lines)
 
 
 @click.command(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -112,45 +92,36 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a code page without a symbol shows "?" for it
             stream.reconfigure(errors="replace")
-    out = sys.stdout
-    sentences: tuple[str, ...]
+    out, code, sentences = sys.stdout, 2, tuple[object, ...]()
     try:
         sys.exit(cli.main(prog_name="epcontact", standalone_mode=False))
     except (click.Abort, KeyboardInterrupt):
         code, sentences = 130, ("interrupted; results finished so far are kept",)
     except EpcontactError as error:
-        code = 2
-        sentences = error.args if isinstance(error, InvalidCase) else (str(error),)
-    except _NO_ARGUMENTS as error:
+        sentences = error.args if isinstance(error, InvalidCase) else (error,)
+    except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
-        code, sentences = 2, ()
     except click.ClickException as error:
         context = error.ctx if isinstance(error, click.UsageError) else None
         command = context.command_path if context else "epcontact"
-        code, sentences = 2, (f"{error.format_message().rstrip('.')} (see {command} --help)",)
-    except SystemExit as end:
+        sentences = (f"{error.format_message().rstrip('.')} (see {command} --help)",)
+    except (SystemExit, BrokenPipeError) as end:
         # click and rich turn a closed pipe into exit code 1, which means that a gate fell short;
         # click replaces the output then.
-        if not isinstance(end.__context__, BrokenPipeError) and sys.stdout is out:
+        closed = BrokenPipeError in (type(end), type(end.__context__)) or sys.stdout is not out
+        if not closed:
             raise
         sys.stdout = out
         forget_output()
-        code, sentences = 2, ()
-    except BrokenPipeError:
-        forget_output()
-        code, sentences = 2, ()
     except Exception as error:
-        code, sentences = 2, (_unexpected(error),)
+        sentences = (_unexpected(error),)
     for sentence in sentences:
-        click.echo(f"epcontact: {printable(sentence)}", err=True)
+        click.echo(f"epcontact: {printable(str(sentence))}", err=True)
     sys.exit(code)
 
 
 def _unexpected(error: Exception) -> str:
-    """Return the sentence for a full disk, for a name that can be no file's, or for a bug.
-
-    The traceback of a bug is printed.
-    """
+    """Return the sentence for a full disk, a name of no file, or a bug, which is traced."""
     if isinstance(error, OSError) and error.errno == errno.ENOSPC:  # files have OutputError
         forget_output()
         return "cannot write the output: no space left on device"
@@ -170,7 +141,6 @@ def _ended(number: int, _: object) -> None:
     """End the command, but not in the middle of a compilation, see `machine`."""
     # It is loaded with the first solver, and may be half loaded now.
     compiling = getattr(sys.modules.get("epcontact.machine"), "compiling", None)
-    if compiling is not None and compiling():
-        threading.Timer(0.05, signal.raise_signal, (number,)).start()
-        return
-    raise KeyboardInterrupt
+    if compiling is None or not compiling():
+        raise KeyboardInterrupt
+    threading.Timer(0.05, signal.raise_signal, (number,)).start()

@@ -7,29 +7,28 @@ import functools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
 from epcontact.harness.answers.run import Run
-from epcontact.harness.case_files import case as casefile
+from epcontact.harness.case_files.case import SIZES
 
 size = click.option(
     "--size",
-    type=click.Choice((*casefile.SIZES, "auto")),
+    type=click.Choice((*SIZES, "auto")),
     default="fast",
     show_default=True,
     help="Which of a case's sizes to run; auto: the cheapest that its gates allow.",
+)
+own_size = click.option("--size", type=click.Choice(SIZES), default="fast", show_default=True)
+folder = functools.partial(
+    click.option, "--output", type=click.Path(path_type=Path), show_default=True
 )
 
 #: The options that make a `Run`, by its attributes.
@@ -41,11 +40,8 @@ _OF_RUN = {
         help="Number of worker processes, which share the cores. "
         "Default: one for each core, or one for size large.",
     ),
-    "output": click.option(
-        "--output",
-        type=click.Path(path_type=Path),
+    "output": folder(
         default=Path("results"),
-        show_default=True,
         help="Folder for results; existing results of the same scene and sources are reused.",
     ),
     "fresh": click.option("--fresh", is_flag=True, help="Solve again even if a result exists."),
@@ -92,23 +88,27 @@ def of_run(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     return decorate
 
 
+def tell(sentence: str) -> None:
+    """Print a sentence on stderr."""
+    click.echo(sentence, err=True)
+
+
+#: Less time than this many seconds is not worth a note.
+_SOON = 10
+
+
 @contextlib.contextmanager
 def shown_progress(run: Run) -> Iterator[Run]:
     """Show the progress of a run on stderr: a bar on a terminal, elsewhere a line a solve."""
     console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    # The time left is estimated from all solves, which may take longer than rich's 30 s each.
     terminal = console.is_terminal
+    columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    left = ("left", TimeRemainingColumn())
+    # The time left is estimated from all solves of a day, which may take longer than rich's 30 s.
     bar = Bar(
-        *columns, console=console, transient=True, disable=not terminal, speed_estimate_period=_DAY
-    )
+        *columns, *left, console=console, transient=True, disable=not terminal,
+        speed_estimate_period=86400,
+    )  # fmt: skip
     # A disabled bar of an older rich ends with an empty line.
     with bar if terminal else contextlib.nullcontext():
         row = bar.add_task("solving", total=None)
@@ -120,20 +120,8 @@ def shown_progress(run: Run) -> Iterator[Run]:
                 bar.update(row, completed=done, total=total, description=words or None)
             if words and not terminal:
                 left = bar.tasks[row].time_remaining if done < total else None
-                note = f" (about {duration(left)} left)" if left and left >= _SOON else ""
-                click.echo(f"[{done}/{total}] {words}{note}", err=True)
+                about = timedelta(seconds=math.ceil(left or 0))
+                note = f" (about {about} left)" if left and left >= _SOON else ""
+                tell(f"[{done}/{total}] {words}{note}")
 
         yield replace(run, progress=show)
-
-
-#: Less time than this many seconds is not worth a note.
-_SOON = 10
-_DAY = 86400
-
-
-def duration(seconds: float) -> str:
-    """Return a length of time in two digits."""
-    for unit, length, most in (("s", 1, 100), ("min", 60, 100), ("h", 3600, 72)):
-        if seconds < length * most:
-            return f"{math.ceil(seconds / length)} {unit}"
-    return f"{math.ceil(seconds / _DAY)} days"

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from tempfile import TemporaryDirectory
 
 import click
 
 from epcontact import planning
-from epcontact.cli import options
+from epcontact.cli.options import of_run, own_size, tell
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.answers.run import Run
-from epcontact.harness.case_files import case as casefile
+from epcontact.harness.case_files.case import SIZES, Case, find_case, load_case
 from epcontact.harness.crosscheck import crosscheck as check_models
 from epcontact.harness.verdict.verification import verify
 from epcontact.materials.hardness_map import effective_hardness
@@ -27,7 +28,7 @@ from epcontact.materials.hardness_map import effective_hardness
 )
 @click.option(
     "--size",
-    type=click.Choice(casefile.SIZES),
+    type=click.Choice(SIZES),
     default=None,
     help="Size of the case; else its largest.",
 )
@@ -36,24 +37,24 @@ from epcontact.materials.hardness_map import effective_hardness
     is_flag=True,
     help="Run the plan, and a finer grid; exit with 1 if the error is larger than promised.",
 )
-@options.of_run("executor")
+@of_run("executor")
 def plan(case: str, tolerance: str, size: str | None, check: bool, run: Run) -> None:
     """Find the cheapest model of CASE that meets a tolerance; print the reasons and the cost.
 
     --executor is for the solves of --check.
     """
-    path = casefile.find_case(case)
-    loaded = casefile.load_case(path, size or path.sizes[-1])
+    text = find_case(case)
+    loaded = load_case(text, size or text.sizes[-1])
     if loaded.skip:
-        raise InvalidCase(f"{path.where}: {loaded.skip}")
-    chosen = planning.plan(loaded, _share(tolerance), progress=_tell)
+        raise InvalidCase(f"{text.where}: {loaded.skip}")
+    chosen = planning.plan(loaded, _share(tolerance), progress=tell)
     surfaces = f"{chosen.surfaces} surface{'s' if chosen.surfaces > 1 else ''}"
     grid = " x ".join(map(str, chosen.shape))
     areas = f", {grid} points, {surfaces}" if chosen.on_grid else ""
     click.echo(f"{chosen.case}: {chosen.method}{areas}, {chosen.areas} areas")
     cap = loaded.mapped_hardness
-    capped = [str(cap), "the plan is for a body with this hardness, whose own error is not in it"]
-    for sentence in (*chosen.reasons, *(capped if cap else ()), *chosen.notes):
+    exact = "the plan takes this hardness as exact; its own uncertainty comes on top"
+    for sentence in (*chosen.reasons, *((cap, exact) if cap else ()), *chosen.notes):
         click.echo(f"  {sentence}")
     click.echo(
         f"  expected: error {100 * chosen.expected_error:.2g} %, "
@@ -66,7 +67,7 @@ def plan(case: str, tolerance: str, size: str | None, check: bool, run: Run) -> 
         _check(loaded, chosen, run)
 
 
-def _check(case: casefile.Case, chosen: planning.Plan, run: Run) -> None:
+def _check(case: Case, chosen: planning.Plan, run: Run) -> None:
     """Run a plan and the finer grid that judges it; exit with 1 if it breaks its promise."""
     cheaper = planning.planned_case(case, chosen).changed(methods=(chosen.method,), gates=())
     finer = planning.finer_case(case, chosen)
@@ -93,9 +94,9 @@ def _check(case: casefile.Case, chosen: planning.Plan, run: Run) -> None:
 
 
 def _share(text: str) -> float:
+    number = text.strip()
     try:
-        number = text.strip()
-        return float(number[:-1]) / 100 if number.endswith("%") else float(number)
+        return float(number.removesuffix("%")) / (100 if number.endswith("%") else 1)
     except ValueError:
         raise InvalidCase(
             f"--tolerance is {text!r}, but must be a share such as 1% or 0.01"
@@ -104,7 +105,7 @@ def _share(text: str) -> float:
 
 @click.command()
 @click.argument("case")
-@click.option("--size", type=click.Choice(casefile.SIZES), default="fast", show_default=True)
+@own_size
 @click.option(
     "--seeds", default=None, metavar="FIRST-LAST", help="Surfaces of these seeds, not the case's."
 )
@@ -125,8 +126,23 @@ def crosscheck(
 ) -> None:
     """Split the difference of finite and boundary elements on CASE into grid, depth, model."""
     others = () if seeds is None else _seeds(seeds)
-    loaded = casefile.load_case(casefile.find_case(case), size)
+    loaded = load_case(find_case(case), size)
     click.echo(check_models(loaded, others, steps=steps, step_tolerance=step_tolerance))
+
+
+#: Largest number of seeds: far more than an ensemble needs, and still a short list.
+_MOST_SEEDS = 10_000
+
+
+def _seeds(text: str) -> range:
+    """Return the seeds FIRST to LAST, both included."""
+    ends = re.fullmatch(r"(\d{1,19})-(\d{1,19})", text)  # the largest seed is 2**63 - 1
+    seeds = range(int(ends[1]), int(ends[2]) + 1) if ends else range(0)
+    if not 0 < seeds.stop - seeds.start <= _MOST_SEEDS or seeds.stop > 2**63:
+        raise click.BadParameter(
+            f"{text!r:.60} is no range of at most {_MOST_SEEDS} seeds; give such as 101-112"
+        )
+    return seeds
 
 
 @click.command()
@@ -146,25 +162,3 @@ def hardness(**scene: float) -> None:
     found = effective_hardness(**scene)
     click.echo(str(found))
     click.echo(found.rests_on)
-
-
-#: Largest number of seeds: far more than an ensemble needs, and still a short list.
-_MOST_SEEDS = 10_000
-
-
-def _seeds(text: str) -> range:
-    """Return the seeds FIRST to LAST, both included."""
-    first, _, last = text.partition("-")
-    # The largest seed, 2**63 - 1, has 19 digits; Python refuses to read very long numbers.
-    digits = all(t.isdecimal() and len(t) <= 19 for t in (first, last))
-    if not (digits and int(first) <= int(last) < 2**63):
-        raise click.BadParameter(f"{text!r:.60} is no range of seeds; give such as 101-112")
-    if int(last) - int(first) >= _MOST_SEEDS:
-        raise click.BadParameter(
-            f"{text} asks for {int(last) - int(first) + 1} surfaces; give at most {_MOST_SEEDS}"
-        )
-    return range(int(first), int(last) + 1)
-
-
-def _tell(sentence: str) -> None:
-    click.echo(sentence, err=True)

@@ -11,8 +11,9 @@ from pydantic import ValidationError
 from rich.console import Console
 
 from epcontact.cli.listing import open_console, print_rows
+from epcontact.cli.options import folder
 from epcontact.errors import InvalidCase
-from epcontact.harness.case_files import case as casefile
+from epcontact.harness.case_files.case import SIZES, find_case, find_cases, find_named, load_case
 from epcontact.harness.case_files.citations import citation
 from epcontact.harness.case_files.mistakes import case_schema, key_table
 from epcontact.harness.quantities.registry import QUANTITIES
@@ -42,14 +43,14 @@ def schema(kind: str) -> None:
 @click.argument("case")
 @click.option(
     "--size",
-    type=click.Choice(casefile.SIZES),
+    type=click.Choice(SIZES),
     default="fast",
     show_default=True,
     help="Which of a case's sizes to cite; gates may differ.",
 )
 def cite(case: str, size: str) -> None:
     """Print what a case's results rest on: sources, papers by DOI, versions of the software."""
-    for line in citation(casefile.load_case(casefile.find_case(case), size)):
+    for line in citation(load_case(find_case(case), size)):
         click.echo(line)
 
 
@@ -59,34 +60,27 @@ _EXACT = 1e3
 
 @click.command()
 @click.argument("cases", nargs=-1)
-@click.option(
-    "--output",
-    type=click.Path(path_type=Path),
-    default=Path("results"),
-    show_default=True,
-    help="Folder of the verification whose margins are shown.",
-)
+@folder(default=Path("results"), help="Folder of the verification whose margins are shown.")
 def gates(cases: tuple[str, ...], output: Path) -> None:
     """List every gate's band, margin and reason.
 
     The margin is that of the verdict in the output folder: the band over the difference and its
     interval.
     """
-    margins = _margins(output)
-    named = [text for name in cases for text in casefile.find_named(name)]
+    margins = _margins(output / "verdict.json")
+    named = [text for name in cases for text in find_named(name)]
     rows = [
         (text.id, size, gate.name, f"{gate.low:g} … {gate.high:g}", margin, gate.because)
-        for text in named or casefile.find_cases()
+        for text in named or find_cases()
         for size in text.sizes
-        for gate in casefile.load_case(text, size).gates
+        for gate in load_case(text, size).gates
         for margin in [margins.get((text.id, size, gate.name), "–")]
     ]
     console = Console(width=None if sys.stdout.isatty() else 300)
     print_rows(console, ("case", "size", "gate", "band", "margin", "because"), rows)
 
 
-def _margins(output: Path) -> dict[tuple[str, str, str], str]:
-    file = output / "verdict.json"
+def _margins(file: Path) -> dict[tuple[str, str, str], str]:
     if not file.exists():
         return {}
     try:

@@ -9,18 +9,20 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from epcontact.cli.options import folder, tell
+from epcontact.cli.tables import table_of
 from epcontact.errors import InvalidCase
 from epcontact.studies import STUDIES, save_charts
 from epcontact.studies import stability as maps_of_methods
 
-_folder = click.Path(path_type=Path, file_okay=True)
+_full = click.option("--full", is_flag=True, help="Minutes instead of seconds, and finer.")
 
 
 @click.command()
 @click.argument("names", nargs=-1)
-@click.option("--full", is_flag=True, help="Minutes instead of seconds, and finer.")
+@_full
 @click.option("--peers", is_flag=True, help="Add the comparison with other solvers (extra peers).")
-@click.option("--output", type=_folder, default=Path("charts"), show_default=True)
+@folder(default=Path("charts"))
 def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None:
     """Draw charts of accuracy against cost by NAME (none: the list), with data and captions."""
     wanted = (*names, "peers") if peers else names
@@ -28,14 +30,12 @@ def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None
     if unknown:
         raise InvalidCase(f"no chart is called {unknown[0]!r}; there are {', '.join(STUDIES)}")
     if not wanted:
-        table = Table(box=None, pad_edge=False)
-        table.add_column("chart")
-        table.add_column("shows")
+        table = table_of(("chart", "shows"))
         for study in STUDIES.values():
             table.add_row(study.name, study.description)
         Console().print(table)
     for name in dict.fromkeys(wanted):
-        charts = STUDIES[name].run("full" if full else "fast", _tell)
+        charts = STUDIES[name].run("full" if full else "fast", tell)
         for path in save_charts(name, charts, output):
             click.echo(path)
         for one in charts:
@@ -44,15 +44,15 @@ def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None
 
 @click.command()
 @click.argument("maps", nargs=-1)
-@click.option("--full", is_flag=True, help="Minutes instead of seconds, and finer.")
-@click.option("--output", type=_folder, default=Path("stability"), show_default=True)
+@_full
+@folder(default=Path("stability"))
 def stability(maps: tuple[str, ...], full: bool, output: Path) -> None:
     """Sweep loads and hardnesses and map the convergence and speed of each method.
 
     MAPS are some of capped, elastic, theory and fem; all of them where none is named.
     """
     size = "full" if full else "coarse"
-    found = maps_of_methods.stability(maps, size, say=_tell)
+    found = maps_of_methods.stability(maps, size, say=tell)
     for path in maps_of_methods.write(found, size, output):
         click.echo(path)
     Console().print(_summary(found))
@@ -60,15 +60,9 @@ def stability(maps: tuple[str, ...], full: bool, output: Path) -> None:
 
 def _summary(found: pd.DataFrame) -> Table:
     """Tabulate points, failures and the largest effort of each method."""
-    table = Table(box=None, pad_edge=False)
-    for heading in ("map", "method", "points", "failures", "largest effort"):
-        table.add_column(heading, justify="left" if heading in ("map", "method") else "right")
+    table = table_of(("map", "method"), ("points", "failures", "largest effort"))
     for key, mine in found.groupby(["map", "method"], sort=False):
         failed = int((~mine["converged"]).sum())
         shown = f"[bold red]{failed}[/]" if failed else "0"
         table.add_row(*key, str(len(mine)), shown, f"{mine['effort'].max():g}")
     return table
-
-
-def _tell(sentence: str) -> None:
-    click.echo(sentence, err=True)

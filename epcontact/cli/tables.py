@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-from rich.console import Console, JustifyMethod
+from rich.console import Console
 from rich.table import Table
 
+from epcontact.cli.listing import WIDE
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates.gate import GateVerdict
 from epcontact.harness.gates.statistics import Estimate, estimate
 from epcontact.harness.verdict.record import CaseVerdict
-from epcontact.results import ContactResult
 
-#: Smallest terminal width, in columns, at which a row shows every figure of a gate.
-WIDE = 150
 STYLES = {"holds": "green", "falls short": "bold red", "error": "bold red", "skipped": "yellow"}
+
+
+def table_of(texts: Sequence[str], figures: Sequence[str] = ()) -> Table:
+    """Return a table without lines whose columns of texts stand left, those of figures right."""
+    table = Table(box=None, pad_edge=False)
+    for heading in (*texts, *figures):
+        table.add_column(
+            heading, overflow="fold", justify="right" if heading in figures else "left"
+        )
+    return table
 
 
 def answers_table(answers: Mapping[str, Answer]) -> Table:
@@ -24,31 +32,21 @@ def answers_table(answers: Mapping[str, Answer]) -> Table:
 
     The estimated error of the corrected areas is the mean of the surfaces' errors.
     """
-    table = Table(box=None, pad_edge=False)
-    headings = ("method", "areas", "total", "elastic", "plastic", "surfaces", "reused")
-    for heading in headings:
-        side: JustifyMethod = "left" if heading in ("method", "areas") else "right"
-        table.add_column(heading, justify=side, overflow="fold")
+    parts = ("total", "elastic", "plastic")
+    table = table_of(("method", "areas"), (*parts, "surfaces", "reused"))
     for method, answer in answers.items():
-        for kind, parts in _area_rows(answer.results):
-            table.add_row(method, kind, *parts, str(len(answer.results)), str(answer.reused))
+        areas = [result.final.areas for result in answer.results]
+        for kind in ("raw", "corrected", "error"):
+            if not areas or kind not in areas[0]:
+                continue
+            means = [estimate([getattr(one[kind], part) for one in areas]) for part in parts]
+            shown = [shown_estimate(mean) for mean in means]
+            if kind == "error":
+                if not any(mean.mean for mean in means):  # a theory has no grid, so no error
+                    continue
+                shown = [f"{mean.mean:.2g}" for mean in means]
+            table.add_row(method, kind, *shown, str(len(areas)), str(answer.reused))
     return table
-
-
-def _area_rows(results: Sequence[ContactResult]) -> Iterator[tuple[str, list[str]]]:
-    """Yield the kinds of areas that a method has, with their three parts as text."""
-    means = {
-        kind: [
-            estimate([getattr(result.final.areas[kind], part) for result in results])
-            for part in ("total", "elastic", "plastic")
-        ]
-        for kind in (results[0].final.areas if results else ())
-    }
-    for kind in ("raw", "corrected"):
-        if kind in means:
-            yield kind, [shown_estimate(mean) for mean in means[kind]]
-    if any(mean.mean for mean in means.get("error", ())):  # a theory has no grid, so no error
-        yield "error", [f"{mean.mean:.2g}" for mean in means["error"]]
 
 
 def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:
@@ -57,28 +55,23 @@ def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:
     A terminal narrower than WIDE omits the values, which would not be legible in so few columns;
     verdict.json holds them.
     """
-    table = Table(box=None, pad_edge=False)
     wide = width >= WIDE
-    headings = ("case", "quantity", "of", "against", "value", "reference") if wide else ("gate",)
-    for heading in headings:
-        table.add_column(heading, overflow="fold")
-    table.add_column("difference", justify="right", overflow="fold")
-    table.add_column("band", justify="right", overflow="fold", no_wrap=wide)
+    names = ("case", "quantity", "of", "against", "value", "reference") if wide else ("gate",)
+    table = table_of(names, ("difference", "band"))
+    table.columns[-1].no_wrap = wide
     table.add_column("verdict", no_wrap=True)
     for case in cases:
         skipped = (_styled(case.status),) if case.skipped_because else ()
         if skipped or not wide:
             blank = [""] * (len(table.columns) - 1 - len(skipped))
             table.add_row(f"[bold]{case.id}[/]", *blank, *skipped)
-        name = case.id
-        for gate in case.gates:
+        for number, gate in enumerate(case.gates):
             row = _gate_row(gate)
             if wide:
-                table.add_row(name, *row)
+                table.add_row("" if number else case.id, *row)
             else:
                 quantity, of, against, _, _, *judged = row
                 table.add_row(f"  {quantity} of {of} against {against}", *judged)
-            name = ""
     return table
 
 
@@ -99,13 +92,12 @@ def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
     difference = show(gate.difference.mean)
     if gate.half_width:
         difference += f" ± {show(gate.half_width).lstrip('+')}"
+    # The fewest digits that distinguish the ends of a narrow band.
+    apart = (n for n in range(2, 12) if show(gate.low, n) != show(gate.high, n))
+    digits = next(apart, 2)
+    band = f"{show(gate.low, digits)} … {show(gate.high, digits)}"
     if gate.low == -gate.high:
         band = f"± {show(gate.high)[1:]}"
-    else:
-        # The fewest digits that distinguish the ends of a narrow band.
-        apart = (n for n in range(2, 12) if show(gate.low, n) != show(gate.high, n))
-        digits = next(apart, 2)
-        band = f"{show(gate.low, digits)} … {show(gate.high, digits)}"
     values = (shown_estimate(gate.value), shown_estimate(gate.reference))
     return (*names, *values, difference, band, _styled(gate.status))
 
@@ -118,37 +110,30 @@ def gamma_sentence(cases: Sequence[Case]) -> str:
         gammas = [o["energy_reduction"] for o in options if "energy_reduction" in o]
         if gammas and not case.skip:
             by_gamma.setdefault(float(gammas[0]), []).append(case.id)
-    if not by_gamma:
-        return ""
-    if len(by_gamma) == 1:
-        return f"theory with energy reduction gamma = {next(iter(by_gamma)):g}"
-    parts = (f"{gamma:g} in {', '.join(ids)}" for gamma, ids in by_gamma.items())
-    return f"theory with energy reduction gamma = {'; '.join(parts)}"
+    parts = [f"{gamma:g} in {', '.join(ids)}" for gamma, ids in by_gamma.items()]
+    if len(parts) == 1:
+        parts = [f"{gamma:g}" for gamma in by_gamma]
+    return f"theory with energy reduction gamma = {'; '.join(parts)}" if parts else ""
 
 
 def shown_estimate(estimate: Estimate) -> str:
     """Return a mean, with the half-width of its interval if it has one."""
-    if not estimate.half_width:
-        return f"{estimate.mean:.5g}"
-    return f"{estimate.mean:.5g} ± {estimate.half_width:.1g}"
+    half = f" ± {estimate.half_width:.1g}" if estimate.half_width else ""
+    return f"{estimate.mean:.5g}{half}"
 
 
 def print_surface_notes(console: Console, case: Case, answers: Mapping[str, Answer]) -> None:
     """Print what was done to the surfaces of a case, and what to beware of."""
-    results = [result for answer in answers.values() for result in answer.results]
-    shared = [set(result.notes) for result in results] or [set()]
-    for note in results[0].notes if results else ():
-        if all(note in notes for notes in shared):
+    notes = [result.notes for answer in answers.values() for result in answer.results]
+    for note in notes[0] if notes else ():
+        if all(note in others for others in notes):
             console.print(f"{case.id}: {note}", markup=False, highlight=False)
 
 
 def print_shortfalls(console: Console, case: CaseVerdict) -> None:
     """Print why a case was skipped, the gates that do not hold, and each error once."""
-    if case.skipped_because:
-        console.print(f"{case.id}: {case.skipped_because}", markup=False)
     first = {gate.error or gate.name: gate for gate in reversed(case.gates)}
-    for gate in case.gates:
-        if not gate.holds and first[gate.error or gate.name] is gate:
-            console.print(f"{case.id}: {gate}", markup=False)
-    for sentence in case.unread_errors:
+    failed = [g for g in case.gates if not g.holds and first[g.error or g.name] is g]
+    skipped = [case.skipped_because] if case.skipped_because else []
+    for sentence in (*skipped, *failed, *case.unread_errors):
         console.print(f"{case.id}: {sentence}", markup=False)
