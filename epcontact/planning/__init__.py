@@ -5,7 +5,14 @@
 as cheap as its gates allow.
 """
 
-from epcontact.planning.auto import auto_case, load_auto
-from epcontact.planning.plan import Plan, achieved_error, finer_case, plan, planned_case
+from epcontact.planning.plan import (
+    Plan,
+    achieved_error,
+    auto_case,
+    finer_case,
+    load_auto,
+    plan,
+    planned_case,
+)
 
 __all__ = ["Plan", "achieved_error", "auto_case", "finer_case", "load_auto", "plan", "planned_case"]

@@ -45,16 +45,11 @@ class Section:
 
     def build(self) -> Surface:
         """Make the heights, from two points across the line if the recipe allows."""
-        across = 1 - self.axis
-        shape = list(self.whole.shape)
-        shape[across] = 2
-        surface = (on_grid(self.whole, tuple(shape)) or self.whole).build()
+        shape = (*self.shape, 2) if self.axis == 0 else (2, *self.shape)
+        surface = (on_grid(self.whole, shape) or self.whole).build()
+        heights = np.take(surface.heights, 0, axis=1 - self.axis)
         return replace(
-            surface,
-            heights=np.take(surface.heights, 0, axis=across),
-            periods=self.periods,
-            spectrum=None,
-            recipe=self.fingerprint,
+            surface, heights=heights, periods=self.periods, spectrum=None, recipe=self.fingerprint
         )
 
 
@@ -64,10 +59,8 @@ def one_directional(recipe: Recipe) -> int | None:
         return None
     heights = (on_grid(recipe, (64, 64)) or recipe).build().heights
     height = float(np.ptp(heights))
-    for axis in (0, 1):
-        if float(np.ptp(heights, axis=1 - axis).max()) <= 1e-9 * height and height > 0:
-            return axis
-    return None
+    same = (a for a in (0, 1) if np.ptp(heights, axis=1 - a).max() <= 1e-9 * height)
+    return next(same, None) if height > 0 else None
 
 
 def ladder(recipe: Recipe, *, beyond: bool) -> list[tuple[int, ...]]:
@@ -87,9 +80,8 @@ def points_per_wavelength(recipe: Recipe) -> float:
     base = recipe.whole if isinstance(recipe, Section) else recipe
     if not isinstance(base, SelfAffine):
         return math.nan
-    shortest = 2 * math.pi / base.spectrum.wavenumber_high
-    spacings = [period / n for n, period in zip(recipe.shape, recipe.periods, strict=True)]
-    return shortest / max(spacings)
+    spacing = max(period / n for n, period in zip(recipe.shape, recipe.periods, strict=True))
+    return 2 * math.pi / base.spectrum.wavenumber_high / spacing
 
 
 def on_grid(recipe: Recipe, shape: tuple[int, ...]) -> Recipe | None:
@@ -97,10 +89,9 @@ def on_grid(recipe: Recipe, shape: tuple[int, ...]) -> Recipe | None:
     if shape == recipe.shape:
         return recipe
     if isinstance(recipe, Section):
-        full = list(recipe.whole.shape)
-        full[recipe.axis] = shape[0]
-        whole = on_grid(recipe.whole, tuple(full))
-        return None if whole is None else Section(whole, recipe.axis)
+        across = recipe.whole.shape[1 - recipe.axis]
+        whole = on_grid(recipe.whole, (*shape, across) if recipe.axis == 0 else (across, *shape))
+        return whole and Section(whole, recipe.axis)
     if isinstance(recipe, HeightsFromArray | HeightsFromFile):
         return None
     try:

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
@@ -24,7 +23,6 @@ from epcontact.results import Areas
 from epcontact.surfaces import Recipe
 from fem_check.mesh import half_space_depth
 
-PARTS = ("total", "elastic", "plastic")
 MOST_SURFACES = 1000
 PILOT_SURFACES = 8
 #: Largest work of all pilots together, as a share of the work of the given case.
@@ -36,36 +34,28 @@ STEP_TOLERANCES = (0.03, 0.01, 0.003)
 Solver = Callable[..., "Pilot"]
 
 
-@dataclass(frozen=True)
-class Pilot:
-    """One solve of one surface, with the relative errors of its corrected and its raw areas.
+class Pilot(NamedTuple):
+    """One solve of one surface: its areas, and their largest relative errors, of the parts wanted.
 
     `work` is FFT pairs, or sweeps over the unknowns, times points.
     """
 
     shape: tuple[int, ...]
     areas: Areas
-    errors: dict[str, float]
-    raw_errors: dict[str, float]
+    error: float
+    raw_error: float
     work: float
-    seconds: float
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A grid with the number of surfaces it needs, its relative errors and the cost of all.
-
-    `raw` is True if raw areas are as good as corrected ones.
-    """
+class Candidate(NamedTuple):
+    """A grid with the number of surfaces it needs, its relative errors and the cost of all."""
 
     shape: tuple[int, ...]
     surfaces: int
     grid_error: float
     scatter: float
-    raw: bool
     work: float
-    seconds: float
 
     @property
     def error(self) -> float:
@@ -78,61 +68,52 @@ _QUICK: dict[str, dict[str, Any]] = {"bem": {"area_tolerance": 1e-4}}
 
 
 def solve_pilot(
-    case: Case, recipe: Recipe, method: str, threads: int | None, **options: Any
-) -> Pilot:
+    case: Case, recipe: Recipe, method: str, parts: Sequence[str], threads: int | None,
+    **options: Any,
+) -> Pilot:  # fmt: skip
     """Solve the case on one surface, no more exactly than a pilot of the method needs."""
     given = _QUICK.get(method, {}) | dict(case.options.get(method, {})) | options
     scene = case.scene(recipe)
     result = METHODS[method].solve(scene, given, threads or available_cores())
     areas, counts = result.final.areas, result.final.iterations
-    best, errors, raw_errors = areas["corrected"], {}, {}
-    for part in PARTS:
-        area = getattr(best, part) or math.nan  # a part that does not exist has no relative error
-        errors[part] = getattr(areas["error"], part) / area
-        raw_errors[part] = abs(getattr(areas["raw"], part) - area) / area + errors[part]
+    best, errors, raw_errors = areas["corrected"], [math.nan], [math.nan]
+    for part in parts:
+        if area := getattr(best, part):  # a part that does not exist has no relative error
+            errors.append(getattr(areas["error"], part) / area)
+            raw_errors.append(abs(getattr(areas["raw"], part) - area) / area + errors[-1])
     sweeps = result.cost.get("equivalent_fft_pairs") or sum(
         counts.get(name, 0) for name in ("cg", "newton", "sweeps")
     )
+    largest, raw = float(np.fmax.reduce(errors)), float(np.fmax.reduce(raw_errors))
     work = sweeps * result.cost["unknowns"]
-    notes = scene.surface.notes
-    return Pilot(recipe.shape, best, errors, raw_errors, work, result.cost["seconds"], notes)
+    return Pilot(recipe.shape, best, largest, raw, work, scene.surface.notes)
 
 
-def worst(errors: dict[str, float], parts: Sequence[str]) -> float:
-    """Return the largest relative error of the parts that exist; NaN if none does."""
-    return max((errors[p] for p in parts if not math.isnan(errors[p])), default=math.nan)
-
-
-def carried_error(
-    pilots: Sequence[Pilot], shape: tuple[int, ...], parts: Sequence[str]
-) -> tuple[float, bool]:
-    """Return the relative error on a grid, and True if raw areas have no larger error.
+def carried_error(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
+    """Return the relative error on a grid.
 
     A solved grid has its own error.  The error on a finer grid follows from the order between the
     two finest solved grids, limited to 1 to 2: a rim's random position has the order 1, its
     curvature 2.
     """
-    raw = all(worst(p.raw_errors, parts) <= worst(p.errors, parts) for p in pilots)
     level: dict[tuple[int, ...], float] = {}
     for pilot in pilots:
-        level[pilot.shape] = max(level.get(pilot.shape, 0.0), worst(pilot.errors, parts))
+        level[pilot.shape] = max(level.get(pilot.shape, 0.0), pilot.error)
     if shape in level:
-        return level[shape], raw
-    *_, coarser, finest = [None, *sorted(level, key=math.prod)]
-    assert finest is not None
+        return level[shape]
+    finest, *coarser = sorted(level, key=math.prod, reverse=True)
     order = 1.0
-    if coarser is not None and level[finest] > 0 and level[coarser] > 0:
-        order = math.log(level[coarser] / level[finest]) / math.log(finest[0] / coarser[0])
-    return level[finest] * (finest[0] / shape[0]) ** min(max(order, 1.0), 2.0), raw
+    if coarser and level[finest] > 0 and level[coarser[0]] > 0:
+        order = math.log(level[coarser[0]] / level[finest]) / math.log(finest[0] / coarser[0][0])
+    return level[finest] * math.pow(finest[0] / shape[0], min(max(order, 1.0), 2.0))
 
 
-def carried_cost(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> tuple[float, float]:
-    """Return (work, seconds) of a solve on a grid, scaled by points from the finest solved grid."""
+def carried_work(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
+    """Return the work of a solve on a grid, scaled by points from the finest solved grid."""
     finest = max((p.shape for p in pilots), key=math.prod)
     base = [p for p in pilots if p.shape == shape] or [p for p in pilots if p.shape == finest]
     ratio = math.prod(shape) / math.prod(base[0].shape)
-    work, seconds = (float(np.mean([getattr(p, k) for p in base])) for k in ("work", "seconds"))
-    return work * ratio, seconds * ratio
+    return float(np.mean([p.work for p in base])) * ratio
 
 
 def finite_element_options(
@@ -170,9 +151,7 @@ def finite_element_options(
     return options, why
 
 
-def climb(
-    recipes: Sequence[Recipe], solve: Solver, tolerance: float, parts: Sequence[str]
-) -> list[Pilot]:
+def climb(recipes: Sequence[Recipe], solve: Solver, tolerance: float) -> list[Pilot]:
     """Solve the first surface on ever finer grids until one suffices or the next costs too much.
 
     Then solve other surfaces on the coarsest grid, enough to estimate the scatter.
@@ -181,10 +160,10 @@ def climb(
     rungs = ladder(first, beyond=False)
     for shape, following in zip(rungs, [*rungs[1:], None], strict=True):
         pilots.append(solve(on_grid(first, shape) or first))
-        whole = carried_cost(pilots, first.shape)[0] * len(recipes)
-        if following is None or worst(pilots[-1].errors, parts) <= 0.7 * tolerance:
+        most = PILOT_SHARE * carried_work(pilots, first.shape) * len(recipes)
+        if following is None or pilots[-1].error <= 0.7 * tolerance:
             break
-        if len(pilots) > 1 and carried_cost(pilots, following)[0] > PILOT_SHARE * whole / 2:
+        if len(pilots) > 1 and carried_work(pilots, following) > most / 2:
             break
     others = recipes[1:PILOT_SURFACES]
     return pilots + [solve(on_grid(recipe, rungs[0]) or recipe) for recipe in others]
@@ -202,11 +181,11 @@ def deviation_of(pilots: Sequence[Pilot], parts: Sequence[str]) -> float:
     """
     bounds = [0.0]
     for part in parts:
-        values = np.array([getattr(pilot.areas, part) for pilot in coarsest(pilots)])
-        if values.size > 1 and values.mean() > 0:
-            degrees = values.size - 1
+        values = [getattr(pilot.areas, part) for pilot in coarsest(pilots)]
+        degrees = len(values) - 1
+        if degrees and sum(values) > 0:
             bound = math.sqrt(degrees / float(chdtri(degrees, 0.8)))
-            bounds.append(bound * standard_deviation(values.tolist()) / float(values.mean()))
+            bounds.append(bound * standard_deviation(values) / float(np.mean(values)))
     return max(bounds)
 
 
@@ -214,7 +193,7 @@ def cheapest(
     recipes: Sequence[Recipe],
     pilots: Sequence[Pilot],
     tolerance: float,
-    parts: Sequence[str],
+    deviation: float,
     capped: bool,
 ) -> Candidate:
     """Return the cheapest grid of the ladder that meets the tolerance, or the most accurate one.
@@ -224,19 +203,15 @@ def cheapest(
     """
     candidates = []
     most = len(recipes) if capped else MOST_SURFACES
-    deviation = deviation_of(pilots, parts)
     for shape in ladder(recipes[0], beyond=not capped):
-        error, raw = carried_error(pilots, shape, parts)
-        count, scatter = 1, 0.0
+        error, count, scatter = carried_error(pilots, shape), 1, 0.0
         if len(recipes) > 1 and deviation > 0:
             room = math.sqrt(max(tolerance**2 - error**2, 0.0))
             enough = (n for n in range(2, most + 1) if student_half_width(deviation, n) <= room)
             count = next(enough, most)
             scatter = student_half_width(deviation, count)
-        work, seconds = carried_cost(pilots, shape)
-        candidates.append(
-            Candidate(shape, count, error, scatter, raw, work * count, seconds * count)
-        )
+        work = carried_work(pilots, shape) * count
+        candidates.append(Candidate(shape, count, error, scatter, work))
     if good := [c for c in candidates if c.error <= tolerance]:
         return min(good, key=lambda c: c.work)
     return min(candidates, key=lambda c: (c.error, c.work))

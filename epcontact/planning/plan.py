@@ -18,6 +18,7 @@ within the tolerance.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -25,9 +26,10 @@ from typing import Any
 
 import numpy as np
 
-from epcontact.errors import InvalidCase, InvalidScene
+from epcontact.errors import EpcontactError, InvalidCase, InvalidScene
 from epcontact.harness.answers.store import Answer
-from epcontact.harness.case_files.case import Case
+from epcontact.harness.case_files.case import Case, CaseText, load_case
+from epcontact.harness.gates.gate import Gate
 from epcontact.harness.gates.statistics import standard_deviation, student_half_width
 from epcontact.harness.methods.registry import METHODS
 from epcontact.materials.hardness_map import effective_hardness
@@ -36,14 +38,13 @@ from epcontact.planning.pilots import (
     PILOT_SURFACES,
     Candidate,
     Pilot,
-    carried_cost,
+    carried_work,
     cheapest,
     climb,
     coarsest,
     deviation_of,
     finite_element_options,
     solve_pilot,
-    worst,
 )
 from epcontact.surfaces import Recipe, SelfAffine
 
@@ -65,7 +66,6 @@ class Plan:
         work: FFT pairs (or solver sweeps) times points of the chosen model.
         given_work: the work of the given case.
         pilot_work: the work of the pilots.
-        seconds, pilot_seconds: times of the chosen model and of the pilots.
         reasons: the reasons, as sentences.
         notes: those of the surface that the finest pilot solved.
         recipes: recipes of the surfaces on the chosen grid.
@@ -82,8 +82,6 @@ class Plan:
     work: float
     given_work: float
     pilot_work: float
-    seconds: float
-    pilot_seconds: float
     reasons: tuple[str, ...]
     notes: tuple[str, ...]
     recipes: tuple[Recipe, ...] = field(repr=False)
@@ -102,11 +100,6 @@ class Plan:
     def on_grid(self) -> bool:
         """True unless a theory answers without a grid."""
         return METHODS[self.method].has_fields
-
-    @property
-    def seeds(self) -> tuple[int, ...]:
-        """The seeds of random surfaces."""
-        return tuple(r.seed for r in self.recipes if isinstance(r, SelfAffine))
 
     @property
     def expected_error(self) -> float:
@@ -149,44 +142,48 @@ def plan(
         raise InvalidCase(
             f"{case.id}: {case.skip or 'no method on a grid answers it, so it needs no plan'}"
         )
-    method, *_ = methods
-    recipes, why = _dimension(case)
-    report = progress or (lambda _: None)
+    method, recipes, why = methods[0], case.recipes, []
+    if (axis := one_directional(recipes[0])) is not None:
+        recipes = tuple(Section(recipe, axis) for recipe in recipes)
+        why = [f"all roughness runs along {'xy'[axis]}: a line stands for the surface"]
 
     def solve(recipe: Recipe, **options: Any) -> Pilot:
-        report(f"plan: pilot by {method} on {' x '.join(map(str, recipe.shape))} points")
-        return solve_pilot(case, recipe, method, threads, **options)
+        if progress is not None:
+            progress(f"plan: pilot by {method} on {' x '.join(map(str, recipe.shape))} points")
+        return solve_pilot(case, recipe, method, parts, threads, **options)
 
     options: dict[str, Any] = {}
     if method == "fem":
         options, reasons = finite_element_options(case, recipes[0], solve, tolerance)
         why += reasons
     if case.options.get("fem", {}).get("law") == "j2" and isinstance(recipes[0], SelfAffine):
-        if method != "fem" and not case.hardness_source:
+        if method != "fem" and not case.mapped_hardness:
             cap = case.material.hardness
             why.append(f"the plan is for the body with a cap of {cap:.3g} Pa, not for J2 flow")
         why.append(_cap_instead(case, recipes[0].spectrum.rms_slope, tolerance))
-    chosen_solve = partial(solve, **options)
-    pilots = climb(recipes, chosen_solve, tolerance, parts)
-    chosen = cheapest(recipes, pilots, tolerance, parts, capped)
-    why += _reasons(recipes, pilots, chosen, tolerance, deviation_of(pilots, parts), capped)
-    own = recipes[0].shape
-    across = math.prod(case.recipes[0].shape) / math.prod(own)  # more than 1 for a line
+    pilots = climb(recipes, partial(solve, **options), tolerance)
+    deviation = deviation_of(pilots, parts)
+    chosen = cheapest(recipes, pilots, tolerance, deviation, capped)
+    raw = all(pilot.raw_error <= pilot.error for pilot in pilots)
+    limit = "the case's own grid and surfaces" if capped else "the finest grid considered"
+    missed = (
+        f"the tolerance of {tolerance:.2g} is not met: with {limit} the error is {chosen.error:.2g}"
+    )
+    why += _reasons(recipes, pilots, chosen, raw, deviation)
+    across = math.prod(case.recipes[0].shape) / math.prod(recipes[0].shape)  # above 1 for a line
     result = Plan(
         case=case.id,
         tolerance=tolerance,
         parts=tuple(parts),
         method=method,
-        areas="raw" if chosen.raw else "corrected",
+        areas="raw" if raw else "corrected",
         options=options,
         grid_error=chosen.grid_error,
         scatter=chosen.scatter,
         work=chosen.work,
-        given_work=carried_cost(pilots, own)[0] * across * len(case.recipes),
+        given_work=carried_work(pilots, recipes[0].shape) * across * len(recipes),
         pilot_work=sum(pilot.work for pilot in pilots),
-        seconds=chosen.seconds,
-        pilot_seconds=sum(pilot.seconds for pilot in pilots),
-        reasons=tuple(why),
+        reasons=(*why, missed) if chosen.error > tolerance else tuple(why),
         notes=max(pilots, key=lambda pilot: math.prod(pilot.shape)).notes,
         recipes=_chosen_recipes(recipes, chosen),
     )
@@ -202,22 +199,13 @@ def methods_on_grids(case: Case) -> list[str]:
     return [m for m, method in METHODS.items() if m in case.methods and method.plannable]
 
 
-def _dimension(case: Case) -> tuple[tuple[Recipe, ...], list[str]]:
-    axis = one_directional(case.recipes[0])
-    if axis is None:
-        return case.recipes, []
-    sentence = f"all roughness runs along {'xy'[axis]}: a line stands for the surface"
-    return tuple(Section(recipe, axis) for recipe in case.recipes), [sentence]
-
-
 def _cap_instead(case: Case, rms_slope: float, tolerance: float) -> str:
     """The sentence that says whether a pressure cap can stand for the J2 body of a case."""
-    material = case.material
     try:
         found = effective_hardness(
-            yield_stress=material.yield_stress,
-            young_modulus=material.young_modulus,
-            poisson_ratio=material.poisson_ratio,
+            yield_stress=case.material.yield_stress,
+            young_modulus=case.material.young_modulus,
+            poisson_ratio=case.material.poisson_ratio,
             rms_slope=rms_slope,
             mean_pressure=max(case.load.path),
         )
@@ -236,34 +224,25 @@ def _reasons(
     recipes: Sequence[Recipe],
     pilots: Sequence[Pilot],
     chosen: Candidate,
-    tolerance: float,
+    raw: bool,
     deviation: float,
-    capped: bool,
 ) -> list[str]:
+    """Return the reasons for a grid and a number of surfaces."""
     resolution = points_per_wavelength(on_grid(recipes[0], chosen.shape) or recipes[0])
     fine = "" if math.isnan(resolution) else f" ({resolution:.3g} points per shortest wavelength)"
-    how = (
-        "as a pilot solve found"
-        if chosen.shape in [p.shape for p in pilots]
-        else "extrapolated from pilot solves"
-    )
+    solved = chosen.shape in [pilot.shape for pilot in pilots]
+    how = "as a pilot solve found" if solved else "extrapolated from pilot solves"
     grid = " x ".join(map(str, chosen.shape))
-    kind = "raw areas, which are as good as corrected ones" if chosen.raw else "corrected areas"
-    why = [f"on {grid} points{fine} the grid's error of {kind} is {chosen.grid_error:.2g}, {how}"]
-    if len(recipes) > 1:
-        why.append(
-            f"the mean of {chosen.surfaces} surfaces is within {chosen.scatter:.2g} at 95 %, as a "
-            f"surface scatters by at most {deviation:.2g} (80 %)"
-        )
-    else:
-        why.append("the case has one surface, so the plan is for the area of that surface")
-    if chosen.error > tolerance:
-        limit = "the case's own grid and surfaces" if capped else "the finest grid considered"
-        why.append(
-            f"the tolerance of {tolerance:.2g} is not met: with {limit} the error is "
-            f"{chosen.error:.2g}"
-        )
-    return why
+    kind = "raw areas, which are as good as corrected ones" if raw else "corrected areas"
+    many = (
+        f"the mean of {chosen.surfaces} surfaces is within {chosen.scatter:.2g} at 95 %, as a "
+        f"surface scatters by at most {deviation:.2g} (80 %)"
+    )
+    one = "the case has one surface, so the plan is for the area of that surface"
+    return [
+        f"on {grid} points{fine} the grid's error of {kind} is {chosen.grid_error:.2g}, {how}",
+        many if len(recipes) > 1 else one,
+    ]
 
 
 def _chosen_recipes(given: Sequence[Recipe], chosen: Candidate) -> tuple[Recipe, ...]:
@@ -271,10 +250,8 @@ def _chosen_recipes(given: Sequence[Recipe], chosen: Candidate) -> tuple[Recipe,
     recipes = [on_grid(r, chosen.shape) or r for r in given[: chosen.surfaces]]
     seeded = [r for r in recipes if isinstance(r, SelfAffine)]
     fresh = max((r.seed for r in seeded), default=0) + 1
-    while seeded and len(recipes) < chosen.surfaces:
-        recipes.append(replace(seeded[0], seed=fresh))
-        fresh += 1
-    return tuple(recipes)
+    more = range(fresh, fresh + chosen.surfaces - len(recipes)) if seeded else ()
+    return (*recipes, *(replace(seeded[0], seed=seed) for seed in more))
 
 
 def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical: Plan) -> Plan:
@@ -289,32 +266,24 @@ def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical:
         # A finer grid is assumed to change all surfaces as it changed the first.
         mean *= getattr(finest.areas, part) / getattr(pilots[0].areas, part)
         off.append(abs(getattr(theory, part) / mean - 1))
-    scatter = student_half_width(deviation_of(pilots, parts), len(sample))
-    doubt = math.hypot(worst(finest.errors, parts), scatter)
+    doubt = math.hypot(finest.error, student_half_width(deviation_of(pilots, parts), len(sample)))
+    error = max(off) + doubt
     distance = (
         f"the theory differs from the pilot solves by {max(off):.2g}, and they are uncertain by "
-        f"{doubt:.2g}"
+        f"{doubt:.2g}: together this"
     )
-    if max(off) + doubt > numerical.tolerance:
-        return replace(
-            numerical,
-            reasons=(
-                *numerical.reasons,
-                f"{distance}: together this exceeds the tolerance, so the theory will not do",
-            ),
-        )
+    if error > numerical.tolerance:
+        why = f"{distance} exceeds the tolerance, so the theory will not do"
+        return replace(numerical, reasons=(*numerical.reasons, why))
     return replace(
         numerical,
         method=method,
         areas="raw",
         options=dict(case.options[method]),
-        grid_error=max(off) + doubt,
+        grid_error=error,
         scatter=0.0,
         work=0.0,
-        seconds=1e-3,
-        reasons=(
-            f"{distance}: together this is within the tolerance, and the theory costs nothing",
-        ),
+        reasons=(f"{distance} is within the tolerance, and the theory costs nothing",),
     )
 
 
@@ -363,18 +332,75 @@ def achieved_error(chosen: Plan, answer: Answer, finer: Answer | None = None) ->
         return chosen.expected_error
     best = answer if finer is None else finer
     sample = answer if chosen.on_grid else best
+
+    def areas(of: Answer, kind: str, part: str) -> list[float]:
+        return [getattr(result.final.areas[kind], part) for result in of.results]
+
     errors = []
     for part in chosen.parts:
-        found = _areas(answer, chosen.areas, part)[: len(best.results)]
-        nearest = _areas(best, "corrected", part)
-        mean = float(np.mean(nearest))
+        found = areas(answer, chosen.areas, part)[: len(best.results)]
+        mean = float(np.mean(areas(best, "corrected", part)))
         off = float(np.mean(found)) / mean - 1 if finer is not None else 0.0
-        claimed = float(np.mean(_areas(best, "error", part))) / mean
-        values = _areas(sample, "corrected", part)
+        claimed = float(np.mean(areas(best, "error", part))) / mean
+        values = areas(sample, "corrected", part)
         scatter = student_half_width(standard_deviation(values) / mean, len(values))
         errors.append(math.hypot(off, claimed, scatter))
     return max(errors)
 
 
-def _areas(answer: Answer, kind: str, part: str) -> list[float]:
-    return [getattr(result.final.areas[kind], part) for result in answer.results]
+def load_auto(text: CaseText) -> tuple[Case, str]:
+    """Load a case at its full or only size and make it cheaper by `auto_case`.
+
+    The sentence is empty if the case is skipped.
+    """
+    sizes = [size for size in text.sizes if size != "large"]
+    given = load_case(text, (sizes or ["large"])[-1])
+    return (given, "") if given.skip else auto_case(given)
+
+
+def auto_case(
+    case: Case, tolerance: float | None = None, *, threads: int | None = None
+) -> tuple[Case, str]:
+    """Make a case cheaper if its gates allow.
+
+    Grids are chosen by the errors of corrected areas.  So a case stays as it is if a gate reads
+    anything else that depends on the grid (fields, distributions, raw areas, gaps), or if it has
+    finite elements beside boundary elements.
+
+    Args:
+        case: the case.
+        tolerance: on the area, relative; None: a third of the narrowest band of the case's gates
+            on corrected areas.
+        threads: number of threads of the pilots; None: all cores.
+
+    Returns:
+        The case, never dearer than the given one, and a sentence that says what was done.
+    """
+    unchanged = case.changed(size="auto")
+    blocking = [g.name for g in case.gates if not _plannable(g)]
+    corrected = [g for g in case.gates if _CORRECTED.fullmatch(g.quantity)]
+    if blocking or not corrected or len(methods_on_grids(case)) > 1:
+        reason = f"its gate on {blocking[0]} asks for its grid" if blocking else "unchanged"
+        return unchanged, f"{case.id}: {reason}"
+    wanted = min(g.high - g.low for g in corrected) / 2 / 3 if tolerance is None else tolerance
+    parts = sorted({g.quantity.split(".")[1] for g in corrected})
+    try:
+        chosen = plan(case, min(wanted, 0.5), parts=parts, threads=threads, capped=True)
+    except EpcontactError as error:
+        return unchanged, f"{case.id}: unchanged, because {error}"
+    if not chosen.on_grid or not chosen.meets or chosen.work > chosen.given_work:
+        return unchanged, f"{case.id}: unchanged; {chosen.reasons[-1]}"
+    return planned_case(case, chosen), f"{case.id}: {'; '.join(chosen.reasons)}"
+
+
+_CORRECTED = re.compile(r"area\.(total|elastic|plastic)\.corrected")
+
+
+def _plannable(gate: Gate) -> bool:
+    """True if a gate depends on the grid only through corrected areas, or not at all."""
+    free = ("residual.", "iterations.", "quantity.measured_")
+    return (
+        not METHODS[gate.of].has_fields
+        or bool(_CORRECTED.fullmatch(gate.quantity))
+        or (gate.quantity.startswith(free) and not gate.quantity.endswith("carried"))
+    )
