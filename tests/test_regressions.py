@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import signal
 import subprocess
@@ -12,13 +11,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import psutil
 import pytest
 from numba.core import event
-from rich.console import Console
 
 from epcontact import bem, machine
-from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.harness.answers import solve
 from epcontact.harness.answers.run import Progress, Run, run_cases
@@ -126,92 +122,6 @@ def test_two_cases_of_one_id_are_refused(write_case, tmp_path) -> None:
     with pytest.raises(InvalidCase, match="folders of their own"):
         run_cases([first, second], Run(tmp_path / "out"))
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("words", ["keys", "cite hertz-sphere"])  # by rich, by click
-def test_closed_pipe_does_not_say_that_a_gate_fell_short(words: str) -> None:
-    command = [sys.executable, "-m", "epcontact", *words.split()]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        process.stdout.close()
-        assert process.stderr.read() == b""
-        assert process.wait(timeout=120) == 2
-
-
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is full")
-def test_full_output_is_no_bug() -> None:
-    with open("/dev/full", "wb") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "epcontact", "list"], check=False, stdout=full,
-            stderr=subprocess.PIPE, text=True, timeout=120,
-        )  # fmt: skip
-    assert done.returncode == 2
-    assert done.stderr == "epcontact: cannot write the output: no space left on device\n"
-
-
-def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short() -> None:
-    program = (
-        "from epcontact.cli import main as cli\n"
-        "from epcontact.harness.case_files import text\n"
-        "text.case_files = lambda: 1 / 0\n"
-        "import sys; sys.argv = ['epcontact', 'list']; cli.main()"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], check=False, capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 2
-    assert "ZeroDivisionError" in done.stderr
-    assert done.stderr.splitlines()[-1].startswith("epcontact: ")
-
-
-@pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
-def test_interrupt_while_workers_start_is_quiet(write_case, tmp_path) -> None:
-    # Workers take a second to import what they need; that is when impatient users interrupt.
-    process = subprocess.Popen(
-        [sys.executable, "-m", "epcontact", "verify", str(write_case()), "--jobs", "2"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-        cwd=tmp_path,
-        # A shell starts its background jobs with interrupts ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
-    )  # fmt: skip
-    deadline = time.monotonic() + 120
-    while not _children(process.pid) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    os.killpg(process.pid, signal.SIGINT)
-    _, stderr = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert stderr.strip() == "epcontact: interrupted; results finished so far are kept"
-
-
-def _children(pid: int) -> list[psutil.Process]:
-    return [p for p in psutil.Process(pid).children() if "epcontact.harness" in str(p.cmdline())]
-
-
-@pytest.mark.parametrize("width", [60, 80, 200])
-def test_figures_are_whole_on_every_terminal(write_case, tmp_path, width: int) -> None:
-    band = ("tolerance = 0.5", "between = [0.111111, 0.1111112]")
-    (outcome,) = verify(write_case(ONE, band), output=tmp_path, jobs=1).cases
-    answers, gate = outcome.answers, outcome.gates[0]
-    out = io.StringIO()
-    console = Console(width=width, file=out)
-    console.print(verdict_table([outcome], console.width))
-    console.print(answers_table(answers))
-    shown = out.getvalue()
-    assert max(map(len, shown.splitlines())) <= width
-    assert f"{100 * gate.difference.mean:+.2f} %" in shown
-    assert "+11.11110 %" in shown  # with the digits that tell the ends apart
-    assert "+11.11112 %" in shown
-    assert f"{answers['bem'].results[0].final.areas['corrected'].elastic:.5g}"[:5] in shown
-    assert shown.count("…") == 1  # of the band; no figure is cut off
-
-
-def test_gamma_is_told_with_the_figures_of_the_theory(write_case) -> None:
-    case = load_case(write_case())
-    assert gamma_sentence([case]) == "theory with energy reduction gamma = 0.536"
-    other = load_case(write_case(("= 0.536", "= 0.5"), name="other"))
-    assert gamma_sentence([case, other]).endswith("0.536 in small; 0.5 in other")
-    assert gamma_sentence([case.changed(methods=("bem",))]) == ""
 
 
 def test_one_reason_is_said_once_however_many_surfaces_have_it(write_case) -> None:
