@@ -29,12 +29,11 @@ from epcontact.cli.plans import plan
 from epcontact.errors import InvalidCase
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
-from epcontact.harness.methods import exchange, foreign
+from epcontact.harness.methods import foreign
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.processes import Child, ChildDied, Processes, spread
-from epcontact.harness.verdict.judgement import judge_case
+from epcontact.harness.verdict.judgement import Verdict, judge_case
 from epcontact.harness.verdict.pytest_cases import GateFellShort, GateItem
-from epcontact.harness.verdict.record import Verdict
 from epcontact.harness.verdict.verification import verify
 from epcontact.machine import alive
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
@@ -316,7 +315,7 @@ def test_solver_in_c(scene, write_case, tmp_path) -> None:
 )
 def test_texts_that_are_no_results(text, sentence) -> None:
     with pytest.raises(InvalidCase, match=sentence):
-        exchange.result_of_text(text, (2,))
+        foreign.result_of_text(text, (2,))
 
 
 # --- what is refused before anything is solved ---------------------------------------------------

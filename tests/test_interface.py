@@ -6,17 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from epcontact import (
-    Body,
-    InvalidCase,
-    Load,
-    Material,
-    Scene,
-    SelfAffineSpectrum,
-    Surface,
-    bem,
-    results,
-)
+from epcontact import Body, InvalidCase, Load, Material, Scene, SelfAffineSpectrum, Surface, bem
 from epcontact.harness.interface import (
     contact_conductance,
     interface_stiffness,
@@ -24,6 +14,7 @@ from epcontact.harness.interface import (
     percolation_share,
 )
 from epcontact.harness.quantities.registry import measure
+from epcontact.results import APART, ELASTIC
 from epcontact.surfaces import SelfAffine, residual_surface
 
 # The strips are as high as their period, which changes nothing of what is tested here.
@@ -40,106 +31,86 @@ def strips(n: int, share: float = 0.5) -> Scene:
 def test_the_stiffness_of_flat_strips_converges_to_the_closed_form(share: float) -> None:
     """p L/(pi E*) 2 ln(1/sin(pi a/L)), a being half of the strip: first order in the spacing."""
     exact = math.pi / 2 / math.log(1 / math.sin(math.pi * share / 2))
-    errors = []
-    for n in (64, 256, 1024):
-        scene = strips(n, share)
-        errors.append(interface_stiffness(scene, bem.solve(scene), "loading") / exact - 1)
-    assert abs(errors[-1]) < 0.004
-    assert abs(errors[1] / errors[0]) < 0.3
-    assert abs(errors[2] / errors[1]) < 0.3
+    scenes = [strips(n, share) for n in (64, 256, 1024)]
+    found = [interface_stiffness(scene, bem.solve(scene), "loading") for scene in scenes]
+    errors = np.abs(np.array(found) / exact - 1)
+    assert errors[-1] < 0.004
+    assert (errors[1:] / errors[:-1] < 0.3).all()
 
 
-ROUGH = SelfAffine(
-    SelfAffineSpectrum(0.8, 2 * math.pi, 8 * math.pi, 32 * math.pi, rms_slope=0.1),
-    (1.0, 1.0),
-    (64, 64),
-    seed=31,
-).build()
+SPECTRUM = SelfAffineSpectrum(0.8, 2 * math.pi, 8 * math.pi, 32 * math.pi, rms_slope=0.1)
+ROUGH = SelfAffine(SPECTRUM, (1.0, 1.0), (64, 64), seed=31).build()
 
 
 @pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 0.2)], ids=lambda b: b.kind)
 def test_the_stiffness_is_the_derivative_of_the_load_on_both_branches(body: Body) -> None:
     """Finite differences over load changes that move no front are exact to 1e-6."""
     p, change = 0.005, 2e-6
-    flowing = Material(1.0, 0.3, hardness=0.06)
+    scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.06), Load(p), body)
 
     def separation(*path: float) -> float:
-        scene = Scene(ROUGH, flowing, Load(path), body)
-        return bem.solve(scene, tolerance=1e-13).final.quantities["mean_separation"]
+        found = bem.solve(replace(scene, load=Load(path)), tolerance=1e-13)
+        return found.final.quantities["mean_separation"]
 
-    scene = Scene(ROUGH, flowing, Load(p), body)
-    at = bem.solve(scene, tolerance=1e-13)
-    here = at.final.quantities["mean_separation"]
-    found = {branch: interface_stiffness(scene, at, branch) for branch in ("loading", "unloading")}
-    up = change * p / (here - separation(p * (1 + change)))
-    down = change * p / (separation(p, p * (1 - change)) - here)
-    assert found["loading"] == pytest.approx(up, rel=1e-6)
-    assert found["unloading"] == pytest.approx(down, rel=1e-6)
-    assert found["unloading"] > 1.02 * found["loading"]
+    at, here = bem.solve(scene, tolerance=1e-13), separation(p)
+    loading, unloading = (interface_stiffness(scene, at, b) for b in ("loading", "unloading"))
+    up, down = separation(p * (1 + change)), separation(p, p * (1 - change))
+    assert loading == pytest.approx(change * p / (here - up), rel=1e-6)
+    assert unloading == pytest.approx(change * p / (down - here), rel=1e-6)
+    assert unloading > 1.02 * loading
 
 
 def test_what_can_carry_nothing_or_everything_and_what_is_refused() -> None:
     scene = strips(16)
-    result = bem.solve(scene)
-    for state, branch, stiffness in (
-        (results.APART, "unloading", 0.0),
-        (results.ELASTIC, "loading", math.inf),
-    ):
-        uniform = replace(result, fields={"state": np.full(16, state)})
-        assert interface_stiffness(scene, uniform, branch) == stiffness  # type: ignore[arg-type]
+    apart, full = (
+        replace(bem.solve(scene), fields={"state": np.full(16, state)})
+        for state in (APART, ELASTIC)
+    )
+    assert interface_stiffness(scene, apart, "unloading") == 0
+    assert interface_stiffness(scene, full, "loading") == math.inf
     assert contact_conductance(scene, 3.0, 0.5) == pytest.approx(12.0)
     layer = replace(scene, body=Body("sliding_layer", 1.0))
-    for refused, sentence in (
-        (lambda: interface_stiffness(scene, result, "up"), "branch is 'up'"),  # type: ignore[arg-type]
-        (
-            lambda: interface_stiffness(scene, replace(result, fields={}), "loading"),
-            "no field 'state'",
-        ),
-        (lambda: contact_conductance(scene, 3.0, -1.0), "resistivity is -1"),
-        (lambda: contact_conductance(layer, 3.0, 0.5), "half-spaces, not of a layer"),
+    for function, arguments, sentence in (
+        (interface_stiffness, (scene, full, "up"), "branch is 'up'"),
+        (interface_stiffness, (scene, replace(full, fields={}), "loading"), "no field 'state'"),
+        (contact_conductance, (scene, 3.0, -1.0), "resistivity is -1"),
+        (contact_conductance, (layer, 3.0, 0.5), "half-spaces, not of a layer"),
     ):
         with pytest.raises(InvalidCase, match=sentence):
-            refused()
-
-
-def picture(*rows: str) -> np.ndarray:
-    return np.array([[c == "x" for c in row] for row in rows])
+            function(*arguments)
 
 
 @pytest.mark.parametrize(
-    ("mask", "areas", "spans"),
+    ("rows", "areas", "spans"),
     [
-        (picture("x..x", "....", "....", "x..x"), [4], False),  # one patch over the corner
-        (picture("xxxx", "....", "....", "...."), [4], True),
-        (picture("x...", "xx..", ".xx.", "..xx"), [7], False),
-        (picture("xx..", ".xx.", "..xx", "x..x"), [8], True),  # winds around both periods once
-        (picture("x.x.", "....", "x.x.", "...."), [1, 1, 1, 1], False),
-        (picture("....", "....", "....", "...."), [], False),
-        (picture("xxxx", "xxxx", "xxxx", "xxxx"), [16], True),
+        ("x..x .... .... x..x", [4], False),  # one patch over the corner
+        ("xxxx .... .... ....", [4], True),
+        ("x... xx.. .xx. ..xx", [7], False),
+        ("xx.. .xx. ..xx x..x", [8], True),  # winds around both periods once
+        ("x.x. .... x.x. ....", [1, 1, 1, 1], False),
+        (".... .... .... ....", [], False),
+        ("xxxx xxxx xxxx xxxx", [16], True),
     ],
 )
-def test_patches_join_over_the_period(mask: np.ndarray, areas: list[int], spans: bool) -> None:
+def test_patches_join_over_the_period(rows: str, areas: list[int], spans: bool) -> None:
+    mask = np.array([[c == "x" for c in row] for row in rows.split()])
     for turned in (mask, mask.T, np.roll(mask, (1, 2), (0, 1))):
         found = patches(turned)
         np.testing.assert_array_equal(found.areas * 16, areas)
         assert found.spans == spans
 
 
-def test_an_unloaded_contact_percolates_like_the_elastic_one_on_the_surface_it_has_left() -> None:
+def test_what_has_flowed_percolates_in_the_order_of_its_depth() -> None:
+    """An unloaded contact percolates like the elastic one on the surface that it has left."""
     scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.03), Load((0.008, 0.001)))
     unloaded = bem.solve(scene, threads=1)
-    left = residual_surface(ROUGH, unloaded)
-    elastic = Scene(left, Material(1.0, 0.3), Load(0.001))
+    elastic = Scene(residual_surface(ROUGH, unloaded), Material(1.0, 0.3), Load(0.001))
     for name in ("quantity.contact_percolation", "quantity.gap_percolation"):
         expected = measure(name, elastic, bem.solve(elastic, threads=1))
         assert measure(name, scene, unloaded) == pytest.approx(expected, abs=2 / 64**2)
-
-
-def test_points_that_flow_percolate_in_the_order_of_their_depth_and_not_of_their_rows() -> None:
-    """Rows, the first of which is the closest in an order by index, would connect at 1/64."""
-    scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.03), Load(0.0299))
-    result = bem.solve(scene, threads=1)
-    assert measure("quantity.contact_percolation", scene, result) > 0.2
+    # In the order of their rows, all of which flow, points would connect at 1/64.
+    full = replace(scene, load=Load(0.0299))
+    assert measure("quantity.contact_percolation", full, bem.solve(full, threads=1)) > 0.2
 
 
 def test_percolation_shares_of_a_line_and_of_noise() -> None:

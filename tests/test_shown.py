@@ -29,7 +29,7 @@ from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates.gate import GateVerdict
 from epcontact.harness.gates.statistics import Estimate
-from epcontact.harness.verdict.record import CaseVerdict, MethodEntry, Verdict
+from epcontact.harness.verdict.judgement import CaseVerdict, MethodEntry, Verdict
 from epcontact.output.charts.curves import pressure_distribution
 from epcontact.output.charts.maps import contact_map
 from epcontact.output.charts.style import SETTINGS, STATE_NAMES

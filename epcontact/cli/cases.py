@@ -28,9 +28,8 @@ from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case, CaseText, find_case, find_named, load_case
 from epcontact.harness.methods.registry import METHODS
-from epcontact.harness.verdict.files import set_verdict_aside
-from epcontact.harness.verdict.record import Verdict
-from epcontact.harness.verdict.verification import cases_to_verify
+from epcontact.harness.verdict.judgement import Verdict
+from epcontact.harness.verdict.verification import cases_to_verify, set_verdict_aside
 from epcontact.harness.verdict.verification import verify as run_gates
 from epcontact.output.view import animate, load_steps
 from epcontact.surfaces import HeightsFromFile
@@ -107,7 +106,7 @@ def verify(
     \b
     A command reads the scene from one text file and writes its result to the other:
       --solver 'mine=./my_solver {scene} {result}'
-    `python -m pydoc epcontact.harness.methods.exchange` describes them line by line.
+    `python -m pydoc epcontact.harness.methods.foreign` describes them line by line.
     """
     output = run.folder
     set_verdict_aside(output)

@@ -17,7 +17,7 @@ from epcontact.harness.case_files.case import SIZES, find_case, find_cases, find
 from epcontact.harness.case_files.citations import citation
 from epcontact.harness.case_files.mistakes import case_schema, key_table
 from epcontact.harness.quantities.registry import QUANTITIES
-from epcontact.harness.verdict.record import Verdict
+from epcontact.harness.verdict.judgement import Verdict
 from epcontact.results import plain
 
 

@@ -12,7 +12,7 @@ from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates.gate import GateVerdict
 from epcontact.harness.gates.statistics import Estimate, estimate
-from epcontact.harness.verdict.record import CaseVerdict
+from epcontact.harness.verdict.judgement import CaseVerdict
 
 STYLES = {"holds": "green", "falls short": "bold red", "error": "bold red", "skipped": "yellow"}
 

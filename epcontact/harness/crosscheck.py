@@ -23,12 +23,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import fem_check
 from epcontact import bem
-from epcontact.errors import InvalidCase, InvalidScene
+from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates.distances import Difference, difference
 from epcontact.harness.gates.statistics import estimate, standard_deviation
@@ -40,38 +40,20 @@ from epcontact.harness.quantities.model_difference import (
 )
 from epcontact.results import ContactResult
 from epcontact.scene import Body, Load, Scene, Surface
-from epcontact.surfaces import SelfAffine
+from epcontact.surfaces import Recipe, SelfAffine
 
-Row = dict[str, float]  # what the ensemble sums up of a surface, by its name in the report
-
-
-@dataclass(frozen=True)
-class ErrorBudget:
-    """The parts of a difference along the chain; `model` is None unless the law is j2."""
-
-    law: str
-    model: Difference | None
-    solver: Difference
-    discretisation: Difference
-    depth: Difference
-
-    def __str__(self) -> str:
-        parts = [] if self.model is None else [f"model: {self.model}"]
-        parts.append(f"solver: {self.solver} ({self.solver.nodes} nodes)")
-        parts.append(f"discretisation: {self.discretisation}")
-        parts.append(f"depth: {self.depth}")
-        return f"fem {self.law} against bem: " + "; ".join(parts)
+#: Rows of the ensemble: c_eff, and the parts of its error.
+_C_EFF, _CHANGE = "effective hardness c_eff", "its change by the "
 
 
 def error_budget(
     scene: Scene, law: str = "capped", j2: ContactResult | None = None, **block: Any
-) -> ErrorBudget:
-    """Split the difference between finite and boundary elements under a single load.
+) -> dict[str, Difference]:
+    """Split the difference between finite and boundary elements under a single load, by its parts.
 
     `block` is the depth and the layers of `fem_check.solve`, whose answer by the law j2 is `j2`:
     after it the chain goes on with the capped law or, without a hardness, with the elastic one.
     """
-    _require_single_load(scene)
     hardness = math.inf if law == "elastic" else scene.material.hardness
     capped = replace(scene, material=replace(scene.material, hardness=hardness))
     linear_law: Literal["capped", "elastic"] = "capped" if math.isfinite(hardness) else "elastic"
@@ -82,13 +64,9 @@ def error_budget(
         body = Body("bonded_layer", float(fem.provenance.options["depth"]))
     layer = bem.solve(replace(capped, body=body))
     whole = layer if body == scene.body else bem.solve(capped)
-    return ErrorBudget(
-        law,
-        None if j2 is None else difference(j2, own, hardness),
-        difference(fem, own, hardness),
-        difference(own, layer, hardness),
-        difference(layer, whole, hardness),
-    )
+    chain = {"model": (j2, own), "solver": (fem, own)}
+    chain |= {"discretisation": (own, layer), "depth": (layer, whole)}
+    return {name: difference(a, b, hardness) for name, (a, b) in chain.items() if a is not None}
 
 
 def measured_hardness(
@@ -98,54 +76,39 @@ def measured_hardness(
 
     `epcontact.effective_hardness` looks it up in a map of such measurements.  With `coarse` the
     scene is also solved on every other grid point, on a shallower block (of a half-space) and in
-    fewer steps; otherwise the error is that of half a node alone.  `options` are depth, layers, and
-    steps or step_tolerance of `fem_check.solve`; `j2` is its answer if that is known.
+    fewer steps; otherwise, or if the grid has no half, the error is that of half a node alone.
+    `options` are depth, layers, and steps or step_tolerance of `fem_check.solve`; `j2` is its
+    answer if that is known.
     """
-    _require_single_load(scene)
-    block: dict[str, Any] = {name: options.get(name) for name in ("depth", "layers")}
-    path = {name: value for name, value in options.items() if name not in block}
-    if j2 is None:
-        j2 = fem_check.solve(scene, law="j2", certified=False, **block, **path)
-    fine = hardness_of_equal_area(scene, j2)
-    if fine.saturated or not (coarse and math.isfinite(fine.ratio)):
+
+    def flowed(body: Scene, **options: Any) -> ContactResult:
+        return fem_check.solve(body, law="j2", certified=False, **options)
+
+    j2 = j2 or flowed(scene, **options)
+    fine, half = hardness_of_equal_area(scene, j2), _half(scene)
+    if fine.meaningless or math.isinf(fine.ratio) or half is None or not coarse:
         return fine
-    half = _half(scene)
-    others = {"grid": (half, fem_check.solve(half, law="j2", certified=False, **block, **path))}
+    others = {"grid": (half, flowed(half, **options))}
     if scene.body.kind == "half_space":
-        shallow: dict[str, Any] = block | {"depth": 0.75 * float(j2.provenance.options["depth"])}
-        found = fem_check.solve(scene, law="j2", certified=False, **shallow, **path)
-        others["depth"] = (scene, found)
+        depth = 0.75 * float(j2.provenance.options["depth"])
+        others["depth"] = (scene, flowed(scene, **options | {"depth": depth}))
     # Of chosen increments a third was made to judge the rest.
     steps = j2.provenance.options["steps"] or round(2 / 3 * j2.cost["increments"])
-    fewer: dict[str, Any] = {"steps": max(1, round(steps / 2))}
-    others["steps"] = (scene, fem_check.solve(scene, law="j2", certified=False, **block, **fewer))
+    fewer = {name: value for name, value in options.items() if name != "step_tolerance"}
+    others["steps"] = (scene, flowed(scene, **fewer | {"steps": max(1, round(steps / 2))}))
     parts = {
         name: fine.ratio - hardness_of_equal_area(*other).ratio for name, other in others.items()
     }
     return replace(fine, parts=parts | dict(fine.parts))
 
 
-def _require_single_load(scene: Scene) -> None:
-    if len(scene.load.path) != 1:
-        raise InvalidScene(
-            f"the scene has a path of {len(scene.load.path)} mean pressures; give a single one"
-        )
-
-
-def _has_half(shape: tuple[int, ...]) -> bool:
-    return all(n % 2 == 0 and n >= 8 for n in shape)
-
-
-def _half(scene: Scene) -> Scene:
-    """Return the scene on every other grid point."""
-    surface = scene.surface
-    if not _has_half(surface.shape):
-        raise InvalidScene(
-            f"the grid of {surface.shape} points has no half; give even numbers of at "
-            "least 8, or coarse=False"
-        )
-    heights = surface.heights[(slice(None, None, 2),) * surface.heights.ndim]
-    return replace(scene, surface=Surface(heights, surface.periods), load=Load(scene.load.final))
+def _half(scene: Scene) -> Scene | None:
+    """Return the scene on every other grid point; None if its grid has no half."""
+    heights, periods = scene.surface.heights, scene.surface.periods
+    if any(n % 2 or n < 8 for n in heights.shape):
+        return None
+    heights = heights[(slice(None, None, 2),) * heights.ndim]
+    return replace(scene, surface=Surface(heights, periods), load=Load(scene.load.final))
 
 
 # --- the report on a case ------------------------------------------------------------------------
@@ -167,14 +130,12 @@ def crosscheck(
     """
     if obstacle := _obstacle(case):
         raise InvalidCase(f"{case.path}: {obstacle}")
-    options = case.options["fem"]
     path = _increments(case, {"steps": steps, "step_tolerance": step_tolerance})
-    block = {name: options.get(name) for name in ("depth", "layers")}
     lines, rows = [], []
     for recipe in _other_surfaces(case, seeds) if seeds else case.recipes:
         seed = getattr(recipe, "seed", None)
         lines.append(f"{case.id}, {case.size}" + ("" if seed is None else f", seed {seed}"))
-        found, row = _checked(case.scene(recipe), options["law"], block, path)
+        found, row = _checked(case, case.scene(recipe), path)
         lines += [f"  {line}" for line in found]
         rows.append(row)
     if len(rows) > 1:
@@ -186,18 +147,37 @@ def crosscheck(
     return "\n".join(lines)
 
 
+def _obstacle(case: Case) -> str:
+    """Return why a case cannot be cross-checked; empty if it can."""
+    if case.skip:
+        return case.skip
+    if missing := [method for method in ("fem", "bem") if method not in case.methods]:
+        return f"case.methods lacks {' and '.join(missing)}; a cross-check needs both fem and bem"
+    if len(case.load.path) != 1:
+        return (
+            f"load.mean_pressure is a path of {len(case.load.path)}, but a cross-check answers a "
+            "single mean pressure"
+        )
+    if (geometry := case.options["fem"]["geometry"]) != "gap":
+        return (
+            f"fem.geometry is {geometry!r}, but must be 'gap': the boundary elements have no "
+            "other, so slope and error could not be separated"
+        )
+    return ""
+
+
 def _increments(case: Case, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return what chooses the increments of the J2 load path: what is asked for, or the case's."""
-    given = {name: value for name, value in asked.items() if value is not None}
+    given, options = {k: v for k, v in asked.items() if v is not None}, case.options["fem"]
     if len(given) == 2:
         raise InvalidCase(EITHER_WAY)
-    if given and case.options["fem"]["law"] != "j2":
+    if given and options["law"] != "j2":
         raise InvalidCase(f"{case.path}: {min(given)} is for fem.law = 'j2' only")
-    name = "steps" if case.options["fem"].get("steps") else "step_tolerance"
-    return given or {name: case.options["fem"].get(name)}
+    name = "steps" if options.get("steps") else "step_tolerance"
+    return given or {name: options.get(name)}
 
 
-def _other_surfaces(case: Case, seeds: Sequence[int]) -> list[SelfAffine]:
+def _other_surfaces(case: Case, seeds: Sequence[int]) -> list[Recipe]:
     first = case.recipes[0]
     if not isinstance(first, SelfAffine):
         raise InvalidCase(f"{case.path}: its surface is not random, so it has no seeds")
@@ -206,47 +186,29 @@ def _other_surfaces(case: Case, seeds: Sequence[int]) -> list[SelfAffine]:
     return [replace(first, seed=seed) for seed in seeds]
 
 
-def _obstacle(case: Case) -> str:
-    """Return why a case cannot be cross-checked; empty if it can."""
-    missing = [method for method in ("fem", "bem") if method not in case.methods]
-    if case.skip:
-        return case.skip
-    if missing:
-        return f"case.methods lacks {' and '.join(missing)}; a cross-check needs both fem and bem"
-    if len(case.load.path) != 1:
-        return (
-            f"load.mean_pressure is a path of {len(case.load.path)}, but a cross-check answers a "
-            "single mean pressure"
-        )
-    geometry = case.options["fem"]["geometry"]
-    if geometry != "gap":
-        return (
-            f"fem.geometry is {geometry!r}, but must be 'gap': the boundary elements have no "
-            "other, so slope and error could not be separated"
-        )
-    return ""
-
-
 def _checked(
-    scene: Scene, law: str, block: Mapping[str, Any], path: Mapping[str, Any]
-) -> tuple[list[str], Row]:
+    case: Case, scene: Scene, path: Mapping[str, Any]
+) -> tuple[list[str], dict[str, float]]:
     """Return the lines of the report on a surface, and its row of the ensemble."""
+    law = case.options["fem"]["law"]
+    block: dict[str, Any] = {k: case.options["fem"].get(k) for k in ("depth", "layers")}
     j2 = fem_check.solve(scene, law="j2", **block, **path) if law == "j2" else None
     budget = error_budget(scene, law, j2, **block)
-    lines, row = [str(budget)], {"discretisation, area": budget.discretisation.area}
-    model = budget.model
-    if j2 is None or model is None:
+    parts = {name: f"{name}: {part}" for name, part in budget.items()}
+    parts["solver"] += f" ({budget['solver'].nodes} nodes)"
+    lines = [f"fem {law} against bem: {'; '.join(parts.values())}"]
+    row = {"discretisation, area": budget["discretisation"].area}
+    if j2 is None:
         return lines, row
-    capped = math.isfinite(scene.material.hardness)
+    model, capped = budget["model"], math.isfinite(scene.material.hardness)
     cap, unit = ("capped", "hardness") if capped else ("elastic", "mean contact pressure")
     lines.append(
         f"j2 touches on {model.areas[0]:.4f}, the {cap} body on {model.areas[1]:.4f} of the "
         f"nodes; overlap {model.overlap:.2f}; distance of the pressure distributions "
         f"{model.wasserstein:.3f} of the {unit}"
     )
-    coarse = _has_half(scene.surface.shape)
-    found = measured_hardness(scene, coarse=coarse, j2=j2, **block, **path)
-    lines.append(f"{found}{'' if coarse else '; no coarser grid in the error'}")
+    found = measured_hardness(scene, j2=j2, **block, **path)
+    lines.append(f"{found}{'' if _half(scene) else '; no coarser grid in the error'}")
     largest = j2.final.quantities["largest_pressure"] / scene.material.yield_stress
     row |= {
         "model, area": model.area,
@@ -254,33 +216,26 @@ def _checked(
         "model, distance of the pressures": model.wasserstein,
         "largest pressure of j2 over sigma_Y": largest,
     }
-    if found.at_cap is not None and not found.saturated:
+    if found.at_cap is not None and not found.meaningless:
         changes = {_CHANGE + name: part for name, part in found.parts.items() if name != "node"}
         row |= {_C_EFF: found.ratio} | changes | {"overlap at c_eff": found.at_cap.overlap}
     return lines, row
 
 
-_C_EFF, _CHANGE = "effective hardness c_eff", "its change by the "
-
-
-def _ensemble_lines(rows: Sequence[Row]) -> list[str]:
+def _ensemble_lines(rows: Sequence[Mapping[str, float]]) -> list[str]:
     """Return the lines of the report on all surfaces together: what each of them has."""
-    columns = {
-        name: [row[name] for row in rows] for name in rows[0] if all(name in row for row in rows)
-    }
-    lines = []
-    for name, values in columns.items():
+    shared = [name for name in rows[0] if all(name in row for row in rows)]
+    means, errors, lines = {}, {}, []
+    for name in shared:
+        values = [row[name] for row in rows]
         deviation = standard_deviation(values)
-        error = deviation / math.sqrt(len(values))
-        lines.append(f"{name}: {estimate(values).mean:+.4f} +- {error:.4f} ({deviation:.4f})")
-    if ratios := columns.get(_C_EFF):
+        means[name], errors[name] = estimate(values).mean, deviation / math.sqrt(len(values))
+        lines.append(f"{name}: {means[name]:+.4f} +- {errors[name]:.4f} ({deviation:.4f})")
+    if _C_EFF in means:
         # The scatter of the surfaces averages out, and half a node more or less; the rest does not.
-        parts = {"seeds": standard_deviation(ratios) / math.sqrt(len(ratios))} | {
-            name.removeprefix(_CHANGE): estimate(values).mean
-            for name, values in columns.items()
-            if name.startswith(_CHANGE)
-        }
+        changes = (name for name in shared if name.startswith(_CHANGE))
+        parts = {"seeds": errors[_C_EFF]}
+        parts |= {name.removeprefix(_CHANGE): means[name] for name in changes}
         listed = ", ".join(f"{name} {part:+.3f}" for name, part in parts.items())
-        mean = estimate(ratios).mean
-        lines.append(f"mean c_eff = {mean:.3f} +- {combined(parts):.3f} (by {listed})")
+        lines.append(f"mean c_eff = {means[_C_EFF]:.3f} +- {combined(parts):.3f} (by {listed})")
     return lines

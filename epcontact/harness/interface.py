@@ -23,9 +23,9 @@ For one circle of radius a, k times the area is 2 a E*, and the resistance is rh
 
 from __future__ import annotations
 
+import bisect
 import math
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,7 @@ _REDUCTION = 1e-12  # of the residual of the linear solve
 
 def carrying(result: ContactResult, branch: Branch) -> Mask:
     """Return the mask of the points that carry a change of the load, or raise InvalidCase."""
-    state = result.fields.get("state")
-    if state is None:
+    if (state := result.fields.get("state")) is None:
         raise InvalidCase(f"{result.method} gives no field 'state' to find the contact by")
     if branch not in ("loading", "unloading"):
         raise InvalidCase(f"branch is {branch!r}, but must be loading or unloading")
@@ -82,14 +81,11 @@ def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> 
 
     mask = carrying(result, branch)
     n = int(mask.sum())
-    if n == 0:
-        return 0.0
-    if n == mask.size:
-        return math.inf
+    if n in (0, mask.size):
+        return math.inf if n else 0.0
     C = compliance(scene)
     C.flat[0] = 0.0
-    with np.errstate(divide="ignore"):
-        inverse = np.where(C > 0, 1 / C, 0.0)
+    inverse = np.divide(1.0, C, out=np.zeros_like(C), where=C > 0)
 
     def displaced(modes: FloatArray, forces: FloatArray) -> FloatArray:
         """Apply the symbol `modes` to forces on F, and return what it gives on F."""
@@ -107,14 +103,9 @@ def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> 
 
     uniform = np.full(n, mask.size / n)  # a unit of mean pressure
     sunk = displaced(C, uniform)
-    x, failed = cg(
-        of_zero_mean(C),
-        sunk.mean() - sunk,
-        rtol=_REDUCTION,
-        atol=0.0,
-        maxiter=2000,
-        M=of_zero_mean(inverse),
-    )
+    right = sunk.mean() - sunk
+    S, M = of_zero_mean(C), of_zero_mean(inverse)
+    x, failed = cg(S, right, rtol=_REDUCTION, atol=0.0, maxiter=2000, M=M)
     if failed:
         raise NotConverged("the stiffness of the interface did not converge in 2000 iterations")
     return 1 / float(displaced(C, uniform + (x - x.mean())).mean())
@@ -148,8 +139,7 @@ def contact_conductance(scene: Scene, stiffness: float, resistivity: float) -> f
     return 2 * stiffness / (effective_modulus(scene.material) * resistivity)
 
 
-@dataclass(frozen=True)
-class Patches:
+class Patches(NamedTuple):
     """The connected patches of a mask on a periodic grid.
 
     Attributes:
@@ -190,17 +180,11 @@ def percolation_share(closeness: NDArray[np.floating]) -> float:
         >>> percolation_share(np.array([[3.0, 2.0, 1.0], [0.0, -1.0, -2.0]]))
         0.5
     """
-    order = np.argsort(-closeness, axis=None, kind="stable")
-    fewest, most = 0, closeness.size  # all points percolate, none does not
-    while most - fewest > 1:
-        middle = (fewest + most) // 2
-        mask = np.zeros(closeness.size, dtype=bool)
-        mask[order[:middle]] = True
-        if patches(mask.reshape(closeness.shape)).spans:
-            most = middle
-        else:
-            fewest = middle
-    return most / closeness.size
+    rank = np.empty(closeness.shape, dtype=np.intp)
+    rank.flat[np.argsort(-closeness, axis=None, kind="stable")] = np.arange(closeness.size)
+    fewer = range(1, closeness.size)  # than all, which percolate
+    first = bisect.bisect_left(fewer, True, key=lambda n: patches(rank < n).spans)
+    return (first + 1) / closeness.size
 
 
 def _patch_of_points(mask: Mask) -> NDArray[np.intp]:
@@ -210,11 +194,9 @@ def _patch_of_points(mask: Mask) -> NDArray[np.intp]:
     from scipy.sparse.csgraph import connected_components
 
     labels, number = label(mask)
-    first, last = (
-        np.concatenate([np.take(labels, end, axis).ravel() for axis in range(mask.ndim)])
-        for end in (0, -1)
-    )
-    both = (first > 0) & (last > 0)  # patches that meet over the period
-    seams = coo_array((both[both], (first[both] - 1, last[both] - 1)), shape=(number, number))
+    ends = [np.take(labels, (0, -1), axis).swapaxes(0, axis) for axis in range(mask.ndim)]
+    met = np.hstack([each.reshape(2, -1) for each in ends])  # over the period
+    met = met[:, met.all(axis=0)] - 1
+    seams = coo_array((np.ones(met.shape[1]), tuple(met)), shape=(number, number))
     patch_of_label = connected_components(seams, directed=False)[1]
     return np.asarray(patch_of_label[labels[mask] - 1])

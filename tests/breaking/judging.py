@@ -101,6 +101,7 @@ PAIRED = ("fem-ensemble", "quantity.mean_gap")
 DISTANCE, DEVIATION = VERDICT + "judgement.distance", GATE + "deviation"
 L2 = QUANTITY + "l2_distance"
 TESTS = "tests/test_verdict.py::"
+SUMMED = "test_the_answer_of_a_method_sums_up_its_members"
 DISTANCES = TESTS + "test_distances_of_known_distributions"
 MEASURES = "tests/test_reference.py::test_measures_see_what_is_wrong_by_as_much_as_it_is"
 
@@ -185,14 +186,16 @@ FAULTS = (
             "the answers in the reverse order": on_result(
                 VERDICT + "verification.run_cases", _reversed
             ),
-            "labels of the surfaces shifted": on_result(RUN + "summary", _shifted),
-            "raw and corrected areas exchanged in the answer": on_result(
-                RUN + "summary", _exchanged
-            ),
-            "the best residual of an ensemble": on_result(RUN + "summary", _best),
-            "one member of an ensemble left out": on_result(
-                RUN + "summary", lambda answer: answer | {"members": answer["members"][1:]}
-            ),
+        }.items()
+    ),
+    *(
+        _fault(what, on_result(RUN + "summary", wrong), test=TESTS + SUMMED)
+        for what, wrong in {
+            "labels of the surfaces shifted": _shifted,
+            "raw and corrected areas exchanged in the answer": _exchanged,
+            "the best residual of an ensemble": _best,
+            "one member of an ensemble left out":
+                lambda answer: answer | {"members": answer["members"][1:]},
         }.items()
     ),
     # measurements
@@ -226,14 +229,13 @@ FAULTS = (
         for what, judged in (("case", "verification.judge_case"), ("gate", "judgement.judge"))
     ),
     _fault(
-        "no failure in junit.xml",
-        both(at(VERDICT + "files.Failure", Skipped), solver(faults.stiff)),
-        "westergaard-line", "quantity.mean_gap", status=REFUSED,
+        "no failure in junit.xml", at(VERDICT + "verification.Failure", Skipped),
+        test=TESTS + "test_files_say_what_the_verdict_says",
     ),
     _fault(
         "the exit code of an error for a shortfall",
         both(
-            changed(VERDICT + "record.Verdict.on", _with_exit_code), solver(faults.stiff)
+            changed(VERDICT + "judgement.Verdict.on", _with_exit_code), solver(faults.stiff)
         ),
         "westergaard-line", "quantity.mean_gap", status=REFUSED,
     ),

@@ -1,9 +1,40 @@
 """Solvers from outside the package, in a process of their own and on a copy of the scene.
 
 A solver is named by its source: `module:function`, which maps a Scene to a ContactResult, or a
-command with the placeholders {scene} and {result}, see `exchange`.  Whatever it does to its
-process, its scene or its machine, the caller gets a checked result or an error that says what
-happened.  One process serves all foreign solves of this one until it dies.
+command in any language, 'command {scene} {result}'.  Whatever it does to its process, its scene or
+its machine, the caller gets a checked result or an error that says what happened.  One process
+serves all foreign solves of this one until it dies.
+
+A command reads the scene from one text file and writes its result to the other.  All numbers are
+in SI units; the conventions are those of `help(epcontact)`.
+
+The scene is a text of one item a line, always in this order:
+
+    epcontact-scene 1
+    dimensions 2                 1 for a line
+    shape 64 64                  points nx ny; ny is 1 for a line
+    periods 1e-3 1e-3            lengths Lx Ly; Ly is 0 for a line
+    young_modulus 1e11
+    poisson_ratio 0.3
+    hardness 6e9                 largest contact pressure; inf: elastic
+    yield_stress inf             of the J2 solid; inf: elastic
+    body half_space              or bonded_layer, sliding_layer
+    depth inf                    of a layer
+    loads 2                      number of mean pressures, and then each of them
+    4e8
+    5e8
+    heights                      nx*ny numbers, one a line, [0,0] [0,1] ... [0,ny-1] [1,0] ...
+
+The result is a text of words and numbers, separated by blanks or line ends, in any order:
+
+    epcontact-result 1
+    converged 1                  0 is an error: the result is not judged
+    residual 1e-9                optional: what decided it, dimensionless
+    pressure                     and then nx*ny numbers at the last load, ordered as the heights
+    gap                          optional, the same; or displacement
+
+The package computes the areas and everything else of the result from the pressure and, where it is
+given, the gap.
 """
 
 from __future__ import annotations
@@ -12,22 +43,28 @@ import functools
 import importlib
 import json
 import math
+import re
 import shlex
 import shutil
-from collections.abc import Callable
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from epcontact.errors import InvalidCase, sentence_of
-from epcontact.harness.methods.exchange import PLACEHOLDER, answer_of_command
-from epcontact.harness.processes import Child, ChildDied
-from epcontact.results import ContactResult, plain
+from epcontact.errors import InvalidCase, NotConverged, sentence_of
+from epcontact.harness.processes import Child, ChildDied, death_of
+from epcontact.results import ContactResult, FloatArray, plain
 from epcontact.scene import Scene
 
-# A checked result as plain data, so that no class of the solver's is needed to read it.
-_Plain = tuple[str, dict[str, Any]]
+#: What a command has in the place of the files.
+PLACEHOLDER = re.compile(r"\{(scene|result)\}")
+_ARRAYS, _NUMBERS = ("pressure", "gap", "displacement"), ("converged", "residual")
 
 
 def is_command(source: str) -> bool:
@@ -39,16 +76,14 @@ def require_solver(source: str) -> None:
     """Raise InvalidCase if a function cannot be imported, or there is no such program."""
     if is_command(source):
         if sorted(match[1] for match in PLACEHOLDER.finditer(source)) != ["result", "scene"]:
-            raise InvalidCase(
-                f"solver {source}: a command needs the placeholders {{scene}} and {{result}} once "
-                "each"
-            )
-        words = _words(source)
-        if shutil.which(words[0]) is None:
-            raise InvalidCase(f"solver {source}: there is no program {words[0]!r} to run")
+            needed = "the placeholders {scene} and {result} once each"
+            raise InvalidCase(f"solver {source}: a command needs {needed}")
+        program = _words(source)[0]
+        if shutil.which(program) is None:
+            raise InvalidCase(f"solver {source}: there is no program {program!r} to run")
         return
     try:
-        refusal = _child().call(_refusal, source)
+        refusal = _child().call(_answer, source, None)
     except ChildDied as death:
         refusal = f"solver {source} cannot be imported: it {death}"
     if refusal:
@@ -79,38 +114,27 @@ def _child() -> Child:
 # --- in the process of the solver ----------------------------------------------------------------
 
 
-def _refusal(source: str) -> str:
-    """Return why `module:function` cannot be imported; empty if it can."""
+def _answer(source: str, scene: Scene | None) -> tuple[str, dict[str, Any]] | str:
+    """Return the checked result of a solver, or the sentence that says why there is none.
+
+    The result is plain data, its JSON and its fields, so that no class of the solver's is needed to
+    read it.  Without a scene a function is imported, and the sentence is empty if it can be.
+    """
+    said, solver = "cannot be imported ({}); give package.module:function", None
     try:
-        _imported(source)
-    except (Exception, SystemExit) as error:
-        reason = sentence_of(error)
-        return f"solver {source} cannot be imported ({reason}); give package.module:function"
-    return ""
-
-
-def _imported(source: str) -> Callable[[Scene], Any]:
-    module_name, _, attribute = source.partition(":")
-    function: Callable[[Scene], Any] = getattr(importlib.import_module(module_name), attribute)
-    return function
-
-
-def _answer(source: str, scene: Scene) -> _Plain | str:
-    """Return the checked result of a solver, or the sentence that says why there is none."""
-    if refusal := "" if is_command(source) else _refusal(source):
-        return refusal
-    # What pickle copies is writable: these heights are read-only again.
-    scene = replace(scene, surface=replace(scene.surface))
-    verb = "raised"
-    try:
-        if is_command(source):
-            verb = "returned"
-            return _checked(answer_of_command(_words(source), scene), scene)
-        result = _imported(source)(scene)
-        verb = "returned"
+        if not is_command(source):
+            module, _, name = source.partition(":")
+            solver = getattr(importlib.import_module(module), name)
+        if scene is None:
+            return ""
+        # What pickle copies is writable: these heights are read-only again.
+        scene = replace(scene, surface=replace(scene.surface))
+        said = "raised {}" if solver else "returned {}"
+        result = solver(scene) if solver else answer_of_command(_words(source), scene)
+        said = "returned {}"
         return _checked(result, scene)
     except (Exception, SystemExit) as error:
-        return f"solver {source} {verb} {sentence_of(error)}"
+        return f"solver {source} {said.format(sentence_of(error))}"
 
 
 def _words(source: str) -> list[str]:
@@ -120,7 +144,7 @@ def _words(source: str) -> list[str]:
         raise InvalidCase(f"solver {source}: is no command ({error})") from None
 
 
-def _checked(result: Any, scene: Scene) -> _Plain:
+def _checked(result: Any, scene: Scene) -> tuple[str, dict[str, Any]]:
     """Return a result as plain data.  Raises InvalidCase if gates could not read it."""
     if not isinstance(result, ContactResult):
         raise InvalidCase(f"no epcontact.ContactResult but {type(result).__name__!r}")
@@ -130,10 +154,8 @@ def _checked(result: Any, scene: Scene) -> _Plain:
     fields = {name: np.array(values) for name, values in result.fields.items()}
     for name, values in fields.items():
         if values.shape != scene.surface.shape:
-            raise InvalidCase(
-                f"the field {name} of shape {values.shape}, but the scene's grid is "
-                f"{scene.surface.shape}"
-            )
+            wrong = f"the field {name} of shape {values.shape}"
+            raise InvalidCase(f"{wrong}, but the scene's grid is {scene.surface.shape}")
         if values.dtype.kind not in "biuf":
             raise InvalidCase(f"the field {name} of type {values.dtype}, but numbers are needed")
     try:
@@ -142,3 +164,77 @@ def _checked(result: Any, scene: Scene) -> _Plain:
         return json.dumps(data, allow_nan=False), fields
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidCase(f"a ContactResult that cannot be read ({sentence_of(error)})") from None
+
+
+# --- commands ------------------------------------------------------------------------------------
+
+
+def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
+    """Return the result that a program, given by its words, has for a scene."""
+    from epcontact.harness.methods.peers import result_of  # loads solvers
+
+    with tempfile.TemporaryDirectory(prefix="epcontact-") as name:
+        given, written = Path(name) / "scene.txt", Path(name) / "result.txt"
+        given.write_text(scene_text(scene), encoding="utf-8")
+        files = {"scene": str(given), "result": str(written)}
+        command = [PLACEHOLDER.sub(lambda match: files[match[1]], word) for word in words]
+        started = time.perf_counter()
+        done = subprocess.run(command, check=False, stderr=subprocess.PIPE)
+        seconds = time.perf_counter() - started
+        said = done.stderr.decode(errors="replace")
+        sys.stderr.write(said)
+        if done.returncode:
+            last = f"; it said: {said.strip().splitlines()[-1]}" if said.strip() else ""
+            raise InvalidCase(f"a command that {death_of(done.returncode)}{last}")
+        if not written.is_file():
+            raise InvalidCase("a command that ended with exit code 0 and wrote no result")
+        text = written.read_text(encoding="utf-8", errors="replace")
+    found = result_of_text(text, scene.surface.shape)
+    if found["converged"] != 1:
+        raise NotConverged(f"a result that has not converged (converged {found['converged']:g})")
+    gap, displacement = found.get("gap"), found.get("displacement")
+    return result_of(scene, found["pressure"], words[0], seconds, gap, displacement)
+
+
+def scene_text(scene: Scene) -> str:
+    """Return a scene as text; floats have the digits that make them exact."""
+    surface, material, body = scene.surface, scene.material, scene.body
+    strengths = ("young_modulus", "poisson_ratio", "hardness", "yield_stress")
+    rows = [
+        "epcontact-scene 1",
+        f"dimensions {len(surface.shape)}",
+        "shape {} {}".format(*surface.shape, 1),
+        "periods {} {}".format(*surface.periods, 0.0),
+        *(f"{name} {getattr(material, name)}" for name in strengths),
+        f"body {body.kind}",
+        f"depth {body.depth}",
+        f"loads {len(scene.load.path)}",
+        *map(repr, scene.load.path),
+        "heights",
+        *map(repr, surface.heights.ravel().tolist()),
+    ]
+    return "\n".join(rows) + "\n"
+
+
+def result_of_text(text: str, shape: tuple[int, ...]) -> dict[str, FloatArray]:
+    """Read the text of a result."""
+    words, at = text.split(), 2
+    found: dict[str, FloatArray] = {}
+    if words[:2] != ["epcontact-result", "1"]:
+        raise InvalidCase("a file that does not begin with 'epcontact-result 1'")
+    while at < len(words):
+        name = words[at]
+        if name not in (*_ARRAYS, *_NUMBERS):
+            known = ", ".join((*_NUMBERS, *_ARRAYS))
+            raise InvalidCase(f"a file with {name!r:.40} in the place of one of {known}")
+        form = shape if name in _ARRAYS else ()
+        count = int(np.prod(form))
+        try:
+            found[name] = np.array(words[at + 1 : at + 1 + count], dtype=np.float64).reshape(form)
+        except ValueError:
+            raise InvalidCase(f"a file with fewer than {count} numbers after {name!r}") from None
+        at += 1 + count
+    for name in ("converged", "pressure"):
+        if name not in found:
+            raise InvalidCase(f"a file without {name!r}")
+    return found

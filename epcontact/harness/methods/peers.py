@@ -12,7 +12,6 @@ the problem in units of E* and the period, because their absolute tolerances ass
 from __future__ import annotations
 
 import contextlib
-import importlib
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -24,21 +23,13 @@ from typing import Any
 import numpy as np
 from scipy.optimize import NoConvergence, anderson
 
-from epcontact import bem
+from epcontact import bem, results
 from epcontact.bem.areas.distribution import pressure_distribution
 from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
-from epcontact.errors import InvalidScene, NotConverged, StudyUnavailable
+from epcontact.errors import InvalidScene, NotConverged
 from epcontact.materials.moduli import effective_modulus
-from epcontact.results import (
-    APART,
-    ELASTIC,
-    PLASTIC,
-    ContactResult,
-    FloatArray,
-    LoadStep,
-    Provenance,
-)
+from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Load, Scene
 
 Pressure = Callable[..., FloatArray]
@@ -75,8 +66,7 @@ def _contact_mechanics_pressure(
         pentol=effort,
         maxiter=20000,
     )
-    pressure: FloatArray = np.asarray(found.jac) / cell
-    return pressure
+    return np.asarray(found.jac / cell)
 
 
 def _tamaas_pressure(
@@ -94,27 +84,34 @@ def _tamaas_pressure(
         solver = tm.KatoSaturated(model, heights, 1e-8, hardness)
         solver.max_iter = int(effort or 100)
     solver.solve(load)
-    traction: FloatArray = np.array(model.traction)
-    return traction
+    return np.array(model.traction)
 
 
 #: By package: the function that maps (heights, load, hardness, effort, lengths) to pressure/E*.
 PEERS: dict[str, Pressure] = {
-    "ContactMechanics": _contact_mechanics_pressure,
-    "tamaas": _tamaas_pressure,
-}
+    "ContactMechanics": _contact_mechanics_pressure, "tamaas": _tamaas_pressure
+}  # fmt: skip
 
 
 def contact_mechanics(scene: Scene) -> ContactResult:
-    """Solve a scene by ContactMechanics.  Raises InvalidScene, StudyUnavailable, NotConverged."""
+    """Solve a scene by ContactMechanics.  Raises InvalidScene, NotConverged."""
     effort = TOLERANCE * float(np.std(scene.surface.heights)) / scene.surface.periods[0]
     return _answer(scene, "contact_mechanics", "ContactMechanics", effort)
 
 
 def tamaas(scene: Scene) -> ContactResult:
-    """Solve a scene by tamaas.  Raises InvalidScene, StudyUnavailable, NotConverged."""
+    """Solve a scene by tamaas.  Raises InvalidScene, NotConverged."""
     elastic = math.isinf(scene.material.hardness)
     return _answer(scene, "tamaas", "tamaas", TOLERANCE if elastic else ITERATIONS)
+
+
+def _answer(scene: Scene, name: str, package: str, effort: float) -> ContactResult:
+    E, periods = effective_modulus(scene.material), scene.surface.periods
+    heights, started = np.array(scene.surface.heights) / periods[0], time.perf_counter()
+    loads, aspect = (scene.load.final / E, scene.material.hardness / E), periods[1] / periods[0]
+    with _peer(scene, package):
+        pressure = PEERS[package](heights, *loads, effort, (1.0, aspect))
+    return result_of(scene, pressure * E, name, time.perf_counter() - started)
 
 
 def tamaas_j2(scene: Scene) -> ContactResult:
@@ -126,34 +123,28 @@ def tamaas_j2(scene: Scene) -> ContactResult:
     """
     if not (math.isfinite(scene.material.yield_stress) and scene.load.non_decreasing):
         raise InvalidScene("tamaas_j2 needs a finite yield_stress and mean pressures that rise")
-    _require_peer(scene, "tamaas")
-    started = time.perf_counter()
-    E, period = effective_modulus(scene.material), scene.surface.periods[0]
-    with _giving_up("tamaas"):
-        for flowing in FLOWING:
-            pressure, gap, deepest = _tamaas_flow(scene, flowing)
+    E, started = effective_modulus(scene.material), time.perf_counter()
+    with _peer(scene, "tamaas"):
+        for depth in (share * scene.surface.periods[0] for share in FLOWING):
+            pressure, gap, deepest = _tamaas_flow(scene, depth)
             if deepest == 0:
                 break
         else:
-            raise RuntimeError(f"the body flows deeper than {flowing:g} periods")
-    displacement = gap * period + scene.surface.heights
+            raise RuntimeError(f"the body flows deeper than {FLOWING[-1]:g} periods")
+    seconds, displacement = time.perf_counter() - started, gap + scene.surface.heights
+    displacement -= displacement.mean()
     uncapped = replace(scene, material=replace(scene.material, hardness=math.inf))
-    found = result_of(
-        uncapped,
-        pressure * E,
-        "tamaas_j2",
-        time.perf_counter() - started,
-        gap=gap * period,
-        displacement=displacement - displacement.mean(),
-    )
-    options = {"law": "j2", "depth": flowing * period, "compliance": "half_space"}
-    options |= found.provenance.options
-    return replace(found, provenance=Provenance(scene.digest, scene.surface.seed, options))
+    found = result_of(uncapped, pressure * E, "tamaas_j2", seconds, gap, displacement)
+    options = {"law": "j2", "depth": depth, "compliance": "half_space", "solver": "tamaas_j2"}
+    origin = replace(found.provenance, scene=scene.digest, options=options)
+    return replace(found, provenance=origin)
 
 
 @contextlib.contextmanager
-def _giving_up(package: str) -> Iterator[None]:
-    """Tell the errors of a package as NotConverged."""
+def _peer(scene: Scene, package: str) -> Iterator[None]:
+    """Refuse a scene that a package does not know, and tell its errors as NotConverged."""
+    if scene.surface.heights.ndim != 2 or scene.body.kind != "half_space":
+        raise InvalidScene(f"{package} is asked for half-spaces under surfaces only")
     try:
         yield
     except NoConvergence:
@@ -164,11 +155,11 @@ def _giving_up(package: str) -> Iterator[None]:
         raise NotConverged(f"{package} gave up: {' '.join(str(error).split())}") from error
 
 
-def _tamaas_flow(scene: Scene, flowing: float) -> tuple[FloatArray, FloatArray, float]:
-    """Return pressure/E*, gap/period and the largest plastic strain in the lowest layer."""
+def _tamaas_flow(scene: Scene, depth: float) -> tuple[FloatArray, FloatArray, float]:
+    """Return pressure/E*, the gap (m) and the largest plastic strain in the lowest layer."""
     E, period = effective_modulus(scene.material), scene.surface.periods[0]
     heights = scene.surface.heights / period
-    model, contact, flow = _tamaas_body(scene, flowing)
+    model, contact, flow = _tamaas_body(scene, depth / period)
     settled, carried = np.zeros_like(heights), np.zeros_like(model.traction)
     least = 0.01 * float(np.linalg.norm(heights - heights.mean()))  # where next to nothing flows
 
@@ -197,7 +188,7 @@ def _tamaas_flow(scene: Scene, flowing: float) -> tuple[FloatArray, FloatArray, 
         flow.updateState()
         model.traction[...] = traction
         settled, carried = settled + residual, traction
-    gap = np.array(model["gap"]).reshape(*heights.shape, -1)[..., -1]
+    gap = period * np.array(model["gap"]).reshape(*heights.shape, -1)[..., -1]
     return carried[..., 2], gap, float(np.array(model["cumulated_plastic_strain"])[-1].max())
 
 
@@ -223,34 +214,11 @@ def _tamaas_body(scene: Scene, flowing: float) -> tuple[Any, Any, Any]:
 def _plastic_displacement(scene: Scene, load: float) -> FloatArray:
     """Return that of a body under a cap (m), of zero mean: no elastic body whose heights are less
     by it presses with more than the cap."""
-    capped = replace(
-        scene.material, hardness=max(START_CAP * scene.material.yield_stress, 2 * load)
-    )
-    gap = bem.solve(replace(scene, material=capped, load=Load(load)), threads=1).fields["gap"]
+    hardness = max(START_CAP * scene.material.yield_stress, 2 * load)
+    capped = replace(scene, material=replace(scene.material, hardness=hardness), load=Load(load))
+    gap = bem.solve(capped, threads=1).fields["gap"]
     sunk = np.maximum(-gap, 0.0)
     return np.asarray(sunk - sunk.mean())
-
-
-def _require_peer(scene: Scene, name: str) -> None:
-    if scene.surface.heights.ndim != 2 or scene.body.kind != "half_space":
-        raise InvalidScene(f"{name} is asked for half-spaces under surfaces only, no line or layer")
-    try:
-        importlib.import_module(name)
-    except ImportError:
-        raise StudyUnavailable(
-            f"{name} is not installed; pip install 'epcontact[peers]' brings it"
-        ) from None
-
-
-def _answer(scene: Scene, name: str, package: str, effort: float) -> ContactResult:
-    _require_peer(scene, package)
-    E, periods = effective_modulus(scene.material), scene.surface.periods
-    heights = np.array(scene.surface.heights) / periods[0]
-    loads, aspect = (scene.load.final / E, scene.material.hardness / E), periods[1] / periods[0]
-    started = time.perf_counter()
-    with _giving_up(package):
-        pressure = PEERS[package](heights, *loads, effort, (1.0, aspect))
-    return result_of(scene, pressure * E, name, time.perf_counter() - started)
 
 
 def result_of(
@@ -272,35 +240,31 @@ def result_of(
         q = rfft_wavenumbers(surface.shape, surface.periods)
         modes = surface_compliance(q, scene.body, scene.material) * np.fft.rfftn(pressure)
         displacement = np.fft.irfftn(modes, s=surface.shape, axes=range(pressure.ndim))
-    state = np.full(surface.shape, ELASTIC, dtype=np.uint8)
-    state[pressure <= 0] = APART
-    state[pressure >= hardness * (1 - 1e-9)] = PLASTIC
-    touching = state == ELASTIC
+    state = np.full(surface.shape, results.ELASTIC, dtype=np.uint8)
+    state[pressure <= 0] = results.APART
+    state[pressure >= hardness * (1 - 1e-9)] = results.PLASTIC
+    touching = state == results.ELASTIC
     if gap is None:
         gap = displacement - surface.heights
         gap = gap - (gap[touching].mean() if touching.any() else gap.min())
-    capped = np.where(state == PLASTIC, hardness, np.maximum(pressure, 0))
-    modulus = effective_modulus(scene.material)
+    capped = np.where(state == results.PLASTIC, hardness, np.maximum(pressure, 0))
+    modulus, rms = effective_modulus(scene.material), float(np.std(surface.heights)) or 1.0
     areas = estimate_areas(capped, gap, hardness, surface.spacing, modulus)
-    rms = float(np.std(surface.heights)) or 1.0
-    step = LoadStep(
-        scene.load.final,
-        dict(zip(("raw", "corrected", "error"), areas, strict=True)),
-        residuals={
-            "gap_elastic": float(np.abs(gap[touching]).max(initial=0.0)) / rms,
-            "force": abs(float(pressure.mean()) / scene.load.final - 1),
-        },
-        quantities={
-            "mean_gap": float(np.maximum(gap, 0).mean()),
-            "mean_separation": float(gap.mean()),
-            "elastic_energy": float(np.vdot(pressure, displacement)) / pressure.size / 2,
-            "largest_pressure": float(pressure.max()),
-        },
-    )
+    residuals = {
+        "gap_elastic": float(np.abs(gap[touching]).max(initial=0.0)) / rms,
+        "force": abs(float(pressure.mean()) / scene.load.final - 1),
+    }
+    quantities = {
+        "mean_gap": float(np.maximum(gap, 0).mean()),
+        "mean_separation": float(gap.mean()),
+        "elastic_energy": float(np.vdot(pressure, displacement)) / pressure.size / 2,
+        "largest_pressure": float(pressure.max()),
+    }
+    kinds = dict(zip(("raw", "corrected", "error"), areas, strict=True))
     fields = {"pressure": pressure, "gap": gap, "displacement": displacement, "state": state}
     return ContactResult(
         method=name,
-        steps=(step,),
+        steps=(LoadStep(scene.load.final, kinds, residuals, quantities=quantities),),
         provenance=Provenance(scene.digest, surface.seed, {"solver": name}),
         distribution=pressure_distribution(capped, hardness),
         fields={"heights": surface.heights} | fields,

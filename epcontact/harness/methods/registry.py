@@ -62,8 +62,6 @@ class BemTable(Table):
 
 
 EITHER_WAY = "give either steps or step_tolerance: equal increments, or chosen ones"
-
-
 _FEM: dict[str, Any] = {option.name: option for option in fields(FemOptions)}
 
 
@@ -101,8 +99,7 @@ class Method:
     """One way to answer a scene.
 
     Attributes:
-        name: its name in cases, gates, files of results and on the command line.
-        meaning: its description in one line.
+        name, meaning: its name in cases, files and commands, and its description in one line.
         solve: maps (scene, options, threads) to a ContactResult; threads None: all cores.
         table: name of the case file's table that holds the options; empty if there are none.
         has_fields: the result has fields on the grid of the surface.
@@ -114,8 +111,7 @@ class Method:
         memory: estimates the bytes of a solve, see `memory`.
         load: loads the modules and the compiled kernels of a solve, by a solve that takes no time.
         requires: a module of the extra `peers` that the method needs.
-        source: `module:function` or command of a solver from outside the package, which runs in a
-            process of its own.
+        source: `module:function` or command of a solver from outside the package.
     """
 
     name: str
@@ -182,26 +178,56 @@ def _foreign(name: str, source: str, scene: Scene, *_: Any) -> ContactResult:
     return foreign.solve(name, source, scene)
 
 
-def _load_bem() -> None:
-    _bem(_small_scene(128), {}, 1)
-
-
-def _load_fem() -> None:
-    _fem(_small_scene(8), {"layers": 2}, 1)
-
-
-def _small_scene(points: int) -> Scene:
-    """Return a scene with points apart, in elastic and in plastic contact."""
+def _warm_up(solve: Solve, points: int, **options: Any) -> None:
+    """Solve a scene with points apart, in elastic and in plastic contact."""
     x = 2 * np.pi * np.arange(points) / points
     heights = np.add.outer(np.cos(x), np.cos(3 * x))
     heights += np.random.default_rng(1).normal(0.0, 0.1, heights.shape)
     material = Material(1.0, 0.3, hardness=0.02, yield_stress=0.007)
-    return Scene(Surface(1e-3 * heights, (1.0, 1.0)), material, Load(1e-3))
+    solve(Scene(Surface(1e-3 * heights, (1.0, 1.0)), material, Load(1e-3)), options, 1)
 
 
 def _of_user(name: str, source: str) -> Method:
     """Return the method of a user's function or command, which its first solve loads."""
     return Method(name, f"the solver {source}", partial(_foreign, name, source), source=source)
+
+
+_OWN = (
+    Method(
+        "persson", "Persson's multiscale theory with a pressure cap", _persson, "theory",
+        has_fields=False,
+    ),
+    Method(
+        "bem", "FFT boundary elements with a pressure cap", _bem, "bem",
+        steps="on_step", memory=memory.of_grid, load=partial(_warm_up, _bem, 128),
+    ),
+    Method(
+        "fem", "finite elements, elastic, with a pressure cap or with J2 flow", _fem, "fem",
+        has_model_measures=True, steps="output", memory=memory.of_block,
+        load=partial(_warm_up, _fem, 8, layers=2),
+    ),
+)  # fmt: skip
+_PEERS = tuple(
+    Method(
+        name,
+        f"the public solver {package}, {how}",
+        partial(_peer, name),
+        has_model_measures=name == "tamaas_j2",
+        requires=package,
+    )
+    for name, package, how in (
+        ("contact_mechanics", "ContactMechanics", "with a pressure cap"),
+        ("tamaas", "tamaas", "with a pressure cap"),
+        ("tamaas_j2", "tamaas", "with J2 flow by volume integrals"),
+    )
+)
+_USERS = tuple(_of_user(e.name, e.value) for e in entry_points(group="epcontact.methods"))
+
+#: Every method by its name.
+METHODS: dict[str, Method] = {method.name: method for method in (*_USERS, *_OWN, *_PEERS)}
+
+#: The method that `--solver` replaces in the gates.
+REPLACED = "bem"
 
 
 def solver_named(text: str) -> Method:
@@ -226,57 +252,3 @@ def solver_named(text: str) -> Method:
         )
     foreign.require_solver(source)
     return _of_user(name, source)
-
-
-def _registry() -> dict[str, Method]:
-    own = [
-        Method(
-            "persson",
-            "Persson's multiscale theory with a pressure cap",
-            _persson,
-            "theory",
-            has_fields=False,
-        ),
-        Method(
-            "bem",
-            "FFT boundary elements with a pressure cap",
-            _bem,
-            "bem",
-            steps="on_step",
-            memory=memory.of_grid,
-            load=_load_bem,
-        ),
-        Method(
-            "fem",
-            "finite elements, elastic, with a pressure cap or with J2 flow",
-            _fem,
-            "fem",
-            has_model_measures=True,
-            steps="output",
-            memory=memory.of_block,
-            load=_load_fem,
-        ),
-    ]
-    peers = [
-        Method(
-            name,
-            f"the public solver {package}, {how}",
-            partial(_peer, name),
-            has_model_measures=name == "tamaas_j2",
-            requires=package,
-        )
-        for name, package, how in (
-            ("contact_mechanics", "ContactMechanics", "with a pressure cap"),
-            ("tamaas", "tamaas", "with a pressure cap"),
-            ("tamaas_j2", "tamaas", "with J2 flow by volume integrals"),
-        )
-    ]
-    users = [_of_user(e.name, e.value) for e in entry_points(group="epcontact.methods")]
-    return {method.name: method for method in (*users, *own, *peers)}
-
-
-#: Every method by its name.
-METHODS: dict[str, Method] = _registry()
-
-#: The method that `--solver` replaces in the gates.
-REPLACED = "bem"

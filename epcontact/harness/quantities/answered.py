@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
@@ -12,12 +12,11 @@ import numpy as np
 
 from epcontact.errors import InvalidCase
 from epcontact.reference.layers import compliance
-from epcontact.results import ContactResult, FloatArray
+from epcontact.results import ContactResult, FloatArray, PressureDistribution
 from epcontact.scene import Scene
 
 # A pressure this close to the hardness counts as equal: scaling by p0 and back rounds.
 _AT_THE_CAP = 1e-12
-_BLOCK = 1 << 15  # points of which a few fields stay in cache
 
 Made = TypeVar("Made")
 
@@ -30,9 +29,15 @@ class Answered:
     result: ContactResult
 
     @cached_property
-    def pressure(self) -> FloatArray:
-        """The pressure field in Pa.  Raises InvalidCase if there is none on the scene's grid."""
-        return self.field("pressure")
+    def _made(self) -> dict[Any, Any]:
+        return {}
+
+    def once(self, make: Callable[[Answered], Made]) -> Made:
+        """Return make(self), which is called once for all quantities that ask for it."""
+        if make not in self._made:
+            self._made[make] = make(self)
+        made: Made = self._made[make]
+        return made
 
     def field(self, name: str) -> FloatArray:
         """A field on the grid of the scene.  Raises InvalidCase if the result has none."""
@@ -40,11 +45,26 @@ class Answered:
         if values is None:
             raise InvalidCase(f"{self.result.method} gives no field {name!r} for a gate")
         if np.shape(values) != shape:
-            raise InvalidCase(
-                f"{self.result.method} gives a {name} of shape {np.shape(values)} on a grid of "
-                f"{shape}"
-            )
+            given = f"{self.result.method} gives a {name} of shape {np.shape(values)}"
+            raise InvalidCase(f"{given} on a grid of {shape}")
         return np.asarray(values, dtype=None if name == "state" else np.float64)
+
+    @cached_property
+    def pressure(self) -> FloatArray:
+        """The pressure field in Pa."""
+        return self.field("pressure")
+
+    @property
+    def distribution(self) -> PressureDistribution:
+        """The distribution of the pressures.  Raises InvalidCase if the result has none."""
+        if self.result.distribution is None:
+            raise InvalidCase(f"{self.result.method} gives no pressure distribution for a gate")
+        return self.result.distribution
+
+    @property
+    def load_scale(self) -> float:
+        """The last mean pressure p0 in Pa, or the largest of the path if it ends without load."""
+        return self.scene.load.final or max(self.scene.load.path)
 
     @property
     def flows(self) -> bool:
@@ -56,6 +76,11 @@ class Answered:
         """True if the path unloads a capped body, which keeps its plastic displacement."""
         capped = math.isfinite(self.scene.material.hardness)
         return capped and not self.flows and not self.scene.load.non_decreasing
+
+    @cached_property
+    def at_the_cap(self) -> Any:
+        """The mask of the points at which a cap bounds the pressure."""
+        return self.pressure >= self.scene.material.hardness * (1 - _AT_THE_CAP)
 
     @cached_property
     def displacement(self) -> FloatArray:
@@ -70,66 +95,22 @@ class Answered:
         return np.asarray(np.fft.irfft(modes, n=p.shape[-1]))
 
     @cached_property
-    def between(self) -> Any:
-        """The mask of the points with 0 < p < hardness."""
-        return (self.pressure > 0) & ~self.at_the_cap
-
-    @cached_property
-    def at_the_cap(self) -> Any:
-        """The mask of the points at which the body flows."""
-        return self.pressure >= self.scene.material.hardness * (1 - _AT_THE_CAP)
-
-    @cached_property
     def open_gap(self) -> tuple[FloatArray, Any]:
         """The gap in m over the surface that the load meets, and the mask where it must be zero.
 
-        The points where it must be zero are those of elastic contact; the gap's mean over them is
-        zero.  If there is none, the highest gap of the flowing points is zero, or the lowest of all
-        where nothing touches.  After a path that unloads the surface is the one that the reported
-        plastic displacement has left, and all contact is elastic.
+        The mask is that of elastic contact, over which the gap's mean is zero.  Without any, the
+        highest gap of the flowing points is zero, or the lowest of all where nothing touches.
+        After a path that unloads, the surface is the one that the reported plastic displacement
+        has left, and all contact is elastic.
         """
-        heights, touching = self.scene.surface.heights, self.between
+        heights, touching = self.scene.surface.heights, self.pressure > 0
         if self.unloads:
-            heights, touching = heights - self.field("plastic_displacement"), self.pressure > 0
+            heights = heights - self.field("plastic_displacement")
+        else:
+            touching &= ~self.at_the_cap
         gap, flowing = self.displacement - heights, self.at_the_cap
         if touching.any():
             gap -= gap[touching].mean()
         else:
             gap -= gap[flowing].max() if flowing.any() else gap.min()
         return gap, touching
-
-    @property
-    def load_scale(self) -> float:
-        """The last mean pressure p0 in Pa, or the largest of the path if it ends without load."""
-        return self.scene.load.final or max(self.scene.load.path)
-
-    @cached_property
-    def _made(self) -> dict[Any, Any]:
-        return {}
-
-    def once(self, make: Callable[[Answered], Made]) -> Made:
-        """Return make(self), which is called once for all quantities that ask for it."""
-        if make not in self._made:
-            self._made[make] = make(self)
-        made: Made = self._made[make]
-        return made
-
-
-def largest(function: Callable[..., Any], *fields: Any) -> float:
-    """Return the largest value of a function of fields of one shape; nan if there is a nan.
-
-    The function is called with blocks of rows, so that what it makes stays in cache.
-    """
-    return float(np.max([np.max(function(*block)) for block in _blocks(*fields)]))
-
-
-def mean(function: Callable[..., Any], *fields: Any) -> float:
-    """Return the mean of a function of fields of one shape, as `largest` does."""
-    total = np.sum([np.sum(function(*block)) for block in _blocks(*fields)])
-    return float(total / fields[0].size)
-
-
-def _blocks(*fields: Any) -> Iterator[tuple[Any, ...]]:
-    step = max(1, _BLOCK // fields[0][0].size)
-    for start in range(0, len(fields[0]), step):
-        yield tuple(field[start : start + step] for field in fields)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -31,7 +31,9 @@ _SEARCHED_TO = 1e-4
 #: Largest contact area at which an effective hardness says something of the material.  Beyond it
 #: nearly every node touches, and the cap of equal area is hardly more than the mean pressure.
 _SATURATED = 0.9
-#: Factor of the change between two solves, by the part of the error; see `combined`.
+#: Parts of an error that are a change between two solves of first order, and count this much.  Two
+#: solves cannot show their order: three times the change is the grid convergence index of two grids
+#: (Roache 1994, Journal of Fluids Engineering 116, 405).
 _TWO_SOLVES = {"grid": 3.0, "steps": 3.0}
 
 
@@ -49,13 +51,18 @@ class EffectiveHardness:
     ratio: float
     severity: float
     area: float
-    at_cap: Difference | None
-    parts: Mapping[str, float]
+    at_cap: Difference | None = None
+    parts: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def saturated(self) -> bool:
-        """True if the contact is too full for the ratio to mean anything."""
-        return self.area > _SATURATED
+    def meaningless(self) -> str:
+        """The sentence that says why the contact is too full for a ratio; empty if it is not."""
+        if self.area <= _SATURATED:
+            return ""
+        return (
+            f"c_eff means nothing where the J2 body touches on {self.area:.3f} of the nodes: in so "
+            "full a contact the cap of equal area follows the load and not the material"
+        )
 
     @property
     def error(self) -> float:
@@ -63,31 +70,18 @@ class EffectiveHardness:
         return combined(self.parts)
 
     def __str__(self) -> str:
-        if self.saturated:
-            return _full(self.area)
         parts = ", ".join(f"{name} {part:+.3f}" for name, part in self.parts.items())
         at_cap = self.at_cap
-        return (
+        return self.meaningless or (
             f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E*ξ/σ_Y = {self.severity:.3g} "
             f"(by {parts})" + (f" ({at_cap}, overlap {at_cap.overlap:.2f})" if at_cap else "")
         )
 
 
-def _full(area: float) -> str:
-    return (
-        f"c_eff means nothing where the J2 body touches on {area:.3f} of the nodes: in so full a "
-        "contact the cap of equal area follows the load and not the material"
-    )
-
-
 def combined(parts: Mapping[str, float]) -> float:
-    """Return the root of the sum of the squares of an error's parts.
+    """Return the root of the sum of the squares of an error's parts, each times its factor.
 
-    The errors of grid and steps are of first order, so that the change from twice as coarse a solve
-    is the finer one's own error, if both are fine enough for that order to rule.  As two solves
-    cannot show that, these changes count three times, which is the grid convergence index of two
-    grids (Roache 1994, Journal of Fluids Engineering 116, 405).  The error bars of 19 of 20 small
-    scenes then hold the ratio of a fine grid (tests/test_crosscheck.py), and of 12 without it.
+    Such bars of 19 of 20 small scenes hold the ratio of a fine grid (tests/test_crosscheck.py).
     """
     return math.hypot(*(_TWO_SOLVES.get(name, 1.0) * part for name, part in parts.items()))
 
@@ -103,13 +97,12 @@ def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray | Non
         return None
     # A layer's depth is the scene's own.
     names = ("layers", "first_layer") + (("depth",) if scene.body.kind == "half_space" else ())
-    try:
-        block = {name: options[name] for name in names}
-    except KeyError as missing:
+    if missing := [name for name in names if name not in options]:
         raise InvalidCase(
-            f"the result of {result.method} does not say its block's {missing.args[0]}, so the "
+            f"the result of {result.method} does not say its block's {missing[0]}, so the "
             "difference that the law alone makes cannot be measured"
-        ) from None
+        )
+    block = {name: options[name] for name in names}
     return np.asarray(fem_check.surface_compliance(scene, **block))
 
 
@@ -131,7 +124,7 @@ def hardness_of_equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness
         return answer.final.areas["raw"].total
 
     if area_at(math.inf) >= wanted:
-        return EffectiveHardness(math.inf, severity, wanted, None, {})
+        return EffectiveHardness(math.inf, severity, wanted)
     # Under the smallest cap that can carry the load every node touches.
     ratios = [scene.load.final / material.yield_stress * 1.001, 8.0]
     while area_at(ratios[-1]) >= wanted:
@@ -157,41 +150,40 @@ def hardness_of_equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness
 
 # --- the quantities: each solve is made once for all that need it --------------------------------
 
-_J2 = ("fields", "J2 flow")
-_J2_AND_CAP = (*_J2, "hardness")
+_J2, _J2_AND_CAP = ("fields", "J2 flow"), ("fields", "J2 flow", "hardness")
 
 
-@quantity("model_area", "–", _J2_AND_CAP)
+@quantity("–", _J2_AND_CAP)
 def model_area(a: Answered) -> float:
     """A_J2/A_cap - 1 of the raw areas, with the cap at the hardness of the scene."""
     return a.once(_at_hardness).area
 
 
-@quantity("model_overlap", "–", _J2_AND_CAP)
+@quantity("–", _J2_AND_CAP)
 def model_overlap(a: Answered) -> float:
     """shared contact nodes over the nodes in either contact, of J2 and the same cap."""
     return a.once(_at_hardness).overlap
 
 
-@quantity("model_distance", "–", _J2_AND_CAP)
+@quantity("–", _J2_AND_CAP)
 def model_distance(a: Answered) -> float:
     """Wasserstein distance of the pressures of J2 and the same cap, over the hardness."""
     return a.once(_at_hardness).wasserstein
 
 
-@quantity("effective_hardness", "–", _J2)
-def effective_ratio(a: Answered) -> float:
+@quantity("–", _J2)
+def effective_hardness(a: Answered) -> float:
     """c_eff: the cap over yield_stress at which the capped body has the area of the J2 body."""
     return a.once(_effective)[0]
 
 
-@quantity("effective_overlap", "–", _J2)
+@quantity("–", _J2)
 def effective_overlap(a: Answered) -> float:
     """shared contact nodes over the nodes in either contact, of J2 and the cap c_eff."""
     return a.once(_effective)[1].overlap
 
 
-@quantity("elements_pressure", "–")
+@quantity("–")
 def elements_pressure(a: Answered) -> float:
     """L2 difference of the pressures, elastic or capped, from those of boundary elements on the
     compliance of the elements, over their L2 norm.
@@ -199,11 +191,11 @@ def elements_pressure(a: Answered) -> float:
     if (law := a.result.provenance.options.get("law")) == "j2":
         raise InvalidCase("the law of the elements is j2, but their own body has a linear law")
     hardness = a.scene.material.hardness if law == "capped" else math.inf
-    own = capped_body(a.scene, hardness, a.once(_compliance))
+    own = capped_body(a.scene, hardness, elements_compliance(a.scene, a.result))
     return l2_distance(a.result.fields["pressure"], own.fields["pressure"])
 
 
-@quantity("elements_area", "–", _J2)
+@quantity("–", _J2)
 def elements_area(a: Answered) -> float:
     """A_cap/A - 1, with A_cap on the compliance of the elements and A on the exact one.
 
@@ -211,10 +203,6 @@ def elements_area(a: Answered) -> float:
     """
     hardness = a.scene.material.hardness
     return difference(a.once(_capped), capped_body(a.scene, hardness, None), hardness).area
-
-
-def _compliance(a: Answered) -> FloatArray | None:
-    return elements_compliance(a.scene, a.result)
 
 
 def _require_j2(a: Answered) -> None:
@@ -226,7 +214,8 @@ def _require_j2(a: Answered) -> None:
 def _capped(a: Answered) -> ContactResult:
     """Solve the body under a cap at the hardness of the scene."""
     _require_j2(a)
-    return capped_body(a.scene, a.scene.material.hardness, a.once(_compliance))
+    compliance = elements_compliance(a.scene, a.result)
+    return capped_body(a.scene, a.scene.material.hardness, compliance)
 
 
 def _at_hardness(a: Answered) -> Difference:
@@ -236,12 +225,12 @@ def _at_hardness(a: Answered) -> Difference:
 def _effective(a: Answered) -> tuple[float, Difference]:
     """Return c_eff, and the difference from the body under that cap; raise if there is none."""
     _require_j2(a)
-    effective = hardness_of_equal_area(a.scene, a.result)
-    if effective.saturated:
-        raise InvalidCase(f"{_full(effective.area)}; gate it under a smaller load")
-    if effective.at_cap is None:
+    found = hardness_of_equal_area(a.scene, a.result)
+    if found.meaningless:
+        raise InvalidCase(f"{found.meaningless}; gate it under a smaller load")
+    if found.at_cap is None:
         raise InvalidCase(
             "the J2 body touches on no more than the elastic one, so no cap gives its area; "
             "a gate on the effective hardness needs a larger E*ξ/σ_Y"
         )
-    return effective.ratio, effective.at_cap
+    return found.ratio, found.at_cap

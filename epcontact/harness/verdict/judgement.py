@@ -1,16 +1,23 @@
-"""A case judged: every gate, on the answers of its methods.
+"""The verdict, and how a case is judged: every gate, on the answers of its methods.
 
 A case *holds* if all its gates hold, *falls short* if one does not, is *skipped* if its surface or
 a solver is missing, and is in *error* if a method gave no answer that a gate needs.
+
+`Verdict` and the classes of its parts are the schema of verdict.json (`epcontact schema verdict`).
+Version 1 of the schema may gain keys; no key is renamed, removed or given another meaning.
 """
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from statistics import fmean
+from typing import Any, Literal
 
-from epcontact.errors import EpcontactError, sentence_of
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
+
+from epcontact.errors import EpcontactError, InvalidCase, sentence_of
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates.distances import distance
@@ -26,15 +33,98 @@ from epcontact.harness.gates.gate import (
     unjudged,
 )
 from epcontact.harness.quantities.registry import read_quantity
-from epcontact.harness.verdict.record import SKIPPED, CaseVerdict, MethodEntry
 from epcontact.reference import CLOSED_FORMS
-from epcontact.results import PressureDistribution
+from epcontact.results import PressureDistribution, package_versions
+
+SKIPPED: Literal["skipped"] = "skipped"
+
+
+class MethodEntry(BaseModel):
+    """The work of a method for a case."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    surfaces: int
+    reused: int
+    errors: list[str]
+
+
+class CaseVerdict(BaseModel):
+    """One case and its gates."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    id: str
+    size: str
+    status: Literal["holds", "falls short", "error", "skipped"]
+    requirement: str
+    source: str
+    skipped_because: str
+    methods: dict[str, MethodEntry]
+    gates: list[GateVerdict]
+    not_judged: list[str] = Field(
+        default=[], description="the gates that this size leaves out or that the case omits"
+    )
+    _case: Case | None = PrivateAttr(default=None)
+    _answers: Mapping[str, Answer] = PrivateAttr(default_factory=dict)
+
+    @property
+    def case(self) -> Case:
+        """The case that was judged.  Raises InvalidCase if this was read from a file."""
+        if self._case is None:
+            raise InvalidCase(f"{self.id}: a verdict that was read from a file has no case")
+        return self._case
+
+    @property
+    def answers(self) -> Mapping[str, Answer]:
+        """The answer of each method; empty if this was read from a file or skipped."""
+        return self._answers
+
+    @property
+    def unread_errors(self) -> list[str]:
+        """The errors of methods that no gate reads; they make the case an error as well."""
+        read = {name for gate in self.gates for name in (gate.of, gate.against)}
+        return [e for name, entry in self.methods.items() if name not in read for e in entry.errors]
+
+
+class Verdict(BaseModel):
+    """The verdict on all cases; verdict.json holds it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    format: Literal["epcontact-verdict-1"] = Field(alias="schema")
+    passed: bool
+    exit_code: Literal[0, 1, 2]
+    size: str
+    versions: dict[str, str] = Field(
+        description="of the packages that made the results; several, if results were reused"
+    )
+    cases: list[CaseVerdict]
+
+    @classmethod
+    def on(cls, cases: Sequence[CaseVerdict], size: str) -> Verdict:
+        """Make the verdict: exit code 0 if all gates hold, 1 if one falls short, 2 on an error."""
+        statuses = {case.status for case in cases}
+        exit_code: Any = 2 if ERROR in statuses else 1 if FALLS_SHORT in statuses else 0
+        made: dict[str, set[str]] = defaultdict(set)  # maybe by older versions than this run's
+        answers = (answer for case in cases for answer in case.answers.values())
+        for result in (result for answer in answers for result in answer.results):
+            for name, version in result.provenance.versions.items():
+                made[name].add(str(version))
+        versions = {name: ", ".join(sorted(found)) for name, found in made.items()}
+        return cls(
+            schema="epcontact-verdict-1",
+            passed=exit_code == 0,
+            exit_code=exit_code,
+            size=size,
+            versions=versions or package_versions(),
+            cases=list(cases),
+        )
 
 
 def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
     """Judge every gate of a case on the answers of its methods."""
-    if case.skip:
-        answers = {}
+    answers = {} if case.skip else answers
     gates = [] if case.skip else [_judged(case, gate, answers) for gate in case.gates]
     statuses = {gate.status for gate in gates}
     if any(answer.errors for answer in answers.values()):
@@ -60,8 +150,7 @@ def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
 
 def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdict:
     needed = [m for m in (gate.of, gate.against) if isinstance(m, str) and m in case.methods]
-    failed = [sentence for m in needed for sentence in answers[m].errors]
-    if failed:
+    if failed := [sentence for m in needed for sentence in answers[m].errors]:
         return unjudged(gate, _joined(failed))
     for method in needed:
         if twins := answers[method].twins:
@@ -76,17 +165,21 @@ def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdic
             return judge_distance(gate, _distances(case, gate, of, against))
         if gate.norm == "l2":
             name = f"quantity.l2.{gate.against}." + gate.quantity.removeprefix("field.")
-            return judge_distance(gate, [read_quantity(r, name) for r in of.results])
-        value = [read_quantity(result, gate.quantity) for result in of.results]
+            return judge_distance(gate, _read(of, name))
+        value = _read(of, gate.quantity)
         paired = against is not None and len(value) > 1 and of.labels == against.labels
         return judge(gate, value, _references(case, gate, against), paired, _claim(gate, answers))
     except Exception as error:  # of a closed form, too, in numbers that it cannot hold
         return unjudged(gate, sentence_of(error))
 
 
+def _read(answer: Answer, name: str) -> list[float]:
+    return [read_quantity(result, name) for result in answer.results]
+
+
 def _references(case: Case, gate: Gate, against: Answer | None) -> list[float]:
     if against is not None:
-        return [read_quantity(result, gate.quantity) for result in against.results]
+        return _read(against, gate.quantity)
     if isinstance(gate.against, str):
         form = CLOSED_FORMS[gate.against]
         return [form.scalar(gate.quantity, case.scene(case.recipes[0]))]
@@ -100,7 +193,7 @@ def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
     if kind != "corrected" or (isinstance(gate.against, str) and len(sides) == 1):
         return None
     claims = [
-        fmean(read_quantity(result, f"{group}.error") for result in side.results)
+        fmean(_read(side, f"{group}.error"))
         for side in sides
         if all("error" in result.final.areas for result in side.results)
     ]
@@ -110,10 +203,10 @@ def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
 
 def _joined(sentences: Sequence[str]) -> str:
     """Join sentences "method, surface: reason" in one line that states each reason once."""
-    by_reason: dict[str, list[str]] = {}
+    by_reason: dict[str, list[str]] = defaultdict(list)
     for sentence in dict.fromkeys(sentences):
         where, _, reason = sentence.partition(": ")
-        by_reason.setdefault(reason, []).append(where)
+        by_reason[reason].append(where)
     return "; ".join(
         f"{first}{f' and {len(others)} more' if others else ''}: {reason}"
         for reason, (first, *others) in by_reason.items()

@@ -17,7 +17,7 @@ import pytest
 
 from epcontact.errors import EpcontactError
 from epcontact.harness.case_files.case import Case, find_named, load_case
-from epcontact.harness.verdict.record import CaseVerdict
+from epcontact.harness.verdict.judgement import CaseVerdict
 from epcontact.harness.verdict.verification import verify
 
 

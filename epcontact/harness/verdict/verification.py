@@ -1,13 +1,20 @@
-"""The main job: `verify` runs cases, judges their gates and writes the verdict."""
+"""The main job: `verify` runs cases, judges their gates and writes the verdict.
+
+It writes verdict.json, and junit.xml for front ends of continuous integration.
+"""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from epcontact.errors import InvalidCase, nearest
+from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
+
+from epcontact.errors import InvalidCase, nearest, printable
+from epcontact.files import refusal, whole_file, write_json
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.case_files.case import (
     SIZES,
@@ -17,17 +24,14 @@ from epcontact.harness.case_files.case import (
     find_named,
     load_cases,
 )
+from epcontact.harness.gates.gate import ERROR, FALLS_SHORT
 from epcontact.harness.methods.registry import METHODS, REPLACED, solver_named
-from epcontact.harness.verdict.files import (
-    content,
-    remove_earlier_verdict,
-    set_verdict_aside,
-    write_verdict,
-)
-from epcontact.harness.verdict.judgement import judge_case
+from epcontact.harness.verdict.judgement import SKIPPED, CaseVerdict, Verdict, judge_case
 from epcontact.harness.verdict.read_back import require_faithful
-from epcontact.harness.verdict.record import Verdict
 from epcontact.scene import listed
+
+#: The files that say what a run found.  An earlier run's have `EARLIER` before their names.
+FILES, EARLIER = ("verdict.json", "junit.xml", "report.html"), "earlier-"
 
 
 def verify(
@@ -47,7 +51,7 @@ def verify(
             `executor`, `fresh`, `fields`, `precision` and `progress`.
         size: the size at which names and paths are loaded.
         solver: a registered method, `[NAME=]MODULE:FUNCTION` or `[NAME=]COMMAND` (see
-            `harness.methods.exchange`), which replaces the boundary elements in every gate, under
+            `harness.methods.foreign`), which replaces the boundary elements in every gate, under
             its own name.
 
     Returns:
@@ -81,8 +85,10 @@ def verify(
     answers = run_cases(loaded, run, methods)
     verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size)
     write_verdict(verdict, run.folder)
-    require_faithful(run.folder, content(verdict))
-    remove_earlier_verdict(run.folder)
+    require_faithful(run.folder)
+    for name in FILES:  # there is a new verdict
+        with contextlib.suppress(OSError):
+            (run.folder / f"{EARLIER}{name}").unlink()
     return verdict
 
 
@@ -125,3 +131,48 @@ def _in_place(case: Case, name: str) -> Case:
     options = {named(m): {} if m == REPLACED else o for m, o in case.options.items()}
     methods = tuple(map(named, case.methods))
     return case.changed(methods=methods, options=options, gates=tuple(gates))
+
+
+# --- the files -----------------------------------------------------------------------------------
+
+
+def set_verdict_aside(folder: Path) -> None:
+    """Rename the verdict of an earlier run, which would pass for that of a run that breaks off.
+
+    It stays, with `EARLIER` before its name, until there is a new one.
+    """
+    for path in (folder / name for name in FILES):
+        if path.is_file():  # what else has that name is refused when the file is written
+            try:
+                path.replace(path.with_name(f"{EARLIER}{path.name}"))
+            except OSError as error:
+                raise refusal("rename", path, error) from None
+
+
+def write_verdict(verdict: Verdict, folder: Path) -> None:
+    """Write verdict.json and junit.xml into `folder`, whole or not at all."""
+    content = verdict.model_dump(mode="json", by_alias=True, exclude_none=True)
+    write_json(folder / "verdict.json", content)
+    xml = JUnitXml("epcontact")
+    for case in verdict.cases:
+        xml.add_testsuite(_suite(case))
+    xml.update_statistics()  # type: ignore[no-untyped-call]
+    with whole_file(folder / "junit.xml") as path:
+        xml.write(str(path), pretty=True)
+
+
+def _suite(case: CaseVerdict) -> TestSuite:
+    suite = TestSuite(case.id)
+    kinds = {ERROR: Error, FALLS_SHORT: Failure}
+    tests: list[tuple[str, Any, str]] = [
+        (gate.name, kinds.get(gate.status), gate.error or str(gate)) for gate in case.gates
+    ]
+    tests += [("a method that no gate reads", Error, words) for words in case.unread_errors]
+    if case.status == SKIPPED:
+        tests = [(case.requirement, Skipped, case.skipped_because)]
+    for name, kind, words in tests:
+        # XML has no word for most control characters: names and messages show them as escapes.
+        test = TestCase(printable(name), classname=case.id)
+        test.result = [kind(printable(words))] if kind else []
+        suite.add_testcase(test)
+    return suite
