@@ -11,10 +11,7 @@ import io
 import json
 import os
 import signal
-import subprocess
-import sys
 import tempfile
-import time
 import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
@@ -48,35 +45,25 @@ GATE = SMALL_CASE[SMALL_CASE.index("[[gate]]") :]
 #: What is replaced in the file, by what, and what the sentence says: the key and the remedy.
 MISTAKES = [
     ("hurst =", "hurts =", r"surface\.hurts is no key of a case file; did you mean 'hurst'\?"),
-    ("[theory]", "[theroy]", "theroy is no key .* did you mean 'theory'"),
     ("tolerance", "tolerence", r"gate 1\.tolerence is no key .* 'tolerance'"),
     ('kind = "self_affine"', 'kind = "selfaffine"', r"surface\.kind must be one of .* self_affine"),
     ('["persson", "bem"]', '["persson", "bme"]', "methods.* 'bme'; did you mean 'bem'"),
     ('["persson", "bem"]', '["bem", "bem"]', "names bem, bem; name each method once"),
     ('against = "persson"', 'against = "herz"', "'herz', which is neither .* 'hertz'"),
-    ("area.total.corrected", "area.total.corected", r"did you mean 'area\.total\.corrected'"),
     ("fast = 4", "fats = 4", "has the keys 'fats', 'full', .* did you mean 'fast'"),
-    (GRID[33:], "{ fats = 4, ful = 8 }", "has the keys 'fats', 'ful'.* did you mean 'fast'"),
     (HEAD, OMIT, "'quantity.measured_gab' of bem, which is no default gate; did you mean"),
     ('id = "small"', 'id = "other"', "case.id is 'other', but must be the file's name, 'small'"),
     ("[[gate]]", "[gate]", r"gate is one table of a list; write \[\[gate\]\]"),
     ("[theory]", "[[theory]]", r"theory is \[\{.* but must be a valid dict"),
     ("period = 1", 'period = "1e-3"  # ', r"surface\.period\[0\] is '1e-3', but must be a valid"),
     (f"[load]\n{LOAD}", "", r"load is missing; add it \(a table \[load\]\)"),
-    ("rms_slope = 0.1", 'rms_slope = "steep"', r"rms_slope is 'steep', but must be a valid number"),
-    (LOAD, "mean_pressure = true", r"load\.mean_pressure is True"),
-    ("full = 8 }", "full = { a = 8.5 } }", "points_per.* has the keys 'a', but must be one value"),
     ("[theory]\nenergy_reduction = 0.536", "", r"needs a table \[theory\]"),
     (ROUGH, WAVE, r"theory\.spectrum is 'analytic', but a surface of kind sinusoid is not drawn"),
-    ("= 100.0e9", "= -1.0", "young_modulus is -1.0, but must be a positive number in Pa"),
-    ("poisson_ratio = 0.3", "poisson_ratio = 0.5", "between -1 and 0.5"),
     ("period = 1", "period = [1e-3, 1e-7] # ", "are 0 on a period of 1e-07 m, but at least 2"),
     (LOAD, "mean_pressure = 6.0e9", r"mean_pressure is 6e\+09 Pa, .* below the hardness"),
     (LOAD, "mean_pressure = [2.0e8, 1.0e8]", "mean_pressure decreases .* non-decreasing"),
     (GRID, "shape = [8, 8]", "wavenumber_high .* needs at least"),
     ("seeds", "shape = [64, 64]\nseeds", "either .*points_per|points_per.* either"),
-    ("[3, 5, 7]", "[3, 5, 3]", "seeds.* once"),
-    (HEAD, "[body]\ndepth = 1.0\n[load]", "body: depth is 1.0"),
     (HEAD, '[body]\nkind = "bonded_layer"\n[load]', "body: depth is inf.* in m"),
     ('["persson", "bem"]', '["bem"]', "gate 1: reads persson, which case.methods does not name"),
     ('against = "persson"', 'against = "heights"', "heights has no 'area.total.corrected'; it has"),
@@ -263,12 +250,6 @@ def verified(case: Path, output: Path | str) -> Done:
     return invoke("verify", case, "--output", output, "--jobs", 1)
 
 
-@pytest.fixture
-def fresh(tmp_path: Path) -> Callable[[], Path]:
-    """A new folder a call: hypothesis runs many examples in one test."""
-    return lambda: Path(tempfile.mkdtemp(dir=tmp_path))
-
-
 def for_each(examples: int, strategy: st.SearchStrategy[Any], judge: Callable[[Any], None]) -> None:
     """Judge so many mutants, the same ones every time."""
     same = settings(
@@ -338,9 +319,10 @@ def why_no_case(path: Path) -> str:
 
 
 @some(60, 1000)
-def test_mutants_of_a_case_file(fresh, examples) -> None:
+def test_mutants_of_a_case_file(tmp_path, examples) -> None:
     def judge(content: bytes) -> None:
-        path, output = fresh() / "small.toml", fresh() / "with space"
+        folder = Path(tempfile.mkdtemp(dir=tmp_path))
+        path, output = folder / "small.toml", folder / "with space"
         path.write_bytes(content)
         done = verified(path, output)
         require_decent(done, output)
@@ -387,9 +369,9 @@ def spoilt_maps(draw: st.DrawFn) -> tuple[str, bytes]:
 
 
 @some(40, 500)
-def test_mutants_of_a_surface_file(fresh, examples) -> None:
+def test_mutants_of_a_surface_file(tmp_path, examples) -> None:
     def judge(spoilt: tuple[str, bytes]) -> None:
-        folder = fresh()
+        folder = Path(tempfile.mkdtemp(dir=tmp_path))
         (folder / spoilt[0]).write_bytes(spoilt[1])
         (folder / "map.toml").write_text(MAP_CASE.replace("{name}", spoilt[0]))
         require_decent(verified(folder / "map.toml", folder / "out"), folder / "out")
@@ -406,9 +388,9 @@ WORDS = [
 
 
 @some(40, 150)
-def test_command_lines(fresh, monkeypatch, examples) -> None:
+def test_command_lines(tmp_path, monkeypatch, examples) -> None:
     def judge(words: list[str]) -> None:
-        folder = fresh()
+        folder = Path(tempfile.mkdtemp(dir=tmp_path))
         monkeypatch.chdir(folder)
         # A bare `verify` runs the one case of this folder, not all those of the package.
         (folder / "cases").mkdir()
@@ -484,7 +466,6 @@ def test_far_too_much_is_told_before_it_is_tried(small, tmp_path, old, new) -> N
     ("in_the_way", "command"),
     [
         ("out", "run"),
-        ("out/small", "run"),
         ("out/small/fast/members", "run"),
         ("out/small/fast/bem-seed3.vti/", "run"),
         ("out/verdict.json/", "verify"),
@@ -501,14 +482,6 @@ def test_file_or_folder_in_the_way(small, tmp_path, in_the_way, command) -> None
     done = invoke(command, small, "--output", tmp_path / "out", "--jobs", 1)
     refused(done, obstacle.name)
     require_whole(tmp_path / "out")
-
-
-def test_output_where_none_can_be(small, tmp_path) -> None:
-    for folder in ("/proc/epcontact", "/dev/full", "/dev/null/out"):
-        refused(verified(small, folder), folder)
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "verdict.json").symlink_to("/dev/full")
-    refused(verified(small, tmp_path / "out"), "verdict.json", "device")
 
 
 @contextlib.contextmanager
@@ -551,30 +524,3 @@ def test_spoilt_result_is_not_reused(small, tmp_path) -> None:
         assert done.returncode == 0, (content[:40], done)
         assert "bem seed3 (reused)" not in done.stderr
         assert json.loads(member.read_bytes())["key"] == json.loads(whole)["key"]
-
-
-@pytest.mark.slow
-def test_killed_at_any_moment_leaves_whole_files(small, tmp_path) -> None:
-    """Two runs into one folder, killed; a third one finishes what they began."""
-    small.write_text(CASE.replace("seeds = [3]", f"seeds = {list(range(16))}"))
-    out = tmp_path / "out"
-    command = [sys.executable, "-m", "epcontact", "run", str(small), "--output", str(out)]
-
-    def started() -> subprocess.Popen[str]:
-        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-    runs = [started(), started()]
-    deadline = time.monotonic() + 120
-    while len(list(out.rglob("bem-seed*.json"))) <= 3 and time.monotonic() < deadline:
-        time.sleep(0.02)
-    for run in runs:
-        run.kill()
-        run.communicate(timeout=60)  # its workers hold the same pipes: they have to end with it
-    # A killed process may leave a temporary file behind, but no half file under its name.
-    for path in out.rglob("*.json"):
-        if not path.name.startswith(".epcontact-"):
-            json.loads(path.read_bytes())
-    run = started()
-    _, stderr = run.communicate(timeout=300)
-    assert run.returncode == 0, stderr
-    assert stderr.count("(reused)") >= 4

@@ -12,7 +12,7 @@ from conftest import VARIANTS
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import find_case, find_cases, find_named, load_case
 from epcontact.harness.case_files.citations import PAPERS, papers_of, sources_of
-from epcontact.harness.case_files.tables import default_gates
+from epcontact.harness.case_files.model import default_gates
 from epcontact.harness.case_files.text import at_size
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES

@@ -22,7 +22,7 @@ from epcontact.files import read_bytes, whole_file, write_json
 from epcontact.harness.answers.run import Run, run_tasks, tasks_of
 from epcontact.harness.answers.store import Task, key_of, read_member
 from epcontact.harness.case_files.axes import MOST_TASKS, Point, Scalar
-from epcontact.harness.case_files.case import Case, CaseText, case_at, find_case, sweep_of
+from epcontact.harness.case_files.case import Case, CaseText, case_at, find_case, load_case
 from epcontact.harness.methods.registry import METHODS, Method
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
 from epcontact.results import ContactResult
@@ -62,7 +62,11 @@ class Swept:
 def read_sweep(case: CaseText | Path | str, size: str = "fast") -> Sweep:
     """Return the tasks of the table [sweep] of a case; every point is checked."""
     text = case if isinstance(case, CaseText) else find_case(case)
-    swept = sweep_of(text, size)
+    swept = load_case(text, size).sweep
+    if swept is None:
+        raise InvalidCase(
+            f"{text.where}: has no table [sweep], such as load.mean_pressure = [1e8, 2e8]"
+        )
     sweep = Sweep([], [], swept.quantities)
     for point in swept.points():
         seeds = {} if swept.seeds is None else {"surface.seeds": swept.seeds}

@@ -17,10 +17,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from epcontact.errors import EpcontactError, InvalidCase, nearest
-from epcontact.harness.case_files.axes import SweepTable
 from epcontact.harness.case_files.mistakes import told
-from epcontact.harness.case_files.model import Case
-from epcontact.harness.case_files.tables import GateTable, default_gates
+from epcontact.harness.case_files.model import Case, GateTable, default_gates
 from epcontact.harness.case_files.text import (
     SIZES,
     CaseText,
@@ -62,16 +60,6 @@ def load_cases(texts: Iterable[CaseText | Case], size: str = "fast") -> list[Cas
     if sentences:
         raise InvalidCase(*sentences.values())
     return cases
-
-
-def sweep_of(text: CaseText, size: str) -> SweepTable:
-    """Return the table [sweep] of a case at a size."""
-    sweep = load_case(text, size).sweep
-    if sweep is None:
-        raise InvalidCase(
-            f"{text.where}: has no table [sweep], such as load.mean_pressure = [1e8, 2e8]"
-        )
-    return sweep
 
 
 def case_at(text: CaseText, point: Mapping[str, Any], size: str) -> Case:
