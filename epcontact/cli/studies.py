@@ -35,7 +35,7 @@ def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None
             table.add_row(study.name, study.description)
         Console().print(table)
     for name in dict.fromkeys(wanted):
-        charts = STUDIES[name].run("full" if full else "fast", tell)
+        charts = STUDIES[name].run(tell, full=full)
         for path in save_charts(name, charts, output):
             click.echo(path)
         for one in charts:

@@ -32,7 +32,6 @@ from epcontact.scene import Material, positive
 FULL = 0.9
 #: Parts of the error: names of columns of the map, each relative and at 95 %.
 PARTS = ("statistical_error", "grid_error", "steps_error", "depth_error", "spectrum_error")
-
 #: The coordinates of the map, with their symbols.
 SYMBOLS = {"severity": "E*ξ/σ_Y", "poisson_ratio": "nu", "load": "p0/σ_Y"}
 
@@ -47,8 +46,8 @@ class MappedHardness:
             elastic that any larger cap would do.
         ratio: c = hardness/sigma_Y.
         severity: s = E* xi/sigma_Y.
-        load: m = p0/sigma_Y.
         poisson_ratio: nu.
+        load: m = p0/sigma_Y.
         area: raw contact area of the map's J2 bodies, of six nodes to the shortest wave; it
             is larger than in the limit of fine grids, which `value` is for.
         errors: relative parts of the error: statistical_error (the surfaces of the map are few),
@@ -60,8 +59,8 @@ class MappedHardness:
     interval: tuple[float, float]
     ratio: float
     severity: float
-    load: float
     poisson_ratio: float
+    load: float
     area: float
     errors: Mapping[str, float]
 
@@ -73,16 +72,12 @@ class MappedHardness:
     @property
     def rests_on(self) -> str:
         """What the hardness rests on, in sentences."""
-        known = hardness_map()
-        reach = ", ".join(
-            f"{known[name].min():g} to {known[name].max():g} in {symbol}"
-            for name, symbol in SYMBOLS.items()
-        )
-        places = (known["area"] <= FULL).sum()
+        known, reach = hardness_map(), _reach("{low:g} to {high:g} in {symbol}")
+        places, surfaces = (known["area"] <= FULL).sum(), known["surfaces"]
         return (
             f"by the formula fitted to {places} places of the map {map_digest()}, {reach}, each of "
-            f"{known['surfaces'].min():g} to {known['surfaces'].max():g} "
-            "self-affine surfaces, solved by finite elements with perfectly plastic J2 flow"
+            f"{surfaces.min():g} to {surfaces.max():g} self-affine surfaces, solved by finite "
+            "elements with perfectly plastic J2 flow"
         )
 
     def __str__(self) -> str:
@@ -138,12 +133,8 @@ def effective_hardness(
     rms_slope = positive("rms_slope", rms_slope, "m/m")
     mean_pressure = positive("mean_pressure", mean_pressure, "Pa")
     severity = effective_modulus(material) * rms_slope / yield_stress
-    place = {
-        "severity": severity,
-        "poisson_ratio": material.poisson_ratio,
-        "load": mean_pressure / yield_stress,
-    }
-    known = hardness_map()
+    at = (severity, material.poisson_ratio, mean_pressure / yield_stress)
+    place, known = dict(zip(SYMBOLS, at, strict=True)), hardness_map()
     for name, value in place.items():
         low, high = known[name].min(), known[name].max()
         if not low * (1 - 1e-9) <= value <= high * (1 + 1e-9):
@@ -158,58 +149,47 @@ def effective_hardness(
             f"{FULL:g} the cap follows the load and not the material, so that no hardness stands "
             "for it"
         )
-    at = terms(*(np.array([value]) for value in place.values()))
-    ratio = float(at[0] @ formula()[0])
-    errors = {part: _between(place, known[part]) for part in PARTS}
-    errors["formula_error"] = formula()[1]
-    error = math.hypot(*errors.values())
-    value = ratio * yield_stress
+    ratio = float(fitted_ratio(*(np.array([value]) for value in at))[0])
+    errors = {part: _between(place, known[part]) for part in PARTS} | {
+        "formula_error": formula()[1]
+    }
+    error, value = math.hypot(*errors.values()), ratio * yield_stress
     interval = (value / (1 + error), value / (1 - error) if error < 1 else math.inf)
-    return MappedHardness(
-        value, interval, ratio, severity, place["load"], material.poisson_ratio, area, errors
-    )
+    return MappedHardness(value, interval, ratio, *at, area, errors)
+
+
+_TEXT = (files("epcontact.materials") / "hardness_map.csv").read_text(encoding="utf-8")
 
 
 @functools.cache
 def hardness_map() -> Mapping[str, FloatArray]:
-    """Return the columns of `hardness_map.csv`, one value for each place of the map.
-
-    They are severity, poisson_ratio, load, surfaces, area, inverse_hardness (sigma_Y/hardness),
-    scatter (its relative error by the surfaces of the place alone), and the relative errors PARTS,
-    of which the statistical one is that of the formula.
-    """
-    header, *rows = csv.reader(line for line in _text().splitlines() if not line.startswith("#"))
-    values = np.array(rows, dtype=np.float64)
-    return dict(zip(header, values.T, strict=True))
+    """The columns of `hardness_map.csv`, one value for each place of the map: SYMBOLS, surfaces,
+    area, inverse_hardness (sigma_Y/hardness), scatter (its relative error by the surfaces of the
+    place alone), and the relative errors PARTS, of which the statistical one is the formula's."""
+    header, *rows = csv.reader(line for line in _TEXT.splitlines() if not line.startswith("#"))
+    return dict(zip(header, np.array(rows, dtype=np.float64).T, strict=True))
 
 
-def _text() -> str:
-    return (files("epcontact.materials") / "hardness_map.csv").read_text(encoding="utf-8")
-
-
-@functools.cache
 def map_digest() -> str:
-    """Return the first 12 digits of the SHA-256 of `hardness_map.csv`, with which values change."""
-    return hashlib.sha256(_text().encode()).hexdigest()[:12]
+    """The first 12 digits of the SHA-256 of `hardness_map.csv`, with which values change."""
+    return hashlib.sha256(_TEXT.encode()).hexdigest()[:12]
 
 
 def fitted_ratio(severity: FloatArray, poisson_ratio: FloatArray, load: FloatArray) -> FloatArray:
-    """Return hardness/sigma_Y by the formula, which the caller must not leave the map with."""
+    """hardness/sigma_Y by the formula, which the caller must not leave the map with."""
     return terms(severity, poisson_ratio, load) @ formula()[0]
 
 
 @functools.cache
 def formula() -> tuple[FloatArray, float]:
-    """Return the coefficients of the formula for the kept map, and its error; see `fit`."""
+    """The coefficients of the formula for the kept map, and its error; see `fit`."""
     return fit(hardness_map())
 
 
 def fit(known: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
-    """Fit the formula to a map's columns; each place has the weight of its own scatter.
-
-    Places that are nearly full are left out.  Returns the coefficients of `terms`, and twice the
-    rms of what the formula misses: of its relative residuals, less what the scatter explains.
-    """
+    """Fit the formula to a map's columns but its nearly full places, each with the weight of its
+    scatter.  Returns the coefficients of `terms`, and twice the rms of the relative residuals, less
+    what the scatter explains."""
     inside = (known["area"] <= FULL) & (known["inverse_hardness"] > 0)
     scatter, inverse = known["scatter"][inside], known["inverse_hardness"][inside]
     # Relative residuals: each row is divided by its hardness, 1/inverse.
@@ -222,7 +202,7 @@ def fit(known: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
 
 
 def terms(severity: FloatArray, poisson_ratio: FloatArray, load: FloatArray) -> FloatArray:
-    """Return the terms of the formula at places, one row each."""
+    """The terms of the formula at places, one row each."""
     u, nu = 1 / (1 + severity / 8), poisson_ratio
     bent = u**2 * np.log(load)
     return np.column_stack([np.ones_like(u), -1 / load, -u, u * nu, u * load, -bent, bent * nu])
@@ -244,16 +224,17 @@ def _between(place: Mapping[str, float], values: FloatArray) -> float:
 
 
 def formula_text() -> str:
-    """Return the formula with its figures, its residual and its range, in words."""
+    """The formula with its figures, its residual and its range, in words."""
     a, b, e, f, g, h, k = formula()[0]
-    known = hardness_map()
-    reach = ", ".join(
-        f"{symbol} = {known[name].min():g} to {known[name].max():g}"
-        for name, symbol in SYMBOLS.items()
-    )
     return (
         f"c = {a:.3f} {-b:+.4f}/m - ({e:.3f} {-f:+.3f} nu {-g:+.3f} m) u - u² ln m ({h:.3f} "
-        f"{-k:+.3f} nu), u = 1/(1 + s/8), "
-        f"s = E* xi/sigma_Y, m = p0/sigma_Y, for {reach}; it misses {100 * formula()[1]:.1f} % "
+        f"{-k:+.3f} nu), u = 1/(1 + s/8), s = E* xi/sigma_Y, m = p0/sigma_Y, for "
+        f"{_reach('{symbol} = {low:g} to {high:g}')}; it misses {100 * formula()[1]:.1f} % "
         "(twice the rms beyond the scatter of the map's places)"
     )
+
+
+def _reach(form: str) -> str:
+    """The reach of the map in each of its coordinates."""
+    ends = [(symbol, hardness_map()[name]) for name, symbol in SYMBOLS.items()]
+    return ", ".join(form.format(symbol=s, low=known.min(), high=known.max()) for s, known in ends)

@@ -1,4 +1,4 @@
-"""Studies of what the boundary elements cost: by method, by the size of the grid, by accuracy.
+"""Studies of what boundary elements cost, and of the error of contact areas against that.
 
 FFT pairs are counted; times are in bare FFT pairs of the same grid, timed in the same run, so that
 a level line is growth as N log N.  The wall clock slows more for a solve than for the best of many
@@ -11,8 +11,9 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,14 +21,17 @@ import ducc0
 import numpy as np
 import pandas as pd
 
-from epcontact import bem
+import fem_check
+from epcontact import bem, persson
+from epcontact.bem.areas.rim_correction import perimeter_areas
 from epcontact.errors import NotConverged
 from epcontact.machine import available_cores, peak_memory
+from epcontact.materials.moduli import effective_modulus
 from epcontact.output.charts.plot import Plot
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
-from epcontact.studies.frame import Charts, Say, listed, rows, study
-from epcontact.studies.paper_scene import LAWS, PAPER, PARTS, area_of, rough_scene
+from epcontact.studies.frame import Charts, Ints, Say, root_mean_square, rows, study
+from epcontact.studies.paper_scene import GAMMA, LAWS, PARTS, area_of, rough_scene
 
 RESIDUAL, AREA = 1e-8, 1e-4
 #: The accuracies to which a scene is solved, by name, as options of `bem.solve`.
@@ -50,20 +54,25 @@ class Cost(NamedTuple):
     memory: int
 
 
+def timed(function: Callable[[], Any]) -> tuple[Any, tuple[float, float]]:
+    """The answer of a function with its wall-clock and processor time in s."""
+    started = time.perf_counter(), time.process_time()
+    answer = function()
+    return answer, (time.perf_counter() - started[0], time.process_time() - started[1])
+
+
 def cost(scene: Scene, *, solves: int = 1, threads: int = 1, **options: Any) -> Cost:
     """Solve a scene several times; the least times of a solve and of the pairs between them."""
-    shape, times, memories = scene.surface.shape, [], []
+    times, memory, shape = [], 0, scene.surface.shape
     pairs = [pair_times(shape, threads)]
     for _ in range(solves):
-        found: list[ContactResult] = []
-        started = time.perf_counter(), time.process_time()
-        memories.append(
-            peak_since(lambda: found.append(bem.solve(scene, threads=threads, **options)))  # noqa: B023 - called at once
-        )
-        times.append((time.perf_counter() - started[0], time.process_time() - started[1]))
+        forget_peak()
+        result, spent = timed(lambda: bem.solve(scene, threads=threads, **options))
+        memory, result = max(memory, peak_memory()), replace(result, fields={})
+        times.append(spent)
         pairs.append(pair_times(shape, threads))
     wall, processor = np.min(times, axis=0) / np.min(pairs, axis=0)
-    return Cost(replace(found[0], fields={}), float(wall), float(processor), max(memories))
+    return Cost(result, float(wall), float(processor), memory)
 
 
 def pair_times(shape: tuple[int, ...], threads: int, repeats: int = 5) -> tuple[float, float]:
@@ -71,40 +80,38 @@ def pair_times(shape: tuple[int, ...], threads: int, repeats: int = 5) -> tuple[
 
     New arrays would add the time for clearing their pages.
     """
-    field, times = np.random.default_rng(1).random(shape), []
+    field = np.random.default_rng(1).random(shape)
     modes = np.zeros((*shape[:-1], shape[-1] // 2 + 1), dtype=np.complex128)
     back = {"lastsize": shape[-1], "forward": False, "inorm": 2, "allow_overwriting_input": True}
-    for _ in range(repeats):
-        started = time.perf_counter(), time.process_time()
+
+    def pair() -> None:
         ducc0.fft.r2c(field, out=modes, nthreads=threads)
         ducc0.fft.c2r(modes, out=field, nthreads=threads, **back)
-        times.append((time.perf_counter() - started[0], time.process_time() - started[1]))
-    wall, processor = np.min(times, axis=0)
+
+    wall, processor = np.min([timed(pair)[1] for _ in range(repeats)], axis=0)
     return float(wall), float(processor)
 
 
-def peak_since(work: Callable[[], Any]) -> int:
-    """The largest resident memory during `work`, in bytes (or since the process began, if the
-    system cannot reset the count)."""
+def forget_peak() -> None:
+    """Count the largest resident memory from now on, where the system can reset its count."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
-    work()
-    return peak_memory()
 
 
-@study("bem", fast={"bandwidth": 32, "max_steps": 1000}, full={"bandwidth": 64, "max_steps": 2000})
+@study("bem", bandwidth=64, max_steps=2000)
 def by_method(
     say: Say,
-    bandwidth: int,
-    max_steps: int,
+    bandwidth: int = 32,
+    max_steps: int = 1000,
     points: int = 8,
     methods: Sequence[str] = bem.METHODS,
     tolerances: Sequence[float] = tuple(10.0**-k for k in range(1, 11)),
 ) -> Charts:
     """Residual and area error of Newton and the baselines against FFT pairs and time.
 
-    Areas are compared with those of the same grid solved to 1e-10.  A method that misses a
-    tolerance within its steps has no further points.
+    The scene is the paper's, areas are compared with those of the same grid solved to 1e-10, and
+    times are on one thread.  Newton starts from coarser grids, the baselines from a uniform
+    pressure.  A method that misses a tolerance within its steps has no further points.
     """
     scene, failures = rough_scene(points, 7, bandwidth), dict[str, str]()
     bem.solve(scene, tolerance=0.5, threads=1)  # compiled and cached before it is timed
@@ -117,139 +124,90 @@ def by_method(
             found = cost(scene, tolerance=tolerance, method=method, max_steps=max_steps)
         except NotConverged as error:
             reached = max(error.residuals.values(), default=math.nan)
-            failures[method] = f"{method} stops at a residual of {reached:.1e}"
+            failures[method] = f"; {method} stops at a residual of {reached:.1e}"
             return []
-        result = found.result
-        errors = [area_of(result, p, "raw") / area_of(exact, p, "raw") - 1 for p in PARTS]
+        areas = ((area_of(found.result, p, "raw"), area_of(exact, p, "raw")) for p in PARTS)
         return [
             {
-                "fft_pairs": result.cost["equivalent_fft_pairs"],
+                "fft_pairs": found.result.cost["equivalent_fft_pairs"],
                 "time_in_fft_pairs": found.time,
-                "residual": max(result.final.residuals.values()),
-                "relative_error": max(map(abs, errors)),
+                "residual": max(found.result.final.residuals.values()),
+                "relative_error": max(abs(area / truth - 1) for area, truth in areas),
             }
         ]
 
-    table = rows(say, row, method=methods, tolerance=tolerances)
-    caption = (
-        f"for {PAPER}, capped, {' x '.join(map(str, scene.surface.shape))} points, {points} per "
-        "shortest wavelength. Newton starts from coarser grids, whose FFT pairs count by their "
-        "points; the baselines start from a uniform pressure."
-        + (f" Not converged: {', '.join(failures.values())}." if failures else "")
-    )
-    exact_areas = " Reference: the same grid solved to residuals of 1e-10."
-    pairs = ("fft_pairs", "FFT pairs of the finest grid, coarser ones by their points (–)")
-    residual = Plot(
-        pairs, ("residual", "largest KKT residual (–)"), ("method",), log="xy", front=True
-    )
-    yield residual, table, f"Residual against work, {caption}"
-    work = replace(residual, y=("relative_error", "relative error of the raw areas, largest (–)"))
-    yield work, table, f"Error of the areas against work, {caption}{exact_areas}"
-    timed = replace(work, x=("time_in_fft_pairs", "time in bare FFT pairs of the same grid (–)"))
-    yield timed, table, f"Error of the areas against time on one thread, {caption}{exact_areas}"
+    table, failed = rows(say, row, method=methods, tolerance=tolerances), "".join(failures.values())
+    work = ("fft_pairs", "FFT pairs of the finest grid, coarser ones by their points (–)")
+    spent = ("time_in_fft_pairs", "time in bare FFT pairs of the same grid (–)")
+    residual = ("residual", "largest KKT residual (–)")
+    error = ("relative_error", "relative error of the raw areas, largest (–)")
+    for x, y, title in (
+        (work, residual, "Residual against work"),
+        (work, error, "Error of the areas against work"),
+        (spent, error, "Error of the areas against time"),
+    ):
+        yield Plot(x, y, ("method",), log="xy", front=True), table, title + failed
 
 
-@study(
-    "growth",
-    fast={"sides": (128, 256, 512, 1024)},
-    full={"sides": (128, 256, 512, 1024, 2048, 4096)},
-)
-def growth(say: Say, sides: Sequence[int], waves: int = 16) -> Charts:
-    """FFT pairs and time of boundary elements against the size of the grid."""
+@study("growth", sides=(128, 256, 512, 1024, 2048, 4096))
+def growth(say: Say, sides: Ints = (128, 256, 512, 1024), waves: int = 16) -> Charts:
+    """FFT pairs and time of boundary elements against the size of the grid.
+
+    The scene is the paper's, capped, to residuals of 1e-8, on one thread: with so many waves a
+    side, or with 4 points a wave.  FFT pairs of coarser grids count by their points.
+    """
     bem.solve(rough_scene(4, 7, 8), threads=1)  # compiled and cached before it is timed
 
     def row(fixed: str, points_a_side: int) -> list[dict[str, Any]]:
         bandwidth = waves if fixed == "roughness fixed" else points_a_side // 4
         found = cost(rough_scene(points_a_side // bandwidth, 7, bandwidth), solves=2)
-        counts = found.result.cost
+        counts, spent = found.result.cost, {"time_in_fft_pairs": found.time}
         pairs = {"finest grid": counts["fft_pairs"], "all grids": counts["equivalent_fft_pairs"]}
-        return [
-            {"grids": grids, "fft_pairs": count, "time_in_fft_pairs": found.time}
-            for grids, count in pairs.items()
-        ]
+        return [{"grids": grids, "fft_pairs": n} | spent for grids, n in pairs.items()]
 
     fixed = ("roughness fixed", "points per wavelength fixed")
-    table = rows(say, row, fixed=fixed, points_a_side=sides)
-    caption = (
-        f"for {PAPER}, capped, to KKT residuals of 1e-8: with {waves} wavelengths a side and a "
-        "growing number of points, and with 4 points per shortest wavelength and a growing number "
-        "of wavelengths."
-    )
-    pairs = Plot(
-        _SIDE,
-        ("fft_pairs", "FFT pairs (–)"),
-        series=("fixed", "grids"),
-        log="x",
-        ticks=sides,
-        limits={"ylim": (0, None)},
-    )
-    yield pairs, table, f"FFT pairs of a solve {caption} Coarser grids count by their points."
-    label = "time of a solve in bare FFT pairs of its grid (–)"
-    yield (
-        replace(pairs, y=("time_in_fft_pairs", label), series=("fixed",), log="xy", limits={}),
-        table[table["grids"] == "all grids"],
-        f"Time of a solve on one thread {caption} In units of one bare real FFT pair of the "
-        "same grid, the least times of the same run; a level line grows as N log N.",
-    )
+    table, limits = rows(say, row, fixed=fixed, points_a_side=sides), {"ylim": (0, None)}
+    y = ("fft_pairs", "FFT pairs (–)")
+    plot = Plot(_SIDE, y, ("fixed", "grids"), log="x", ticks=sides, limits=limits)
+    yield plot, table, "FFT pairs of a solve"
+    y = ("time_in_fft_pairs", "time of a solve in bare FFT pairs of its grid (–)")
+    plot = Plot(_SIDE, y, ("fixed",), log="xy", ticks=sides)
+    yield plot, table[table["grids"] == "all grids"], "Time of a solve; level is N log N"
 
 
-#: The columns of `speed`, each with the label and the caption of its chart.
+#: The columns of `speed`, each with the label of its chart.
 _SPEED = {
-    "finest_pairs": ("FFT pairs of the finest grid (–)", "FFT pairs on the finest grid of a solve"),
-    "all_pairs": (
-        "FFT pairs of all grids, by their points (–)",
-        "FFT pairs of a solve (those of coarser grids count by their points)",
-    ),
-    "time": (
-        "time of a solve in bare FFT pairs of its grid (–)",
-        "Time of a solve, coarse grids and all, in bare real FFT pairs of the finest grid (the "
-        "least of several solves and of the pairs between them, with the same threads)",
-    ),
-    "processor_time": (
-        "processor time of a solve in that of a bare FFT pair (–)",
-        "Processor time of a solve, all threads together, in that of a bare real FFT pair of the "
-        "finest grid; it does not see a core that waits or that others use",
-    ),
-    "area_error": (
-        "relative error of the areas, largest (–)",
-        "Largest relative difference of total, elastic and plastic area, raw or corrected, from "
-        f"that of a solve to residuals of {RESIDUAL:g} on the same grid (open marks at the bottom "
-        f"are zero; the goal is {AREA:g})",
-    ),
-    "bytes_per_point": (
-        "largest memory of a solve (bytes per point)",
-        "Largest resident memory of a solve, heights included, beyond what the process held "
-        "before the first",
-    ),
+    "finest_pairs": "FFT pairs of the finest grid (–)",
+    "all_pairs": "FFT pairs of all grids, by their points (–)",
+    "time": "time of a solve in bare FFT pairs of its grid (–)",
+    "processor_time": "processor time of a solve in that of a bare FFT pair (–)",
+    "area_error": "relative error of the areas, largest (–)",
+    "bytes_per_point": "largest memory of a solve (bytes per point)",
 }
 
 
-@study(
-    "speed",
-    fast={"sides": (512, 1024)},
-    full={"sides": (128, 256, 512, 1024, 2048, 4096)},
-)
+@study("speed", sides=(128, 256, 512, 1024, 2048, 4096))
 def speed(
-    say: Say, sides: Sequence[int], threads: int | None = None, solves: tuple[int, int] = (3, 10)
+    say: Say, sides: Ints = (512, 1024), threads: int | None = None, solves: Ints = (3, 10)
 ) -> Charts:
     """FFT pairs, time in bare FFT pairs, area errors and memory on the paper's scene.
 
-    The fewest and most `solves` are of the largest and smallest grids.  Up to 1024 x 1024 points
-    the least time is that of a solve that finds its symbol and operators prepared, as every one but
-    the first in an ensemble does.
+    The band is the paper's, or the widest that leaves 4 points to its shortest wave.  The fewest
+    and most solves are of the largest and smallest grids.  Up to 1024 x 1024 points the least time
+    is that of a solve that finds its symbol and operators prepared, as every one but the first in
+    an ensemble does.  Areas are compared with those of a solve to residuals of 1e-8.
     """
     threads = threads or available_cores()
     bem.solve(rough_scene(4, 7, 8), threads=threads)  # compiled before it is timed
-    held = peak_since(lambda: None)
+    forget_peak()
+    held = peak_memory()
 
     def row(points_a_side: int, law: str) -> list[dict[str, Any]]:
         bandwidth = min(256, points_a_side // 4)
         scene = rough_scene(points_a_side / bandwidth, 7, bandwidth, LAWS[law])
         count = min(solves[1], max(solves[0], 2**23 // points_a_side**2))
-        costs = {
-            aim: cost(scene, solves=count, threads=threads, **options)
-            for aim, options in AIMS.items()
-        }
+        options = {"solves": count, "threads": threads}
+        costs = {aim: cost(scene, **options, **AIMS[aim]) for aim in AIMS}
         return [
             {
                 "aim": aim,
@@ -264,40 +222,152 @@ def speed(
         ]
 
     table = rows(say, row, points_a_side=sides, law=LAWS)
-    goals = pd.DataFrame({"points_a_side": GOALS.keys(), "goal": GOALS.values(), "law": "goal"})
-    goals = goals[goals["points_a_side"].isin(sides)].merge(
-        pd.DataFrame({"aim": GOAL_SHARES.keys(), "share": GOAL_SHARES.values()}), how="cross"
+    goals = pd.DataFrame(
+        {"points_a_side": side, "aim": aim, "law": "goal", "goal": GOALS[side] * share}
+        for side, (aim, share) in product(sides, GOAL_SHARES.items())
+        if side in GOALS
     )
-    for column, (label, meaning) in _SPEED.items():
+    for column, label in _SPEED.items():
         error = column == "area_error"
-        plot = Plot(
-            _SIDE,
-            (column, label),
-            series=("law", "aim"),
-            styles={"goal": "curve"},
-            log="xy" if error else "x",
-            ticks=sides,
-            limits={} if error else {"ylim": (0, None)},
-        )
+        look: Any = {"log": "xy"} if error else {"log": "x", "limits": {"ylim": (0, None)}}
+        plot = Plot(_SIDE, (column, label), ("law", "aim"), {"goal": "curve"}, ticks=sides, **look)
         drawn = table[table["aim"] == LOOSE] if error else table
         if "time" in column:
-            drawn = pd.concat([drawn, goals.assign(**{column: goals["goal"] * goals["share"]})])
-        form = "{law}, {aim}: {" + column + ":.3g} at {points_a_side}²"
-        yield (
-            plot,
-            drawn,
-            f"{meaning}, for {PAPER}, capped and elastic, one surface with the paper's band of "
-            "roughness or the widest that leaves 4 points to its shortest wave, solved to "
-            f"residuals of {RESIDUAL:g} or to areas settled within {AREA:g} (relative). "
-            f"{listed(drawn, form)}.",
-        )
+            drawn = pd.concat([drawn, goals.rename(columns={"goal": column})])
+        yield plot, drawn, f"{label[0].upper()}{label[1:]}"
 
 
 def area_difference(result: ContactResult, exact: ContactResult) -> float:
     """Largest relative difference of an area, raw or corrected, of those that are not zero."""
-    pairs = [
-        (area_of(result, part, kind), area_of(exact, part, kind))
-        for kind in ("raw", "corrected")
-        for part in PARTS
-    ]
+    kinds = [*product(PARTS, ("raw", "corrected"))]
+    pairs = [(area_of(result, *kind), area_of(exact, *kind)) for kind in kinds]
     return max(abs(a / b - 1) for a, b in pairs if b > 0)
+
+
+# --- the error of areas --------------------------------------------------------------------------
+
+KINDS = ("raw", "raw, extrapolated", "perimeter correction", "corrected")
+CLAIMED, REFERENCE = "claimed by the corrected", "uncertainty of the reference"
+#: What the curves of a chart of errors tell.
+_STYLES = {CLAIMED: "curve", REFERENCE: "curve"}
+
+
+@study("resolution", bandwidth=64, surfaces=8)
+def resolution(
+    say: Say,
+    bandwidth: int = 32,
+    surfaces: int = 6,
+    points: Ints = (3, 4, 6, 8, 12, 16, 32),
+    parts: Sequence[str] = ("total", "plastic"),
+) -> Charts:
+    """Error of raw and corrected areas against points per wavelength and cost.
+
+    The reference is the corrected area of the finest grid; no error below its own means anything.
+    Raw areas are shares of grid points, extrapolated from two grids as 2 A(n) - A(n/2), because
+    their error is of first order; the work, FFT pairs times points, counts both grids.  Errors are
+    root mean squares.
+    """
+    x = ("points_per_wavelength", "points per shortest wavelength (–)")
+    work = ("work_points_transformed", "work: FFT pairs × grid points (–)")
+    seeds, by = range(7, 7 + surfaces), ["part", "kind", x[0]]
+    table = rows(say, area_errors, seed=seeds, points=[points], bandwidth=[bandwidth])
+    errors = root_mean_square(table, "relative_error", by)
+    worth = table[table["kind"] == REFERENCE].groupby("part")["relative_error"].mean()
+    for part in parts:
+        table = errors[errors["part"] == part].copy()
+        table.loc[table["kind"] == REFERENCE, "relative_error"] = worth[part]
+        title = f"Error of the {part} area, whose reference is uncertain by {worth[part]:.1e}"
+        y = ("relative_error", f"relative error of the {part} area (–)")
+        look: dict[str, Any] = {"ticks": sorted(table[x[0]].unique()), "orders": KINDS}
+        yield Plot(x, y, ("kind",), _STYLES, log="xy", **look), table, title
+        plot = Plot(work, y, ("kind",), _STYLES, log="xy", front=True)
+        yield plot, table[table["kind"].isin(KINDS)], f"{title}, against the work of a solve"
+
+
+def area_errors(seed: int, points: Ints, bandwidth: int) -> list[dict[str, Any]]:
+    """Errors of the areas of one surface against the corrected ones on the finest grid: a row for
+    each part, grid but the finest, and kind (KINDS, CLAIMED and REFERENCE)."""
+    areas, work = {}, {}
+    for n in points:
+        scene = rough_scene(n, seed, bandwidth)
+        result = bem.solve(scene, area_tolerance=1e-6)
+        _, published = perimeter_areas(result.fields["pressure"], scene.material.hardness)
+        areas[n] = dict(result.final.areas) | {"perimeter correction": published}
+        work[n] = result.cost["equivalent_fft_pairs"] * result.cost["unknowns"]
+    found = []
+    for part, n in product(PARTS, points[:-1]):
+        area = {kind: getattr(each, part) for kind, each in areas[n].items()}
+        exact, uncertain = (getattr(areas[points[-1]][k], part) for k in ("corrected", "error"))
+        halved = n % 2 == 0 and n // 2 in areas
+        half = getattr(areas[n // 2]["raw"], part) if halved else math.nan
+        area["raw, extrapolated"] = 2 * area["raw"] - half
+        errors = {kind: area[kind] / exact - 1 for kind in KINDS}
+        errors |= {CLAIMED: area["error"] / exact, REFERENCE: uncertain / exact}
+        for kind, error in errors.items():
+            # Extrapolation pays for both of its grids.
+            spent = work[n] + (0.0 if kind != KINDS[1] else work[n // 2] if halved else math.nan)
+            figures = {"relative_error": error, "work_points_transformed": spent}
+            found.append({"part": part, "points_per_wavelength": n, "kind": kind} | figures)
+    return found
+
+
+def _theory(scene: Scene) -> float:
+    """The theory's area, from the spectrum to the closed form."""
+    slope = persson.roughness_of(scene.surface).rms_slope
+    full = persson.full_contact_diffusion(effective_modulus(scene.material), slope**2)
+    return float(persson.areas(GAMMA * full, scene.load.final, scene.material.hardness).total)
+
+
+#: How each method answers a scene on one thread.
+_SOLVERS: dict[str, Callable[[Scene], Any]] = {
+    "persson": _theory,
+    "bem": lambda scene: bem.solve(scene, area_tolerance=1e-6, threads=1),
+    "fem": lambda scene: fem_check.solve(scene, law="capped", certified=False),
+}
+
+
+@study("master", bandwidth=32)
+def master(
+    say: Say,
+    bandwidth: int = 16,
+    finest: int = 64,
+    grids: Mapping[str, Ints] = {"bem": (3, 4, 6, 8, 12, 16, 24), "fem": (3, 4, 6, 8)},
+    seeds: Ints = range(7, 11),
+) -> Charts:
+    """Error of the contact area against time for all three methods on one scene.
+
+    The scene is the paper's with a narrow band of roughness, so that finite elements can be
+    refined, too; these have the same capped law on a block so deep that it matches the half-space
+    within 1e-3.  The reference is the corrected area of boundary elements on the finest grid.  The
+    theory knows only the spectrum, so that its error includes the scatter of surfaces.  Errors are
+    root mean squares, times the least of two.
+    """
+    references = {seed: _SOLVERS["bem"](rough_scene(finest, seed, bandwidth)) for seed in seeds}
+    exact = {seed: area_of(result, "total") for seed, result in references.items()}
+    claims = [area_of(r, "total", "error") / exact[seed] for seed, r in references.items()]
+    worth = sum(claims) / len(claims)
+
+    def row(method: str, points_per_wavelength: int, seed: int, repeats: int) -> Any:
+        scene = rough_scene(points_per_wavelength, seed, bandwidth)
+        solves = [timed(lambda: _SOLVERS[method](scene)) for _ in range(repeats)]
+        result, told = solves[-1][0], {"seconds": min(spent[0] for _, spent in solves)}
+        if method == "persson":
+            return told | {"kind": "", "area": result}
+        kinds = ("raw", "corrected")
+        return [told | {"kind": kind, "area": area_of(result, "total", kind)} for kind in kinds]
+
+    tables = []
+    for method, points in {"persson": grids["bem"][:1], **grids}.items():
+        _SOLVERS[method](rough_scene(points[0], seeds[0], bandwidth))  # compiled before timing
+        axes = {"points_per_wavelength": points, "seed": seeds}
+        tables.append(rows(say, row, method=[method], **axes, repeats=[2]))
+    table, by = pd.concat(tables), ["method", "kind", "points_per_wavelength"]
+    table["relative_error"] = table["area"] / table["seed"].map(exact) - 1
+    errors = root_mean_square(table, "relative_error", by)
+    ends = {"seconds": errors["seconds"].agg(["min", "max"]), "relative_error": worth}
+    level = pd.DataFrame(ends | {"method": REFERENCE, "kind": ""})
+    x = ("seconds", "time of a solve on one thread (s)")
+    y = ("relative_error", "relative error of the contact area (–)")
+    plot = Plot(x, y, ("method", "kind"), _STYLES, log="xy", front=True)
+    title = f"Error of the total contact area, whose reference is uncertain by {worth:.1e}"
+    yield plot, pd.concat([errors, level]), title

@@ -1,12 +1,14 @@
 """The frame of the studies: from a function that yields tables of rows to charts and their files.
 
 A study is one function with the decorator `study`.  It yields, for each of its charts, a `Plot`,
-the rows that the plot draws and a caption.  Rows with a column `seed` become means over the
-surfaces with their intervals; the columns of the CSV are those that the plot names.
+the rows that the plot draws and a title.  Rows with a column `seed` become means over the
+surfaces with their intervals; the columns of the CSV are those that the plot names.  A caption is
+the title, the docstring of the study and its options.
 """
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -20,10 +22,11 @@ from epcontact.harness.gates.statistics import estimate
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.plot import Plot, draw_table
 
+Ints = Sequence[int]
 #: Called with a sentence before each longer piece of work.
 Say = Callable[[str], None]
-#: What a study yields, a chart each: its look, its rows and its caption.
-Charts = Iterator[tuple[Plot, pd.DataFrame | Sequence[Mapping[str, Any]], str]]
+#: What a study yields, a chart each: its look, its rows and its title.
+Charts = Iterator[tuple[Plot, pd.DataFrame, str]]
 
 #: Every study by its name, in the order in which their modules are imported.
 STUDIES: dict[str, Study] = {}
@@ -31,34 +34,36 @@ STUDIES: dict[str, Study] = {}
 
 @dataclass(frozen=True)
 class Study:
-    """A study: its name, its function, and the options of the function by size."""
+    """A study: its name, its function, and the options of its full size."""
 
     name: str
     make: Callable[..., Charts]
-    sizes: Mapping[str, Mapping[str, Any]]
+    full: Mapping[str, Any]
 
     @property
     def description(self) -> str:
         """The first line of the function's docstring."""
         return (self.make.__doc__ or "").partition("\n")[0].rstrip(".")
 
-    def run(self, size: str = "fast", say: Say = lambda _: None, **options: Any) -> list[Chart]:
-        """Make the charts at a size ("fast" takes seconds, "full" minutes) with options changed.
+    def run(self, say: Say = lambda _: None, *, full: bool = False, **options: Any) -> list[Chart]:
+        """Make the charts in seconds, or in full in minutes, with options changed.
 
         Raises EpcontactError if a solver does not converge or another code is not installed.
         """
-        given = {**self.sizes[size], **options}
+        parameters = list(inspect.signature(self.make).parameters.values())[1:]
+        usual = {one.name: one.default for one in parameters}
+        given = usual | (dict(self.full) if full else {}) | options
+        told = "; ".join(f"{name} {_shown(value)}" for name, value in given.items())
+        about = " ".join((self.make.__doc__ or "").split()) + (f" Options: {told}." if told else "")
         charts = self.make(lambda what: say(f"{self.name}: {what}"), **given)
-        return [_drawn(*chart) for chart in charts]
+        return [_drawn(plot, table, f"{title}. {about}") for plot, table, title in charts]
 
 
-def study(
-    name: str, *, fast: Mapping[str, Any] | None = None, full: Mapping[str, Any] | None = None
-) -> Callable[[Callable[..., Charts]], Callable[..., Charts]]:
-    """Make a study of a function of `say` and the options that its sizes name."""
+def study(name: str, **full: Any) -> Callable[[Callable[..., Charts]], Callable[..., Charts]]:
+    """Make a study of a function of `say` and options; the decorator has those of the full size."""
 
     def register(make: Callable[..., Charts]) -> Callable[..., Charts]:
-        STUDIES[name] = Study(name, make, {"fast": fast or {}, "full": full or {}})
+        STUDIES[name] = Study(name, make, full)
         return make
 
     return register
@@ -72,22 +77,20 @@ def rows(say: Say, row: Callable[..., Any], **axes: Sequence[Any] | Mapping[Any,
     found = []
     for values in product(*axes.values()):
         point = dict(zip(axes, values, strict=True))
-        say(", ".join(f"{key} {_shown(value)}" for key, value in point.items()))
+        say(", ".join(f"{name} {_shown(value)}" for name, value in point.items()))
         several = row(**point)
-        several = several if isinstance(several, list) else [several]
-        found += [point | each for each in several]
+        found += [point | each for each in (several if isinstance(several, list) else [several])]
     return pd.DataFrame(found)
 
 
 def mean_with_interval(
     table: pd.DataFrame, value: str, by: Sequence[str], shared_error: str = ""
 ) -> pd.DataFrame:
-    """Average a column over the rows of each group, with the 95 % interval of the mean.
+    """Average a column over the rows of each group, with Student's 95 % interval of the mean.
 
     Returns a row for each group, in the order of their first rows: `by`, `<value>`, `<value>_low`
-    and `<value>_high`.  The interval is Student's; of a single row it has no width.  `shared_error`
-    is a column of errors that the rows of a group have in common, so that they do not average out:
-    their mean is added to the half-width in quadrature.
+    and `<value>_high`.  `shared_error` is a column of errors that the rows of a group have in
+    common, so that they do not average out: their mean is added in quadrature.
     """
     groups = table.groupby(list(by), sort=False)
     mean = groups[value].mean()
@@ -99,13 +102,14 @@ def mean_with_interval(
 
 
 def root_mean_square(table: pd.DataFrame, value: str, by: Sequence[str]) -> pd.DataFrame:
-    """Root mean square of a column over each group, in the order of their first rows."""
-    squares = table.assign(**{value: table[value] ** 2})
-    return np.sqrt(squares.groupby(list(by), sort=False)[value].mean()).reset_index()
+    """Means over the surfaces of each group, in the order of first rows; of `value` the rms."""
+    squares = table.assign(**{value: table[value] ** 2}).drop(columns="seed")
+    means = squares.groupby(list(by), sort=False).mean(numeric_only=True).reset_index()
+    return means.assign(**{value: np.sqrt(means[value])})
 
 
 def listed(table: pd.DataFrame, form: str) -> str:
-    """List the rows of a table for a caption: `form` with the columns filled in."""
+    """List the rows of a table for a title: `form` with the columns filled in."""
     return ", ".join(form.format(**row) for row in table.to_dict("records"))
 
 
@@ -115,22 +119,21 @@ def save_charts(name: str, charts: Sequence[Chart], folder: Path) -> list[Path]:
     Returns the files written, four for each chart; raises OutputError if one cannot be written.
     """
     stems = [name] if len(charts) == 1 else [f"{name}-{i + 1}" for i in range(len(charts))]
-    return [
-        path
-        for stem, chart in zip(stems, charts, strict=True)
-        for path in chart.save(folder / stem)
-    ]
+    saved = (chart.save(folder / stem) for stem, chart in zip(stems, charts, strict=True))
+    return [path for paths in saved for path in paths]
 
 
 def _shown(value: Any) -> str:
+    if isinstance(value, range):
+        return f"{value[0]} to {value[-1]}"
+    if isinstance(value, tuple | list):
+        return ", ".join(map(_shown, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _drawn(plot: Plot, rows: Any, caption: str) -> Chart:
-    table = pd.DataFrame(rows)
+def _drawn(plot: Plot, table: pd.DataFrame, caption: str) -> Chart:
     if "seed" in table:
         named = [*plot.series, plot.x[0], *([plot.colour] if plot.colour else [])]
-        surfaces = table["seed"].nunique()
+        caption += f" Means of {table['seed'].nunique()} surfaces with their 95 % intervals."
         table = mean_with_interval(table, plot.y[0], list(dict.fromkeys(named)))
-        caption += f" Means of {surfaces} surfaces with their 95 % intervals."
     return draw_table(table, plot, caption)

@@ -1,16 +1,14 @@
-"""Studies of the gap: its mean against the load, and its distribution, by all methods.
+"""Studies of the gap under a load, and of the topography that it leaves, by all methods.
 
 The gap g is that between the flat and the elastically deformed surface; it is negative where the
 flat is below that surface because the surface has flowed:
 
     open gap              <max(g, 0)>   the gap that is left open between the surfaces
     plastic displacement  <max(-g, 0)>  the distance by which flow has lowered the surface
-    separation            <g> = open gap - plastic displacement, the distance of the flat from
-                          the mean plane of the elastically deformed surface
+    separation            <g> = open gap - plastic displacement
 
-all means over the nominal area.  The theory's mean separation is the open gap, that of the surface
-as the flow has left it.  With J2 flow the displacement of the surface includes the plastic part, so
-the gap is nowhere negative.
+all means over the nominal area.  The theory's mean separation is the open gap.  With J2 flow the
+displacement of the surface includes the plastic part, so the gap is nowhere negative.
 """
 
 from __future__ import annotations
@@ -25,22 +23,17 @@ import numpy as np
 import pandas as pd
 
 import fem_check
-from epcontact import bem, persson
+from epcontact import bem
 from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import CYCLE
-from epcontact.persson.separation import gap_distribution
-from epcontact.persson.theory import Theory
+from epcontact.persson.elastoplastic import areas
+from epcontact.persson.separation import flattened_roughness, gap_distribution, mean_separation
 from epcontact.results import ContactResult, FloatArray
-from epcontact.scene import Load, Scene
-from epcontact.studies.frame import Charts, Say, listed, mean_with_interval, rows, study
-from epcontact.studies.paper_scene import (
-    CONSTRAINT,
-    GAMMA,
-    HARDNESS,
-    LAWS,
-    MODULUS,
-    rough_scene,
-)
+from epcontact.scene import Load, Scene, Surface
+from epcontact.studies import paper_scene as paper
+from epcontact.studies.frame import Charts, Ints, Say, listed, mean_with_interval, rows, study
+from epcontact.studies.paper_scene import MODULUS, rough_scene, theory_of
+from epcontact.surfaces import power_by_octave, residual_surface, topography
 
 #: Mean pressures over E*; the hardness is 0.6 E*, and the paper's mean pressure 0.05 E*.
 LOADS = tuple(0.00625 * 2.0**k for k in range(7))
@@ -51,164 +44,96 @@ QUANTITIES = {
     "separation": "mean_separation",
     PLASTIC: "mean_plastic_displacement",
 }
-_LOAD = "pressure_over_modulus"
-_PLOT = Plot(
-    (_LOAD, r"mean pressure over $E^*$ (–)"),
-    (OPEN, "open mean gap over rms height (–)"),
-    series=("method", "law"),
-    colour="law",
-    colours={"capped": CYCLE[0], "elastic": CYCLE[1], "j2": CYCLE[2]},
-    log="xy",
-    ticks=LOADS,
-)
-_MATERIAL = (
-    f"with the paper's roughness, E* xi = E*, hardness {HARDNESS / MODULUS:g} E* or none; the "
-    "paper's load is 0.05 E*"
-)
+_LOAD, _LENGTH, _OFF = "pressure_over_modulus", "length_over_rms_height", "deviation_percent"
+_COLOURS = {"capped": CYCLE[0], "elastic": CYCLE[1], "j2": CYCLE[2]}
 
 
 def gaps(scene: Scene, loads: Sequence[float], solve: Callable[[Scene], ContactResult]) -> Any:
-    """A row for each load over E*: the lengths of QUANTITIES over the rms height, and the plastic
-    share of the load's work, sigma_P w/(U_el + sigma_P w) with the plastic displacement w."""
+    """A row for each load over E*: the lengths of QUANTITIES over the rms height."""
     path, found = Load(tuple(MODULUS * load for load in loads)), []
     for load, step in zip(loads, solve(replace(scene, load=path)).steps, strict=True):
         told = {name: step.quantities.get(key, math.nan) for name, key in QUANTITIES.items()}
-        spent = HARDNESS * told[PLASTIC]
-        share = spent / (step.quantities.get("elastic_energy", math.nan) + spent)
         over = {name: length / scene.surface.rms_height for name, length in told.items()}
-        found.append({_LOAD: load} | over | {"plastic_share": share})
+        found.append({_LOAD: load} | over)
     return found
 
 
-@study(
-    "gap",
-    fast={"points": 4, "bandwidth": 64, "seeds": range(7, 11), "grids": (3, 6)},
-    full={"points": 8, "bandwidth": 128, "seeds": range(7, 15), "grids": (4, 8)},
-)
+@study("gap", points=8, bandwidth=128, seeds=range(7, 15), grids=(4, 8))
 def gap(
     say: Say,
-    points: int,
-    bandwidth: int,
-    seeds: Sequence[int],
-    grids: Sequence[int],
+    points: int = 4,
+    bandwidth: int = 64,
+    seeds: Ints = range(7, 11),
+    grids: Ints = (3, 6),
     block_waves: int = 8,
 ) -> Charts:
-    """Mean gap against pressure, its elastic and plastic part, by all methods."""
+    """Mean gap against pressure, its elastic and plastic part, by all methods.
 
-    def by_bem(law: str, seed: int) -> Any:
-        scene = rough_scene(points, seed, bandwidth, LAWS[law])
-        return gaps(scene, LOADS, partial(bem.solve, area_tolerance=1e-5))
+    The roughness is the paper's, E* xi = E*, the hardness 0.6 E* or none.  The gap is that to the
+    elastically deformed surface: separation = open gap - plastic displacement.  Theory: gamma =
+    0.536 and the spectrum of the same surfaces.  Finite elements are on one surface, a block so
+    deep that it matches the half-space within 1e-3, with the same law or with J2 flow at a third of
+    the hardness, which differs from the cap as a model.
+    """
 
-    def by_theory(law: str) -> Any:
-        scene = rough_scene(points, seeds[-1], bandwidth, LAWS[law])
-        solve = partial(persson.solve, energy_reduction=GAMMA, spectrum="surface")
-        return gaps(scene, dense, solve)
+    def measure(law: str, seed: int) -> Any:
+        scene = rough_scene(points, seed, bandwidth, paper.LAWS[law])
+        return gaps(scene, LOADS, paper.settled)
 
-    dense = [LOADS[0] * 2.0 ** (k / 4) for k in range(4 * (len(LOADS) - 1) + 1)]
-    measured, theory = rows(say, by_bem, law=LAWS, seed=seeds), rows(say, by_theory, law=LAWS)
-    surfaces = f"{len(seeds)} surfaces, 1/{bandwidth} of the longest wave being the shortest"
-    of_scene = f"of {surfaces}, {_MATERIAL}"
+    def predict(law: str) -> Any:
+        scene = rough_scene(points, seeds[-1], bandwidth, paper.LAWS[law])
+        dense = [LOADS[0] * 2.0 ** (k / 4) for k in range(4 * len(LOADS) - 3)]
+        return gaps(scene, dense, paper.by_theory)
+
+    measured = rows(say, measure, law=paper.LAWS, seed=seeds)
+    theory = rows(say, predict, law=paper.LAWS)
     means = mean_with_interval(measured, OPEN, ["law", _LOAD])
-    both = pd.concat([theory.assign(method="persson"), means.assign(method="bem")]).sort_values(
-        "law", kind="stable"
-    )
-    yield (
-        replace(_PLOT, styles={"persson": "curve", "bem": "marks"}),
-        both,
-        f"Mean open gap against mean pressure {of_scene}. Boundary elements: mean of max(g, 0) "
-        f"with its 95 % interval; theory: its mean separation with gamma = {GAMMA} and the "
-        "spectrum of the same surfaces.",
-    )
+    both = pd.concat([theory.assign(method="persson"), means.assign(method="bem")])
+    x, y = (_LOAD, r"mean pressure over $E^*$ (–)"), (OPEN, "open mean gap over rms height (–)")
+    look: dict[str, Any] = {"colour": "law", "colours": _COLOURS}
+    off: dict[str, Any] = {"log": "x", "level": 0.0}
+    plot = Plot(x, y, ("method", "law"), {"persson": "curve", "bem": "marks"}, log="xy", **look)
+    plot = replace(plot, ticks=LOADS)
+    yield plot, both.sort_values("law", kind="stable"), "Mean open gap"
     capped = measured[measured["law"] == "capped"]
-    length = "length_over_rms_height"
-    shares = 100 * capped.groupby(_LOAD)["plastic_share"].mean().reset_index()
-    shares[_LOAD] /= 100
-    yield (
-        replace(
-            _PLOT,
-            y=(length, "mean gap over rms height (–)"),
-            series=("part",),
-            colour="",
-            log="x",
-        ),
-        capped.melt([_LOAD, "seed"], list(QUANTITIES), "part", length),
-        f"Parts of the mean gap of the capped body by boundary elements, {of_scene}. The gap g "
-        "is that to the elastically deformed surface, negative where it has flowed: open gap = "
-        "mean of max(g, 0), plastic displacement = mean of max(-g, 0), separation = mean of g "
-        "= open gap - plastic displacement, exactly. The work of the load is the elastic "
-        "energy plus hardness times plastic displacement; of it the plastic part is, by load "
-        f"over E*: {listed(shares, '{plastic_share:.2g} % at {pressure_over_modulus:g}')}.",
-    )
-    deviation = replace(
-        _PLOT,
-        y=("deviation_percent", "theory over boundary elements, less 1 (%)"),
-        series=("law",),
-        log="x",
-        level=0.0,
-    )
+    parts = capped.melt([_LOAD, "seed"], list(QUANTITIES), "part", _LENGTH)
+    y = (_LENGTH, "mean gap over rms height (–)")
+    yield Plot(x, y, ("part",), log="x", ticks=LOADS), parts, "Parts of the mean gap, capped body"
     both = measured.merge(theory, on=["law", _LOAD], suffixes=("", "_theory"))
-    ratio = both[f"{OPEN}_theory"] / both[OPEN]
-    yield (
-        deviation,
-        both.assign(deviation_percent=100 * (ratio - 1)),
-        f"Deviation of the theory's open gap from that of boundary elements, {of_scene}.",
-    )
-    blocks = rows(say, _block_gaps, grid=grids, law=(*LAWS, "j2"), waves=[block_waves])
-    of_block = (
-        f"of one surface, 1/{block_waves} of the longest wave being the shortest, {_MATERIAL}; "
-        f"yield stress hardness/{CONSTRAINT:g}"
-    )
-    yield (
-        replace(_PLOT, ticks=LOADS[:-1], styles={"bem": "curve"}),
-        blocks[blocks["grid"] == max(grids)],
-        f"Mean open gap against mean pressure by boundary and finite elements {of_block}, "
-        f"{max(grids)} grid points a shortest wave for both. Finite elements, of small strain on a "
-        "flat block so deep that it matches the half-space within 1e-3, have the same law; "
-        "with J2 the body itself flows, no pressure is capped, and the gap is that to the "
-        "surface as the flow has left it.",
-    )
-    deviations = block_deviations(blocks)
-    drawn = (deviations["law"] != "j2") | (deviations["grid"] == max(grids))
-    yield (
-        replace(
-            deviation,
-            y=("deviation_percent", "finite over boundary elements, less 1 (%)"),
-            series=("law", "points"),
-            ticks=LOADS[:-1],
-        ),
-        deviations[drawn].assign(points=deviations["grid"].map("{} points".format)),
-        "Deviation of the open gap of finite elements from that of boundary elements on the "
-        f"same grid {of_block}, by grid points a shortest wave; of J2, from the capped law: a "
-        "difference of models, not an error.",
-    )
+    both[_OFF] = 100 * (both[f"{OPEN}_theory"] / both[OPEN] - 1)
+    y = (_OFF, "theory over boundary elements, less 1 (%)")
+    yield Plot(x, y, ("law",), ticks=LOADS, **off, **look), both, "Deviation of the theory's gap"
+    axes = {"grid": grids, "law": (*paper.LAWS, "j2"), "waves": [block_waves]}
+    blocks, finest, ticks = rows(say, _block_gaps, **axes), max(grids), LOADS[:-1]
+    plot = replace(plot, ticks=ticks, styles={"bem": "curve"})
+    yield plot, blocks[blocks["grid"] == finest], "Mean open gap by boundary and finite elements"
+    found = block_deviations(blocks)
+    found = found[(found["law"] != "j2") | (found["grid"] == finest)]
+    found["points"] = found["grid"].map("{} points".format)
+    y = (_OFF, "finite over boundary elements, less 1 (%)")
+    plot = Plot(x, y, ("law", "points"), ticks=ticks, **off, **look)
+    yield plot, found, "Deviation of finite elements from capped or elastic boundary elements"
 
 
 def _block_gaps(grid: int, law: str, waves: int) -> Any:
     """The open gap of one surface by finite elements and, but for J2 flow, by boundary elements."""
-    scene = rough_scene(grid, 7, waves, LAWS.get(law, HARDNESS))
-    solvers: dict[str, Any] = {"fem": partial(fem_check.solve, law=law, certified=False)}
-    if law == "j2":
-        flows = replace(scene.material, yield_stress=HARDNESS / CONSTRAINT)
-        scene = replace(scene, material=flows)
-    else:
-        solvers = {"bem": bem.solve} | solvers
-    # The J2 body is in full contact at the last load.
-    return [
-        {"method": method} | row
-        for method, solve in solvers.items()
-        for row in gaps(scene, LOADS[:-1], solve)
-    ]
+    scene = rough_scene(grid, 7, waves, paper.LAWS.get(law, paper.HARDNESS))
+    solvers: dict[str, Any] = {} if law == "j2" else {"bem": bem.solve}
+    solvers["fem"] = partial(fem_check.solve, law=law, certified=False)
+    scene, loads = (paper.yielding(scene) if law == "j2" else scene), LOADS[:-1]  # then J2 is full
+    return [{"method": name} | row for name in solvers for row in gaps(scene, loads, solvers[name])]
 
 
 def block_deviations(blocks: pd.DataFrame) -> pd.DataFrame:
     """Finite over boundary elements on the same grid, less 1, in %; J2 over the capped law."""
-    wide = blocks.pivot(index=["grid", _LOAD], columns=["method", "law"], values=OPEN)
-    tables = []
-    for law in (*LAWS, "j2"):
+    wide, tables = blocks.pivot(index=["grid", _LOAD], columns=["method", "law"], values=OPEN), []
+    for law in (*paper.LAWS, "j2"):
         ratio = wide["fem", law] / wide["bem", "capped" if law == "j2" else law]
-        tables.append((100 * (ratio - 1)).rename("deviation_percent").reset_index().assign(law=law))
+        tables.append((100 * (ratio - 1)).rename(_OFF).reset_index().assign(law=law))
     return pd.concat(tables, ignore_index=True)
 
+
+# --- its distribution ----------------------------------------------------------------------------
 
 #: Hardness over E* xi, and the gaps over the rms height at which distributions are compared.
 HARDNESSES = (math.inf, 0.6, 0.3, 0.16)
@@ -219,13 +144,10 @@ def cumulative(method: str, scene: Scene) -> FloatArray:
     """Share of the nominal area with a gap of at most GAPS times the rms height."""
     u = GAPS * scene.surface.rms_height
     if method == "persson":
-        theory = Theory.of_scene(scene, energy_reduction=GAMMA, spectrum="surface")
-        return gap_distribution(theory, scene.load.final, u).cumulative
-    if method == "bem":
-        result = bem.solve(scene, area_tolerance=1e-5)
-    else:
-        law = "capped" if math.isfinite(scene.material.hardness) else "elastic"
-        result = fem_check.solve(scene, law=law, certified=False)
+        return gap_distribution(theory_of(scene), scene.load.final, u).cumulative
+    law = "capped" if math.isfinite(scene.material.hardness) else "elastic"
+    blocks = partial(fem_check.solve, law=law, certified=False)
+    result = (paper.settled if method == "bem" else blocks)(scene)
     gap = np.sort(np.maximum(result.fields["gap"], 0.0), axis=None)
     return np.asarray(np.searchsorted(gap, u, side="right") / gap.size)
 
@@ -240,16 +162,15 @@ def distances(table: pd.DataFrame, method: str, reference: str) -> pd.DataFrame:
     return mean_with_interval((apart / mean).rename("distance").reset_index(), "distance", keys[:1])
 
 
-@study(
-    "gap_distribution",
-    fast={"points": 4, "wide": 64, "seeds": range(401, 405)},
-    full={"points": 8, "wide": 256, "seeds": range(401, 417)},
-)
-def distribution(say: Say, points: int, wide: int, seeds: Sequence[int], narrow: int = 8) -> Charts:
+@study("gap_distribution", points=8, wide=256, seeds=range(401, 417))
+def distribution(
+    say: Say, points: int = 4, wide: int = 64, seeds: Ints = range(401, 405), narrow: int = 8
+) -> Charts:
     """Distribution of the open gap by all methods, and its distance from BEM's.
 
-    Boundary and finite elements (capped, on the same grid) count the gaps of their grid points; the
-    theory's distribution has each surface's own spectrum.
+    Boundary and finite elements (capped, on the same grid) count the gaps of their grid points, the
+    contact at 0; the theory's distribution has each surface's own spectrum.  Wasserstein distances
+    from boundary elements are over their mean gap, by hardness over E* xi, with 95 % intervals.
     """
 
     def row(ratio: float, seed: int, method: str, points: int, bandwidth: int) -> Any:
@@ -257,31 +178,157 @@ def distribution(say: Say, points: int, wide: int, seeds: Sequence[int], narrow:
         columns = {"gap_over_rms_height": GAPS, "cumulative_area": cumulative(method, scene)}
         return pd.DataFrame(columns).to_dict("records")
 
-    for grid, band, methods in (
-        (points, narrow, ("bem", "fem", "persson")),
-        (4, wide, ("bem", "persson")),
-    ):
-        table = rows(
-            say, row, ratio=HARDNESSES, seed=seeds, method=methods, points=[grid], bandwidth=[band]
-        )
-        by = ["method", "ratio", "gap_over_rms_height"]
-        means = table.groupby(by, sort=False)["cumulative_area"].mean().reset_index()
+    x = ("gap_over_rms_height", "gap over rms height (–)")
+    y = ("cumulative_area", "share of the area with a smaller gap (–)")
+    plot = Plot(x, y, ("method", "hardness"), style="curve", limits={"ylim": (0, 1)})
+    form = "{distance:.3f} [{distance_low:.3f}, {distance_high:.3f}] at {ratio:g}"
+    for grid, band, others in ((points, narrow, ("fem", "persson")), (4, wide, ("persson",))):
+        axes = {"ratio": HARDNESSES, "seed": seeds, "method": ("bem", *others)}
+        table = rows(say, row, **axes, points=[grid], bandwidth=[band])
+        means = table.groupby(["method", "ratio", x[0]], sort=False)[y[0]].mean().reset_index()
         means["hardness"] = means["ratio"].map(r"{:g} $E^*\xi$".format)
-        form = "{distance:.3f} [{distance_low:.3f}, {distance_high:.3f}] at {ratio:g}"
-        said = "; ".join(
-            f"{method}: {listed(distances(table, method, 'bem'), form)}" for method in methods[1:]
+        told = (f"{other}: {listed(distances(table, other, 'bem'), form)}" for other in others)
+        title = (
+            f"Distribution of the open gap at bandwidth {band}, its distances by {'; '.join(told)}"
         )
-        yield (
-            Plot(
-                ("gap_over_rms_height", "gap over rms height (–)"),
-                ("cumulative_area", "share of the area with a smaller gap (–)"),
-                series=("method", "hardness"),
-                style="curve",
-                limits={"ylim": (0, 1)},
-            ),
-            means[means["ratio"].isin((0.6, 0.16))],
-            "Distribution of the open gap, means over surfaces, the contact included at gap 0, "
-            f"{len(seeds)} surfaces of the paper's roughness and load, highest over lowest wave "
-            f"number {band}, {grid} points a shortest wave. Wasserstein distance from boundary "
-            f"elements over their mean gap, with 95 % intervals, by hardness over E*ξ: {said}.",
+        yield plot, means[means["ratio"].isin((0.6, 0.16))], title
+
+
+# --- what a load leaves --------------------------------------------------------------------------
+
+
+def solved(model: str, scene: Scene) -> ContactResult:
+    """The answer of "cap" or "J2" to a scene with a hardness."""
+    flow = partial(fem_check.solve, law="j2", certified=False)
+    return paper.settled(scene) if model == "cap" else flow(paper.yielding(scene))
+
+
+def residual_of(model: str, scene: Scene) -> Surface:
+    """The surface that "cap" or "J2" leaves behind after the load of a scene."""
+    path = (scene.load.final, 0.0) if model == "J2" else scene.load.final
+    return residual_surface(scene.surface, solved(model, replace(scene, load=Load(path))))
+
+
+def theory_power(scene: Scene) -> FloatArray:
+    """The share of each octave's slope variance that the theory's effective spectrum keeps."""
+    before = theory_of(scene)
+    after = flattened_roughness(before, scene.load.final)
+    first = 2 * math.pi / max(scene.surface.periods)
+    octave = np.floor(np.log2(before.roughness.upper_edge / first)).astype(int)
+    kept = np.bincount(octave, after.slope_variance)
+    return np.asarray(kept / np.bincount(octave, before.roughness.slope_variance))
+
+
+@study("residual", points=8, wide=256, seeds=range(201, 217))
+def residual(
+    say: Say,
+    points: int = 4,
+    wide: int = 64,
+    seeds: Ints = range(201, 205),
+    narrow: int = 8,
+    hardnesses: Sequence[float] = (0.6, 0.3, 0.16),
+) -> Charts:
+    """Power spectrum and skewness of the surface that a load leaves, by every method.
+
+    The load is the paper's.  A cap lowers the surface by the plastic displacement of boundary
+    elements, J2 (finite elements, yield stress = hardness/3) by that which remains after unloading,
+    the theory (gamma = 0.536) has the effective spectrum C [1 - (A_pl sigma_P/p)^6] and tells
+    nothing of the distribution of heights.  The experiment of Tiwari, Wang, Mueser and Persson
+    (Lubricants 7, 90 (2019)) found short waves nearly unchanged after squeezing, and heights as
+    symmetric as before.
+    """
+
+    def row(model: str, hardness: float, seed: int, points: int, bandwidth: int) -> Any:
+        scene, change = rough_scene(points, seed, bandwidth, hardness * MODULUS), {}
+        if model == "theory":
+            kept = theory_power(scene)
+        else:
+            left = residual_of(model, scene)
+            power = power_by_octave(scene.surface)[1]
+            kept = power_by_octave(left)[1] / np.where(power > 0, power, np.nan)
+            after, before = topography(left), topography(scene.surface)
+            change["skewness_change"] = after.skewness - before.skewness
+            change["kurtosis_change"] = after.excess_kurtosis - before.excess_kurtosis
+            for name in ("rms_height", "rms_slope", "rms_curvature"):
+                change[name] = getattr(after, name) / getattr(before, name)
+        octaves = range(round(np.log2(bandwidth)))
+        return [{x[0]: 2.0 ** (k + 0.5), y[0]: float(kept[k])} | change for k in octaves]
+
+    x = ("wavenumber_over_lowest", "wave number over the lowest (–)")
+    y, by = ("power_kept", "power after over before (–)"), ["model", "hardness"]
+    power = Plot(x, y, by, {"theory": "curve"}, colour="hardness", log="x", level=1.0)
+    last = (y[0], "power kept by the shortest octave (–)")
+    skew = ("skewness_change", "skewness after less before (–)")
+    form = "{model} at {hardness:g}: {kurtosis_change:+.3f}, {rms_height:.3f}, {rms_slope:.3f}, "
+    for models, grid, bandwidth in ((("cap", "J2"), points, narrow), (("cap", "theory"), 4, wide)):
+        axes = {"hardness": hardnesses, "seed": seeds, "model": models}
+        table = rows(say, row, **axes, points=[grid], bandwidth=[bandwidth])
+        named = table.assign(hardness=table["hardness"].map(r"{:g} $E^*\xi$".format))
+        yield power, named, f"Power that an octave of wave numbers keeps, bandwidth {bandwidth}"
+        table = table[table[x[0]] == table[x[0]].max()]
+        means = table.groupby(by, sort=False).mean(numeric_only=True)
+        means = means.drop(columns=[skew[0], "seed"])
+        found = mean_with_interval(table, skew[0], by).join(means, on=by).dropna()
+        told = listed(found, form + "{rms_curvature:.3f}")
+        title = (
+            f"Change of the skewness of the heights, bandwidth {bandwidth}; of the kurtosis, and"
         )
+        title += f" rms height, slope and curvature after over before: {told}"
+        yield Plot(last, skew, ("model",), level=0.0), found, title
+
+
+#: Hardness over E* xi; loads over the peak, on the way up and in reverse on the way down.
+HARDNESS = 0.3
+SHARES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
+AREA, GAP, SPENT = "area", "mean_gap_over_rms_height", "plastic_share"
+_PATH = [("up", share) for share in SHARES] + [("down", share) for share in SHARES[-2::-1]]
+
+
+def cycle(model: str, seed: int, points: int, bandwidth: int) -> list[dict[str, Any]]:
+    """A row for each load up to the peak and down again: branch, load_over_peak, AREA, GAP and
+    SPENT, the share of the energy put in that flow has spent (NaN for the theory)."""
+    scene = rough_scene(points, seed, bandwidth, HARDNESS * MODULUS)
+    peak, found = scene.load.final, []
+    if model == "theory":
+        up = theory_of(scene)
+        down = replace(up, roughness=flattened_roughness(up, peak), hardness=math.inf)
+        for branch, share in _PATH:
+            body, p = up if branch == "up" else down, share * peak
+            area = float(areas(body.diffusion(p), p, body.hardness).total)
+            found.append((area, mean_separation(body, p), math.nan))
+    else:
+        path = Load(tuple(share * peak for _, share in _PATH))
+        for step in solved(model, replace(scene, load=path)).steps:
+            work, stored = step.quantities["plastic_work"], step.quantities["elastic_energy"]
+            area, gap = step.areas["corrected"].total, step.quantities["mean_gap"]
+            found.append((area, gap, work / (work + stored)))
+    names, over = ("branch", "load_over_peak", AREA, GAP, SPENT), scene.surface.rms_height
+    told = ((*at, area, gap / over, s) for at, (area, gap, s) in zip(_PATH, found, strict=True))
+    return [dict(zip(names, row, strict=True)) for row in told]
+
+
+@study("hysteresis", points=8, seeds=range(301, 317))
+def hysteresis(
+    say: Say,
+    points: int = 4,
+    seeds: Ints = range(301, 304),
+    bandwidth: int = 8,
+    models: Sequence[str] = ("cap", "J2", "theory"),
+) -> Charts:
+    """Contact area, mean gap and plastic work on the way up and down, by every method.
+
+    The peak load is the paper's, the hardness 0.3 E* xi, and methods are those of the study
+    residual; the theory comes down as an elastic contact on the surface that it has flattened.  Of
+    the load's work hardness times the mean plastic displacement stays in the capped body, and the
+    yield stress times the plastic strain in the J2 body.
+    """
+    table = rows(say, cycle, seed=seeds, model=models, points=[points], bandwidth=[bandwidth])
+    x, series = ("load_over_peak", "mean pressure over its peak (–)"), ("model", "branch")
+    for figure, label, log in (
+        (AREA, "contact area (–)", "xy"),
+        (GAP, "mean gap over rms height (–)", "x"),
+        (SPENT, "plastic work over all energy (–)", "x"),
+    ):
+        drawn = table[table["model"] != "theory"] if figure == SPENT else table
+        plot = Plot(x, (figure, label), series, {"theory": "curve"}, log=log, ticks=SHARES)
+        yield plot, drawn, label.removesuffix(" (–)").capitalize()

@@ -20,17 +20,10 @@ from epcontact import persson
 from epcontact.errors import InvalidScene
 from epcontact.harness.quantities.model_difference import capped_body, elements_compliance
 from epcontact.harness.quantities.registry import measure_all
-from epcontact.materials.hardness_map import (
-    FULL,
-    SYMBOLS,
-    effective_hardness,
-    fitted_ratio,
-    formula_text,
-    hardness_map,
-)
+from epcontact.materials import hardness_map as kept
 from epcontact.output.charts.plot import Plot
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
-from epcontact.studies.frame import Charts, Say, rows, study
+from epcontact.studies.frame import Charts, Ints, Say, rows, study
 from epcontact.studies.paper_scene import GAMMA, area_of
 from epcontact.surfaces import SelfAffine
 
@@ -39,27 +32,13 @@ PERIOD, SLOPE, YOUNG = 1e-3, 0.05, 210e9  # m, -, Pa
 WAVES, TABOR = 4, 3.0
 _EFFECTIVE = ("effective_hardness", "effective hardness c = hardness / sigma_Y (–)")
 _OVERLAP = "shared contact over the union of both (–)"
-#: The measures, each with the label of its axis and its meaning.
+_SEVERITY = "E* xi / sigma_Y = {:g}"
+#: The measures, each with the label of its axis and the title of its chart.
 MEASURES = {
-    "effective_hardness": (
-        _EFFECTIVE[1],
-        "Effective hardness: the cap, in yield stresses, under which a capped body has the "
-        "contact area of the J2 body. Dotted: 3, Tabor's rule",
-    ),
-    "effective_overlap": (
-        _OVERLAP,
-        "Overlap of the contact of the J2 body with that of the capped one, with the cap at the "
-        "effective hardness: equal areas, not quite in the same places",
-    ),
-    "model_overlap": (
-        _OVERLAP,
-        "Overlap of the contact of the J2 body with that of the capped one, with the cap at 3 "
-        "sigma_Y",
-    ),
-    "model_area": (
-        "area of J2 over that of the cap, less 1 (–)",
-        "Contact area of the J2 body over that under a cap of 3 sigma_Y, less 1",
-    ),
+    "effective_hardness": (_EFFECTIVE[1], "Cap under which a body has the J2 body's contact area"),
+    "effective_overlap": (_OVERLAP, "Overlap of the J2 body's contact with that under this cap"),
+    "model_overlap": (_OVERLAP, "Overlap of the J2 body's contact with that under 3 sigma_Y"),
+    "model_area": ("area of J2 over that of the cap, less 1 (–)", "J2 against a cap of 3 sigma_Y"),
 }
 
 
@@ -81,32 +60,26 @@ def model_scene(
 
 @study(
     "hardness",
-    fast={
-        "usual": (3, 24),
-        "by_grid": (2, (16, 24, 32)),
-        "by_breadth": (2, 6, (2, 4)),
-        "steps": 4,  # too few where the yield stress is small, but quick
-    },
-    full={
-        "usual": (16, 48),
-        "by_grid": (4, (16, 24, 32, 48, 64, 96)),
-        "by_breadth": (8, 8, (2, 4, 8)),
-    },
+    usual=(16, 48),
+    by_grid=(4, (16, 24, 32, 48, 64, 96)),
+    by_breadth=(8, 8, (2, 4, 8)),
+    steps=None,
 )
 def hardness(
     say: Say,
-    usual: tuple[int, int],
-    by_grid: tuple[int, Sequence[int]],
-    by_breadth: tuple[int, int, Sequence[int]],
-    steps: int | None = None,
+    usual: Ints = (3, 24),
+    by_grid: tuple[int, Ints] = (2, (16, 24, 32)),
+    by_breadth: tuple[int, int, Ints] = (2, 6, (2, 4)),
+    steps: int | None = 4,  # too few where the yield stress is small, but quick
     severities: Sequence[float] = (5.0, 15.0, 50.0),
     nus: Sequence[float] = (0.0, 0.3, 0.45),
 ) -> Charts:
     """The cap, in yield stresses, that gives a J2 body's contact area, with error bars.
 
     Each ensemble has so many surfaces, and as many nodes a side, nodes a side of each grid, or
-    nodes to the shortest wave and shortest waves in a period.  `steps` are the equal increments of
-    the J2 path; None: chosen by their error.
+    nodes to the shortest wave and shortest waves in a period.  The mean pressure is a quarter of
+    the yield stress.  The steps are the equal increments of the J2 path; None: chosen by their
+    error.  Grid and breadth are varied at nu = 0.3; the dotted 3 is Tabor's rule.
     """
 
     def row(nu: float, severity: float, seed: int, nodes: int, waves: int) -> dict[str, float]:
@@ -116,143 +89,97 @@ def hardness(
         return dict(zip(MEASURES, measures.values(), strict=True))
 
     def measured(count: int, nodes: int, waves: int = WAVES, nus: Sequence[float] = (0.3,)) -> Any:
-        seeds = range(101, 101 + count)
-        axes = {"nu": nus, "severity": severities, "seed": seeds}
-        return rows(say, row, **axes, nodes=[nodes], waves=[waves])
+        axes = {"nu": nus, "severity": severities, "seed": range(101, 101 + count)}
+        table = rows(say, row, **axes, nodes=[nodes], waves=[waves])
+        return table.assign(series=table["severity"].map(_SEVERITY.format))
 
     surfaces, nodes = usual
     table = measured(surfaces, nodes, nus=nus)
-    caption = (
-        f"surfaces of {nodes} x {nodes} nodes, {steps or 'as many as their error asks for'} load "
-        "steps; elastic-plastic rough scenes pressed with a quarter of the yield stress."
-    )
-    for name, (label, meaning) in MEASURES.items():
-        plot = Plot(
-            ("severity", "E* xi / sigma_Y (–)"),
-            (name, label),
-            log="x",
-            ticks=sorted(severities),
-            level=TABOR if name == "effective_hardness" else None,
-        )
-        series = table["nu"].map("nu = {:g}".format)
-        yield plot, table.assign(series=series), f"{meaning}. On {caption}"
+    table["series"] = table["nu"].map("nu = {:g}".format)
+    for name, (label, title) in MEASURES.items():
+        level = TABOR if name == "effective_hardness" else None
+        x = ("severity", "E* xi / sigma_Y (–)")
+        plot = Plot(x, (name, label), log="x", ticks=sorted(severities), level=level)
+        yield plot, table, title
     surfaces, grids = by_grid
     table = pd.concat([measured(surfaces, nodes) for nodes in grids])
     finest = table[table["nodes"] == max(grids)].set_index(["severity", "seed"])
     exact = finest["effective_hardness"].rename("exact")
     table = table[table["nodes"] < max(grids)].join(exact, on=exact.index.names)
-    change = table["effective_hardness"] - table["exact"]
-    yield _by_severity(
-        table.assign(
-            nodes_per_wavelength=table["nodes"] / WAVES, change_of_effective_hardness=change
-        ),
-        ("nodes_per_wavelength", "nodes per shortest wavelength (–)"),
-        ("change_of_effective_hardness", "effective hardness less that on the finest grid (–)"),
-        0.0,
-        "Effect of the grid on the effective hardness: its difference from that on "
-        f"{max(grids) / WAVES:g} nodes per shortest wavelength",
-    )
+    x = ("nodes_per_wavelength", "nodes per shortest wavelength (–)")
+    y = ("change_of_effective_hardness", "effective hardness less that on the finest grid (–)")
+    table[x[0]], table[y[0]] = table["nodes"] / WAVES, table["effective_hardness"] - table["exact"]
+    plot = Plot(x, y, log="x", ticks=sorted(table[x[0]].unique()), level=0.0)
+    yield plot, table, "Effect of the grid on the effective hardness"
     surfaces, points, spectra = by_breadth
     table = pd.concat([measured(surfaces, points * waves, waves) for waves in spectra])
-    yield _by_severity(
-        table.assign(wavelength_ratio=table["waves"]),
-        ("wavelength_ratio", "longest over shortest wavelength (–)"),
-        _EFFECTIVE,
-        TABOR,
-        "Effect of the breadth of the spectrum on the effective hardness; the severity is of the "
-        "whole spectrum's slope",
-    )
-
-
-def _by_severity(
-    table: pd.DataFrame, x: tuple[str, str], y: tuple[str, str], level: float, meaning: str
-) -> tuple[Plot, pd.DataFrame, str]:
-    series = table["severity"].map("E* xi / sigma_Y = {:g}".format)
-    plot = Plot(x, y, log="x", ticks=sorted(table[x[0]].unique()), level=level)
-    return plot, table.assign(series=series), f"{meaning}. nu = {table['nu'].iloc[0]:g}."
+    x = ("wavelength_ratio", "longest over shortest wavelength (–)")
+    plot = Plot(x, _EFFECTIVE, log="x", ticks=sorted(spectra), level=TABOR)
+    table["wavelength_ratio"] = table["waves"]
+    yield plot, table, "Effect of the breadth of the spectrum on the effective hardness"
 
 
 @study("hardness-map")
 def kept_map(say: Say) -> Charts:
-    """The kept map of that cap over severity, load and nu, with its formula."""
+    """The kept map of that cap over severity, load and nu, with its formula.
+
+    Under the cap boundary elements carry the load on the area of the rough J2 metal, which is no
+    larger than 0.9.  Intervals (95 %) are for the map's spectrum.  The dotted 3 is Tabor's rule.
+    """
     del say
-    whole = pd.DataFrame(dict(hardness_map()))
-    whole = whole[(whole["area"] <= FULL) & (whole["inverse_hardness"] > 0)]
+    whole = pd.DataFrame(dict(kept.hardness_map()))
+    whole = whole[(whole["area"] <= kept.FULL) & (whole["inverse_hardness"] > 0)]
     for nu, known in whole.groupby("poisson_ratio"):
         inverse = known["inverse_hardness"]
         parts = ("scatter", "grid_error", "steps_error", "depth_error")
         error = np.sqrt(sum(known[part] ** 2 for part in parts))
-        name = known["severity"].map("E* xi / sigma_Y = {:g}".format)
         places = known[["severity", "load"]].assign(
-            series=name,
+            series=known["severity"].map(_SEVERITY.format),
             style="marks",
             effective_hardness=1 / inverse,
             effective_hardness_low=1 / (inverse * (1 + error)),
             effective_hardness_high=1 / (inverse * np.maximum(1 - error, 0.5)),
         )
         formula = known[["severity", "load"]].assign(
-            series=name.str.replace("E* xi / sigma_Y = ", "") + ", formula",
+            series=known["severity"].map("{:g}, formula".format),
             style="curve",
-            effective_hardness=fitted_ratio(*(known[axis].to_numpy() for axis in SYMBOLS)),
-        )
-        yield (
-            Plot(
-                ("load", "p0 / sigma_Y (–)"),
-                _EFFECTIVE,
-                colour="severity",
-                log="x",
-                ticks=sorted(known["load"].unique()),
-                level=TABOR,
+            effective_hardness=kept.fitted_ratio(
+                *(known[axis].to_numpy() for axis in kept.SYMBOLS)
             ),
-            pd.concat([places, formula]),
-            f"The effective hardness of rough J2 metals of Poisson's ratio {nu:g}: the cap, in "
-            "yield stresses, under which capped boundary elements carry the load on the J2 body's "
-            "area. Bars: 95 % intervals for the spectrum of the map; other spectra change it by "
-            f"{100 * known['spectrum_error'].iloc[0]:.0f} % (95 %). "
-            f"Curves: {formula_text()}. Dotted: 3, Tabor's rule. Places of a contact area above "
-            f"{FULL:g} are left out.",
         )
+        x, ticks = ("load", "p0 / sigma_Y (–)"), sorted(known["load"].unique())
+        plot = Plot(x, _EFFECTIVE, colour="severity", log="x", ticks=ticks, level=TABOR)
+        other = f"{100 * known['spectrum_error'].iloc[0]:.0f} % by other spectra"
+        title = (
+            f"Effective hardness at nu = {nu:g}, changed by {other}; curves {kept.formula_text()}"
+        )
+        yield plot, pd.concat([places, formula]), title
 
 
 #: Mean pressures over the yield stress.
 LOADS = (0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
-J2, TABORS, MAPPED, THEORY = (
-    "J2 flow",
-    "cap at 3 sigma_Y",
-    "cap of the map",
-    "theory, cap at 3 sigma_Y",
-)
+J2, TABORS, MAPPED = "J2 flow", "cap at 3 sigma_Y", "cap of the map"
+THEORY = "theory, cap at 3 sigma_Y"
 
 
-@study(
-    "persistence",
-    fast={"severities": (5.0,), "seeds": range(101, 103)},
-    full={"severities": (5.0, 15.0, 50.0), "seeds": range(101, 109)},
-)
+@study("persistence", severities=(5.0, 15.0, 50.0), seeds=range(101, 109))
 def persistence(
-    say: Say, severities: Sequence[float], seeds: Sequence[int], nodes: int = 24
+    say: Say,
+    severities: Sequence[float] = (5.0,),
+    seeds: Ints = range(101, 103),
+    nodes: int = 24,
 ) -> Charts:
     """Contact area up to three yield stresses by J2 flow, caps and theory.
 
     A pressure cap closes the contact when the mean pressure reaches it.  A J2 body keeps some of
     its surface apart well beyond the cap that stands for it at light loads, because neighbouring
-    contacts confine each other and carry more: the discussion of Almqvist and Persson.
+    contacts confine each other and carry more: the discussion of Almqvist and Persson.  nu = 0.3.
     """
+    x, y = ("load", "p0 / sigma_Y (–)"), ("area", "contact area over nominal area (–)")
     for severity in severities:
-        yield (
-            Plot(
-                ("load", "p0 / sigma_Y (–)"),
-                ("area", "contact area over nominal area (–)"),
-                styles={THEORY: "curve"},
-                level=1.0,
-            ),
-            rows(say, raw_areas, severity=[severity], seed=seeds, nodes=[nodes]),
-            f"Contact area of rough bodies of E* xi/sigma_Y = {severity:g} and Poisson's ratio 0.3 "
-            "up to three yield stresses: J2 flow, caps at Tabor's 3 sigma_Y and at the hardness of "
-            f"the map for each load, and Persson's theory (gamma = {GAMMA:g}) on the half-space. "
-            "Asperities persist: the J2 body stays apart where a cap that stands for it at light "
-            "loads would have closed.",
-        )
+        table = rows(say, raw_areas, severity=[severity], seed=seeds, nodes=[nodes])
+        plot = Plot(x, y, styles={THEORY: "curve"}, level=1.0)
+        yield plot, table, f"Contact area at E* xi/sigma_Y = {severity:g}"
 
 
 def raw_areas(severity: float, seed: int, nodes: int) -> list[dict[str, Any]]:
@@ -261,13 +188,13 @@ def raw_areas(severity: float, seed: int, nodes: int) -> list[dict[str, Any]]:
     A cap has the area 1 where the load reaches it; the cap of the map has no row outside the map.
     """
     scene, found = model_scene(severity, 0.3, seed, nodes), []
-    sigma_Y = scene.material.yield_stress
-    uncapped = replace(scene.material, hardness=math.inf)
-    path = replace(scene, material=uncapped, load=Load(tuple(load * sigma_Y for load in LOADS)))
-    j2 = fem_check.solve(path, law="j2", certified=False, tolerance=1e-4)
+    material, sigma_Y = scene.material, scene.material.yield_stress
+    path = Load(tuple(load * sigma_Y for load in LOADS))
+    body = replace(scene, material=replace(material, hardness=math.inf), load=path)
+    j2 = fem_check.solve(body, law="j2", certified=False, tolerance=1e-4)
     compliance = elements_compliance(scene, j2)
     for load, step in zip(LOADS, j2.steps, strict=True):
-        single = replace(path, load=Load(step.mean_pressure))
+        single = replace(body, load=Load(step.mean_pressure))
         found.append((J2, load, step.areas["raw"].total))
         for name, cap in ((TABORS, TABOR * sigma_Y), (MAPPED, _mapped(single))):
             if cap <= step.mean_pressure:
@@ -276,22 +203,16 @@ def raw_areas(severity: float, seed: int, nodes: int) -> list[dict[str, Any]]:
                 capped = capped_body(single, cap, compliance)
                 found.append((name, load, area_of(capped, "total", "raw")))
         if load < TABOR:
-            half = replace(single, material=scene.material, body=Body())
-            answer = persson.solve(half, energy_reduction=GAMMA)
+            half_space = replace(single, material=material, body=Body())
+            answer = persson.solve(half_space, energy_reduction=GAMMA)
             found.append((THEORY, load, area_of(answer, "total", "raw")))
     return [{"series": name, "load": load, "area": area} for name, load, area in found]
 
 
 def _mapped(scene: Scene) -> float:
     """The cap of the map in Pa; infinite outside the map."""
-    material = scene.material
+    of = {k: getattr(scene.material, k) for k in ("yield_stress", "young_modulus", "poisson_ratio")}
     try:
-        return effective_hardness(
-            yield_stress=material.yield_stress,
-            young_modulus=material.young_modulus,
-            poisson_ratio=material.poisson_ratio,
-            rms_slope=SLOPE,
-            mean_pressure=scene.load.final,
-        ).value
+        return kept.effective_hardness(**of, rms_slope=SLOPE, mean_pressure=scene.load.final).value
     except InvalidScene:
         return math.inf

@@ -1,4 +1,4 @@
-"""The scenes that studies share: the roughness, material and load of the paper, at any width.
+"""The scenes and laws that studies share: the paper's roughness, material and load, at any width.
 
 Self-affine surfaces of Hurst exponent 0.8 and rms slope 1, roll-off at four times the lowest
 wave number, E* = 250 GPa, hardness 150 GPa, mean pressure 12.5 GPa (Almqvist and Persson,
@@ -10,10 +10,16 @@ p0/(E* xi) = 0.05 and hardness/(E* xi) = 0.6, the only groups on which small-slo
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
-from epcontact.results import ContactResult
-from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
+import pandas as pd
+
+from epcontact import bem, persson
+from epcontact.output.charts.curves import pressure_density
+from epcontact.results import ContactResult, PressureDistribution
+from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
 from epcontact.surfaces import SelfAffine
 
 LOWEST = 2.5e4  # rad/m
@@ -24,22 +30,30 @@ PARTS = ("total", "elastic", "plastic")
 CONSTRAINT = 3.0
 LAWS = {"capped": HARDNESS, "elastic": math.inf}  # Pa
 #: How captions name the scene.
-PAPER = "the paper's roughness, material and load (p0/(E* xi) = 0.05, hardness/(E* xi) = 0.6)"
+PAPER = "the paper's scene (p0/(E* xi) = 0.05, hardness/(E* xi) = 0.6)"
+#: Intervals of densities of the pressure up to the hardness.
+BINS = 40
 
-
-def rough_surface(points_per_wavelength: float, seed: int, bandwidth: int = 256) -> Surface:
-    """A square period of the paper's roughness with so many points per shortest wavelength."""
-    spectrum = SelfAffineSpectrum(0.8, LOWEST, 4 * LOWEST, bandwidth * LOWEST, 1.0)
-    period, points = 2 * math.pi / LOWEST, round(points_per_wavelength * bandwidth)
-    return SelfAffine(spectrum, (period, period), (points, points), seed).build()
+#: Boundary elements until the areas have settled, and the theory on the surface's own spectrum.
+settled = partial(bem.solve, area_tolerance=1e-5)
+by_theory = partial(persson.solve, energy_reduction=GAMMA, spectrum="surface")
+theory_of = partial(persson.Theory.of_scene, energy_reduction=GAMMA, spectrum="surface")
 
 
 def rough_scene(
     points_per_wavelength: float, seed: int, bandwidth: int = 256, hardness: float = HARDNESS
 ) -> Scene:
-    """The paper's scene on a surface of `rough_surface`; the hardness is in Pa, or infinite."""
-    surface = rough_surface(points_per_wavelength, seed, bandwidth)
+    """A square period of the paper's roughness with so many points per shortest wavelength."""
+    spectrum = SelfAffineSpectrum(0.8, LOWEST, 4 * LOWEST, bandwidth * LOWEST, 1.0)
+    periods, points = (2 * math.pi / LOWEST,) * 2, round(points_per_wavelength * bandwidth)
+    surface = SelfAffine(spectrum, periods, (points, points), seed).build()
     return Scene(surface, Material(MODULUS, 0.0, hardness), Load(MEAN_PRESSURE))
+
+
+def yielding(scene: Scene) -> Scene:
+    """The scene of a J2 body whose yield stress is the hardness over CONSTRAINT."""
+    stress = scene.material.hardness / CONSTRAINT
+    return replace(scene, material=replace(scene.material, hardness=math.inf, yield_stress=stress))
 
 
 def area_of(result: ContactResult, part: str, kind: str = "corrected") -> float:
@@ -49,11 +63,12 @@ def area_of(result: ContactResult, part: str, kind: str = "corrected") -> float:
 
 def area_rows(result: ContactResult) -> list[dict[str, Any]]:
     """A row for each part of the corrected area: part, area_fraction and its estimated_error."""
-    return [
-        {
-            "part": part,
-            "area_fraction": area_of(result, part),
-            "estimated_error": area_of(result, part, "error"),
-        }
-        for part in PARTS
-    ]
+    kinds = {"area_fraction": "corrected", "estimated_error": "error"}
+    return [{"part": p} | {k: area_of(result, p, v) for k, v in kinds.items()} for p in PARTS]
+
+
+def binned(of: PressureDistribution | None, unit: float, names: tuple[str, str]) -> pd.DataFrame:
+    """The pressures of BINS intervals, in a unit of so many Pa, and the density in each."""
+    assert of is not None
+    pressure, density = pressure_density(of, BINS, HARDNESS)
+    return pd.DataFrame(dict(zip(names, (pressure / unit, density * unit), strict=True)))

@@ -29,7 +29,7 @@ from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.files import write_json
 from epcontact.harness.quantities.registry import measure
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.maps import stability_map as draw_map
+from epcontact.output.charts.maps import stability_map
 from epcontact.results import ContactResult, package_versions
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.studies.frame import Say, rows
@@ -42,31 +42,33 @@ _TERMS = 200
 #: A division by zero counts as a failure like a report that the solver did not converge.
 _FAILURES = (EpcontactError, ArithmeticError, np.linalg.LinAlgError)
 
-#: The axes of the maps, grid points and step limits of the sweeps by size.
+#: The labels of x, y and effort on each map.
+MAPS = {
+    "capped": ("p0 / hardness (–)", "hardness / (E* xi) (–)", "transform pairs"),
+    "elastic": ("p0 / (E* xi) (–)", "hardness / (E* xi) (–)", "transform pairs"),
+    "theory": ("p0 / hardness (–)", "G / hardness^2 (–)", "terms"),
+    "fem": ("p0 / (E* xi) (–)", "E* xi / yield stress (–)", "Newton steps"),
+}
+_SHARES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97, 0.99)
+_RATIOS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0)
+_LOADS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
+#: The axes x and y of each map, Poisson's ratios, and grid points and step limits, by size.
 SIZES: dict[str, dict[str, Any]] = {
     "coarse": {
-        "points": 32,
-        "load_shares": (0.001, 0.1, 0.5, 0.99),
-        "hardnesses": (0.001, 0.1, 1.0, 100.0),
-        "loads": (0.001, 0.1, 1.0, 3.0),
-        "diffusions": (1e-4, 1e-2, 0.2, 1.0, 10.0),
-        "baseline_steps": 500,
-        "fem_points": (32,),
+        "capped": ((0.001, 0.1, 0.5, 0.99), (0.001, 0.1, 1.0, 100.0)),
+        "elastic": ((0.001, 0.1, 1.0, 3.0), (math.inf,)),
+        "theory": ((0.001, 0.1, 0.5, 0.99), (1e-4, 1e-2, 0.2, 1.0, 10.0)),
+        "fem": ((0.01, 0.2), (0.5, 5.0, 50.0)),
         "poisson_ratios": (0.0, 0.3, 0.499),
-        "fem_loads": (0.01, 0.2),
-        "yield_ratios": (0.5, 5.0, 50.0),
+        **{"points": (32, 32), "fem_points": (32,), "baseline_steps": 500},
     },
     "full": {
-        "points": 128,
-        "load_shares": (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97, 0.99),
-        "hardnesses": (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0),
-        "loads": (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0),
-        "diffusions": tuple(np.geomspace(1e-6, 1e2, 17).tolist()),
-        "baseline_steps": 1000,
-        "fem_points": (24, 24),
+        "capped": (_SHARES, _RATIOS),
+        "elastic": (_LOADS, (math.inf,)),
+        "theory": (_SHARES, tuple(np.geomspace(1e-6, 1e2, 17).tolist())),
+        "fem": ((0.003, 0.01, 0.05, 0.2, 1.0), (0.5, 2.0, 5.0, 15.0, 50.0)),
         "poisson_ratios": (0.0, 0.2, 0.3, 0.4, 0.49, 0.499),
-        "fem_loads": (0.003, 0.01, 0.05, 0.2, 1.0),
-        "yield_ratios": (0.5, 2.0, 5.0, 15.0, 50.0),
+        **{"points": (128, 128), "fem_points": (24, 24), "baseline_steps": 1000},
     },
 }
 
@@ -89,16 +91,20 @@ def stability(
         raise InvalidCase(f"no stability map is called {unknown[0]!r}; there are {', '.join(MAPS)}")
     if size not in SIZES:
         raise InvalidCase(f"size is {size!r}, but must be {' or '.join(SIZES)}")
-    tables = []
+    grid, tables = SIZES[size], []
+    surface, block = rough_surface(grid["points"]), rough_surface(grid["fem_points"])
+    capped = partial(_boundary_elements, surface, grid["baseline_steps"]), methods
+    panels = [f"nu = {nu:g}" for nu in grid["poisson_ratios"]]
+    solvers: dict[str, tuple[Callable[..., Any], Sequence[str]]] = {
+        "theory": (_sum, ("eigenfunctions", "images", "package")),
+        "fem": (partial(_finite_elements, block), panels),
+    }
     for name in maps or MAPS:
-        row, axes, _ = MAPS[name](SIZES[size], methods)
-        tables.append(rows(partial(_told, say, name), row, **axes))
+        (row, of_map), (x, y) = solvers.get(name, capped), grid[name]
+        say(f"the map {name}")
+        tables.append(rows(say, row, method=of_map, x=x, y=y))
         tables[-1].insert(0, "map", name)
     return pd.concat(tables, ignore_index=True)
-
-
-def _told(say: Say, name: str, what: str) -> None:
-    say(f"{name}: {what}")
 
 
 def _solved(
@@ -120,9 +126,6 @@ def _row(effort: float, residual: float, reason: str) -> dict[str, Any]:
     return {"converged": not reason, "effort": effort, "residual": residual, "reason": reason}
 
 
-# --- boundary elements ---------------------------------------------------------------------------
-
-
 def rough_surface(shape: tuple[int, ...]) -> Surface:
     """Self-affine roughness of slope 0.1 with at least four points per shortest wave."""
     period, waves = 1e-3, max(4, min(shape) // 4)
@@ -131,61 +134,49 @@ def rough_surface(shape: tuple[int, ...]) -> Surface:
     return SelfAffine(spectrum, (period,) * len(shape), shape, seed=1).build()
 
 
-def _boundary_elements(grid: Mapping[str, Any], methods: Sequence[str], *, capped: bool) -> Any:
-    surface = rough_surface((grid["points"],) * 2)
+def _boundary_elements(surface: Surface, most_steps: int, method: str, x: float, y: float) -> Any:
     unit = 1e11 * 0.1  # E* xi in Pa, Poisson's ratio being zero
-
-    def row(method: str, x: float, y: float) -> dict[str, Any]:
-        hardness = y * unit
-        scene = Scene(
-            surface, Material(1e11, 0.0, hardness), Load(x * (hardness if capped else unit))
-        )
-        options = {"max_steps": None if method == "newton" else grid["baseline_steps"]}
-        names = [f"quantity.measured_{name}" for name in ("gap", "force", "bounds")]
-        return _solved(
-            lambda: bem.solve(scene, method=method, threads=1, **options),  # type: ignore[arg-type]
-            "equivalent_fft_pairs",
-            lambda result: max(abs(measure(name, scene, result)) for name in names),
-        )
-
-    x, y = ("load_shares", grid["hardnesses"]) if capped else ("loads", (math.inf,))
-    labels = ("p0 / hardness (–)" if capped else "p0 / (E* xi) (–)", "hardness / (E* xi) (–)")
-    return row, {"method": methods, "x": grid[x], "y": y}, (*labels, "transform pairs")
+    pressure = x * (y * unit if math.isfinite(y) else unit)
+    scene = Scene(surface, Material(1e11, 0.0, y * unit), Load(pressure))
+    steps = None if method == "newton" else most_steps
+    names = [f"quantity.measured_{name}" for name in ("gap", "force", "bounds")]
+    return _solved(
+        lambda: bem.solve(scene, method=method, threads=1, max_steps=steps),  # type: ignore[arg-type]
+        "equivalent_fft_pairs",
+        lambda result: max(abs(measure(name, scene, result)) for name in names),
+    )
 
 
-# --- theory --------------------------------------------------------------------------------------
+def _finite_elements(surface: Surface, method: str, x: float, y: float) -> Any:
+    nu = float(method.removeprefix("nu = "))
+    unit = 1e11 / (1 - nu**2) * 0.1  # E* xi in Pa
+    scene = Scene(surface, Material(1e11, nu, yield_stress=unit / y), Load(x * unit))
+    return _solved(
+        lambda: fem_check.solve(scene, law="j2", steps=4),
+        "newton_steps",
+        lambda result: max(abs(r) for r in result.final.residuals.values()),
+    )
 
 
-def _theory(grid: Mapping[str, Any], methods: Sequence[str]) -> Any:
-    del methods  # those of the boundary elements
-    axes = {"method": ("eigenfunctions", "images", "package"), "x": grid["load_shares"]}
-    labels = ("p0 / hardness (–)", "G / hardness^2 (–)", "terms")
-    return _sum, axes | {"y": grid["diffusions"]}, labels
-
-
-def _sum(method: str, x: float, y: float) -> dict[str, Any]:
+def _sum(method: str, x: float, y: float) -> Any:
     """How far the areas by a method are off; the package's own are judged by their symmetry."""
-    exact, terms = _package_areas(x, y), 1
+
+    def package(share: float) -> tuple[float, float, float]:
+        areas = persson.areas(y, share, 1.0)
+        return float(areas.elastic), float(areas.plastic), float(areas.separated)
+
+    def off(a: float, b: float) -> float:
+        return abs(a - b) / max(abs(b), 1e-280)  # a smaller area counts as zero
+
+    exact, terms = package(x), 1
     if method == "package":
-        mirrored = _package_areas(1 - x, y)
-        error = max(
-            abs(sum(exact) - 1), _relative(exact[1], mirrored[2]), _relative(exact[0], mirrored[0])
-        )
+        mirrored = package(1 - x)
+        error = max(abs(sum(exact) - 1), off(exact[1], mirrored[2]), off(exact[0], mirrored[0]))
     else:
         terms, areas = (_eigenfunctions if method == "eigenfunctions" else _images)(x, y)
-        error = max(_relative(a, b) for a, b in zip(areas, exact, strict=True))
+        error = max(off(a, b) for a, b in zip(areas, exact, strict=True))
     reason = f"an area is off by {error:.1e} of itself after {terms} terms"
     return _row(float(terms), error, "" if error <= AREA_ERROR else reason)
-
-
-def _relative(a: float, b: float) -> float:
-    # An area below 1e-280 counts as zero.
-    return abs(a - b) / max(abs(b), 1e-280)
-
-
-def _package_areas(x: float, t: float) -> tuple[float, float, float]:
-    areas = persson.areas(t, x, 1.0)
-    return float(areas.elastic), float(areas.plastic), float(areas.separated)
 
 
 def _eigenfunctions(s: float, t: float) -> tuple[int, tuple[float, float, float]]:
@@ -214,55 +205,18 @@ def _images(s: float, t: float) -> tuple[int, tuple[float, float, float]]:
     return m + 1, (1 - plastic - apart, plastic, apart)
 
 
-# --- finite elements -----------------------------------------------------------------------------
-
-
-def _finite_elements(grid: Mapping[str, Any], methods: Sequence[str]) -> Any:
-    del methods  # those of the boundary elements
-    surface = rough_surface(grid["fem_points"])
-
-    def row(method: str, x: float, y: float) -> dict[str, Any]:
-        nu = float(method.removeprefix("nu = "))
-        unit = 1e11 / (1 - nu**2) * 0.1  # E* xi in Pa
-        scene = Scene(surface, Material(1e11, nu, yield_stress=unit / y), Load(x * unit))
-        return _solved(
-            lambda: fem_check.solve(scene, law="j2", steps=4),
-            "newton_steps",
-            lambda result: max(abs(r) for r in result.final.residuals.values()),
-        )
-
-    panels = [f"nu = {nu:g}" for nu in grid["poisson_ratios"]]
-    axes = {"method": panels, "x": grid["fem_loads"], "y": grid["yield_ratios"]}
-    return row, axes, ("p0 / (E* xi) (–)", "E* xi / yield stress (–)", "Newton steps")
-
-
-def _capped(grid: Mapping[str, Any], methods: Sequence[str]) -> Any:
-    return _boundary_elements(grid, methods, capped=True)
-
-
-def _elastic(grid: Mapping[str, Any], methods: Sequence[str]) -> Any:
-    return _boundary_elements(grid, methods, capped=False)
-
-
-#: The function of each map: the row of a point, its axes, and the labels of x, y and effort.
-MAPS = {"capped": _capped, "elastic": _elastic, "theory": _theory, "fem": _finite_elements}
-
-
 def chart(table: pd.DataFrame, size: str) -> Chart:
     """The chart of the points of one map."""
     name, (x, y) = table["map"].iloc[0], (sorted(table[axis].unique()) for axis in "xy")
-    effort = table["effort"].where(table["converged"])
+    shown = table.assign(effort=table["effort"].where(table["converged"]))
     panels = {
-        method: effort[group.index]
-        .set_axis(pd.MultiIndex.from_frame(group[["x", "y"]]))
-        .unstack()
-        .reindex(index=x, columns=y)
-        for method, group in table.groupby("method", sort=False)
+        method: group.pivot(index="x", columns="y", values="effort").reindex(index=x, columns=y)
+        for method, group in shown.groupby("method", sort=False)
     }
-    *labels, count = MAPS[name](SIZES[size], ())[2]
+    *_, count = MAPS[name]
     failed = int((~table["converged"]).sum())
     caption = f"{count} of each method on the {size} map; {failed} of {len(table)} failed."
-    return draw_map(panels, x, y, labels=tuple(labels), count=count, caption=caption)
+    return stability_map(panels, x, y, labels=MAPS[name][:2], count=count, caption=caption)
 
 
 def write(table: pd.DataFrame, size: str, folder: Path | str) -> tuple[Path, ...]:
@@ -270,16 +224,15 @@ def write(table: pd.DataFrame, size: str, folder: Path | str) -> tuple[Path, ...
 
     Raises OutputError if a file cannot be written.
     """
-    folder = Path(folder)
-    content: dict[str, Any] = {
+    paths = [Path(folder) / "stability.json"]
+    content: Mapping[str, Any] = {
         "schema": "epcontact-stability-1",
         "size": size,
         "versions": package_versions(),
         "failures": int((~table["converged"]).sum()),
         "points": table.to_dict("records"),
     }
-    paths = [folder / "stability.json"]
     write_json(paths[0], content)
     for name, points in table.groupby("map", sort=False):
-        paths += chart(points, size).save(folder / f"stability-{name}")
+        paths += chart(points, size).save(paths[0].with_name(f"stability-{name}"))
     return tuple(paths)

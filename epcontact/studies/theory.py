@@ -1,32 +1,32 @@
-"""Studies of the theory: its series and cells, its parameter gamma, and its magnifications."""
+"""Studies of the theory: its series and cells, its gamma, its magnifications, and P(sigma)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.special import erf, erfc
 
 from epcontact import bem, persson
-from epcontact.output.charts.curves import pressure_density
+from epcontact.bem.areas.distribution import end_fit, end_fits, extrapolated
+from epcontact.harness.gates.statistics import estimate
 from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import CYCLE, PART_COLOURS
 from epcontact.persson.series import SWITCH
-from epcontact.results import FloatArray, PressureDistribution
-from epcontact.scene import SelfAffineSpectrum
-from epcontact.studies.frame import Charts, Say, mean_with_interval, rows, study
+from epcontact.results import ContactResult, FloatArray, PressureDistribution
+from epcontact.scene import Scene, SelfAffineSpectrum
+from epcontact.studies import paper_scene as paper
+from epcontact.studies.frame import Charts, Ints, Say, listed, mean_with_interval, rows, study
 from epcontact.studies.paper_scene import (
     GAMMA,
     HARDNESS,
-    LAWS,
-    LOWEST,
     MEAN_PRESSURE,
     MODULUS,
     PARTS,
-    area_rows,
     rough_scene,
 )
 from epcontact.surfaces import filtered
@@ -40,19 +40,16 @@ MOST_TERMS, TARGET = 40, 1e-12
 
 
 def eigenfunction_sums(diffusion: float, load_share: float, terms: int) -> FloatArray:
-    """The elastic area at G/sigma_P^2 and p0/sigma_P by the first 1, 2, ... eigenfunctions.
-
-    (4/pi) sum_{n = 1, 3, ...} sin(n pi s) exp(-(n pi c / 2)^2) / n with c = 2 sqrt(G)/sigma_P and
-    the smaller of p0/sigma_P and 1 - p0/sigma_P as s; of shape (terms,).
-    """
+    """The elastic area by the first 1, 2, ... terms of (4/pi) sum_{n = 1, 3, ...} sin(n pi s)
+    exp(-n^2 pi^2 G/sigma_P^2) / n, with the smaller of p0/sigma_P and 1 - p0/sigma_P as s."""
     n, s = 2 * np.arange(terms) + 1, min(load_share, 1 - load_share)
     decay = np.exp(-(n**2) * math.pi**2 * diffusion)
     return np.cumsum(4 / (math.pi * n) * np.sin(n * math.pi * s) * decay)
 
 
 def image_sums(diffusion: float, load_share: float, terms: int) -> FloatArray:
-    """The same by the first pairs of images,
-    erf(s/c) + sum_{k = 1, 2, ...} (-1)^k [erfc((k - s)/c) - erfc((k + s)/c)]."""
+    """The same by the first pairs of images, erf(s/c) + sum_{k = 1, 2, ...} (-1)^k
+    [erfc((k - s)/c) - erfc((k + s)/c)] with c = 2 sqrt(G)/sigma_P."""
     s, c = min(load_share, 1 - load_share), 2 * math.sqrt(diffusion)
     k = np.arange(1, terms)
     pairs = (-1.0) ** k * (erfc((k - s) / c) - erfc((k + s) / c))
@@ -61,14 +58,16 @@ def image_sums(diffusion: float, load_share: float, terms: int) -> FloatArray:
 
 def series_errors(diffusions: Sequence[float], terms: int = MOST_TERMS) -> pd.DataFrame:
     """Relative error of the elastic area by the first 1, 2, ... terms of each series."""
-    tables = []
-    for G in diffusions:
-        exact = float(persson.areas(G, LOAD_SHARE, 1.0).elastic)
-        for name, sums in (("eigenfunctions", eigenfunction_sums), ("images", image_sums)):
-            error = np.abs(sums(G, LOAD_SHARE, terms) / exact - 1)
-            columns = {"terms": np.arange(1, terms + 1), "relative_error": error}
-            tables.append(pd.DataFrame({"relative_diffusion": G, "series": name} | columns))
-    return pd.concat(tables, ignore_index=True)
+
+    def row(relative_diffusion: float, series: str) -> list[dict[str, float]]:
+        sums = eigenfunction_sums if series == "eigenfunctions" else image_sums
+        exact = float(persson.areas(relative_diffusion, LOAD_SHARE, 1.0).elastic)
+        errors = np.abs(sums(relative_diffusion, LOAD_SHARE, terms) / exact - 1)
+        return [{"terms": n, "relative_error": error} for n, error in enumerate(errors, 1)]
+
+    series = ("eigenfunctions", "images")
+    table: pd.DataFrame = rows(lambda _: None, row, relative_diffusion=diffusions, series=series)
+    return table
 
 
 def terms_needed(errors: pd.DataFrame) -> pd.DataFrame:
@@ -79,80 +78,53 @@ def terms_needed(errors: pd.DataFrame) -> pd.DataFrame:
     return needed.where(needed <= errors["terms"].max()).reset_index()
 
 
-def finite_volume_error(cells: int) -> float:
+def finite_volume_error(cells: int) -> dict[str, float]:
     """Relative error of the plastic area of the paper's scene on so many cells and steps."""
-    spectrum = SelfAffineSpectrum(0.8, LOWEST, 4 * LOWEST, 256 * LOWEST, 1.0)
-    roughness = persson.analytic_roughness(spectrum)
-    body = persson.Theory(roughness, MODULUS, persson.EnergyReduction(GAMMA))
-    exact = float(persson.areas(PAPER_DIFFUSION, LOAD_SHARE, 1.0).plastic)
+    spectrum = SelfAffineSpectrum(0.8, paper.LOWEST, 4 * paper.LOWEST, 256 * paper.LOWEST, 1.0)
+    roughness, reduction = persson.analytic_roughness(spectrum), persson.EnergyReduction(GAMMA)
     curve = persson.hardness_curve(
-        body,
+        persson.Theory(roughness, MODULUS, reduction),
         MEAN_PRESSURE,
         lambda zeta: np.full_like(zeta, HARDNESS),
         [256.0],
         resolution=(cells, cells),
     )
-    return abs(float(curve.areas.plastic[-1]) / exact - 1)
+    exact = float(persson.areas(PAPER_DIFFUSION, LOAD_SHARE, 1.0).plastic)
+    return {"relative_error": abs(float(curve.areas.plastic[-1]) / exact - 1)}
 
 
-@study(
-    "theory", fast={"cells": (64, 128, 256, 512)}, full={"cells": (64, 128, 256, 512, 1024, 2048)}
-)
-def theory(say: Say, cells: Sequence[int]) -> Charts:
-    """Error of the theory's series against their terms, of its cells against their number."""
+@study("theory", cells=(64, 128, 256, 512, 1024, 2048))
+def theory(say: Say, cells: Ints = (64, 128, 256, 512)) -> Charts:
+    """Error of the theory's series against their terms, of its cells against their number.
+
+    The load is the paper's, p0/sigma_P = 1/12.  Errors below a quarter of float64's spacing are
+    drawn there; the package changes series at the dotted line; finite volumes serve a hardness
+    that depends on the magnification, and are compared with the closed form.
+    """
     errors = series_errors([0.01, PAPER_DIFFUSION, 1.0], terms=12)
     errors["relative_error"] = errors["relative_error"].clip(lower=np.finfo(float).eps / 4)
     label = r"$G/\sigma_\mathrm{{P}}^2$ = {:.3g}"
     errors["diffusion"] = errors["relative_diffusion"].map(label.format)
-    yield (
-        Plot(
-            ("terms", "terms (–)"),
-            ("relative_error", "relative error of the elastic area (–)"),
-            series=("series", "diffusion"),
-            colour="relative_diffusion",
-            log="y",
-            ticks=[1, 2, 4, 6, 8, 10, 12],
-        ),
-        errors,
-        "Error of the theory's elastic area against the number of terms, at p0/sigma_P = 1/12 and "
-        f"three G/sigma_P^2, of which {PAPER_DIFFUSION:.3g} is that of the paper's scene: images "
-        "are short at small G, eigenfunctions at large G. Errors below a quarter of float64's "
-        "spacing, 5.6e-17, are drawn there. Reference: the shorter of both, right to 1e-10.",
-    )
-    yield (
-        Plot(
-            ("relative_diffusion", r"$G / \sigma_\mathrm{P}^2$ (–)"),
-            ("terms", f"terms to a relative error of {TARGET:g} (–)"),
-            style="curve",
-            log="x",
-            upright={"change": SWITCH**2 / 4},
-            limits={"ylim": (0, 20), "yticks": range(0, 21, 5)},
-        ),
-        terms_needed(series_errors(np.geomspace(1e-3, 10, 81).tolist())),
-        f"Terms that each series of the elastic area needs to be right to {TARGET:g} of itself and "
-        f"stay so, at p0/sigma_P = 1/12. Where one needs more than {MOST_TERMS} or its terms "
-        "cancel, it is not drawn. The package changes from images to eigenfunctions at the dotted "
-        "line.",
-    )
-    found = rows(say, lambda cells: {"relative_error": finite_volume_error(cells)}, cells=cells)
-    yield (
-        Plot(
-            ("cells", "cells of the pressure, and steps of the magnification (–)"),
-            ("relative_error", "relative error of the plastic area (–)"),
-            log="xy",
-            ticks=cells,
-            orders=["finite volumes"],
-        ),
-        found.assign(series="finite volumes"),
-        "Error of the plastic area by finite volumes, which solve the theory where the hardness "
-        "depends on the magnification, here with the constant hardness of the paper's scene, "
-        "against the closed form, which is right to 1e-10.",
-    )
+    x, y = ("terms", "terms (–)"), ("relative_error", "relative error of the elastic area (–)")
+    plot = Plot(x, y, ("series", "diffusion"), colour="relative_diffusion", log="y")
+    yield replace(plot, ticks=[1, *range(2, 13, 2)]), errors, "Error of the elastic area"
+    x = ("relative_diffusion", r"$G / \sigma_\mathrm{P}^2$ (–)")
+    y = ("terms", f"terms to a relative error of {TARGET:g} (–)")
+    plot = Plot(x, y, style="curve", log="x", upright={"change": SWITCH**2 / 4})
+    plot = replace(plot, limits={"ylim": (0, 20), "yticks": range(0, 21, 5)})
+    needed = terms_needed(series_errors(np.geomspace(1e-3, 10, 81).tolist()))
+    yield plot, needed, f"Terms of the elastic area, where {MOST_TERMS} suffice"
+    x = ("cells", "cells of the pressure, and steps of the magnification (–)")
+    y = ("relative_error", "relative error of the plastic area (–)")
+    plot = Plot(x, y, log="xy", ticks=cells, orders=["finite volumes"])
+    found = rows(say, finite_volume_error, cells=cells).assign(series="finite volumes")
+    yield plot, found, "Error of the plastic area by finite volumes"
 
 
 # --- gamma ---------------------------------------------------------------------------------------
 
 AREAS = ("total", "elastic", "plastic", "elastic body")
+_AREA = ("area_fraction", r"contact area $A / A_0$ (–)")
 
 
 def theory_areas() -> pd.DataFrame:
@@ -162,214 +134,277 @@ def theory_areas() -> pd.DataFrame:
     return table.rename(columns={f"{area.replace(' ', '_')}_area": area for area in AREAS})
 
 
-def fit_gamma(table: pd.DataFrame, measured: Mapping[str, float]) -> tuple[float, float, float]:
-    """The gamma at which the theory has a measured area, and its interval; NaN where none is.
+def fit_gamma(table: pd.DataFrame, measured: Mapping[Any, Any]) -> tuple[float, float, float]:
+    """The gamma at which `theory_areas` have a measured area, and its interval.
 
-    `table` is that of `theory_areas`; `measured` has area, area_fraction, area_fraction_low and
-    area_fraction_high.
+    NaN where there is no such gamma, or several.
     """
-    gamma, areas = table["gamma"].to_numpy(), table[measured["area"]].to_numpy()
-    middle, *ends = (
-        _crossing(gamma, areas, measured[f"area_fraction{end}"]) for end in ("", "_low", "_high")
-    )
-    return middle, min(ends), max(ends)
+    gamma, areas, found = table["gamma"].to_numpy(), table[measured["area"]].to_numpy(), []
+    for level in (measured[f"area_fraction{end}"] for end in ("", "_low", "_high")):
+        places = np.flatnonzero(np.diff(areas > level))
+        i = places[0] if places.size == 1 else 0
+        share = (level - areas[i]) / (areas[i + 1] - areas[i]) if places.size == 1 else math.nan
+        found.append(float(gamma[i] + share * (gamma[i + 1] - gamma[i])))
+    return found[0], min(found[1:]), max(found[1:])
 
 
-def _crossing(x: FloatArray, y: FloatArray, level: float) -> float:
-    """The only x at which y, interpolated linearly, has the level; NaN if there is not one."""
-    above = y > level
-    crossings = np.flatnonzero(above[1:] != above[:-1])
-    if crossings.size != 1:
-        return math.nan
-    i = crossings[0]
-    return float(x[i] + (level - y[i]) * (x[i + 1] - x[i]) / (y[i + 1] - y[i]))
+def one_gamma(fits: Sequence[tuple[float, float, float]]) -> bool:
+    """True if one gamma is within the intervals of all areas."""
+    _, lows, highs = np.transpose(fits)
+    return bool(lows.max() <= highs.min())  # False with NaN
 
 
-@study("gamma", fast={"points": 4, "bandwidth": 128}, full={"points": 8, "bandwidth": 256})
-def gamma(say: Say, points: int, bandwidth: int, seeds: Sequence[int] = range(7, 15)) -> Charts:
+@study("gamma", points=8, bandwidth=256)
+def gamma(say: Say, points: int = 4, bandwidth: int = 128, seeds: Ints = range(7, 15)) -> Charts:
     """Areas of the theory against its energy reduction, beside boundary elements.
 
     The theory has one parameter, a constant gamma in G = gamma E*^2 xi^2 / 8, and it has each of
     four measured areas at a gamma of its own.  If the intervals of these gammas do not overlap, no
-    single gamma fits.
+    single gamma fits.  The elastic body is the paper's scene without hardness.
     """
 
-    def row(seed: int, law: str) -> list[dict[str, object]]:
-        scene = rough_scene(points, seed, bandwidth, LAWS[law])
-        return area_rows(bem.solve(scene, area_tolerance=1e-5))
+    def row(seed: int, law: str) -> list[dict[str, Any]]:
+        return paper.area_rows(paper.settled(rough_scene(points, seed, bandwidth, paper.LAWS[law])))
 
-    table = rows(say, row, seed=seeds, law=LAWS)
+    table = rows(say, row, seed=seeds, law=paper.LAWS)
     table["area"] = table["part"].where(table["law"] == "capped", table["part"] + " body")
-    measured = mean_with_interval(table, "area_fraction", ["area"], "estimated_error")
+    measured = mean_with_interval(table, _AREA[0], ["area"], "estimated_error")
     measured = measured[measured["area"].isin(AREAS)]
     exact = theory_areas()
     fits = {one["area"]: fit_gamma(exact, one) for one in measured.to_dict("records")}
-    curves = exact.melt("gamma", list(AREAS), "area", "area_fraction")
+    told = ", ".join(f"{a} {g:.3f} ({low:.3f} to {high:.3f})" for a, (g, low, high) in fits.items())
+    told += "" if one_gamma([*fits.values()]) else ": no single gamma fits all four"
+    curves = exact.melt("gamma", list(AREAS), "area", _AREA[0])
     levels = measured.merge(exact["gamma"].iloc[[0, -1]], how="cross")
     both = pd.concat([curves.assign(method="theory"), levels.assign(method="bem")])
-    deviations = curves.merge(measured, on="area", suffixes=("", "_bem"))
+    both = both.sort_values("area", key=lambda area: area.map(AREAS.index), kind="stable")
+    x, colours = ("gamma", r"energy reduction $\gamma$ (–)"), PART_COLOURS | {AREAS[3]: CYCLE[1]}
+    plot = Plot(x, _AREA, ("area", "method"), style="curve", colour="area", colours=colours)
+    plot = replace(plot, upright={r"$\gamma$ of the paper": GAMMA})
+    yield plot, both, f"Contact areas, which the theory meets at the gammas {told}"
+    off = curves.merge(measured, on="area", suffixes=("", "_bem"))
     for end, bound in (("", "_bem"), ("_low", "_low"), ("_high", "_high")):
         # The interval of the mean gives that of the ratio, because the theory has no interval.
-        ratio = deviations["area_fraction"] / deviations["area_fraction_bem"] ** 2
-        deviations[f"deviation_percent{end}"] = 100 * (
-            ratio * deviations[f"area_fraction{bound}"] - 1
-        )
-    plot = Plot(
-        ("gamma", r"energy reduction $\gamma$ (–)"),
-        ("area_fraction", r"contact area $A / A_0$ (–)"),
-        series=("area", "method"),
-        style="curve",
-        colour="area",
-        colours=PART_COLOURS | {"elastic body": CYCLE[1]},
-        upright={r"$\gamma$ of the paper": GAMMA},
-    )
-    caption = (
-        f"boundary elements in the continuum limit, mean with its 95 % interval of {len(seeds)} "
-        f"surfaces, {points} points per shortest wavelength, which is 1/{bandwidth} of the "
-        "longest; p0/(E* xi) = 0.05, hardness/(E* xi) = 0.6 (capped body) or infinite (elastic "
-        "body). Gamma that meets each area, with the interval: "
-        + ", ".join(f"{a} {g:.3f} ({low:.3f} to {high:.3f})" for a, (g, low, high) in fits.items())
-        + ("." if one_gamma(fits.values()) else ": no single gamma fits all four.")
-    )
-    by_area = both.sort_values("area", key=lambda area: area.map(AREAS.index), kind="stable")
-    yield plot, by_area, f"Contact areas of the theory against gamma; level lines: {caption}"
-    deviation = replace(
-        plot,
-        y=("deviation_percent", "theory over boundary elements, less 1 (%)"),
-        series=("area",),
-        level=0.0,
-        limits={"ylim": (-40, 60)},
-    )
-    yield deviation, deviations, f"Deviation of the theory's areas from {caption}"
-
-
-def one_gamma(fits: Iterable[tuple[float, float, float]]) -> bool:
-    """True if one gamma is within the intervals of all areas."""
-    _, lows, highs = np.transpose([*fits])
-    return bool(lows.max() <= highs.min())  # False with NaN
+        ratio = off["area_fraction"] / off["area_fraction_bem"] ** 2 * off[f"area_fraction{bound}"]
+        off[f"deviation_percent{end}"] = 100 * (ratio - 1)
+    y = ("deviation_percent", "theory over boundary elements, less 1 (%)")
+    plot = replace(plot, y=y, series=("area",), level=0.0, limits={"ylim": (-40, 60)})
+    yield plot, off, f"Deviation of the theory's areas, zero at the gammas {told}"
 
 
 # --- magnification -------------------------------------------------------------------------------
 
-BINS = 40
 #: Smallest area, over the nominal one, for a ratio: smaller areas are a few grid points.
 _SMALLEST_AREA = 0.01
-
-
-def five_of(values: Sequence[float]) -> list[float]:
-    """Five of the values, evenly spaced up to the last; all if there are fewer."""
-    if len(values) <= 5:
-        return list(values)
-    return [values[round(i)] for i in np.linspace(0, len(values) - 1, 6)[1:]]
-
-
-def _binned(distribution: PressureDistribution | None) -> pd.DataFrame:
-    assert distribution is not None
-    pressure, density = pressure_density(distribution, BINS, HARDNESS)
-    return pd.DataFrame({"pressure_GPa": pressure / 1e9, "density_per_GPa": density * 1e9})
+_DENSITY = ("pressure_GPa", "density_per_GPa")
 
 
 def _curves(body: persson.Theory, magnifications: Sequence[float]) -> pd.DataFrame:
     """The theory's areas at the magnifications: part, magnification, area_fraction."""
     curve = body.magnification_curve(MEAN_PRESSURE, magnifications)
-    areas = pd.DataFrame({part: getattr(curve, part) for part in PARTS})
-    areas["magnification"] = curve.magnification
-    return areas.melt("magnification", list(PARTS), "part", "area_fraction")
+    areas = pd.DataFrame({name: getattr(curve, name) for name in ("magnification", *PARTS)})
+    return areas.melt("magnification", list(PARTS), "part", _AREA[0])
 
 
-@study(
-    "magnification",
-    fast={"points": 4, "bandwidth": 64, "count": 13},
-    full={"points": 8, "bandwidth": 256, "count": 10},
-)
+@study("magnification", points=8, bandwidth=256, count=10)
 def magnification(
-    say: Say, points: int, bandwidth: int, count: int, seeds: Sequence[int] = range(7, 11)
+    say: Say, points: int = 4, bandwidth: int = 64, count: int = 13, seeds: Ints = range(7, 11)
 ) -> Charts:
     """Theory against boundary elements on one surface filtered at many cut-offs.
 
     A surface filtered at the wave number zeta q_0 is what the theory sees at the magnification
-    zeta.  Surfaces of random phases share their amplitudes, and so the theory's spectrum.
+    zeta.  Surfaces of random phases share their amplitudes, and so the theory's spectrum.  Areas
+    are in the continuum limit, densities of the pressure raw; the scene is the paper's.
     """
     cut_offs = np.geomspace(1.5, bandwidth, count).round(1).tolist()
-    distributed, densities = five_of(cut_offs), []
+    # Five of them, evenly spaced up to the last.
+    distributed = [cut_offs[round(i)] for i in np.linspace(0, count - 1, min(count, 6))][-5:]
+    densities = []
 
-    def row(seed: int, magnification: float) -> list[dict[str, object]]:
-        whole = rough_scene(points, seed, bandwidth)
-        scene = replace(whole, surface=filtered(whole.surface, magnification * LOWEST))
-        result = bem.solve(scene, area_tolerance=1e-5)
+    def row(seed: int, magnification: float) -> list[dict[str, Any]]:
+        scene = rough_scene(points, seed, bandwidth)
+        surface = filtered(scene.surface, magnification * paper.LOWEST)
+        result = paper.settled(replace(scene, surface=surface))
         if magnification in distributed:
-            densities.append(_binned(result.distribution).assign(magnification=magnification))
-        return area_rows(result)
+            density = paper.binned(result.distribution, 1e9, _DENSITY)
+            densities.append(density.assign(magnification=magnification))
+        return paper.area_rows(result)
 
-    table = rows(say, row, seed=seeds, magnification=cut_offs)
-    areas = mean_with_interval(table, "area_fraction", ["part", "magnification"], "estimated_error")
-    scene = rough_scene(points, seeds[0], bandwidth)
-    body = persson.Theory.of_scene(scene, energy_reduction=GAMMA, spectrum="surface")
-    of_scene = (
-        f"of the paper's roughness, material and load (p0/(E* xi) = 0.05 and hardness/(E* xi) = "
-        f"0.6 at the last magnification, gamma = {GAMMA}). Boundary elements: each surface "
-        f"filtered at the wave number zeta q_0, in the continuum limit, mean of {len(seeds)} "
-        "surfaces with its 95 % interval. Theory: with the spectrum of the very same modes."
-    )
-    plot = Plot(
-        ("magnification", r"magnification $\zeta = q / q_0$ (–)"),
-        ("area_fraction", r"contact area $A / A_0$ (–)"),
-        series=("part", "method"),
-        styles={"theory": "curve", "bem": "marks"},
-        colour="part",
-        colours=PART_COLOURS,
-        log="xy",
-        limits={"ylim": (1e-3, 1.3)},
-    )
+    table, keys = rows(say, row, seed=seeds, magnification=cut_offs), ["part", "magnification"]
+    areas = mean_with_interval(table, _AREA[0], keys, "estimated_error")
+    body = paper.theory_of(rough_scene(points, seeds[0], bandwidth))
     curves = _curves(body, np.geomspace(1, cut_offs[-1], 1000).tolist())
     measured = areas.assign(area_fraction_low=areas["area_fraction_low"].clip(lower=1e-12))
     both = pd.concat([curves.assign(method="theory"), measured.assign(method="bem")])
-    yield plot, both, f"Contact areas against magnification {of_scene}"
-    exact = _curves(body, cut_offs)
-    deviations = areas.merge(exact, on=["part", "magnification"], suffixes=("", "_theory"))
-    deviations = deviations[deviations["area_fraction_theory"] > _SMALLEST_AREA]
+    x = ("magnification", r"magnification $\zeta = q / q_0$ (–)")
+    plot = Plot(x, _AREA, ("part", "method"), {"theory": "curve", "bem": "marks"}, colour="part")
+    plot = replace(plot, colours=PART_COLOURS, log="xy", limits={"ylim": (1e-3, 1.3)})
+    yield plot, both, "Contact areas"
+    off = areas.merge(_curves(body, cut_offs), on=keys, suffixes=("", "_theory"))
+    off = off[off["area_fraction_theory"] > _SMALLEST_AREA]
     for end in ("", "_low", "_high"):
-        ratio = deviations[f"area_fraction{end}"] / deviations["area_fraction_theory"]
-        deviations[f"deviation_percent{end}"] = 100 * (ratio - 1)
-    deviation = replace(
-        plot,
-        y=("deviation_percent", "boundary elements over theory, less 1 (%)"),
-        series=("part",),
-        log="x",
-        limits={},
-        level=0.0,
-    )
-    yield (
-        deviation,
-        deviations,
-        "Deviation of the boundary elements from the theory, where the theory's area exceeds "
-        f"{_SMALLEST_AREA}, {of_scene}",
-    )
-    bins = pd.concat(densities).groupby(["magnification", "pressure_GPa"], sort=False)
-    theories = [
-        _binned(PressureDistribution(at.pressure, at.cumulative, at.plastic)).assign(
-            magnification=zeta
+        ratio = off[f"area_fraction{end}"] / off["area_fraction_theory"]
+        off[f"deviation_percent{end}"] = 100 * (ratio - 1)
+    y = ("deviation_percent", "boundary elements over theory, less 1 (%)")
+    deviation = replace(plot, y=y, series=("part",), log="x", limits={}, level=0.0)
+    yield deviation, off, f"Deviation of the areas, where they exceed {_SMALLEST_AREA}"
+    found = pd.concat(densities).groupby(["magnification", _DENSITY[0]], sort=False)
+    tables = []
+    for zeta in distributed:
+        at = body.pressure_curve(MEAN_PRESSURE, zeta)
+        whole = PressureDistribution(at.pressure, at.cumulative, at.plastic)
+        density = paper.binned(whole, 1e9, _DENSITY)
+        tables.append(density.assign(method="theory", magnification=zeta))
+    both = pd.concat([*tables, found.mean().reset_index().assign(method="bem")])
+    both = both.sort_values("magnification", kind="stable")
+    both["zeta"] = both["magnification"].map("zeta = {:.3g}".format)
+    x = (_DENSITY[0], r"contact pressure $\sigma$ (GPa)")
+    y = (_DENSITY[1], r"density $P(\sigma, \zeta)$ (1/GPa)")
+    plot = replace(plot, x=x, y=y, series=("zeta", "method"), colour="zeta", log="y")
+    limits = {"ylim": (1e-5, None), "xlim": (0, HARDNESS / 1e9)}
+    yield replace(plot, limits=limits), both, "Density of the pressure in elastic contact"
+
+
+# --- the ends of P(sigma) ------------------------------------------------------------------------
+
+ENDS = ("0+", "hardness-")
+#: Windows as shares of the hardness.
+WINDOW, COARSEST = 0.2, 4
+WINDOWS = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
+DENSITY, RAW_SLOPE, MEAN_SLOPE = "density", "raw slope", "mean slope"
+#: The power of the spacing with which a figure approaches its limit.
+ORDERS = {DENSITY: 0.5, RAW_SLOPE: 0.5, MEAN_SLOPE: 1.0}
+_RELATIVE = ("relative_pressure", "relative_density")
+_FIGURE = ["end", "figure", "window", "value"]
+_LABELS = {
+    "relative_density": r"density at the end, $P\,\sigma_\mathrm{P}$ (–)",
+    "relative_slope": rf"slope within {WINDOW:g} of the end, $P'\,\sigma_\mathrm{{P}}^2$ (–)",
+}
+
+
+@study("pressures", bandwidth=128)
+def pressures(
+    say: Say, bandwidth: int = 32, points: Ints = (4, 8, 16, 32), seeds: Ints = range(7, 15)
+) -> Charts:
+    """P(sigma) at 0 and at the hardness, raw and extrapolated, beside the theory.
+
+    Does it vanish there, and how steep is it?  The density is the value at the end of a straight
+    line that has the area and the mean pressure of the points within a window, which shrinks as the
+    root of the spacing, like the pressure next to a rim; the raw slope is that of such a line
+    within one window on every grid; the mean slope is 2 F/w^2 of the corrected area F within a
+    window w.  Each is extrapolated for every surface to ever finer grids: density and raw slope
+    with the root of the spacing, the mean slope with the spacing.  All are in units of the
+    hardness, and the theory has the same windows.
+    """
+    densities = []
+
+    def row(seed: int, points_per_wavelength: int) -> list[dict[str, Any]]:
+        scene = rough_scene(points_per_wavelength, seed, bandwidth)
+        result = bem.solve(scene, area_tolerance=1e-6)
+        density = paper.binned(result.distribution, HARDNESS, _RELATIVE)
+        densities.append(density.assign(points_per_wavelength=points_per_wavelength))
+        return end_figures(result, points_per_wavelength)
+
+    figures = rows(say, row, seed=seeds, points_per_wavelength=points)
+    scene = rough_scene(points[0], seeds[0], bandwidth)
+    by = ["points_per_wavelength", _RELATIVE[0]]
+    measured = pd.concat(densities).groupby(by, sort=False)[_RELATIVE[1]].mean().reset_index()
+    measured["series"] = measured[by[0]].map("{:g} points a wavelength".format)
+    theory = paper.binned(paper.by_theory(scene).distribution, HARDNESS, _RELATIVE)
+    x = (_RELATIVE[0], r"contact pressure over hardness, $\sigma / \sigma_\mathrm{P}$")
+    y = (_RELATIVE[1], r"density $P(\sigma)\,\sigma_\mathrm{P}$ (–)")
+    plot = Plot(x, y, style="curve", limits={"ylim": (0, None), "xlim": (0, 1)})
+    yield plot, pd.concat([theory.assign(series="persson"), measured]), "Density of the pressure"
+    exact, limits = pd.DataFrame(theory_figures(scene)), grid_limits(figures)
+    for figure in ORDERS:
+        here = (
+            t[(t["figure"] == figure) & (t["window"] == WINDOW)] for t in (figures, limits, exact)
         )
-        for zeta in distributed
-        for at in [body.pressure_curve(MEAN_PRESSURE, zeta)]
+        yield _limit_chart(figure, *here)
+    means = figures[figures["figure"] == MEAN_SLOPE]
+    means = means[means["points_per_wavelength"] == means["points_per_wavelength"].max()]
+    means = mean_with_interval(means, "value", ["end", "window"])
+    exact = exact[exact["figure"] == MEAN_SLOPE].assign(style="curve")
+    exact["series"], means["series"] = "persson, " + exact["end"], means["end"] + ", corrected"
+    x = ("window", "window over hardness (–)")
+    y = ("relative_slope", r"mean slope within it, $P'\,\sigma_\mathrm{P}^2$ (–)")
+    plot = Plot(x, y, colour="end", limits={"ylim": (0, None)})
+    yield plot, _by_end([means, exact], y[0]), "Mean slope on the finest grid, by the window"
+
+
+def end_figures(result: ContactResult, points_per_wavelength: float) -> list[dict[str, Any]]:
+    """The figures of a solution on a grid, a row for each end, figure and window (over the
+    hardness; of the density, that at COARSEST points): end, figure, window, value."""
+    relative = result.fields["pressure"] / HARDNESS
+    areas = result.final.areas["raw"], result.final.areas["corrected"]
+    shrinking = WINDOW * math.sqrt(COARSEST / points_per_wavelength)
+    wanted = [(DENSITY, WINDOW, shrinking), (RAW_SLOPE, WINDOW, WINDOW)]
+    wanted += [(MEAN_SLOPE, window, window) for window in WINDOWS]
+    names = {DENSITY: "density", RAW_SLOPE: "slope", MEAN_SLOPE: "continuum_slope"}
+    return [
+        dict(zip(_FIGURE, (end, figure, told, getattr(fit, names[figure])), strict=True))
+        for figure, told, window in wanted
+        for end, fit in zip(ENDS, end_fits(relative, 1.0, window, areas), strict=True)
+        if fit is not None
     ]
-    both = pd.concat(
-        [
-            pd.concat(theories).assign(method="theory"),
-            bins["density_per_GPa"].mean().reset_index().assign(method="bem"),
-        ]
-    ).sort_values("magnification", kind="stable")
-    yield (
-        replace(
-            plot,
-            x=("pressure_GPa", r"contact pressure $\sigma$ (GPa)"),
-            y=("density_per_GPa", r"density $P(\sigma, \zeta)$ (1/GPa)"),
-            series=("zeta", "method"),
-            colour="zeta",
-            log="y",
-            limits={"ylim": (1e-5, None), "xlim": (0, HARDNESS / 1e9)},
-        ),
-        both.assign(zeta=both["magnification"].map("zeta = {:.3g}".format)),
-        "Density of the pressure in elastic contact at several magnifications, mean over "
-        f"{BINS} bins of the raw grid values, which have no continuum limit, {of_scene}",
-    )
+
+
+def theory_figures(scene: Scene) -> list[dict[str, Any]]:
+    """The theory's figures for the spectrum of the scene's surface, as `end_figures` has them; the
+    slope at the very end is the mean slope within a window of 0."""
+    final, found = paper.by_theory(scene).final, []
+    G, p0 = final.quantities["diffusion"] / HARDNESS**2, scene.load.final / HARDNESS
+    for end, name in zip(ENDS, ("zero", "hardness"), strict=True):
+        slope = abs(HARDNESS**2 * final.quantities[f"density_slope_at_{name}"])
+        found += [(end, DENSITY, WINDOW, 0.0), (end, MEAN_SLOPE, 0.0, slope)]
+        for w in WINDOWS:
+            d = np.linspace(0, w, 2001)
+            within = persson.pressure_cumulative(d if end == "0+" else 1 - d, G, p0, 1.0)
+            share = within if end == "0+" else final.areas["raw"].elastic - within
+            # int d P dd = w F(w) - int F dd; the trapezoidal rule is right to 1e-7 of it.
+            fit = end_fit(share[-1], w * share[-1] - np.trapezoid(share, d), w)
+            found.append((end, MEAN_SLOPE, w, fit.continuum_slope))
+            found += [(end, RAW_SLOPE, w, fit.slope)] if w == WINDOW else []
+    return [dict(zip(_FIGURE, row, strict=True)) for row in found]
+
+
+def grid_limits(figures: pd.DataFrame) -> pd.DataFrame:
+    """Extrapolate figures to ever finer grids, surface by surface: end, figure, window and the
+    limit as value with its error, of scatter and of fit together, as value_low and value_high.
+
+    Slopes are taken without the coarsest grid, whose rims fill the window.
+    """
+    found = []
+    for (end, figure, window), group in figures.groupby(_FIGURE[:3], sort=False):
+        table = group.pivot(index="seed", columns="points_per_wavelength", values="value")
+        table = table if figure == DENSITY else table.iloc[:, 1:]
+        n, order = table.columns.to_numpy(), ORDERS[figure]
+        limit = estimate([extrapolated(n, row, order)[0] for row in table.to_numpy()])
+        # The error of the fit is common to all surfaces: it does not fall with their number.
+        error = math.hypot(limit.half_width, extrapolated(n, table.mean().to_numpy(), order)[1])
+        found.append((end, figure, window, limit.mean, limit.mean - error, limit.mean + error))
+    return pd.DataFrame(found, columns=[*_FIGURE, "value_low", "value_high"])
+
+
+def _by_end(tables: Sequence[pd.DataFrame], column: str) -> pd.DataFrame:
+    both = pd.concat(tables).sort_values("end", kind="stable")
+    return both.rename(columns=lambda name: name.replace("value", column))
+
+
+def _limit_chart(
+    figure: str, figures: pd.DataFrame, limits: pd.DataFrame, theory: pd.DataFrame
+) -> tuple[Plot, pd.DataFrame, str]:
+    """A figure of both ends against the root of the spacing, with limits at 0 and the theory's."""
+    told = listed(limits.merge(theory, on="end"), "{end} {value_x:+.3g} (theory {value_y:.3g})")
+    means = mean_with_interval(figures, "value", ["end", "points_per_wavelength"])
+    x = ("root_of_spacing", "root of 1 / points per shortest wavelength (–)")
+    means["series"], means[x[0]] = means["end"], 1 / np.sqrt(means["points_per_wavelength"])
+    levels = theory.merge(pd.DataFrame({x[0]: [0.0, means[x[0]].max()]}), how="cross")
+    if figure == DENSITY:
+        levels = levels.iloc[:0]  # it is zero, where the dotted line is
+    levels = levels.assign(style="curve", series="persson, " + levels["end"])
+    limits = limits.assign(**{x[0]: 0.0}, style="open", series=limits["end"] + ", limit")
+    column = "relative_density" if figure == DENSITY else "relative_slope"
+    plot = Plot(x, (column, _LABELS[column]), colour="end", level=0.0)
+    title = f"The {figure} of P at the ends, with limits for ever finer grids: {told}"
+    return plot, _by_end([means, limits, levels], column), title

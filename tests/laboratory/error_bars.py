@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, fields
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -36,7 +37,8 @@ from epcontact.bem.areas.rim_correction import (
     sums_of_fronts,
 )
 from epcontact.results import Areas, FloatArray
-from epcontact.studies.areas import FINER, Maker, Patch, member
+from epcontact.studies.areas import FINER, Patch, Random, member, named
+from epcontact.studies.paper_scene import PARTS
 
 #: The share of errors that are to lie within their claim.
 COVERED = 0.9
@@ -44,9 +46,9 @@ COVERED = 0.9
 _CELLS = 0.02
 
 
-def _waves(patch: Patch, rng: np.random.Generator, count: int = 60) -> FloatArray:
+def _waves(patch: Patch, rng: Random, count: int = 60) -> Any:
     """Random waves of half to all of the highest wave number, of rms slope 1."""
-    (nx, ny), (x, y) = patch.shape, patch.offsets(np.zeros(2))
+    (nx, ny), (x, y) = patch.shape, patch.offsets()
     heights, slope = np.zeros((nx, ny)), 0.0
     for _ in range(count):
         size, turn, phase = rng.uniform(0.5, 1), rng.uniform(0, 2 * np.pi), rng.uniform()
@@ -56,14 +58,14 @@ def _waves(patch: Patch, rng: np.random.Generator, count: int = 60) -> FloatArra
     return heights / math.sqrt(slope)
 
 
-def _terraces(patch: Patch, rng: np.random.Generator) -> FloatArray:
+def _terraces(patch: Patch, rng: Random) -> Any:
     coarse = Patch(patch.shape, patch.periods, 3)
     above = _waves(coarse, rng) > rng.uniform(-0.05, 0.05)
     return rng.uniform(0.1, 0.5) * _waves(patch, rng) + rng.uniform(0.01, 0.1) * above
 
 
-def _ripples(patch: Patch, rng: np.random.Generator) -> FloatArray:
-    x, y = patch.offsets(np.zeros(2))
+def _ripples(patch: Patch, rng: Random) -> Any:
+    x, y = patch.offsets()
     heights = np.zeros(patch.shape)
     for slope in (1.0, rng.choice([0.0, 0.3, 1.0])):
         a, b = rng.choice([[1, 0], [0, 3], [1, 2], [2, 2], [4, 1]])
@@ -72,7 +74,7 @@ def _ripples(patch: Patch, rng: np.random.Generator) -> FloatArray:
     return heights
 
 
-def _ellipsoids(patch: Patch, rng: np.random.Generator) -> FloatArray:
+def _ellipsoids(patch: Patch, rng: Random) -> Any:
     heights = np.full(patch.shape, -np.inf)
     for _ in range(int(rng.integers(2, 7))):
         along, across = _turned(patch, rng)
@@ -81,7 +83,7 @@ def _ellipsoids(patch: Patch, rng: np.random.Generator) -> FloatArray:
     return heights
 
 
-def _rings(patch: Patch, rng: np.random.Generator) -> FloatArray:
+def _rings(patch: Patch, rng: Random) -> Any:
     heights = np.zeros(patch.shape)
     for _ in range(int(rng.integers(1, 3))):
         along, across = _turned(patch, rng)
@@ -92,21 +94,21 @@ def _rings(patch: Patch, rng: np.random.Generator) -> FloatArray:
     return heights
 
 
-def _pyramids(patch: Patch, rng: np.random.Generator) -> FloatArray:
+def _pyramids(patch: Patch, rng: Random) -> Any:
     along, across = _turned(patch, rng)
     away = np.maximum(np.abs(along), np.abs(across) * rng.uniform(0.7, 1.5))
-    return np.asarray(-rng.uniform(0.1, 0.8) * np.maximum(away - rng.uniform(0.05, 0.3), 0))
+    return -rng.uniform(0.1, 0.8) * np.maximum(away - rng.uniform(0.05, 0.3), 0)
 
 
-def _grooves(patch: Patch, rng: np.random.Generator) -> FloatArray:
-    (a, b), (x, y) = rng.choice([[2, 0], [1, 2], [3, 3], [0, 4]]), patch.offsets(np.zeros(2))
+def _grooves(patch: Patch, rng: Random) -> Any:
+    (a, b), (x, y) = rng.choice([[2, 0], [1, 2], [3, 3], [0, 4]]), patch.offsets()
     across = np.abs((a * x + b * y + rng.uniform()) % 1 - 0.5)
     width = rng.uniform(0.1, 0.4)
     depth = rng.uniform(0.2, 1) * np.maximum(width - across, 0) / math.hypot(a, b)
-    return np.asarray(0.1 * _waves(patch, rng) - depth)
+    return 0.1 * _waves(patch, rng) - depth
 
 
-def _spikes(patch: Patch, rng: np.random.Generator) -> FloatArray:
+def _spikes(patch: Patch, rng: Random) -> Any:
     heights = _waves(patch, rng)
     for _ in range(int(rng.integers(3, 30))):
         along, across = _turned(patch, rng)
@@ -115,14 +117,14 @@ def _spikes(patch: Patch, rng: np.random.Generator) -> FloatArray:
     return heights
 
 
-def _lapped(patch: Patch, rng: np.random.Generator) -> FloatArray:
+def _lapped(patch: Patch, rng: Random) -> Any:
     """Waves whose heights above a level are pressed together, so that the level is an edge."""
     heights = _waves(patch, rng)
     level = rng.uniform(0, 1.5) * heights.std()
-    return np.asarray(np.minimum(heights, level + rng.uniform() * (heights - level)))
+    return np.minimum(heights, level + rng.uniform() * (heights - level))
 
 
-def _turned(patch: Patch, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def _turned(patch: Patch, rng: Random) -> tuple[FloatArray, FloatArray]:
     """Distances (nx, ny) from a random centre along two random directions at right angles."""
     (x, y), turn = patch.offsets(rng.uniform(size=2)), rng.uniform(0, np.pi)
     cosine, sine = math.cos(turn), math.sin(turn)
@@ -130,18 +132,8 @@ def _turned(patch: Patch, rng: np.random.Generator) -> tuple[FloatArray, FloatAr
 
 
 #: Kinds of surfaces other than those of `epcontact.studies.areas`.
-KINDS: dict[str, Maker] = {
-    "waves": _waves,
-    "oblong": _waves,
-    "terraces": _terraces,
-    "ripples": _ripples,
-    "ellipsoids": _ellipsoids,
-    "rings": _rings,
-    "pyramids": _pyramids,
-    "grooves": _grooves,
-    "spikes": _spikes,
-    "lapped": _lapped,
-}
+KINDS = {"waves": _waves, "oblong": _waves} | named(_terraces, _ripples, _ellipsoids, _rings)
+KINDS |= named(_pyramids, _grooves, _spikes, _lapped)
 
 
 @dataclass(frozen=True)
@@ -194,7 +186,7 @@ def errors_and_claims(known: Sequence[Lesson], constants: ErrorConstants) -> Flo
     out = []
     for one in known:
         found, claim = areas_of_sums(one.sums, one.share, one.cells, one.aspect, constants)
-        for part in ("total", "plastic", "elastic") if one.share else ("total",):
+        for part in PARTS if one.share else ("total",):
             off = abs(getattr(found, part) - getattr(one.exact, part))
             out.append([off * one.cells, getattr(claim, part) * one.cells])
     return np.maximum(np.array(out), _CELLS)

@@ -15,13 +15,11 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections import defaultdict
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -135,27 +133,30 @@ def _caps_around(load: float, area: float) -> list[float]:
     return [*(cap for cap in LADDER if low < cap <= high), math.inf]
 
 
-def inverse_hardness(areas: pd.DataFrame) -> pd.DataFrame:
+#: A table of places, which are its index, and of the same places what the choice of each surface
+#: adds to the error of a figure, by seed: the sum of the squares is the variance of the figure.
+Known = tuple[pd.DataFrame, pd.DataFrame]
+
+
+def inverse_hardness(areas: pd.DataFrame) -> Known:
     """Find sigma_Y/hardness at which an ensemble under a cap has the area of its J2 bodies.
 
-    `areas` has a row for each surface, load and cap: VARIED, PLACE, seed, j2_area, cap (over
-    sigma_Y, infinite for none) and cap_area.  Returns a row for each load of each kind of body:
-    VARIED, PLACE, surfaces, area (of the J2 bodies), inverse, and shifts: by seed, what the choice
-    of its surface adds to the error of inverse, so that the sum of their squares is its variance
-    (by the jackknife).
+    `areas` of one kind of body has a row for each surface, load and cap: VARIED, PLACE, seed,
+    j2_area, cap (over sigma_Y, infinite for none) and cap_area.  Returns for each place surfaces,
+    area (of the J2 bodies) and inverse, with the shifts of inverse by the jackknife.
     """
-    rows = []
-    for key, group in areas.groupby([*VARIED, *PLACE], sort=False):
-        place = dict(zip([*VARIED, *PLACE], key, strict=True))
+    rows, shifts, nodes, places = [], [], areas["nodes"].iloc[0], areas.groupby(PLACE, sort=False)
+    for _, group in places:
         bodies = {seed: _body(surface) for seed, surface in group.groupby("seed")}
-        n, whole = len(bodies), _inverse([*bodies.values()], place["nodes"])
-        shifts = {}
+        n, whole = len(bodies), _inverse([*bodies.values()], nodes)
+        area = float(np.mean([j2_area for j2_area, _, _ in bodies.values()]))
+        rows.append({"surfaces": n, "area": area, "inverse": whole})
+        shifts.append({})
         for seed in bodies if n > 1 else ():
             others = [body for other, body in bodies.items() if other != seed]
-            shifts[seed] = math.sqrt((n - 1) / n) * (_inverse(others, place["nodes"]) - whole)
-        area = float(np.mean([j2_area for j2_area, _, _ in bodies.values()]))
-        rows.append(place | {"surfaces": n, "area": area, "inverse": whole, "shifts": shifts})
-    return pd.DataFrame(rows)
+            shifts[-1][seed] = math.sqrt((n - 1) / n) * (_inverse(others, nodes) - whole)
+    index = pd.MultiIndex.from_tuples([place for place, _ in places], names=PLACE)
+    return pd.DataFrame(rows, index), pd.DataFrame(shifts, index).fillna(0.0)
 
 
 def _body(surface: pd.DataFrame) -> _Body:
@@ -175,31 +176,24 @@ def _inverse(bodies: Sequence[_Body], nodes: int) -> float:
     return float(edges.mean())
 
 
-def changes(usual: pd.DataFrame, other: pd.DataFrame, *, paired: bool = True) -> pd.DataFrame:
+def changes(usual: pd.DataFrame, other: pd.DataFrame, *, paired: bool = True) -> Known:
     """Compare the inverse hardness of two kinds of bodies, on the surfaces of both if `paired`.
 
-    Returns a row for each place that both have: PLACE, surfaces (of the fewer), area (of the
-    usual), change, the relative one, and its shifts, like those of `inverse_hardness`.
+    Returns for each place that both have surfaces (of the fewer), area (of the usual) and change,
+    the relative one, with its shifts.
     """
     keys = [*PLACE, "seed"] if paired else PLACE
     common = usual[keys].drop_duplicates().merge(other[keys].drop_duplicates())
-    both = inverse_hardness(usual.merge(common)).merge(
-        inverse_hardness(other.merge(common)), on=PLACE, suffixes=("_usual", "_other")
+    one, shifts = inverse_hardness(usual.merge(common))
+    two, more = (table.loc[one.index] for table in inverse_hardness(other.merge(common)))
+    ratio = two["inverse"] / one["inverse"]
+    shifts, more = (
+        shifts.mul(-ratio / one["inverse"], axis=0),
+        more.mul(ratio / two["inverse"], axis=0),
     )
-    ratio = both["inverse_other"] / both["inverse_usual"]
-    shifts: list[dict[Hashable, float]] = []
-    for row, changed in zip(both.to_dict("records"), ratio, strict=True):
-        found: dict[Hashable, float] = defaultdict(float)
-        for kind, sign in (("usual", -changed), ("other", changed)):
-            for seed, shift in row[f"shifts_{kind}"].items():
-                found[seed if paired else (kind, seed)] += sign * shift / row[f"inverse_{kind}"]
-        shifts.append(dict(found))
-    return both[PLACE].assign(
-        surfaces=both[["surfaces_usual", "surfaces_other"]].min(axis=1),
-        area=both["area_usual"],
-        change=ratio - 1,
-        shifts=shifts,
-    )
+    moved = shifts.add(more, fill_value=0.0) if paired else pd.concat([shifts, more], axis=1)
+    fewer = np.minimum(one["surfaces"], two["surfaces"])
+    return one[["area"]].assign(surfaces=fewer, change=ratio - 1), moved
 
 
 def mapped(areas: pd.DataFrame) -> pd.DataFrame:
@@ -219,29 +213,29 @@ def mapped(areas: pd.DataFrame) -> pd.DataFrame:
     or a place has a single surface.  Returns the columns of `materials/hardness_map.csv`.
     """
     usual, kinds = _kinds(areas)
-    table = inverse_hardness(usual)
+    table, shifts = inverse_hardness(usual)
     if (table["surfaces"] == 1).any():
         raise InvalidCase("a place of the map has one surface, but its scatter needs two or more")
     grid, grid_error = off_the_grid(usual, kinds["nodes"], table, kinds.get("finer", ()))
-    compared = {
-        part: pd.concat([changes(usual, other, paired=bool(part)) for other in kinds[part]])
-        for part in ("step_tolerance", "depth", "")
-    }
-    change = {part: table["change"].to_numpy() for part, table in compared.items()}
+    change, by_surfaces = {}, np.empty(0)
+    for part in ("step_tolerance", "depth", ""):
+        found = [changes(usual, other, paired=bool(part)) for other in kinds[part]]
+        change[part] = np.concatenate([changed["change"] for changed, _ in found])
+        by_surfaces = np.concatenate([(moved**2).sum(axis=1) for _, moved in found])
     steps = change["step_tolerance"]
     factor = (1 + grid) * (1 + steps.mean())
-    kept = table[[*PLACE, "surfaces", "area"]].assign(
+    made = table[["surfaces", "area"]].assign(
         inverse_hardness=table["inverse"] * factor,
-        scatter=2 * _pooled_scatter(table) / np.sqrt(table["surfaces"]),
+        scatter=2 * _pooled_scatter(table, shifts) / np.sqrt(table["surfaces"]),
     )
-    kept["statistical_error"] = _error_of_the_fit(kept, table, factor)
-    kept["grid_error"] = grid_error
-    kept["steps_error"] = math.hypot(2 * steps.std(), steps.mean() / 2)
-    kept["depth_error"] = 2 * math.sqrt((change["depth"] ** 2).mean())
-    by_surfaces = [sum(shift**2 for shift in shifts.values()) for shifts in compared[""]["shifts"]]
+    made = made.reset_index()
+    made["statistical_error"] = _error_of_the_fit(made, shifts.mul(factor, axis=0))
+    made["grid_error"] = grid_error
+    made["steps_error"] = math.hypot(2 * steps.std(), steps.mean() / 2)
+    made["depth_error"] = 2 * math.sqrt((change["depth"] ** 2).mean())
     missed = float((change[""] ** 2 - by_surfaces).mean())
-    kept["spectrum_error"] = 2 * math.sqrt(max(missed, 0.0))
-    return kept.sort_values(["poisson_ratio", "severity", "load"], ignore_index=True)
+    made["spectrum_error"] = 2 * math.sqrt(max(missed, 0.0))
+    return made.sort_values(["poisson_ratio", "severity", "load"], ignore_index=True)
 
 
 def _kinds(areas: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, list[pd.DataFrame]]]:
@@ -249,8 +243,7 @@ def _kinds(areas: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, list[pd.DataFra
 
     The key is "" for another spectrum, and "finer" for one with more nodes to the shortest wave.
     """
-    usual = areas[VARIED].iloc[0]
-    kinds: dict[str, list[pd.DataFrame]] = {}
+    usual, kinds = areas[VARIED].iloc[0], dict[str, list[pd.DataFrame]]()
     for key, group in areas.groupby(VARIED):
         other = dict(zip(VARIED, key, strict=True))
         differ = [name for name, value in other.items() if value != usual[name]]
@@ -285,27 +278,29 @@ def off_the_grid(
     """
     grids = [areas, *sorted(finer, key=lambda other: other["nodes"].iloc[0])]
     left, doubt = _share_left(grids[-1], others)
-    whole = np.ones(len(places))
-    moved: dict[Hashable, FloatArray] = defaultdict(lambda: np.zeros(len(places)))
+    whole, moved = np.ones(len(places)), dict[int, FloatArray]()
     for coarse, fine in pairwise(grids):
-        known = changes(coarse, fine)
-        known = known[known["surfaces"] > 1]  # a single one does not say how much it scatters
+        known, shifts = changes(coarse, fine)
+        told = known["surfaces"] > 1  # a single one does not say how much it scatters
+        known, shifts = known[told], shifts[told]
         if known.empty:
             raise InvalidCase("no place of the map has two surfaces on a finer grid; solve two")
-        shifts = _shifts(known)
-        error = np.sqrt(np.sum(np.square([*shifts.values()]), axis=0))
-        # A few surfaces that happen to agree do not make a place exact.
-        weight = 1 / np.hypot(error, LEAST_SCATTER)
+        weight = _weight(shifts)
         fit = partial(_fit_at, known, weight)
-        missed = (known["change"] - fit(known["change"], known)) * weight
+        missed = (known["change"].to_numpy() - fit(known["change"], known)) * weight
         freedom = max(len(known) - TERMS_OF_GRID, 1)
         worse = max(1.0, math.sqrt(float(missed @ missed) / freedom))
         change, counted = fit(known["change"], places), 1 + left if fine is grids[-1] else 1.0
         whole *= 1 + counted * change
         for seed, shift in shifts.items():
-            moved[seed] += counted * worse * fit(shift, places)
+            moved[seed] = moved.get(seed, 0.0) + counted * worse * fit(shift, places)
     by_surfaces = 4 * np.sum(np.square([*moved.values()]), axis=0)
     return whole - 1, np.sqrt((doubt * change) ** 2 + by_surfaces)
+
+
+def _weight(shifts: pd.DataFrame) -> FloatArray:
+    """One over the error by the surfaces; a few that happen to agree do not make a place exact."""
+    return 1 / np.hypot(np.sqrt((shifts**2).sum(axis=1)).to_numpy(), LEAST_SCATTER)
 
 
 def _share_left(finest: pd.DataFrame, others: Sequence[pd.DataFrame]) -> tuple[float, float]:
@@ -319,11 +314,11 @@ def _share_left(finest: pd.DataFrame, others: Sequence[pd.DataFrame]) -> tuple[f
     known = {other["nodes"].iloc[0] / other["waves"].iloc[0]: other for other in others}
     if not {points / 2, points, 2 * points} <= known.keys():
         return 2 / 3, 1 / 3
-    before = changes(known[points / 2], known[points])
-    both = before.merge(changes(known[points], known[2 * points]), on=PLACE)
-    error = np.sqrt(np.sum(np.square([*_shifts(both, "shifts_y").values()]), axis=0))
-    weight = 1 / np.hypot(error, LEAST_SCATTER)
-    first, second = both["change_x"] * weight, both["change_y"] * weight
+    before, _ = changes(known[points / 2], known[points])
+    after, shifts = changes(known[points], known[2 * points])
+    both = [place for place in before.index if place in after.index]
+    weight = _weight(shifts.loc[both])
+    first, second = (table["change"].loc[both].to_numpy() * weight for table in (before, after))
     share = float(first @ second / (first @ first))
     missed = second - share * first
     error = 2 * math.sqrt((missed @ missed) / (first @ first) / (len(both) - 1))
@@ -331,46 +326,38 @@ def _share_left(finest: pd.DataFrame, others: Sequence[pd.DataFrame]) -> tuple[f
 
 
 def _fit_at(
-    known: pd.DataFrame, weight: FloatArray, change: pd.Series | FloatArray, places: pd.DataFrame
+    known: pd.DataFrame, weight: FloatArray, change: pd.Series, places: pd.DataFrame
 ) -> FloatArray:
     """A change at the places, by the fit of `off_the_grid` to that of known places."""
 
     def columns(at: pd.DataFrame) -> FloatArray:
-        spots = (1 - at["area"]) * at["area"] ** -0.25
-        return np.column_stack([spots, spots / (1 + at["severity"] / 8)])
+        spots = ((1 - at["area"]) * at["area"] ** -0.25).to_numpy()
+        return np.column_stack([spots, spots / (1 + at.index.get_level_values(0) / 8)])
 
     found, *_ = np.linalg.lstsq(columns(known) * weight[:, None], change * weight, rcond=None)
     return np.asarray(columns(places) @ found)
 
 
-def _shifts(table: pd.DataFrame, column: str = "shifts") -> dict[Hashable, FloatArray]:
-    """The shifts of a table, one array over its rows for each seed."""
-    seeds = {seed for shifts in table[column] for seed in shifts}
-    return {seed: np.array([each.get(seed, 0.0) for each in table[column]]) for seed in seeds}
-
-
-def _pooled_scatter(table: pd.DataFrame) -> pd.Series:
+def _pooled_scatter(table: pd.DataFrame, shifts: pd.DataFrame) -> pd.Series:
     """The relative standard deviation of a single surface's inverse, pooled over a load."""
     freedom = table["surfaces"] - 1
-    variance = [sum(shift**2 for shift in shifts.values()) for shifts in table["shifts"]]
-    square = freedom * table["surfaces"] * np.array(variance) / table["inverse"] ** 2
-    by_load = table["load"]
-    pooled = square.groupby(by_load).sum() / freedom.groupby(by_load).sum()
-    return np.sqrt(by_load.map(pooled))
+    square = freedom * table["surfaces"] * (shifts**2).sum(axis=1) / table["inverse"] ** 2
+    of_load = [values.groupby("load").transform("sum") for values in (square, freedom)]
+    return np.sqrt(of_load[0] / of_load[1])
 
 
-def _error_of_the_fit(kept: pd.DataFrame, table: pd.DataFrame, factor: FloatArray) -> FloatArray:
+def _error_of_the_fit(made: pd.DataFrame, shifts: pd.DataFrame) -> FloatArray:
     """Twice the relative standard error of the formula at each place, by its surfaces.
 
     The formula pools all places, but a surface shifts many of them together.
     """
-    columns: Mapping[str, Any] = {name: kept[name].to_numpy() for name in kept}
-    at = terms(*(columns[name] for name in PLACE))
+    columns = {name: made[name].to_numpy() for name in made}
+    at, inverse = terms(*(columns[name] for name in PLACE)), columns["inverse_hardness"]
     ratio = at @ fit(columns)[0]
-    moved = []
-    for shift in _shifts(table).values():
-        inverse = columns["inverse_hardness"] + shift * factor
-        moved.append(at @ fit({**columns, "inverse_hardness": inverse})[0] - ratio)
+    moved = [
+        at @ fit({**columns, "inverse_hardness": inverse + shift.to_numpy()})[0] - ratio
+        for _, shift in shifts.items()
+    ]
     return np.asarray(2 * np.sqrt(np.sum(np.square(moved), axis=0)) / ratio)
 
 
