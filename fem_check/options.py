@@ -25,7 +25,7 @@ _hardening = partial(number, right="0 or positive, in Pa", good=lambda value: 0 
 
 @dataclass(frozen=True, kw_only=True)
 class FemOptions:
-    """How the finite elements solve a scene; the metadata of a field say what it means.
+    """The options of a finite-element solve; the metadata of a field say what it means.
 
     Laws.  "elastic" is linear elasticity.  "capped" is an elastic body whose nodal pressures do not
     exceed the hardness, and whose capped nodes keep what they have sunk when the load falls.  "j2"

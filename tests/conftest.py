@@ -1,4 +1,4 @@
-"""What several tests need: a small case to write."""
+"""The small case that several tests write."""
 
 from __future__ import annotations
 

@@ -207,7 +207,7 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> N
 
 
 def test_a_measured_map_from_file_to_table(write_case, tmp_path) -> None:
-    """In micrometres, with holes, tilted: what was done to it is said in the terminal."""
+    """The map is in micrometres, tilted and with holes; the terminal says what was done to it."""
     path = tmp_path / "small.toml"
     surface = '[surface]\nkind = "file"\npath = "map.csv"\nperiod = [64e-6, 80e-6]\nunit = 1e-6\n'
     spectrum = ("energy_reduction = 0.536", 'energy_reduction = 0.536\nspectrum = "surface"')
@@ -289,7 +289,7 @@ def test_plan_tells_the_model_and_why(write_case) -> None:
 
 
 def test_the_plan_of_a_map_rests_on_its_claim_and_says_so(write_case, tmp_path) -> None:
-    """With the notes of its heights, here that they are in steps."""
+    """The plan tells the notes of its heights, here that they are in steps."""
     x = 2 * np.pi * np.arange(32) / 32
     heights = np.round(2 * (np.cos(x)[:, None] + np.cos(x))) / 2 * 1e-6
     np.save(tmp_path / "steps.npy", heights)

@@ -1,4 +1,4 @@
-"""What a verdict says when a solver, a case or the machine misbehaves: never that all is well.
+"""A verdict never says that all is well when a solver, a case or the machine misbehaves.
 
 The solvers are those of hostile.py, each in a process of its own as with `--solver`.
 """

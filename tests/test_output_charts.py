@@ -252,7 +252,7 @@ def test_the_order_of_a_power_law_is_its_exponent(order: float, factor: float) -
 @given(pressures=st.lists(st.floats(0, 1e9), min_size=2, max_size=50), bins=st.integers(1, 80))
 @settings(deadline=None)
 def test_the_density_sums_up_to_the_elastic_area(pressures: list[float], bins: int) -> None:
-    """Also where many points share one pressure, a step of the cumulative area."""
+    """The sum holds where many points share one pressure, a step of the cumulative area, too."""
     sigma = np.append(np.sort(pressures), 1e9)
     cumulative = np.linspace(0.01, 0.4, sigma.size)
     centres, density = curves.pressure_density(PressureDistribution(sigma, cumulative, 0.1), bins)

@@ -1,4 +1,4 @@
-"""What is installed: metadata, types, licence, the oldest versions, and no link that breaks."""
+"""The installed package has metadata, types, a licence, oldest versions and no broken link."""
 
 from __future__ import annotations
 

@@ -153,7 +153,7 @@ def test_particle_hole_symmetry(contact):
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(st.floats(0.7, 0.95), _tail, st.booleans(), st.floats(0, 1))
 def test_eigenfunctions_and_images_are_one_function(c, share, mirrored, x):
-    """To 1e-13 around the switch, where the areas take either."""
+    """They agree to 1e-13 around the switch, where the areas take either."""
     walk = (c**2 / 4, 1 - share if mirrored else share, 1.0)
     sums = []
     for switch in (0.0, math.inf):

@@ -329,7 +329,7 @@ def test_a_mark_of_missing_points_is_told_from_heights(mark: float) -> None:
 
 
 def test_slopes_beyond_one_are_said_once() -> None:
-    """As a note, and as a warning of the line that makes the surface, not of later ones."""
+    """They are a note, and a warning of the line that makes the surface, not of later ones."""
     recipe = HeightsFromArray(periodic() * 1e3, (L, L))
     with pytest.warns(SurfaceWarning) as warned:
         steep = recipe.build()
@@ -514,7 +514,7 @@ def test_missing_files_and_folders(tmp_path: Path, name: str) -> None:
 
 
 class Topography:
-    """As much of SurfaceTopography's class as is used here, in nanometres."""
+    """The part of SurfaceTopography's class that is used here, in nanometres."""
 
     def __init__(
         self, scale: float = 1.0, unit: str | None = "nm", hole: bool = False, uniform: bool = True

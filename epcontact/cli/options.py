@@ -1,4 +1,4 @@
-"""What several commands share: their options, and how they show progress."""
+"""The options that several commands share, and the way they show progress."""
 
 from __future__ import annotations
 

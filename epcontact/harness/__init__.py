@@ -1,4 +1,4 @@
-"""From case files to a verdict: rooms of which each imports only from those above it.
+"""The way from case files to a verdict; each room imports only from those above it.
 
 processes         processes that call functions for this one, and executors that spread calls
 preload, threads  what processes are forked with, and libraries without threads

@@ -1,4 +1,4 @@
-"""What all recipes of surfaces share: their interface, their fields and the checks of them.
+"""The parts that all recipes share: their interface, their fields and the checks of them.
 
 A recipe is a frozen dataclass and also the checked form of the table [surface] of a case file.
 Each field is stated once, in its annotation: type, unit, meaning and bounds.  Pydantic checks case
@@ -165,7 +165,7 @@ class Generated(Fields):
         raise NotImplementedError
 
     def _known(self) -> dict[str, Any]:
-        """What else the surface knows of itself: its `spectrum`, `seed`, `shortest_wavelength`."""
+        """Return `spectrum`, `seed` and `shortest_wavelength` of the surface, if they are known."""
         return {}
 
 

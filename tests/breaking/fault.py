@@ -55,7 +55,7 @@ class Fault:
 
     @property
     def seen_by(self) -> str:
-        """What shows the fault: a bare "verify", "cases" (pytest cases) or a "test"."""
+        """Name what shows the fault: a bare "verify", "cases" (pytest cases) or a "test"."""
         if self.test:
             return "test"
         return "verify" if honest_case(self.case).verify else "cases"
@@ -132,7 +132,7 @@ def scaled(path: str, factor: float) -> Patch:
 
 
 def on_result(path: str, wrong: Callable[[Any], Any]) -> Patch:
-    """What a function returns, passed through `wrong`."""
+    """Return the patch that passes what a function returns through `wrong`."""
 
     def change(original: Callable[..., Any]) -> Callable[..., Any]:
         return functools.wraps(original)(lambda *args, **kwargs: wrong(original(*args, **kwargs)))

@@ -140,19 +140,16 @@ FAULTS = (
         }.items()
     ),
     _fault("a supremum divided by the wrong area",
-        _times(lambda norm, a, b, hardness: b / a if norm == "supremum" else 1.0),
-        test=DISTANCES),
+        _times(lambda norm, a, b, hardness: b / a if norm == "supremum" else 1.0), test=DISTANCES),
     _fault("a mean pressure over the wrong area",
         _times(lambda norm, a, b, hardness: 1.0 if math.isfinite(hardness) else a / b),
         test=DISTANCES),
     _fault("a repeated member of an ensemble",
         at(H + "answers.store.Answer.twins", property(lambda self: None)),
         test=TESTS + "test_status_of_a_case"),
-    _fault(
-        "the first load step judged, not the last",
+    _fault("the first load step judged, not the last",
         at("epcontact.results.ContactResult.final", property(lambda self: self.steps[0])),
-        "fem-uniaxial", "quantity.approach", status=REFUSED,
-    ),
+        "fem-uniaxial", "quantity.approach", status=REFUSED),
     _fault(
         "the closed form of another surface",
         given(
@@ -161,11 +158,8 @@ FAULTS = (
         ),
         "westergaard-line", "quantity.surface_rms_height",
     ),
-    _fault(
-        "the hardness of a case lost",
-        given(H + "case_files.case.Case.scene", _elastic),
-        "punch-capped", "area.plastic.corrected", status="error",
-    ),
+    _fault("the hardness of a case lost", given(H + "case_files.case.Case.scene", _elastic),
+        "punch-capped", "area.plastic.corrected", status="error"),
     # statistics and bookkeeping: two surfaces and a paired gate
     *(
         Fault(what, "harness", patch, *PAIRED, surfaces=2, status=REFUSED)
@@ -204,19 +198,14 @@ FAULTS = (
         for name in ("measured_force", "measured_bounds", "measured_gap", "measured_carried")
     ),
     # gates and verdict
-    _fault(
-        "claimed errors of areas do not count", at(VERDICT + "judgement._claim", lambda *_: None),
-        test=TESTS + "test_areas_less_sure_than_the_band_do_not_hold",
-    ),
-    _fault(
-        "the default gates dropped", at(H + "case_files.model.default_gates", lambda: ()),
-        test="tests/test_casefile.py::test_a_case_has_the_default_gates_of_its_methods",
-    ),
-    _fault(
-        "a shortfall passes",
+    _fault("claimed errors of areas do not count",
+        at(VERDICT + "judgement._claim", lambda *_: None),
+        test=TESTS + "test_areas_less_sure_than_the_band_do_not_hold"),
+    _fault("the default gates dropped", at(H + "case_files.model.default_gates", lambda: ()),
+        test="tests/test_casefile.py::test_a_case_has_the_default_gates_of_its_methods"),
+    _fault("a shortfall passes",
         both(at(VERDICT + "judgement.FALLS_SHORT", "fell short"), solver(faults.stiff)),
-        "westergaard-line", "quantity.mean_gap", status=REFUSED,
-    ),
+        "westergaard-line", "quantity.mean_gap", status=REFUSED),
     *(
         _fault(
             f"every {what} holds",
@@ -228,15 +217,9 @@ FAULTS = (
         )
         for what, judged in (("case", "verification.judge_case"), ("gate", "judgement.judge"))
     ),
-    _fault(
-        "no failure in junit.xml", at(VERDICT + "verification.Failure", Skipped),
-        test=TESTS + "test_files_say_what_the_verdict_says",
-    ),
-    _fault(
-        "the exit code of an error for a shortfall",
-        both(
-            changed(VERDICT + "judgement.Verdict.on", _with_exit_code), solver(faults.stiff)
-        ),
-        "westergaard-line", "quantity.mean_gap", status=REFUSED,
-    ),
+    _fault("no failure in junit.xml", at(VERDICT + "verification.Failure", Skipped),
+        test=TESTS + "test_files_say_what_the_verdict_says"),
+    _fault("the exit code of an error for a shortfall",
+        both(changed(VERDICT + "judgement.Verdict.on", _with_exit_code), solver(faults.stiff)),
+        "westergaard-line", "quantity.mean_gap", status=REFUSED),
 )  # fmt: skip

@@ -14,7 +14,7 @@ CLOSE = 0.2
 
 
 def copies(pressure: FloatArray) -> int:
-    """How many copies of one cell a periodic grid (nx, ny) holds at whole numbers of points."""
+    """Count the copies of one cell that a periodic grid (nx, ny) holds, whole points apart."""
     row, column = np.unravel_index(pressure.argmax(), pressure.shape)
     close = CLOSE * float(pressure[row, column] - pressure.min())
     along_x, along_y = _times(pressure, int(row), close), _times(pressure.T, int(column), close)
@@ -40,7 +40,7 @@ def _oblique(cell: FloatArray, highest: tuple[int, int], close: float) -> int:
 
 
 def _times(values: FloatArray, first: int, close: float) -> int:
-    """How many times the rows of a periodic grid repeat, by one prime factor after another."""
+    """Count how often the rows of a periodic grid repeat, one prime factor after another."""
     n, rest, factor = len(values), len(values), 2
     while rest > 1:
         if rest % factor:
@@ -56,7 +56,7 @@ def _times(values: FloatArray, first: int, close: float) -> int:
 def _repeats(
     values: FloatArray, first: int, count: int, step: tuple[int, int], close: float
 ) -> bool:
-    """Whether values on a periodic grid are `count` copies, to `close`, one step from the next.
+    """True if values on a periodic grid are `count` copies, to `close`, one step from the next.
 
     first: a row of the highest values, where surfaces without copies differ at once, at least in
     several steps.
