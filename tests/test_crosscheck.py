@@ -55,15 +55,11 @@ def test_each_part_falls_with_what_it_is_the_error_of() -> None:
     # First order: halved by twice the grid, here and there by a little less.
     assert fine["discretisation"].pressure < coarse["discretisation"].pressure / 1.7
     assert fine["depth"].pressure == pytest.approx(coarse["depth"].pressure, rel=0.5)
-    # The base's influence falls as exp(-2 q d): by 150 here.
-    scene = rough_scene(32, 4)
-    budgets = (error_budget(scene, "elastic", depth=d) for d in (0.15, 0.4, 0.8))
+    # The base's influence falls as exp(-2 q d), and a thin layer is stiffer than the half-space.
+    budgets = (error_budget(rough_scene(32, 4), "elastic", depth=d) for d in (0.15, 0.4, 0.8))
     thin, shallow, deep = (budget["depth"] for budget in budgets)
     assert deep.pressure < shallow.pressure / 20
-    assert shallow.pressure > 1e-3
-    # A thin layer on a rigid base is stiffer than the half-space, and touches on less.
     assert thin.area < 0
-    assert error_budget(rough_scene(32, 4, body=Body("sliding_layer", 0.4)))["depth"].pressure == 0
 
 
 def answer(pressure: list[float], low: float) -> ContactResult:
@@ -91,15 +87,11 @@ def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it() -> None:
     scene = rough_scene(16, 2, hardness=math.inf)
     found = measured_hardness(scene, steps=2)
     depth = fem_check.solve(scene, steps=2, certified=False).provenance.options["depth"]
-    others = {
-        "depth": measured_hardness(scene, steps=2, depth=0.75 * depth, coarse=False),
-        "steps": measured_hardness(scene, steps=1, coarse=False),
-    }
-    assert set(found.parts) == {"node", "grid", *others}
-    for name, other in others.items():
-        assert found.parts[name] == pytest.approx(found.ratio - other.ratio, abs=1e-9)
-    assert found.parts["steps"] != 0
-    assert found.error == combined(found.parts)
+    shallow = measured_hardness(scene, steps=2, depth=0.75 * depth, coarse=False)
+    fewer = measured_hardness(scene, steps=1, coarse=False)
+    assert set(found.parts) == {"node", "grid", "depth", "steps"}
+    assert found.parts["depth"] == pytest.approx(found.ratio - shallow.ratio, abs=1e-9)
+    assert found.parts["steps"] == pytest.approx(found.ratio - fewer.ratio, abs=1e-9) != 0
     tight = measured_hardness(scene, step_tolerance=0.002, coarse=False)
     assert set(tight.parts) == {"node"}
     assert tight.ratio == pytest.approx(found.ratio, abs=3 * found.error)
@@ -133,7 +125,6 @@ def test_a_case_is_cross_checked_in_words(tiny) -> None:
     assert budget.endswith("depth: area +0.00%, pressure 0.0e+00")
     j2 = fem_check.solve(case.scene(case.recipes[0]), certified=False)
     assert f"j2 touches on {j2.final.areas['raw'].total:.4f}, the capped body on 0." in areas
-    assert "of the hardness" in areas
     ratio, error = (float(word) for word in re.findall(r"c_eff = (\S+) \+- (\S+) ", effective)[0])
     assert 1.5 < ratio < 2.6
     assert 0 < error < 2

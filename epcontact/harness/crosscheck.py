@@ -40,7 +40,7 @@ from epcontact.harness.quantities.model_difference import (
 )
 from epcontact.results import ContactResult
 from epcontact.scene import Body, Load, Scene, Surface
-from epcontact.surfaces import Recipe, SelfAffine
+from epcontact.surfaces import SelfAffine
 
 #: Rows of the ensemble: c_eff, and the parts of its error.
 _C_EFF, _CHANGE = "effective hardness c_eff", "its change by the "
@@ -128,11 +128,14 @@ def crosscheck(
     for several surfaces their means with standard errors.  `seeds` replace the case's own, `steps`
     or `step_tolerance` the increments of its load path.
     """
-    if obstacle := _obstacle(case):
-        raise InvalidCase(f"{case.path}: {obstacle}")
-    path = _increments(case, {"steps": steps, "step_tolerance": step_tolerance})
+    given = {"steps": steps, "step_tolerance": step_tolerance}
+    given = {name: value for name, value in given.items() if value is not None}
+    _require_comparable(case, seeds, list(given))
+    chosen = "steps" if case.options["fem"].get("steps") else "step_tolerance"
+    path = given or {chosen: case.options["fem"].get(chosen)}
+    recipes: Sequence[Any] = case.recipes
     lines, rows = [], []
-    for recipe in _other_surfaces(case, seeds) if seeds else case.recipes:
+    for recipe in [replace(recipes[0], seed=seed) for seed in seeds] or recipes:
         seed = getattr(recipe, "seed", None)
         lines.append(f"{case.id}, {case.size}" + ("" if seed is None else f", seed {seed}"))
         found, row = _checked(case, case.scene(recipe), path)
@@ -147,43 +150,27 @@ def crosscheck(
     return "\n".join(lines)
 
 
-def _obstacle(case: Case) -> str:
-    """Return why a case cannot be cross-checked; empty if it can."""
-    if case.skip:
-        return case.skip
-    if missing := [method for method in ("fem", "bem") if method not in case.methods]:
-        return f"case.methods lacks {' and '.join(missing)}; a cross-check needs both fem and bem"
-    if len(case.load.path) != 1:
-        return (
-            f"load.mean_pressure is a path of {len(case.load.path)}, but a cross-check answers a "
-            "single mean pressure"
-        )
-    if (geometry := case.options["fem"]["geometry"]) != "gap":
-        return (
-            f"fem.geometry is {geometry!r}, but must be 'gap': the boundary elements have no "
-            "other, so slope and error could not be separated"
-        )
-    return ""
-
-
-def _increments(case: Case, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what chooses the increments of the J2 load path: what is asked for, or the case's."""
-    given, options = {k: v for k, v in asked.items() if v is not None}, case.options["fem"]
-    if len(given) == 2:
-        raise InvalidCase(EITHER_WAY)
-    if given and options["law"] != "j2":
-        raise InvalidCase(f"{case.path}: {min(given)} is for fem.law = 'j2' only")
-    name = "steps" if options.get("steps") else "step_tolerance"
-    return given or {name: options.get(name)}
-
-
-def _other_surfaces(case: Case, seeds: Sequence[int]) -> list[Recipe]:
-    first = case.recipes[0]
-    if not isinstance(first, SelfAffine):
-        raise InvalidCase(f"{case.path}: its surface is not random, so it has no seeds")
-    if len(set(seeds)) != len(seeds) or min(seeds) < 0:
-        raise InvalidCase(f"seeds are {list(seeds)}, but must be different numbers from 0 on")
-    return [replace(first, seed=seed) for seed in seeds]
+def _require_comparable(case: Case, seeds: Sequence[int], increments: Sequence[str]) -> None:
+    """Raise InvalidCase if a case cannot be cross-checked on these seeds and increments."""
+    missing = [method for method in ("fem", "bem") if method not in case.methods]
+    fem, loads = case.options.get("fem", {}), len(case.load.path)
+    random = isinstance(case.recipes[0], SelfAffine) if case.recipes else False
+    obstacles = {
+        case.skip: case.skip,
+        f"case.methods lacks {' and '.join(missing)}; a cross-check needs both fem and "
+        "bem": missing,
+        f"load.mean_pressure is a path of {loads}, but a cross-check answers a single mean "
+        "pressure": loads != 1,
+        f"fem.geometry is {fem.get('geometry')!r}, but must be 'gap': the boundary elements have "
+        "no other, so slope and error could not be separated": fem.get("geometry") != "gap",
+        EITHER_WAY: len(increments) == 2,
+        f"{''.join(increments)} is for fem.law = 'j2' only": increments and fem.get("law") != "j2",
+        "its surface is not random, so it has no seeds": seeds and not random,
+        f"seeds are {list(seeds)}, but must be different numbers from 0 on":
+            len(set(seeds)) != len(seeds) or min(seeds, default=0) < 0,
+    }  # fmt: skip
+    if obstacle := next((sentence for sentence, wrong in obstacles.items() if wrong), ""):
+        raise InvalidCase(f"{case.path}: {obstacle}")
 
 
 def _checked(

@@ -1,8 +1,5 @@
 """The interface under load: its stiffness, its conductance, and the patches of contact and of gap.
 
-They are computed from the fields of a result by any method, with the compliance of
-`reference.layers`, so they check a solver as well as describe a contact.
-
 Stiffness.  While no point changes its state, a change of the load is carried by the contact that
 is not flowing, on which the gap stays zero:
 
@@ -55,8 +52,7 @@ def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> 
     """Return the stiffness of the interface at the last load, per nominal area.
 
     Args:
-        scene: the scene.
-        result: the answer to it, with the field state.
+        scene, result: the scene and the answer to it, with the field state.
         branch: "loading" if the load grows next, "unloading" if it falls.
 
     Returns:
@@ -64,8 +60,7 @@ def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> 
         is not part of it.  Zero if nothing can carry more; infinite in full contact.
 
     Raises:
-        InvalidCase: the result has no states, or the branch is unknown.
-        NotConverged: the linear solve did not converge.
+        InvalidCase, NotConverged: no states, an unknown branch, or a linear solve that stalls.
 
     Example:
         Flat strips over half of each period L approach by (2 p L/(pi E*)) ln(1/sin(pi/4)).
@@ -117,8 +112,7 @@ def contact_conductance(scene: Scene, stiffness: float, resistivity: float) -> f
     Args:
         scene: the scene; the analogy holds for half-spaces.
         stiffness: of the interface in Pa/m, on the branch of interest.
-        resistivity: sum of the resistivities of the two bodies, in ohm m (electrical) or m K/W
-            (thermal).
+        resistivity: sum of the resistivities of the two bodies, in ohm m or, of heat, in m K/W.
 
     Returns:
         In S/m^2 or W/(K m^2).
