@@ -50,18 +50,11 @@ class Areas:
 
 @dataclass(frozen=True)
 class PressureDistribution:
-    """The distribution of the nominal area over the contact pressures.
+    """The distribution of the nominal area over the contact pressures."""
 
-    Attributes:
-        pressure: (m,) ascending from 0 to the hardness, or to the largest pressure, in Pa.
-        cumulative: (m,) fraction of the nominal area in *elastic* contact at a pressure in
-            (0, pressure[i]]; the last one is the elastic area.
-        plastic: Fraction of the nominal area at the hardness.
-    """
-
-    pressure: FloatArray
-    cumulative: FloatArray
-    plastic: float = 0.0
+    pressure: FloatArray  #: (m,) ascending from 0 to the hardness or largest pressure, in Pa.
+    cumulative: FloatArray  #: (m,) share in *elastic* contact at a pressure in (0, pressure[i]].
+    plastic: float = 0.0  #: Share of the nominal area at the hardness.
 
     def __post_init__(self) -> None:
         for name in ("pressure", "cumulative"):
@@ -73,34 +66,27 @@ class PressureDistribution:
 
 @dataclass(frozen=True)
 class LoadStep:
-    """The answer at one mean pressure of the load path.
+    """The answer at one mean pressure (Pa) of the load path.
 
-    Attributes:
-        mean_pressure: The mean pressure in Pa.
-        areas: "raw" (share of the grid points; the exact areas of a method without a grid),
-            "corrected" (continuum limit) and "error" (estimated error of the corrected areas).
-        residuals: The dimensionless residuals by name that decided convergence.
-        iterations: Counts by name (newton, cg, fft_pairs, ...).
-        quantities: Further figures by name in SI units, for example mean_gap.
+    Areas are "raw" (share of the grid points; the exact areas of a method without a grid),
+    "corrected" (continuum limit) and "error" (estimated error of the corrected areas).
     """
 
     mean_pressure: float
     areas: Mapping[str, Areas]
-    residuals: Mapping[str, float] = field(default_factory=dict)
-    iterations: Mapping[str, int] = field(default_factory=dict)
-    quantities: Mapping[str, float] = field(default_factory=dict)
+    residuals: Mapping[str, float] = field(
+        default_factory=dict
+    )  #: Those that decide, over a scale.
+    iterations: Mapping[str, int] = field(default_factory=dict)  #: newton, cg, fft_pairs, ...
+    quantities: Mapping[str, float] = field(default_factory=dict)  #: Others, such as mean_gap; SI.
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """The scene's digest, the seed, the options and the versions: enough to make a result again.
+    """The scene's digest, the surface's seed, the method's options and the libraries' versions.
 
-    Attributes:
-        scene: The digest of the scene.
-        seed: The seed of the surface, if it has one.
-        options: The options of the method.
-        versions: The versions of the libraries that affect the numbers.
-        about: The scene in words and figures: by name a `value`, its `unit` and its `meaning`.
+    They are enough to make a result again.  `about` is the scene in words and figures: by name a
+    `value`, its `unit` and its `meaning`.
     """
 
     scene: str
@@ -114,18 +100,11 @@ class Provenance:
 class ContactResult:
     """One scene answered by one method.
 
-    Attributes:
-        method: The name of the method; its options are in provenance.options.
-        steps: One LoadStep for each mean pressure; gates read the last one.
-        provenance: The origin of the result.
-        distribution: The distribution of the pressures at the last step.
-        fields: Arrays on the surface's grid at the last step: heights, pressure, gap,
-            displacement (SI units) and state (APART, ELASTIC, PLASTIC); empty for a method
-            without fields.
-        cost: seconds, unknowns, peak_memory_bytes and the method's own counts over the path.
-        history: The residual that decides convergence, for each iteration of the last step.
-        notes: Sentences that the reader should see, for example about a fallback.
-        converged: True if the residuals met the tolerance.
+    There is a step for each mean pressure, and gates read the last one.  Its `distribution` is that
+    of the pressures; `fields` are arrays on the surface's grid: heights, pressure, gap,
+    displacement (SI units) and state (APART, ELASTIC, PLASTIC), or none.  `cost` has seconds,
+    unknowns, peak_memory_bytes and the method's own counts over the path; `history` the residual
+    that decides convergence, for each iteration of the last step.
 
     Raises:
         ValueError: There is no load step.
@@ -138,8 +117,8 @@ class ContactResult:
     fields: Mapping[str, NDArray[Any]] = field(default_factory=dict, repr=False)
     cost: Mapping[str, float] = field(default_factory=dict)
     history: tuple[float, ...] = field(default=(), repr=False)
-    notes: tuple[str, ...] = ()
-    converged: bool = True
+    notes: tuple[str, ...] = ()  #: Sentences that the reader should see, as of a fallback.
+    converged: bool = True  #: Whether the residuals met the tolerance.
 
     def __post_init__(self) -> None:
         if not self.steps:
@@ -193,10 +172,7 @@ def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return `value` in JSON types; a number that JSON cannot hold as "inf", "-inf" or "nan".
-
-    Raises TypeError if JSON has nothing for a value.
-    """
+    """Return `value` in JSON types; a number that JSON cannot hold as "inf", "-inf" or "nan"."""
     if isinstance(value, float):  # first, because most values are such numbers
         return float(value) if math.isfinite(value) else str(float(value))
     if value is None or isinstance(value, str | int):

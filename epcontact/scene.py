@@ -37,11 +37,6 @@ class SelfAffineSpectrum:
     `wavenumber_high`, and is zero outside.  The power law is q^(-2(1+H)) on a surface and
     q^(-(1+2H)) on a line.
 
-    Attributes:
-        hurst: Hurst exponent H, from 0 to 1.
-        wavenumber_low, wavenumber_roll_off, wavenumber_high: q_0 <= q_r <= q_1 in rad/m.
-        rms_slope: xi in m/m.
-
     Raises:
         InvalidScene: The wave numbers are not in order, or a value is out of its range.
 
@@ -50,11 +45,11 @@ class SelfAffineSpectrum:
         0.8
     """
 
-    hurst: float
-    wavenumber_low: float
-    wavenumber_roll_off: float
-    wavenumber_high: float
-    rms_slope: float
+    hurst: float  #: The Hurst exponent H, from 0 to 1.
+    wavenumber_low: float  #: q_0 in rad/m.
+    wavenumber_roll_off: float  #: q_r in rad/m.
+    wavenumber_high: float  #: q_1 in rad/m.
+    rms_slope: float  #: xi in m/m.
 
     def __post_init__(self) -> None:
         names = ("wavenumber_low", "wavenumber_roll_off", "wavenumber_high")
@@ -73,18 +68,9 @@ class SelfAffineSpectrum:
 class Surface:
     """One period of a rough surface on a regular grid.
 
-    Attributes:
-        heights: (nx, ny), or (nx,) for a line, in m, measured upward, read-only float64; a
-            writable array is copied.
-        periods: The lengths (Lx, Ly) or (Lx,) in m after which the heights repeat.
-        spectrum: The analytic spectrum that the heights were drawn from, if there is one.
-        seed: The seed of the random phases, if there are any.
-        shortest_wavelength: The shortest wavelength of the roughness in m, if it is known.
-        recipe: A text that identifies generated heights in the scene's digest; without it the
-            bytes of the heights identify them.
-        notes: Sentences for the reader of a result.  The class adds one for an rms slope above 1,
-            for heights in steps, for those of a picture and for oblong cells, and warns of it by
-            a `SurfaceWarning`.
+    The heights become a read-only array of float64; a writable one is copied.  The class adds a
+    note for an rms slope above 1, for heights in steps, for those of a picture and for oblong
+    cells, and warns of it by a `SurfaceWarning`.
 
     Raises:
         InvalidScene: The heights are not finite real numbers, or do not fit the periods.
@@ -94,13 +80,13 @@ class Surface:
         (0.00025, 0.00025)
     """
 
-    heights: FloatArray
-    periods: tuple[float, ...]
-    spectrum: SelfAffineSpectrum | None = None
-    seed: int | None = None
-    shortest_wavelength: float | None = None
-    recipe: str = ""
-    notes: tuple[str, ...] = ()
+    heights: FloatArray  #: (nx, ny), or (nx,) for a line, in m, measured upward.
+    periods: tuple[float, ...]  #: (Lx, Ly) or (Lx,) in m, after which the heights repeat.
+    spectrum: SelfAffineSpectrum | None = None  #: That from which the heights were drawn.
+    seed: int | None = None  #: That of the random phases.
+    shortest_wavelength: float | None = None  #: That of the roughness in m, if it is known.
+    recipe: str = ""  #: Identifies generated heights in the scene's digest, not their bytes.
+    notes: tuple[str, ...] = ()  #: Sentences for the reader of a result.
 
     def __post_init__(self) -> None:
         given = checked_heights(self.heights, "heights")
@@ -110,10 +96,8 @@ class Surface:
             heights.flags.writeable = False
         periods = tuple(positive("periods", p, "m") for p in listed(self.periods))
         settle(self, heights=heights, periods=periods)
-        _require(
-            len(periods) == heights.ndim,
-            f"periods has {len(periods)} lengths for heights of {heights.ndim} dimensions",
-        )
+        sizes = f"{len(periods)} lengths for heights of {heights.ndim} dimensions"
+        _require(len(periods) == heights.ndim, f"periods has {sizes}")
         if self.spectrum is not None:
             require_kind("spectrum", self.spectrum, SelfAffineSpectrum)
         if self.shortest_wavelength is not None:
@@ -156,22 +140,16 @@ class Surface:
 class Material:
     """The elastoplastic solid; the counterface is rigid.
 
-    Attributes:
-        young_modulus: E in Pa.
-        poisson_ratio: nu, between -1 and 0.5.
-        hardness: sigma_P in Pa, the pressure at which the contact flows; infinite for an elastic
-            solid.
-        yield_stress: sigma_Y in Pa of the J2 solid.  Its ratio to the hardness is a result of the
-            methods, not an input.
+    The ratio of its two strengths is a result of the methods, not an input.
 
     Raises:
         InvalidScene: A value is out of its range.
     """
 
-    young_modulus: float
-    poisson_ratio: float
-    hardness: float = math.inf
-    yield_stress: float = math.inf
+    young_modulus: float  #: E in Pa.
+    poisson_ratio: float  #: nu, between -1 and 0.5.
+    hardness: float = math.inf  #: sigma_P in Pa, at which the contact flows.
+    yield_stress: float = math.inf  #: sigma_Y in Pa of the J2 solid.
 
     def __post_init__(self) -> None:
         right = "a number between -1 and 0.5, both excluded"
@@ -184,18 +162,14 @@ class Material:
 
 @dataclass(frozen=True)
 class Body:
-    """The body under the surface: a half-space, or a layer on a rigid base.
-
-    Attributes:
-        kind: "half_space", "bonded_layer" (fixed to the base) or "sliding_layer" (no friction).
-        depth: The depth of the layer in m.
+    """The body under the surface: a half-space, or a layer that a rigid base holds or lets slide.
 
     Raises:
         InvalidScene: The kind is unknown, or the depth does not fit it.
     """
 
-    kind: BodyKind = "half_space"
-    depth: float = math.inf
+    kind: BodyKind = "half_space"  #: A layer slides without friction.
+    depth: float = math.inf  #: Of a layer, in m.
 
     def __post_init__(self) -> None:
         require_one_of("body kind", self.kind, BodyKind)
@@ -247,8 +221,7 @@ class Scene:
     """One contact problem.  A method maps it to a `ContactResult`.
 
     Raises:
-        InvalidScene: A mean pressure reaches the hardness; no pressure field that stays below the
-            hardness carries such a load.
+        InvalidScene: A mean pressure reaches the hardness, so that nothing carries the load.
 
     Example:
         >>> wave = np.cos(np.linspace(0, 2 * np.pi, 64, endpoint=False))
@@ -327,10 +300,7 @@ def rms_slope(heights: FloatArray, spacing: tuple[float, ...]) -> float:
 
 
 def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
-    """Return heights as an array of real numbers on a line or grid, NaN where they are masked.
-
-    Raises InvalidScene if they are none.
-    """
+    """Return heights as an array of real numbers on a line or grid, NaN where they are masked."""
     try:
         heights = np.asanyarray(given)
     except ValueError:
@@ -454,8 +424,7 @@ def _require(condition: bool, message: str) -> None:
 def number(name: str, given: Any, right: str, good: Callable[[float], bool]) -> float:
     """Return a number of Python or numpy as a float, for every input of the package that is one.
 
-    Raises InvalidScene with the sentence that `name` must be `right` if it is no real number, as
-    text, None and a truth value are none, or is not `good`.
+    Raises InvalidScene, that `name` must be `right`, if it is no real number or is not `good`.
     """
     plain = given.item() if isinstance(given, np.generic | np.ndarray) and not given.ndim else given
     value = math.nan

@@ -86,12 +86,9 @@ def _elastic_area(walk: Walk) -> FloatArray:
 
 
 def _plastic_area(walk: Walk) -> FloatArray:
-    """Plastic area by equation (5) of the paper:
+    """Plastic area by equation (5) of the paper; that of the mirror image is the separated area:
 
     A_pl = s + (2/pi) sum_n (-1)^n/n sin(n pi s) e^(-n^2 pi^2 t)
-
-    The mirror image of the walk gives the separated area.  For small t, `series.plastic_images`
-    computes the same area as a sum of images, which then needs fewer terms.
     """
     return evaluate(walk, modes=lambda w: w.s + _plastic_modes(w), images=series.plastic_images)
 

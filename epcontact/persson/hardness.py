@@ -53,19 +53,12 @@ _CELLS_PER_WIDTH = 4
 
 
 class HardnessCurve(NamedTuple):
-    """The answer for a hardness that depends on the magnification.
-
-    Attributes:
-        areas: Areas against magnification.
-        hardness: (n,) sigma_P in Pa at the same magnifications.
-        pressures: The distribution at the last of them; None if no point has reached the hardness.
-        force_error: Largest relative difference of force and load over all steps.
-    """
+    """Areas and sigma_P (n,) at magnifications, and the distribution of pressures at the last."""
 
     areas: MagnificationCurve
     hardness: FloatArray
-    pressures: PressureCurve | None
-    force_error: float
+    pressures: PressureCurve | None  # None if no point has reached the hardness
+    force_error: float  # the largest relative difference of force and load over all steps
 
 
 def hardness_curve(
@@ -87,9 +80,7 @@ def hardness_curve(
             order in both; with the default they are right to 1e-6 at a constant hardness.
 
     Raises:
-        InvalidScene: The hardness decreases, is not above the mean pressure or is not a positive
-            number; a magnification is out of order or range; the cells are too few; or the
-            reduction is not constant.
+        InvalidScene: An argument is out of range, or the cells are too few.
 
     Example:
         >>> from epcontact import SelfAffineSpectrum
@@ -206,15 +197,11 @@ def _refuse_fall(zeta: FloatArray, hardness: FloatArray) -> None:
 
 @dataclass(frozen=True)
 class StressState:
-    """The stress distribution at one magnification.
+    """The stress distribution at one magnification."""
 
-    density: (n,) Q = hardness * P, the mean over each of n equal cells of (0, hardness);
-    plastic: A_pl, share of the nominal area; hardness: in Pa.
-    """
-
-    density: FloatArray
-    plastic: float
-    hardness: float
+    density: FloatArray  # (n,) Q = hardness * P, the mean over each of n cells of (0, hardness)
+    plastic: float  # A_pl, share of the nominal area
+    hardness: float  # in Pa
 
     @property
     def elastic(self) -> float:
@@ -247,10 +234,7 @@ def unfelt_diffusion(mean_pressure: float, hardness: float) -> float:
 
 
 def start(diffusion: float, mean_pressure: float, hardness: float, cells: int) -> StressState:
-    """The state at a diffusion (Pa^2) of at most `unfelt_diffusion`, from the closed form.
-
-    Raises InvalidScene if the cells do not resolve the state.
-    """
+    """The state at a diffusion (Pa^2) of at most `unfelt_diffusion`, from the closed form."""
     needed = _CELLS_PER_WIDTH * hardness / math.sqrt(diffusion)
     if cells < needed:
         raise InvalidScene(
@@ -265,8 +249,7 @@ def evolve(
 ) -> Iterator[StressState]:
     """The states at diffusion[1:] (Pa^2), one step each, from `state` at diffusion[0].
 
-    The areas are of second order in the steps and the cells.  The hardness (Pa) must not fall.
-    Raises InvalidScene where it grows without more roughness: there the force is not conserved.
+    Raises InvalidScene where the hardness (Pa) grows without more roughness, at no finite rate.
     """
     G, log_Y = np.asarray(diffusion, dtype=np.float64), np.log(hardness)
     if not (np.diff(G) > 0).all():

@@ -159,10 +159,7 @@ def _newton(
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
-    """Find the roots of an increasing function in brackets by its derivative, to 1e-14 of `high`.
-
-    scipy.optimize.elementwise.find_root, which takes no derivative, needs 1.5 times as long.
-    """
+    """Find roots of an increasing function in brackets by its derivative, to 1e-14 of `high`."""
     x, scale = 0.5 * (low + high), high
     for _ in range(100):
         value, slope = function(x)

@@ -27,20 +27,13 @@ SpectrumKind = Literal["analytic", "surface"]
 
 @dataclass(frozen=True)
 class Roughness:
-    """The roughness of an isotropic surface, in bands of ascending wave number.
+    """The roughness of an isotropic surface, in n bands of ascending wave number."""
 
-    Attributes:
-        upper_edge: (n,) rad/m, the largest wave number of each band.
-        slope_variance: (n,) contribution of each band to xi^2.
-        first_moment: (n,) contribution of each band to m_1 = int dxi^2 / q, in m.
-        lowest: q_0 in rad/m, where the magnification is 1.
-        slope_variance_up_to: xi^2(q) at any wave numbers (rad/m, any shape).
-    """
-
-    upper_edge: FloatArray
-    slope_variance: FloatArray
-    first_moment: FloatArray
-    lowest: float
+    upper_edge: FloatArray  # the largest wave number of each band, in rad/m
+    slope_variance: FloatArray  # contribution of each band to xi^2
+    first_moment: FloatArray  # contribution of each band to m_1 = int dxi^2 / q, in m
+    lowest: float  # q_0 in rad/m, where the magnification is 1
+    #: xi^2(q) at any wave numbers (rad/m, any shape).
     slope_variance_up_to: Callable[[ArrayLike], FloatArray] = field(repr=False)
 
     @property

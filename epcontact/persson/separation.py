@@ -72,10 +72,7 @@ def elastic_energy(theory: Theory, mean_pressure: float) -> float:
 
 
 def flattened_roughness(theory: Theory, mean_pressure: float) -> Roughness:
-    """The roughness of C_eff, after plastic flow at a mean pressure (Pa).  Raises InvalidScene.
-
-    Only the bands are flattened; `slope_variance_up_to` interpolates between them.
-    """
+    """The roughness of C_eff, after plastic flow at a mean pressure (Pa), band by band."""
     before, hardness = theory.roughness, theory.hardness
     G = reduced_diffusion(theory.reduction, _band_diffusion(theory), mean_pressure, hardness)
     most = mean_pressure / hardness if math.isfinite(hardness) else 1.0

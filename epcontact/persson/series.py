@@ -145,8 +145,7 @@ def force_images(w: Walk) -> FloatArray:
 def slope_images(w: Walk) -> FloatArray:
     """dP/dx at x = 0+: (4/c^2) sum over m of (s + 2m) phi(s + 2m).
 
-    Images are paired about even integers for a start in the lower half and about odd integers
-    for one in the upper half, so that each pair vanishes with the distance to its wall.
+    Images are paired so that each pair vanishes with the distance of the start to its wall.
     """
     low, x, c = w.s <= w.r, np.minimum(w.s, w.r), w.c
     total = np.where(low, x * np.exp(-((x / c) ** 2)), 0.0)

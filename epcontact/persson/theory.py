@@ -104,9 +104,8 @@ class Theory:
 
     Attributes:
         roughness: Slope variance by wave number.
-        effective_modulus: E* in Pa.
+        effective_modulus, hardness: E* and sigma_P in Pa; an elastic body's hardness is infinite.
         reduction: The reduction S of elastic energy in the diffusion.
-        hardness: sigma_P in Pa; infinite for an elastic body.
 
     Example:
         >>> from epcontact import Load, Material, Scene, SelfAffineSpectrum
@@ -160,11 +159,7 @@ class Theory:
         )
 
     def diffusion(self, mean_pressure: float, magnification: ArrayLike | None = None) -> FloatArray:
-        """G in Pa^2 at magnifications of any shape; by default of the whole roughness.
-
-        Raises:
-            InvalidScene: A magnification below 1, or a mean pressure out of range.
-        """
+        """G in Pa^2 at magnifications of any shape (at least 1); by default of all roughness."""
         variance: ArrayLike = self.roughness.rms_slope**2
         if magnification is not None:
             zeta = array("magnification", magnification)
@@ -180,15 +175,9 @@ class Theory:
     def magnification_curve(
         self, mean_pressure: float, magnifications: ArrayLike | None = None
     ) -> MagnificationCurve:
-        """Areas against magnification.
+        """Areas against magnifications (n,) of at least 1, at a mean pressure in Pa.
 
-        Args:
-            mean_pressure: In Pa.
-            magnifications: (n,), at least 1; by default 1000 in a geometric sequence, from 1 to the
-                highest wave number of the roughness.
-
-        Raises:
-            InvalidScene: A magnification or the mean pressure is out of range.
+        By default they are 1000 in a geometric sequence, up to the highest of the roughness.
         """
         if magnifications is None:
             magnifications = np.geomspace(1.0, self.roughness.highest / self.roughness.lowest, 1000)
@@ -202,10 +191,6 @@ class Theory:
     def pressure_curve(
         self, mean_pressure: float, magnification: float | None = None
     ) -> PressureCurve:
-        """The distribution of the pressure at a magnification, by default of all roughness.
-
-        Raises:
-            InvalidScene: The magnification or the mean pressure is out of range.
-        """
+        """The distribution of the pressure at a magnification, by default of all roughness."""
         G = float(self.diffusion(mean_pressure, magnification))
         return pressure_curve(G, mean_pressure, self.hardness)

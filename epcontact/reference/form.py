@@ -27,10 +27,9 @@ class ClosedForm:
         self._answers: dict[str, Callable[[Scene], Any]] = {}
 
     def gives(self, *quantities: str) -> Callable[[Answer], Answer]:
-        """Decorate a function of the scene by the quantities that it gives.
+        """Decorate a function of the scene by the quantities that it gives, and gates can read.
 
-        They are names of scalars, "field." and a field's name, or "distribution".  An area is the
-        exact value of both of a method's estimates, raw and corrected.
+        An area is the exact value of both of a method's estimates, raw and corrected.
         """
 
         def register(answer: Answer) -> Answer:

@@ -1,10 +1,8 @@
 """Contacts without a rim: full contact of half-space and layers, and the flat surface.
 
 The compliance of an elastic layer on a rigid base is computed mode by mode from the plane strain
-boundary-value problem, and not from a closed form, so that it can check the closed form of another
-module.
-
-Derivation.  With depth z downward, Airy's function phi = f(z) cos(q x) and
+boundary-value problem, so that it can check the closed form of another module.  With depth z
+downward, Airy's function phi = f(z) cos(q x) and
     f = (A + B q z) e^(-q z) + (C + D q (d - z)) e^(-q (d - z))
 gives sigma_zz = -q^2 f cos, sigma_xz = q f' sin, sigma_xx = f'' cos, and with
 k = nu/(1 - nu), s = 1/E* = (1 - nu^2)/E, m = 2 (1 + nu)/E the displacements
@@ -36,6 +34,8 @@ FULL_CONTACT = ClosedForm(
 FLAT = ClosedForm(
     "flat", "a surface without roughness under uniform pressure, in uniaxial strain (Lame)"
 )
+# Beyond this q d a layer equals the half-space in float64: 4 (q d)^2 e^(-2 q d) < 1e-13.
+_DEEP = 20.0
 
 # --- formulas -------------------------------------------------------------------------------------
 
@@ -48,11 +48,7 @@ def surface_compliance(
     *,
     bonded: bool = True,
 ) -> FloatArray:
-    """Surface displacement per pressure, u_q/p_q in m/Pa, at each wavenumber q > 0.
-
-    Validity: relative accuracy falls as 1e-16/(q d)^3 for a thin layer, where the two exponentials
-    become equal; it is 1e-10 at q d = 0.01.  At q = 0 use `lame_compliance`.
-    """
+    """Surface displacement per pressure, u_q/p_q in m/Pa, at each q > 0; right to 1e-16/(q d)^3."""
     q = np.atleast_1d(np.asarray(wavenumber, dtype=np.float64))
     x = (q * depth).ravel()
     value_0, value_d = _basis(np.zeros_like(x), x), _basis(x, x)
@@ -86,18 +82,11 @@ def lame_compliance(depth: float, young_modulus: float, poisson_ratio: float) ->
 
 
 def uniaxial_yield_pressure(yield_stress: float, poisson_ratio: float) -> float:
-    """Pressure in Pa at which a layer in uniaxial strain yields: Y (1 - nu)/(1 - 2 nu).
-
-    Von Mises and Tresca agree, because two principal stresses are equal.  Beyond it the tangent is
-    the bulk modulus: there is no limit load.
-    """
+    """Pressure in Pa at which a layer in uniaxial strain yields, by von Mises and by Tresca."""
     return yield_stress * (1 - poisson_ratio) / (1 - 2 * poisson_ratio)
 
 
 # --- full contact ---------------------------------------------------------------------------------
-
-# Beyond this q d a layer equals the half-space in float64: 4 (q d)^2 e^(-2 q d) < 1e-13.
-_DEEP = 20.0
 
 
 def compliance(scene: Scene) -> FloatArray:
@@ -105,8 +94,7 @@ def compliance(scene: Scene) -> FloatArray:
     surface, body, material = scene.surface, scene.body, scene.material
     *others, (n, d) = zip(surface.shape, surface.spacing, strict=True)
     waves = [*(np.fft.fftfreq(m, s) for m, s in others), np.fft.rfftfreq(n, d)]
-    axes = np.meshgrid(*waves, indexing="ij", sparse=True)
-    lengths = 2 * np.pi * np.sqrt(sum(wave**2 for wave in axes))
+    lengths = 2 * np.pi * np.sqrt(sum(wave**2 for wave in np.ix_(*waves)))
     modulus = effective_modulus(material)
     if body.kind == "half_space":
         lengths.flat[0] = math.inf  # the mean, which no pressure moves
@@ -198,9 +186,8 @@ def _bulk_modulus(material: Material) -> float:
 def _compression(scene: Scene) -> float:
     """The approach of a layer since the first touch, at the end of the load path, in m.
 
-    In uniaxial strain the top sinks by p d/M up to the yield pressure; beyond it the tangent is the
-    bulk modulus.  Unloading is elastic while the pressure falls by less than twice the yield
-    pressure.
+    The top sinks by p d/M up to the yield pressure; beyond it the tangent is the bulk modulus.
+    Unloading is elastic while the pressure falls by less than twice the yield pressure.
     """
     material, depth, path = scene.material, scene.body.depth, scene.load.path
     FLAT.needs(math.isfinite(depth), "a layer, to be compressed")
@@ -217,18 +204,14 @@ def _compression(scene: Scene) -> float:
 
 @FLAT.gives("quantity.largest_plastic_strain")
 def _plastic_strain(scene: Scene) -> float:
-    """The equivalent plastic strain of a layer in uniaxial strain.
-
-    Beyond the yield pressure the stress grows by the bulk modulus K, so the strain beyond the yield
-    strain is (p - p_y)/K, and its plastic part is purely deviatoric: two thirds of it.
-    """
+    """The equivalent plastic strain: two thirds (the deviatoric part) of the strain since yield."""
     beyond = max(0.0, max(scene.load.path) - _yield_pressure(scene.material))
     return 2 / 3 * beyond / _bulk_modulus(scene.material)
 
 
 @FLAT.gives("quantity.plastic_work")
 def _spent(scene: Scene) -> float:
-    """Plastic work of a layer in uniaxial strain: Y times the plastic strain, times the depth."""
+    """Y times the plastic strain, times the depth."""
     strain = _plastic_strain(scene)
     return scene.material.yield_stress * strain * scene.body.depth if strain else 0.0
 
@@ -238,7 +221,6 @@ def _stored(scene: Scene) -> float:
     """Elastic energy of a layer in uniaxial strain: p^2/(2 K) + q^2/(6 mu), times the depth.
 
     p is the mean pressure and q the difference of the principal stresses, which flow holds at Y.
-    Both fall elastically where the path unloads.
     """
     material, path = scene.material, scene.load.path
     M, bulk = oedometric_modulus(material), _bulk_modulus(material)

@@ -32,11 +32,7 @@ CAPPED_STRIP = ClosedForm(
 def strip_pressure_periodic(
     distance: FloatArray, force_per_length: float, half_width: float, period: float
 ) -> FloatArray:
-    """p = (P'/L) cos(t) (sin^2 t_a - sin^2 t)^(-1/2) in Pa at |x| <= L/2, t = pi x/L.
-
-    The pressure is infinite at the rim, |x| = a: where it is capped, plastic flow starts there at
-    any load.
-    """
+    """p = (P'/L) cos(t) (sin^2 t_a - sin^2 t)^(-1/2) in Pa, t = pi x/L; infinite at the rim."""
     angle = np.pi * np.asarray(distance) / period
     depth = math.sin(math.pi * half_width / period) ** 2 - np.sin(angle) ** 2
     with np.errstate(divide="ignore"):
@@ -45,11 +41,7 @@ def strip_pressure_periodic(
 
 
 def _post(scene: Scene, form: ClosedForm) -> tuple[float, float]:
-    """Share of the post's points, and its half-width or radius in m.
-
-    On a line the post ends half a cell beyond its outermost points; on a surface the number of
-    points gives the area of a disc, up to the noise of counting.
-    """
+    """Share of the post's points, and the half-width of a strip or radius of a disc (m) of it."""
     form.needs(scene.body.kind == "half_space", "a half-space")
     heights, period = scene.surface.heights, scene.surface.periods[0]
     share = float((heights == heights.max()).mean())
@@ -82,12 +74,8 @@ def _post_energy(scene: Scene) -> float:
 
 @FLAT_PUNCH.gives("quantity.conductance_loading")
 def _post_conductance(scene: Scene) -> float:
-    """Conductance per nominal area times the sum of the resistivities, 2 p0/(E* u), in 1/m.
-
-    A small disc has 4 a/L^2 (Holm, Electric Contacts, 1967).
-    """
-    E = FLAT_PUNCH.elastic_half_space(scene)
-    return scene.load.final**2 / (E * _post_energy(scene))
+    """Conductance per nominal area times the sum of the resistivities, 2 p0/(E* u), in 1/m."""
+    return scene.load.final**2 / (FLAT_PUNCH.elastic_half_space(scene) * _post_energy(scene))
 
 
 @FLAT_PUNCH.gives("quantity.smallest_contact_pressure")
@@ -103,8 +91,7 @@ def _middle_pressure(scene: Scene) -> float:
 def _elastic_middle(scene: Scene) -> float:
     """Half-width e of the elastic middle of a capped strip, in m.
 
-    It ends where no singularity is left, cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)): the
-    counterpart of a row of cracks with Dugdale's zones.
+    It ends where no singularity is left, cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)).
     """
     (_, a), period = _post(scene, CAPPED_STRIP), scene.surface.periods[0]
     capped = math.isfinite(scene.material.hardness) and scene.surface.heights.ndim == 1
@@ -128,10 +115,7 @@ CAPPED_STRIP.gives("area.elastic")(
 
 
 def _strip_conductance(half_width: float, scene: Scene) -> float:
-    """Conductance per nominal area times the sum of the resistivities, in 1/m, of a row of strips.
-
-    It is that of the pressures which a strip of this half-width takes up, pi/(L ln(1/sin(pi a/L))).
-    """
+    """Conductance per area times the sum of the resistivities, pi/(L ln(1/sin(pi a/L))), in 1/m."""
     period = scene.surface.periods[0]
     return -math.pi / (period * math.log(math.sin(math.pi * half_width / period)))
 

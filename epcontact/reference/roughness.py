@@ -56,26 +56,21 @@ def rms_slope(scene: Scene) -> float:
         q = 2 * np.pi * np.fft.fftfreq(n, d)
         if n % 2 == 0:
             q[n // 2] = 0.0  # the unpaired mode has no derivative on the grid
-        along = q.reshape([-1 if a == axis else 1 for a in range(surface.heights.ndim)])
-        modes = np.fft.fft(surface.heights, axis=axis) * along
-        total += float(np.mean(np.abs(np.fft.ifft(modes, axis=axis)) ** 2))
+        modes = np.fft.fft(np.moveaxis(surface.heights, axis, -1)) * q
+        total += float(np.mean(np.abs(np.fft.ifft(modes)) ** 2))
     return math.sqrt(total)
 
 
 @HEIGHTS.gives("quantity.diffusion")
 def _half_variance(scene: Scene) -> float:
-    """Half the variance that the pressure would have in full contact, E*^2 xi^2/8, in Pa^2.
-
-    It does not call the theory, so that a gate can check the theory with it.
-    """
+    """Half the variance of the pressure in full contact, E*^2 xi^2/8 in Pa^2, not by the theory."""
     return effective_modulus(scene.material) ** 2 * rms_slope(scene) ** 2 / 8
 
 
 def light_load_area(mean_pressure: float, effective_modulus: float, rms_slope: float) -> float:
     """Elastic contact area at light load by equation (6) of the paper: A = 2 p_0 / (xi E*).
 
-    The factor 2 is that of boundary elements.  Persson's theory has sqrt(8/(pi gamma)) in its
-    place, which is 2.18 at gamma = 0.536 and 2 at gamma = 2/pi.
+    Persson's theory has sqrt(8/(pi gamma)) in the place of 2, the factor of boundary elements.
     """
     return 2 * mean_pressure / (rms_slope * effective_modulus)
 

@@ -36,21 +36,16 @@ def line_contact_fraction(load: float) -> float:
 
 
 def line_pressure(position: FloatArray, load: float) -> FloatArray:
-    """p/p* = 2 cos(psi) sqrt(s - sin^2 psi) in contact, 0 elsewhere.
-
-    This is (2 p_mean cos psi / sin^2 psi_a) sqrt(sin^2 psi_a - sin^2 psi) with sin^2 psi_a = s.
-    """
+    """p/p* = 2 cos(psi) sqrt(s - sin^2 psi) in contact, 0 elsewhere."""
     angle = np.pi * (np.asarray(position) - np.rint(position))
     depth = np.maximum(load - np.sin(angle) ** 2, 0)
     return np.asarray(2 * np.cos(angle) * np.sqrt(depth))
 
 
 def line_gap(position: FloatArray, load: float) -> FloatArray:
-    """g/h at positions x/lambda (any shape) from a crest: zero in contact.
+    """g/h = 2 [S sqrt(S^2 - s) - s arccosh(S/sqrt(s))], S = |sin psi|, at x/lambda; 0 in contact.
 
-    The slope dg/dx = (2 pi h/lambda) 2 cos(psi) sqrt(sin^2 psi - s) continues the pressure
-    analytically; integrated from the rim, with S = |sin psi|,
-    g/h = 2 [S sqrt(S^2 - s) - s arccosh(S/sqrt(s))].
+    Its slope continues the pressure analytically.
     """
     sine = np.abs(np.sin(np.pi * (np.asarray(position) - np.rint(position))))
     if load == 0:
@@ -65,11 +60,7 @@ def line_mean_gap(load: float) -> float:
 
 
 def line_energy(load: float) -> float:
-    """Elastic energy per nominal area / (h p*) = s^2 (1/4 - ln(s)/2).
-
-    It is the work of the load, the integral of p_mean d(approach) with the approach measured by
-    the mean gap: U' = s d(1 - mean gap) = -s ln(s) ds.
-    """
+    """Elastic energy per nominal area / (h p*) = s^2 (1/4 - ln(s)/2), the work of the load."""
     return load**2 / 4 - load**2 * _log(load) / 2
 
 
@@ -89,19 +80,15 @@ def surface_complete_pressure(
 
 
 def surface_contact_fraction_light(load: float) -> float:
-    """Contact fraction pi (3 s/(8 pi))^(2/3), in the limit s -> 0.
-
-    The period lambda^2 of cos cos holds two crests, each of curvature (2 pi/lambda)^2 h and each
-    a Hertzian contact that carries half of the load.
-    """
+    """Contact fraction pi (3 s/(8 pi))^(2/3), in the limit s -> 0: Hertz on two crests a period."""
     return math.pi * float((3 * load / (8 * math.pi)) ** (2 / 3))
 
 
 def surface_contact_fraction_heavy(load: float) -> float:
     """Contact fraction 1 - (3/(2 pi)) (1 - s), in the limit s -> 1.
 
-    The gaps that are left are penny-shaped cracks without stress intensity: two of radius b a
-    period, b^2 = 3 (1 - s) lambda^2/(4 pi^2).
+    The two gaps a period are penny-shaped cracks without stress intensity, of b^2 = 3 (1 - s)
+    lambda^2/(4 pi^2).
     """
     return 1 - 3 / (2 * math.pi) * (1 - load)
 
@@ -120,15 +107,12 @@ _TABULATED = 4097
 
 @dataclass(frozen=True)
 class _Wave:
-    """One wave along x, as measured on the heights of a scene.
+    """One wave along x, as measured on the heights of a scene."""
 
-    load is s; complete is p* in Pa; position is x/lambda from a crest, one for each row.
-    """
-
-    load: float
+    load: float  # s
     amplitude: float
-    complete: float
-    position: FloatArray
+    complete: float  # p* in Pa
+    position: FloatArray  # x/lambda from a crest, one for each row
 
     @classmethod
     def of(cls, scene: Scene) -> _Wave:
@@ -176,18 +160,15 @@ def _wave_peak(scene: Scene) -> float:
 @WESTERGAARD.gives("field.pressure")
 def _wave_pressure(scene: Scene) -> FloatArray:
     wave = _Wave.in_partial_contact(scene)
-    return _on_grid(wave.complete * line_pressure(wave.position, wave.load), scene)
+    profile = wave.complete * line_pressure(wave.position, wave.load)
+    return np.broadcast_to(profile, scene.surface.shape[::-1]).T
 
 
 @WESTERGAARD.gives("field.gap")
 def _wave_gap(scene: Scene) -> FloatArray:
     wave = _Wave.in_partial_contact(scene)
-    return _on_grid(wave.amplitude * line_gap(wave.position, wave.load), scene)
-
-
-def _on_grid(profile: FloatArray, scene: Scene) -> FloatArray:
-    shape = scene.surface.shape
-    return np.broadcast_to(profile[:, None], shape) if len(shape) == 2 else profile
+    profile = wave.amplitude * line_gap(wave.position, wave.load)
+    return np.broadcast_to(profile, scene.surface.shape[::-1]).T
 
 
 @WESTERGAARD.gives("distribution")

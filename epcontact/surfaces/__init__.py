@@ -8,7 +8,7 @@ the table [surface] of a case file, which selects one by its `kind`.
     shapes          sinusoids, paraboloid, sphere, flat punch
     measured        heights from an array, a file or a result
     treatment       holes, form, edges and band of measured maps
-    readers         the file formats; text_tables: tables of numbers
+    readers         the file formats
     spectrum        analytic spectra: densities and moments in closed form
     power_spectrum  spectrum, moments and statistics of any surface's heights, and filters
 """

@@ -2,8 +2,7 @@
 
 With the modes h_q = FFT(h) / N, h_rms^2 = sum_{q != 0} |h_q|^2 (Parseval), and likewise
 xi^2 = sum q^2 |h_q|^2, the mean square of the spectral derivative.  On even grids the Nyquist mode
-has |q| = pi / dx.  Derivatives that set this mode to zero differ by it alone; band-limited surfaces
-do not have it.
+has |q| = pi / dx; band-limited surfaces do not have it.
 
 Densities: C(q) of a surface in m^4, and the one-sided C1(q) of a line in m^3; see `epcontact`.
 """
@@ -30,11 +29,7 @@ _BLOCK = 1 << 16
 
 
 class Moments(NamedTuple):
-    """The root mean squares of a surface or line, from its spectrum.
-
-    rms_height is in m, rms_slope that of the gradient, and rms_curvature, in 1/m, that of the mean
-    curvature (half the Laplacian) of a surface, or of the second derivative of a line.
-    """
+    """The root mean squares of a surface or line, as in `Topography`."""
 
     rms_height: float
     rms_slope: float
@@ -91,20 +86,15 @@ def topography(surface: Surface) -> Topography:
 class RadialSpectrum:
     """A surface's spectrum by rings of |q|, or a line's by modes, in ascending order.
 
-    wavenumber: (m,) mean |q| of the ring's modes, in rad/m.
-    density: (m,) mean of C in m^4 over the ring's modes (a line: C1 in m^3).
-    modes: (m,) number of modes in the ring, in both half planes (a line: 1).
-    upper_edge: (m,) the largest |q| in the ring.
-    height_variance, slope_variance: (m,) contribution of the ring to h_rms^2 and to xi^2; their
-        sums up to a ring are exact for all modes up to its upper edge.
+    Sums of the variances up to a ring are exact for all modes up to its upper edge.
     """
 
-    wavenumber: FloatArray
-    density: FloatArray
-    modes: FloatArray
-    upper_edge: FloatArray
-    height_variance: FloatArray
-    slope_variance: FloatArray
+    wavenumber: FloatArray  # mean |q| of the ring's modes, in rad/m
+    density: FloatArray  # mean of C in m^4 over the ring's modes (a line: C1 in m^3)
+    modes: FloatArray  # number of modes in the ring, in both half planes (a line: 1)
+    upper_edge: FloatArray  # the largest |q| in the ring
+    height_variance: FloatArray  # contribution of the ring to h_rms^2
+    slope_variance: FloatArray  # and to xi^2
 
 
 def radial_spectrum(surface: Surface) -> RadialSpectrum:
@@ -133,14 +123,9 @@ def radial_spectrum(surface: Surface) -> RadialSpectrum:
 
 
 def power_by_octave(surface: Surface) -> tuple[FloatArray, FloatArray]:
-    """Return the height variance of each octave of wave numbers.
+    """Return the lowest wave number (rad/m) of each octave, and its height variance in m^2.
 
-    Octave k holds the wave numbers from 2^k to 2^(k+1) times the lowest one, 2 pi over the longest
-    period.
-
-    Returns:
-        lowest: (n,) the lowest wave number of each octave in rad/m.
-        variance: (n,) its contribution to the square of the rms height, in m^2.
+    Octave k holds the wave numbers from 2^k to 2^(k+1) times 2 pi over the longest period.
 
     Example:
         >>> wave = Surface(0.1 * np.cos(2 * np.pi * 5 * np.arange(64) / 64), (2 * np.pi,))
@@ -157,11 +142,7 @@ def power_by_octave(surface: Surface) -> tuple[FloatArray, FloatArray]:
 
 
 def cumulative_slope_variance(surface: Surface, wavenumber: ArrayLike) -> FloatArray:
-    """Return xi^2(q), the exact sum over a surface's modes with |q| <= wavenumber.
-
-    `wavenumber`, in rad/m, has any shape and order.  Modes that equal a wave number within rounding
-    (`BAND_TOLERANCE`) are included.  `slope_variance_up_to` is the same for an analytic spectrum.
-    """
+    """Return xi^2(q), the exact sum over a surface's modes up to wave numbers of any shape."""
     q_given = np.asarray(wavenumber, dtype=np.float64)
     limits, place = np.unique(q_given.ravel(), return_inverse=True)
     sums = np.zeros(limits.size + 1)
@@ -250,10 +231,7 @@ def _mode_variances(surface: Surface) -> Iterator[tuple[FloatArray, FloatArray]]
 def _wavenumbers(
     shape: tuple[int, ...], periods: tuple[float, ...]
 ) -> Iterator[tuple[slice, FloatArray]]:
-    """Yield |q| on the half grid of a real transform, by blocks of rows; a line is one row.
-
-    Blocks limit the memory to the heights, their transform and a few MiB.
-    """
+    """Yield |q| on the half grid of a real transform, by blocks of rows; a line is one row."""
     *rest, n = shape
     q_last = 2 * math.pi / periods[-1] * np.arange(n // 2 + 1)
     q_first = 2 * math.pi * np.fft.fftfreq(rest[0], periods[0] / rest[0]) if rest else np.zeros(1)

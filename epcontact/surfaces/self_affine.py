@@ -79,8 +79,7 @@ def grid_shape(
 class SelfAffine(Generated):
     """Self-affine roughness by random phases, with the exact rms slope on the grid.
 
-    The grid needs more than two points per shortest wavelength (at two, a mode's phase is lost),
-    and the period must hold the longest one.
+    The grid needs more than two points per shortest wavelength: at two, a mode's phase is lost.
 
     Example:
         >>> spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, 8.0, rms_slope=0.5)
@@ -186,8 +185,7 @@ def _highest_index(wavenumber: float, period: float) -> int:
 def _phases(seed: int, kx: NDArray[np.int64], ky: NDArray[np.int64]) -> FloatArray:
     """Return uniform phases in [0, 2 pi) of the modes (kx, ky), broadcast; |k| < 2^31.
 
-    The mixer is the finaliser of SplitMix64 (Steele, Lea and Flood 2014), applied to the mode and
-    then to the result and the seed's key.
+    The mixer is the finaliser of SplitMix64 (Steele, Lea and Flood 2014).
     """
     key = np.random.SeedSequence(seed).generate_state(1, np.uint64)[0]
     low = ky.astype(np.uint64) & np.uint64(0xFFFFFFFF)
@@ -234,12 +232,9 @@ def grid_heights(recipe: SelfAffine) -> FloatArray:
 def _fill_modes(recipe: SelfAffine, modes: NDArray[np.complex128]) -> float:
     """Fill in the modes of equation (7) of the paper; return the sum of q^2 f over all of them.
 
-    The amplitudes are equation (8) of the paper, the phases come from `_phases`: the height is
-    h = sum_q B(q) exp(i (q.x + phi_q)) with B(q) = (2 pi / sqrt(Lx Ly)) sqrt(C(q)).
-
-    This function writes sqrt(f) exp(i phi), where C = C_0 f, into the half plane ky >= 0.  The sum
-    over modes differs from the integral, so the caller sets the common factor from the returned
-    sum such that the rms slope of the *grid*, sqrt(sum q^2 B^2), is exact.
+    The amplitudes are equation (8) of the paper: B(q) = (2 pi / sqrt(Lx Ly)) sqrt(C(q)), C = C_0 f.
+    This function writes sqrt(f) exp(i phi) into the half plane ky >= 0.  The caller sets the common
+    factor from the returned sum, so that the rms slope of the *grid*, sqrt(sum q^2 B^2), is exact.
     """
     qx, qy = (2 * math.pi / p for p in recipe.periods)
     kx_max, ky_max = (_highest_index(recipe.spectrum.wavenumber_high, p) for p in recipe.periods)

@@ -36,26 +36,19 @@ def amplitude_shape(
     q = np.asarray(wavenumber, dtype=np.float64)
     relative = np.maximum(q / spectrum.wavenumber_roll_off, 1.0)
     shape = relative ** -(spectrum.hurst + dimension / 2)
-    inside = (q >= spectrum.wavenumber_low * (1 - BAND_TOLERANCE)) & (
-        q <= spectrum.wavenumber_high * (1 + BAND_TOLERANCE)
-    )
-    return np.where(inside, shape, 0.0)
+    below = q < spectrum.wavenumber_low * (1 - BAND_TOLERANCE)
+    above = q > spectrum.wavenumber_high * (1 + BAND_TOLERANCE)
+    return np.where(below | above, 0.0, shape)
 
 
 def density(spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int = 2) -> FloatArray:
-    """Return C(q) in m^4 of a surface (dimension 2), or the one-sided C1(q) in m^3 of a line.
-
-    The wave numbers |q| in rad/m have any shape.  Raises InvalidScene if the band has no width.
-    """
+    """Return C(q) in m^4 of a surface (dimension 2), or the one-sided C1(q) in m^3 of a line."""
     factor = spectrum.rms_slope**2 / _shape_moment(spectrum, 2, dimension)
     return factor * amplitude_shape(spectrum, wavenumber, dimension) ** 2
 
 
 def spectral_moment(
-    spectrum: SelfAffineSpectrum,
-    order: float,
-    dimension: int = 2,
-    wavenumber: ArrayLike = math.inf,
+    spectrum: SelfAffineSpectrum, order: float, dimension: int = 2, wavenumber: ArrayLike = math.inf
 ) -> FloatArray:
     """Return m_order of the spectrum up to `wavenumber`, in m^(2 - order), for any real order."""
     factor = spectrum.rms_slope**2 / _shape_moment(spectrum, 2, dimension)
@@ -99,10 +92,7 @@ def _power_integral(n: float, a: float, b: FloatArray) -> FloatArray:
 def truncated(
     spectrum: SelfAffineSpectrum, wavenumber_high: float, dimension: int = 2
 ) -> SelfAffineSpectrum:
-    """Cut a spectrum off at `wavenumber_high` (rad/m), which is within the band.
-
-    The rms slope decreases accordingly.  Raises InvalidScene if nothing remains.
-    """
+    """Cut a spectrum off at a wave number (rad/m); its rms slope decreases accordingly."""
     high = min(wavenumber_high, spectrum.wavenumber_high)
     if not high > spectrum.wavenumber_low:
         raise InvalidScene(

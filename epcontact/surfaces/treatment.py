@@ -7,10 +7,9 @@ A map is treated in this order, and a sentence on each step is among the notes o
 3. a map that is not periodic is tapered at its edges, if the user asks for it;
 4. waves outside a band are removed.
 
-Every method here is periodic, but a measured map rarely is: its heights jump across its edges.  The
-jump at the edge of an axis is the rms difference of its last and first rows.  On a periodic map
-these two are neighbours like any others.  So a map counts as not periodic if the jump is more than
-`LARGEST_JUMP` times the largest rms difference of two neighbouring rows.
+Every method here is periodic, but a measured map rarely is: its heights jump across its edges.  A
+map counts as not periodic if the rms difference of its last and first rows is more than
+`LARGEST_JUMP` times the largest one of two neighbouring rows.
 """
 
 from __future__ import annotations
@@ -91,8 +90,7 @@ class Preparation(Fields):
 def prepared(heights: FloatArray, recipe: Any, where: str, notes: tuple[str, ...] = ()) -> Surface:
     """Treat a recipe's own writable heights, NaN where missing, and return the surface.
 
-    Its notes begin with those given.  Raises InvalidScene if heights are missing, or jump at the
-    edges, and no remedy is chosen.
+    Raises InvalidScene if heights are missing, or jump at the edges, and no remedy is chosen.
     """
     require_known(heights, where, recipe.missing)
     said = [*notes, *_mark_notes(heights, getattr(recipe, "unit", None) or 1.0)]
@@ -123,8 +121,8 @@ def prepared(heights: FloatArray, recipe: Any, where: str, notes: tuple[str, ...
 def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
     """Yield a warning of a lowest or highest height that looks like the mark of missing ones.
 
-    Instruments write -9999, say: one value, several times, apart from the others by more than all
-    they span.  It is shown in `unit`, that of the file in m.
+    Instruments write -9999, say (in their `unit`, in m): one value, several times, apart from the
+    others by more than all they span.
     """
     for mark in (np.nanmin(heights), np.nanmax(heights)):
         marked = heights == mark
@@ -140,7 +138,7 @@ def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
 def form_removed(heights: FloatArray, order: int) -> FloatArray:
     """Subtract the least-squares polynomial of total order 0, 1 or 2; NaN are left out of the fit.
 
-    The polynomial is a sum of products of Legendre's, which are nearly orthogonal on the map.
+    Products of Legendre's polynomials are nearly orthogonal on the map.
     """
     left = heights.reshape(len(heights), -1).copy()
     known = ~np.isnan(left)
@@ -214,10 +212,9 @@ def windowed(
 ) -> tuple[FloatArray, float]:
     """Taper heights to zero at the edges and restore their rms slope; return the factor, too.
 
-    The window rises as (1 - cos) / 2 over `taper` of each period and falls likewise (Tukey's
-    window; Hann's for taper = 0.5), with its zero midway between the last point and the first.  It
-    flattens the roughness, so all heights are then multiplied by a factor that restores the rms
-    slope, by which the contact area goes, rather than the rms height.
+    The zero of Tukey's window is midway between the last point and the first.  It flattens the
+    roughness, so all heights are then multiplied by a factor that restores the rms slope, by which
+    the contact area goes, rather than the rms height.
     """
     from scipy.signal.windows import tukey
 
