@@ -18,7 +18,7 @@ from epcontact.results import FloatArray
 from fem_check.element import CORNERS
 from fem_check.mesh import PeriodicBlock
 from fem_check.plasticity import History
-from fem_check.problem import Problem, State, layer_stresses, without_base
+from fem_check.problem import Problem, State
 
 #: Rows of the stress tensor as indices into xx, yy, zz, xy, yz, zx.
 _ROWS = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
@@ -32,13 +32,13 @@ def certify(problem: Problem, state: State, history: History, largest: float) ->
     """
     force, positions = np.zeros(problem.block.field_shape), problem.block.positions()
     for k in range(len(problem.block.layers)):
-        stress, _ = layer_stresses(problem, state, history, k)
+        stress, _ = problem.layer_stresses(state, history, k)
         force[k : k + 2] += _layer_force(problem.block, positions[k : k + 2], stress)
     reaction, pressed = float(force[-1, ..., 2].sum()), float(state.forces.sum())
     force[0, ..., 2] += state.forces
     total = largest or 1.0  # without any force on the path, all are zero
     return {
-        "certified_balance": float(np.linalg.norm(without_base(problem, force))) / total,
+        "certified_balance": float(np.linalg.norm(problem.without_base(force))) / total,
         "certified_load": abs(reaction - pressed) / total,
     }
 

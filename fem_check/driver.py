@@ -22,7 +22,6 @@ from fem_check.linear_solver import factorise
 from fem_check.mesh import block_for, flat_elements, moved_elements, require_memory
 from fem_check.options import FemOptions
 from fem_check.path import PathPoint, SolvedPath, follow_path, path_targets
-from fem_check.plasticity import History
 from fem_check.problem import Problem
 from fem_check.result import contact_result
 from fem_check.vtu import ENDS, mesh_of, write_step
@@ -113,14 +112,21 @@ def solve_path(
         pressures = [point.mean_pressure for point in points]
         write_collection(Path(output) / "path.pvd", pressures, ENDS)
     seconds = time.perf_counter() - begin
-    certificate = _certificate(problem, points[-1], history, options) if options.certified else {}
+    last, certificate = points[-1], dict[str, float]()
+    if options.certified:
+        certificate = certify(problem, last.state, history, last.peak)
+        # Ten times the tolerance: the certificate adds up forces in another order.
+        if certificate["certified_balance"] > max(10 * options.tolerance, 1e-12):
+            raise NotConverged(
+                "scikit-fem's assembly does not confirm the converged state: its internal force "
+                f"misses the contact forces by {certificate['certified_balance']:.1e}",
+                residuals=certificate,
+            )
     return SolvedPath(scene, options, problem, history, tuple(points), seconds, certificate)
 
 
 def surface_compliance(scene: Scene, **block: Any) -> FloatArray:
-    """The compliance of the flat block's surface: its displacement under a wave of pressure.
-
-    With it the boundary elements can solve exactly the same body.
+    """The compliance of the block's surface, with which other methods can solve the same body.
 
     Args:
         scene: the surface's grid, the material and the body.
@@ -172,17 +178,3 @@ def problem_of(scene: Scene, options: FemOptions, threads: int | None = 1) -> Pr
         not moved,
         workers,
     )
-
-
-def _certificate(
-    problem: Problem, last: PathPoint, history: History, options: FemOptions
-) -> dict[str, float]:
-    certificate = certify(problem, last.state, history, last.peak)
-    # Ten times the tolerance: the certificate adds up forces in another order.
-    if certificate["certified_balance"] > max(10 * options.tolerance, 1e-12):
-        raise NotConverged(
-            "scikit-fem's assembly does not confirm the converged state: its internal force "
-            f"misses the contact forces by {certificate['certified_balance']:.1e}",
-            residuals=certificate,
-        )
-    return certificate

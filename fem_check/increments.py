@@ -29,7 +29,7 @@ from fem_check.contact import States, rigid_contact
 from fem_check.linear_solver import eliminate, substitute
 from fem_check.newton import SolvedIncrement, solve_increment
 from fem_check.plasticity import History
-from fem_check.problem import Control, Counts, Problem, State, gap
+from fem_check.problem import Control, Counts, Problem, State
 
 #: An increment that does not converge is halved at most this often.
 MOST_HALVINGS = 6
@@ -175,16 +175,12 @@ def _solved(
         control = Control(load=end, scale=max(end, along.peak))
     # No name is given to the guess, so that it does not stay in memory.
     return solve_increment(
-        problem, guess or _guess(problem, along, control), along.history, control, rule.tolerance
+        problem,
+        guess or _guess(problem, along.states, control),
+        along.history,
+        control,
+        rule.tolerance,
     )
-
-
-def _guess(problem: Problem, along: Along, control: Control) -> State:
-    if not along.states:
-        return _elastic_state(problem, control)
-    if control.load is None:
-        return along.states[-1]
-    return _extrapolated(problem, along.states, control.load)
 
 
 def _touching(problem: Problem, along: Along, tolerance: float) -> SolvedIncrement:
@@ -195,7 +191,7 @@ def _touching(problem: Problem, along: Along, tolerance: float) -> SolvedIncreme
     apart = np.full_like(last.states, APART)
     start = State(last.displacement, away.approach, apart, 0 * last.forces)
     solved = solve_increment(problem, start, along.history, away, tolerance)
-    free = float(gap(problem, solved.state.displacement, 0.0).min())
+    free = float(problem.gap(solved.state.displacement, 0.0).min())
     return replace(solved, state=replace(solved.state, approach=free))
 
 
@@ -208,29 +204,30 @@ def _elastic_state(problem: Problem, control: Control) -> State:
     return State(u, solved.approach, solved.states, solved.forces)
 
 
-def _extrapolated(problem: Problem, states: tuple[State, ...], load: float) -> State:
-    """The first guess of the state at `load`: on the secant through the last two states.
+def _guess(problem: Problem, states: tuple[State, ...], control: Control) -> State:
+    """The first guess of a state: on the secant through the last two, if their forces grow.
 
-    Unloading, an increment much longer than the last, and capped forces do not follow the secant:
-    their guess is the last state.
+    Unloading, an increment much longer than the last, and capped forces start from the last state.
     """
-    state = states[-1]
+    if not states:
+        return _elastic_state(problem, control)
+    state, load = states[-1], control.load
+    if load is None:
+        return state
     forces = float(state.forces.sum())
     # Before the first state there is no force and no contact.
-    zeros = 0 * state.displacement, 0.0, np.full_like(state.states, APART), 0 * state.forces
-    earlier = states[-2] if len(states) > 1 else State(*zeros)
+    none = replace(state, states=np.full_like(state.states, APART), forces=0 * state.forces)
+    earlier = states[-2] if len(states) > 1 else none
     grown = forces - float(earlier.forces.sum())
     ratio = (load - forces) / grown if grown > 0 else 0.0
-    if not 0 < ratio <= 2.01 or problem.capped:
-        if forces > 0:
-            return state
-        # The unloaded body is loaded from a quarter of its nodes in contact.
-        apart, wanted = np.zeros(state.states.shape, dtype=bool), max(1, state.states.size // 4)
-        seeded = _nearest(problem, state.displacement, state.approach, apart, wanted)
-        return replace(state, states=seeded)
-    if len(states) == 1:
-        earlier = replace(earlier, displacement=state.displacement, approach=state.approach)
-    return _on_secant(problem, state, earlier, -ratio)
+    if 0 < ratio <= 2.01 and not problem.capped:
+        return _on_secant(problem, state, earlier, -ratio)
+    if forces > 0:
+        return state
+    # The unloaded body is loaded from a quarter of its nodes in contact.
+    apart, wanted = np.zeros(state.states.shape, dtype=bool), max(1, state.states.size // 4)
+    seeded = _nearest(problem, state.displacement, state.approach, apart, wanted)
+    return replace(state, states=seeded)
 
 
 def _on_secant(problem: Problem, state: State, other: State, share: float) -> State:
@@ -252,7 +249,7 @@ def _nearest(
     problem: Problem, u: FloatArray, approach: float, contact: NDArray[np.bool_], wanted: int
 ) -> States:
     """The `contact` and the nodes nearest to the flat, so many as are `wanted` in all."""
-    order = np.where(contact, -np.inf, gap(problem, u, approach))
+    order = np.where(contact, -np.inf, problem.gap(u, approach))
     touching = np.full(contact.shape, APART, dtype=np.int8)
     touching.ravel()[np.argsort(order, axis=None, kind="stable")[:wanted]] = ELASTIC
     return touching

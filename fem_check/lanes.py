@@ -87,29 +87,25 @@ def _across(a, b, c, d):  # type: ignore[no-untyped-def]
     return s - t, u - v, s + t, u + v
 
 
+#: Places in ue of the far and the near corner of the four edges along x, y and z.
+_EDGES = LANES * np.array(
+    [[3, 0, 5, 1, 6, 2, 7, 4], [2, 0, 4, 1, 6, 3, 7, 5], [1, 0, 4, 2, 5, 3, 7, 6]]
+)
+
+
 @compiled
 def _derivatives(sides, ue, d):  # type: ignore[no-untyped-def]
     """Writes the derivatives of a box to d (3 components, 3 axes, 4 places, LANES)."""
-    hx, hy, hz, L = 0.25 / sides[0], 0.25 / sides[1], 0.25 / sides[2], LANES
     for i in range(3):
-        v, o = 8 * i * L, 12 * i * L
-        for n in range(L):
-            # Corners by their sides along x, y and z.
-            mmm, mmp, mpm, pmm = ue[v + n], ue[v + L + n], ue[v + 2 * L + n], ue[v + 3 * L + n]
-            mpp, pmp, ppm = ue[v + 4 * L + n], ue[v + 5 * L + n], ue[v + 6 * L + n]
-            ppp = ue[v + 7 * L + n]
-            a, b, c, f = _across(pmm - mmm, pmp - mmp, ppm - mpm, ppp - mpp)
-            d[o + n], d[o + L + n], d[o + 2 * L + n], d[o + 3 * L + n] = (
-                hx * a, hx * b, hx * c, hx * f,
-            )  # fmt: skip
-            a, b, c, f = _across(mpm - mmm, mpp - mmp, ppm - pmm, ppp - pmp)
-            d[o + 4 * L + n], d[o + 5 * L + n], d[o + 6 * L + n], d[o + 7 * L + n] = (
-                hy * a, hy * b, hy * c, hy * f,
-            )  # fmt: skip
-            a, b, c, f = _across(mmp - mmm, mpp - mpm, pmp - pmm, ppp - ppm)
-            d[o + 8 * L + n], d[o + 9 * L + n], d[o + 10 * L + n], d[o + 11 * L + n] = (
-                hz * a, hz * b, hz * c, hz * f,
-            )  # fmt: skip
+        for j in range(3):
+            h, o, v, f = 0.25 / sides[j], (12 * i + 4 * j) * LANES, 8 * i * LANES, _EDGES[j]
+            for n in range(v, v + LANES):
+                a, b, c, e = _across(
+                    ue[f[0] + n] - ue[f[1] + n], ue[f[2] + n] - ue[f[3] + n],
+                    ue[f[4] + n] - ue[f[5] + n], ue[f[6] + n] - ue[f[7] + n],
+                )  # fmt: skip
+                m = o + n - v
+                d[m], d[m + LANES], d[m + 2 * LANES], d[m + 3 * LANES] = h * a, h * b, h * c, h * e
 
 
 @compiled

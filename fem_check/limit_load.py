@@ -20,8 +20,8 @@ from epcontact.errors import NotConverged
 from epcontact.results import FloatArray
 from fem_check import plasticity
 from fem_check.element import CORNERS, Elements, elastic_stiffness, elements
-from fem_check.plasticity import Law, TangentCorrection
-from fem_check.smoother import layer_stiffness, subtract_correction
+from fem_check.plasticity import Law, TangentCorrection, layer_stiffness
+from fem_check.smoother import subtract_correction
 
 #: Norm of the free forces over the largest force.
 TOLERANCE = 1e-9

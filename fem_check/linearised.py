@@ -4,8 +4,7 @@ A primal-dual active set method solves the equalities on a guessed contact set, 
 changes until forces press and gaps are open.  The solves are conjugate gradients in the null
 space of the constraints.  Their preconditioner is the elastic flat block with the same
 constraints met exactly (a constraint preconditioner; Gould, Hribar and Nocedal 2001), between two
-sweeps over the flowing nodes (`smoother`), which resolve the slip lines that the elastic block
-cannot represent.  Without the sweeps, iterations grow as the flowing zones gain elements.
+sweeps over the flowing nodes (`smoother`).
 
 On the flat block the elastic stiffness times a preconditioned residual is that residual, so a
 product with the tangent touches the flowing elements only.  After an elastic solve all residuals
@@ -16,30 +15,18 @@ the base once.  The signs are those of `problem`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from epcontact.errors import NotConverged
-from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
+from epcontact.results import APART, ELASTIC, FloatArray
 from fem_check import plasticity
 from fem_check.contact import States, predicted_states, solve_contact_forces
 from fem_check.linear_solver import eliminate, extend_to_base, substitute, top_descent
 from fem_check.plasticity import TangentCorrection
-from fem_check.problem import (
-    Control,
-    Counts,
-    Problem,
-    State,
-    contact_forces,
-    gap,
-    internal_force,
-    missing_load,
-    unbalanced,
-    unbalanced_norm,
-    without_base,
-)
+from fem_check.problem import Control, Counts, Problem, State, unbalanced, unbalanced_norm
 from fem_check.smoother import FlowRows, Smoother, assemble
 from fem_check.workers import axpy, dot, norm, xpay
 
@@ -90,30 +77,24 @@ class Tangent:
     def rows(self) -> FlowRows:
         """The matrix rows of the flowing nodes."""
         assert self.correction is not None
-        block, bricks, stiffness = self.problem.block, self.problem.bricks, self.problem.stiffness
-        return assemble(
-            block.shape, bricks, stiffness, self.correction, 1 - self.blend, self.problem.workers
-        )
+        return assemble(self.problem, self.correction, 1 - self.blend)
 
     def excess(self, v: FloatArray, elastic: FloatArray) -> FloatArray:
         """The stiffness times `v`, less `elastic`, the flat block's elastic product."""
         problem, out = self.problem, np.zeros_like(v)
         if not problem.flat:
-            out = internal_force(problem, v, None)[0] - elastic
+            out = problem.internal_force(v, None)[0] - elastic
         if self.correction is not None and self.correction.which.size:
             plasticity.add_correction(
                 v.reshape(-1, 3), problem.bricks, self.correction, 1 - self.blend,
                 out.reshape(-1, 3), problem.workers,
             )  # fmt: skip
-        return without_base(problem, out)
+        return problem.without_base(out)
 
 
-@dataclass(frozen=True)
+@dataclass
 class LinearSolution:
-    """The step from the state, the reaction that it leaves, the new approach and states.
-
-    During the solves both fields end below the levels with residuals.
-    """
+    """The step and the reaction that it leaves, both on the levels with residuals, and the rest."""
 
     step: FloatArray
     reaction: FloatArray
@@ -135,19 +116,20 @@ def linear_contact(
     times.  Also returns the iterations spent.
     """
     problem = tangent.problem
-    missing = missing_load(problem, R, state.states, control)
+    missing = problem.missing_load(R, state.states, control)
     balance = unbalanced_norm(R, state.states, problem.workers)
     scale = max(balance + abs(missing), 1e-300)
     R = R[: tangent.levels_with(R, NEGLIGIBLE * forcing * scale)].copy()
     linear, counts = LinearSolution(np.zeros_like(R), R, state.approach, state.states), Counts()
     for sweep in range(sweeps):
         goal = forcing * scale * (5 if sweep < 8 else 1)
-        linear, spent = _solve_on_set(state, linear, tangent, control, goal)
+        spent = _solve_on_set(state, linear, tangent, control, goal)
         counts += Counts(cg=spent, most_cg=spent, sweeps=1)
-        linear, changed = _with_predicted_states(problem, state, linear)
+        changed = _predict_states(problem, state, linear)
         if changed <= UNSETTLED * forcing * int((linear.states != APART).sum()):
             break
-    return replace(linear, step=_to_base(problem, linear.step)), counts
+    linear.step = _to_base(problem, linear.step)
+    return linear, counts
 
 
 def _to_base(problem: Problem, step: FloatArray) -> FloatArray:
@@ -190,7 +172,7 @@ def precondition(
     if sweeps is not None:
         swept = sweeps.pre_smooth(remaining)
         sweeps.add_product(-1.0, swept, remaining)
-        without_base(problem, remaining)
+        problem.without_base(remaining)
         if missing is not None:
             missing -= float(remaining[0, ..., 2][contact].sum())
         remaining[0, ..., 2][contact] = 0
@@ -203,21 +185,21 @@ def precondition(
         swept -= sweeps.post_smooth(excess)
         sweeps.add(swept, z)
         sweeps.add_product(1.0, swept, stiff)
-        without_base(problem, stiff)
+        problem.without_base(stiff)
     return z, stiff, approach
 
 
 def _solve_on_set(
     state: State, linear: LinearSolution, tangent: Tangent, control: Control, goal: float
-) -> tuple[LinearSolution, int]:
-    """Solve on the present contact set to a residual of `goal` in N; also count the iterations.
+) -> int:
+    """Solve on the present contact set to a residual of `goal` in N; the number of iterations.
 
     The arrays of `linear` are changed in place: a block of its size has no room for another pair.
     """
     problem, states, R = tangent.problem, linear.states, linear.reaction
     load = control.load
-    if load is not None and problem.capped:
-        load -= float((problem.cap * (states == PLASTIC)).sum())
+    if load is not None:
+        load -= problem.capped_load(states)
     offset = 0.0 if load is not None else control.approach
     target = problem.heights + offset + state.displacement[0, ..., 2] + linear.step[0, ..., 2]
     # R still contains the contact forces, so this solve finds the whole of them again.
@@ -227,29 +209,26 @@ def _solve_on_set(
     R[0, ..., 2] -= forces  # the elastic product of z
     np.negative(tangent.excess(z, R), out=R)
     R[0, ..., 2] += forces
-    linear.step[:] += z
+    linear.step += z
     del z
-    solved, spent = _conjugate_gradients(
-        replace(linear, approach=d + offset), tangent, control, goal
-    )
-    return solved, 1 + spent
+    linear.approach = d + offset
+    return 1 + _conjugate_gradients(linear, tangent, control, goal)
 
 
 def _conjugate_gradients(
     linear: LinearSolution, tangent: Tangent, control: Control, goal: float
-) -> tuple[LinearSolution, int]:
+) -> int:
     """Iterate on the levels that flow until the residual is below `goal`; count the iterations.
 
-    The arrays of `linear` are changed in place.  Raises NotConverged if no node can take the load.
+    Raises NotConverged if no node can take the load.
     """
-    problem, states, levels = tangent.problem, linear.states, tangent.levels
-    workers, approach = problem.workers, linear.approach
-    R = linear.reaction[:levels]
+    problem, states = tangent.problem, linear.states
+    workers, R = problem.workers, linear.reaction[: tangent.levels]
     sweeps, step, spent = None, np.zeros_like(R), 0
     p = Kp = np.empty(0)
     p_approach = rho_before = 0.0
     while spent < 400:
-        missing = missing_load(problem, R, states, control)
+        missing = problem.missing_load(R, states, control)
         size = unbalanced_norm(R, states, workers) + abs(missing)
         if size <= goal:
             break
@@ -274,30 +253,25 @@ def _conjugate_gradients(
         alpha = rho / curvature
         axpy(step, alpha, p, workers)
         axpy(R, -alpha, Kp, workers)
-        approach += alpha * p_approach
+        linear.approach += alpha * p_approach
         rho_before = rho
         spent += 1
     if spent:
         total = linear.step
-        total += (_to_base(problem, step) if levels < len(total) else step)[: len(total)]
-    return replace(linear, approach=approach), spent
+        total += (_to_base(problem, step) if len(step) < len(total) else step)[: len(total)]
+    return spent
 
 
-def _with_predicted_states(
-    problem: Problem, state: State, linear: LinearSolution
-) -> tuple[LinearSolution, int]:
-    """The solution with the contact states that it asks for, and how many of them are new.
+def _predict_states(problem: Problem, state: State, linear: LinearSolution) -> int:
+    """Give the solution the contact states that it asks for; the number of those that change.
 
     Capped forces move between the reaction and the states.
     """
     R, states = linear.reaction, linear.states
-    forces = contact_forces(problem, states, R[0, ..., 2])
-    g = gap(problem, state.displacement[:1] + linear.step[:1], linear.approach)
+    forces = problem.contact_forces(states, R[0, ..., 2])
+    g = problem.gap(state.displacement[:1] + linear.step[:1], linear.approach)
     g[states == ELASTIC] = 0
     stiffness = 1.0 / float(problem.factor.surface.min())
-    new = predicted_states(forces, g, problem.cap, stiffness)
-    changed = int((new != states).sum())
-    if problem.capped and changed:
-        R = R.copy()
-        R[0, ..., 2] += problem.cap * ((states == PLASTIC) * 1.0 - (new == PLASTIC))
-    return replace(linear, reaction=R, states=new), changed
+    new = linear.states = predicted_states(forces, g, problem.cap, stiffness)
+    R[0, ..., 2] += problem.capped_forces(states) - problem.capped_forces(new)
+    return int((new != states).sum())

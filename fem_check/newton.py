@@ -22,16 +22,7 @@ from epcontact.results import FloatArray
 from fem_check import plasticity
 from fem_check.linearised import LinearSolution, Tangent, linear_contact
 from fem_check.plasticity import History
-from fem_check.problem import (
-    Control,
-    Counts,
-    Problem,
-    State,
-    contact_forces,
-    internal_force,
-    reaction,
-    residuals,
-)
+from fem_check.problem import Control, Counts, Problem, State
 from fem_check.workers import dot
 
 #: Newton iterations after which an increment is given up.
@@ -60,10 +51,10 @@ def solve_increment(
     Raises NotConverged with the residuals of every iteration.
     """
     counts, worst = Counts(increments=1), []
-    internal, flowing = internal_force(problem, state.displacement, history)
+    internal, flowing = problem.internal_force(state.displacement, history)
     while True:
-        R = reaction(problem, state.states, internal)
-        residual = residuals(problem, state, R, control)
+        R = problem.reaction(state.states, internal)
+        residual = problem.residuals(state, R, control)
         worst.append(max(residual.values()))
         if worst[-1] <= tolerance and counts.newton > 0:
             counts = replace(counts, most_newton=counts.newton)
@@ -115,7 +106,7 @@ def _trial(
     problem: Problem, state: State, linear: LinearSolution, share: float, history: History
 ) -> _Trial:
     u = state.displacement + share * linear.step
-    return _Trial(share, u, *internal_force(problem, u, history))
+    return _Trial(share, u, *problem.internal_force(u, history))
 
 
 def _line_search(
@@ -148,6 +139,6 @@ def _line_search(
 
 
 def _state_after(problem: Problem, state: State, linear: LinearSolution, trial: _Trial) -> State:
-    forces = contact_forces(problem, linear.states, -trial.force[0, ..., 2])
+    forces = problem.contact_forces(linear.states, -trial.force[0, ..., 2])
     approach = state.approach + trial.share * (linear.approach - state.approach)
     return State(trial.displacement, approach, linear.states, forces)

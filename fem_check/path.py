@@ -22,7 +22,7 @@ from fem_check.contact import States
 from fem_check.increments import Along, Rule, advance
 from fem_check.options import FemOptions
 from fem_check.plasticity import History
-from fem_check.problem import Counts, Problem, State, gap, layer_stresses
+from fem_check.problem import Counts, Problem, State
 from fem_check.workers import dot
 
 
@@ -118,7 +118,7 @@ def _elastic(along: Along) -> Along:
 
 def _sunk(problem: Problem, state: State) -> FloatArray:
     """(nx, ny) how far the capped nodes have sunk, in m."""
-    between = gap(problem, state.displacement, state.approach)
+    between = problem.gap(state.displacement, state.approach)
     return np.where(state.states == PLASTIC, np.maximum(-between, 0.0), 0.0)
 
 
@@ -134,7 +134,7 @@ def _path_point(problem: Problem, pressure: float, along: Along, lowered: FloatA
         mean = float(lowered.mean())
         work = problem.cap / problem.block.node_area * mean
         flow = {"mean_plastic_displacement": mean, "plastic_work": work}
-    between = gap(problem, state.displacement, state.approach)
+    between = problem.gap(state.displacement, state.approach)
     return PathPoint(
         mean_pressure=pressure,
         state=state,
@@ -170,7 +170,7 @@ def _plastic_flow(problem: Problem, state: State, history: History) -> dict[str,
     volume = float(np.bincount(bricks.shape_of) @ bricks.weights.sum(axis=1))
     stored = 0.0
     for layer in range(len(block.layers)):
-        stress, some = layer_stresses(problem, state, history, layer)
+        stress, some = problem.layer_stresses(state, history, layer)
         stored += plasticity.stored_energy(stress, some, law)
     area = block.node_area * problem.heights.size
     return {

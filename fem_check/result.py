@@ -22,7 +22,6 @@ that touch an element of the top layer in which some Gauss point has flowed, now
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -45,7 +44,6 @@ from epcontact.results import (
 )
 from epcontact.scene import Scene
 from fem_check.path import PathPoint, SolvedPath
-from fem_check.problem import Problem
 
 #: Pressures at which the distribution is tabulated.
 _DISTRIBUTION_POINTS = 1025
@@ -63,7 +61,7 @@ def contact_result(path: SolvedPath) -> ContactResult:
     """The result of a solved path, with the certificate among the residuals of the last step."""
     problem, points, surface = path.problem, path.points, path.scene.surface
     block = problem.block
-    fields = surface_fields(path.scene, problem, points[-1])
+    fields = surface_fields(path, points[-1])
     contact = fields["pressure"], fields["state"]
     counts = sum((point.counts for point in points[1:]), points[0].counts)
     layers = {"layers": len(block.layers), "first_layer": float(block.layers[0])}
@@ -71,10 +69,7 @@ def contact_result(path: SolvedPath) -> ContactResult:
     del options["approach"], options["certified"]
     return ContactResult(
         method="fem",
-        steps=tuple(
-            load_step(path.scene, problem, point, path.certificate if point is points[-1] else {})
-            for point in points
-        ),
+        steps=tuple(load_step(path, point) for point in points),
         provenance=Provenance(path.scene.digest, surface.seed, options),
         distribution=distribution(*contact, problem.cap / block.node_area),
         fields={name: values.reshape(surface.shape) for name, values in fields.items()},
@@ -94,21 +89,21 @@ def contact_result(path: SolvedPath) -> ContactResult:
     )
 
 
-def surface_fields(scene: Scene, problem: Problem, point: PathPoint) -> dict[str, NDArray[Any]]:
-    """heights, pressure, gap, displacement and state, (nx, ny) each, in SI units.
+def surface_fields(path: SolvedPath, point: PathPoint) -> dict[str, NDArray[Any]]:
+    """Fields (nx, ny) in SI units, among them the plastic displacement of a capped body.
 
-    And the plastic displacement of a capped body, or of one with J2 flow that is unloaded.
+    And that of one with J2 flow that is unloaded.
     """
     fields: dict[str, NDArray[Any]] = {
-        "heights": scene.surface.heights,
-        "pressure": np.maximum(point.state.forces, 0.0) / problem.block.node_area,
+        "heights": path.scene.surface.heights,
+        "pressure": np.maximum(point.state.forces, 0.0) / path.problem.block.node_area,
         "gap": point.gap,
-        "displacement": _descent(scene, point),
+        "displacement": _descent(path.scene, point),
         "state": point.surface_states,
     }
-    if problem.capped:
+    if path.problem.capped:
         fields["plastic_displacement"] = point.plastic_displacement
-    elif problem.plastic and not point.mean_pressure:
+    elif path.problem.plastic and not point.mean_pressure:
         fields["plastic_displacement"] = fields["displacement"]
     return fields
 
@@ -119,19 +114,24 @@ def _descent(scene: Scene, point: PathPoint) -> FloatArray:
     return down - down.mean() if scene.body.kind == "half_space" else down
 
 
-def load_step(
-    scene: Scene, problem: Problem, point: PathPoint, certificate: Mapping[str, float]
-) -> LoadStep:
+def load_step(path: SolvedPath, point: PathPoint) -> LoadStep:
     """Areas, residuals and further quantities of one point of the path."""
-    state, counts, nu = point.state, point.counts, scene.material.poisson_ratio
-    raw, corrected, error = areas(point.surface_states, nu, problem.capped)
-    pressure = state.forces / problem.block.node_area
-    touching = point.surface_states != APART
+    scene, problem, counts = path.scene, path.problem, point.counts
+    raw, corrected, error = areas(
+        point.surface_states, scene.material.poisson_ratio, problem.capped
+    )
+    pressure, touching = point.state.forces / problem.block.node_area, point.surface_states != APART
+    # Without plastic flow, the work of the pressures is twice the energy.
     work = float((pressure * _descent(scene, point)).mean())
+    energy = point.flow.get("stored_energy", work / 2)
+    if "stored_energy" in point.flow and scene.body.kind == "half_space":
+        # Without the uniform compression of the block.
+        confined = problem.law.bulk + 4 / 3 * problem.law.shear
+        energy -= point.mean_pressure**2 * problem.block.depth / (2 * confined)
     return LoadStep(
         point.mean_pressure,
         {"raw": raw, "corrected": corrected, "error": error},
-        point.residuals | dict(certificate),
+        point.residuals | (path.certificate if point is path.points[-1] else {}),
         {
             "newton": counts.newton,
             "cg": counts.cg,
@@ -142,28 +142,14 @@ def load_step(
         {
             "mean_gap": float(np.maximum(point.gap + point.plastic_displacement, 0).mean()),
             "mean_separation": float(point.gap.mean()),
-            "approach": state.approach + float(problem.heights.max()),
+            "approach": point.state.approach + float(problem.heights.max()),
             "largest_pressure": float(pressure.max()),
             "mean_contact_pressure": float(pressure[touching].mean()) if touching.any() else 0.0,
-            "elastic_energy": _elastic_energy(scene, problem, point, work),
+            "elastic_energy": energy,
             "step_error": point.step_error,
             **point.flow,
         },
     )
-
-
-def _elastic_energy(scene: Scene, problem: Problem, point: PathPoint, work: float) -> float:
-    """Elastic energy per nominal area in J/m^2, without the uniform compression of a half-space.
-
-    `work` is the mean of pressure times displacement: without plastic flow, twice the energy.
-    """
-    stored = point.flow.get("stored_energy")
-    if stored is None:
-        return work / 2
-    if scene.body.kind != "half_space":
-        return stored
-    confined = problem.law.bulk + 4 / 3 * problem.law.shear
-    return stored - point.mean_pressure**2 * problem.block.depth / (2 * confined)
 
 
 def areas(
@@ -198,10 +184,9 @@ def count_switches(inside: NDArray[np.bool_]) -> int:
 def distribution(
     pressure: FloatArray, states: NDArray[np.int8], cap: float
 ) -> PressureDistribution:
-    """The share of the area at each nodal pressure; `cap` is the largest pressure, in Pa.
+    """The share of the area at each nodal pressure up to a cap in Pa, whose nodes are plastic.
 
-    With a finite cap, the nodes at it are the plastic fraction.  J2 has no single plastic
-    pressure, so all its contact is tabulated.
+    J2 has no single plastic pressure, so all its contact is tabulated.
     """
     capped = bool(np.isfinite(cap))
     values = pressure[(pressure > 0) & ((states != PLASTIC) | (not capped))]
@@ -219,7 +204,7 @@ def _warnings(path: SolvedPath) -> tuple[str, ...]:
         for number, point in enumerate(path.points)
         if point.counts.halvings
     ]
-    block, last, slope = path.problem.block, path.points[-1], path.scene.surface.rms_slope
+    last, slope = path.points[-1], path.scene.surface.rms_slope
     if slope > LARGEST_SLOPE:
         out.append(
             f"the rms slope of {slope:.2g} is too large for small strains (more than "
@@ -231,7 +216,7 @@ def _warnings(path: SolvedPath) -> tuple[str, ...]:
             f"the median contact is {nodes:.1f} nodes across, fewer than {FEWEST_NODES}: areas "
             "and pressures depend on the grid"
         )
-    if last.flow.get("plastic_depth", 0.0) >= block.depth * (1 - 1e-9):
+    if last.flow.get("plastic_depth", 0.0) >= path.problem.block.depth * (1 - 1e-9):
         out.append("the plastic zone reaches the base; give a deeper block")
     strain = last.flow.get("largest_plastic_strain", 0.0)
     if strain > LARGEST_STRAIN:
@@ -240,10 +225,10 @@ def _warnings(path: SolvedPath) -> tuple[str, ...]:
 
 
 def nodes_across(touching: NDArray[np.bool_]) -> float:
-    """The number of nodes across the median contact: on a line (ny = 1) its width.
+    """Nodes across the contact in smaller ones than which half of all contact nodes are.
 
-    On a surface it is the diameter of a disc of its area.  Half of the contact nodes are in smaller
-    contacts.  Contacts join over corners and over the periodic edges.
+    On a line (ny = 1) its width, on a surface the diameter of a disc of its area.  Contacts join
+    over corners and over the periodic edges.
     """
     if not touching.any():
         return 0.0

@@ -25,9 +25,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
-from fem_check.element import CORNERS, Elements, deviatoric_stiffness, elastic_stiffness
+from fem_check.element import CORNERS
 from fem_check.lanes import OPTIONS, compiled, inverse_of_symmetric
-from fem_check.plasticity import Law, TangentCorrection
+from fem_check.plasticity import TangentCorrection
+from fem_check.problem import Problem
 from fem_check.workers import ALONE, Workers
 
 #: Sweeps on either side of the elastic block.  They nearly halve the iterations.  More of them save
@@ -92,30 +93,10 @@ class Smoother:
         displacement.reshape(-1, 3)[self.rows.nodes] += x
 
 
-def layer_stiffness(bricks: Elements, law: Law) -> tuple[FloatArray, FloatArray]:
-    """The elastic (layers, 24 x 24) and deviatoric (layers, 8, 24 x 24) stiffness of elements."""
-    layers = range(len(bricks.weights))
-    elastic = [elastic_stiffness(bricks, k, law.shear, law.bulk) for k in layers]
-    deviatoric = [deviatoric_stiffness(bricks, k) for k in layers]
-    return np.reshape(elastic, (-1, 576)), np.reshape(deviatoric, (-1, 8, 576))
-
-
-def assemble(
-    shape: tuple[int, int],
-    bricks: Elements,
-    stiffness: tuple[FloatArray, FloatArray],
-    correction: TangentCorrection,
-    scale: float,
-    workers: Workers = ALONE,
-) -> FlowRows:
-    """The matrix rows of the flowing nodes of a flat block, without those of the base.
-
-    `stiffness` is that of its layers, from `layer_stiffness`, less `scale` times the correction;
-    `shape` is (nx, ny).
-    """
-    nx, ny = shape
-    levels = bricks.number // (nx * ny) + 1
-    flows = np.zeros((levels, nx, ny), dtype=np.bool_)
+def assemble(problem: Problem, correction: TangentCorrection, scale: float) -> FlowRows:
+    """The rows of a flat block, less `scale` times the correction, without those of the base."""
+    (nx, ny), bricks = problem.block.shape, problem.bricks
+    flows = np.zeros(problem.block.field_shape[:3], dtype=np.bool_)
     flows.reshape(-1)[bricks.connectivity[correction.which]] = True
     flows[-1] = False
     nodes, strips = _in_strips(np.flatnonzero(flows), nx, ny)
@@ -129,10 +110,10 @@ def assemble(
     around |= np.roll(around, -1, 1)
     around |= np.roll(around, -1, 2)
     which, parts = _in_strips(np.flatnonzero(around), nx, ny)
-    body, flow = (bricks, *stiffness), (number, correction.terms, float(scale))
+    body, flow = (bricks, *problem.stiffness), (number, correction.terms, float(scale))
     task = partial(_assemble, body, flow, which, places, _slots(nx, ny), neighbours, blocks)
     for part in parts:
-        workers.share(task, part, weight=8.0)
+        problem.workers.share(task, part, weight=8.0)
     within = np.where(neighbours < 0, len(nodes), places[neighbours]).astype(np.int32)
     return FlowRows(nodes, neighbours, within, blocks, strips)
 

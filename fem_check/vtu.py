@@ -31,6 +31,8 @@ UNITS = {
     "depth": "m",
 }  # fmt: skip
 
+_STRENGTHS = ("young_modulus", "poisson_ratio", "yield_stress", "hardness")
+
 #: The ends of the names of the files of a step.
 ENDS = (".vtu", "-surface.vtu")
 
@@ -101,17 +103,13 @@ def write_step(
     history: History,
 ) -> None:
     """Write the body and its surface at one point of the path.  Raises OutputError."""
-    material = scene.material
     told = {
         "mean_pressure": point.mean_pressure,
         "method": "fem",
         "law": options.law,
         "geometry": options.geometry,
         "scene": scene.digest,
-        "young_modulus": material.young_modulus,
-        "poisson_ratio": material.poisson_ratio,
-        "yield_stress": material.yield_stress,
-        "hardness": material.hardness,
+        **{name: getattr(scene.material, name) for name in _STRENGTHS},
         "body": scene.body.kind,
         "depth": problem.block.depth,
         "notes": "; ".join(scene.surface.notes),

@@ -14,9 +14,8 @@ from scipy.optimize import brentq
 from epcontact import bem
 from epcontact.reference import bumps, waves
 from epcontact.results import ContactResult
-from epcontact.scene import Body, Load, Material, Scene, Surface
+from epcontact.scene import Load, Material, Scene, Surface
 from fem_check import plasticity, solve, solve_path, surface_compliance
-from fem_check.mesh import half_space_depth
 from fem_check.vtu import von_mises
 
 
@@ -27,23 +26,19 @@ def effective(poisson_ratio: float) -> float:
 # Elastic waves, spheres and cylinders ----------------------------------------------------------
 
 
-def wave(
-    nodes: int, shift: float, load: float, nu: float = 0.3, depth: float | None = 1.5
-) -> tuple[float, ...]:
+def wave(nodes: int, shift: float, load: float, nu: float = 0.3) -> tuple[float, ...]:
     """(L2 error of the pressure, area error in spacings, peak error) of a sinusoid of unit
-    wavelength under `load` times the pressure of complete contact, and the block's depth.  At a
-    depth of 1.5 wavelengths the base changes the wave's compliance by 1e-6."""
+    wavelength under `load` times the pressure of complete contact.  At a depth of 1.5 wavelengths
+    the base changes the wave's compliance by 1e-6."""
     x = (np.arange(nodes) + shift) / nodes
     complete = waves.line_complete_pressure(0.01, 1.0, effective(nu))
     surface = Surface(0.01 * np.cos(2 * np.pi * x), (1.0,))
     scene = Scene(surface, Material(1.0, nu), Load(load * complete))
-    result = solve(scene, law="elastic", depth=depth, certified=False)
-    found = result.fields["pressure"]
-    exact = complete * waves.line_pressure(x - np.round(x), load)
+    result = solve(scene, law="elastic", depth=1.5, certified=False)
+    found, exact = result.fields["pressure"], complete * waves.line_pressure(x - np.round(x), load)
     area = result.final.areas["raw"].total - waves.line_contact_fraction(load)
     error = float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
-    peak = float(found.max() / exact.max() - 1)
-    return error, area * nodes, peak, result.provenance.options["depth"]
+    return error, area * nodes, float(found.max() / exact.max() - 1)
 
 
 SHIFTS = (np.arange(8) + 0.5) / 8
@@ -69,12 +64,6 @@ def test_the_rim_of_a_line_lies_where_the_areas_say(nu: float) -> None:
     assert np.mean(found) == pytest.approx(0.25 + 0.21 * nu, abs=0.04)
 
 
-def test_the_depth_that_is_chosen_is_deep_enough() -> None:
-    error, _, _, depth = wave(128, 0.3, 0.3, depth=None)
-    assert depth == pytest.approx(half_space_depth(1.0, 0.3))
-    assert abs(error - wave(128, 0.3, 0.3)[0]) < 1.5e-3  # the rule: 0.1 % of the compliance
-
-
 def test_hertz_spheres_area_is_met_once_the_rim_is_taken_off() -> None:
     rng, found = np.random.default_rng(41), []
     force = bumps.sphere_force(0.15, 10.0, effective(0.3))
@@ -82,43 +71,13 @@ def test_hertz_spheres_area_is_met_once_the_rim_is_taken_off() -> None:
     for _ in range(8):
         x, y = ((np.arange(64) + s) / 64 - 0.5 for s in rng.random(2))
         surface = Surface(-(x[:, None] ** 2 + y[None, :] ** 2) / 20, (1.0, 1.0))
-        result = solve(
-            Scene(surface, Material(1.0, 0.3), Load(force)),
-            law="elastic", depth=1.5, certified=False,
-        )  # fmt: skip
-        areas = result.final.areas
+        scene = Scene(surface, Material(1.0, 0.3), Load(force))
+        areas = solve(scene, law="elastic", depth=1.5, certified=False).final.areas
         found.append((areas["raw"].total, areas["corrected"].total))
     raw, corrected = np.mean(found, axis=0) / (math.pi * exact**2)
     # About 9.6 nodes along the radius: the count is 6 to 7 % too large.
     assert 1.04 < raw < 1.09
     assert corrected == pytest.approx(1, abs=0.01)
-
-
-def test_hertz_cylinders_pressure_is_met() -> None:
-    """A parabolic line: the periodic closed form is Westergaard's; here the load of the width."""
-    n, width = 512, 0.06
-    x = (np.arange(n) + 0.3) / n - 0.5
-    load = Load(-effective(0.3) * math.log(math.cos(math.pi * width)) / (2 * math.pi))
-    scene = Scene(Surface(-(x**2) / 2, (1.0,)), Material(1.0, 0.3), load)
-    pressure = solve(scene, law="elastic", depth=1.5, certified=False).fields["pressure"]
-    exact = bumps.cylinder_pressure_periodic(x, width, 1.0, effective(0.3), 1.0)
-    # 31 nodes along the half-width: the edge's error of 1.6 % at n = 64 falls as 1/n per a.
-    assert np.linalg.norm(pressure - exact) < 0.02 * np.linalg.norm(exact)
-    assert pressure.max() == pytest.approx(exact.max(), rel=3e-3)
-
-
-def test_full_contact_is_linear_and_uniform_compression_exact() -> None:
-    x, body, material = np.arange(32) / 32, Body("bonded_layer", 0.7), Material(1.0, 0.3)
-
-    def fields(height: float, load: float) -> dict[str, np.ndarray]:
-        surface = Surface(height * np.cos(2 * np.pi * x), (1.0,))
-        return dict(solve(Scene(surface, material, Load(load), body), law="elastic").fields)
-
-    flat, modulus = fields(0.0, 0.01), 0.7 / (1.3 * 0.4)
-    np.testing.assert_allclose(flat["pressure"], 0.01, rtol=1e-10)
-    np.testing.assert_allclose(flat["displacement"], 0.01 * 0.7 / modulus, rtol=1e-10)
-    one, two = (fields(1e-3, p)["pressure"] - p for p in (0.1, 0.2))
-    np.testing.assert_allclose(one, two, atol=1e-11)
 
 
 # J2 spheres: from first yield to full plasticity -----------------------------------------------
@@ -134,11 +93,10 @@ def onset_errors(
     """Errors of the mean pressure at first yield, relative, and of its depth, over a.
 
     The elastic stresses scale with the pressure, so one solve is enough.  They are read at the
-    elements' centres, where trilinear bricks have them to second order; between the layers the
-    largest one is that of the parabola through three.  The block's sides cannot move apart: a mean
-    pressure p presses them with nu/(1 - nu) p, where that of isolated spheres does so with
-    (1 + 2 nu)/2 p in the mean.  The tension between the two comes on top of the Mises stress on the
-    axis and is taken off: 2 % at L = 8 a.
+    elements' centres; between the layers the largest one is that of the parabola through three.
+    The block's sides cannot move apart: a mean pressure p presses them with nu/(1 - nu) p, where
+    that of isolated spheres does so with (1 + 2 nu)/2 p in the mean.  The tension between the two
+    is taken off: 2 % at L = 8 a.
     """
     force = 4 / 3 * effective(nu) * SLENDER**3
     scene = sphere_scene(force, nodes=nodes, nodes_to_rim=nodes_to_rim, poisson_ratio=nu)
@@ -147,8 +105,8 @@ def onset_errors(
     stress = plasticity.stresses(u, problem.bricks, problem.law, None)
     centre = von_mises(np.moveaxis(stress, 1, 2).mean(axis=1)).reshape(-1, nodes**2).max(axis=1)
     depths = -(problem.block.levels[1:] + problem.block.levels[:-1]) / 2
-    k = min(max(int(centre.argmax()), 1), centre.size - 2)
-    curve = np.polynomial.Polynomial.fit(depths[k - 1 : k + 2], centre[k - 1 : k + 2], 2)
+    three = np.clip(centre.argmax(), 1, centre.size - 2) + np.arange(-1, 2)
+    curve = np.polynomial.Polynomial.fit(depths[three], centre[three], 2)
     depth = float(curve.deriv().roots()[0].real)
     radius = SLENDER * (1 + 1.917 * (SLENDER / scene.surface.periods[0]) ** 3) ** (-1 / 3)
     tension = ((1 + 2 * nu) / 2 - nu / (1 - nu)) * scene.load.final
@@ -157,18 +115,12 @@ def onset_errors(
     return pressure / (2 / 3 * peak) - 1, depth / radius - where
 
 
-@pytest.mark.parametrize("nu", [0.0, 0.2, 0.3, 0.4, 0.45])
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
 def test_yield_sets_in_where_hertz_and_mises_say(nu: float) -> None:
     pressure, depth = onset_errors(nu, nodes=64, nodes_to_rim=8)
     # Measured +0.7 to +1.9 %: half of it the grid's, with elements a sixth of a deep there.
     assert abs(pressure) < 0.02
     assert abs(depth) < 0.04
-
-
-def test_the_neighbours_of_a_sphere_are_taken_off() -> None:
-    """With nu = 0 the sides would let a sphere at L = 8 a yield 1.6 % before one at 16 a."""
-    near, far = (onset_errors(0.0, nodes=n, nodes_to_rim=4)[0] for n in (32, 64))
-    assert abs(near - far) < 0.005
 
 
 @pytest.mark.slow
@@ -215,21 +167,20 @@ def test_the_sphere_lies_between_the_published_fits(severity: float) -> None:
 
 @pytest.mark.long
 def test_the_mean_pressure_rises_along_johnsons_curve_on_any_grid() -> None:
-    found, before = {}, 0.0
+    found = {}
     for severity in (2.0, 5.0, 10.0, 20.0, 42.0):
         force, area, yield_stress, _ = sphere(severity)
-        found[severity] = pressure = force / area / yield_stress
+        found[severity] = force / area / yield_stress
         radius = math.sqrt(area / math.pi)
-        assert pressure > before
-        before = pressure
         if severity == 2.0:  # elastic below first yield at 1.075 sigma_Y
             reached = effective(0.3) * radius / yield_stress
-            assert pressure == pytest.approx(4 / (3 * math.pi) * reached, rel=0.02)
+            assert found[2.0] == pytest.approx(4 / (3 * math.pi) * reached, rel=0.02)
         if severity >= 10.0:
             # The cavity model (Johnson 1970) gives the pressure of a hydrostatic core, a lower
             # estimate; a core that is itself at yield (Studman, Moore and Jones 1977) adds 2/3 Y.
             core = reference.cavity_mean_pressure(radius, 1.0, 1.0, yield_stress, 0.3)
-            assert 0 < pressure - core / yield_stress < 1
+            assert 0 < found[severity] - core / yield_stress < 1
+    assert sorted(found.values()) == list(found.values())
     assert 2.6 < found[42.0] < 2.9  # full plasticity (Johnson 1985)
     for nodes, rim in ((48, 6), (96, 14)):
         force, area, yield_stress, _ = sphere(20.0, nodes=nodes, nodes_to_rim=rim)
@@ -296,14 +247,3 @@ def test_they_converge_to_each_other_on_the_half_space(law: str) -> None:
     assert errors[-1] < 0.025  # 32 points a wave
     fem, other = (result.final.areas["corrected"].total for result in found[-1])
     assert fem == pytest.approx(other, rel=0.02)
-
-
-def test_j2_differs_from_the_cap_by_what_the_model_says() -> None:
-    """E* xi/sigma_Y = 5, cap at 3 sigma_Y: J2 carries the load on 20 to 50 % more area, and on
-    less pressure than the cap; the band is physics, measured on other seeds and grids."""
-    scene = rough_scene(48, 6, pressure=0.05)
-    j2 = solve(scene, certified=False)
-    cap = bem.solve(scene, threads=1, compliance=surface_compliance(scene))
-    assert 1.15 < j2.final.areas["raw"].total / cap.final.areas["raw"].total < 1.5
-    assert j2.fields["pressure"].max() < 0.6
-    assert j2.fields["pressure"].mean() == pytest.approx(0.05)

@@ -28,8 +28,8 @@ from fem_check.linear_solver import (
 )
 from fem_check.linearised import Tangent, linear_contact
 from fem_check.mesh import PeriodicBlock, flat_elements, graded_layers
-from fem_check.problem import Control, internal_force
-from fem_check.smoother import Smoother, assemble, layer_stiffness
+from fem_check.problem import Control
+from fem_check.smoother import Smoother, assemble
 from fem_check.workers import Workers
 
 RULE = plasticity.law(1.7, 0.3, math.inf)
@@ -45,7 +45,7 @@ def test_it_inverts_the_assembled_stiffness(shape: tuple[int, int], sliding: boo
     u[-1] -= u[-1].mean(axis=(0, 1))
     u[-1, ..., 2 if sliding else 0 :] = 0
     force = plasticity.internal_force(u.reshape(-1, 3), bricks, RULE, None)[0].reshape(u.shape)
-    elastic = layer_stiffness(bricks, RULE)[0][bricks.shape_of].reshape(-1, 24, 24)
+    elastic = plasticity.layer_stiffness(bricks, RULE)[0][bricks.shape_of].reshape(-1, 24, 24)
     product = (assembled(bricks, elastic) @ u.ravel()).reshape(u.shape)
     np.testing.assert_allclose(product, force, atol=1e-12 * np.abs(force).max())
     force[-1, ..., 2 if sliding else 0 :] = 0
@@ -147,7 +147,7 @@ def flowing(nodes: int = 12, *, dimensions: int = 2, depth: float | None = None)
     path = solve_path(scene, depth=depth, layers=5 if depth else None, certified=False)
     problem, state = path.problem, path.points[-1].state
     u = 1.2 * state.displacement
-    which = internal_force(problem, u, path.history)[1]
+    which = problem.internal_force(u, path.history)[1]
     assert which.any()
     correction = plasticity.tangent_correction(
         u.reshape(-1, 3), problem.bricks, problem.law, path.history, which
@@ -161,7 +161,7 @@ def flown() -> Any:
 
 
 def tangent_matrix(problem: Any, correction: Any, scale: float = 1.0) -> Any:
-    stiffness = layer_stiffness(problem.bricks, problem.law)
+    stiffness = plasticity.layer_stiffness(problem.bricks, problem.law)
     return assembled(problem.bricks, tangents(problem.bricks, stiffness, correction, scale))
 
 
@@ -171,8 +171,7 @@ def test_the_rows_are_the_assembled_tangents(dimensions: int, depth: float | Non
     its held base."""
     problem, state, correction = flowing(dimensions=dimensions, depth=depth)
     K = tangent_matrix(problem, correction, 0.9)
-    rows = assemble(problem.block.shape, problem.bricks, problem.stiffness, correction, 0.9)
-    sweeps = Smoother(rows, state.states == ELASTIC)
+    sweeps = Smoother(assemble(problem, correction, 0.9), state.states == ELASTIC)
     residual = np.random.default_rng(4).standard_normal(problem.block.field_shape)
     for swept in (sweeps.pre_smooth(residual), sweeps.post_smooth(residual)):
         z, product = np.zeros_like(residual), np.zeros_like(residual)
