@@ -2,10 +2,9 @@
 
 Numba keeps compiled code beside its source or in the user's cache.  Where it can write to neither,
 it refuses to define a kernel, so a private folder is made, which goes with the process that made
-it.  Two dangers are kept away.  Processes that write the files of one kernel at the same time may
-leave code for the wrong types there, so one process at a time compiles.  And LLVM calls Python,
-which drops an exception that a signal's handler raises there, and the kernel is lost: so a handler
-asks `compiling` first.
+it.  Two dangers are kept away: processes that write the files of one kernel at the same time may
+leave code for the wrong types, so one at a time compiles; and LLVM calls Python, which drops an
+exception that a signal's handler raises there, so a handler asks `compiling` first.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,10 @@ except ImportError:  # Windows, where numba refuses to replace a file that anoth
     fcntl = None  # type: ignore[assignment]
 
 _OBJECTS = 100_000  # made between two searches for cycles while a kernel compiles
-_CACHE_VARIABLE = "NUMBA_CACHE_DIR"
+#: numpy starts the threads of its linear algebra when it is imported, unless it may have only one.
+LINEAR_ALGEBRA = "OPENBLAS_NUM_THREADS"
+#: ducc0 starts its threads when it first transforms, unless it may have only one.
+TRANSFORMS = "DUCC0_NUM_THREADS"
 _PACKAGES = ("epcontact", "fem_check")  # whose kernels are watched; a user's are left to numba
 
 
@@ -67,6 +70,19 @@ def alive(pid: int) -> bool:
         return False
 
 
+@contextlib.contextmanager
+def single_threads(*names: str) -> Iterator[None]:
+    """Set variables of the environment to one thread, and then back to what they were."""
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            del os.environ[name]
+            os.environ.update({} if value is None else {name: value})
+
+
 class _Kernels:
     """What this process does with kernels, and the lock by which one process at a time compiles."""
 
@@ -77,42 +93,42 @@ class _Kernels:
         self._told, self._missed, self._alone = False, False, True
         self._thresholds = gc.get_threshold()
 
-    def begin(self) -> None:
-        """Begin to load or to compile a kernel, in any thread."""
-        with self._mutex:
-            self.depth += 1
-            if self.depth > 1:
-                return
-            self.started, self._thresholds = time.perf_counter(), gc.get_threshold()
-            # A compiler makes so many objects that to look for cycles takes a seventh of its time.
-            gc.set_threshold(max(_OBJECTS, self._thresholds[0]), *self._thresholds[1:])
-            try:
-                self._wait(alone=self._alone)
-            except BaseException:  # an interrupt while another process compiles
-                self.end()
-                raise
+    def notify(self, event: Any) -> None:
+        """Hear from numba that any thread begins or ends to work on a kernel, or to compile it."""
+        if event.kind == "numba:compiler_lock":
+            with self._mutex:
+                self._begin() if event.is_start else self._end()
+        elif event.is_start:
+            if not self._told:
+                logging.getLogger("epcontact").warning(
+                    "epcontact compiles kernels that this machine has not used before; "
+                    "the time for it counts neither as cost nor against a time limit"
+                )
+            self._told = self._missed = True
+            if not self._alone:
+                self._wait(alone=True)
 
-    def miss(self) -> None:
-        """Compile a kernel that this machine has not kept."""
-        if not self._told:
-            logging.getLogger("epcontact").warning(
-                "epcontact compiles kernels that this machine has not used before; "
-                "the time for it counts neither as cost nor against a time limit"
-            )
-        self._told = self._missed = True
-        if not self._alone:
-            self._wait(alone=True)
+    def _begin(self) -> None:
+        self.depth += 1
+        if self.depth > 1:
+            return
+        self.started, self._thresholds = time.perf_counter(), gc.get_threshold()
+        # A compiler makes so many objects that to look for cycles takes a seventh of its time.
+        gc.set_threshold(max(_OBJECTS, self._thresholds[0]), *self._thresholds[1:])
+        try:
+            self._wait(alone=self._alone)
+        except BaseException:  # an interrupt while another process compiles
+            self._end()
+            raise
 
-    def end(self) -> None:
-        """End what `begin` began."""
-        with self._mutex:
-            self.depth -= 1
-            if not self.depth:
-                gc.set_threshold(*self._thresholds)
-                self.total += time.perf_counter() - self.started
-                # After a missing kernel others are likely to miss: processes share them out.
-                self._alone, self._missed = self._missed, False
-                self._lock.close()
+    def _end(self) -> None:
+        self.depth -= 1
+        if not self.depth:
+            gc.set_threshold(*self._thresholds)
+            self.total += time.perf_counter() - self.started
+            # After a kernel that was missing others will be missing: processes share them out.
+            self._alone, self._missed = self._missed, False
+            self._lock.close()
 
     def _wait(self, *, alone: bool) -> None:
         """Wait for processes that compile or, `alone`, for all that load kernels, too."""
@@ -145,74 +161,33 @@ def compiling() -> bool:
 
 @functools.cache
 def provide_kernel_cache() -> None:
-    """Watch the compilation of kernels, and set a folder for them if numba could write to none.
+    """Watch how numba compiles and keeps our kernels.  Call this before they are defined.
 
-    Child processes inherit it.  Call this before kernels are defined.
+    Numba has no settings for this, so its class of caches is replaced for our own kernels.
     """
-    from numba.core import event  # most commands solve nothing, and it takes half a second to load
-
-    class Listener(event.Listener):  # type: ignore[misc]
-        def on_start(self, happening: Any) -> None:
-            if happening.kind == "numba:compile":
-                _KERNELS.miss()
-            else:
-                _KERNELS.begin()
-
-        def on_end(self, happening: Any) -> None:
-            if happening.kind != "numba:compile":
-                _KERNELS.end()
-
-    event.register("numba:compiler_lock", Listener())
-    event.register("numba:compile", Listener())
-    _keep_kernels()
-    # At its end the interpreter would look through all objects of the compiler for cycles, which
-    # takes as long as many a solve; the system gets their memory back anyway.
-    atexit.register(gc.freeze)
-    with contextlib.suppress(OSError):
-        _KERNELS.lock_path = _kernel_folder() / "epcontact.lock"
-
-
-def _kernel_folder() -> Path:
-    """Return the folder where numba will keep kernels, or one of those; a new one if need be."""
-    from numba.misc.appdirs import AppDirs
-
-    here = Path(__file__).parent
-    named = os.environ.get(_CACHE_VARIABLE)
-    beside = [p / "__pycache__" for p in (here / "bem", here.parent / "fem_check")]
-    user = Path(AppDirs(appname="numba", appauthor=False).user_cache_dir)
-    for folders in ([Path(named)] if named else [], beside, [user]):
-        if folders and all(map(_writable, folders)):
-            return folders[0]
-    folder = tempfile.mkdtemp(prefix="epcontact-kernels-")
-    os.environ[_CACHE_VARIABLE] = folder
-    sys.modules["numba"].config.reload_config()
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Path(folder)
-
-
-def _writable(folder: Path) -> bool:
-    """Make `folder` if it is missing; return True if files can be made in it."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return True
-    except OSError:
-        return False
-
-
-def _keep_kernels() -> None:
-    """Replace numba's class of caches for our kernels, as numba has no settings for this.
-
-    A numba that lacks the private names that this rests on keeps its own caches.
-    """
-    from numba.core import caching, dispatcher
+    # Most commands solve nothing, and numba takes half a second to load.
+    from numba.core import caching, config, dispatcher, event
     from numba.core.runtime import rtsys
 
     class Cache(caching.FunctionCache):  # type: ignore[misc]
         def __init__(self, function: Any) -> None:
-            super().__init__(function)
+            try:
+                super().__init__(function)
+            except RuntimeError:  # numba can write to none of the folders that it tries
+                private = tempfile.mkdtemp(prefix="epcontact-kernels-")
+                atexit.register(shutil.rmtree, private, ignore_errors=True)
+                os.environ["NUMBA_CACHE_DIR"] = private  # child processes inherit it
+                config.reload_config()
+                super().__init__(function)
+            source, kept = Path(function.__code__.co_filename).parent, Path(self.cache_path)
             # Numba watches the file of a kernel, but not those of the kernels that it calls.
-            self._cache_file._source_stamp = _stamp(Path(function.__code__.co_filename).parent)
+            with contextlib.suppress(AttributeError):  # a private name
+                self._cache_file._source_stamp = _stamp(source)
+            # Beside the sources every folder has its own kernels, elsewhere there is one for all.
+            home = Path(__file__).parent / "__pycache__" if kept.parent == source else kept.parent
+            with contextlib.suppress(OSError):
+                home.mkdir(exist_ok=True)
+            _KERNELS.lock_path = home / "epcontact.lock"
 
         def load_overload(self, signature: Any, context: Any) -> Any:
             # Numba would load what only a compilation needs, which takes longer than the kernels.
@@ -223,12 +198,16 @@ def _keep_kernels() -> None:
                 del context.refresh
 
     def cache_of(function: Any) -> Any:
-        if function.__module__.partition(".")[0] in _PACKAGES:
-            with contextlib.suppress(AttributeError):
-                return Cache(function)
-        return caching.FunctionCache(function)
+        ours = function.__module__.partition(".")[0] in _PACKAGES
+        return (Cache if ours else caching.FunctionCache)(function)
 
     dispatcher.FunctionCache = cache_of  # type: ignore[attr-defined]
+    event.Listener.register(_Kernels)
+    event.register("numba:compiler_lock", _KERNELS)
+    event.register("numba:compile", _KERNELS)
+    # At its end the interpreter would look through all objects of the compiler for cycles, which
+    # takes as long as many a solve; the system gets their memory back anyway.
+    atexit.register(gc.freeze)
 
 
 @functools.cache

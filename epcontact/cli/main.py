@@ -24,7 +24,7 @@ from pathlib import Path
 import click
 
 from epcontact.errors import EpcontactError, InvalidCase, nearest, printable
-from epcontact.harness.threads import LINEAR_ALGEBRA, single_threads
+from epcontact.machine import LINEAR_ALGEBRA, single_threads
 
 #: The module of each command, whose function has the name of the command.
 COMMANDS = {

@@ -12,7 +12,7 @@ import gc
 import os
 from typing import Any
 
-from epcontact.harness.threads import LINEAR_ALGEBRA, TRANSFORMS, single_threads
+from epcontact.machine import LINEAR_ALGEBRA, TRANSFORMS, single_threads
 
 with contextlib.suppress(Exception), single_threads(LINEAR_ALGEBRA, TRANSFORMS):
     from numba.core import event

@@ -19,6 +19,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -45,8 +46,8 @@ from epcontact.scene import Surface
 from epcontact.surfaces.power_spectrum import radial_spectrum
 from epcontact.surfaces.spectrum import density
 
-#: Fewest rings of wave numbers that make a spectrum.
-FEWEST_RINGS = 4
+_FEWEST_RINGS = 4  # of wave numbers, that make a spectrum
+_OF_ANSWERS = ("residuals.*", "contact-*", "pressure-di*", "body-*")
 
 Results = Mapping[str, Sequence[ContactResult]]
 
@@ -58,28 +59,23 @@ def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> l
     """
     scene = case.scene(case.recipes[0])
     results = {method: answer.results for method, answer in answers.items() if answer.results}
-    spectrum = _spectrum_chart(scene.surface)
-    charts = {} if spectrum is None else {"power-spectrum": spectrum}
-    tables = {}
+    if (spectrum := _spectrum_chart(scene.surface)) is not None:
+        spectrum.save(folder / "power-spectrum")
     if "persson" in results:
-        options = case.options["persson"]
-        body = persson.Theory.of_scene(scene, **options)
-        areas = body.magnification_curve(scene.load.final)
-        charts["persson-magnification"] = _magnification_chart(case, areas, results)
-        tables["persson-magnification"] = areas.columns()
-        tables["persson-pressure"] = body.pressure_curve(scene.load.final).columns()
-    for name, chart in charts.items():
-        chart.save(folder / name)
-    for name, columns in tables.items():
-        write_json(folder / f"{name}.json", {key: list(c) for key, c in columns.items()})
+        theory = persson.Theory.of_scene(scene, **case.options["persson"])
+        areas = theory.magnification_curve(scene.load.final)
+        pressures = theory.pressure_curve(scene.load.final)
+        _magnification_chart(case, areas, results).save(folder / "persson-magnification")
+        for name, curve in (("magnification", areas), ("pressure", pressures)):
+            columns = {key: list(values) for key, values in curve.columns().items()}
+            write_json(folder / f"persson-{name}.json", columns)
     return draw_answers(results, folder)
 
 
 def draw_answers(results: Results, folder: Path) -> list[str]:
     """Draw the pictures that need the answers alone and the fields in the folder, as above."""
-    for pattern in ("residuals.*", "contact-*", "pressure-di*", "body-*"):  # of an earlier run
-        for path in folder.glob(pattern):
-            path.unlink()
+    for path in itertools.chain(*map(folder.glob, _OF_ANSWERS)):  # of an earlier run
+        path.unlink()
     found = {method: each for method, each in results.items() if each}
     if any(result.distribution for each in found.values() for result in each):
         about = next(iter(found.values()))[0].provenance.about
@@ -93,43 +89,38 @@ def draw_answers(results: Results, folder: Path) -> list[str]:
         chart = residual_history({m: h for m, h in longest.items() if h.size})
         chart.save(folder / "residuals")
     _draw_maps(folder, list(found))
-    return [sentence for method in found for sentence in _draw_body(folder, method)]
+    return [sentence for method in found if (sentence := _draw_body(folder, method))]
 
 
 def _draw_maps(folder: Path, methods: Sequence[str]) -> None:
     """Draw the contact of each method's first surface, and the differences on a common grid."""
     fields = {}
     for method in methods:
-        candidates = [folder / f"{method}.vti", *sorted(folder.glob(f"{method}-*.vti"))]
-        path = next((path for path in candidates if path.is_file()), None)
-        if path is not None:
-            fields[method] = path
+        for path in [*folder.glob(f"{method}.vti"), *sorted(folder.glob(f"{method}-*.vti"))][:1]:
+            fields[method] = read_fields(path)
             caption = f"Contact state and pressure by {method}, {path.name}."
             map_of_file(path, caption).save(folder / f"contact-{method}")
-    for first, second in itertools.combinations(sorted(fields), 2):
-        one, two = read_fields(fields[first]), read_fields(fields[second])
+    for names in itertools.combinations(sorted(fields), 2):
+        one, two = (fields[name] for name in names)
         if len(one.shape) == 2 and one.shape == two.shape and one.spacing == two.spacing:
             pressures = one.field("pressure"), two.field("pressure")
-            chart = pressure_difference(*pressures, one.spacing, names=(first, second))
-            chart.save(folder / f"pressure-difference-{first}-{second}")
+            chart = pressure_difference(*pressures, one.spacing, names=names)
+            chart.save(folder / f"pressure-difference-{'-'.join(names)}")
 
 
-def _draw_body(folder: Path, method: str) -> list[str]:
-    """Draw a method's body, cut open, if there is one; return why it could not be drawn."""
-    collections = [*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")]
-    bodies = [each for each in sorted(collections) if load_steps(each)[0].suffix == ".vtu"]
-    if not bodies:
-        return []
+def _draw_body(folder: Path, method: str) -> str:
+    """Draw a method's body, cut open, if there is one; return why it could not be drawn, or ""."""
+    collections = sorted([*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")])
+    body = next((each for each in collections if load_steps(each)[0].suffix == ".vtu"), None)
     target = folder / f"body-{method}.png"
-    try:
-        screenshot(bodies[0], target, size=(1200, 600))
-    except OutputError as error:  # many machines cannot draw in three dimensions
-        return [f"{target.name} is left out: {error}."]
-    write_text(
-        target.with_suffix(".txt"),
-        f"The body of {method}, cut open at the last load: von Mises stress and plastic strain.\n",
-    )
-    return []
+    if body is not None:
+        try:
+            screenshot(body, target, size=(1200, 600))
+        except OutputError as error:  # many machines cannot draw in three dimensions
+            return f"{target.name} is left out: {error}."
+        cut = "cut open at the last load: von Mises stress and plastic strain"
+        write_text(target.with_suffix(".txt"), f"The body of {method}, {cut}.\n")
+    return ""
 
 
 def theory_densities(results: Results, hardness: float) -> pd.DataFrame | None:
@@ -144,13 +135,20 @@ def theory_densities(results: Results, hardness: float) -> pd.DataFrame | None:
         return None
     p0 = found[0].final.mean_pressure
     curve = persson.pressure_curve(diffusion, p0, hardness)
-    columns = {PRESSURE: curve.pressure, DENSITY: curve.density}
-    table = pd.DataFrame({"series": "persson"} | columns)
-    if not math.isfinite(hardness):
-        return table
-    sigma = np.linspace(0.0, 1.04 * hardness, 300)
-    columns = {PRESSURE: sigma, DENSITY: persson.pressure_density(sigma, diffusion, p0)}
-    return pd.concat([table, pd.DataFrame({"series": "persson without hardness"} | columns)])
+    series = {"persson": (curve.pressure, curve.density)}
+    if math.isfinite(hardness):
+        sigma = np.linspace(0.0, 1.04 * hardness, 300)
+        density = persson.pressure_density(sigma, diffusion, p0)
+        series["persson without hardness"] = (sigma, density)
+    return _tables(series, PRESSURE, DENSITY)
+
+
+def _tables(series: Mapping[str, tuple[Any, Any]], *columns: str) -> pd.DataFrame:
+    """Return pairs of columns below each other, each with the name of its series."""
+    return pd.concat(
+        pd.DataFrame({"series": name} | dict(zip(columns, pair, strict=True)))
+        for name, pair in series.items()
+    )
 
 
 def _spectrum_chart(surface: Surface) -> Chart | None:
@@ -160,24 +158,23 @@ def _spectrum_chart(surface: Surface) -> Chart | None:
     """
     spectrum = radial_spectrum(surface)
     shown = spectrum.density > 1e-12 * spectrum.density.max()
-    if np.count_nonzero(shown) < FEWEST_RINGS:
+    if np.count_nonzero(shown) < _FEWEST_RINGS:
         return None
     analytic, dimension = surface.spectrum, surface.heights.ndim
+    series = {"surface": (spectrum.wavenumber[shown], spectrum.density[shown])}
+    if analytic is not None:
+        waves = np.geomspace(analytic.wavenumber_low, analytic.wavenumber_high, 300)
+        series["analytic"] = waves, density(analytic, waves, dimension)
     # The density of a line is the one-dimensional C1 in m^3, that of a surface C in m^4.
     name, power = ("C_1", 3) if dimension == 1 else ("C", 4)
     q, column = "wavenumber_rad_per_m", f"density_m{power}"
-    columns = {q: spectrum.wavenumber[shown], column: spectrum.density[shown]}
-    table = pd.DataFrame({"series": "surface"} | columns)
-    if analytic is not None:
-        waves = np.geomspace(analytic.wavenumber_low, analytic.wavenumber_high, 300)
-        columns = {q: waves, column: density(analytic, waves, dimension)}
-        table = pd.concat([table, pd.DataFrame({"series": "analytic"} | columns)])
     plot = Plot(
         (q, r"wave number $q$ (rad/m)"),
         (column, rf"spectral density ${name}(q)$ (m$^{power}$)"),
         styles={"analytic": "curve"},
         log="xy",
     )
+    table = _tables(series, q, column)
     return draw_table(table, plot, "Power spectrum of the surface roughness.")
 
 
@@ -210,9 +207,6 @@ def _magnification_chart(case: Case, areas: persson.MagnificationCurve, results:
         limits={"ylim": limits},
     )
     gamma = case.options["persson"]["energy_reduction"]
-    return draw_table(
-        table,
-        plot,
-        f"{case.id}: areas against magnification by Persson's theory, gamma = {gamma:g}; "
-        "points: the boundary elements, in the continuum limit.",
-    )
+    caption = f"areas against magnification by Persson's theory, gamma = {gamma:g}"
+    points_are = "points: the boundary elements, in the continuum limit"
+    return draw_table(table, plot, f"{case.id}: {caption}; {points_are}.")
