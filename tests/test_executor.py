@@ -17,7 +17,7 @@ import pytest
 
 from epcontact import verify
 from epcontact.errors import EpcontactError, InvalidCase
-from epcontact.harness.answers import run, solve, store
+from epcontact.harness.answers import run, store
 from epcontact.harness.answers.run import Run, run_cases, tasks_of
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.cluster import dask
@@ -128,8 +128,8 @@ def test_failure_of_a_worker_is_its_tasks_error(
     limit = ("[case]\n", "[case]\ntime_limit = 1e-6\n")
     path = write_case(*THEORY, *([limit] if worker is ThreadPoolExecutor else []))
     if not worker:
-        there = store.basis() | {"numpy": "1.0"}
-        monkeypatch.setattr(solve, "basis", lambda: there)  # as the worker reads it
+        here_and_there = iter([store.basis(), store.basis() | {"numpy": "1.0"}])
+        monkeypatch.setattr(run, "basis", lambda: next(here_and_there))
 
     def executor() -> Executor:
         return Elsewhere(tmp_path / "far", **worker) if isinstance(worker, dict) else worker(1)
@@ -168,6 +168,17 @@ def test_no_more_processes_than_fit_into_memory(write_case, monkeypatch, free, j
     assert Run(jobs=4).jobs_for(tasks) == jobs
 
 
+@pytest.mark.parametrize(("given", "threads"), [("3", 1), ("7", 3), ("", 3), ("4,2", 3)])
+def test_a_workers_cores_are_its_own(write_case, tmp_path, monkeypatch, given, threads) -> None:
+    monkeypatch.setattr(run, "available_cores", lambda: 6)
+    monkeypatch.setenv("OMP_NUM_THREADS", given)
+    found: list[int] = []
+    monkeypatch.setattr(run, "solve_task", lambda _, threads: found.append(threads) or "none")
+    task = next(tasks_of(load_case(write_case(*THEORY)), Run()))
+    assert run.solve_elsewhere((task, store.basis()), share=2) == ("none", {})
+    assert found == [threads]
+
+
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
@@ -183,13 +194,6 @@ def test_executor_that_cannot_be_made_is_one_sentence(monkeypatch, name, sentenc
     monkeypatch.delenv("DASK_SCHEDULER_ADDRESS", raising=False)
     with pytest.raises(InvalidCase, match=sentence):
         made(name)
-
-
-@pytest.mark.parametrize(("given", "cores"), [("3", 3), ("", 6), ("0", 6), ("4,2", 6)])
-def test_a_workers_cores_are_its_own(monkeypatch, given, cores) -> None:
-    monkeypatch.setattr(solve, "available_cores", lambda: 6)
-    monkeypatch.setenv("OMP_NUM_THREADS", given)
-    assert solve._worker_cores() == cores
 
 
 # --- Dask ----------------------------------------------------------------------------------------

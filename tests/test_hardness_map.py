@@ -19,8 +19,7 @@ from scipy.interpolate import RegularGridInterpolator
 from epcontact import MappedHardness, effective_hardness
 from epcontact.cli.main import cli
 from epcontact.errors import EpcontactError, InvalidCase, InvalidScene
-from epcontact.harness.answers.run import Run, tasks_of
-from epcontact.harness.answers.solve import solve_task
+from epcontact.harness.answers.run import Run, solve_task, tasks_of
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.crosscheck import measured_hardness
 from epcontact.harness.sweep import Swept, read_sweep

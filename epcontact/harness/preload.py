@@ -27,7 +27,7 @@ with contextlib.suppress(Exception), single_threads(LINEAR_ALGEBRA, TRANSFORMS):
             pass
 
     with event.install_listener("numba:compile", _KeptOnly()):
-        import epcontact.harness.answers.solve  # noqa: F401
+        import epcontact.harness.answers.run  # noqa: F401
         from epcontact.harness.methods.registry import METHODS
 
         for name in os.environ.get("EPCONTACT_PRELOAD", "").split():

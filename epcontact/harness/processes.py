@@ -170,11 +170,8 @@ def death_of(code: int | None) -> str:
     """Return how a process ended, from its exit code; -n means the signal n, None by force."""
     if code is None or code >= 0:
         return "was ended" if code is None else f"ended with exit code {code}"
+    name = {each.value: each.name for each in signal.Signals}.get(-code, f"signal {-code}")
     causes = {"SIGKILL": " (most likely for want of memory)", "SIGSEGV": " (invalid memory access)"}
-    try:
-        name = signal.Signals(-code).name
-    except ValueError:
-        name = f"signal {-code}"
     return f"was killed by {name}{causes.get(name, '')}"
 
 
@@ -191,11 +188,8 @@ def kill_tree(pid: int) -> None:
             time.sleep(0.001)
 
 
-# --- in the process -------------------------------------------------------------------------------
-
-
 def _serve(pipe: Connection) -> None:
-    """Answer the requests of the parent until it closes the pipe or ends."""
+    """In the process: answer the requests of the parent until it closes the pipe or ends."""
     if hasattr(os, "setsid"):
         os.setsid()  # signals to the parent's group are not meant for this process
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -221,9 +215,6 @@ def _end_with_parent() -> None:
     assert parent is not None
     parent.join()
     kill_tree(os.getpid())
-
-
-# --- spread over executors ------------------------------------------------------------------------
 
 
 class Processes(ThreadPoolExecutor):
@@ -275,19 +266,26 @@ def made(factory: Factory) -> Executor:
 def spread(
     function: Callable[[Item], Result], items: Sequence[Item], executor: Executor
 ) -> Iterator[tuple[Item, Result | str]]:
-    """Yield (item, function(item)) as the calls finish, then shut the executor down."""
+    """Yield (item, function(item)) as the calls finish, then shut the executor down.
+
+    The sentence that says why a call failed stands in the place of its result.
+    """
     futures: dict[Future[Result], Item] = {}
     done, waiting = SimpleQueue[Future[Result]](), deque(items)
     try:
         while waiting or futures:
             if waiting and done.empty():  # an executor may make a call when it takes it
-                future = _submitted(executor, function, waiting[0])
+                try:
+                    future = executor.submit(function, waiting[0])
+                except Exception as error:
+                    reason = sentence_of(error)
+                    raise EpcontactError(f"the executor takes no task: {reason}") from None
                 futures[future] = waiting.popleft()
                 future.add_done_callback(done.put)
-            else:
-                ended = done.get()
-                result = _result(ended)
-                yield futures.pop(ended), result
+                continue
+            ended = done.get()
+            result = _result(ended)
+            yield futures.pop(ended), result
     finally:
         for future in futures:
             future.cancel()
@@ -295,15 +293,6 @@ def spread(
             executor.shutdown(wait=not futures and not waiting)
         except Exception as error:
             raise EpcontactError(f"the executor does not end: {sentence_of(error)}") from None
-
-
-def _submitted(
-    executor: Executor, function: Callable[[Item], Result], item: Item
-) -> Future[Result]:
-    try:
-        return executor.submit(function, item)
-    except Exception as error:
-        raise EpcontactError(f"the executor takes no task: {sentence_of(error)}") from None
 
 
 def _result(future: Future[Result]) -> Result | str:

@@ -97,14 +97,14 @@ FAULTS = (
     ),
     _shown(
         "the first load step in a field file",
-        given("epcontact.harness.answers.solve.write_fields", lambda path, r,
+        given("epcontact.harness.answers.run.write_fields", lambda path, r,
             *rest: (path, replace(r, steps=r.steps[:1]), *rest)),
         FILE,
     ),
     _shown(
         "elastic and plastic exchanged in a field file",
         given(
-            "epcontact.harness.answers.solve.write_fields",
+            "epcontact.harness.answers.run.write_fields",
             lambda path, r,
             *rest: (path,
                 replace(r, fields=dict(r.fields) | {"state": _turned(r.fields["state"])}),

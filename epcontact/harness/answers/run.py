@@ -1,31 +1,57 @@
 """Cases become answers: one task per surface and method, spread over processes or a cluster.
 
 Each result is written to disk at once (see `store`), so that an interrupted run resumes where it
-stopped.
+stopped.  A process does a whole task, so nothing large passes between processes.  A worker of an
+executor may share nothing with this machine but the installed packages: `solve_elsewhere` refuses
+other versions than those of the sender, and sends back every file that the task writes.
 """
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
+import os
+import platform
+import shutil
+import signal
+import tempfile
+import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Real
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
-from epcontact.errors import InvalidCase
-from epcontact.files import remove_leftovers, require_writable, write_bytes, write_json
-from epcontact.harness.answers.solve import Outcome, solve_elsewhere, solve_task
+from epcontact.errors import InvalidCase, NotConverged, sentence_of
+from epcontact.files import (
+    remove_leftovers,
+    require_writable,
+    step_name,
+    write_bytes,
+    write_collection,
+    write_json,
+)
+from epcontact.harness.answers.description import described
 from epcontact.harness.answers.store import Answer, Task, basis, keep, kept, summary
 from epcontact.harness.case_files.case import Case
+from epcontact.harness.methods import foreign
 from epcontact.harness.methods.registry import METHODS, Method
-from epcontact.harness.processes import Factory, Processes, made, spread
-from epcontact.machine import available_cores, available_memory
-from epcontact.output.vtk import Precision
+from epcontact.harness.processes import Child, ChildDied, Factory, Processes, made, spread
+from epcontact.harness.quantities.answered import Answered
+from epcontact.harness.quantities.registry import QUANTITIES, measured
+from epcontact.machine import available_cores, available_memory, compile_seconds, compiling
+from epcontact.output.vtk import Precision, write_fields
 from epcontact.results import ContactResult
-from epcontact.scene import whole
+from epcontact.scene import Scene, whole
+
+Outcome = ContactResult | str  # the result of a task, or the sentence that says why there is none
+Files = Mapping[Path, bytes]  # the content of files by their paths
+
+#: The unit of each quantity in the field data of a .vti.
+_UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
+_MOMENT = 0.05  # seconds after which an alarm that came at a wrong moment comes again
 
 #: The values of two attributes of `Run`.
 _KNOWN = {"fields": ("none", "first", "all", "steps"), "precision": get_args(Precision)}
@@ -33,10 +59,6 @@ _KNOWN = {"fields": ("none", "first", "all", "steps"), "precision": get_args(Pre
 #: Called with the number of tasks done (within a solve with its share, too), the number of all and,
 #: at the end of a task, its name, which ends with "(reused)" or "(failed)" if it was.
 Progress = Callable[[float, int, str], None]
-
-
-def silent(done: float, total: int, words: str) -> None:
-    """Tell nobody about progress."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +86,7 @@ class Run:
     fresh: bool = False
     fields: str = "none"
     precision: Precision = "single"
-    progress: Progress = silent
+    progress: Progress = lambda done, total, words: None
 
     def __post_init__(self) -> None:
         if self.jobs is not None:
@@ -92,17 +114,29 @@ class Run:
 def run_cases(
     cases: Sequence[Case], run: Run, methods: Mapping[str, Method] = METHODS
 ) -> dict[str, dict[str, Answer]]:
-    """Answer each case by each of its methods."""
-    _require_distinct(cases)
+    """Answer each case by each of its methods.  Raises InvalidCase if two have one id."""
+    by_id: dict[str, Case] = {}
+    for case in cases:
+        if (other := by_id.setdefault(case.id, case)) is not case:
+            raise InvalidCase(
+                f"{case.path}: case.id is {case.id!r} like that of {other.path}; results are "
+                "kept by id, so run them one after the other into folders of their own"
+            )
     tasks = [task for case in cases for task in tasks_of(case, run, methods)]
     outcomes, reused = run_tasks(tasks, run)
     answers: dict[str, dict[str, Answer]] = {case.id: {} for case in cases}
     for case in cases:
         for method in case.methods:
             mine = [t for t in tasks if t.case is case and t.method.name == method]
-            answer = _collect({task: outcomes[task] for task in mine}, len(reused & set(mine)))
-            answers[case.id][method] = answer
-            if answer.results:
+            results = [(t.label, r) for t in mine if isinstance(r := outcomes[t], ContactResult)]
+            failures = [(t.label, r) for t in mine if isinstance(r := outcomes[t], str)]
+            answers[case.id][method] = answer = Answer(
+                results=tuple(result for _, result in results),
+                labels=tuple(label for label, _ in results),
+                errors=tuple(f"{method}, {label}: {sentence}" for label, sentence in failures),
+                reused=len(reused & set(mine)),
+            )
+            if results:
                 write_json(case.folder(run.folder) / f"{method}.json", summary(case, answer))
     return answers
 
@@ -157,10 +191,8 @@ def _solved(run: Run, tasks: Sequence[Task], moving: Callable[[float], None]) ->
     if jobs == 1:
         yield from ((task, solve_task(task, threads, moving)) for task in tasks)
         return
-    # Each method begins at once, so that on a new machine processes compile different kernels.
-    first = {task.method.name: task for task in reversed(tasks)}
-    tasks = [*first.values(), *(task for task in tasks if first[task.method.name] is not task)]
-    yield from spread(partial(solve_task, threads=threads), tasks, Processes(jobs, sorted(first)))
+    processes = Processes(jobs, sorted({task.method.name for task in tasks}))
+    yield from spread(partial(solve_task, threads=threads), tasks, processes)
 
 
 def _solved_by(run: Run, tasks: Sequence[Task]) -> _Solved:
@@ -189,17 +221,6 @@ def _solved_by(run: Run, tasks: Sequence[Task]) -> _Solved:
         yield task, f"it needs about {sizes}"
 
 
-def _require_distinct(cases: Sequence[Case]) -> None:
-    by_id: dict[str, Case] = {}
-    for case in cases:
-        other = by_id.setdefault(case.id, case)
-        if other is not case:
-            raise InvalidCase(
-                f"{case.path}: case.id is {case.id!r} like that of {other.path}; results are "
-                "kept by id, so run them one after the other into folders of their own"
-            )
-
-
 def tasks_of(case: Case, run: Run, methods: Mapping[str, Method] = METHODS) -> Iterator[Task]:
     """Yield the tasks of a case: each method on each surface, or on one if that answers all."""
     for name in case.methods:
@@ -210,24 +231,147 @@ def tasks_of(case: Case, run: Run, methods: Mapping[str, Method] = METHODS) -> I
             seed = None if single else getattr(recipe, "seed", None)
             label = "single" if seed is None else f"seed{seed}"
             task = Task(case, method, member, label, precision=run.precision)
-            if method.has_fields and (
-                run.fields == "all" or (member == 0 and run.fields != "none")
-            ):
+            written = run.fields == "all" or (member == 0 and run.fields != "none")
+            if method.has_fields and written:
                 task = replace(task, fields=task.fields_path(run.folder))
                 if run.fields == "steps" and method.steps:
                     task = replace(task, steps=task.steps_path(run.folder))
             yield task
 
 
-def _collect(outcomes: Mapping[Task, Outcome], reused: int) -> Answer:
-    results = [(t.label, r) for t, r in outcomes.items() if isinstance(r, ContactResult)]
-    return Answer(
-        results=tuple(result for _, result in results),
-        labels=tuple(label for label, _ in results),
-        errors=tuple(
-            f"{task.method.name}, {task.label}: {sentence}"
-            for task, sentence in outcomes.items()
-            if isinstance(sentence, str)
-        ),
-        reused=reused,
-    )
+def solve_task(task: Task, threads: int, moving: Callable[[float], None] | None = None) -> Outcome:
+    """Solve one task; return the sentence of whatever went wrong, so that others are judged."""
+    try:
+        case, method = task.case, task.method
+        with contextlib.nullcontext() if method.source else _limited(case.head.time_limit):
+            scene = case.scene(task.recipe)
+            if method.source:  # its limit is enforced from outside its process
+                result = foreign.solve(method.name, method.source, scene, case.head.time_limit)
+            else:
+                options = {**case.options[method.name], **_step_options(task, scene)}
+                if moving is not None and method.steps:
+                    options["progress"] = lambda share, _: moving(share)
+                result = method.solve(scene, options, threads)
+        if not result.converged:
+            raise NotConverged("the result says that it has not converged")
+        result = _with_measurements(task, scene, _told(task, scene, result))
+        if task.fields is not None and result.fields:
+            _write(task, scene, result, task.fields)
+        return replace(result, fields={})
+    except Exception as error:
+        logging.getLogger("epcontact").debug("%s failed", task.label, exc_info=error)
+        return sentence_of(error)
+
+
+def _told(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
+    """Add to a result what was computed, in words and figures."""
+    about = described(scene, task.recipe)
+    if source := task.case.hardness_source:
+        meaning = "where the hardness comes from"
+        about["hardness_source"] = {"value": source, "unit": "", "meaning": meaning}
+    return replace(result, provenance=replace(result.provenance, about=about))
+
+
+def _write(task: Task, scene: Scene, result: ContactResult, path: Path) -> None:
+    attributes = {"case": task.case.id, "size": task.case.size}
+    write_fields(path, result, scene.surface, attributes, precision=task.precision, units=_UNITS)
+
+
+def _step_options(task: Task, scene: Scene) -> dict[str, Any]:
+    """Return the options by which the method writes the files of every load."""
+    folder = task.steps
+    if folder is None:
+        return {}
+    shutil.rmtree(folder, ignore_errors=True)  # a longer path may have been there
+    if task.method.steps == "output":
+        return {"output": folder}
+
+    def on_step(result: ContactResult) -> None:
+        number = len(result.steps) - 1
+        _write(task, scene, _told(task, scene, result), folder / step_name(number, ".vti"))
+        write_collection(folder / "path.pvd", [step.mean_pressure for step in result.steps])
+
+    return {"on_step": on_step}
+
+
+def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
+    """Add what is measured, while the fields are in memory.
+
+    A quantity that only a sweep asks for is nan where it is not defined, and a note says why.
+    """
+    if not task.measured:
+        return result
+    answered, notes = Answered(scene, result), list(result.notes)
+    values = dict(result.final.quantities)
+    for name in task.measured:
+        try:
+            value = measured(name, answered)
+        except InvalidCase as error:
+            if name not in task.quantities:
+                raise
+            value = math.nan
+            notes.append(f"no value: {error}")
+        values[name.removeprefix("quantity.")] = value
+    final = replace(result.final, quantities=values)
+    return replace(result, steps=(*result.steps[:-1], final), notes=tuple(notes))
+
+
+@contextlib.contextmanager
+def _limited(seconds: float) -> Iterator[None]:
+    """Raise NotConverged after `seconds` and the time for kernels, if an alarm can be set here."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGALRM"):
+        yield
+        return
+    compiled = compile_seconds()
+
+    def expire(*_: object) -> None:
+        nonlocal compiled
+        more, compiled = compile_seconds() - compiled, compile_seconds()
+        if more > 0 or compiling():
+            signal.setitimer(signal.ITIMER_REAL, max(more, _MOMENT))
+            return
+        raise NotConverged(f"not finished within the case's time limit of {seconds:g} s")
+
+    previous = signal.signal(signal.SIGALRM, expire)
+    signal.setitimer(signal.ITIMER_REAL, min(seconds, 1e8))
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, previous)
+
+
+def solve_elsewhere(order: tuple[Task, Mapping[str, str]], share: int) -> tuple[Outcome, Files]:
+    """Solve a task on a worker that need not see the folders of the sender; return the files."""
+    task, sent = order
+    here = basis()
+    if other := [name for name, version in sent.items() if here.get(name) != version]:
+        found = ", ".join(f"{name} {here.get(name)} in the place of {sent[name]}" for name in other)
+        return f"the worker on {platform.node()} has {found}; install the same there", {}
+    given = os.environ.get("OMP_NUM_THREADS", "")  # by which schedulers give fewer cores
+    cores = int(given) if given.isdecimal() and int(given) else available_cores()
+    with tempfile.TemporaryDirectory(prefix="epcontact-") as name:
+        folder = Path(name)
+        fields = task.fields and folder / task.fields.name
+        steps = task.steps and folder / task.steps.name
+        outcome = _called(replace(task, fields=fields, steps=steps), max(1, cores // share))
+        above = (task.fields or task.steps or folder).parent
+        files = [path for path in folder.rglob("*") if path.is_file()]
+        return outcome, {above / p.relative_to(folder): p.read_bytes() for p in files}
+
+
+#: Processes that have done a task of one of this process's threads and wait for another one.
+_IDLE: list[Child] = []
+
+
+def _called(task: Task, threads: int) -> Outcome:
+    """Solve a task; a thread, which no time limit could interrupt, has a process do it."""
+    if threading.current_thread() is threading.main_thread():
+        return solve_task(task, threads)
+    child = _IDLE.pop() if _IDLE else Child()
+    try:
+        return child.call(solve_task, task, threads)
+    except ChildDied as error:
+        return f"its process {error}"
+    finally:
+        _IDLE.append(child)

@@ -121,7 +121,7 @@ class Answer:
 _SOURCES = (
     *("scene.py", "results.py", "materials", "surfaces", "output/vtk.py", "persson", "bem"),
     *("reference", "../fem_check", "harness/methods", "harness/quantities"),
-    *("harness/answers/solve.py", "harness/answers/description.py"),
+    *("harness/answers/run.py", "harness/answers/description.py"),
 )
 _LIBRARIES = ("epcontact", "numpy", "scipy", "ducc0", "numba", "scikit-fem")
 
