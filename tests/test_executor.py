@@ -92,6 +92,7 @@ def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatc
     package = Path(store.__file__).parents[2]
     for folder in (package, package.parent / "fem_check"):
         shutil.copytree(folder, tmp_path / folder.name, ignore=lambda *_: ["__pycache__"])
+    assert all((package / name).exists() for name in store._SOURCES)
     copy = tmp_path / package.name
     before = store.sources(copy)
     assert before == store.sources()
