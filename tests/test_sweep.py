@@ -74,7 +74,6 @@ def test_samples_are_a_latin_hypercube() -> None:
     found = pd.DataFrame(points(text))
     assert sorted(((found["surface.hurst"] - 0.4) / 0.1).astype(int)) == list(range(8))
     assert sorted((np.log10(found["material.hardness"] / 1e8) / 0.25).astype(int)) == list(range(8))
-    assert points(text) == points(text)
     assert points(text) != points("seed = 1\n" + text)
     assert len(points(text + "load.mean_pressure = [1, 2, 3]")) == 24
 
@@ -86,28 +85,21 @@ P = "load.mean_pressure ="
     ("text", "sentence"),
     [
         (f"{P} []", "load.mean_pressure is .*at least 1 item"),
-        (f"{P} 1e8", "load.mean_pressure is 100000000.0, but must be a valid list"),
         (f"{P} [1e8, 1e8]", "load.mean_pressure has a value twice"),
         (f"{P} {{low = 1e8, hihg = 2e8}}", "mean_pressure.hihg is no key .* did you mean 'high'"),
         (f"{P} {{low = 2, high = 1, points = 2}}", "low is 2, but must be less than"),
-        (f"{P} {{low = 1, high = 2, points = 1}}", "points is 1, but must be great"),
         (f"{P} {{low = 0, high = 1, points = 2, spacing = 'log'}}", "a positive one"),
         (f"{P} {{low = 1e8, high = 2e8}}", "give points, or samples"),
         (f"{P} {{low = 1, high = 2, points = 1000000000}}", "1000000000 points, but"),
-        (f"samples = 1000000000\n{P} {{low = 1, high = 2}}", "1000000000 points, but"),
         (f"samples = 3\n{P} [1e8]", "no key has such a range"),
-        (f"seed = 3\n{P} [1e8]", "samples and seed are of ranges"),
         ("bem.tolerance = [1e-6, 1e-8]", "no method of the case reads bem.tolerance"),
         ("seeds = [1, 2]", "no key has values; give such as"),
-        (f"seeds = [1, 1]\n{P} [1e8]", "give each seed once"),
         ("surface.seeds = [1, 2]", "give seeds = "),
         ("loda.mean_pressure = [1e8]", "sweep.loda is no key .* did you mean 'load'"),
         ("load.mean_presure = [1e8]", "load.mean_presure is no key .* 'mean_pressure'"),
         (f"{P} [1e8, 'heavy']", "valid.*at the point load.mean_pressure = 'heavy'"),
-        (f"{P} [1e8, 7e9]", r"hardness.*at the point load.mean_pressure = 7000"),
         (f"quantities = ['quantity.stifness']\n{P} [1e8]", "no method .* did you mean"),
         (f"quantities = ['quantity.measured_gap']\n{P} [1e8]", "no method of the"),
-        ("[[sweep.point]]\nload = 3", "load is 3, but must be a valid dict"),
         (f"{P}[1]\n[[sweep.point]]\n{P}2", "has values of its own"),
         ("[[sweep.point]]\na.b=2\n[[sweep.point]]\na.c=2", "different keys"),
     ],

@@ -23,6 +23,16 @@ def open_console() -> Console:
     return plain if plain.is_terminal else Console(width=200)
 
 
+def table_of(texts: Sequence[str], figures: Sequence[str] = ()) -> Table:
+    """Return a table without lines whose columns of texts stand left, those of figures right."""
+    table = Table(box=None, pad_edge=False)
+    for heading in (*texts, *figures):
+        table.add_column(
+            heading, overflow="fold", justify="right" if heading in figures else "left"
+        )
+    return table
+
+
 @click.command()
 def list() -> None:
     """List the cases, one line each."""
@@ -33,9 +43,7 @@ def list() -> None:
 def print_rows(console: Console, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print texts, no markup: a table, or on a narrow terminal a paragraph for each row."""
     if console.width >= WIDE:
-        table = Table(box=None, pad_edge=False)
-        for heading in headings:
-            table.add_column(heading, overflow="fold")
+        table = table_of(headings)
         for row in rows:
             table.add_row(*map(Text, row))
         console.print(table)

@@ -9,8 +9,8 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from epcontact.cli.listing import table_of
 from epcontact.cli.options import folder, tell
-from epcontact.cli.tables import table_of
 from epcontact.errors import InvalidCase
 from epcontact.studies import STUDIES, save_charts
 from epcontact.studies import stability as maps_of_methods

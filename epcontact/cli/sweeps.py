@@ -6,9 +6,9 @@ import click
 import pandas as pd
 from rich.table import Table
 
-from epcontact.cli.listing import open_console
+from epcontact.cli.listing import open_console, table_of
 from epcontact.cli.options import of_run, own_size, shown_progress
-from epcontact.cli.tables import shown_estimate, table_of
+from epcontact.cli.tables import shown_estimate
 from epcontact.errors import EpcontactError
 from epcontact.harness.answers.run import Run
 from epcontact.harness.gates.statistics import estimate

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from rich.console import Console
 from rich.table import Table
 
-from epcontact.cli.listing import WIDE
+from epcontact.cli.listing import WIDE, table_of
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates.gate import GateVerdict
@@ -15,16 +15,6 @@ from epcontact.harness.gates.statistics import Estimate, estimate
 from epcontact.harness.verdict.judgement import CaseVerdict
 
 STYLES = {"holds": "green", "falls short": "bold red", "error": "bold red", "skipped": "yellow"}
-
-
-def table_of(texts: Sequence[str], figures: Sequence[str] = ()) -> Table:
-    """Return a table without lines whose columns of texts stand left, those of figures right."""
-    table = Table(box=None, pad_edge=False)
-    for heading in (*texts, *figures):
-        table.add_column(
-            heading, overflow="fold", justify="right" if heading in figures else "left"
-        )
-    return table
 
 
 def answers_table(answers: Mapping[str, Answer]) -> Table:

@@ -42,21 +42,13 @@ class Sweep(NamedTuple):
 
 @dataclass(frozen=True)
 class Swept:
-    """A sweep that was run to its end.
-
-    Attributes:
-        folder: the folder that holds it.
-        table: see `table`.
-        failures: the sentence of each task that has no result, by its name in files.
-        reused: the number of tasks whose kept result was used again.
-        quantities: what was measured beside what the methods report.
-    """
+    """A sweep that was run to its end."""
 
     folder: Path
     table: pd.DataFrame
-    failures: Mapping[str, str]
-    reused: int
-    quantities: Sequence[str]
+    failures: Mapping[str, str]  # the sentence of each task without a result, by its name in files
+    reused: int  # the number of tasks whose kept result was used again
+    quantities: Sequence[str]  # measured beside what the methods report
 
 
 def read_sweep(case: CaseText | Path | str, size: str = "fast") -> Sweep:

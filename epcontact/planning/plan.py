@@ -51,40 +51,22 @@ from epcontact.surfaces import Recipe, SelfAffine
 
 @dataclass(frozen=True)
 class Plan:
-    """A chosen model, its expected error and cost, and the reasons.
+    """A chosen model, its expected error and cost, and the reasons."""
 
-    Attributes:
-        case: id of the case.
-        tolerance: on the areas of the parts, relative.
-        parts: the parts of the area that must be within it.
-        method: the name of the method.
-        areas: "raw" or "corrected".
-        options: options of the method.
-        grid_error: relative error from the grid; for the theory, its distance from the pilots
-            plus their uncertainty.
-        scatter: half-width of the 95 % interval of the mean over the surfaces, relative.
-        work: FFT pairs (or solver sweeps) times points of the chosen model.
-        given_work: the work of the given case.
-        pilot_work: the work of the pilots.
-        reasons: the reasons, as sentences.
-        notes: those of the surface that the finest pilot solved.
-        recipes: recipes of the surfaces on the chosen grid.
-    """
-
-    case: str
-    tolerance: float
-    parts: tuple[str, ...]
+    case: str  # its id
+    tolerance: float  # on the areas of the parts, relative
+    parts: tuple[str, ...]  # of the area, that must be within it
     method: str
-    areas: str
-    options: dict[str, Any]
-    grid_error: float
-    scatter: float
-    work: float
-    given_work: float
+    areas: str  # "raw" or "corrected"
+    options: dict[str, Any]  # of the method
+    grid_error: float  # relative; of the theory, its distance from the pilots and their uncertainty
+    scatter: float  # half-width of the 95 % interval of the mean over the surfaces, relative
+    work: float  # FFT pairs (or solver sweeps) times points of the chosen model
+    given_work: float  # of the given case
     pilot_work: float
-    reasons: tuple[str, ...]
-    notes: tuple[str, ...]
-    recipes: tuple[Recipe, ...] = field(repr=False)
+    reasons: tuple[str, ...]  # sentences
+    notes: tuple[str, ...]  # of the surface that the finest pilot solved
+    recipes: tuple[Recipe, ...] = field(repr=False)  # of the surfaces on the chosen grid
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -349,28 +331,21 @@ def achieved_error(chosen: Plan, answer: Answer, finer: Answer | None = None) ->
 
 
 def load_auto(text: CaseText) -> tuple[Case, str]:
-    """Load a case at its full or only size and make it cheaper by `auto_case`.
-
-    The sentence is empty if the case is skipped.
-    """
+    """Load a case at its full or only size and make it cheaper by `auto_case`, if not skipped."""
     sizes = [size for size in text.sizes if size != "large"]
     given = load_case(text, (sizes or ["large"])[-1])
     return (given, "") if given.skip else auto_case(given)
 
 
-def auto_case(
-    case: Case, tolerance: float | None = None, *, threads: int | None = None
-) -> tuple[Case, str]:
+def auto_case(case: Case, *, threads: int | None = None) -> tuple[Case, str]:
     """Make a case cheaper if its gates allow.
 
-    Grids are chosen by the errors of corrected areas.  So a case stays as it is if a gate reads
-    anything else that depends on the grid (fields, distributions, raw areas, gaps), or if it has
-    finite elements beside boundary elements.
+    Grids are chosen by the errors of corrected areas, to a third of the narrowest band on them.  A
+    case stays as it is if a gate reads anything else that depends on the grid (fields, raw areas,
+    distributions, gaps), or if it has finite elements beside boundary elements.
 
     Args:
         case: the case.
-        tolerance: on the area, relative; None: a third of the narrowest band of the case's gates
-            on corrected areas.
         threads: number of threads of the pilots; None: all cores.
 
     Returns:
@@ -382,7 +357,7 @@ def auto_case(
     if blocking or not corrected or len(methods_on_grids(case)) > 1:
         reason = f"its gate on {blocking[0]} asks for its grid" if blocking else "unchanged"
         return unchanged, f"{case.id}: {reason}"
-    wanted = min(g.high - g.low for g in corrected) / 2 / 3 if tolerance is None else tolerance
+    wanted = min(g.high - g.low for g in corrected) / 2 / 3
     parts = sorted({g.quantity.split(".")[1] for g in corrected})
     try:
         chosen = plan(case, min(wanted, 0.5), parts=parts, threads=threads, capped=True)

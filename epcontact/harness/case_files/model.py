@@ -61,41 +61,44 @@ def _each_once(names: list[str]) -> list[str]:
     return names
 
 
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 MethodName = Annotated[
     str, AfterValidator(_registered), Field(json_schema_extra={"enum": list(METHODS)})
 ]
 
 
+def _key(meaning: str, default: Any = ..., **limits: Any) -> Any:
+    """Return a key of a table: its meaning with its unit, its default, and what it may be."""
+    return Field(default, description=meaning, **limits)
+
+
 class CaseTable(Table):
     """[case]: the requirement, its source, and the methods."""
 
-    id: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]*$", max_length=80)] = Field(
-        description="name of the case, of its folder of results and on the command line"
+    id: str = _key(
+        "name of the case, of its folder of results and on the command line",
+        pattern=r"^[a-z0-9][a-z0-9._-]*$", max_length=80,
+    )  # fmt: skip
+    requirement: str = _key("the requirement, one English sentence", min_length=1)
+    source: str = _key("the source of the requirement and its figures", min_length=1)
+    methods: Annotated[list[MethodName], AfterValidator(_each_once)] = _key(
+        "the methods that answer the scene", min_length=1
     )
-    requirement: str = Field(min_length=1, description="the requirement, one English sentence")
-    source: str = Field(min_length=1, description="the source of the requirement and its figures")
-    methods: Annotated[list[MethodName], AfterValidator(_each_once)] = Field(
-        min_length=1, description="the methods that answer the scene"
-    )
-    time_limit: float = Field(
-        default=900.0, gt=0, description="seconds after which one solve is given up"
-    )
-    verify: bool = Field(
-        default=True, description="whether a bare `epcontact verify` includes the case"
-    )
+    time_limit: float = _key("seconds after which one solve is given up", 900.0, gt=0)
+    verify: bool = _key("whether a bare `epcontact verify` includes the case", True)
 
 
 class MaterialTable(Table):
     """[material]: an elastoplastic solid against a rigid flat."""
 
-    young_modulus: float = Field(description="Pa")
-    poisson_ratio: float = Field(description="between -1 and 0.5")
-    hardness: float | Literal["effective"] = Field(
-        default=float("inf"),
-        description="Pa; cap of the contact pressure; 'effective': that which stands for a J2 body "
-        "of yield_stress",
+    young_modulus: float = _key("Pa")
+    poisson_ratio: float = _key("between -1 and 0.5")
+    hardness: float | Literal["effective"] = _key(
+        "Pa; cap of the contact pressure; 'effective': that which stands for a J2 body of "
+        "yield_stress",
+        math.inf,
     )
-    yield_stress: float = Field(default=float("inf"), description="Pa; of the J2 solid")
+    yield_stress: float = _key("Pa; of the J2 solid", math.inf)
 
     @field_validator("*")
     @classmethod
@@ -108,41 +111,34 @@ class MaterialTable(Table):
 class BodyTable(Table):
     """[body]: the body under the surface."""
 
-    kind: Literal["half_space", "bonded_layer", "sliding_layer"] = Field(
-        default="half_space", description="half-space, or layer on a rigid base"
+    kind: Literal["half_space", "bonded_layer", "sliding_layer"] = _key(
+        "half-space, or layer on a rigid base", "half_space"
     )
-    depth: float = Field(default=float("inf"), description="m; of a layer")
+    depth: float = _key("m; of a layer", math.inf)
 
 
 class LoadTable(Table):
     """[load]: the force over the nominal area."""
 
-    mean_pressure: float | list[float] = Field(description="Pa; one, or a path of them")
+    mean_pressure: float | list[float] = _key("Pa; one, or a path of them")
 
 
 class GateTable(Table):
     """[[gate]]: one comparison that must hold."""
 
-    quantity: str = Field(
-        description="the scalar that is compared, such as area.total.corrected; "
-        "`epcontact keys` lists them all"
+    quantity: str = _key(
+        "the scalar that is compared, such as area.total.corrected; `epcontact keys` lists them all"
     )
-    of: MethodName = Field(description="the method that is judged")
-    against: str | Annotated[float, Field(allow_inf_nan=False)] = Field(
-        description="a method, a closed form's name, or a number"
+    of: MethodName = _key("the method that is judged")
+    against: str | Finite = _key("a method, a closed form's name, or a number")
+    norm: Norm = _key("how the difference is measured", "relative")
+    tolerance: Finite | None = _key("the difference must be within +- tolerance", None, gt=0)
+    between: list[float] | None = _key(
+        "or the difference must be within [low, high]", None, min_length=2, max_length=2
     )
-    norm: Norm = Field(default="relative", description="how the difference is measured")
-    tolerance: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
-        default=None, description="the difference must be within +- tolerance"
-    )
-    between: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
-        default=None, description="or the difference must be within [low, high]"
-    )
-    because: str = Field(min_length=1, description="why the band is as wide as it is")
-    source: str = Field(default="", description="where a number comes from; needed for one")
-    sizes: Annotated[list[Size], Field(min_length=1)] | None = Field(
-        default=None, description="the sizes it applies to; else all"
-    )
+    because: str = _key("why the band is as wide as it is", min_length=1)
+    source: str = _key("where a number comes from; needed for one", "")
+    sizes: list[Size] | None = _key("the sizes it applies to; else all", None, min_length=1)
 
     @property
     def gate(self) -> Gate:
@@ -192,9 +188,9 @@ class GateTable(Table):
 class OmitTable(Table):
     """[[omit]]: a default gate of a method that does not apply to the case."""
 
-    quantity: str = Field(description="quantity of the default gate")
-    of: MethodName = Field(description="the method whose default gate it is")
-    because: str = Field(min_length=1, description="why the case cannot hold it")
+    quantity: str = _key("quantity of the default gate")
+    of: MethodName = _key("the method whose default gate it is")
+    because: str = _key("why the case cannot hold it", min_length=1)
 
 
 @functools.cache
@@ -238,11 +234,9 @@ class Case(Table):
     solid: MaterialTable = Field(alias="material")
     load: Annotated[Load, _part(Load, LoadTable)]
     body: Annotated[Body, _part(Body, BodyTable)] = Field(default_factory=Body)
-    gate: list[GateTable] = Field(
-        default=[], description="comparisons; only a case with a sweep may have none"
-    )
-    omit: list[OmitTable] = Field(default=[], description="default gates that do not apply")
-    sweep: SweepTable | None = Field(default=None, description="values that a sweep gives to keys")
+    gate: list[GateTable] = _key("comparisons; only a case with a sweep may have none", [])
+    omit: list[OmitTable] = _key("default gates that do not apply", [])
+    sweep: SweepTable | None = _key("values that a sweep gives to keys", None)
     theory: TheoryTable | None = None
     bem: BemTable = BemTable()
     fem: FemTable = FemTable()
