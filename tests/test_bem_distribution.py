@@ -8,7 +8,6 @@ import pytest
 from epcontact.bem.areas.distribution import (
     end_fits,
     extrapolated,
-    graded_pressures,
     pressure_distribution,
 )
 from epcontact.errors import InvalidScene
@@ -46,14 +45,6 @@ def test_edges_belong_to_the_bin_below():
     elastic = pressure_distribution(p, math.inf, 7)
     assert (elastic.pressure[-1], elastic.plastic) == (2.0, 0)
     assert elastic.cumulative[-1] == pytest.approx(0.8)
-
-
-def test_graded_bins_are_dense_where_the_density_vanishes():
-    edges, one = (graded_pressures(1.0, 400, both_ends=both) for both in (True, False))
-    assert np.all(np.diff(edges) > 0)
-    np.testing.assert_allclose(edges + edges[::-1], 1.0, atol=1e-15)
-    assert edges[1] < 2e-5
-    assert one[-1] - one[-2] > 100 * one[1]
 
 
 def test_end_fits_of_a_linear_density(random_pressures):

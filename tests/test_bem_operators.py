@@ -95,14 +95,6 @@ def test_split_operator_is_near_the_exact_one(shape, share, body):
     np.testing.assert_array_equal(*found)
 
 
-def test_where_the_split_operator_pays():
-    even, wide = symbol_of((1024, 1024)), symbol_of((512, 512), periods=(30.0, 1.0))
-    assert split.split_pays(even, 50_000)
-    assert not split.split_pays(even, 500_000)
-    for symbol in (wide, *map(symbol_of, ((1023, 1024), (32, 1024), (1, 4096)))):
-        assert not split.split_pays(symbol, 10)
-
-
 def made(contact, workers, body=None):
     convolution = tr.Convolution(symbol_of(contact.shape, body), 1e9, workers)
     points = points_of(contact, convolution)
@@ -159,25 +151,22 @@ def test_points_beyond_2_to_31_are_counted_right():
     of 65536 x 65536 points of which only these rows exist."""
     side, rows = 65536, 2
     first, p = (side - rows) * side, RNG(6).random(rows * side)
-    state = (p > 0.999).astype(np.uint8)
-    here = np.flatnonzero(state)
+    here = np.flatnonzero(p > 0.999)
     index = np.empty(here.size, dtype=tr.index_type(side**2))
-    pressure, residual = np.empty(here.size), np.empty(here.size)
-    collect(p, np.zeros_like(p), p, state, first, 0.0, index, pressure, residual)
+    pressure, out = np.empty((2, here.size))
+    collect(p, 0 * p, p, (p > 0.999).astype(np.uint8), first, 0.0, index, pressure, out)
     np.testing.assert_array_equal(index, first + here)
-    block, out = np.empty((rows, side)), np.empty(here.size)
+    block = np.empty((rows, side))
     tr.scatter(block, first, index, pressure)
     assert tr.gather_dot(block, first, index, out, out)[0] == pytest.approx(p[here].sum())
     np.testing.assert_array_equal(out, p[here])
-    side_cells = side // CELL
-    cells, sums = np.empty(here.size, dtype=np.int32), np.empty((1, side_cells))
-    last = (side_cells - 1) * side_cells
-    columns = np.arange(side, dtype=np.int32) // CELL
-    number_cells(cells, sums, index, columns, side, (side_cells, side_cells), last)
+    n, columns = side // CELL, np.arange(side, dtype=np.int32) // CELL
+    cells, sums = np.empty(here.size, dtype=np.int32), np.empty((1, n))
+    number_cells(cells, sums, index, columns, side, (n, n), (n - 1) * n)
     np.testing.assert_array_equal(cells, here % side // CELL)
     row = np.zeros((1, split.LEFT + side + split.RIGHT), dtype=np.float32)
-    masked = np.broadcast_to(row, (side, row.size))  # every row is the same memory
-    split.put_single(np.lib.stride_tricks.as_strided(row, masked.shape, masked.strides), index, out)
+    masked = np.lib.stride_tricks.as_strided(row, (side, row.size), (0, row.itemsize))
+    split.put_single(masked, index, out)  # every row is the same memory
     for column in set(here % side):
         assert row[0, split.LEFT + column] in np.float32(p[here[here % side == column]])
 

@@ -35,8 +35,7 @@ def project(
     The sum is piecewise linear and increasing in z; Newton steps within a bracket find z.  The
     result is written to `out`, which may be w itself.
     """
-    workers = workers or Workers()
-    parts = ranges(w.size, BLOCK_POINTS)
+    workers, parts = workers or Workers(), ranges(w.size, BLOCK_POINTS)
     blocks = split(w.reshape(-1), parts)
     extremes = workers.each(lambda block: (float(block.min()), float(block.max())), blocks)
     low = -max(largest for _, largest in extremes)
@@ -46,12 +45,10 @@ def project(
         summed, inside = workers.total(clipped_sum, blocks, z, cap)
         excess = summed - total
         low, high = (low, z) if excess > 0 else (z, high)
-        if abs(excess) <= 1e-15 * total:
-            break
-        following = z - excess / inside if inside else (low + high) / 2
+        following = z - excess / inside if inside else low
         if not low < following < high:
             following = (low + high) / 2
-        if following == z:
+        if abs(excess) <= 1e-15 * total or following == z:
             break
         z = following
     out = np.empty_like(w) if out is None else out
@@ -95,12 +92,12 @@ def gradient_step(level: Level, it: Iterate, length: float) -> float:
     it.u = np.empty_like(u_old)
     level.convolution.apply(it.p, it.u)
     it.gradient += 1
-    arrays = [a.reshape(-1) for a in (it.p, it.u, level.heights, p_old, u_old)]
-    slope, curvature, square = descent_products(*arrays)
+    p, u, h, *old = (a.reshape(-1) for a in (it.p, it.u, level.heights, p_old, u_old))
+    slope, curvature, square = descent_products(p, u, h, *old)
     if curvature <= 0:
         return level.step
     if (t := min(1.0, max(0.0, -slope / curvature))) < 1:
-        blend(arrays[0], arrays[1], arrays[3], arrays[4], t)
+        blend(p, u, *old, t)
     return float(square / curvature)
 
 

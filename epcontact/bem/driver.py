@@ -231,8 +231,8 @@ def _warm_start(last: LoadedSurface, left: FloatArray, following: float) -> Floa
     ratio = following / problem.mean_pressure if problem.mean_pressure else math.inf
     if not 1 / _WARM_RATIO <= ratio <= _WARM_RATIO:
         return None
-    gap = solution.gap(left)
-    return np.asarray(solution.pressure * ratio - GRADIENT_STEP / problem.symbol.shortest() * gap)
+    stiffness = GRADIENT_STEP / problem.symbol.shortest()
+    return np.asarray(solution.pressure * ratio - stiffness * solution.gap(left))
 
 
 def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:

@@ -35,8 +35,7 @@ from epcontact.results import FloatArray
 
 _MAX_STEPS = 500  # default limit on the Newton steps
 # Most gradient steps after a Newton step that was cut: none after the first cut, one after the
-# second, then four.  With one at most, one of 561 hard scenes did not converge; with 16, lines took
-# thrice as long.
+# second, then four.  With one at most, one of 561 hard scenes did not converge.
 _GRADIENT_STEPS = 4
 # The areas count as settled only if fewer points changed sets in the last step than this times
 # `area_tolerance` times the contact.  A step leaves at most a fifth of the changes of the one
@@ -101,18 +100,15 @@ def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
 
     Returns the last iterate; `settled` says whether it meets the tolerances.
     """
-    it = first_iterate(level, p)
-    inner = InnerOperators(level.convolution)
-    state = states(p, level.cap)
+    it, inner = first_iterate(level, p), InnerOperators(level.convolution)
+    state, trouble = states(p, level.cap), 0
     step: _Step | None = None
-    trouble = 0
     while True:
         it.z, force, energy = measured(level, it.p, it.u)
         share = 1.0 if step is None else _best_share(level, it, step, energy)
         full = share >= _FULL_STEP
         if step is not None and not full:
-            it.cut += 1
-            trouble += 1
+            it.cut, trouble = it.cut + 1, trouble + 1
             p, index = it.p.reshape(-1), step.points.index
             p[index] = step.before + share * (p[index] - step.before)
             level.convolution.apply(it.p, it.u)

@@ -94,14 +94,10 @@ def solve_pressure(
     load = number("mean_pressure", mean_pressure, right, lambda p: 0 < p < cap)
     symbol = checked_symbol(compliance, h.shape)
     first = None if start is None else checked_start(start, h.shape).reshape(symbol.shape)
-    grid = np.ascontiguousarray(h).reshape(symbol.shape)
-    problem = GridProblem(grid, symbol, load, cap)
+    problem = GridProblem(np.ascontiguousarray(h).reshape(symbol.shape), symbol, load, cap)
     solution = solve_problem(problem, options or Options(), first)
-    return replace(
-        solution,
-        pressure=solution.pressure.reshape(h.shape),
-        displacement=solution.displacement.reshape(h.shape),
-    )
+    p, u = solution.pressure.reshape(h.shape), solution.displacement.reshape(h.shape)
+    return replace(solution, pressure=p, displacement=u)
 
 
 def solve_problem(
@@ -144,34 +140,28 @@ def solve_problem(
     at_cap = it.p >= cap
     it.p *= problem.mean_pressure
     it.p[at_cap] = problem.hardness  # exactly, whatever the rounding of the cap
-    history, offset, notes = tuple(it.history), it.z + datum, []
-    if it.cut:
-        notes.append(
-            f"{it.cut} of {it.newton} Newton steps would have raised the energy and were "
-            f"cut short; {it.gradient} projected gradient steps followed them."
-        )
-    return PressureSolution(it.p, it.u, offset, residuals, counts, history, tuple(notes))
+    note = (
+        f"{it.cut} of {it.newton} Newton steps would have raised the energy and were "
+        f"cut short; {it.gradient} projected gradient steps followed them."
+    )
+    history, notes = tuple(it.history), (note,) if it.cut else ()
+    return PressureSolution(it.p, it.u, it.z + datum, residuals, counts, history, notes)
 
 
 def _lowered(problem: GridProblem) -> tuple[GridProblem, float]:
-    """Subtract a datum from heights that are far from zero; return the problem and the datum.
-
-    A gap is a difference of heights, and a large common part would cost it digits.
-    """
-    heights = problem.heights
-    datum = float(heights[0, 0])
-    if abs(datum) <= 10 * float(np.ptp(heights)):
+    """Subtract a datum from heights that are far from zero, which would cost a gap digits."""
+    datum = float(problem.heights[0, 0])
+    if abs(datum) <= 10 * float(np.ptp(problem.heights)):
         return problem, 0.0
-    return replace(problem, heights=heights - datum), datum
+    return replace(problem, heights=problem.heights - datum), datum
 
 
 def _coarse_guess(
     problem: GridProblem, scale: float, options: Options, workers: Workers
 ) -> tuple[FloatArray, list[float]]:
-    """A start for a grid from the next coarser one, and the work done for it.
+    """A start for a grid from the next coarser one, or a uniform one, and the work done for it.
 
-    The start is p - c g of the coarser grid, interpolated; it is uniform if there is no coarser
-    grid.  The work of each grid is its pairs of transforms times its points.
+    The work of each grid is its pairs of transforms times its points.
     """
     below = coarser(problem.symbol)
     if below is None:
@@ -182,12 +172,10 @@ def _coarse_guess(
         symbol=problem.symbol.once(Symbol.coarsened, below),
     )
     guess, work = _coarse_guess(coarse, scale, options, workers)
-    level = Level(coarse, scale, workers)
-    size = coarse.heights.size
+    level, size = Level(coarse, scale, workers), coarse.heights.size
     p = project(guess, level.cap, float(size), workers, out=guess)
     tolerance = max(_COARSE_RESIDUAL, options.tolerance)
-    loose = replace(options, tolerance=tolerance, area_tolerance=_COARSE_AREAS)
-    it = solve_level(level, p, loose)
+    it = solve_level(level, p, replace(options, tolerance=tolerance, area_tolerance=_COARSE_AREAS))
     w = it.p - level.step * (it.u + it.z - coarse.heights)
     return interpolated(w, problem.shape, workers), [*work, it.pairs * size]
 
@@ -197,16 +185,15 @@ def coarser(symbol: Symbol) -> tuple[int, int] | None:
 
     Where points are far apart along one axis, the other is halved alone as long as it can be.
     """
-    shape, far = symbol.shape, symbol.far()
-    half = [_half(n) if n > COARSEST else n for n in shape]
-    near = [n if apart else m for n, m, apart in zip(shape, half, far, strict=True)]
-    chosen = half if tuple(near) == shape else near
-    return None if tuple(chosen) == shape else (chosen[0], chosen[1])
+    (nx, ny), (x_far, y_far) = symbol.shape, symbol.far()
+    mx, my = (_half(n) if n > COARSEST else n for n in symbol.shape)
+    near = nx if x_far else mx, ny if y_far else my
+    chosen = (mx, my) if near == symbol.shape else near
+    return None if chosen == symbol.shape else chosen
 
 
 def _half(number: int) -> int:
-    """Half as many points or a few more, so that large grids can be halved again and transform
-    fast."""
+    """Half as many points, or a few more, so that large grids transform fast on all levels."""
     half = (number + 1) // 2
     if half < 64 or number % 4 == 0:
         return half

@@ -2,8 +2,7 @@
 
 A pass is a compiled function that works on one block of its arrays and releases the interpreter's
 lock.  `Workers` calls it for every block of a fixed partition and adds up what the calls return in
-the order of the blocks, so a result has the same bits on any number of threads, and solves may run
-side by side in threads and in processes.
+the order of the blocks, so a result has the same bits on any number of threads.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ def front_sums(
     fields, stiffness = (p[column], g[column], hardness * (1 - 1e-12)), (STIFFNESS, STIFFNESS)
     # Cells whose last corner is in the fourth of the six columns have all that they need.
     block = np.array([[0, n, 3, 4]])
-    tables = map(grid.tabulated, np.eye(len(grid.U_NODES)))
+    tables = np.eye(len(grid.U_NODES))
     out = [grid.sweep(grid.Solution(*fields, stiffness, table), block)[0] for table in tables]
     scale = length / 2 / n
     offsets = np.array([grid.Sums(*sums).offset for sums in out])

@@ -22,9 +22,8 @@ from epcontact.bem.areas.front import Links, compiled, empty_links, inlined, loc
 from epcontact.bem.areas.hidden import Bytes, Columns, add_hidden, add_tips
 from epcontact.results import FloatArray
 
-#: Values of u at which the offset is tabulated, all of them multiples of U_STEP.
+#: Values of u at which the offset is tabulated.
 U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
-U_STEP = 0.05
 #: Points around the cells of a block that are looked at, too.
 PAD = 4
 #: By the sum of 2^k over the corners inside: the corner that is cut off, or the first of the two
@@ -39,7 +38,7 @@ class Solution(NamedTuple):
     gap: FloatArray  # (nx, ny)
     hardness: float  # the least pressure of a plastic point
     stiffness: tuple[float, float]  # c of `front` for links along x and along y
-    offsets: FloatArray  # of a front, of `tabulated`
+    offsets: FloatArray  # of a front, at U_NODES
 
 
 class Sums(NamedTuple):
@@ -82,11 +81,6 @@ class Block(NamedTuple):
     inside: Bytes  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
     #: For each cell of a row a bit for each corner inside front 0, and the next four for front 1.
     codes: Bytes
-
-
-def tabulated(offsets: FloatArray) -> FloatArray:
-    """The table of a `Solution`, from offsets at U_NODES."""
-    return np.interp(U_STEP * np.arange(round(U_NODES[-1] / U_STEP) + 1), U_NODES, offsets)
 
 
 def sweep(solution: Solution, blocks: NDArray[np.int64]) -> FloatArray:
@@ -314,8 +308,10 @@ def _add(
 
 
 @compiled
-def _interpolated(u: float, table: FloatArray) -> float:
+def _interpolated(u: float, offsets: FloatArray) -> float:
     """The offset at u; constant beyond the table."""
-    place = min(u / U_STEP, len(table) - 1.0)
-    k = min(int(place), len(table) - 2)
-    return float(table[k] + (place - k) * (table[k + 1] - table[k]))
+    k = 1
+    while u > U_NODES[k] and k < len(U_NODES) - 1:
+        k += 1
+    share = min((u - U_NODES[k - 1]) / (U_NODES[k] - U_NODES[k - 1]), 1.0)
+    return float(offsets[k - 1] + share * (offsets[k] - offsets[k - 1]))

@@ -17,7 +17,7 @@ Bytes = NDArray[np.uint8]
 #: Numbers of columns.  Those without a sign need no test for a negative index.
 Columns = NDArray[np.uint32]
 
-#: A wave's curvature divided by its second difference between points a quarter wavelength apart.
+#: A wave's curvature p2 divided by its second difference between points a quarter wavelength apart.
 SEEN = 1.25
 #: Along a crease the pressure changes by less than this share of its change across (`error_bars`:
 #: from 1/3 on the claims of straight grooves that no point shows are too small).
@@ -93,8 +93,12 @@ def _hidden_beside(
         return _lacking(layers, place, hardness, front) ** 2, 0.0
     if here > min(above, below) and here > min(left, right):
         return 0.0, 0.0
-    if here <= min(above, below, left, right) and most < hardness:
-        squares = _dip(here, (above + below + left + right) / 4 - here)
+    # In full contact p is a smooth wave.  If it would fall to -p1 + p2 s^2 at the distance s from
+    # its lowest place, a gap of radius sqrt(3 p1/(2 p2)) opens, like a penny-shaped crack that
+    # closes smoothly.  This place is at most half a cell's diagonal away, so that p1 <= p2/2 - p.
+    rise = SEEN * ((above + below + left + right) / 4 - here)
+    if here <= min(above, below, left, right) and most < hardness and here < rise / 2:
+        squares = (math.pi * 1.5 * (0.5 - here / rise)) ** 2
     a, b = _short(v[i - 1, j - 1], hardness, front), _short(v[i - 1, j + 1], hardness, front)
     c, d = _short(v[i + 1, j - 1], hardness, front), _short(v[i + 1, j + 1], hardness, front)
     outer = _short(v[i - 2, j], hardness, front), _short(v[i + 2, j], hardness, front)
@@ -114,22 +118,6 @@ def _short(p: float, hardness: float, front: int) -> float:
     """A pressure from 0 to the hardness, or what it lacks of the hardness for front 1."""
     p = min(max(p, 0.0), hardness)
     return float(hardness - p if front else p)
-
-
-@compiled
-def _dip(here: float, rise: float) -> float:
-    """Square of the area of a gap that may be hidden next to a minimum of the pressure.
-
-    The mean of the neighbours is `rise` above the pressure here.  In full contact p is a smooth
-    wave.  If it would fall to -p1 + p2 s^2 at the distance s from its lowest place, a gap of
-    radius sqrt(3 p1/(2 p2)) opens, like a penny-shaped crack that closes smoothly.  The
-    lowest place is at most half of a cell's diagonal away, so p1 is at most p2/2 - p with p the
-    pressure at the point.  The second difference of a wave with four points to its length is p2
-    divided by SEEN.
-    """
-    if here >= SEEN * rise / 2:
-        return 0.0
-    return float((math.pi * 1.5 * (0.5 - here / (SEEN * rise))) ** 2)
 
 
 @compiled

@@ -39,7 +39,7 @@ import numpy as np
 
 from epcontact.bem.areas.copies import copies
 from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS
-from epcontact.bem.areas.grid import Solution, Sums, sweep, tabulated
+from epcontact.bem.areas.grid import Solution, Sums, sweep
 from epcontact.bem.areas.hidden import CORNER
 from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
@@ -166,7 +166,7 @@ def sums_of_fronts(
     stiffness = STIFFNESS * effective_modulus / dx, STIFFNESS * effective_modulus / dy
     # The fronts of a line run along one axis, for which the offset is known exactly.
     offsets = OFFSETS * ((AXIS_OFFSET - HARMONIC) / OFFSETS[-1]) if ny == 1 else OFFSETS
-    solution = Solution(pressure, gap, hardness * _ROUNDING, stiffness, tabulated(offsets))
+    solution = Solution(pressure, gap, hardness * _ROUNDING, stiffness, offsets)
     rows, columns = ranges(nx, _ROWS), ranges(ny, _COLUMNS)
     blocks = np.array([(r.start, r.stop, c.start, c.stop) for c in columns for r in rows])
     # Each call makes its own memory, which takes longer than to sweep a few rows.

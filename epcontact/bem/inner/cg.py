@@ -40,8 +40,8 @@ class InnerOperators:
     @property
     def pairs(self) -> float:
         """Pairs of transforms of the cheap operators, in pairs of the grid."""
-        single = 0.0 if self._single is None else self._single.pairs / 2
-        return single if self._split is None else single + self._split.pairs
+        single = self._single.pairs / 2 if self._single else 0.0
+        return single + (self._split.pairs if self._split else 0.0)
 
     def choose(self, changed: int, masked: MaskedGrid, residual: float) -> Operator:
         """A cheap operator or the exact one for the next step, on the points of a masked grid.
@@ -56,11 +56,9 @@ class InnerOperators:
         if not self._cheap or elastic == self._points:
             return exact
         if not split_pays(exact.symbol, elastic):
-            if self._single is None:
-                self._single = exact.in_single_precision()
+            self._single = self._single or exact.in_single_precision()
             return self._single
-        if self._split is None:
-            self._split = SplitOperator(exact)
+        self._split = self._split or SplitOperator(exact)
         self._split.masked = masked
         return self._split
 
