@@ -164,7 +164,7 @@ REFUSED: list[tuple[Any, tuple[Any, ...], str]] = [
     (view.screenshot, ("gap.vti", "x.png"), "gap.vti holds no field pressure, only gap"),
     (view.screenshot, ("line.vti", "x.png"), "line.vti holds no field state, only gap"),
     (view.screenshot, ("text.vtu", "x.png"), "is damaged or holds no cells"),
-    (view.screenshot, ("bare.vtu", "x.png"), "neither von Mises stress nor plastic strain"),
+    (view.screenshot, ("bare.vtu", "x.png"), "no von Mises stress or plastic strain"),
     (view.show, ("line.vti",), "is a line"),
     (view.animate, (["x.vti"], "x.avi"), r"must be named \.gif or \.mp4"),
     (view.animate, ([], "x.gif"), "load steps"),
@@ -204,4 +204,5 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
      (float("nan"), 1), (0.0, 1)],
 )  # fmt: skip
 def test_factors_are_round(value: float, rounded: float) -> None:
-    assert drawing.round_factor(value) == pytest.approx(rounded)
+    assert drawing.round_factor(value, 1.0) == pytest.approx(rounded)
+    assert drawing.round_factor(1.0, 0.0) == 1.0

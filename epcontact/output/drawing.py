@@ -81,9 +81,10 @@ def _plotter(size: tuple[int, int] | None) -> Any:
     return plotter
 
 
-def round_factor(value: float) -> float:
-    """Round `value` down to 1, 2 or 5 times a power of ten; between 0.7 and 2 return 1."""
-    if not np.isfinite(value) or value <= 0 or 0.7 <= value < 2:
+def round_factor(shown: float, length: float) -> float:
+    """Round shown/length down to 1, 2 or 5 times a power of ten; between 0.7 and 2 return 1."""
+    value = shown / length if length > 0 else 1.0
+    if not 0 < value < np.inf or 0.7 <= value < 2:
         return 1.0
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * max(m for m in (1, 2, 5) if m * power <= value * (1 + 1e-12)))
@@ -92,11 +93,8 @@ def round_factor(value: float) -> float:
 def surface_scale(file: FieldFile) -> tuple[float, Limits]:
     """Return a factor that shows typical valleys, and the upper end of the pressure scale."""
     depth = float(np.quantile(file.field("gap")[::4], 0.98))
-    factor = round_factor(RELIEF * max(file.periods) / depth) if depth > 0 else 1.0
-    hardness = file.attributes.get("hardness", np.inf)
-    known = isinstance(hardness, float) and np.isfinite(hardness)
-    top = float(hardness if known else file.field("pressure").max())
-    return factor, (top or 1.0,)
+    top = file.hardness if np.isfinite(file.hardness) else float(file.field("pressure").max())
+    return round_factor(RELIEF * max(file.periods), depth), (top or 1.0,)
 
 
 def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -> None:
@@ -176,10 +174,8 @@ def read_block(source: Path) -> Any:
     mesh = read_quietly(source, "vtkXMLUnstructuredGridReader")
     if mesh is None or not mesh.n_cells:
         raise OutputError(f"cannot show {source}: it is damaged or holds no cells")
-    if _field_names(mesh)[1:] == ("", ""):
-        raise OutputError(
-            f"cannot show {source}: it holds neither von Mises stress nor plastic strain"
-        )
+    if not any(_field_names(mesh)[1:]):
+        raise OutputError(f"cannot show {source}: it holds no von Mises stress or plastic strain")
     return mesh
 
 
@@ -201,8 +197,7 @@ def block_scale(mesh: Any) -> tuple[float, Limits]:
     limits = tuple(float(np.max(field, initial=0.0)) for field in fields)
     largest = float(np.abs(mesh.point_data[displacement]).max()) if displacement else 0.0
     x0, x1, y0, y1, *_ = mesh.bounds
-    width = max(x1 - x0, y1 - y0)
-    return round_factor(SHOWN * width / largest) if largest > 0 else 1.0, limits
+    return round_factor(SHOWN * max(x1 - x0, y1 - y0), largest), limits
 
 
 def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:

@@ -18,6 +18,7 @@ nor a copy of the fields.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,6 +66,12 @@ class FieldFile:
     def periods(self) -> tuple[float, ...]:
         """Lengths in m after which the fields repeat."""
         return tuple(n * d for n, d in zip(self.shape, self.spacing, strict=True))
+
+    @property
+    def hardness(self) -> float:
+        """The hardness in Pa, infinite if the file gives none."""
+        hardness = self.attributes.get("hardness")
+        return hardness if isinstance(hardness, float) else math.inf
 
     def field(self, name: str) -> NDArray[Any]:
         """Return the field called `name`.  Raises OutputError if the file holds none."""

@@ -69,8 +69,7 @@ def map_of_file(path: Path | str, caption: str = "") -> Chart:
     state, pressure, gap = (file.field(name) for name in ("state", "pressure", "gap"))
     if state.ndim == 1:
         return contact_profile(state, pressure, gap, file.spacing, caption=caption)
-    hardness = float(file.attributes.get("hardness", np.inf))
-    return contact_map(state, pressure, file.spacing, hardness=hardness, caption=caption)
+    return contact_map(state, pressure, file.spacing, hardness=file.hardness, caption=caption)
 
 
 def save_map(source: Path, target: Path) -> None:
