@@ -20,13 +20,12 @@ def balance(scene: Scene, steps: int) -> tuple[float, float]:
     """(stored + spent)/work - 1 at the peak and after unloading, work by the trapezoidal rule."""
     up = np.linspace(0, 1, steps + 1)[1:]
     path = np.concatenate([up, up[-2::-1], [0.0]]) * scene.load.final
-    result = fem_check.solve(
-        replace(scene, load=Load(tuple(path))), law="j2", hardening=2e9, certified=False
-    )
-    of_steps = [(step.mean_pressure, step.quantities) for step in result.steps]
-    p = np.array([0.0] + [pressure for pressure, _ in of_steps])
-    approach = np.array([0.0] + [of["approach"] for _, of in of_steps])
-    held = np.array([of["stored_energy"] + of["plastic_work"] for _, of in of_steps])
+    there_and_back = replace(scene, load=Load(tuple(path)))
+    steps_of = fem_check.solve(there_and_back, law="j2", hardening=2e9, certified=False).steps
+    p = np.array([0.0] + [step.mean_pressure for step in steps_of])
+    of_steps = [step.quantities for step in steps_of]
+    approach = np.array([0.0] + [of["approach"] for of in of_steps])
+    held = np.array([of["stored_energy"] + of["plastic_work"] for of in of_steps])
     work = np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(approach))
     return held[steps - 1] / work[steps - 1] - 1, held[-1] / work[-1] - 1
 

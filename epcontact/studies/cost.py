@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import ducc0
 import numpy as np
@@ -44,16 +44,6 @@ GOAL_SHARES = {TIGHT: 1.0, LOOSE: 0.6}
 _SIDE = ("points_a_side", "grid points a side (–)")
 
 
-class Cost(NamedTuple):
-    """A result without its fields, the times of its solve in bare FFT pairs, and the largest
-    memory of the process meanwhile (bytes)."""
-
-    result: ContactResult
-    time: float
-    processor_time: float
-    memory: int
-
-
 def timed(function: Callable[[], Any]) -> tuple[Any, tuple[float, float]]:
     """The answer of a function with its wall-clock and processor time in s."""
     started = time.perf_counter(), time.process_time()
@@ -61,18 +51,23 @@ def timed(function: Callable[[], Any]) -> tuple[Any, tuple[float, float]]:
     return answer, (time.perf_counter() - started[0], time.process_time() - started[1])
 
 
-def cost(scene: Scene, *, solves: int = 1, threads: int = 1, **options: Any) -> Cost:
-    """Solve a scene several times; the least times of a solve and of the pairs between them."""
-    times, memory, shape = [], 0, scene.surface.shape
+def cost(
+    scene: Scene, *, solves: int = 1, threads: int = 1, **options: Any
+) -> tuple[ContactResult, dict[str, Any]]:
+    """A result with its FFT pairs, the least times of several solves in those of the bare pairs
+    between them, and the largest memory of the process meanwhile (bytes)."""
+    times, peak, shape = [], 0, scene.surface.shape
     pairs = [pair_times(shape, threads)]
     for _ in range(solves):
         forget_peak()
         result, spent = timed(lambda: bem.solve(scene, threads=threads, **options))
-        memory, result = max(memory, peak_memory()), replace(result, fields={})
+        peak = max(peak, peak_memory())
         times.append(spent)
         pairs.append(pair_times(shape, threads))
-    wall, processor = np.min(times, axis=0) / np.min(pairs, axis=0)
-    return Cost(result, float(wall), float(processor), memory)
+    names = ("finest_pairs", "all_pairs", "time", "processor_time", "memory")
+    counts = result.cost["fft_pairs"], result.cost["equivalent_fft_pairs"]
+    least = (np.min(times, axis=0) / np.min(pairs, axis=0)).tolist()
+    return replace(result, fields={}), dict(zip(names, (*counts, *least, peak), strict=True))
 
 
 def pair_times(shape: tuple[int, ...], threads: int, repeats: int = 5) -> tuple[float, float]:
@@ -121,20 +116,16 @@ def by_method(
         if method in failures:
             return []
         try:
-            found = cost(scene, tolerance=tolerance, method=method, max_steps=max_steps)
+            options: Any = {"tolerance": tolerance, "method": method, "max_steps": max_steps}
+            result, spent = cost(scene, **options)
         except NotConverged as error:
             reached = max(error.residuals.values(), default=math.nan)
             failures[method] = f"; {method} stops at a residual of {reached:.1e}"
             return []
-        areas = ((area_of(found.result, p, "raw"), area_of(exact, p, "raw")) for p in PARTS)
-        return [
-            {
-                "fft_pairs": found.result.cost["equivalent_fft_pairs"],
-                "time_in_fft_pairs": found.time,
-                "residual": max(found.result.final.residuals.values()),
-                "relative_error": max(abs(area / truth - 1) for area, truth in areas),
-            }
-        ]
+        areas = ((area_of(result, p, "raw"), area_of(exact, p, "raw")) for p in PARTS)
+        told = {"fft_pairs": spent["all_pairs"], "time_in_fft_pairs": spent["time"]}
+        told["residual"] = max(result.final.residuals.values())
+        return [told | {"relative_error": max(abs(area / truth - 1) for area, truth in areas)}]
 
     table, failed = rows(say, row, method=methods, tolerance=tolerances), "".join(failures.values())
     work = ("fft_pairs", "FFT pairs of the finest grid, coarser ones by their points (–)")
@@ -160,10 +151,10 @@ def growth(say: Say, sides: Ints = (128, 256, 512, 1024), waves: int = 16) -> Ch
 
     def row(fixed: str, points_a_side: int) -> list[dict[str, Any]]:
         bandwidth = waves if fixed == "roughness fixed" else points_a_side // 4
-        found = cost(rough_scene(points_a_side // bandwidth, 7, bandwidth), solves=2)
-        counts, spent = found.result.cost, {"time_in_fft_pairs": found.time}
-        pairs = {"finest grid": counts["fft_pairs"], "all grids": counts["equivalent_fft_pairs"]}
-        return [{"grids": grids, "fft_pairs": n} | spent for grids, n in pairs.items()]
+        _, spent = cost(rough_scene(points_a_side // bandwidth, 7, bandwidth), solves=2)
+        told = {"time_in_fft_pairs": spent["time"]}
+        pairs = {"finest grid": spent["finest_pairs"], "all grids": spent["all_pairs"]}
+        return [{"grids": grids, "fft_pairs": n} | told for grids, n in pairs.items()]
 
     fixed = ("roughness fixed", "points per wavelength fixed")
     table, limits = rows(say, row, fixed=fixed, points_a_side=sides), {"ylim": (0, None)}
@@ -207,19 +198,12 @@ def speed(
         scene = rough_scene(points_a_side / bandwidth, 7, bandwidth, LAWS[law])
         count = min(solves[1], max(solves[0], 2**23 // points_a_side**2))
         options = {"solves": count, "threads": threads}
-        costs = {aim: cost(scene, **options, **AIMS[aim]) for aim in AIMS}
-        return [
-            {
-                "aim": aim,
-                "finest_pairs": one.result.cost["fft_pairs"],
-                "all_pairs": one.result.cost["equivalent_fft_pairs"],
-                "time": one.time,
-                "processor_time": one.processor_time,
-                "area_error": area_difference(one.result, costs[TIGHT].result),
-                "bytes_per_point": (one.memory - held) / points_a_side**2,
-            }
-            for aim, one in costs.items()
-        ]
+        costs, found = {aim: cost(scene, **options, **AIMS[aim]) for aim in AIMS}, []
+        for aim, (result, spent) in costs.items():
+            errors = {"area_error": area_difference(result, costs[TIGHT][0])}
+            errors["bytes_per_point"] = (spent["memory"] - held) / points_a_side**2
+            found.append({"aim": aim} | spent | errors)
+        return found
 
     table = rows(say, row, points_a_side=sides, law=LAWS)
     goals = pd.DataFrame(
@@ -287,26 +271,25 @@ def resolution(
 def area_errors(seed: int, points: Ints, bandwidth: int) -> list[dict[str, Any]]:
     """Errors of the areas of one surface against the corrected ones on the finest grid: a row for
     each part, grid but the finest, and kind (KINDS, CLAIMED and REFERENCE)."""
-    areas, work = {}, {}
+    areas, work, found = {}, {}, []
     for n in points:
         scene = rough_scene(n, seed, bandwidth)
         result = bem.solve(scene, area_tolerance=1e-6)
         _, published = perimeter_areas(result.fields["pressure"], scene.material.hardness)
         areas[n] = dict(result.final.areas) | {"perimeter correction": published}
         work[n] = result.cost["equivalent_fft_pairs"] * result.cost["unknowns"]
-    found = []
     for part, n in product(PARTS, points[:-1]):
         area = {kind: getattr(each, part) for kind, each in areas[n].items()}
         exact, uncertain = (getattr(areas[points[-1]][k], part) for k in ("corrected", "error"))
-        halved = n % 2 == 0 and n // 2 in areas
-        half = getattr(areas[n // 2]["raw"], part) if halved else math.nan
+        spent = dict.fromkeys((*KINDS, CLAIMED, REFERENCE), float(work[n]))
+        # Extrapolation needs the grid half as fine, and pays for it.
+        half = getattr(areas[n // 2]["raw"], part) if n / 2 in areas else math.nan
         area["raw, extrapolated"] = 2 * area["raw"] - half
+        spent["raw, extrapolated"] += math.nan if math.isnan(half) else work[n // 2]
         errors = {kind: area[kind] / exact - 1 for kind in KINDS}
         errors |= {CLAIMED: area["error"] / exact, REFERENCE: uncertain / exact}
         for kind, error in errors.items():
-            # Extrapolation pays for both of its grids.
-            spent = work[n] + (0.0 if kind != KINDS[1] else work[n // 2] if halved else math.nan)
-            figures = {"relative_error": error, "work_points_transformed": spent}
+            figures = {"relative_error": error, "work_points_transformed": spent[kind]}
             found.append({"part": part, "points_per_wavelength": n, "kind": kind} | figures)
     return found
 
