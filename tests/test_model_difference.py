@@ -22,7 +22,7 @@ from epcontact.harness.gates.distances import distance
 from epcontact.harness.quantities import model_difference
 from epcontact.harness.quantities.model_difference import elements_compliance
 from epcontact.harness.quantities.registry import QUANTITIES, measure_all
-from epcontact.results import Areas, ContactResult
+from epcontact.results import Areas, ContactResult, Provenance
 from epcontact.scene import Body, Scene
 from epcontact.studies.hardness import model_scene
 
@@ -55,16 +55,19 @@ def test_the_compliance_is_that_of_the_block_that_answered(body: Body) -> None:
 def test_a_cap_by_the_elements_does_not_differ_from_a_cap_by_the_boundary_elements() -> None:
     """The null test: with the law taken out, grid and depth leave nothing behind."""
     scene = rough_scene(32, 4, hardness=0.35)
-    capped = fem_check.solve(scene, law="capped", certified=False)
+    capped, exact = fem_check.solve(scene, law="capped", certified=False), bem.solve(scene)
     options = dict(capped.provenance.options) | {"law": "j2"}
-    provenance = replace(capped.provenance, options=options)
-    found = measured(scene, replace(capped, provenance=provenance))
+    found = measured(scene, replace(capped, provenance=Provenance("", options=options)))
     assert found["model_area"] == 0
     assert found["model_overlap"] == 1
     assert found["model_distance"] < 1e-3  # the elements tabulate 1025 pressures
     # Its effective hardness is its hardness, to the node by which the area can tell.
     assert found["effective_hardness"] == pytest.approx(1.75, rel=0.02)
     assert found["effective_overlap"] > 0.98
+    # The same holds on the half-space, as of volume integrals.
+    options = {"law": "j2", "compliance": "half_space"}
+    found = measured(scene, replace(exact, provenance=Provenance("", options=options)))
+    assert found["effective_hardness"] == pytest.approx(1.75, rel=0.02)
 
 
 def test_the_measures_say_what_they_mean(scene: Scene, j2: ContactResult) -> None:
@@ -95,7 +98,7 @@ def test_what_has_no_effective_hardness_or_no_block_is_refused(scene, j2) -> Non
     capped = fem_check.solve(scene, law="capped", certified=False)
     full = dict(j2.final.areas) | {"raw": Areas(0.95, 0.0, 0.95)}
     too_full = replace(j2, steps=(replace(j2.final, areas=full),))
-    nameless = replace(j2, provenance=replace(j2.provenance, options={"law": "j2"}))
+    nameless = replace(j2, provenance=Provenance("", options={"law": "j2"}))
     for name, place, result, sentence in (
         ("effective_hardness", stiff, elastic, "no cap gives its area"),
         ("model_area", scene, capped, "law of the elements is capped, but"),
