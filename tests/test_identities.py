@@ -11,7 +11,6 @@ import pytest
 
 from epcontact import Load, Material, Scene, Surface, bem
 from epcontact.errors import InvalidCase
-from epcontact.harness.answers.store import Answer
 from epcontact.harness.quantities.registry import measure
 from epcontact.results import (
     PLASTIC,
@@ -154,9 +153,3 @@ def test_what_cannot_be_measured_is_refused_by_the_name_of_the_quantity(honest) 
     ):
         with pytest.raises(InvalidCase, match=rf"quantity\.{name}: .*{sentence}"):
             measured(name, wrong, scene)
-
-
-def test_a_repeated_member_is_found_and_no_other(honest) -> None:
-    other = figure("mean_gap")(honest)
-    assert Answer((honest, other), ("seed1", "seed2")).twins is None
-    assert Answer((honest, other, honest), ("a", "b", "c")).twins == ("a", "c")
