@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import pickle
 import shutil
@@ -433,11 +434,9 @@ def test_arrays_with_wrong_words(change: dict[str, Any], message: str) -> None:
     ("make", "message"),
     [
         (lambda: Material(1e200, 0.3), r"young_modulus is 1e\+200 Pa, .* between 1e-40 and"),
-        (lambda: Material(1.0, 0.3, hardness=1e-300), "hardness is 1e-300 Pa"),
         (lambda: Load((1.0, 1e99)), r"mean_pressure is 1e\+99 Pa"),
-        (lambda: Surface(np.zeros(4), (1e-50,)), "periods is 1e-50 m"),
         (lambda: Body("bonded_layer", depth=10**400), "depth is 1000*, but must be a positive"),
-        (lambda: Surface(np.ones((4, 4)), 1.0), "periods has 1 lengths for heights of 2"),  # type: ignore[arg-type]
+        (lambda: Surface(np.ones((4, 4)), (1.0,)), "periods has 1 lengths for heights of 2"),
     ],
 )
 def test_numbers_whose_squares_are_not_finite_are_refused(make: Any, message: str) -> None:
@@ -512,13 +511,14 @@ def test_missing_files_and_folders(tmp_path: Path, name: str) -> None:
 
 
 class Topography:
-    """The part of SurfaceTopography's class that is used here, in nanometres."""
+    """As much of SurfaceTopography's class as is used here, in nanometres."""
 
     def __init__(
         self, scale: float = 1.0, unit: str | None = "nm", hole: bool = False, uniform: bool = True
     ) -> None:
         self.scale, self.unit, self.hole, self.is_uniform = scale, unit, hole, uniform
         self.physical_sizes = (2e9 * scale, 3e9 * scale)
+        self.topography = lambda: self
 
     def to_unit(self, unit: str) -> Topography:
         return Topography(1e-9, unit, self.hole, self.is_uniform)
@@ -528,42 +528,35 @@ class Topography:
         heights[3, 4] = np.ma.masked if self.hole else heights[3, 4]
         return heights
 
-    def topography(self) -> Topography:
-        return self
-
-    def __enter__(self) -> Topography:
-        return self
-
-    def __exit__(self, *_: object) -> None: ...
-
 
 def test_instrument_files_know_their_size_and_unit(
     write: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write("map.sur", b"DIGITAL SURF")
 
-    def read_by(open_topography: Any) -> None:
-        module = types.SimpleNamespace(open_topography=open_topography)
-        monkeypatch.setitem(sys.modules, "SurfaceTopography", module)  # type: ignore[arg-type]
+    def read_by(make: Any) -> None:
+        opened = {"open_topography": lambda _: contextlib.nullcontext(make())}
+        module: Any = types.SimpleNamespace(**opened)
+        monkeypatch.setitem(sys.modules, "SurfaceTopography", module)
 
-    read_by(lambda _: Topography())
+    read_by(Topography)
     recipe = HeightsFromFile(path)
     assert recipe.periods == pytest.approx((2.0, 3.0))
     assert recipe.build().heights == pytest.approx(periodic(), rel=1e-14)
     assert HeightsFromFile(path, (5.0, 6.0)).periods == (5.0, 6.0)
-    read_by(lambda _: Topography(unit=None))
+    read_by(lambda: Topography(unit=None))
     with_unit = HeightsFromFile(path, (2.0, 3.0), unit=1e-9).build()
     assert with_unit.heights == pytest.approx(periodic(), rel=1e-14)
-    read_by(lambda _: Topography(hole=True))
+    read_by(lambda: Topography(hole=True))
     holed = HeightsFromFile(path, missing="nearest").build().heights
     assert holed[3, 4] in (holed[2, 4], holed[4, 4], holed[3, 3], holed[3, 5])
     for reader, options, sentence in (
-        (lambda _: Topography(), {"unit": 1e-6}, "knows the unit"),
-        (lambda _: Topography(unit=None), {}, "in which unit"),
-        (lambda _: Topography(unit=None), {"unit": 1e-9}, "does not say how large"),
-        (lambda _: Topography(hole=True), {}, "1 of 2400 heights are NaN or masked"),
-        (lambda _: Topography(uniform=False), {}, "no regular grid"),
-        (lambda _: {}["block 3\nof 4"], {}, r"SurfaceTopography cannot read it \('block 3"),
+        (Topography, {"unit": 1e-6}, "knows the unit"),
+        (lambda: Topography(unit=None), {}, "in which unit"),
+        (lambda: Topography(unit=None), {"unit": 1e-9}, "does not say how large"),
+        (lambda: Topography(hole=True), {}, "1 of 2400 heights are NaN or masked"),
+        (lambda: Topography(uniform=False), {}, "no regular grid"),
+        (lambda: {}["block 3\nof 4"], {}, r"SurfaceTopography cannot read it \('block 3"),
     ):
         read_by(reader)
         with refused(sentence):
