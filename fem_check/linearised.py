@@ -170,7 +170,7 @@ def precondition(
     problem, contact, remaining = tangent.problem, states == ELASTIC, unbalanced(R, states)
     swept = np.empty(0)
     if sweeps is not None:
-        swept = sweeps.pre_smooth(remaining)
+        swept = sweeps.smooth(remaining)
         sweeps.add_product(-1.0, swept, remaining)
         problem.without_base(remaining)
         if missing is not None:
@@ -182,7 +182,7 @@ def precondition(
     excess = tangent.excess(z, remaining)
     stiff = np.add(remaining, excess, out=remaining)
     if sweeps is not None:
-        swept -= sweeps.post_smooth(excess)
+        swept -= sweeps.smooth(excess, transposed=True)
         sweeps.add(swept, z)
         sweeps.add_product(1.0, swept, stiff)
         problem.without_base(stiff)

@@ -51,7 +51,7 @@ _DISTRIBUTION_POINTS = 1025
 #: E* xi/sigma_Y = 50, moving the nodes changed the load by 11 to 13 %.
 LARGEST_SLOPE = 0.1
 #: Fewest nodes across the median contact: below, a shift of the grid changes a sphere's area by
-#: more than a quarter (tests/test_fem_solve.py).
+#: more than a quarter.
 FEWEST_NODES = 4
 #: Largest plastic strain at which small strains are trusted.
 LARGEST_STRAIN = 0.2

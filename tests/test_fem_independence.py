@@ -30,10 +30,6 @@ def test_its_sources_import_no_mathematics_of_epcontact() -> None:
     for path in SOURCES:
         ours = {n for n in imported(path.read_text()) if n.split(".")[0] == "epcontact"}
         assert ours <= ALLOWED, f"{path.name} imports {ours - ALLOWED}"
-
-
-def test_no_source_reaches_epcontact_by_another_door() -> None:
-    for path in SOURCES:
         for name in ("importlib", "__import__"):
             assert name not in path.read_text(), f"{path.name} uses {name}"
 

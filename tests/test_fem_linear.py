@@ -173,7 +173,7 @@ def test_the_rows_are_the_assembled_tangents(dimensions: int, depth: float | Non
     K = tangent_matrix(problem, correction, 0.9)
     sweeps = Smoother(assemble(problem, correction, 0.9), state.states == ELASTIC)
     residual = np.random.default_rng(4).standard_normal(problem.block.field_shape)
-    for swept in (sweeps.pre_smooth(residual), sweeps.post_smooth(residual)):
+    for swept in (sweeps.smooth(residual), sweeps.smooth(residual, transposed=True)):
         z, product = np.zeros_like(residual), np.zeros_like(residual)
         sweeps.add(swept, z)
         sweeps.add_product(1.0, swept, product)
