@@ -84,7 +84,7 @@ def single_threads(*names: str) -> Iterator[None]:
 
 
 class _Kernels:
-    """What this process does with kernels, and the lock by which one process at a time compiles."""
+    """The kernels of this process, and the lock by which one process at a time compiles."""
 
     def __init__(self) -> None:
         self.depth, self.total, self.started = 0, 0.0, 0.0

@@ -41,7 +41,7 @@ ROUGH = 1e-4
 
 @dataclass(frozen=True)
 class Rule:
-    """How a path to targets of at most `largest` is followed, with options of `FemOptions`.
+    """The rule for a path to targets of at most `largest`, with options of `FemOptions`.
 
     highest: the height in m from which targets are approaches in m; None: they are forces in N.
     """

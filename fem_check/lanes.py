@@ -110,7 +110,7 @@ def _derivatives(sides, ue, d):  # type: ignore[no-untyped-def]
 
 @compiled
 def _box_strains(sides, mean, ue, d, e, dilatation):  # type: ignore[no-untyped-def]
-    """As `strains`, for boxes of one size; d is scratch."""
+    """Do what `strains` does, for boxes of one size; d is scratch."""
     L = LANES
     _derivatives(sides, ue, d)
     for n in range(L):
@@ -135,7 +135,7 @@ def _box_strains(sides, mean, ue, d, e, dilatation):  # type: ignore[no-untyped-
 
 @compiled
 def _box_forces(sides, weight, s, fe):  # type: ignore[no-untyped-def]
-    """As `forces`, for boxes of one size."""
+    """Do what `forces` does, for boxes of one size."""
     hx, hy, hz = 0.25 * weight / sides[0], 0.25 * weight / sides[1], 0.25 * weight / sides[2]
     L = LANES
     for i in range(3):
@@ -175,7 +175,7 @@ def _box_forces(sides, weight, s, fe):  # type: ignore[no-untyped-def]
 
 @compiled
 def _brick_strains(G, mean, ue, n, e, dilatation):  # type: ignore[no-untyped-def]
-    """As `strains`, for lane n, whose element has the gradients G (3, 8, 8)."""
+    """Do what `strains` does, for lane n, whose element has the gradients G (3, 8, 8)."""
     L = LANES
     dilatation[n] = 0.0
     for a in range(8):
@@ -199,7 +199,7 @@ def _brick_strains(G, mean, ue, n, e, dilatation):  # type: ignore[no-untyped-de
 
 @compiled
 def _brick_forces(G, weights, s, n, fe):  # type: ignore[no-untyped-def]
-    """As `forces`, for lane n."""
+    """Do what `forces` does, for lane n."""
     L = LANES
     for a in range(8):
         fx = fy = fz = 0.0

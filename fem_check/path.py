@@ -117,7 +117,7 @@ def _elastic(along: Along) -> Along:
 
 
 def _sunk(problem: Problem, state: State) -> FloatArray:
-    """(nx, ny) how far the capped nodes have sunk, in m."""
+    """(nx, ny) the depth in m to which the capped nodes have sunk."""
     between = problem.gap(state.displacement, state.approach)
     return np.where(state.states == PLASTIC, np.maximum(-between, 0.0), 0.0)
 

@@ -46,7 +46,7 @@ def solved(heights, load, hardness=math.inf, periods=None):
 
 
 def misses(answers, exact, parts=PARTS):
-    """How many times each part of corrected areas misses its claim."""
+    """Count how often each part of corrected areas misses its claim."""
     _, corrected, error = (vars(part) for part in answers)
     return [abs(corrected[p] - vars(exact)[p]) / max(error[p], 1e-12) for p in parts]
 
@@ -402,7 +402,7 @@ def test_how_many_copies_a_grid_holds():
 @pytest.mark.parametrize("capped", [False, True])
 @pytest.mark.parametrize("n", [1024, 2048, 4096])
 def test_areas_of_the_paper_are_those_of_its_finest_grid(n, capped):
-    """What is off in common shows on large surfaces, where chance is small."""
+    """A common error shows on large surfaces, where chance is small."""
     name = f"paper-16384-64-{'elastoplastic' if capped else 'elastic'}-bem.json"
     kept = json.loads((KEPT / name).read_text())["areas"]["corrected"]
     spectrum = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, rms_slope=1.0)

@@ -1,4 +1,4 @@
-"""What a solve is built from: convolutions, cheap operators, cells, coarse grids, projections."""
+"""The parts of a solve: convolutions, cheap operators, cells, coarse grids, projections."""
 
 import numpy as np
 import pytest

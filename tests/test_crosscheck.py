@@ -190,7 +190,7 @@ def scene_of(k: int, nodes: int) -> Scene:
 
 @pytest.mark.long  # some two minutes
 def test_the_error_bars_hold_the_ratios_of_a_fine_grid() -> None:
-    """Of 20 bars, 19; one may be infinite: half of its grid has no cap of equal area."""
+    """Of 20 bars 19 hold; one may be infinite, as half of its grid has no cap of equal area."""
     found = [measured_hardness(scene_of(k, 16 if k < 10 else 24)) for k in range(20)]
     fine = map(float, FINE.split())
     assert sum(abs(own.ratio - c) <= own.error for own, c in zip(found, fine, strict=True)) >= 19

@@ -125,7 +125,7 @@ def test_yield_sets_in_where_hertz_and_mises_say(nu: float) -> None:
 
 @pytest.mark.slow
 def test_the_onset_of_yield_converges() -> None:
-    """Where it is hardest to resolve: with nu = 0 yield sets in nearest to the surface."""
+    """The onset is hardest to resolve with nu = 0, where yield sets in nearest to the surface."""
     grids = [(24, 3, 18), (48, 6, 36), (96, 12, 72)]
     errors = [onset_errors(0.0, nodes=n, nodes_to_rim=r, layers=k) for n, r, k in grids]
     pressures, depths = np.abs(errors).T

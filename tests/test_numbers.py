@@ -115,7 +115,7 @@ def test_whole_numbers_of_numpy_are_those_of_python(name: str, make: Any, good: 
 
 
 def words(made: Any) -> str:
-    """What was made, with the types of its numbers, and without times and memory."""
+    """Return what was made, with the types of its numbers, and without times and memory."""
     if hasattr(made, "provenance"):
         return repr((made.steps, made.provenance.scene, made.provenance.options))
     return repr(made)

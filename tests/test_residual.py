@@ -26,7 +26,7 @@ ELASTIC = replace(SCENE.material, hardness=math.inf)
 
 
 def test_a_residual_surface_is_taken_up_by_another_case(tmp_path: Path) -> None:
-    """From the .vti file of a result, too, whose elastic contact then has the capped pressures."""
+    """It may be the .vti file of a result, whose elastic contact then has the capped pressures."""
     result = bem.solve(SCENE)
     left = residual_surface(SCENE.surface, result)
     assert left.fingerprint != SCENE.surface.fingerprint
@@ -87,7 +87,7 @@ def test_octaves_add_up_to_the_height_variance_and_a_wave_is_in_its_octave() -> 
 
 
 def test_the_cap_keeps_short_waves_where_the_theory_loses_them_and_skews_the_heights() -> None:
-    """At hardness 0.16 E* xi, on surfaces that the study does not use."""
+    """The hardness is 0.16 E* xi, and the surfaces are none that the study uses."""
     scene = rough_scene(4, seed=991, bandwidth=64, hardness=40e9)
     left = residual_of("cap", scene)
     kept = power_by_octave(left)[1][:6] / power_by_octave(scene.surface)[1][:6]

@@ -198,7 +198,7 @@ def test_a_scalar_that_no_method_has_is_an_error_that_names_those_it_has(case: C
 
 
 def test_areas_less_sure_than_the_band_do_not_hold(case: Case) -> None:
-    """Of two grids the smaller claim counts, beside a theory that of the grid."""
+    """Of two grids the smaller claim counts, and beside a theory that of the grid."""
     fem = {"fem": Answer((result("fem", 0.1, 0.03),), ("a",))}
     on_fem = replace(case.gates[0], against="fem")
     gates = case.changed(methods=("persson", "bem", "fem"), gates=(case.gates[0], on_fem))

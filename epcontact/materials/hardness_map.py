@@ -71,7 +71,7 @@ class MappedHardness:
 
     @property
     def rests_on(self) -> str:
-        """What the hardness rests on, in sentences."""
+        """Say in sentences what the hardness rests on."""
         known, reach = hardness_map(), _reach("{low:g} to {high:g} in {symbol}")
         places, surfaces = (known["area"] <= FULL).sum(), known["surfaces"]
         return (

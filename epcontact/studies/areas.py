@@ -36,7 +36,7 @@ Random = np.random.Generator
 
 @dataclass(frozen=True)
 class Patch:
-    """Where the heights of a surface are needed: a grid of `shape` on `periods`.
+    """A grid of `shape` on `periods` on which the heights of a surface are needed.
 
     high: shortest waves per period of the rough kinds.
     """

@@ -110,7 +110,7 @@ def stability(
 def _solved(
     solve: Callable[[], ContactResult], effort: str, examine: Callable[[ContactResult], float]
 ) -> dict[str, Any]:
-    """Whether a solve converges and passes the examination, at which effort."""
+    """Return a row that says if a solve converges and passes the examination, and its effort."""
     try:
         result = solve()
     except _FAILURES as error:
@@ -159,7 +159,7 @@ def _finite_elements(surface: Surface, method: str, x: float, y: float) -> Any:
 
 
 def _sum(method: str, x: float, y: float) -> Any:
-    """How far the areas by a method are off; the package's own are judged by their symmetry."""
+    """The error of the areas by a method; the package's own are judged by their symmetry."""
 
     def package(share: float) -> tuple[float, float, float]:
         areas = persson.areas(y, share, 1.0)

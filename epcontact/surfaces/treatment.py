@@ -1,4 +1,4 @@
-"""What is done to a measured map before it is a surface: holes, form, edges, band.
+"""The treatment that makes a measured map a surface: holes, form, edges, band.
 
 A map is treated in this order, and a sentence on each step is among the notes of its surface:
 

@@ -138,7 +138,7 @@ KINDS |= named(_pyramids, _grooves, _spikes, _lapped)
 
 @dataclass(frozen=True)
 class Lesson:
-    """What the claim for one surface is made of, and the truth.
+    """The parts of the claim for one surface, and the truth.
 
     Attributes:
         sums, share, cells, aspect: arguments of `rim_correction.areas_of_sums`.

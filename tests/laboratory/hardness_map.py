@@ -304,7 +304,7 @@ def _weight(shifts: pd.DataFrame) -> FloatArray:
 
 
 def _share_left(finest: pd.DataFrame, others: Sequence[pd.DataFrame]) -> tuple[float, float]:
-    """What is left after the last halving of the spacing over its change, and the doubt of it.
+    """The error that the last halving of the spacing leaves, over its change, and the doubt of it.
 
     It is 1/3 if the error is of second order in the spacing and 1 if it is of first order: the
     middle is taken, and half of the range is doubted.  Other spectra with twice as many nodes to

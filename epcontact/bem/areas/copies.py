@@ -24,7 +24,7 @@ def copies(pressure: FloatArray) -> int:
 
 
 def _oblique(cell: FloatArray, highest: tuple[int, int], close: float) -> int:
-    """How many copies a cell holds that are one step along both axes apart, as in a hexagon."""
+    """Count the copies in a cell that are one step along both axes apart, as in a hexagon."""
     (nx, ny), (row, column) = cell.shape, highest
     # Points from the highest on, one and more, rule out the steps of most surfaces without copies.
     some = (column + np.arange(0, ny, max(ny // 16, 1))) % ny

@@ -150,7 +150,7 @@ def _differences(
 def _edges(
     first: float, before: float, last: float, out: float, after: float, hardness: float
 ) -> tuple[bool, bool]:
-    """Whether a front is at a step, where the gap jumps, or a kink: there p rises ever faster."""
+    """Return if a front is at a step, where the gap jumps; at a kink, where p rises ever faster."""
     elastic, carried = last < hardness, (first > 0) & (before > 0) & (after <= 0)
     step = last - out > STEP * max(before - last, out - after)
     step &= (not elastic) | (before > 0) & (before < last) | carried
@@ -218,7 +218,7 @@ def _place_at_edge(links: Links, n: int, hardness: float) -> None:
 
 @compiled
 def _closing(near: float, middle: float, far: float) -> float:
-    """How far before the first of three points the parabola of their gaps is 0, at most 1."""
+    """The distance from the first of three points to the zero of their gaps' parabola, up to 1."""
     bend = (far - 2 * middle + near) / 2
     slope = middle - near - bend
     if slope <= 0:

@@ -200,7 +200,7 @@ def _locate(block: Block, found: Links, i: int, columns: Columns, hardness: floa
 
 @inlined
 def _ends_inside(code: int, front: int) -> int:
-    """Whether the last corner of a cell is inside front 0, or outside front 1."""
+    """True if the last corner of a cell is inside front 0, or outside front 1."""
     return ((code >> (4 * front + 2)) & 1) ^ front
 
 
@@ -260,7 +260,7 @@ def _add_segments(
 
 @compiled
 def _link(front: int, i: int, j: int, side: int) -> tuple[int, int, int]:
-    """Where what was found on the link along a side of a cell is."""
+    """Return the place in `Links` of the link along a side of a cell."""
     if side % 2 == 0:
         return front, 0, j - 1 if side == 0 else j
     return front, 1 + (i + side // 2) % 2, j
@@ -268,7 +268,7 @@ def _link(front: int, i: int, j: int, side: int) -> tuple[int, int, int]:
 
 @compiled
 def _way(found: Links, front: int, i: int, j: int, side: int) -> float:
-    """How far from its first corner a side is crossed; links run against sides 2 and 3."""
+    """The distance from a side's first corner to its crossing; links run against sides 2 and 3."""
     place = found.place[_link(front, i, j, side % 4)]
     return float(place if side % 4 < 2 else 1 - place)
 

@@ -1,4 +1,4 @@
-"""What the points of a contact may hide between them: gaps, plastic zones and the ends of both.
+"""Gaps and plastic zones that the points of a contact hide between them, and their ends.
 
 Front 0 bounds the contact and front 1 its plastic part, with hardness - p in the place of p.
 """
@@ -147,7 +147,7 @@ def _crease(
 
 @compiled
 def _lacking(layers: FloatArray, place: tuple[int, int], hardness: float, front: int) -> float:
-    """What the located area of a lone point lacks of CORNER, because its spot may have no area."""
+    """The part of CORNER that a lone point's located area lacks, as its spot may have no area."""
     (i, j), area = place, 1.0
     cap, sign = (hardness, -1.0) if front else (0.0, 1.0)
     here = cap + sign * layers[0, i, j]

@@ -63,7 +63,7 @@ Progress = Callable[[float, int, str], None]
 
 @dataclass(frozen=True)
 class Run:
-    """How cases are solved: made once by a command or a caller, and handed down whole.
+    """The way cases are solved; a command or a caller makes it once, and it is handed down whole.
 
     Attributes:
         output: folder for the results.

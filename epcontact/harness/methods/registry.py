@@ -91,7 +91,7 @@ class FemTable(Table):
 
 
 def _nothing() -> None:
-    """For a method that has nothing to load.  Unlike a lambda, this can be sent to a worker."""
+    """Load nothing; unlike a lambda, this can be sent to a worker."""
 
 
 @dataclass(frozen=True)
