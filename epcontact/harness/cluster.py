@@ -13,12 +13,10 @@ from __future__ import annotations
 import math
 import os
 from concurrent.futures import Executor
-from typing import Any
 
 from epcontact.errors import InvalidCase, sentence_of
 
 _VARIABLE = "DASK_SCHEDULER_ADDRESS"
-_PATIENCE = 30  # seconds for the scheduler to answer
 
 
 def dask() -> Executor:
@@ -38,26 +36,21 @@ def dask() -> Executor:
     class Dask(ClientExecutor):  # type: ignore[misc]
         """Closes its client, too, when it is shut down."""
 
-        worker_memory: float
-
-        def shutdown(self, wait: bool = True, **_: Any) -> None:
+        def shutdown(self, wait: bool = True, **_: object) -> None:
             super().shutdown(wait)
             self._client.close()
 
     address = os.environ.get(_VARIABLE, "")
     if not address:
-        raise InvalidCase(
-            f"{_VARIABLE} is not set; it must be the address of a Dask scheduler, such as "
-            "tcp://10.0.0.1:8786"
-        )
+        example = "the address of a Dask scheduler, such as tcp://10.0.0.1:8786"
+        raise InvalidCase(f"{_VARIABLE} is not set; it must be {example}")
     try:
-        client = Client(address, timeout=_PATIENCE)
+        client = Client(address, timeout=30)
     except (OSError, ValueError) as error:
-        raise InvalidCase(
-            f"{_VARIABLE} is {address}, where no Dask scheduler answers ({sentence_of(error)})"
-        ) from None
-    executor: Executor = Dask(client, pure=False)
+        reason = f"where no Dask scheduler answers ({sentence_of(error)})"
+        raise InvalidCase(f"{_VARIABLE} is {address}, {reason}") from None
+    executor = Dask(client, pure=False)
     workers = client.scheduler_info(n_workers=-1)["workers"].values()
-    limits = [worker["memory_limit"] or math.inf for worker in workers]
-    executor.worker_memory = max(limits, default=math.inf)  # type: ignore[attr-defined]
-    return executor
+    executor.worker_memory = max((w["memory_limit"] or math.inf for w in workers), default=math.inf)
+    found: Executor = executor
+    return found

@@ -22,9 +22,10 @@ import types
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import psutil
 
@@ -54,8 +55,7 @@ class Child:
 
     def __init__(self, method: str = "spawn") -> None:
         self._context: Any = multiprocessing.get_context(method)
-        self._process: Any = None
-        self._pipe: Any = None
+        self._process, self._pipe = cast(Any, None), cast(Any, None)
         self._calling, self._ended = threading.Lock(), False
 
     def call(
@@ -79,8 +79,7 @@ class Child:
         done, value = pickle.loads(answer)
         if not done:
             raise ChildDied(value)
-        result: Result = value
-        return result
+        return cast(Result, value)
 
     def end(self) -> None:
         """End the process for good, at once."""
@@ -100,7 +99,7 @@ class Child:
                 # The workers of Dask are daemons, which may have no processes otherwise.
                 multiprocessing.current_process().daemon = False
                 atexit.register(self.end)
-                with _interrupts_wait(), _no_main_script():
+                with _apart():
                     process.start()
                     self._process = process
                 theirs.close()
@@ -109,13 +108,12 @@ class Child:
     def _bury(self, patience: float = 0.0) -> int | None:
         """End the process, if there is one; return its exit code if it ends by itself."""
         with _STARTING:
-            process, self._process = self._process, None
-            if process is None:
-                return None
-            process.join(patience)
-            code: int | None = process.exitcode
-            kill_tree(process.pid)
-            process.join()
+            process, self._process, code = self._process, None, None
+            if process is not None:
+                process.join(patience)
+                code = process.exitcode
+                kill_tree(process.pid)
+                process.join()
             return code
 
 
@@ -126,11 +124,9 @@ def preload(methods: Sequence[str]) -> str:
     """
     if sys.platform != "linux":
         return "spawn"
-    from multiprocessing import forkserver
-
     os.environ["EPCONTACT_PRELOAD"] = " ".join(methods)
     try:
-        with _interrupts_wait():
+        with _apart():
             forkserver.set_forkserver_preload(["epcontact.harness.preload"])
             forkserver.ensure_running()
     except OSError:  # the path of its socket is too long, for example
@@ -141,29 +137,19 @@ def preload(methods: Sequence[str]) -> str:
 
 
 @contextlib.contextmanager
-def _interrupts_wait() -> Iterator[None]:
-    """Have Ctrl-C wait until the end of the block, and never reach what the block starts."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    from multiprocessing import resource_tracker
-
-    resource_tracker.ensure_running()  # whose start would let them come
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextlib.contextmanager
-def _no_main_script() -> Iterator[None]:
-    """Keep `multiprocessing` from running the caller's script again in a new process."""
+def _apart() -> Iterator[None]:
+    """Keep what starts in the block from the caller's script, and Ctrl-C from it for ever."""
+    masks = hasattr(signal, "pthread_sigmask")
+    if masks:
+        resource_tracker.ensure_running()  # whose start would let interrupts through
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     main, sys.modules["__main__"] = sys.modules["__main__"], types.ModuleType("__main__")
     try:
         yield
     finally:
         sys.modules["__main__"] = main
+        if masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def death_of(code: int | None) -> str:
@@ -223,20 +209,19 @@ class Processes(ThreadPoolExecutor):
     def __init__(self, jobs: int, methods: Sequence[str] = ()) -> None:
         super().__init__(jobs)
         start = preload(methods)
-        self._children, self._idle = [Child(start) for _ in range(jobs)], SimpleQueue[Child]()
-        for child in self._children:
-            self._idle.put(child)
+        self._children = [Child(start) for _ in range(jobs)]
+        self._idle = list(self._children)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Have a process call `fn`, a function at module level."""
         return super().submit(self._call, fn, *args, **kwargs)
 
     def _call(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        child = self._idle.get()
+        child = self._idle.pop()
         try:
             return child.call(function, *arguments)
         finally:
-            self._idle.put(child)
+            self._idle.append(child)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes: at once, or (wait=True) after what they are doing."""

@@ -1,7 +1,6 @@
-"""A scene in words and figures: what was computed, for the reader of its result.
+"""A scene in words and figures, for the reader of its result.
 
-`described` returns one entry for each figure of the scene, with its unit and its meaning.  A
-result carries them in its provenance, so that its JSON, its .vti and the report need no case file.
+A result carries them in its provenance, so that its JSON, its .vti and its report need no case.
 """
 
 from __future__ import annotations
@@ -14,8 +13,7 @@ from epcontact.materials.moduli import effective_modulus
 from epcontact.scene import Scene, Surface
 from epcontact.surfaces import Recipe, unit_of
 
-#: The bodies in words.
-BODIES = {
+_BODIES = {
     "half_space": "half-space",
     "bonded_layer": "layer bonded to a rigid base",
     "sliding_layer": "layer sliding on a rigid base",
@@ -29,20 +27,18 @@ def described(scene: Scene, recipe: Recipe) -> dict[str, dict[str, Any]]:
     without a unit.  What the scene does not have, such as a hardness, is left out or infinite.
     """
     surface, material = scene.surface, scene.material
-    modulus, body = effective_modulus(material), BODIES[scene.body.kind]
+    modulus, body = effective_modulus(material), _BODIES[scene.body.kind]
     if scene.body.kind != "half_space":
         body += f", {scene.body.depth:g} m deep"
-    if surface.spectrum is None:
-        slope, how = surface.rms_slope, "rms slope ξ, from differences of neighbours"
-    else:
-        slope, how = surface.spectrum.rms_slope, "rms slope ξ, of the spectrum"
+    how = "from differences of neighbours" if surface.spectrum is None else "of the spectrum"
+    slope = (surface.spectrum or surface).rms_slope
     rows: list[tuple[str, Any, str, str]] = [
         ("surface", _surface_in_words(surface, recipe), "", "surface"),
         ("points", list(surface.shape), "–", "grid points along each direction"),
         ("periods", list(surface.periods), "m", "period"),
         ("spacing", list(surface.spacing), "m", "distance of grid points"),
         ("rms_height", surface.rms_height, "m", "rms height"),
-        ("rms_slope", slope, "–", how),
+        ("rms_slope", slope, "–", f"rms slope ξ, {how}"),
         ("young_modulus", material.young_modulus, "Pa", "Young's modulus E"),
         ("poisson_ratio", material.poisson_ratio, "–", "Poisson's ratio ν"),
         ("effective_modulus", modulus, "Pa", "effective modulus E* = E / (1 − ν²)"),
@@ -57,10 +53,7 @@ def described(scene: Scene, recipe: Recipe) -> dict[str, dict[str, Any]]:
     if slope > 0:
         rows.append(("load_group", scene.load.final / (modulus * slope), "–", "p₀ / (E* ξ)"))
         rows.append(("hardness_group", material.hardness / (modulus * slope), "–", "σ_P / (E* ξ)"))
-    return {
-        name: {"value": value, "unit": unit, "meaning": meaning}
-        for name, value, unit, meaning in rows
-    }
+    return {name: dict(zip(("value", "unit", "meaning"), row, strict=True)) for name, *row in rows}
 
 
 def _surface_in_words(surface: Surface, recipe: Recipe) -> str:

@@ -87,13 +87,9 @@ class Task:
         return self.case.folder(output) / "members" / f"{self.method.name}-{self.label}.json"
 
 
-# Solutions of one surface, wherever it is on the grid, agree to the tolerance of their solver.
-_SAME = 1e-6
-
-
 @dataclass(frozen=True)
 class Answer:
-    """The answer of a method to a case: one result for each surface, and sentences on failures."""
+    """The answer of a method to a case: one result a surface, and sentences on failures."""
 
     results: tuple[ContactResult, ...] = ()
     labels: tuple[str, ...] = ()
@@ -105,15 +101,15 @@ class Answer:
         """The labels of two surfaces with the same answer, which no ensemble may have.
 
         Two different surfaces may have the same areas and energies, but not all figures of their
-        single points: answers without a largest pressure are not compared.
+        single points: answers without a largest pressure are not compared.  Solutions of one
+        surface, wherever it is on the grid, agree to the tolerance of their solver.
         """
-        for (label, one), (other, two) in itertools.combinations(
-            zip(self.labels, self.results, strict=True), 2
-        ):
-            a, b = one.final.quantities, two.final.quantities
+        found = [result.final.quantities for result in self.results]
+        for i, j in itertools.combinations(range(len(found)), 2):
+            a, b = found[i], found[j]
             known = "largest_pressure" in a and a.keys() == b.keys()
-            if known and all(math.isclose(a[k], b[k], rel_tol=_SAME) for k in a):
-                return label, other
+            if known and all(math.isclose(a[k], b[k], rel_tol=1e-6) for k in a):
+                return self.labels[i], self.labels[j]
         return None
 
 
