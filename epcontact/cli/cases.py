@@ -91,12 +91,7 @@ def run(
 @click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
 @fields_option
 def verify(
-    cases: tuple[str, ...],
-    size: str,
-    run: Run,
-    solver: str,
-    with_report: bool,
-    fields: str | None,
+    cases: tuple[str, ...], size: str, run: Run, solver: str, with_report: bool, fields: str | None
 ) -> None:
     """Run the gates of the cases (all, where none is named) and write the verdict.
 

@@ -11,9 +11,9 @@ from pydantic import ValidationError
 from rich.console import Console
 
 from epcontact.cli.listing import open_console, print_rows
-from epcontact.cli.options import folder
+from epcontact.cli.options import folder, own_size
 from epcontact.errors import InvalidCase
-from epcontact.harness.case_files.case import SIZES, find_case, find_cases, find_named, load_case
+from epcontact.harness.case_files.case import find_case, find_cases, find_named, load_case
 from epcontact.harness.case_files.citations import citation
 from epcontact.harness.case_files.mistakes import case_schema, key_table
 from epcontact.harness.quantities.registry import QUANTITIES
@@ -41,13 +41,7 @@ def schema(kind: str) -> None:
 
 @click.command()
 @click.argument("case")
-@click.option(
-    "--size",
-    type=click.Choice(SIZES),
-    default="fast",
-    show_default=True,
-    help="Which of a case's sizes to cite; gates may differ.",
-)
+@own_size
 def cite(case: str, size: str) -> None:
     """Print what a case's results rest on: sources, papers by DOI, versions of the software."""
     for line in citation(load_case(find_case(case), size)):

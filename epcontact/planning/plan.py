@@ -32,7 +32,6 @@ from epcontact.harness.case_files.case import Case, CaseText, load_case
 from epcontact.harness.gates.gate import Gate
 from epcontact.harness.gates.statistics import standard_deviation, student_half_width
 from epcontact.harness.methods.registry import METHODS
-from epcontact.materials.hardness_map import effective_hardness
 from epcontact.planning.grids import Section, on_grid, one_directional, points_per_wavelength
 from epcontact.planning.pilots import (
     PILOT_SURFACES,
@@ -151,7 +150,8 @@ def plan(
     missed = (
         f"the tolerance of {tolerance:.2g} is not met: with {limit} the error is {chosen.error:.2g}"
     )
-    why += _reasons(recipes, pilots, chosen, raw, deviation)
+    solved = chosen.shape in [pilot.shape for pilot in pilots]
+    why += _reasons(recipes[0], len(recipes) > 1, chosen, solved, raw, deviation)
     across = math.prod(case.recipes[0].shape) / math.prod(recipes[0].shape)  # above 1 for a line
     result = Plan(
         case=case.id,
@@ -184,13 +184,7 @@ def methods_on_grids(case: Case) -> list[str]:
 def _cap_instead(case: Case, rms_slope: float, tolerance: float) -> str:
     """The sentence that says whether a pressure cap can stand for the J2 body of a case."""
     try:
-        found = effective_hardness(
-            yield_stress=case.material.yield_stress,
-            young_modulus=case.material.young_modulus,
-            poisson_ratio=case.material.poisson_ratio,
-            rms_slope=rms_slope,
-            mean_pressure=max(case.load.path),
-        )
+        found = case.cap_at(rms_slope)
     except InvalidScene as error:
         return f"no pressure cap is known to stand for the J2 body: {error}"
     can = "can" if found.error <= tolerance else "cannot"
@@ -203,27 +197,21 @@ def _cap_instead(case: Case, rms_slope: float, tolerance: float) -> str:
 
 
 def _reasons(
-    recipes: Sequence[Recipe],
-    pilots: Sequence[Pilot],
-    chosen: Candidate,
-    raw: bool,
-    deviation: float,
+    first: Recipe, several: bool, chosen: Candidate, solved: bool, raw: bool, deviation: float
 ) -> list[str]:
     """Return the reasons for a grid and a number of surfaces."""
-    resolution = points_per_wavelength(on_grid(recipes[0], chosen.shape) or recipes[0])
+    resolution = points_per_wavelength(on_grid(first, chosen.shape) or first)
     fine = "" if math.isnan(resolution) else f" ({resolution:.3g} points per shortest wavelength)"
-    solved = chosen.shape in [pilot.shape for pilot in pilots]
     how = "as a pilot solve found" if solved else "extrapolated from pilot solves"
     grid = " x ".join(map(str, chosen.shape))
     kind = "raw areas, which are as good as corrected ones" if raw else "corrected areas"
-    many = (
-        f"the mean of {chosen.surfaces} surfaces is within {chosen.scatter:.2g} at 95 %, as a "
-        f"surface scatters by at most {deviation:.2g} (80 %)"
-    )
-    one = "the case has one surface, so the plan is for the area of that surface"
+    why = [f"on {grid} points{fine} the grid's error of {kind} is {chosen.grid_error:.2g}, {how}"]
+    if not several:
+        return [*why, "the case has one surface, so the plan is for the area of that surface"]
     return [
-        f"on {grid} points{fine} the grid's error of {kind} is {chosen.grid_error:.2g}, {how}",
-        many if len(recipes) > 1 else one,
+        *why,
+        f"the mean of {chosen.surfaces} surfaces is within {chosen.scatter:.2g} at 95 %, as a "
+        f"surface scatters by at most {deviation:.2g} (80 %)",
     ]
 
 

@@ -172,8 +172,12 @@ def _unanswerable(gate: GateTable, case: Case, sizes: tuple[str, ...]) -> Iterat
     needs = QUANTITIES[gate.quantity].needs if gate.quantity in QUANTITIES else ()
     if "fields" in needs and not METHODS[gate.of].has_fields:
         yield f"{gate.quantity} is read of the fields of a method, but {gate.of} has none"
-    if "J2 flow" in needs and (wrong := _no_model(gate, case, needs)):
-        yield f"{gate.quantity} needs {wrong}"
+    if "J2 flow" in needs and not _has_model(gate, case, needs):
+        able = " or ".join(m.name for m in METHODS.values() if m.has_model_measures)
+        yield (
+            f"{gate.quantity} needs a gate of {able} against a number or each other, fem.law = "
+            "'j2' and geometry = 'gap', a finite hardness and yield_stress, and one mean_pressure"
+        )
     number = not isinstance(gate.against, str)
     if gate.norm == "l2" and (number or gate.against in METHODS):
         yield f"{gate.quantity} against {gate.against!r}: give a closed form that has it"
@@ -181,19 +185,14 @@ def _unanswerable(gate: GateTable, case: Case, sizes: tuple[str, ...]) -> Iterat
         yield f"a distribution against {gate.against!r}: give a closed form, or a method"
 
 
-def _no_model(gate: GateTable, case: Case, needs: tuple[str, ...]) -> str:
-    """Return what the case lacks for a gate on a model measure (J2 flow against a cap), or ""."""
-    able = [m.name for m in METHODS.values() if m.has_model_measures]
+def _has_model(gate: GateTable, case: Case, needs: tuple[str, ...]) -> bool:
+    """Return whether a case can answer a gate on a model measure: J2 flow against a cap."""
     sides = {gate.of, gate.against} if isinstance(gate.against, str) else {gate.of}
     capped = case.solid.hardness == "effective" or math.isfinite(case.solid.hardness)
-    needed = {
-        f"a gate of {' or '.join(able)} against a number or each other, not of {gate.of} against "
-        f"{gate.against!r}": sides <= set(able),
-        f"fem.law = 'j2', but it is {case.fem.law!r}": case.fem.law == "j2",
-        f"fem.geometry = 'gap', but it is {case.fem.geometry!r}": case.fem.geometry == "gap",
-        "a finite material.yield_stress, at which J2 flows": case.solid.yield_stress < math.inf,
-        "a finite material.hardness, the cap that J2 is compared with": capped
-        or "hardness" not in needs,
-        "a single load.mean_pressure, but it is a path": len(case.load.path) == 1,
-    }
-    return next((sentence for sentence, holds in needed.items() if not holds), "")
+    return (
+        all(name in METHODS and METHODS[name].has_model_measures for name in sides)
+        and (case.fem.law, case.fem.geometry) == ("j2", "gap")
+        and case.solid.yield_stress < math.inf
+        and (capped or "hardness" not in needs)
+        and len(case.load.path) == 1
+    )

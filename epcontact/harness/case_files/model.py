@@ -215,8 +215,7 @@ def _or_absent(table: Any, validate: Any) -> Any:
 def _part(kind: type[Any], table: type[Table]) -> PlainValidator:
     """Return the validator that makes a part of the scene from its table."""
     return PlainValidator(
-        lambda given: kind(**table.model_validate(given).model_dump()),
-        json_schema_input_type=table,
+        lambda given: kind(**table.model_validate(given).model_dump()), json_schema_input_type=table
     )
 
 
@@ -299,11 +298,15 @@ class Case(Table):
             slope = surface_moments(surface.build()).rms_slope
         else:
             slope = surface.rms_slope
+        return self.cap_at(slope)
+
+    def cap_at(self, rms_slope: float) -> MappedHardness:
+        """Return the map's hardness at an rms slope.  Raises InvalidScene outside the map."""
         return effective_hardness(
-            yield_stress=given.yield_stress,
-            young_modulus=given.young_modulus,
-            poisson_ratio=given.poisson_ratio,
-            rms_slope=slope,
+            yield_stress=self.solid.yield_stress,
+            young_modulus=self.solid.young_modulus,
+            poisson_ratio=self.solid.poisson_ratio,
+            rms_slope=rms_slope,
             mean_pressure=max(self.load.path),
         )
 

@@ -9,6 +9,7 @@ the same quantity or, if there is none, is added.
 from __future__ import annotations
 
 import contextlib
+import functools
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -99,26 +100,27 @@ def read_cases(path: Path) -> tuple[CaseText, ...]:
     """Read the case, or the family of cases, in a file."""
     tables = _read(path)
     variants = tables.pop("variant", None)
-    family = {"": CaseText(path, case_name(path), tables, str(path))} if variants is None else {}
-    if not (variants is None or (variants and isinstance(variants, list))):
+    if variants is None:
+        return (_offered(CaseText(path, case_name(path), tables, str(path))),)
+    if not (variants and isinstance(variants, list)):
         raise InvalidCase(f"{path}: variant is {variants!r:.60}, but must be tables [[variant]]")
-    for number, variant in enumerate(variants or (), start=1):
+    family: dict[str, CaseText] = {}
+    for number, variant in enumerate(variants, start=1):
         head = variant.get("case") if isinstance(variant, dict) else None
         name = head.get("id") if isinstance(head, dict) else None
         if not isinstance(name, str) or name in family:
             raise InvalidCase(
-                f"{path}: variant {number} has the case.id {name!r}, but each variant needs a "
-                "text of its own"
+                f"{path}: variant {number} has the case.id {name!r}, but needs one of its own"
             )
         where = f"{path}: variant {name}"
-        family[name] = CaseText(path, name, _laid_over(where, tables, variant), where)
-    for case in family.values():
-        if not case.sizes:
-            raise InvalidCase(
-                f"{case.where}: the values that are given by size have no size in common; give "
-                f"all of them for one of {', '.join(SIZES)}"
-            )
+        family[name] = _offered(CaseText(path, name, _laid_over(where, tables, variant), where))
     return tuple(family.values())
+
+
+def _offered(case: CaseText) -> CaseText:
+    if not case.sizes:
+        raise InvalidCase(f"{case.where}: the values given by size have no size in common")
+    return case
 
 
 def at_size(value: Any, size: str) -> Any:
@@ -148,9 +150,7 @@ def _laid_over(where: str, tables: Mapping[str, Any], variant: Mapping[str, Any]
     for name, table in variant.items():
         below = tables.get(name)
         if name == "gate" and isinstance(below, list) and isinstance(table, list):
-            laid[name] = below
-            for gate in table:
-                laid[name] = _completed(where, laid[name], gate)
+            laid[name] = functools.reduce(functools.partial(_completed, where), table, below)
         else:
             both = isinstance(below, dict) and isinstance(table, dict)
             laid[name] = below | table if both else table
@@ -164,10 +164,7 @@ def _completed(where: str, gates: Sequence[Any], more: Any) -> list[Any]:
     if quantity is None or not same:
         return [*gates, more]
     if len(same) > 1:
-        raise InvalidCase(
-            f"{where}: {len(same)} gates of the file have the quantity {quantity!r}, so it is "
-            "not clear which of them the variant completes"
-        )
+        raise InvalidCase(f"{where}: its gate on {quantity!r} could complete any of {len(same)}")
     return [g | more if g is same[0] else g for g in gates]
 
 
