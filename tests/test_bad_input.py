@@ -127,17 +127,15 @@ def test_a_mistake_is_one_sentence(tmp_path, name: str, old: str, new: str, says
     ("content", "says"),
     [
         (b"\xff\xfe[case]", "is not TOML in UTF-8"),
-        (b"[case\nid = 1", "is not TOML in UTF-8"),
         (b"x = " + b"[" * 100_000, "is not TOML in UTF-8"),
         (b"#" * (2 << 20), "is larger than"),
         (b"variant = 3", r"variant is 3, but must be tables \[\[variant\]\]"),
     ],
 )
 def test_what_is_no_case_file_is_refused(tmp_path: Path, content: bytes, says: str) -> None:
-    path = tmp_path / "broken.toml"
-    path.write_bytes(content)
+    (tmp_path / "broken.toml").write_bytes(content)
     with pytest.raises(InvalidCase, match=says):
-        load_case(path)
+        load_case(tmp_path / "broken.toml")
 
 
 def refusals(path: Path) -> list[str]:
@@ -449,9 +447,7 @@ def test_links_devices_and_pipes_do_not_hang(small, tmp_path, monkeypatch) -> No
     [
         (GRID, "shape = [1000000, 1000000]"),
         (GRID, "shape = [99999999999, 16]"),
-        ("wavenumber_high = 2.513274122871834e4", "wavenumber_high = 1e12"),
         ("period = 1.0e-3", "period = 1e6"),
-        ("seeds = [3]", f"seeds = [{2**63}]"),
         ("seeds = [3]", f"seeds = [{2**70}]"),
     ],
 )
