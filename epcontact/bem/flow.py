@@ -66,12 +66,10 @@ def checked_plastic_displacement(given: NDArray[np.floating], shape: tuple[int, 
 
 def _apart(problem: GridProblem) -> PressureSolution:
     """The answer at no load: no pressure, and the flat on the highest point."""
-    nothing = np.zeros(problem.shape)
+    p, u = np.zeros((2, *problem.shape))
     residuals = dict.fromkeys(("gap_elastic", "gap_sign", "bounds", "force"), 0.0)
     counts = dict.fromkeys(("newton", "cg", "gradient", "fft_pairs", "equivalent_fft_pairs"), 0.0)
-    return PressureSolution(
-        nothing, nothing.copy(), float(problem.heights.max()), residuals, counts, ()
-    )
+    return PressureSolution(p, u, float(problem.heights.max()), residuals, counts, ())
 
 
 def flowed(

@@ -51,12 +51,6 @@ def _bonded_factor(x: FloatArray, nu: float) -> FloatArray:
     return np.asarray(top / bottom)
 
 
-def _sliding_factor(x: FloatArray) -> FloatArray:
-    e = np.exp(-2 * x)
-    top = np.expm1(-2 * x) ** 2 / 2  # (cosh 2x - 1) e^{-2x} without cancellation
-    return np.asarray(top / ((1 - e * e) / 2 + 2 * x * e))
-
-
 def surface_compliance(wavenumber: FloatArray, body: Body, material: Material) -> FloatArray:
     """C(q) in m/Pa at wave numbers q in rad/m, of any shape."""
     q = np.asarray(wavenumber, dtype=np.float64)
@@ -65,8 +59,11 @@ def surface_compliance(wavenumber: FloatArray, body: Body, material: Material) -
     compliance = 2 / (effective_modulus(material) * safe)
     if not (endless := body.kind == "half_space"):
         x = np.minimum(safe * body.depth, _DEEP)
-        bonded = body.kind == "bonded_layer"
-        compliance *= _bonded_factor(x, material.poisson_ratio) if bonded else _sliding_factor(x)
+        if body.kind == "bonded_layer":
+            compliance *= _bonded_factor(x, material.poisson_ratio)
+        else:  # cosh 2x - 1 without cancellation, by sinh 2x + 2x, both times exp(-2x)
+            e = np.exp(-2 * x)
+            compliance *= np.expm1(-2 * x) ** 2 / 2 / ((1 - e * e) / 2 + 2 * x * e)
     compliance[zero] = 0.0 if endless else body.depth / oedometric_modulus(material)
     return compliance
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from epcontact.bem.problem import GridProblem
 from epcontact.bem.transforms import Convolution
 from epcontact.bem.workers import Workers, compiled, split
-from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
+from epcontact.results import FloatArray
 
 StateArray = NDArray[np.uint8]
 
@@ -88,11 +88,8 @@ def measured(level: Level, p: FloatArray, u: FloatArray) -> tuple[float, float, 
 
 
 def states(p: FloatArray, cap: float) -> StateArray:
-    """APART where p = 0, PLASTIC where p = cap, ELASTIC between."""
-    out = np.full(p.shape, ELASTIC, dtype=np.uint8)
-    out[p <= 0] = APART
-    out[p >= cap] = PLASTIC
-    return out
+    """APART (0) where p = 0, PLASTIC (2) where p = cap, ELASTIC (1) between."""
+    return (p > 0).astype(np.uint8) + (p >= cap)
 
 
 def kkt_residuals(level: Level, it: Iterate) -> dict[str, float]:

@@ -53,7 +53,8 @@ _ENERGY_NOISE = 1e-12
 # Along a step the energy is a parabola: the full step lowers it if the minimum is beyond a half.
 _FULL_STEP = 0.5
 # A gradient step is added where the residual has not halved within this number of steps, as on
-# nearly rigid bodies; as a rule one step halves it.
+# nearly rigid bodies, whose points are almost all on a bound: Newton steps exchange them by way of
+# a few elastic points, a gradient step all at once.
 _SLOW = 4
 # The inner iterations reduce the 2-norm of the residual by the first factor, and, with the exact
 # operator once no point changes sets, by the second one.
@@ -72,8 +73,12 @@ class _Sets:
     worst: float
     elastic_by_block: list[int]
 
-    def settled(self, aim: float, residual: float) -> bool:
-        """True if few points change, an area of a point is seen, and areas change by `aim`."""
+    def settled(self, aim: float, history: list[float]) -> bool:
+        """True if the areas change by no more than `aim` after a full step.
+
+        They do not count while the residual is near the first one: with many points a wavelength,
+        fronts move by less than a point while forces are out of balance.
+        """
         contact = self.elastic + self.plastic
         least = min((n for n in (self.elastic, self.plastic) if n), default=0)
         changes = (
@@ -82,7 +87,8 @@ class _Sets:
             (self.entering + self.unloading) / max(self.elastic, 1),
         )
         few_changes = self.changed <= _CHANGES_PER_ERROR * aim * max(contact, 1)
-        return few_changes and (aim * least >= 1 or residual <= _UNSEEN) and max(changes) <= aim
+        seen, calm = aim * least >= 1 or history[-1] <= _UNSEEN, history[-1] <= _CALM * history[0]
+        return few_changes and seen and calm and max(changes) <= aim
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +121,18 @@ def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
             gradient = min(4 ** (trouble - 2), _GRADIENT_STEPS) if trouble > 1 else 0
         else:
             trouble = max(0, trouble - 1)
-            gradient = int(not trouble and _slow(it.history))
+            slow = len(it.history) > _SLOW and it.history[-1] > 0.5 * it.history[-1 - _SLOW]
+            gradient = int(slow and not trouble)
+        length = level.step
+        for _ in range(gradient):
+            length = gradient_step(level, it, length)
         if gradient or not full:
-            _gradient_steps(level, it, gradient)
             it.z, force, energy = measured(level, it.p, it.u)
         sets = _update_sets(level, it, state)
         it.history.append(max(sets.worst / level.gap_scale, abs(force - 1)))
-        it.settled = _settled(it, sets, options, full and step is not None)
+        it.settled = it.history[-1] <= options.tolerance
+        if options.area_tolerance and full and step is not None:
+            it.settled |= sets.settled(options.area_tolerance, it.history)
         if it.settled or it.newton >= options.steps(_MAX_STEPS):
             it.pairs = level.convolution.pairs + inner.pairs
             return it
@@ -146,34 +157,6 @@ def _best_share(level: Level, it: Iterate, step: _Step, energy: float) -> float:
     return min(1.0, max(0.0, -slope / curvature)) if curvature > 0 else float(slope < 0)
 
 
-def _gradient_steps(level: Level, it: Iterate, number: int) -> None:
-    length = level.step
-    for _ in range(number):
-        length = gradient_step(level, it, length)
-
-
-def _slow(history: list[float]) -> bool:
-    """True if the residual has not halved within the last steps, although the energy falls.
-
-    If elastic displacements are small beside the heights, almost all points are on a bound.  Newton
-    steps exchange them only by way of a few elastic points; a gradient step exchanges all at once.
-    """
-    return len(history) > _SLOW and history[-1] > 0.5 * history[-1 - _SLOW]
-
-
-def _settled(it: Iterate, sets: _Sets, options: Options, full_step: bool) -> bool:
-    """True if the residual or the areas meet their tolerance.
-
-    The areas do not count after a step that was cut, or while the residual is near the first one:
-    with many points a wavelength, fronts move by less than a point while forces are out of balance.
-    """
-    residual, aim = it.history[-1], options.area_tolerance
-    if residual <= options.tolerance:
-        return True
-    calm = full_step and residual <= _CALM * it.history[0]
-    return aim is not None and calm and sets.settled(aim, residual)
-
-
 def _update_sets(level: Level, it: Iterate, state: StateArray) -> _Sets:
     """Overwrite `state` with the sets that the iterate calls for, and count them."""
     fields = level.split(it.p, it.u, level.heights, state)
@@ -193,10 +176,16 @@ def _newton_step(
     tolerance: float,
 ) -> _Step | None:
     """Take one outer step; None if there is nothing to solve for."""
-    points, pressure, r = _elastic_points(level, it, state, sets)
+    ends = np.cumsum([0, *sets.elastic_by_block]).tolist()
+    parts = [slice(*pair) for pair in itertools.pairwise(ends)]
+    points = Points(np.empty(ends[-1], dtype=index_type(level.heights.size)), parts)
+    pressure, r = np.empty(ends[-1]), np.empty(ends[-1])  # and residual h - u - z
+    lists = points.split(points.index, pressure, r)
+    fields, first = level.split(it.p, it.u, level.heights, state), [a.start for a in level.parts]
+    level.workers.each(collect, *fields, first, it.z, *lists)
     if r.size < 2:
         # A single point carries the rest of the load: only a gradient step can change the sets.
-        _gradient_steps(level, it, 1)
+        gradient_step(level, it, level.step)
         return None
     step = _Step(points, pressure, -r, energy)
     r -= r.mean()
@@ -213,21 +202,6 @@ def _newton_step(
     put(level, it.p, points, cells, pressure, x)
     level.convolution.apply(it.p, it.u)
     return step
-
-
-def _elastic_points(
-    level: Level, it: Iterate, state: StateArray, sets: _Sets
-) -> tuple[Points, FloatArray, FloatArray]:
-    """The elastic points, their pressure and residual h - u - z."""
-    ends = np.cumsum([0, *sets.elastic_by_block]).tolist()
-    parts = [slice(*pair) for pair in itertools.pairwise(ends)]
-    points = Points(np.empty(ends[-1], dtype=index_type(level.heights.size)), parts)
-    pressure, r = np.empty(ends[-1]), np.empty(ends[-1])
-    fields = level.split(it.p, it.u, level.heights, state)
-    first = [part.start for part in level.parts]
-    lists = points.split(points.index, pressure, r)
-    level.workers.each(collect, *fields, first, it.z, *lists)
-    return points, pressure, r
 
 
 @compiled

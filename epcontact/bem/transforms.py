@@ -252,8 +252,8 @@ class Convolution:
     def _backward(self, modes: ComplexArray, *points: Any) -> tuple[float, float]:
         block = self._buffer(len(modes))
         to_values(modes, block, 0, self._axes)
-        found: tuple[float, float] = gather_dot(block, *points)
-        return found
+        total, product = gather_dot(block, *points)
+        return total, product
 
     def _buffer(self, rows: int) -> RealArray:
         """This thread's buffer for some rows of the grid."""

@@ -1,8 +1,8 @@
 """The linear problem of a Newton step, on the elastic set F.
 
 Conjugate gradients in the space of zero mean solve (S p)_F + z = h_F with the mean of p kept, with
-the exact compliance or a cheap one (`split`, or in single precision).  They are preconditioned cell
-by cell (`preconditioner`), or by the inverse of S restricted to F if a grid has no cells.
+the exact compliance or a cheap one (`split`, or in single precision), preconditioned cell by cell
+(`preconditioner`), or by the inverse of S restricted to F if a grid has no cells.
 """
 
 from __future__ import annotations

@@ -101,8 +101,8 @@ class CellPreconditioner:
         masked, ny = self._masked.array.reshape(-1), self._masked.columns
         within = cells.sums(gather_stencil, 1, masked, ny, self._body.taps, index, y_)[0]
         shift = cells.split((forces - within) * self._per_point)
-        found: tuple[float, float] = cells.workers.total(add_cells, cells.numbers, shift, y_, r_)
-        return found
+        total, product = cells.workers.total(add_cells, cells.numbers, shift, y_, r_)
+        return total, product
 
     def _solve(self, mean: FloatArray) -> FloatArray:
         """The cells' forces that give them the mean displacements `mean`, (B + delta) y = mean."""
