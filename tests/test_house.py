@@ -25,7 +25,7 @@ FLOORS = (
 #: in its commit why the room grows.
 LINES = {
     "epcontact": 110,
-    "epcontact.bem": 4220,
+    "epcontact.bem": 4160,
     "epcontact.cli": 1120,
     "epcontact.errors": 90,
     "epcontact.files": 140,
@@ -41,7 +41,7 @@ LINES = {
     "epcontact.studies": 2500,
     "epcontact.surfaces": 1800,
     "fem_check": 3820,
-    "tests": 14800,
+    "tests": 14790,
 }
 #: Imports of the project inside functions, each with its reason beside it; fewer is better.
 DEFERRED = 15

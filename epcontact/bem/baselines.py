@@ -34,7 +34,7 @@ def _finished(level: Level, it: Iterate, options: Options) -> bool:
     it.settled = it.history[-1] <= options.tolerance
     if options.progress is not None and it.gradient % 100 == 0:
         options.progress(level.heights.shape, it.history[-1])
-    return it.settled or it.gradient >= options.steps(_MAX_STEPS)
+    return it.settled or it.gradient >= (options.max_steps or _MAX_STEPS)
 
 
 def projected_gradient(level: Level, p: FloatArray, options: Options) -> Iterate:

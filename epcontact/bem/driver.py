@@ -17,11 +17,18 @@ from numpy.typing import NDArray
 
 from epcontact.bem.areas.distribution import pressure_distribution
 from epcontact.bem.areas.rim_correction import estimate_areas
-from epcontact.bem.flow import LoadedSurface, checked_plastic_displacement, loaded
+from epcontact.bem.flow import LoadedSurface, loaded
 from epcontact.bem.kernel import quarter_compliance
 from epcontact.bem.level import GRADIENT_STEP, states
 from epcontact.bem.memory import require_memory
-from epcontact.bem.problem import GridProblem, Method, Options, checked_start, checked_symbol
+from epcontact.bem.problem import (
+    GridProblem,
+    Method,
+    Options,
+    checked_field,
+    checked_start,
+    checked_symbol,
+)
 from epcontact.bem.transforms import KEPT_POINTS, Symbol
 from epcontact.machine import available_cores, compile_seconds, peak_memory
 from epcontact.materials.moduli import effective_modulus, oedometric_modulus
@@ -96,11 +103,12 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     symbol, shape = _symbol(scene, compliance), scene.surface.shape
     if start is not None:
         start = checked_start(start, shape).reshape(symbol.shape)
-    if plastic_displacement is not None:
-        given = checked_plastic_displacement(plastic_displacement, shape)
-        plastic_displacement = given.reshape(symbol.shape)
+    if (before := plastic_displacement) is not None:
+        right = "finite lengths of at least 0 m"
+        before = checked_field("plastic_displacement", before, shape, right, 0.0)
+        before = before.reshape(symbol.shape)
     path = _Path(scene, symbol, options, compliance is not None, progress, on_step)
-    steps, last, pairs = path.walk(start, plastic_displacement)
+    steps, last, pairs = path.walk(start, before)
     seconds = time.perf_counter() - started - (compile_seconds() - compiled)
     size, peak = float(scene.surface.heights.size), float(peak_memory())
     cost = {**pairs, "seconds": seconds, "unknowns": size, "peak_memory_bytes": peak}

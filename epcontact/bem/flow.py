@@ -19,13 +19,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.bem.problem import GridProblem, Options, PressureSolution
 from epcontact.bem.solver import solve_problem
-from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import array
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,17 +48,6 @@ def loaded(
         _put_on_hardness(problem, solution, before, options.tolerance)
     after = flowed(problem, solution, before) if math.isfinite(problem.hardness) else before
     return LoadedSurface(problem, solution, before, after)
-
-
-def checked_plastic_displacement(given: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
-    """A plastic displacement as a float64 array, refused unless finite and nowhere negative."""
-    w = array("plastic_displacement", given).copy()
-    if w.shape != shape or not (np.isfinite(w).all() and w.min() >= 0):
-        raise InvalidScene(
-            f"plastic_displacement has shape {w.shape}, but finite lengths of at least 0 m in an "
-            f"array of shape {shape} are needed"
-        )
-    return w
 
 
 def _apart(problem: GridProblem) -> PressureSolution:

@@ -133,7 +133,7 @@ def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
         it.settled = it.history[-1] <= options.tolerance
         if options.area_tolerance and full and step is not None:
             it.settled |= sets.settled(options.area_tolerance, it.history)
-        if it.settled or it.newton >= options.steps(_MAX_STEPS):
+        if it.settled or it.newton >= (options.max_steps or _MAX_STEPS):
             it.pairs = level.convolution.pairs + inner.pairs
             return it
         it.newton += 1

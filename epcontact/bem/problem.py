@@ -94,10 +94,6 @@ class Options:
             methods = ", ".join(METHODS)
             raise InvalidScene(f"method is {self.method!r}, but must be one of {methods}")
 
-    def steps(self, default: int) -> int:
-        """The most steps that a method may take; its own limit is `default`."""
-        return default if self.max_steps is None else self.max_steps
-
 
 @dataclass(frozen=True)
 class PressureSolution:
@@ -174,15 +170,23 @@ def _require_gradual(values: FloatArray, grid: tuple[int, int]) -> None:
             )
 
 
-def checked_start(start: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
-    """A finite start pressure as a float64 array of the grid's shape, -inf where it is exactly 0.
+def checked_start(given: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
+    """A user's start pressure as a float64 array, -inf where it is exactly 0.
 
     A point without pressure stays apart: rounding of the load would else bring it into contact.
     """
-    first = array("start", start)
-    if first.shape != shape or not np.isfinite(first).all():
+    start = checked_field("start", given, shape, "finite pressures", -math.inf)
+    return np.where(start == 0, -math.inf, start)
+
+
+def checked_field(
+    name: str, given: NDArray[np.floating], shape: tuple[int, ...], right: str, least: float
+) -> FloatArray:
+    """A user's field as a float64 array, refused unless finite and nowhere below `least`."""
+    values = array(name, given).copy()
+    if values.shape != shape or not (np.isfinite(values).all() and values.min() >= least):
         raise InvalidScene(
-            f"start has shape {np.shape(start)}, but a finite pressure field of shape {shape} "
-            "is needed"
+            f"{name} has shape {np.shape(given)}, but {right} in an array of shape {shape} are "
+            "needed"
         )
-    return np.where(first == 0, -np.inf, first)
+    return values

@@ -93,9 +93,10 @@ def solve_pressure(
     right = f"a number between 0 and the hardness of {cap:g} Pa"
     load = number("mean_pressure", mean_pressure, right, lambda p: 0 < p < cap)
     symbol = checked_symbol(compliance, h.shape)
-    first = None if start is None else checked_start(start, h.shape).reshape(symbol.shape)
+    if start is not None:
+        start = checked_start(start, h.shape).reshape(symbol.shape)
     problem = GridProblem(np.ascontiguousarray(h).reshape(symbol.shape), symbol, load, cap)
-    solution = solve_problem(problem, options or Options(), first)
+    solution = solve_problem(problem, options or Options(), start)
     p, u = solution.pressure.reshape(h.shape), solution.displacement.reshape(h.shape)
     return replace(solution, pressure=p, displacement=u)
 

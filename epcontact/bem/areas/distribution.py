@@ -69,39 +69,32 @@ class EndFit:
     """P(sigma) near an end, as a function of the distance from it (Pa).
 
     The straight line of `density` (1/Pa) and `slope` (1/Pa^2) has the area and the mean pressure of
-    the points in the window, with the effect of the grid.  That of `continuum_slope` goes through
+    the points in a window, with the effect of the grid.  That of `continuum_slope` goes through
     zero and has the corrected area in it.
     """
 
     density: float
     slope: float
     continuum_slope: float
-    window: float  # in Pa
 
 
 def end_fits(
     pressure: FloatArray, hardness: float, window: float, areas: tuple[Areas, Areas]
-) -> tuple[EndFit, EndFit | None]:
-    """Fit P(sigma) near 0 and near the hardness; the second fit is None for an infinite hardness.
+) -> tuple[EndFit, EndFit]:
+    """Fit P(sigma) near 0 and near the hardness.
 
     window: in Pa, several times the pressure of the points next to the rim, but small beside the
     width of P, so that the surplus area of the counted rims is within it; areas: (raw, corrected).
     """
-    if not 0 < window <= hardness:
-        raise InvalidScene(f"window is {window:g} Pa, but must lie between 0 and the hardness")
-    flat, finite = pressure.reshape(-1), math.isfinite(hardness)
-    sums = np.zeros((2, 2))
-    for start in range(0, flat.size, _CHUNK):
-        p = flat[start : start + _CHUNK]
-        p = p[(p > 0) & (p < hardness * _ROUNDING)]
-        for end, distance in enumerate((p, hardness - p) if finite else (p,)):
-            near = distance[distance <= window]
-            sums[end] += near.size, float(near.sum())
-    sums /= flat.size
+    p = pressure[(pressure > 0) & (pressure < hardness * _ROUNDING)]
     raw, corrected = areas
-    surplus = (raw.total - corrected.total, corrected.plastic - raw.plastic)
-    fits = [end_fit(sums[end, 0], sums[end, 1], window, surplus[end]) for end in range(2)]
-    return fits[0], fits[1] if finite else None
+    surplus = raw.total - corrected.total, corrected.plastic - raw.plastic
+    near, n = [distance[distance <= window] for distance in (p, hardness - p)], pressure.size
+    low, high = (
+        end_fit(some.size / n, float(some.sum()) / n, window, of_grid)
+        for some, of_grid in zip(near, surplus, strict=True)
+    )
+    return low, high
 
 
 def end_fit(share: float, moment: float, window: float, surplus: float = 0.0) -> EndFit:
@@ -112,34 +105,19 @@ def end_fit(share: float, moment: float, window: float, surplus: float = 0.0) ->
     """
     slope = 12 * moment / window**3 - 6 * share / window**2
     density = share / window - slope * window / 2
-    return EndFit(density, slope, 2 * (share - surplus) / window**2, window)
+    return EndFit(density, slope, 2 * (share - surplus) / window**2)
 
 
-def extrapolated(
-    points_per_wavelength: Sequence[float] | FloatArray,
-    values: Sequence[float] | FloatArray,
-    order: float = 1.0,
-) -> tuple[float, float]:
+def extrapolated(points: FloatArray, values: FloatArray, order: float) -> tuple[float, float]:
     """(limit, error) of values for ever more points n per wavelength, v = limit + c n^-order.
 
     order: 1/2 for the density of `EndFit`, 1 for raw areas.  The error of the least-squares fit is
     its standard error, or twice the change of the limit without the coarsest value, whichever is
     larger; with two values it is the distance of the limit from the finer one.
     """
-    n = np.asarray(points_per_wavelength, dtype=np.float64)
-    v = np.asarray(values, dtype=np.float64)
-    if n.shape != v.shape or n.ndim != 1 or np.unique(n).size < 2 or not np.all(n > 0):
-        raise InvalidScene("two values or more at different points per wavelength are needed")
-    limit, spread = _limit(n, v, order)
-    rest = n > n.min()
-    if np.unique(n[rest]).size < 2:
-        return limit, float(abs(limit - v[np.argmax(n)]))
-    return limit, max(spread, 2 * abs(limit - _limit(n[rest], v[rest], order)[0]))
-
-
-def _limit(n: FloatArray, v: FloatArray, order: float) -> tuple[float, float]:
-    """Intercept of the straight line in n^-order, and its standard error."""
-    design = np.stack([np.ones_like(n), n**-order], axis=1)
-    solution = np.linalg.lstsq(design, v, rcond=None)[0]
-    variance = float(np.sum((design @ solution - v) ** 2)) / max(n.size - 2, 1)
-    return float(solution[0]), math.sqrt(variance * np.linalg.inv(design.T @ design)[0, 0])
+    x = points**-order
+    limit, rest = float(np.polyfit(x, values, 1)[1]), x < x.max()
+    if x.size == 2:
+        return limit, float(abs(limit - values[rest][0]))
+    spread = math.sqrt(np.polyfit(x, values, 1, cov=True)[1][1, 1])
+    return limit, max(spread, 2 * abs(limit - float(np.polyfit(x[rest], values[rest], 1)[1])))

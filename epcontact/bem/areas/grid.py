@@ -101,9 +101,8 @@ def _sweep(solution: Solution, blocks: NDArray[np.int64], sums: Sums) -> None:
         rows, width = block.inside.shape
         # By front and column, what was found on the link along x, and on those along y of even and
         # of odd rows, that end in the column.
-        shape = (2, 3, width)
-        found = Links(np.empty((0, 0)), np.empty(shape), np.empty(shape), np.empty(shape),
-                      np.empty(shape), np.empty(shape))  # fmt: skip
+        of = np.empty((5, 2, 3, width))
+        found = Links(np.empty((0, 0)), of[0], of[1], of[2], of[3], of[4])
         # The row and the column before have links of the first cells.
         for i in range(PAD - 1, rows - PAD):
             busy = _busy_cells(block, i)
