@@ -25,11 +25,7 @@ _ROWS = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
 
 
 def certify(problem: Problem, state: State, history: History, largest: float) -> dict[str, float]:
-    """Residuals of a converged state by scikit-fem's assembly, over the path's `largest` force.
-
-    certified_balance: norm of (assembled internal force + contact forces), without the held base.
-    certified_load: difference of the base's reaction and the sum of the contact forces.
-    """
+    """Residuals, over the path's `largest` force, of the force that scikit-fem assembles."""
     force, positions = np.zeros(problem.block.field_shape), problem.block.positions()
     for k in range(len(problem.block.layers)):
         stress, _ = problem.layer_stresses(state, history, k)
@@ -46,10 +42,7 @@ def certify(problem: Problem, state: State, history: History, largest: float) ->
 def layer_mesh(
     block: PeriodicBlock, positions: FloatArray
 ) -> tuple[Any, tuple[NDArray[np.int64], ...]]:
-    """One layer as a conforming mesh of scikit-fem, with (nx + 1)(ny + 1) columns of nodes.
-
-    Also returns the periodic block's node for each node, as indices into [level, x, y].
-    """
+    """One layer as a mesh of scikit-fem, and the block's [level, x, y] of each of its nodes."""
     nx, ny = block.shape
     i, j, level = np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), np.arange(2), indexing="ij")
     at = (level.ravel(), (i % nx).ravel(), (j % ny).ravel())

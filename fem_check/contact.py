@@ -5,11 +5,9 @@ flat at the height -d, the gap is g = v - h - d, and a solution satisfies, node 
 
     F = 0 and g >= 0,    or    0 <= F <= F_cap and g = 0,    or    F = F_cap and g <= 0,
 
-with sum F = P in load control, or d given.  Forces divided by the area of a node are the grid
-pressures of the boundary elements.  `solve_contact_forces` meets the equalities on a given
-contact set by conjugate gradients on the surface, where one application of the elastic compliance
-is a pair of two-dimensional transforms; `rigid_contact` finds the sets by a semi-smooth Newton
-method.
+with sum F = P in load control, or d given.  `solve_contact_forces` meets the equalities on a given
+contact set by conjugate gradients on the surface, where the elastic compliance is a pair of
+transforms; `rigid_contact` finds the sets by a semi-smooth Newton method.
 """
 
 from __future__ import annotations
@@ -58,12 +56,11 @@ def solve_contact_forces(
     start: FloatArray | None = None,
     tolerance: float = 1e-11,
 ) -> tuple[FloatArray, float]:
-    """(forces, d): the forces in N on the `contact` nodes that displace them by `wanted` (m) + d.
+    """(forces in N, d in m) on the `contact` nodes that displace them by `wanted` + d.
 
-    The method is conjugate gradients preconditioned by 1/compliance (m/N, one value a wave), from
-    `start` until the residual is `tolerance` times the first one.  The `load` is the sum of the
-    forces, which makes d an unknown; all residuals and directions then have zero mean over the
-    contact nodes.  If it is None, d = 0.
+    Conjugate gradients preconditioned by 1/compliance (m/N, a value a wave) reduce the residual by
+    `tolerance`.  The forces sum up to the `load`, which makes d an unknown, and gives all residuals
+    and directions zero mean over the contact nodes; if it is None, d = 0.
     """
     count, nx, free = int(contact.sum()), contact.shape[0], load is not None
     if count == 0:
@@ -123,10 +120,9 @@ def rigid_contact(
     approach: float = 0.0,
     cap: float = np.inf,
 ) -> SurfaceContact:
-    """Solve the contact of an elastic body, given by the compliance of its top, with a rigid flat.
+    """Solve the contact of a rigid flat with an elastic body, given the compliance of its top.
 
-    The total force is `load` or, if that is None, the `approach` d is given; no nodal force is
-    larger than the `cap`.  Raises NotConverged if the contact sets do not settle.
+    The total force is `load` or, if that is None, the `approach` d is given.  Raises NotConverged.
     """
     nx, stiffness = heights.shape[0], 1.0 / float(compliance.min())
     states = _first_states(heights, load, approach, cap)
@@ -134,8 +130,7 @@ def rigid_contact(
     for sweep in range(200):
         if load is not None:
             states = _with_load(states, heights, load, cap)
-        contact, capped = states == ELASTIC, states == PLASTIC
-        fixed = np.where(capped, cap, 0.0) if capped.any() else np.zeros(heights.shape)
+        contact, fixed = states == ELASTIC, np.where(states == PLASTIC, cap, 0.0)
         already = inverse(compliance * transform(fixed), nx)
         forces, d = solve_contact_forces(
             compliance,
@@ -145,8 +140,7 @@ def rigid_contact(
             forces,
             tolerance=1e-3 if sweep < 3 else 1e-12,
         )
-        forces = forces + fixed
-        d = d if load is not None else approach
+        forces, d = forces + fixed, d if load is not None else approach
         gap = inverse(compliance * transform(forces), nx) - heights - d
         gap[contact] = 0.0
         new = predicted_states(forces, gap, cap, stiffness)
@@ -158,11 +152,8 @@ def rigid_contact(
             keep = np.random.default_rng(sweep).random(states.shape) < 2 / 3
             new = np.where(keep, states, new).astype(np.int8)
         states = new
-    raise NotConverged(
-        f"the elastic contact did not settle in {len(residuals)} sweeps: "
-        f"{changed} nodes still change their state",
-        history=residuals,
-    )
+    sentence = f"the elastic contact did not settle: {changed} nodes still change their state"
+    raise NotConverged(sentence, history=residuals)
 
 
 def _first_states(heights: FloatArray, load: float | None, approach: float, cap: float) -> States:
@@ -175,11 +166,7 @@ def _first_states(heights: FloatArray, load: float | None, approach: float, cap:
 
 
 def _with_load(states: States, heights: FloatArray, load: float, cap: float) -> States:
-    """The states, changed so that they can carry the load.
-
-    Elastic nodes are added if the contact could not carry the load, and capped nodes become elastic
-    if they alone would carry more.
-    """
+    """The states, some of them elastic instead, so that the contact can carry the load."""
     capped, contact, out = states == PLASTIC, states == ELASTIC, states.copy()
     if np.isinf(cap):
         if not contact.any():
@@ -192,7 +179,7 @@ def _with_load(states: States, heights: FloatArray, load: float, cap: float) -> 
     order = order[np.argsort(rank, kind="stable")]
     full = int(load / cap)  # the most nodes that can be capped
     flat = out.ravel()
-    keep = max(0, full - max(1, full // 4))
-    flat[order[keep : full + max(2, full // 4)]] = ELASTIC
-    flat[order[:keep]] = np.where(flat[order[:keep]] == APART, ELASTIC, flat[order[:keep]])
+    kept = order[: max(0, full - max(1, full // 4))]
+    flat[order[len(kept) : full + max(2, full // 4)]] = ELASTIC
+    flat[kept] = np.where(flat[kept] == APART, ELASTIC, flat[kept])
     return out

@@ -20,8 +20,6 @@ from skfem import Basis, ElementHex1, MeshHex
 
 from epcontact.results import FloatArray
 
-IntArray = NDArray[np.int32]
-
 #: Corners of the unit brick in scikit-fem's local order; a column is x, y or z.
 CORNERS = np.array(
     [[0, 0, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 1, 1], [1, 0, 1], [1, 1, 0], [1, 1, 1]]
@@ -31,17 +29,15 @@ CORNERS = np.array(
 class Elements(NamedTuple):
     """Bricks of any shape.
 
-    connectivity: (m, 8) node numbers in the order of CORNERS.
-    shape_of: (m,) index of each element's shape.
+    connectivity: (m, 8) node numbers in the order of CORNERS.  shape_of: (m,) index of the shape.
     gradients: (shapes, 3, 8, 8) dN_a/dx_j as [shape, j, a, Gauss point], in 1/m.
-    mean_gradients: (shapes, 3, 8) their volume averages.
-    weights: (shapes, 8) volumes of the Gauss points, in m^3.
+    mean_gradients: (shapes, 3, 8) their volume averages.  weights: (shapes, 8) in m^3.
     sides: (shapes, 3) edges along x, y and z in m, if the elements are those of a flat block, layer
         by layer, each of one shape; None otherwise.
     """
 
-    connectivity: IntArray
-    shape_of: IntArray
+    connectivity: NDArray[np.int32]
+    shape_of: NDArray[np.int32]
     gradients: FloatArray
     mean_gradients: FloatArray
     weights: FloatArray
@@ -58,8 +54,7 @@ def layers_apart(
 ) -> tuple[NDArray[np.int64], ...]:
     """Parts of all elements, or of `which`, to be worked on one after the other.
 
-    A part has (r, 2) ranges, each the first index of a layer and the one after its last; its layers
-    have no node in common.  Elements that are not those of a flat block are one range.
+    A part has (r, 2) ranges of indices, one a layer; its layers have no node in common.
     """
     shapes = bricks.shape_of if which is None else bricks.shape_of[which]
     if bricks.sides is None:
@@ -72,10 +67,7 @@ def layers_apart(
 def elements(
     connectivity: NDArray[np.integer], shape_of: NDArray[np.integer], corners: FloatArray
 ) -> Elements:
-    """Make elements from the positions (shapes, 8, 3) of the corners of each shape, in m.
-
-    Raises ValueError if a shape is turned inside out, as happens where the top is too rough.
-    """
+    """Elements with corners (shapes, 8, 3) in m.  Raises ValueError if one is turned inside out."""
     # The bricks share no node here, so that scikit-fem need not find their neighbours.
     apart = np.arange(8 * len(corners)).reshape(-1, 8).T.copy()
     mesh = MeshHex(corners.reshape(-1, 3).T.copy(), apart, validate=False, sort_t=False)
@@ -97,10 +89,9 @@ def elements(
 
 
 def strain_operator(shape: Elements, index: int, *, mean_dilatation: bool = True) -> FloatArray:
-    """The strain operator B of one shape, (8 Gauss points, 6, 24).
+    """The strain operator B (8 Gauss points, 6, 24) of one shape; the plain element's locks.
 
     Its rows are xx, yy, zz, xy, yz, zx with engineering shears, its columns go node by node.
-    Without `mean_dilatation` it is that of the plain element, which locks.
     """
     g = np.moveaxis(shape.gradients[index], 2, 0)  # [gauss, j, a]
     B = np.zeros((8, 6, 8, 3))

@@ -73,10 +73,7 @@ class Along:
 
 
 def advance(problem: Problem, along: Along, target: float, rule: Rule) -> Along:
-    """Advance to the `target`; the counts are those of this advance.
-
-    Raises NotConverged if an increment fails even after `MOST_HALVINGS` halvings.
-    """
+    """Advance to the `target`, for which the counts are.  Raises NotConverged after halvings."""
     along = replace(along, counts=Counts())
     if problem.plastic and rule.steps is None:
         along, whole = replace(along, pair=min(along.pair, rule.largest / 2)), None
@@ -103,8 +100,7 @@ def _pair(
 ) -> tuple[Along, SolvedIncrement | None]:
     """Make a pair of increments towards the target; `whole` is the increment over it, if known.
 
-    Returns the place after as much of the pair as converges with a small enough error, and the next
-    pair's whole increment if it is known.
+    Returns the place after as much of it as is good enough, and the next `whole` if it is known.
     """
     left = target - along.at
     length = left if abs(left) <= 1.001 * along.pair else math.copysign(along.pair, left)
@@ -205,9 +201,9 @@ def _elastic_state(problem: Problem, control: Control) -> State:
 
 
 def _guess(problem: Problem, states: tuple[State, ...], control: Control) -> State:
-    """The first guess of a state: on the secant through the last two, if their forces grow.
+    """The first guess of a state: on the secant through the last two, or the last one.
 
-    Unloading, an increment much longer than the last, and capped forces start from the last state.
+    Unloading, an increment much longer than the last, and capped forces do not follow the secant.
     """
     if not states:
         return _elastic_state(problem, control)
@@ -233,8 +229,7 @@ def _guess(problem: Problem, states: tuple[State, ...], control: Control) -> Sta
 def _on_secant(problem: Problem, state: State, other: State, share: float) -> State:
     """The state at a `share` of the way from one state to another, or beyond.
 
-    The contact area grows about in proportion to the load, so it is interpolated, too, and filled
-    with the nodes nearest to the flat.
+    The contact area is interpolated, too, and filled with the nodes nearest to the flat.
     """
     u = state.displacement + share * (other.displacement - state.displacement)
     d = state.approach + share * (other.approach - state.approach)

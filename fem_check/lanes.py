@@ -44,8 +44,7 @@ def workspace():  # type: ignore[no-untyped-def]
 def gather(u, bricks, which, first, stop, ue, shapes):  # type: ignore[no-untyped-def]
     """Copies displacements (nodes, 3) to ue, and the elements' shapes.
 
-    The elements are those of the numbers `first` to `stop`, or of `which` there.  The last one is
-    repeated in the lanes after it.
+    The elements are those from `first` to `stop`, of `which` if given; the last one is repeated.
     """
     for n in range(LANES):
         e = min(first + n, stop - 1)
@@ -215,10 +214,7 @@ def _brick_forces(G, weights, s, n, fe):  # type: ignore[no-untyped-def]
 
 @compiled
 def strains(sides, bricks, shapes, ue, d, e, dilatation):  # type: ignore[no-untyped-def]
-    """Writes the local strains to e and the mean dilatations (LANES,).
-
-    d (3, 3, 4, LANES) is scratch.  `sides` are those of `bricks`; all boxes have one shape.
-    """
+    """Writes the local strains to e and the mean dilatations (LANES,); d is scratch."""
     if sides is not None:
         s = shapes[0]
         _box_strains(sides[s], bricks.mean_gradients[s], ue, d, e, dilatation)

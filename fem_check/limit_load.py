@@ -49,10 +49,7 @@ def tangents(
     correction: TangentCorrection,
     scale: float,
 ) -> FloatArray:
-    """(elements, 24, 24) elastic stiffness less `scale` times the correction.
-
-    `stiffness` is the elastic and the deviatoric one of each shape, as from `layer_stiffness`.
-    """
+    """(elements, 24, 24) stiffness of `layer_stiffness`, less `scale` times the correction."""
     elastic, deviatoric = stiffness
     out: FloatArray = elastic.reshape(-1, 576)[bricks.shape_of]
     for e, terms in zip(*correction, strict=True):

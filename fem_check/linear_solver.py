@@ -45,8 +45,7 @@ ComplexArray = NDArray[np.complex128]
 class Factor:
     """The factorised flat elastic block; q runs over (nx // 2 + 1) * ny waves.
 
-    compliances: (nz + 1, q, 6) the symmetric S_k, as 00, 11, 22, 01, 12, 20.  couplings:
-    (nz, q, 9) the C_k, row by row.
+    compliances: (nz + 1, q, 6) the S_k, as 00, 11, 22, 01, 12, 20.  couplings: (nz, q, 9) the C_k.
     """
 
     shape: tuple[int, int]

@@ -110,10 +110,9 @@ def linear_contact(
     forcing: float,
     sweeps: int = 12,
 ) -> tuple[LinearSolution, Counts]:
-    """Solve the contact problem of the tangent frozen at `state`, whose reaction is R.
+    """Solve the contact of the tangent frozen at `state`, whose reaction is R; also counts.
 
-    The linear solves reduce the residual by `forcing`, and the contact set changes at most `sweeps`
-    times.  Also returns the iterations spent.
+    The solves reduce the residual by `forcing`; the contact set changes at most `sweeps` times.
     """
     problem = tangent.problem
     missing = problem.missing_load(R, state.states, control)
@@ -149,8 +148,7 @@ def _elastic_solve(
     tolerance: float,
     start: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """(z, forces, approach) with K_elastic z = r - forces, where z moves the contact nodes down by
-    `target` + approach."""
+    """(z, forces, d): K_elastic z = r - forces, where z moves the contact down by `target` + d."""
     spectrum = eliminate(problem.factor, r)
     descent = top_descent(problem.factor, spectrum)
     forces, approach = solve_contact_forces(
@@ -162,10 +160,9 @@ def _elastic_solve(
 def precondition(
     tangent: Tangent, sweeps: Smoother | None, R: FloatArray, missing: float | None, states: States
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Apply the preconditioner to the reaction R outside of the contact, and to the missing load.
+    """(z, K z, its part of the approach) of the reaction R and of the load `missing`.
 
-    If the load `missing` is None, the approach is prescribed.  Returns (z, K z, approach): the
-    preconditioned residual, its product, and its part of the approach.
+    If the load is None, the approach is prescribed.
     """
     problem, contact, remaining = tangent.problem, states == ELASTIC, unbalanced(R, states)
     swept = np.empty(0)
@@ -192,10 +189,7 @@ def precondition(
 def _solve_on_set(
     state: State, linear: LinearSolution, tangent: Tangent, control: Control, goal: float
 ) -> int:
-    """Solve on the present contact set to a residual of `goal` in N; the number of iterations.
-
-    The arrays of `linear` are changed in place: a block of its size has no room for another pair.
-    """
+    """Solve on the present contact set, in place, to a residual of `goal` in N; the iterations."""
     problem, states, R = tangent.problem, linear.states, linear.reaction
     load = control.load
     if load is not None:
@@ -218,10 +212,7 @@ def _solve_on_set(
 def _conjugate_gradients(
     linear: LinearSolution, tangent: Tangent, control: Control, goal: float
 ) -> int:
-    """Iterate on the levels that flow until the residual is below `goal`; count the iterations.
-
-    Raises NotConverged if no node can take the load.
-    """
+    """Iterate on the levels that flow until the residual is below `goal`; the iterations."""
     problem, states = tangent.problem, linear.states
     workers, R = problem.workers, linear.reaction[: tangent.levels]
     sweeps, step, spent = None, np.zeros_like(R), 0
@@ -263,10 +254,7 @@ def _conjugate_gradients(
 
 
 def _predict_states(problem: Problem, state: State, linear: LinearSolution) -> int:
-    """Give the solution the contact states that it asks for; the number of those that change.
-
-    Capped forces move between the reaction and the states.
-    """
+    """Give the solution the contact states that it asks for; the number of those that change."""
     R, states = linear.reaction, linear.states
     forces = problem.contact_forces(states, R[0, ..., 2])
     g = problem.gap(state.displacement[:1] + linear.step[:1], linear.approach)

@@ -101,10 +101,7 @@ def flat_elements(block: PeriodicBlock) -> Elements:
 
 
 def moved_elements(block: PeriodicBlock) -> Elements:
-    """The elements of a block whose top nodes are moved: every one has its own shape.
-
-    Raises InvalidScene if an element is turned inside out.
-    """
+    """The elements of a block with a moved top, each of its own shape.  Raises InvalidScene."""
     nodes = connectivity(block)
     corners = block.positions().reshape(-1, 3)[nodes]
     cell = np.indices((len(block.layers), *block.shape)).reshape(3, -1)[1:]
@@ -157,10 +154,7 @@ def _ratio(total: float, count: int) -> float:
 
 
 def block_for(scene: Scene, options: FemOptions) -> PeriodicBlock:
-    """The block for a scene; see the module's docstring for its depth and grading.
-
-    Raises InvalidScene if the depth is not that of the scene's layer.
-    """
+    """The block for a scene.  Raises InvalidScene if the depth is not that of the scene's layer."""
     surface, body, depth = scene.surface, scene.body, options.depth
     if body.kind != "half_space":
         if depth is not None and depth != body.depth:

@@ -31,10 +31,7 @@ MOST_NEWTON = 30
 
 @dataclass(frozen=True)
 class SolvedIncrement:
-    """The converged state, and (m,) which elements flow there.
-
-    `history` holds the largest residual after each Newton iteration.
-    """
+    """The converged state, which elements (m,) flow, and each iteration's largest residual."""
 
     state: State
     flowing: NDArray[np.bool_]
@@ -46,10 +43,7 @@ class SolvedIncrement:
 def solve_increment(
     problem: Problem, state: State, history: History, control: Control, tolerance: float = 1e-8
 ) -> SolvedIncrement:
-    """Solve for the state at `control`, starting from `state`.
-
-    Raises NotConverged with the residuals of every iteration.
-    """
+    """The state at `control`, from `state` on.  Raises NotConverged with every residual."""
     counts, worst = Counts(increments=1), []
     internal, flowing = problem.internal_force(state.displacement, history)
     while True:

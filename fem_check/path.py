@@ -83,10 +83,7 @@ def path_targets(scene: Scene, problem: Problem, options: FemOptions) -> tuple[f
 def follow_path(
     problem: Problem, targets: Sequence[float], options: FemOptions
 ) -> Iterator[tuple[PathPoint, History]]:
-    """Solve the path point by point, and yield each point with the material's history there.
-
-    Raises NotConverged if an increment fails, however short.
-    """
+    """Solve point by point, and yield each with the material's history.  Raises NotConverged."""
     highest = None if options.approach is None else float(problem.heights.max())
     rule = Rule(max(targets), highest, options.steps, options.step_tolerance, options.tolerance)
     area = problem.block.node_area * problem.heights.size

@@ -137,10 +137,9 @@ def _trial(s, at, p, history, row, q, law):  # type: ignore[no-untyped-def]
 def _return(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
     s, n, p, history, row, law, updated, terms, k
 ):
-    """Returns the stresses of lane n, of the history's `row`, to the yield surface.
+    """Returns the stresses of lane n to the yield surface; True if a point flows.
 
-    True if a point flows.  `updated` is the history to move on, and terms[k] are those of the
-    correction, where they are not None.
+    `updated` is the history to move on, and terms[k] are those of the correction, or they are None.
     """
     flows = False
     for q in range(8):
@@ -167,11 +166,10 @@ def _return(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
 def _stress_update(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
     u, bricks, law, history, which, nodal, stress, updated, terms, ranges
 ):
-    """Radial return at every Gauss point of all elements, or of `which`; `ranges` as in `_share`.
+    """Radial return of all elements, or of `which`; without a history the law is elastic.
 
-    Without a history the law is elastic.  Each of the outputs may be None, and is then left out of
-    the compiled loop: nodal = (force, flowing), where the internal force is added to `force`;
-    stress (m, 6, 8); updated, the history to move on; terms, those of the correction.
+    Each of the outputs may be None, and is then left out of the compiled loop: nodal = (force,
+    flowing), where the internal force is added to `force`; stress (m, 6, 8); updated; terms.
     """
     ue, d, s, fe = workspace()
     dilatation, worst, shapes = np.empty(LANES), np.empty(LANES), np.empty(LANES, np.int32)
@@ -236,10 +234,7 @@ def _add_correction(v, bricks, correction, scale, f, ranges):  # type: ignore[no
 def internal_force(
     u: FloatArray, bricks: Elements, law: Law, history: History | None, workers: Workers = ALONE
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The internal force (nodes, 3) of a displacement `u`, and (m,) which elements flow.
-
-    The history is that at the beginning of the increment; without one the material is elastic.
-    """
+    """The internal force (nodes, 3) of `u` after a history, if any, and which elements flow."""
     nodal = np.zeros_like(u), np.zeros(bricks.number, dtype=np.bool_)
     task = partial(_stress_update, u, bricks, law, history, None, nodal, None, None, None)
     _share(task, bricks, None, workers)

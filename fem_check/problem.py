@@ -45,10 +45,7 @@ class State:
 
 @dataclass(frozen=True)
 class Counts:
-    """Iterations of one increment, or the sum of several.
-
-    most_newton and most_cg are the largest numbers in one increment and in one linear solve.
-    """
+    """Iterations of one increment, or the sum of several, but for the most of one of them."""
 
     newton: int = 0
     cg: int = 0

@@ -90,10 +90,7 @@ def contact_result(path: SolvedPath) -> ContactResult:
 
 
 def surface_fields(path: SolvedPath, point: PathPoint) -> dict[str, NDArray[Any]]:
-    """Fields (nx, ny) in SI units, among them the plastic displacement of a capped body.
-
-    And that of one with J2 flow that is unloaded.
-    """
+    """Fields (nx, ny) in SI units; plastic displacement is that of capped or unloaded bodies."""
     fields: dict[str, NDArray[Any]] = {
         "heights": path.scene.surface.heights,
         "pressure": np.maximum(point.state.forces, 0.0) / path.problem.block.node_area,
@@ -184,10 +181,7 @@ def count_switches(inside: NDArray[np.bool_]) -> int:
 def distribution(
     pressure: FloatArray, states: NDArray[np.int8], cap: float
 ) -> PressureDistribution:
-    """The share of the area at each nodal pressure up to a cap in Pa, whose nodes are plastic.
-
-    J2 has no single plastic pressure, so all its contact is tabulated.
-    """
+    """The share of the area at each nodal pressure; nodes at a finite cap are plastic instead."""
     capped = bool(np.isfinite(cap))
     values = pressure[(pressure > 0) & ((states != PLASTIC) | (not capped))]
     top = cap if capped else float(values.max(initial=0.0)) or 1.0

@@ -63,10 +63,7 @@ class Smoother:
         _invert(rows, held.ravel(), self._inverses)
 
     def smooth(self, residual: FloatArray, *, transposed: bool = False) -> FloatArray:
-        """The displacement (n, 3) of the flowing nodes after sweeps from zero, up, down and up.
-
-        `residual` is (levels, nx, ny, 3).  The transposed ones run the other way.
-        """
+        """The displacement (n, 3) of the flowing nodes after sweeps up, down, up, or transposed."""
         x, right = np.zeros((len(self.rows.nodes), 3)), residual.reshape(-1, 3)
         for k in range(SWEEPS):
             up = (k % 2 == 0) != transposed
@@ -125,10 +122,7 @@ def _in_strips(
 
 
 def _slots(nx: int, ny: int) -> NDArray[np.int64]:
-    """(8, 8) the slot of corner b in the row of corner a.
-
-    Where a period has one or two nodes, the neighbours on both sides are one node with one slot.
-    """
+    """(8, 8) the slot of corner b in the row of corner a; neighbours may be one node."""
     step = CORNERS[None, :, :] - CORNERS[:, None, :]
     for axis, count in ((0, nx), (1, ny)):
         if count <= 2:

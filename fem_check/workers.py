@@ -1,8 +1,8 @@
 """Compiled loops that threads share, and the vector operations of the iterations.
 
-A loop is cut into parts that write to different places, in an order that does not depend on the
-number of threads, so that a result has the same bits on any number of them.  Vectors have loops of
-their own, because numpy's products call a BLAS whose threads cost more than these short loops take.
+A loop is cut into parts that write to different places, and sums are added up piece by piece, so
+that a result has the same bits on any number of threads.  Vectors have loops of their own, because
+numpy's products call a BLAS whose threads cost more than these short loops take.
 """
 
 from __future__ import annotations
@@ -21,11 +21,8 @@ from fem_check.lanes import compiled
 
 #: The fewest elements that are worth a thread: their forces take .2 ms.
 FEWEST = 1024
-# Threads share pieces of this many entries of a vector.  Sums are added up piece by piece on any
-# number of them, so that they have the same bits.
-_PIECE = 1 << 14
-# The work on an entry over that on an element.
-_WEIGHT = 1 / 64
+_PIECE = 1 << 14  # entries of a vector
+_WEIGHT = 1 / 64  # the work on an entry over that on an element
 
 
 class Workers:
@@ -38,9 +35,8 @@ class Workers:
     def share(
         self, task: Callable[..., Any], ranges: NDArray[np.int64], *, weight: float = 1.0
     ) -> None:
-        """Call `task` with parts of the (r, 2) ranges, of about equal lengths, in any order.
+        """Call `task` with parts of the (r, 2) ranges, in any order, each writing to other places.
 
-        The task releases the interpreter's lock, and writes to different places for each range.
         `weight` is the work on an item over that on an element.
         """
         if self._pool is None or len(ranges) == 1:
