@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -34,28 +34,8 @@ _HEIGHT = 0.06  # about the rms height of the rough kinds
 Random = np.random.Generator
 
 
-@dataclass(frozen=True)
-class Patch:
-    """A grid of `shape` on `periods` on which the heights of a surface are needed.
-
-    high: shortest waves per period of the rough kinds.
-    """
-
-    shape: tuple[int, int]
-    periods: tuple[float, float]
-    high: int
-
-    def offsets(self, centre: FloatArray | Sequence[float] = (0.0, 0.0)) -> tuple[Any, Any]:
-        """(nx, 1) and (1, ny) distances from the nearest image of a centre."""
-        x, y = (
-            (np.arange(n) * (length / n) - c + length / 2) % length - length / 2
-            for n, length, c in zip(self.shape, self.periods, centre, strict=True)
-        )
-        return x[:, None], y[None, :]
-
-
-#: Makes heights of a kind on a patch.
-Maker = Callable[[Patch, Random], Any]
+#: Makes heights of a kind on a patch, the grid of a `Member` or a finer one.
+Maker = Callable[[Any, Random], Any]
 
 
 def named(*makers: Any) -> dict[str, Maker]:
@@ -63,7 +43,7 @@ def named(*makers: Any) -> dict[str, Maker]:
     return {maker.__name__.replace("_", " ").strip(): maker for maker in makers}
 
 
-def roughness(patch: Patch, rng: Random, low: float, high: float) -> Any:
+def roughness(patch: Member, rng: Random, low: float, high: float) -> Any:
     """Self-affine roughness of rms slope 1; its Hurst exponent is drawn between two numbers."""
     wave, hurst = 2 * math.pi, rng.uniform(low, high)
     spectrum = SelfAffineSpectrum(hurst, wave, 2 * wave, patch.high * wave, 1.0)
@@ -71,16 +51,16 @@ def roughness(patch: Patch, rng: Random, low: float, high: float) -> Any:
     return SelfAffine(spectrum, (1.0, 1.0), patch.shape, seed).build().heights
 
 
-def _worn(patch: Patch, rng: Random) -> Any:
+def _worn(patch: Member, rng: Random) -> Any:
     return np.minimum(roughness(patch, rng, 0.5, 0.95), rng.uniform(-0.2, 0.8) * _HEIGHT)
 
 
-def _skewed(patch: Patch, rng: Random) -> Any:
+def _skewed(patch: Member, rng: Random) -> Any:
     rough, skew = roughness(patch, rng, 0.5, 0.95), rng.choice([-1, 1]) * rng.uniform(0.3, 1.0)
     return np.expm1(skew * rough / _HEIGHT) * _HEIGHT / skew
 
 
-def _stepped(patch: Patch, rng: Random) -> Any:
+def _stepped(patch: Member, rng: Random) -> Any:
     rough = roughness(patch, rng, 0.8, 0.8) * rng.uniform(0.1, 0.5)
     (a, b), phase = rng.choice([[1, 0], [1, 1], [2, 1], [1, 3]]), rng.uniform()
     x, y = patch.offsets()
@@ -88,7 +68,7 @@ def _stepped(patch: Patch, rng: Random) -> Any:
     return rough + rng.uniform(0.01, 0.1) * above
 
 
-def _spheres(patch: Patch, rng: Random) -> Any:
+def _spheres(patch: Member, rng: Random) -> Any:
     heights = np.full(patch.shape, -np.inf)
     for _ in range(int(rng.integers(1, 6))):
         x, y = patch.offsets(rng.uniform(size=2))
@@ -97,14 +77,14 @@ def _spheres(patch: Patch, rng: Random) -> Any:
     return heights
 
 
-def _cylinders(patch: Patch, rng: Random) -> Any:
+def _cylinders(patch: Member, rng: Random) -> Any:
     a, b = rng.choice([[1, 0], [1, 1], [2, 1], [0, 2], [3, 1]])
     x, y = patch.offsets()
     across = (a * x + b * y + rng.uniform()) % 1 - 0.5
     return -(across**2) / (2 * (a * a + b * b)) * rng.uniform(2, 8)
 
 
-def _punches(patch: Patch, rng: Random) -> Any:
+def _punches(patch: Member, rng: Random) -> Any:
     heights, depth = np.zeros(patch.shape), rng.uniform(0.02, 0.3)
     for _ in range(int(rng.integers(1, 4))):
         x, y = patch.offsets(rng.uniform(size=2))
@@ -119,13 +99,13 @@ def _punches(patch: Patch, rng: Random) -> Any:
     return heights
 
 
-def _truncated_cones(patch: Patch, rng: Random) -> Any:
+def _truncated_cones(patch: Member, rng: Random) -> Any:
     x, y = patch.offsets(rng.uniform(size=2))
     flat = rng.uniform(0.1, 0.35)
     return -rng.uniform(0.1, 0.8) * np.maximum(np.hypot(x, y) - flat, 0)
 
 
-def _dimples(patch: Patch, rng: Random) -> Any:
+def _dimples(patch: Member, rng: Random) -> Any:
     rough, count = 0.1 * roughness(patch, rng, 0.8, 0.8), int(rng.integers(2, 5))
     x, y = patch.offsets()
     u, v = ((count * s + rng.uniform()) % 1 - 0.5 for s in (x, y))
@@ -133,7 +113,7 @@ def _dimples(patch: Patch, rng: Random) -> Any:
     return rough - np.maximum(0, deep / (2 * rng.uniform(0.2, 0.6)))
 
 
-def _outliers(patch: Patch, rng: Random) -> Any:
+def _outliers(patch: Member, rng: Random) -> Any:
     heights = roughness(patch, rng, 0.8, 0.8)
     for _ in range(int(rng.integers(3, 30))):
         x, y = patch.offsets(rng.uniform(size=2))
@@ -142,13 +122,13 @@ def _outliers(patch: Patch, rng: Random) -> Any:
     return heights
 
 
-def _sharp_cones(patch: Patch, rng: Random) -> Any:
+def _sharp_cones(patch: Member, rng: Random) -> Any:
     count, (x, y) = int(rng.integers(1, 4)), patch.offsets()
     u, v = ((count * s + rng.uniform()) % 1 - 0.5 for s in (x, y))
     return -rng.uniform(0.3, 1.0) * np.hypot(u, v) / count
 
 
-def _honed(patch: Patch, rng: Random) -> Any:
+def _honed(patch: Member, rng: Random) -> Any:
     heights = rng.uniform(0.05, 0.3) * roughness(patch, rng, 0.8, 0.8)
     (x, y), width = patch.offsets(), rng.uniform(0.05, 0.2)
     for side in (-1, 1):
@@ -158,7 +138,7 @@ def _honed(patch: Patch, rng: Random) -> Any:
     return heights
 
 
-def _quantised(patch: Patch, rng: Random) -> Any:
+def _quantised(patch: Member, rng: Random) -> Any:
     rough, levels = roughness(patch, rng, 0.5, 0.95), int(rng.integers(6, 41))
     step = 6 * _HEIGHT / levels
     return np.round(rough / step) * step
@@ -175,10 +155,10 @@ KINDS |= named(_dimples, _outliers, _sharp_cones, _honed, _quantised)
 
 @dataclass(frozen=True)
 class Member:
-    """One surface of an ensemble with its load and hardness.
+    """One surface of an ensemble on a grid of `shape`, with its load and hardness.
 
-    `shape` is that of the coarse grid; the maker makes heights on a patch from random numbers of
-    the seed `drawn`.
+    high: shortest waves per period of the rough kinds.  The maker makes heights from random numbers
+    of the seed `drawn`.
     """
 
     shape: tuple[int, int]
@@ -189,20 +169,28 @@ class Member:
     maker: Maker
     drawn: int
 
-    def solved(self, factor: int) -> tuple[FloatArray, FloatArray, list[float]]:
-        """(pressure, gap, spacing) on a grid `factor` times as fine as the coarse one.
+    @property
+    def spacing(self) -> list[float]:
+        """The distances between grid points along x and y."""
+        return [length / n for length, n in zip(self.periods, self.shape, strict=True)]
 
-        Raises NotConverged.
-        """
-        shape = (factor * self.shape[0], factor * self.shape[1])
-        patch = Patch(shape, self.periods, self.high)
-        heights = self.maker(patch, np.random.default_rng(self.drawn))
-        q = rfft_wavenumbers(shape, self.periods)
+    def offsets(self, centre: FloatArray | Sequence[float] = (0.0, 0.0)) -> tuple[Any, Any]:
+        """(nx, 1) and (1, ny) distances from the nearest image of a centre."""
+        x, y = (
+            (np.arange(n) * h - c + length / 2) % length - length / 2
+            for n, h, c, length in zip(self.shape, self.spacing, centre, self.periods, strict=True)
+        )
+        return x[:, None], y[None, :]
+
+    def solved(self, factor: int) -> tuple[FloatArray, FloatArray, list[float]]:
+        """(pressure, gap, spacing) on a grid `factor` times as fine; raises NotConverged."""
+        fine = replace(self, shape=(factor * self.shape[0], factor * self.shape[1]))
+        heights = self.maker(fine, np.random.default_rng(self.drawn))
+        q = rfft_wavenumbers(fine.shape, self.periods)
         q.flat[0] = np.inf
         options = bem.Options(tolerance=1e-7)
         solution = bem.solve_pressure(heights, 2 / q, self.load, self.hardness, options=options)
-        gap = solution.displacement + solution.offset - heights
-        return solution.pressure, gap, [L / n for L, n in zip(self.periods, shape, strict=True)]
+        return solution.pressure, solution.displacement + solution.offset - heights, fine.spacing
 
     def areas(self, factor: int) -> tuple[Areas, Areas, Areas]:
         """(raw, corrected, error) on a grid `factor` times as fine as the coarse one."""

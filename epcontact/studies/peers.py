@@ -1,15 +1,14 @@
 """The study of public codes side by side: the same surface, the same areas, one run.
 
 Each code is run at rising effort (a tighter tolerance, or more iterations, because Kato's method
-always reports an error of zero) until its raw areas agree with those of `epcontact.bem` within
-AGREEMENT.  This time is a code's best, because only someone who knows the answer can stop there.  A
-code whose areas never agree has no time, and neither has one that takes more than MOST times as
-long as this package.  Codes run in a process of their own, which the system ends then: some solves
-would take hours.
+always reports an error of zero) until its raw areas agree with those of `epcontact.bem`.  This time
+is a code's best, because only someone who knows the answer can stop there.  A code whose areas
+never agree has no time, and neither has one that takes more than MOST times as long as this
+package: codes run in a process of their own, which the system ends then.
 
-All codes have one thread.  Processor time is compared, as it does not count the waiting for other
-processes.  These also take a share of the memory's bandwidth, so that solves of one code differ by
-up to a half: this package solves before each solve of a peer, and the median of its times counts.
+Processor time is compared, as it does not count the waiting for other processes.  These also take a
+share of the memory's bandwidth, so that solves of one code differ by up to a half: this package
+solves before each solve of a peer, and the median of its times counts.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import importlib
 import math
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -32,13 +31,13 @@ from epcontact.harness.processes import Child, ChildDied
 from epcontact.output.charts.plot import Plot
 from epcontact.results import FloatArray
 from epcontact.studies.cost import AIMS, TIGHT
+from epcontact.studies.cost import timed as clocked
 from epcontact.studies.frame import Charts, Say, listed, study
 from epcontact.studies.paper_scene import LAWS, MODULUS, rough_scene
 
-#: Largest relative difference of total and plastic raw areas that counts as the same answer.
-AGREEMENT = 1e-3
-#: Times the processor time of this package after which a code is given up.
-MOST = 200
+#: Largest relative difference of total and plastic raw areas that counts as the same answer, and
+#: times the processor time of this package after which a code is given up.
+AGREEMENT, MOST = 1e-3, 200
 OWN = "epcontact"
 LOAD = 0.05  # over E*, as in all studies of the paper's scene
 
@@ -56,37 +55,27 @@ def agree(areas: Sequence[float], exact: Sequence[float]) -> bool:
     return all(abs(a - b) <= AGREEMENT * b for a, b in zip(areas, exact, strict=True))
 
 
-def race(
-    points: int,
-    bandwidth: int,
-    law: str,
-    peers: dict[str, Pressure],
-    call: Callable[..., tuple[float, FloatArray]],
-) -> pd.DataFrame:
+def race(points: int, bandwidth: int, law: str, peers: dict[str, Pressure], call: Any) -> Any:
     """Solve one surface by this package to each aim of `cost.AIMS`, and by every peer.
 
     `call` makes the calls of the peers, as `Child.call` does.  Returns a row for each code: code,
-    seconds, total and plastic (raw areas; NaN where the code was ended), agrees, setting (the one
-    that agreed or the last one tried), law and points_a_side.
+    seconds, total (raw area; NaN where the code was ended), agrees, setting (the one that agreed or
+    the last one tried), law and points_a_side.
     """
-    hardness = LAWS[law] / MODULUS
-    scene = rough_scene(points, 7, bandwidth, LAWS[law])
+    hardness, scene = LAWS[law] / MODULUS, rough_scene(points, 7, bandwidth, LAWS[law])
     times: dict[str, list[float]] = {aim: [] for aim in AIMS}
-    found = {}
 
-    def solve_here() -> None:
-        for aim, options in AIMS.items():
-            started = time.process_time()
-            found[aim] = bem.solve(scene, threads=1, **options).final.areas["raw"]
-            times[aim].append(time.process_time() - started)
+    def solve_here(aim: str) -> tuple[float, float]:
+        result, (_, spent) = clocked(lambda: bem.solve(scene, threads=1, **AIMS[aim]))
+        times[aim].append(spent)
+        return result.final.areas["raw"].total, result.final.areas["raw"].plastic
 
     # Kernels are compiled, and up to 1024 x 1024 points operators prepared, before it is timed.
-    solve_here()
-    exact, rows = (found[TIGHT].total, found[TIGHT].plastic), []
+    found, table = {aim: solve_here(aim) for aim in AIMS}, []
     heights = np.array(scene.surface.heights) / scene.surface.periods[0]
     for code, solver in peers.items():
         for effort in efforts(code, heights, hardness):
-            solve_here()
+            found = {aim: solve_here(aim) for aim in AIMS}
             seconds, areas = MOST * float(np.median(times[TIGHT][1:])), (math.nan, math.nan)
             try:
                 seconds, pressure = call(timed, seconds, solver, heights, LOAD, hardness, effort)
@@ -96,17 +85,15 @@ def race(
             except ChildDied as error:
                 if "SIGXCPU" not in str(error):
                     raise
-            agrees = agree(areas, exact)
+            agrees = agree(areas, found[TIGHT])
             if agrees or math.isnan(areas[0]):
                 break
-        rows.append((code, seconds, *areas, agrees, f"{effort:.3g}"))
-    solve_here()
-    for aim, area in found.items():
-        seconds, here = float(np.median(times[aim][1:])), (area.total, area.plastic)
-        rows.append((OWN, seconds, *here, agree(here, exact), aim))
-    names = ["code", "seconds", "total", "plastic", "agrees", "setting"]
-    table = pd.DataFrame(rows, columns=names)
-    return table.assign(law=law, points_a_side=scene.surface.shape[0])
+        table.append((code, seconds, areas[0], agrees, f"{effort:.3g}"))
+    for aim in AIMS:
+        areas, seconds = solve_here(aim), float(np.median(times[aim][1:]))
+        table.append((OWN, seconds, areas[0], agree(areas, found[TIGHT]), aim))
+    made = pd.DataFrame(table, columns=["code", "seconds", "total", "agrees", "setting"])
+    return made.assign(law=law, points_a_side=scene.surface.shape[0])
 
 
 def timed(allowed: float, solver: Pressure, *arguments: Any) -> tuple[float, FloatArray]:

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact.scene import SelfAffineSpectrum
-from epcontact.studies.areas import FINER, Maker, Member, Patch, Random
+from epcontact.studies.areas import FINER, Maker, Member, Random
 from epcontact.studies.paper_scene import PARTS
 from epcontact.surfaces import SelfAffine
 
@@ -29,14 +29,14 @@ from epcontact.surfaces import SelfAffine
 AIMS = {"total": 0.3, "plastic": 0.5, "elastic": 1.0}
 
 
-def _rough(patch: Patch, rng: Random, hurst: float) -> Any:
+def _rough(patch: Member, rng: Random, hurst: float) -> Any:
     """Self-affine roughness of rms slope 1."""
     wave = 2 * math.pi
     spectrum = SelfAffineSpectrum(hurst, wave, 2 * wave, patch.high * wave, 1.0)
     return SelfAffine(spectrum, (1.0, 1.0), patch.shape, int(rng.integers(1 << 31))).build().heights
 
 
-def _posts(patch: Patch, rng: Random, count: int, width: float, slope: float) -> Any:
+def _posts(patch: Member, rng: Random, count: int, width: float, slope: float) -> Any:
     """Square posts, as wide as a cell of the coarse grid, on roughness of a slope."""
     heights = slope * _rough(patch, rng, 0.8)
     for _ in range(count):
@@ -47,18 +47,18 @@ def _posts(patch: Patch, rng: Random, count: int, width: float, slope: float) ->
     return heights
 
 
-def _disc(patch: Patch, rng: Random, slope: float) -> Any:
+def _disc(patch: Member, rng: Random, slope: float) -> Any:
     """A plateau of radius 1/4, with flanks of a slope or, if it is infinite, a step of 1/2."""
     beyond = np.hypot(*patch.offsets((0.503, 0.4988))) - 0.25
     return -slope * np.maximum(beyond, 0) if slope < np.inf else -0.5 * (beyond > 0)
 
 
-def _strip(patch: Patch, rng: Random) -> Any:
+def _strip(patch: Member, rng: Random) -> Any:
     x, y = patch.offsets((0.5, 0.5))
     return np.where(np.abs(y) < 0.201, 0.0, -1.0) + 0 * x
 
 
-def _worn(patch: Patch, rng: Random) -> Any:
+def _worn(patch: Member, rng: Random) -> Any:
     rough = _rough(patch, rng, 0.8)
     return np.minimum(rough, 0.4 * rough.std())
 

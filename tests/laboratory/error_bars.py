@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ from epcontact.bem.areas.rim_correction import (
     sums_of_fronts,
 )
 from epcontact.results import Areas, FloatArray
-from epcontact.studies.areas import FINER, Patch, Random, member, named
+from epcontact.studies.areas import FINER, Member, Random, member, named
 from epcontact.studies.paper_scene import PARTS
 
 #: The share of errors that are to lie within their claim.
@@ -46,7 +46,7 @@ COVERED = 0.9
 _CELLS = 0.02
 
 
-def _waves(patch: Patch, rng: Random, count: int = 60) -> Any:
+def _waves(patch: Member, rng: Random, count: int = 60) -> Any:
     """Random waves of half to all of the highest wave number, of rms slope 1."""
     (nx, ny), (x, y) = patch.shape, patch.offsets()
     heights, slope = np.zeros((nx, ny)), 0.0
@@ -58,13 +58,13 @@ def _waves(patch: Patch, rng: Random, count: int = 60) -> Any:
     return heights / math.sqrt(slope)
 
 
-def _terraces(patch: Patch, rng: Random) -> Any:
-    coarse = Patch(patch.shape, patch.periods, 3)
+def _terraces(patch: Member, rng: Random) -> Any:
+    coarse = replace(patch, high=3)
     above = _waves(coarse, rng) > rng.uniform(-0.05, 0.05)
     return rng.uniform(0.1, 0.5) * _waves(patch, rng) + rng.uniform(0.01, 0.1) * above
 
 
-def _ripples(patch: Patch, rng: Random) -> Any:
+def _ripples(patch: Member, rng: Random) -> Any:
     x, y = patch.offsets()
     heights = np.zeros(patch.shape)
     for slope in (1.0, rng.choice([0.0, 0.3, 1.0])):
@@ -74,7 +74,7 @@ def _ripples(patch: Patch, rng: Random) -> Any:
     return heights
 
 
-def _ellipsoids(patch: Patch, rng: Random) -> Any:
+def _ellipsoids(patch: Member, rng: Random) -> Any:
     heights = np.full(patch.shape, -np.inf)
     for _ in range(int(rng.integers(2, 7))):
         along, across = _turned(patch, rng)
@@ -83,7 +83,7 @@ def _ellipsoids(patch: Patch, rng: Random) -> Any:
     return heights
 
 
-def _rings(patch: Patch, rng: Random) -> Any:
+def _rings(patch: Member, rng: Random) -> Any:
     heights = np.zeros(patch.shape)
     for _ in range(int(rng.integers(1, 3))):
         along, across = _turned(patch, rng)
@@ -94,13 +94,13 @@ def _rings(patch: Patch, rng: Random) -> Any:
     return heights
 
 
-def _pyramids(patch: Patch, rng: Random) -> Any:
+def _pyramids(patch: Member, rng: Random) -> Any:
     along, across = _turned(patch, rng)
     away = np.maximum(np.abs(along), np.abs(across) * rng.uniform(0.7, 1.5))
     return -rng.uniform(0.1, 0.8) * np.maximum(away - rng.uniform(0.05, 0.3), 0)
 
 
-def _grooves(patch: Patch, rng: Random) -> Any:
+def _grooves(patch: Member, rng: Random) -> Any:
     (a, b), (x, y) = rng.choice([[2, 0], [1, 2], [3, 3], [0, 4]]), patch.offsets()
     across = np.abs((a * x + b * y + rng.uniform()) % 1 - 0.5)
     width = rng.uniform(0.1, 0.4)
@@ -108,7 +108,7 @@ def _grooves(patch: Patch, rng: Random) -> Any:
     return 0.1 * _waves(patch, rng) - depth
 
 
-def _spikes(patch: Patch, rng: Random) -> Any:
+def _spikes(patch: Member, rng: Random) -> Any:
     heights = _waves(patch, rng)
     for _ in range(int(rng.integers(3, 30))):
         along, across = _turned(patch, rng)
@@ -117,14 +117,14 @@ def _spikes(patch: Patch, rng: Random) -> Any:
     return heights
 
 
-def _lapped(patch: Patch, rng: Random) -> Any:
+def _lapped(patch: Member, rng: Random) -> Any:
     """Waves whose heights above a level are pressed together, so that the level is an edge."""
     heights = _waves(patch, rng)
     level = rng.uniform(0, 1.5) * heights.std()
     return np.minimum(heights, level + rng.uniform() * (heights - level))
 
 
-def _turned(patch: Patch, rng: Random) -> tuple[FloatArray, FloatArray]:
+def _turned(patch: Member, rng: Random) -> tuple[FloatArray, FloatArray]:
     """Distances (nx, ny) from a random centre along two random directions at right angles."""
     (x, y), turn = patch.offsets(rng.uniform(size=2)), rng.uniform(0, np.pi)
     cosine, sine = math.cos(turn), math.sin(turn)
@@ -207,12 +207,8 @@ def fitted(known: Sequence[Lesson], start: ErrorConstants = ERRORS) -> ErrorCons
     at = np.log(astuple(start))
     for _ in range(2):  # a second simplex leaves where the first one has collapsed
         simplex = np.vstack([at, at + np.diag([0.7, -0.7, 0.7])])
-        at = minimize(
-            cost,
-            at,
-            method="Nelder-Mead",
-            options={"initial_simplex": simplex, "xatol": 0.02, "fatol": 1e-3},
-        ).x
+        options = {"initial_simplex": simplex, "xatol": 0.02, "fatol": 1e-3}
+        at = minimize(cost, at, method="Nelder-Mead", options=options).x
     return ErrorConstants(*np.exp(at).tolist())
 
 

@@ -23,6 +23,8 @@ give it as a function of u = hardness/|grad v|, which is known in each cell.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -30,13 +32,7 @@ from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
 from epcontact.bem.areas.front import AXIS_OFFSET, KINK, STIFFNESS, empty_links, locate
 from epcontact.bem.areas.hidden import CORNER
-from epcontact.bem.areas.rim_correction import (
-    COUNTED,
-    HARMONIC,
-    LOCATED,
-    OBLONG,
-    sums_of_fronts,
-)
+from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, LOCATED, OBLONG, sums_of_fronts
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
@@ -75,19 +71,20 @@ def front_offset(angle: float, limit: float = 400 * math.pi, points: int = 2_000
 
 
 def solved(
-    heights: FloatArray, compliance: FloatArray, load: float, hardness: float = math.inf
+    heights: FloatArray,
+    load: float,
+    hardness: float = math.inf,
+    period: float = 1.0,
+    compliance: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (pressure, gap) of heights on a line or grid with a compliance."""
+    """(pressure, gap) of heights on a line or grid, on a half-space of E* = 1 without compliance."""
+    if compliance is None:
+        q = rfft_wavenumbers(heights.shape, (period,) * heights.ndim)
+        q.flat[0] = np.inf
+        compliance = 2 / q
     options = Options(tolerance=1e-7)
     solution = solve_pressure(heights, compliance, load, hardness, options=options)
     return solution.pressure, solution.displacement + solution.offset - heights
-
-
-def half_space(shape: tuple[int, ...], period: float) -> FloatArray:
-    """The compliance of a half-space of E* = 1 on a line or grid."""
-    q = rfft_wavenumbers(shape, (period,) * len(shape))
-    q.flat[0] = np.inf
-    return 2 / q
 
 
 def wave(points: int, phase: float) -> FloatArray:
@@ -116,7 +113,7 @@ def front_sums(
     q = 2 * np.pi * np.arange(n // 2 + 1) / n
     folded = np.hypot(fold(q * a), fold(q * b))
     folded[0] = np.inf
-    p, g = solved(wave(n, phase), 2 / folded, load, hardness)
+    p, g = solved(wave(n, phase), load, hardness, compliance=2 / folded)
     column = (a * np.arange(n)[:, None] + b * (np.arange(6) - 2)) % n  # this strip meets every row
     fields, stiffness = (p[column], g[column], hardness * (1 - 1e-12)), (STIFFNESS, STIFFNESS)
     # Cells whose last corner is in the fourth of the six columns have all that they need.
@@ -131,7 +128,7 @@ def front_sums(
 def exact_fronts(hardness: float, period: float, points: int = 1 << 16) -> tuple[float, float]:
     """Half-widths of contact and of the plastic part (dx) of one wave, on a very fine line."""
     spacing = period / points
-    p, g = solved(wave(points, 0.3), half_space((points,), period), hardness / 2, hardness)
+    p, g = solved(wave(points, 0.3), hardness / 2, hardness, period)
     field = p - STIFFNESS / spacing * g
     contact = _length(field) / 2 * spacing
     plastic = (points - _length(hardness - field)) / 2 * spacing
@@ -218,46 +215,43 @@ def _fit(features: FloatArray, biases: FloatArray) -> FloatArray:
     """Table with small second differences, 0 where a strip has no width."""
     nodes = grid.U_NODES
     smooth = np.zeros((len(nodes) - 1, len(nodes)))
-    for i in range(1, len(nodes) - 1):
-        left, right = nodes[i] - nodes[i - 1], nodes[i + 1] - nodes[i]
-        smooth[i - 1, i - 1 : i + 2] = 1 / left, -1 / left - 1 / right, 1 / right
+    for i, (left, right) in enumerate(pairwise(1 / np.diff(nodes))):
+        smooth[i, i : i + 3] = left, -left - right, right
     smooth *= SMOOTHING
     smooth[-1, 0] = 100
     target = np.r_[biases, np.zeros(len(smooth))]
     return np.asarray(np.linalg.lstsq(np.r_[features, smooth], target, rcond=None)[0])
 
 
-def _swept(heights: FloatArray, load: float) -> grid.Sums:
-    """The sums over the fronts of a contact on a square of side 1, both parts together."""
-    nx, ny = heights.shape
-    p, g = solved(heights, half_space((nx, ny), 1.0), load)
-    sums = sums_of_fronts(p, g, math.inf, (1 / nx, 1 / ny), 1.0)
-    return grid.Sums(*sums[:, 0].sum(axis=-1))
+def spheres(
+    shape: tuple[int, int], radius: float, seed: int, shifts: int
+) -> Iterator[tuple[grid.Sums, float]]:
+    """The sums over the fronts of spheres at random places on a square of side 1, and the area of
+    each in cells, exact by Hertz."""
+    force = bumps.sphere_force(radius, 1.0, 1.0)
+    exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
+    for shift in np.random.default_rng(seed).uniform(size=(shifts, 2)):
+        x, y = ((np.arange(n) + s) / n - 0.5 for n, s in zip(shape, shift, strict=True))
+        p, g = solved(-(x[:, None] ** 2 + y**2) / 2, force)
+        sums = sums_of_fronts(p, g, math.inf, (1 / shape[0], 1 / shape[1]), 1.0)
+        yield grid.Sums(*sums[:, 0].sum(axis=-1)), exact * shape[0] * shape[1]
 
 
 def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, float]:
-    """(cells that a spot lacks by its curvature, standard error), on spheres, exact by Hertz."""
+    """(cells that a spot lacks by its curvature, standard error)."""
     n = 2 * round(radius / 0.3)
-    force = bumps.sphere_force(radius / n, 1.0, 1.0)
-    exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2 * n * n
-    out = []
-    for shift in np.random.default_rng(1).uniform(size=(shifts, 2)):
-        x, y = ((np.arange(n) + s) / n - 0.5 for s in shift)
-        sums = _swept(-(x[:, None] ** 2 + y**2) / 2, force)
-        offset = sums.offset + HARMONIC * sums.harmonic
-        out.append((exact - sums.area + offset) / sums.turn)
+    out = [
+        (exact - sums.area + sums.offset + HARMONIC * sums.harmonic) / sums.turn
+        for sums, exact in spheres((n, n), radius / n, 1, shifts)
+    ]
     return float(np.mean(out)), float(np.std(out) / math.sqrt(shifts))
 
 
 def calibrate_oblong(aspect: float = 2.0, points: int = 30, shifts: int = 24) -> float:
-    """OBLONG: by how much of ln^2(dx/dy) the mean offset grows, on spheres, exact by Hertz."""
+    """OBLONG: by how much of ln^2(dx/dy) the mean offset grows."""
     nx, ny = (2 * round(points * aspect**power) for power in (-0.5, 0.5))
-    force = bumps.sphere_force(0.15, 1.0, 1.0)
-    exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2 * nx * ny
     lacking = offset = 0.0
-    for shift in np.random.default_rng(2).uniform(size=(shifts, 2)):
-        x, y = ((np.arange(n) + s) / n - 0.5 for n, s in zip((nx, ny), shift, strict=True))
-        sums = _swept(-(x[:, None] ** 2 + y**2) / 2, force)
+    for sums, exact in spheres((nx, ny), 0.15, 2, shifts):
         outward = sums.offset + HARMONIC * sums.harmonic
         lacking += sums.area - outward + CORNER * sums.turn - exact
         offset += sums.offset
@@ -277,7 +271,7 @@ def calibrate_kink(points: int = 96, finer: int = 32) -> tuple[float, float]:
             places = []
             for n in (points * finer, points):
                 away = np.maximum(abs((np.arange(n) / n - centre + 0.5) % 1 - 0.5) - half, 0)
-                p, g = solved(-slope * (away + bend * away**2), half_space((n,), 1.0), load)
+                p, g = solved(-slope * (away + bend * away**2), load)
                 last = next(i for i in range(round(centre * n), 2 * n) if p[(i + 1) % n] <= 0)
                 link, nearby = empty_links(1), np.arange(last - 2, last + 4) % n
                 link.values[:, 0] = v = p[nearby] - STIFFNESS * n * g[nearby]
