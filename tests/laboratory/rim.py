@@ -77,7 +77,7 @@ def solved(
     period: float = 1.0,
     compliance: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """(pressure, gap) of heights on a line or grid, on a half-space of E* = 1 without compliance."""
+    """(pressure, gap) of heights on a line or grid; without a compliance on that of E* = 1."""
     if compliance is None:
         q = rfft_wavenumbers(heights.shape, (period,) * heights.ndim)
         q.flat[0] = np.inf
