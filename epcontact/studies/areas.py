@@ -1,10 +1,9 @@
 """Are the claimed errors of corrected areas true?  An ensemble of many kinds of surfaces.
 
 Each member of the ensemble is a surface of one of KINDS with a load, a hardness and a number of
-points per shortest wavelength, all drawn by its seed.  It is solved on a coarse grid and on one
-that is FINER times as fine, whose corrected areas are the reference.  The unit of pressure is E*
-and the slopes of most kinds are of order 1.  The constants of the claims come from other kinds
-(`laboratory.error_bars`).
+points per shortest wavelength, all drawn by its seed.  Its reference is the corrected area on a
+grid FINER times as fine.  The unit of pressure is E* and the slopes of most kinds are of order 1.
+The constants of the claims come from other kinds (`laboratory.error_bars`).
 """
 
 from __future__ import annotations
@@ -214,10 +213,8 @@ def member(makers: Mapping[str, Maker], kind: str, seed: int, points: int) -> Me
 def judged(kind: str, seed: int, points: int) -> list[dict[str, Any]]:
     """Solve one member of the ensemble on a grid of about `points` squared and on the fine one.
 
-    Returns for each part of the area a row: kind, seed, part, and as shares of the nominal area
-    exact, error (of the corrected area) and claimed, with times, error by claimed error.  Errors
-    of the solver's tolerance are no errors of the estimate, and an area for which neither an error
-    nor a claim exists, such as the plastic one where nothing is plastic, is left out.
+    Each part of the area has a row: kind, seed, part, exact, error (of the corrected area), claimed
+    and times, error by claimed error beyond the solver's tolerance, unless neither exists.
     """
     one, found = member(KINDS, kind, seed, points), []
     (_, corrected, claimed), (_, exact, _) = one.areas(1), one.areas(FINER)

@@ -1,9 +1,8 @@
 """Studies of what boundary elements cost, and of the error of contact areas against that.
 
-FFT pairs are counted; times are in bare FFT pairs of the same grid, timed in the same run, so that
-a level line is growth as N log N.  The wall clock slows more for a solve than for the best of many
-pairs on a busy machine; the processor time of all threads does not count cores that wait or work
-for others.
+Times are in bare FFT pairs of the same grid, timed in the same run, so that a level line is growth
+as N log N.  The wall clock slows more for a solve than for the best of many pairs on a busy
+machine; the processor time of all threads does not count cores that wait or work for others.
 """
 
 from __future__ import annotations
@@ -71,10 +70,8 @@ def cost(
 
 
 def pair_times(shape: tuple[int, ...], threads: int, repeats: int = 5) -> tuple[float, float]:
-    """The least wall-clock and processor time, in s, of a real FFT pair into existing arrays.
-
-    New arrays would add the time for clearing their pages.
-    """
+    """The least wall-clock and processor time, in s, of a real FFT pair into existing arrays; new
+    arrays would add the time for clearing their pages."""
     field = np.random.default_rng(1).random(shape)
     modes = np.zeros((*shape[:-1], shape[-1] // 2 + 1), dtype=np.complex128)
     back = {"lastsize": shape[-1], "forward": False, "inorm": 2, "allow_overwriting_input": True}

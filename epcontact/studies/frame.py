@@ -1,9 +1,8 @@
 """The frame of the studies: from a function that yields tables of rows to charts and their files.
 
-A study is one function with the decorator `study`.  It yields, for each of its charts, a `Plot`,
-the rows that the plot draws and a title.  Rows with a column `seed` become means over the
-surfaces with their intervals; the columns of the CSV are those that the plot names.  A caption is
-the title, the docstring of the study and its options.
+A study is one function that yields, for each of its charts, a `Plot`, the rows that the plot draws
+and a title.  Rows with a column `seed` become means over the surfaces with their intervals.  A
+caption is the title, the docstring of the study and its options.
 """
 
 from __future__ import annotations
@@ -70,10 +69,7 @@ def study(name: str, **full: Any) -> Callable[[Callable[..., Charts]], Callable[
 
 
 def rows(say: Say, row: Callable[..., Any], **axes: Sequence[Any] | Mapping[Any, Any]) -> Any:
-    """The table of `row(**point)`, one or several rows, at every combination of the axes.
-
-    The columns are the axes, by their names, and those of the rows.
-    """
+    """The table of the axes and `row(**point)`, one or several rows, at every combination."""
     found = []
     for values in product(*axes.values()):
         point = dict(zip(axes, values, strict=True))
@@ -86,12 +82,9 @@ def rows(say: Say, row: Callable[..., Any], **axes: Sequence[Any] | Mapping[Any,
 def mean_with_interval(
     table: pd.DataFrame, value: str, by: Sequence[str], shared_error: str = ""
 ) -> pd.DataFrame:
-    """Average a column over the rows of each group, with Student's 95 % interval of the mean.
-
-    Returns a row for each group, in the order of their first rows: `by`, `<value>`, `<value>_low`
-    and `<value>_high`.  `shared_error` is a column of errors that the rows of a group have in
-    common, so that they do not average out: their mean is added in quadrature.
-    """
+    """Means of a column over groups, in the order of their first rows, with <value>_low and _high,
+    Student's 95 % interval.  `shared_error` is a column of errors that the rows of a group have in
+    common, so that they do not average out: their mean is added in quadrature."""
     groups = table.groupby(list(by), sort=False)
     mean = groups[value].mean()
     half_width = groups[value].agg(lambda values: estimate(values.to_numpy()).half_width)
@@ -114,10 +107,8 @@ def listed(table: pd.DataFrame, form: str) -> str:
 
 
 def save_charts(name: str, charts: Sequence[Chart], folder: Path) -> list[Path]:
-    """Write the charts of a study as <name>-1, <name>-2, ... (a single one as <name>).
-
-    Returns the files written, four for each chart; raises OutputError if one cannot be written.
-    """
+    """Write the charts of a study as <name>-1, <name>-2, ... (a single one as <name>), four files
+    each; raises OutputError if one cannot be written."""
     stems = [name] if len(charts) == 1 else [f"{name}-{i + 1}" for i in range(len(charts))]
     saved = (chart.save(folder / stem) for stem, chart in zip(stems, charts, strict=True))
     return [path for paths in saved for path in paths]

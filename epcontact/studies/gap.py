@@ -1,14 +1,9 @@
 """Studies of the gap under a load, and of the topography that it leaves, by all methods.
 
-The gap g is that between the flat and the elastically deformed surface; it is negative where the
-flat is below that surface because the surface has flowed:
-
-    open gap              <max(g, 0)>   the gap that is left open between the surfaces
-    plastic displacement  <max(-g, 0)>  the distance by which flow has lowered the surface
-    separation            <g> = open gap - plastic displacement
-
-all means over the nominal area.  The theory's mean separation is the open gap.  With J2 flow the
-displacement of the surface includes the plastic part, so the gap is nowhere negative.
+The gap g is that to the elastically deformed surface, negative where that has flowed.  The means
+over the nominal area are the open gap <max(g, 0)>, the plastic displacement <max(-g, 0)> and the
+separation <g>.  The theory's mean separation is the open gap.  With J2 flow the displacement of the
+surface includes the plastic part, so the gap is nowhere negative.
 """
 
 from __future__ import annotations
@@ -39,11 +34,8 @@ from epcontact.surfaces import power_by_octave, residual_surface, topography
 LOADS = tuple(0.00625 * 2.0**k for k in range(7))
 OPEN, PLASTIC = "open gap", "plastic displacement"
 #: The quantities of a load step that are lengths.
-QUANTITIES = {
-    OPEN: "mean_gap",
-    "separation": "mean_separation",
-    PLASTIC: "mean_plastic_displacement",
-}
+QUANTITIES = {OPEN: "mean_gap", "separation": "mean_separation"}
+QUANTITIES |= {PLASTIC: "mean_plastic_displacement"}
 _LOAD, _LENGTH, _OFF = "pressure_over_modulus", "length_over_rms_height", "deviation_percent"
 _COLOURS = {"capped": CYCLE[0], "elastic": CYCLE[1], "j2": CYCLE[2]}
 
@@ -69,11 +61,10 @@ def gap(
 ) -> Charts:
     """Mean gap against pressure, its elastic and plastic part, by all methods.
 
-    The roughness is the paper's, E* xi = E*, the hardness 0.6 E* or none.  The gap is that to the
-    elastically deformed surface: separation = open gap - plastic displacement.  Theory: gamma =
-    0.536 and the spectrum of the same surfaces.  Finite elements are on one surface, a block so
-    deep that it matches the half-space within 1e-3, with the same law or with J2 flow at a third of
-    the hardness, which differs from the cap as a model.
+    The roughness is the paper's, E* xi = E*, the hardness 0.6 E* or none.  Separation = open gap -
+    plastic displacement.  Theory: gamma = 0.536, the spectrum of the same surfaces.  Finite
+    elements are on one surface of a deep block, with the same law or with J2 flow at a third of the
+    hardness, which differs from the cap as a model.
     """
 
     def measure(law: str, seed: int) -> Any:
@@ -235,7 +226,7 @@ def residual(
     the theory (gamma = 0.536) has the effective spectrum C [1 - (A_pl sigma_P/p)^6] and tells
     nothing of the distribution of heights.  The experiment of Tiwari, Wang, Mueser and Persson
     (Lubricants 7, 90 (2019)) found short waves nearly unchanged after squeezing, and heights as
-    symmetric as before.
+    symmetric.
     """
 
     def row(model: str, hardness: float, seed: int, points: int, bandwidth: int) -> Any:

@@ -183,10 +183,8 @@ def persistence(
 
 
 def raw_areas(severity: float, seed: int, nodes: int) -> list[dict[str, Any]]:
-    """The raw contact area along LOADS by each model, at Poisson's ratio 0.3.
-
-    A cap has the area 1 where the load reaches it; the cap of the map has no row outside the map.
-    """
+    """The raw contact area along LOADS by each model, at Poisson's ratio 0.3; 1 where the load
+    reaches the cap, and no row where the load is outside the map."""
     scene, found = model_scene(severity, 0.3, seed, nodes), []
     material, sigma_Y = scene.material, scene.material.yield_stress
     path = Load(tuple(load * sigma_Y for load in LOADS))

@@ -97,10 +97,8 @@ def race(points: int, bandwidth: int, law: str, peers: dict[str, Pressure], call
 
 
 def timed(allowed: float, solver: Pressure, *arguments: Any) -> tuple[float, FloatArray]:
-    """A solver's processor time (s) and its pressure.
-
-    The system ends the process when the solver has taken the seconds `allowed`, where it can.
-    """
+    """A solver's processor time (s) and its pressure; where it can, the system ends the process
+    when the solver has taken the seconds `allowed`."""
     with contextlib.ExitStack() as afterwards:
         with contextlib.suppress(ImportError):
             import resource  # does not exist on Windows

@@ -220,10 +220,7 @@ def chart(table: pd.DataFrame, size: str) -> Chart:
 
 
 def write(table: pd.DataFrame, size: str, folder: Path | str) -> tuple[Path, ...]:
-    """Write stability.json and, for each map, stability-<map>.png, .svg, .csv and .txt.
-
-    Raises OutputError if a file cannot be written.
-    """
+    """Write stability.json and, for each map, stability-<map>.png, .svg, .csv and .txt."""
     paths = [Path(folder) / "stability.json"]
     content: Mapping[str, Any] = {
         "schema": "epcontact-stability-1",

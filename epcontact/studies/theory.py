@@ -135,10 +135,7 @@ def theory_areas() -> pd.DataFrame:
 
 
 def fit_gamma(table: pd.DataFrame, measured: Mapping[Any, Any]) -> tuple[float, float, float]:
-    """The gamma at which `theory_areas` have a measured area, and its interval.
-
-    NaN where there is no such gamma, or several.
-    """
+    """The gamma at which `theory_areas` have a measured area, and its interval; NaN for none."""
     gamma, areas, found = table["gamma"].to_numpy(), table[measured["area"]].to_numpy(), []
     for level in (measured[f"area_fraction{end}"] for end in ("", "_low", "_high")):
         places = np.flatnonzero(np.diff(areas > level))
@@ -288,13 +285,11 @@ def pressures(
 ) -> Charts:
     """P(sigma) at 0 and at the hardness, raw and extrapolated, beside the theory.
 
-    Does it vanish there, and how steep is it?  The density is the value at the end of a straight
-    line that has the area and the mean pressure of the points within a window, which shrinks as the
-    root of the spacing, like the pressure next to a rim; the raw slope is that of such a line
-    within one window on every grid; the mean slope is 2 F/w^2 of the corrected area F within a
-    window w.  Each is extrapolated for every surface to ever finer grids: density and raw slope
-    with the root of the spacing, the mean slope with the spacing.  All are in units of the
-    hardness, and the theory has the same windows.
+    The density is the value at the end of a straight line that has the area and the mean pressure
+    of the points within a window, which shrinks as the root of the spacing, like the pressure next
+    to a rim; the raw slope is that of such a line within one window; the mean slope is 2 F/w^2 of
+    the corrected area F within a window w.  Each is extrapolated for every surface to ever finer
+    grids, with the root of the spacing or, the mean slope, with the spacing.  Units: the hardness.
     """
     densities = []
 

@@ -54,8 +54,7 @@ def make_map(
 ) -> tuple[pd.DataFrame, Path]:
     """Solve the load paths of the map that are not kept in `output`; return the map and its file.
 
-    The file is `<output>/hardness-map/<size>/hardness_map.csv`.  Raises EpcontactError if a path
-    has no result; the paths that have one are kept.
+    Raises EpcontactError if a path has no result; the paths that have one are kept.
     """
     areas = []
     (file,) = (file for file in package_files() if case_name(file) == "hardness-map")
@@ -88,10 +87,7 @@ def make_map(
 
 
 def measured_areas(task: Task, j2: ContactResult) -> pd.DataFrame:
-    """The raw areas of the J2 body of a load path, and of capped bodies on the same compliance.
-
-    One row for each load and cap, with the columns of `inverse_hardness`.
-    """
+    """The raw areas of the J2 body of a load path, and of capped bodies on the same compliance."""
     scene = task.case.scene(task.recipe)
     material, surface = scene.material, scene.surface
     spectrum, sigma_Y = surface.spectrum, material.yield_stress
@@ -199,18 +195,14 @@ def changes(usual: pd.DataFrame, other: pd.DataFrame, *, paired: bool = True) ->
 def mapped(areas: pd.DataFrame) -> pd.DataFrame:
     """Make the map from the areas of its bodies and of those that differ from them in one thing.
 
-    Errors are relative and at 95 %.  The surfaces of a place are few, so that their scatter is
-    pooled over all places of a load.  `off_the_grid` has the grid's part.  Shorter steps of the
-    path change all places in about the same way, so that their mean change is taken off; the error
-    that is left is how the change differs between places, and half of the mean for steps that are
-    shorter yet, as if it fell with the tolerance.  The parts of the depth and of the spectrum are
-    all changes by them, the latter less what the surfaces' scatter explains, because bodies of
-    another spectrum have other surfaces.
+    Errors are relative and at 95 %.  The scatter of the few surfaces is pooled over all places of a
+    load.  Shorter steps of the path change all places in about the same way, so that their mean
+    change is taken off; what is left is how the change differs between places, and half of the mean
+    for steps that are shorter yet.  The parts of the depth and of the spectrum are all changes by
+    them, the latter less what the scatter of other surfaces explains.
 
-    The first body of `areas` is one of the map, and so are all that are like it in VARIED.  The
-    others differ in nodes, step_tolerance or depth alone, or in the spectrum, or in the spectrum
-    and in the nodes to the shortest wave.  Raises InvalidCase if no body differs in one of these,
-    or a place has a single surface.  Returns the columns of `materials/hardness_map.csv`.
+    The first body of `areas` is one of the map, and so are all that are like it in VARIED; the
+    others differ as `_kinds` says.  Raises InvalidCase if a kind or a second surface is missing.
     """
     usual, kinds = _kinds(areas)
     table, shifts = inverse_hardness(usual)
@@ -267,14 +259,10 @@ def off_the_grid(
 
     The change by each halving of the spacing is fitted by (1 - area) area^-1/4 (k + l/(1 +
     severity/8)): it vanishes in full contact, grows as spots get smaller, and the last factor is
-    that of the formula.  What is left after the last halving is a share of its change, see
-    `_share_left`.
-
-    `areas` are on the grid of the map, `finer` on half the spacing and so on, `others` of other
-    spectra, which are cheaper to solve with more nodes to the shortest wave.  Returns for each of
-    `places` the relative change of the inverse by the extrapolation, and its error: that of the
-    share left, and twice the standard error by the surfaces, larger by as much as the fit misses
-    more than they explain.  Raises InvalidCase if no place has two surfaces on a finer grid.
+    that of the formula.  `areas` are on the grid of the map, `finer` on half the spacing and so on,
+    `others` of other spectra, which are cheaper to solve with more nodes to the shortest wave.
+    Returns for each of `places` the relative change of the inverse, and its error: that of the
+    share left, and twice the standard error by the surfaces, larger by as much as the fit misses.
     """
     grids = [areas, *sorted(finer, key=lambda other: other["nodes"].iloc[0])]
     left, doubt = _share_left(grids[-1], others)
