@@ -46,13 +46,7 @@ if TYPE_CHECKING:
     )
     from epcontact.harness.verdict import Verdict, verify
     from epcontact.materials.hardness_map import MappedHardness, effective_hardness
-    from epcontact.results import (
-        Areas,
-        ContactResult,
-        LoadStep,
-        PressureDistribution,
-        Provenance,
-    )
+    from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
     from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 
 __all__ = [

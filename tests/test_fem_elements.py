@@ -18,13 +18,7 @@ from fem_check import FemOptions, mesh_of, plasticity, surface_compliance
 from fem_check.driver import problem_of
 from fem_check.element import CORNERS, elastic_stiffness, elements
 from fem_check.limit_load import STRIP_LIMIT, push, strip_punch
-from fem_check.mesh import (
-    GROWTH,
-    block_for,
-    graded_layers,
-    half_space_depth,
-    moved_elements,
-)
+from fem_check.mesh import GROWTH, block_for, graded_layers, half_space_depth, moved_elements
 from fem_check.plasticity import Law, law
 from fem_check.vtu import von_mises
 

@@ -18,11 +18,7 @@ from epcontact.surfaces.power_spectrum import (
     radial_spectrum,
     surface_moments,
 )
-from epcontact.surfaces.spectrum import (
-    density,
-    spectral_moment,
-    truncated,
-)
+from epcontact.surfaces.spectrum import density, spectral_moment, truncated
 
 # The heights are about as large as the period, which changes nothing of what is tested here.
 pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")

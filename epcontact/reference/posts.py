@@ -24,8 +24,7 @@ FLAT_PUNCH = ClosedForm(
     "Johnson, Contact Mechanics (1985), sections 2.8 and 3.4; Westergaard 1939 for the row",
 )
 CAPPED_STRIP = ClosedForm(
-    "capped_strip",
-    "Dugdale, J. Mech. Phys. Solids 8 (1960) 100, for a row of cracks (Smith 1965)",
+    "capped_strip", "Dugdale, J. Mech. Phys. Solids 8 (1960) 100, for a row of cracks (Smith 1965)"
 )
 
 

@@ -20,8 +20,7 @@ HEIGHTS = ClosedForm(
     "heights", "the surface's own heights: xi^2 = <|grad h|^2>, <(p - p0)^2> = E*^2 xi^2/4"
 )
 LIGHT_LOAD = ClosedForm(
-    "light_load",
-    "Almqvist and Persson, the contact area of an elastic rough surface at light load",
+    "light_load", "Almqvist and Persson, the contact area of an elastic rough surface at light load"
 )
 #: Largest area at which `light_load` is offered.  There the elastic area of the theory is 0.6 %
 #: below its straight line (test_reference.py).

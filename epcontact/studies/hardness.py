@@ -164,10 +164,7 @@ THEORY = "theory, cap at 3 sigma_Y"
 
 @study("persistence", severities=(5.0, 15.0, 50.0), seeds=range(101, 109))
 def persistence(
-    say: Say,
-    severities: Sequence[float] = (5.0,),
-    seeds: Ints = range(101, 103),
-    nodes: int = 24,
+    say: Say, severities: Sequence[float] = (5.0,), seeds: Ints = range(101, 103), nodes: int = 24
 ) -> Charts:
     """Contact area up to three yield stresses by J2 flow, caps and theory.
 

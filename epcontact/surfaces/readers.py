@@ -142,10 +142,7 @@ def _read_instrument(path: Path) -> HeightMap:
             f"{path}: reading {path.suffix or 'such'} files needs SurfaceTopography; "
             "pip install 'epcontact[instruments]', or convert it to .npy or text"
         ) from None
-    with (
-        _refusing(path, "SurfaceTopography cannot read it"),
-        open_topography(str(path)) as reader,
-    ):
+    with _refusing(path, "SurfaceTopography cannot read it"), open_topography(str(path)) as reader:
         topography = reader.topography()
         if in_metres := topography.unit is not None:
             topography = topography.to_unit("m")

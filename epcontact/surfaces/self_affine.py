@@ -42,9 +42,7 @@ _BLOCK = 1 << 16
 
 
 def grid_shape(
-    spectrum: SelfAffineSpectrum,
-    periods: tuple[float, ...],
-    points_per_shortest_wavelength: float,
+    spectrum: SelfAffineSpectrum, periods: tuple[float, ...], points_per_shortest_wavelength: float
 ) -> tuple[int, ...]:
     """Return the grid with a given number of points per shortest wavelength 2 pi / q_1.
 

@@ -30,8 +30,7 @@ from epcontact.surfaces.recipe import Fields, Real, entry
 
 Treatment = Literal["refuse", "periodic", "detrend_and_window"]
 EdgeField = Annotated[
-    Treatment,
-    entry("", "a map that is not periodic: refused, taken as it is, or made periodic"),
+    Treatment, entry("", "a map that is not periodic: refused, taken as it is, or made periodic")
 ]
 TaperField = Annotated[Real, entry("", "share of a period over which the window rises, and falls")]
 

@@ -122,10 +122,7 @@ def _short(p: float, hardness: float, front: int) -> float:
 
 @compiled
 def _crease(
-    here: float,
-    beside: tuple[float, float],
-    outer: tuple[float, float],
-    sides: tuple[float, float],
+    here: float, beside: tuple[float, float], outer: tuple[float, float], sides: tuple[float, float]
 ) -> tuple[float, float]:
     """(ln of half the width of a gap that a crease may hide, share of it that may be straight).
 
