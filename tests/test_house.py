@@ -24,7 +24,7 @@ FLOORS = (
 #: The most lines of each room.  A change that needs more takes something out of the room, or says
 #: in its commit why the room grows.
 LINES = {
-    "epcontact": 110,
+    "epcontact": 100,
     "epcontact.bem": 4160,
     "epcontact.cli": 1120,
     "epcontact.errors": 90,
@@ -41,7 +41,7 @@ LINES = {
     "epcontact.studies": 2440,
     "epcontact.surfaces": 1800,
     "fem_check": 3730,
-    "tests": 14770,
+    "tests": 14730,
 }
 #: Imports of the project inside functions, each with its reason beside it; fewer is better.
 DEFERRED = 15
