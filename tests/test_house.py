@@ -29,7 +29,7 @@ LINES = {
     "epcontact.cli": 1120,
     "epcontact.errors": 90,
     "epcontact.files": 140,
-    "epcontact.harness": 5840,
+    "epcontact.harness": 5830,
     "epcontact.machine": 220,
     "epcontact.materials": 260,
     "epcontact.output": 1660,

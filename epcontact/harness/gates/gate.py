@@ -27,9 +27,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from epcontact.harness.gates.statistics import Estimate, Number, estimate
+from epcontact.harness.gates.statistics import Estimate, Number, Record, estimate
 
 Norm = Literal["relative", "absolute", "wasserstein", "supremum", "l2"]
 DISTRIBUTION_NORMS = ("wasserstein", "supremum")
@@ -63,10 +63,8 @@ class Gate:
         return f"{self.quantity} of {self.of} against {against} ({self.norm})"
 
 
-class GateVerdict(BaseModel):
+class GateVerdict(Record):
     """One gate, judged: the whole interval of the difference must be within [low, high]."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str
     status: Literal["holds", "falls short", "error"]

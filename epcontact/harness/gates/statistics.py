@@ -21,10 +21,14 @@ Number = Annotated[
 ]
 
 
-class Estimate(BaseModel):
-    """A mean over surfaces with its 95 % interval."""
+class Record(BaseModel):
+    """A part of verdict.json."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Estimate(Record):
+    """A mean over surfaces with its 95 % interval."""
 
     mean: Number
     half_width: Number = Field(

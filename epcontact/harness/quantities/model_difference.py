@@ -151,36 +151,30 @@ def hardness_of_equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness
 # --- the quantities: each solve is made once for all that need it --------------------------------
 
 _J2, _J2_AND_CAP = ("fields", "J2 flow"), ("fields", "J2 flow", "hardness")
+_MODEL = {
+    "area": "A_J2/A_cap - 1 of the raw areas, with the cap at the hardness of the scene",
+    "overlap": "shared contact nodes over the nodes in either contact, of J2 and the same cap",
+    "distance": "Wasserstein distance of the pressures of J2 and the same cap, over the hardness",
+}
+_EFFECTIVE = {
+    "hardness": "c_eff: the cap over yield_stress at which the capped body has the area of the J2 "
+    "body",
+    "overlap": "shared contact nodes over the nodes in either contact, of J2 and the cap c_eff",
+}
 
 
-@quantity("–", _J2_AND_CAP)
-def model_area(a: Answered) -> float:
-    """A_J2/A_cap - 1 of the raw areas, with the cap at the hardness of the scene."""
-    return a.once(_at_hardness).area
+@quantity("–", _J2_AND_CAP, "model_{}", each=_MODEL)
+def model(a: Answered, part: str) -> float:
+    """{}."""
+    found = difference(a.result, a.once(_capped), a.scene.material.hardness)
+    return {"area": found.area, "overlap": found.overlap, "distance": found.wasserstein}[part]
 
 
-@quantity("–", _J2_AND_CAP)
-def model_overlap(a: Answered) -> float:
-    """shared contact nodes over the nodes in either contact, of J2 and the same cap."""
-    return a.once(_at_hardness).overlap
-
-
-@quantity("–", _J2_AND_CAP)
-def model_distance(a: Answered) -> float:
-    """Wasserstein distance of the pressures of J2 and the same cap, over the hardness."""
-    return a.once(_at_hardness).wasserstein
-
-
-@quantity("–", _J2)
-def effective_hardness(a: Answered) -> float:
-    """c_eff: the cap over yield_stress at which the capped body has the area of the J2 body."""
-    return a.once(_effective)[0]
-
-
-@quantity("–", _J2)
-def effective_overlap(a: Answered) -> float:
-    """shared contact nodes over the nodes in either contact, of J2 and the cap c_eff."""
-    return a.once(_effective)[1].overlap
+@quantity("–", _J2, "effective_{}", each=_EFFECTIVE)
+def effective(a: Answered, part: str) -> float:
+    """{}."""
+    ratio, at_cap = a.once(_effective)
+    return ratio if part == "hardness" else at_cap.overlap
 
 
 @quantity("–")
@@ -216,10 +210,6 @@ def _capped(a: Answered) -> ContactResult:
     _require_j2(a)
     compliance = elements_compliance(a.scene, a.result)
     return capped_body(a.scene, a.scene.material.hardness, compliance)
-
-
-def _at_hardness(a: Answered) -> Difference:
-    return difference(a.result, a.once(_capped), a.scene.material.hardness)
 
 
 def _effective(a: Answered) -> tuple[float, Difference]:

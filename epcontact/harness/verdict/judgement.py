@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from statistics import fmean
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
+from pydantic import Field, PrivateAttr
 
 from epcontact.errors import EpcontactError, InvalidCase, sentence_of
 from epcontact.harness.answers.store import Answer
@@ -32,6 +32,7 @@ from epcontact.harness.gates.gate import (
     judge_distance,
     unjudged,
 )
+from epcontact.harness.gates.statistics import Record
 from epcontact.harness.quantities.registry import read_quantity
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution, package_versions
@@ -39,20 +40,16 @@ from epcontact.results import PressureDistribution, package_versions
 SKIPPED: Literal["skipped"] = "skipped"
 
 
-class MethodEntry(BaseModel):
+class MethodEntry(Record):
     """The work of a method for a case."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     surfaces: int
     reused: int
     errors: list[str]
 
 
-class CaseVerdict(BaseModel):
+class CaseVerdict(Record):
     """One case and its gates."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     id: str
     size: str
@@ -87,10 +84,8 @@ class CaseVerdict(BaseModel):
         return [e for name, entry in self.methods.items() if name not in read for e in entry.errors]
 
 
-class Verdict(BaseModel):
+class Verdict(Record):
     """The verdict on all cases; verdict.json holds it."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     format: Literal["epcontact-verdict-1"] = Field(alias="schema")
     passed: bool
