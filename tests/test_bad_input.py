@@ -6,15 +6,13 @@ the quick suite takes some dozens of mutants, the long one hundreds.
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import os
-import signal
 import tempfile
 import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -478,28 +476,6 @@ def test_file_or_folder_in_the_way(small, tmp_path, in_the_way, command) -> None
     done = invoke(command, small, "--output", tmp_path / "out", "--jobs", 1)
     refused(done, obstacle.name)
     require_whole(tmp_path / "out")
-
-
-@contextlib.contextmanager
-def largest_file(size: int) -> Iterator[None]:
-    resource = pytest.importorskip("resource")  # Windows has none
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, ignored)
-
-
-@pytest.mark.parametrize("size", [0, 5000, 40000])
-def test_no_room_for_a_file(small, tmp_path, size) -> None:
-    with largest_file(size):
-        done = verified(small, tmp_path / "out")
-    refused(done, "file too large")
-    require_whole(tmp_path / "out")
-    assert not (tmp_path / "out" / "junit.xml").exists()
 
 
 def test_spoilt_result_is_not_reused(small, tmp_path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from epcontact import bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.answers.store import Answer
-from epcontact.harness.case_files.case import find_cases, load_case
+from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates.statistics import student_half_width
 from epcontact.planning import achieved_error, auto_case, finer_case, grids, pilots, plan
 from epcontact.planning import planned_case as planned
@@ -242,22 +242,6 @@ def test_auto_keeps_what_gates_ask_for_and_makes_corrected_areas_cheaper():
     assert math.prod(auto.recipes[0].shape) < math.prod(case.recipes[0].shape)
     assert "corrected areas" in told
     assert mean_total(solved(auto)) == pytest.approx(true_total(case), rel=0.01)
-
-
-@pytest.mark.long
-def test_no_shipped_case_has_a_plan_dearer_than_its_full_size():
-    for path in find_cases():
-        if "full" not in path.sizes or path.id.startswith("paper"):
-            continue
-        case = load_case(path, "full")
-        if case.skip or "bem" not in case.methods:
-            continue
-        chosen = plan(case, 0.01, threads=1, capped=True)
-        assert chosen.work <= chosen.given_work, case.id
-        auto, _ = auto_case(case, threads=1)
-        for a, b in zip(auto.recipes, case.recipes, strict=False):
-            assert math.prod(a.shape) <= math.prod(b.shape), case.id
-        assert len(auto.recipes) <= len(case.recipes), case.id
 
 
 def test_what_can_have_no_plan_is_refused():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 import signal
 import subprocess
@@ -18,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import invoke
-from test_executor import Elsewhere, cluster  # noqa: F401 - a fixture
+from test_executor import Elsewhere
 
 from epcontact import persson
 from epcontact.errors import EpcontactError, InvalidCase, NotConverged, OutputError
@@ -275,23 +274,4 @@ def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path) -> 
     assert 10 <= solved[-1] < len(whole.table)
     found = sweep.run_sweep(path, output=tmp_path / "killed", jobs=2)
     assert found.reused == solved[-1]
-    assert sweep.digest(found.table) == sweep.digest(whole.table)
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
-def test_a_dask_sweep_with_a_killed_worker_is_the_same(swept, tmp_path, cluster) -> None:  # noqa: F811
-    path = swept(MANY)  # of the theory: to start the workers takes longer than the solves
-    whole = sweep.run_sweep(path, output=tmp_path / "whole", jobs=1)
-    victim = next(worker.pid for worker in cluster.workers.values())
-    killed: list[int] = []
-
-    def kill(done: float, *_: Any) -> None:
-        if done and not killed:
-            killed.append(victim)
-            os.kill(victim, signal.SIGKILL)
-
-    dask = "epcontact.harness.cluster:dask"
-    found = sweep.run_sweep(path, output=tmp_path / "dask", executor=dask, progress=kill)
-    assert killed
-    assert not found.failures
     assert sweep.digest(found.table) == sweep.digest(whole.table)
