@@ -9,19 +9,9 @@ from pathlib import Path
 
 import click
 
+from epcontact.cli import options, tables
 from epcontact.cli.listing import open_console
 from epcontact.cli.main import forget_output
-from epcontact.cli.options import fields as fields_option
-from epcontact.cli.options import of_run, shown_progress, tell
-from epcontact.cli.options import size as size_option
-from epcontact.cli.tables import (
-    STYLES,
-    answers_table,
-    gamma_sentence,
-    print_shortfalls,
-    print_surface_notes,
-    verdict_table,
-)
 from epcontact.errors import EpcontactError, OutputError
 from epcontact.files import write_text
 from epcontact.harness.answers.run import Run, run_cases
@@ -44,9 +34,9 @@ from epcontact.surfaces import HeightsFromFile
     type=click.Choice(list(METHODS)),
     help="Only this method; may be repeated. Default: all that the case names.",
 )
-@size_option
-@of_run("jobs", "output", "fresh", "precision")
-@fields_option
+@options.size
+@options.of_run("jobs", "output", "fresh", "precision")
+@options.fields
 @click.option("--charts", is_flag=True, help="Draw charts, which take as long as a large solve.")
 def run(
     case: str, methods: tuple[str, ...], size: str, run: Run, fields: str | None, charts: bool
@@ -60,11 +50,11 @@ def run(
     if loaded.skip:
         raise EpcontactError(f"{loaded.path}: {loaded.skip}")
     chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
-    with shown_progress(_writing(run, fields or "first")) as shown:
+    with options.shown_progress(_writing(run, fields or "first")) as shown:
         answers = run_cases([chosen], shown)[loaded.id]
-    open_console().print(answers_table(answers))
-    print_surface_notes(open_console(), chosen, answers)
-    for sentence in (gamma_sentence([chosen]), chosen.mapped_hardness):
+    open_console().print(tables.answers_table(answers))
+    tables.print_surface_notes(open_console(), chosen, answers)
+    for sentence in (tables.gamma_sentence([chosen]), chosen.mapped_hardness):
         if sentence:
             click.echo(str(sentence))
     if errors := [sentence for answer in answers.values() for sentence in answer.errors]:
@@ -78,8 +68,8 @@ def run(
 
 @click.command()
 @click.argument("cases", nargs=-1)
-@size_option
-@of_run("jobs", "output", "fresh", "executor", "precision")
+@options.size
+@options.of_run("jobs", "output", "fresh", "executor", "precision")
 @click.option(
     "--solver",
     default="",
@@ -89,7 +79,7 @@ def run(
     "language with the placeholders {scene} and {result}.",
 )
 @click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
-@fields_option
+@options.fields
 def verify(
     cases: tuple[str, ...], size: str, run: Run, solver: str, with_report: bool, fields: str | None
 ) -> None:
@@ -110,7 +100,7 @@ def verify(
     if size == "auto":
         named = [case for name in cases for case in find_named(name)]
         given = [_load(case, size) for case in named or cases_to_verify("fast")]
-    with shown_progress(_writing(run, fields)) as shown:
+    with options.shown_progress(_writing(run, fields)) as shown:
         verdict = run_gates(given, shown, size=size, solver=solver)
     try:
         if fields == "film":
@@ -138,16 +128,16 @@ _PLURAL = {"holds": "hold", "falls short": "fall short", "error": "errors"}
 def _show(verdict: Verdict, output: Path) -> None:
     """Print the verdict: a table of gates, what does not hold, and what was not judged."""
     console = open_console()
-    console.print(verdict_table(verdict.cases, console.width))
-    if sentence := gamma_sentence([case.case for case in verdict.cases]):
+    console.print(tables.verdict_table(verdict.cases, console.width))
+    if sentence := tables.gamma_sentence([case.case for case in verdict.cases]):
         click.echo(sentence)
     for case in verdict.cases:
         if isinstance(next(iter(case.case.recipes), None), HeightsFromFile):
-            print_surface_notes(console, case.case, case.answers)
+            tables.print_surface_notes(console, case.case, case.answers)
         if case.case.mapped_hardness:
             click.echo(f"{case.id}: {case.case.mapped_hardness}")
-        print_shortfalls(console, case)
-    counts = {s: sum(case.status == s for case in verdict.cases) for s in STYLES}
+        tables.print_shortfalls(console, case)
+    counts = {s: sum(case.status == s for case in verdict.cases) for s in tables.STYLES}
     summary = ", ".join(f"{n} {_PLURAL.get(s, s) if n > 1 else s}" for s, n in counts.items() if n)
     cases = "1 case" if len(verdict.cases) == 1 else f"{len(verdict.cases)} cases"
     console.print(f"{cases}: {summary}; verdict in {output / 'verdict.json'}")
@@ -168,7 +158,7 @@ def _draw(case: Case, answers: Mapping[str, Answer], output: Path) -> list[str]:
 
     sentences = write_pictures(case, answers, case.folder(output))
     for sentence in sentences:
-        tell(f"epcontact: {sentence}")
+        options.tell(f"epcontact: {sentence}")
     return sentences
 
 
@@ -183,7 +173,7 @@ def _draw_films(case: Case, output: Path) -> None:
             write_text(target.with_suffix(".txt"), f"The loads of the path {target.stem}.\n")
             click.echo(f"film in {target}")
         except OutputError as error:  # many machines cannot draw; the results are whole
-            tell(f"epcontact: {target} is left out: {error}")
+            options.tell(f"epcontact: {target} is left out: {error}")
 
 
 def _load(text: CaseText, size: str) -> Case:
@@ -194,5 +184,5 @@ def _load(text: CaseText, size: str) -> Case:
 
     case, sentence = load_auto(text)
     if sentence:
-        tell(sentence)
+        options.tell(sentence)
     return case

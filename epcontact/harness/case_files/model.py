@@ -27,6 +27,7 @@ from pydantic import (
     model_validator,
 )
 
+from epcontact import surfaces
 from epcontact.errors import InvalidScene, nearest
 from epcontact.harness.case_files.axes import SweepTable
 from epcontact.harness.gates.gate import DISTRIBUTION_NORMS, Gate, Norm
@@ -35,15 +36,6 @@ from epcontact.harness.quantities.registry import QUANTITIES, REPORTED_GROUPS
 from epcontact.materials.hardness_map import MappedHardness, effective_hardness
 from epcontact.reference import CLOSED_FORMS
 from epcontact.scene import Body, Load, Material, Scene, scene_digest
-from epcontact.surfaces import (
-    CaseSurface,
-    HeightsFromFile,
-    Recipe,
-    SelfAffineEnsemble,
-    SurfaceAbsent,
-    recipes_of,
-    require_room,
-)
 from epcontact.surfaces.power_spectrum import surface_moments
 
 Size = Literal["fast", "full", "large"]
@@ -206,7 +198,7 @@ def _or_absent(table: Any, validate: Any) -> Any:
         return validate(table)
     except ValidationError as error:
         reasons = (detail.get("ctx", {}).get("error") for detail in error.errors())
-        absent = next((r for r in reasons if isinstance(r, SurfaceAbsent)), None)
+        absent = next((r for r in reasons if isinstance(r, surfaces.SurfaceAbsent)), None)
         if absent is None:
             raise
         return absent
@@ -229,7 +221,7 @@ class Case(Table):
     model_config = ConfigDict(strict=False)
 
     head: CaseTable = Field(alias="case")
-    surface: Annotated[CaseSurface, Field(discriminator="kind"), WrapValidator(_or_absent)]
+    surface: Annotated[surfaces.CaseSurface, Field(discriminator="kind"), WrapValidator(_or_absent)]
     solid: MaterialTable = Field(alias="material")
     load: Annotated[Load, _part(Load, LoadTable)]
     body: Annotated[Body, _part(Body, BodyTable)] = Field(default_factory=Body)
@@ -265,24 +257,24 @@ class Case(Table):
     @cached_property
     def skip(self) -> str:
         """The sentence that says why the case cannot run here, or ""."""
-        if isinstance(self.surface, SurfaceAbsent):
+        if isinstance(self.surface, surfaces.SurfaceAbsent):
             return f"skipped: {self.surface}"
         missing = next((m for name in self.methods if (m := METHODS[name].missing)), "")
         return f"skipped: {missing}" if missing else ""
 
     @cached_property
-    def recipes(self) -> tuple[Recipe, ...]:
+    def recipes(self) -> tuple[surfaces.Recipe, ...]:
         """The recipes of the surfaces; none if the case is skipped."""
-        return () if self.skip else recipes_of(self.surface)
+        return () if self.skip else surfaces.recipes_of(self.surface)
 
     @cached_property
     def mapped_hardness(self) -> MappedHardness | None:
         """The map's hardness at the largest mean pressure, where the file calls it effective."""
         given, surface = self.solid, self.surface
-        if given.hardness != "effective" or isinstance(surface, SurfaceAbsent):
+        if given.hardness != "effective" or isinstance(surface, surfaces.SurfaceAbsent):
             return None
-        if not isinstance(surface, SelfAffineEnsemble | HeightsFromFile) or (
-            len(recipes_of(surface)[0].shape) == 1
+        if not isinstance(surface, surfaces.SelfAffineEnsemble | surfaces.HeightsFromFile) or (
+            len(surfaces.recipes_of(surface)[0].shape) == 1
         ):
             raise InvalidScene(
                 "hardness is 'effective', which is known for rough surfaces only, those of kind "
@@ -293,8 +285,8 @@ class Case(Table):
                 f"hardness is 'effective', which is known for deep bodies, but [body] depth is "
                 f"{self.body.depth:g} m and the period {min(surface.periods):g} m; give it in Pa"
             )
-        if isinstance(surface, HeightsFromFile):  # as it is after its treatment
-            require_room(surface.shape)
+        if isinstance(surface, surfaces.HeightsFromFile):  # as it is after its treatment
+            surfaces.require_room(surface.shape)
             slope = surface_moments(surface.build()).rms_slope
         else:
             slope = surface.rms_slope
@@ -355,7 +347,7 @@ class Case(Table):
             *(f"default gate {o.quantity} of {o.of} is omitted: {o.because}" for o in self.omit),
         )
 
-    def digest(self, recipe: Recipe) -> str:
+    def digest(self, recipe: surfaces.Recipe) -> str:
         """Return the digest of the scene on a surface, without making the surface."""
         return scene_digest(
             recipe.fingerprint, recipe.shape, recipe.periods, self.material, self.body, self.load
@@ -365,7 +357,7 @@ class Case(Table):
         """Return the folder of its results: one for each size, `<output>/<case>/<size>`."""
         return output / self.id / self.size
 
-    def scene(self, recipe: Recipe) -> Scene:
+    def scene(self, recipe: surfaces.Recipe) -> Scene:
         """Make the surface and the scene on it.  Raises InvalidScene, NotEnoughMemory."""
-        require_room(recipe.shape)
+        surfaces.require_room(recipe.shape)
         return Scene(recipe.build(), self.material, self.load, self.body)
