@@ -13,8 +13,7 @@ from scipy.special import sici
 
 from epcontact import bem
 from epcontact.bem.areas import front, rim_correction
-from epcontact.bem.areas.copies import copies
-from epcontact.bem.areas.rim_correction import ERRORS, estimate_areas, perimeter_areas
+from epcontact.bem.areas.rim_correction import ERRORS, copies, estimate_areas, perimeter_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import InvalidScene
 from epcontact.reference import bumps, waves

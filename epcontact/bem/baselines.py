@@ -1,14 +1,10 @@
 """Classic methods of rough contact, with which the Newton method is compared.
 
 They start from a uniform pressure, use no coarser grids, and are judged by the same residuals.
-
-relaxation         p <- clip(p - omega K g), the offset moves with the error of the force: Almqvist,
-                   Sahlin, Larsson and Glavatskih, Tribology International 40 (2007) 574, with the
-                   pressure cut at the hardness
-polonsky_keer      constrained conjugate gradients: Polonsky and Keer, Wear 231 (1999) 206; points
-                   at the hardness leave the set on which directions are conjugate
-projected_gradient p <- P(p - lambda (u - h)), P the projection on bounds and mean, lambda the
-                   spectral length of Barzilai and Borwein, with an exact line search
+relaxation is that of Almqvist, Sahlin, Larsson and Glavatskih, Tribology International 40 (2007)
+574, p <- clip(p - omega K g) with the pressure cut at the hardness; polonsky_keer are the
+constrained conjugate gradients of Polonsky and Keer, Wear 231 (1999) 206, where points at the
+hardness leave the set on which directions are conjugate; projected_gradient is that of `bounds`.
 """
 
 from __future__ import annotations

@@ -10,8 +10,7 @@ u_q = C(|q|) p_q, in plane strain as well as in three dimensions.  With x = q d:
 
 For q -> 0+ the bonded layer tends to d/M and the sliding one to d/E*; at exactly q = 0 no
 lateral strain is possible, so both have d/M.  The half-space's C is set to 0 at q = 0.
-The hyperbolic functions are scaled by exp(-2x), so that no depth overflows.  Where x is small,
-the leading digits would cancel, and the first terms of the series are summed instead.
+The hyperbolic functions are scaled by exp(-2x), so that no depth overflows.
 """
 
 from __future__ import annotations

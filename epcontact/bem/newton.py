@@ -68,8 +68,8 @@ class _Sets:
     changed: int
     elastic: int
     plastic: int
-    entering: int
-    unloading: int
+    entering: int  # that come into contact
+    unloading: int  # that cease to be plastic
     worst: float
     elastic_by_block: list[int]
 
@@ -208,12 +208,10 @@ def _newton_step(
 def update_states(
     p: Any, u: Any, h: Any, state: Any, z: float, cap: float
 ) -> tuple[int, int, int, int, int, float]:
-    """Overwrite `state` with the sets to solve on, given the offset z.
+    """Overwrite `state` with the sets to solve on, given the offset z; see `_Sets`.
 
     The elastic set holds the points between their bounds, and those on a bound where the gap
-    g = u + z - h has the wrong sign.  Returns the numbers of changes, of elastic points, of plastic
-    points, of points that come into contact and of points that cease to be plastic, and the largest
-    violation of the conditions on g.
+    g = u + z - h has the wrong sign.
     """
     changed = elastic = plastic = entering = unloading = 0
     worst = 0.0

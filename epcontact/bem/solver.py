@@ -105,7 +105,11 @@ def solve_problem(
     problem: GridProblem, options: Options, start: FloatArray | None = None
 ) -> PressureSolution:
     """Solve from coarse to fine, or from a pressure `start` (nx, ny) in Pa."""
-    problem, datum = _lowered(problem)
+    datum = float(problem.heights[0, 0])
+    if abs(datum) > 10 * float(np.ptp(problem.heights)):  # which would cost gaps digits
+        problem = replace(problem, heights=problem.heights - datum)
+    else:
+        datum = 0.0
     scale, cap, size = problem.gap_scale(), problem.cap, problem.heights.size
     with Workers(options.threads) as workers:
         coarse_work: list[float] = []
@@ -147,14 +151,6 @@ def solve_problem(
     )
     history, notes = tuple(it.history), (note,) if it.cut else ()
     return PressureSolution(it.p, it.u, it.z + datum, residuals, counts, history, notes)
-
-
-def _lowered(problem: GridProblem) -> tuple[GridProblem, float]:
-    """Subtract a datum from heights that are far from zero, which would cost a gap digits."""
-    datum = float(problem.heights[0, 0])
-    if abs(datum) <= 10 * float(np.ptp(problem.heights)):
-        return problem, 0.0
-    return replace(problem, heights=problem.heights - datum), datum
 
 
 def _coarse_guess(

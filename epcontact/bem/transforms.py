@@ -2,11 +2,10 @@
 
 One application transforms the rows; then, for each block of columns while it is in cache, it
 transforms the columns, multiplies by the symbol and transforms them back; then the rows.  If a
-convolution is from values at listed points (the elastic set) to values at these points, each thread
-makes and reads the rows in a small buffer, and the array of modes is the only one of the grid's
-size.  A grid that is in cache as a whole is transformed in one call.
+convolution is from listed points (the elastic set) to these points, each thread makes and reads the
+rows in a small buffer.  A grid that is in cache as a whole is transformed in one call.
 
-Each transform handles a fixed block on one thread.  The library's own threads would group lines by
+Each transform handles a fixed block on one thread: the library's own threads would group lines by
 the number of threads, and the last digits of a result would depend on it.
 """
 

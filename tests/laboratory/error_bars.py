@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from epcontact.bem.areas.copies import copies
 from epcontact.bem.areas.grid import Sums
 from epcontact.bem.areas.rim_correction import (
     ERRORS,
@@ -33,6 +32,7 @@ from epcontact.bem.areas.rim_correction import (
     TIP,
     ErrorConstants,
     areas_of_sums,
+    copies,
     located_areas,
     sums_of_fronts,
 )

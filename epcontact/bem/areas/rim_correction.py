@@ -18,11 +18,10 @@ and for the plastic part the offset and the tips have the opposite sign.
   over which the pressure departs from its square root.  The radius of its curvature integrates to
   the Euler number of its inside, so that CORNER, measured on a sphere, holds for any shape.
 * Not resolved: chance decides whether a gap (or plastic spot) narrower than a spacing contains a
-  grid point.  If it does, it shows as tips; TIP is the median of what each needs on many surfaces.
-* Held by an edge: a front rests on a step of the surface, somewhere between two points.  `front`
-  recognises it by the jump of the gap and puts the front in the middle, so that the count is right
-  there; at a kink the gap shows the place.  Where the singular pressure exceeds the hardness next
-  to an edge, but at no point, that zone is part of the plastic area.
+  grid point.  If it does, it shows as tips.
+* Held by an edge: a front rests on a step of the surface, somewhere between two points, so that the
+  count is right there; at a kink the gap shows the place.  Where the singular pressure exceeds the
+  hardness next to an edge, but at no point, that zone is part of the plastic area.
 
 The load is one more measurement of the areas (`_balanced`), and the estimated errors follow from
 the same sums (`_covariance`).  The constants come from `laboratory.rim` and `laboratory.error_bars`
@@ -37,7 +36,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from epcontact.bem.areas.copies import copies
 from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS
 from epcontact.bem.areas.grid import Solution, Sums, sweep
 from epcontact.bem.areas.hidden import CORNER
@@ -55,7 +53,7 @@ OFFSETS = np.array([0.0, 0.0721, 0.137, 0.1916, 0.2198, 0.2229, 0.215, 0.1933,
 #: Amplitude of the offset's change with the direction of a front, and its rms error in the worst
 #: direction (`rim.calibrate_directions`).
 HARMONIC, LOCATED = 0.0132, 0.005
-#: Cells missed for each tip (`error_bars.fitted_tip`: 0.29 +- 0.02).
+#: Cells missed for each tip, the median of many surfaces (`error_bars.fitted_tip`: 0.29 +- 0.02).
 TIP = 0.3
 #: On oblong cells the mean offset grows by OBLONG ln^2(dx/dy) of itself (`rim.calibrate_oblong`).
 OBLONG = 0.07
@@ -86,6 +84,9 @@ TWO_EDGES = ANYWHERE / math.sqrt(2)
 STRIPS = 0.001
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
 SURE = 1.645
+#: Pressures that differ by less than this share of their range are taken for copies.  Of a texture
+#: with a roughness of up to a hundredth of its height they do, and the errors are alike.
+CLOSE = 0.2
 # A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
 # Rows and columns that are swept at a time.
@@ -297,3 +298,61 @@ def _balanced(
     gain /= slopes @ gain + slopes**2 @ doubt
     moved = areas + gain * (carried - slopes @ areas)
     return moved, covariance - np.outer(gain, slopes @ covariance)
+
+
+def copies(pressure: FloatArray) -> int:
+    """Count the copies of one cell that a periodic grid (nx, ny) holds, whole points apart."""
+    row, column = np.unravel_index(pressure.argmax(), pressure.shape)
+    close = CLOSE * float(pressure[row, column] - pressure.min())
+    along_x, along_y = _times(pressure, int(row), close), _times(pressure.T, int(column), close)
+    cell = pressure[: pressure.shape[0] // along_x, : pressure.shape[1] // along_y]
+    place = int(row) % cell.shape[0], int(column) % cell.shape[1]
+    return along_x * along_y * _oblique(cell, place, close)
+
+
+def _oblique(cell: FloatArray, highest: tuple[int, int], close: float) -> int:
+    """Count the copies in a cell that are one step along both axes apart, as in a hexagon."""
+    (nx, ny), (row, column) = cell.shape, highest
+    # Points from the highest on, one and more, rule out the steps of most surfaces without copies.
+    some = (column + np.arange(0, ny, max(ny // 16, 1))) % ny
+    for count in range(math.gcd(nx, ny), 1, -1):
+        if nx % count == ny % count == 0:
+            steps, moved = np.arange(1, count) * (ny // count), cell[(row + nx // count) % nx]
+            for part in (some[:1], some):
+                off = np.abs(moved[(part + steps[:, None]) % ny] - cell[row, part])
+                steps = steps[(off <= close).all(axis=1)]
+            if any(_repeats(cell, row, count, (nx // count, int(step)), close) for step in steps):
+                return count
+    return 1
+
+
+def _times(values: FloatArray, first: int, close: float) -> int:
+    """Count how often the rows of a periodic grid repeat, one prime factor after another."""
+    n, rest, factor = len(values), len(values), 2
+    while rest > 1:
+        if rest % factor:
+            factor += 1
+        elif _repeats(values[:n], first % n, factor, (n // factor, 0), close):
+            n, rest = n // factor, rest // factor
+        else:
+            while rest % factor == 0:
+                rest //= factor
+    return len(values) // n
+
+
+def _repeats(
+    values: FloatArray, first: int, count: int, step: tuple[int, int], close: float
+) -> bool:
+    """True if values on a periodic grid are `count` copies, to `close`, one step from the next.
+
+    first: a row of the highest values, where surfaces without copies differ at once, at least in
+    several steps.
+    """
+    n, few = len(values), 8
+    steps = sorted({count // part for part in range(2, count + 1)}, reverse=True)
+    return all(
+        np.abs(values[i % n] - np.roll(values[(i + k * step[0]) % n], -k * step[1], 1)).max()
+        <= close
+        for k in steps
+        for i in (first + np.arange(start, min(start + few, n)) for start in range(0, n, few))
+    )

@@ -1,10 +1,9 @@
 """The preconditioner of the inner iterations: a stencil within cells, and a small problem of cells.
 
-Restricted to scattered contacts, the inverse of the compliance S is a poor inverse of S
-restricted to them: it answers the collective displacement of many contacts, which is long-range,
-with the stiffness of each contact, and conjugate gradients meet outlying eigenvalues of about
-(share of contact) x (wavelength) / (size of a contact).  So the two are treated apart.  With Z
-the indicators of square cells of some points a side, and Pi = Z (Z^T Z)^-1 Z^T the mean over each,
+Restricted to scattered contacts, the inverse of the compliance S is a poor inverse of S restricted
+to them: it answers the collective displacement of many contacts, which is long-range, with the
+stiffness of each.  So the two are treated apart.  With Z the indicators of square cells of some
+points a side, and Pi = Z (Z^T Z)^-1 Z^T the mean over each,
 
     P = (1 - Pi) K (1 - Pi) + Z E^-1 Z^T,
 

@@ -7,9 +7,8 @@ as many points a direction, with cubic interpolation P from it and its transpose
     S ~ stencil + P G P^T,    G = [S phi + (S (1 - phi) - sigma) sqrt(phi)] / T^2
 
 phi = exp(-(a theta)^2/4), theta the phase per grid point, sigma the symbol of the stencil and T
-that of P; the second term of G adds to the coarse grid the part that the cut stencil lacks.  It is
-off by a few per cent, which is enough for inner iterations: the displacement of every outer iterate
-is exact.
+that of P; the second term of G adds the part that the cut stencil lacks.  It is off by a few per
+cent, which is enough for inner iterations: the displacement of every outer iterate is exact.
 """
 
 from __future__ import annotations
