@@ -25,7 +25,7 @@ FLOORS = (
 #: in its commit why the room grows.
 LINES = {
     "epcontact": 100,
-    "epcontact.bem": 4160,
+    "epcontact.bem": 4100,
     "epcontact.cli": 1110,
     "epcontact.errors": 90,
     "epcontact.files": 140,
@@ -41,7 +41,7 @@ LINES = {
     "epcontact.studies": 2440,
     "epcontact.surfaces": 1800,
     "fem_check": 3730,
-    "tests": 14650,
+    "tests": 14640,
 }
 #: Imports of the project inside functions, each with its reason beside it; fewer is better.
 DEFERRED = 15

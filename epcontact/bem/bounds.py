@@ -172,10 +172,7 @@ def shift_clip(w: Any, z: float, cap: float, out: Any) -> None:
 def put_clipped(
     cell: Any, sums: Any, p: Any, index: Any, pressure: Any, x: Any, cap: float
 ) -> None:
-    """p = clip(pressure + x, 0, cap) at the listed points.
-
-    sums: for each cell the sum of the parts cut off, and that of p (1 - p/cap).
-    """
+    """p = clip(pressure + x, 0, cap) at the points; sums: by cell what is cut, p (1 - p/cap)."""
     sums[:] = 0.0
     for k in range(index.size):
         wanted = pressure[k] + x[k]
@@ -187,10 +184,7 @@ def put_clipped(
 
 @compiled
 def spread(p: Any, index: Any, cell: Any, factor: Any, cap: float) -> tuple[float, float]:
-    """p += factor[cell] p (1 - p/cap) at the listed points.
-
-    Returns the sums of the new p and of the new p (1 - p/cap).
-    """
+    """p += factor[cell] p (1 - p/cap) at the points; returns the sums of p and p (1 - p/cap)."""
     total = weight = 0.0
     for k in range(index.size):
         i = index[k]

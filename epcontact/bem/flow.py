@@ -52,7 +52,7 @@ def loaded(
 
 def _apart(problem: GridProblem) -> PressureSolution:
     """The answer at no load: no pressure, and the flat on the highest point."""
-    p, u = np.zeros((2, *problem.shape))
+    p, u = np.zeros((2, *problem.symbol.shape))
     residuals = dict.fromkeys(("gap_elastic", "gap_sign", "bounds", "force"), 0.0)
     counts = dict.fromkeys(("newton", "cg", "gradient", "fft_pairs", "equivalent_fft_pairs"), 0.0)
     return PressureSolution(p, u, float(problem.heights.max()), residuals, counts, ())

@@ -29,9 +29,8 @@ GRADIENT_STEP = 0.3
 class Level:
     """A grid problem with the data of its iterations.
 
-    Gap residuals are divided by gap_scale (m), that of the finest grid; `convolution` leads from
-    pressures in units of the mean pressure to displacements in m; `step` is the first length c of a
-    gradient step p - c g, in mean pressures per m; `parts` are the flat ranges of the blocks.
+    Gap residuals are divided by gap_scale (m), that of the finest grid; `step` is the first length
+    c of a gradient step p - c g, in mean pressures per m; `parts` are the blocks' flat ranges.
     """
 
     def __init__(self, problem: GridProblem, gap_scale: float, workers: Workers) -> None:
@@ -41,7 +40,7 @@ class Level:
         self.cap, self.gap_scale, self.workers = problem.cap, gap_scale, workers
         self.convolution = Convolution(problem.symbol, problem.mean_pressure, workers)
         self.step = GRADIENT_STEP / (problem.mean_pressure * problem.symbol.shortest())
-        ny = problem.shape[1]
+        ny = problem.symbol.shape[1]
         self.parts = [slice(a.start * ny, a.stop * ny) for a in self.convolution.rows]
 
     def split(self, *fields: NDArray[Any]) -> list[list[NDArray[Any]]]:

@@ -29,7 +29,7 @@ from epcontact.bem.inner.cg import InnerOperators, conjugate_gradients
 from epcontact.bem.inner.split import MaskedGrid
 from epcontact.bem.level import Iterate, Level, StateArray, first_iterate, measured, states
 from epcontact.bem.problem import Options
-from epcontact.bem.transforms import Points, index_type
+from epcontact.bem.transforms import Points
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
@@ -102,10 +102,7 @@ class _Step:
 
 
 def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve on one grid from a feasible start p (nx, ny), which is overwritten.
-
-    Returns the last iterate; `settled` says whether it meets the tolerances.
-    """
+    """Solve on one grid from a feasible start p (nx, ny), which is overwritten."""
     it, inner = first_iterate(level, p), InnerOperators(level.convolution)
     state, trouble = states(p, level.cap), 0
     step: _Step | None = None
@@ -144,10 +141,7 @@ def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
 
 
 def _best_share(level: Level, it: Iterate, step: _Step, energy: float) -> float:
-    """The share of the step, at most 1, at which the energy is least; 1 if rounding hides it.
-
-    energy: after the step.
-    """
+    """The share of the step at which the energy (after it) is least; 1 if rounding hides it."""
     moved = it.p.reshape(-1)[step.points.index] - step.before
     slope = float(np.sum(np.multiply(moved, step.gap, out=moved)))
     curvature = 2 * (energy - step.energy - slope)
@@ -178,7 +172,8 @@ def _newton_step(
     """Take one outer step; None if there is nothing to solve for."""
     ends = np.cumsum([0, *sets.elastic_by_block]).tolist()
     parts = [slice(*pair) for pair in itertools.pairwise(ends)]
-    points = Points(np.empty(ends[-1], dtype=index_type(level.heights.size)), parts)
+    integers = np.int32 if level.heights.size < 2**31 else np.int64
+    points = Points(np.empty(ends[-1], dtype=integers), parts)
     pressure, r = np.empty(ends[-1]), np.empty(ends[-1])  # and residual h - u - z
     lists = points.split(points.index, pressure, r)
     fields, first = level.split(it.p, it.u, level.heights, state), [a.start for a in level.parts]

@@ -43,11 +43,6 @@ class GridProblem:
         """The hardness in units of the mean pressure."""
         return self.hardness / self.mean_pressure
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Grid points along each direction."""
-        return self.symbol.shape
-
     def gap_scale(self) -> float:
         """The length in m by which gap residuals are divided: the rms height, as a rule.
 

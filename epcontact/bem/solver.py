@@ -119,7 +119,7 @@ def solve_problem(
         elif options.method == "newton":
             guess, coarse_work = _coarse_guess(problem, scale, options, workers)
         else:
-            guess = np.ones(problem.shape)
+            guess = np.ones(problem.symbol.shape)
         level = Level(problem, scale, workers)
         p = project(guess, cap, float(size), workers, out=guess)
         it = BASELINES.get(options.method, solve_level)(level, p, options)
@@ -162,7 +162,7 @@ def _coarse_guess(
     """
     below = coarser(problem.symbol)
     if below is None:
-        return np.ones(problem.shape), []
+        return np.ones(problem.symbol.shape), []
     coarse = replace(
         problem,
         heights=coarsened_heights(problem.heights, below, workers),
@@ -174,7 +174,7 @@ def _coarse_guess(
     tolerance = max(_COARSE_RESIDUAL, options.tolerance)
     it = solve_level(level, p, replace(options, tolerance=tolerance, area_tolerance=_COARSE_AREAS))
     w = it.p - level.step * (it.u + it.z - coarse.heights)
-    return interpolated(w, problem.shape, workers), [*work, it.pairs * size]
+    return interpolated(w, problem.symbol.shape, workers), [*work, it.pairs * size]
 
 
 def coarser(symbol: Symbol) -> tuple[int, int] | None:

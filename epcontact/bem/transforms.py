@@ -173,11 +173,6 @@ class Symbol:
         return self.values[np.ix_(self.rows[at[0]], at[1])], phases, weights
 
 
-def index_type(points: int) -> type[np.signedinteger]:
-    """The smallest integer type that counts the points of a grid."""
-    return np.int32 if points < 2**31 else np.int64
-
-
 @dataclass(frozen=True, eq=False)
 class Points:
     """Flat indices of listed points, ascending, and the part of them in each block of rows."""

@@ -135,17 +135,11 @@ def _block(solution: Solution, place: NDArray[np.int64]) -> Block:
         for j in range(columns):
             inside[i, j] = (p[j] > 0) + 16 * (p[j] >= hardness)
         for layer in range(len(v)):
+            c = stiffness[layer]
             for j in range(columns):
-                v[layer, i, j] = _field(p[j], g[j], hardness, stiffness[layer])
+                outside, plastic = -c * max(g[j], 0.0), hardness - c * min(g[j], 0.0)
+                v[layer, i, j] = outside if p[j] <= 0 else plastic if p[j] >= hardness else p[j]
     return Block(v, inside, np.empty(columns, np.uint8))
-
-
-@compiled
-def _field(p: float, g: float, hardness: float, c: float) -> float:
-    """v of a point."""
-    if p <= 0:
-        return float(-c * max(g, 0.0))
-    return float(hardness - c * min(g, 0.0)) if p >= hardness else p
 
 
 @compiled

@@ -60,8 +60,7 @@ class Cells:
     def sums(self, kernel: Callable[..., None], number: int, *arguments: Any) -> FloatArray:
         """(number, cells) sums over the points of each cell.
 
-        The kernel gets the cells of a block's points, an array (number, cells of the block) to
-        fill, and the arguments.
+        kernel: fills an array (number, cells of a block) by the cells of its points.
         """
         parts = [np.empty((number, cells.stop - cells.start)) for cells in self._ranges]
         self.workers.each(kernel, self.numbers, parts, *arguments)
