@@ -25,18 +25,14 @@ APART, ELASTIC, PLASTIC = 0, 1, 2
 
 
 @functools.cache  # reading package metadata takes longer than a solve of the theory
-def _versions() -> dict[str, str]:
+def package_versions() -> dict[str, str]:
+    """Return the versions of this package, Python and the libraries that affect the numbers."""
     versions = {"python": platform.python_version()}
     for name in ("epcontact", "numpy", "scipy", "ducc0", "numba", "scikit-fem"):
         versions[name] = "not installed"
         with contextlib.suppress(PackageNotFoundError):
             versions[name] = version(name)
     return versions
-
-
-def package_versions() -> dict[str, str]:
-    """Return the versions of this package, Python and the libraries that affect the numbers."""
-    return dict(_versions())
 
 
 @dataclass(frozen=True)

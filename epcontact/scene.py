@@ -319,10 +319,7 @@ def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
 
 
 def require_known(heights: NDArray[Any], where: str, missing: str = "refuse") -> None:
-    """Raise InvalidScene if heights are infinite, or missing (NaN) and not filled by `missing`.
-
-    Nor may they be so large or so close to each other that their squares are no numbers.
-    """
+    """Raise InvalidScene if heights are no numbers, or are missing (NaN) and not filled."""
     low, high = float(heights.min()), float(heights.max())  # without a temporary array
     if not (math.isfinite(low) and math.isfinite(high)):
         infinite, absent = (int(np.count_nonzero(f(heights))) for f in (np.isinf, np.isnan))
@@ -380,8 +377,8 @@ def _doubts(surface: Surface) -> list[str]:
 def _coarse_step(heights: FloatArray, change: float) -> float:
     """Return the step of heights of which most lie between two neighbouring points, or 0.
 
-    A corner of the grid shows it: its heights have few values, which are multiples of a step that
-    their rms change from point to point hardly exceeds, and they bend at most points.
+    A corner of the grid shows it: its heights have few values, multiples of a step that their rms
+    change from point to point hardly exceeds, and they bend at most points.
     """
     corner = heights[tuple(slice(100) for _ in heights.shape)]
     levels = np.unique(corner)
@@ -397,10 +394,7 @@ def _coarse_step(heights: FloatArray, change: float) -> float:
 
 
 def cautioned(notes: tuple[str, ...]) -> tuple[str, ...]:
-    """Warn the line that makes a surface of each note, and return the notes.
-
-    The package makes surfaces, too, and shows their notes with the results: it is not warned.
-    """
+    """Warn the user's line that makes a surface (not the package's) of each note; return them."""
     level, makers = 1, ("epcontact.scene", "epcontact.surfaces", "dataclasses")
     while (name := sys._getframe(level).f_globals.get("__name__", "")).startswith(makers):
         level += 1

@@ -48,7 +48,7 @@ def solve(
     theory = Theory.of_scene(
         scene, energy_reduction=energy_reduction, spectrum=spectrum, reduction=reduction
     )
-    steps = tuple(_step(theory, mean_pressure) for mean_pressure in scene.load.path)
+    steps = tuple(_step(theory, p) for p in scene.load.path)
     diffusion = steps[-1].quantities["diffusion"]
     curve = pressure_curve(diffusion, scene.load.final, theory.hardness, points)
     gamma = theory.reduction.gamma

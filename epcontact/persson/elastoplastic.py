@@ -101,10 +101,7 @@ def _plastic_modes(w: Walk) -> FloatArray:
 def elastic_force(
     diffusion: ArrayLike, mean_pressure: ArrayLike, hardness: ArrayLike = np.inf
 ) -> FloatArray:
-    """The part of the mean pressure that elastic contact carries, int sigma P dsigma, in Pa.
-
-    The plastic contact carries hardness * A_pl; together they are the mean pressure.
-    """
+    """The part of the mean pressure that elastic contact carries, int sigma P dsigma, in Pa."""
     walk, unit, _ = _scaled(diffusion, mean_pressure, hardness)
     return unit * evaluate(walk, modes=lambda w: -_plastic_modes(w), images=series.force_images)
 
@@ -119,10 +116,8 @@ def pressure_density(
 
         P = 2 sum_n sin(n pi s) sin(n pi x) e^(-n^2 pi^2 t) / sigma_P
 
-    Arguments and errors are those of `areas`; the diffusion must be above 0.
-
-    Returns:
-        Density in 1/Pa; 0 outside of (0, sigma_P).
+    It is in 1/Pa, and 0 outside of (0, sigma_P).  Arguments and errors are those of `areas`; the
+    diffusion must be above 0.
 
     Example:
         >>> pressure_density([0.0, 50.0, 150.0], 4187.5, 12.5, 150.0).round(5)
@@ -168,11 +163,7 @@ def pressure_cumulative(
 def boundary_slopes(
     diffusion: ArrayLike, mean_pressure: ArrayLike, hardness: ArrayLike = np.inf
 ) -> tuple[FloatArray, FloatArray]:
-    """dP/dsigma in 1/Pa^2 at sigma -> 0 from above and at sigma -> hardness from below.
-
-    They are the rates at which area leaves elastic contact: d(separated)/dG is the first,
-    d(plastic)/dG is minus the second.
-    """
+    """dP/dsigma in 1/Pa^2 at 0 and at the hardness: d(separated)/dG and minus d(plastic)/dG."""
     walk, unit, _ = _scaled(diffusion, mean_pressure, hardness)
 
     def at_zero(w: Walk) -> FloatArray:

@@ -135,10 +135,10 @@ def _magnifications(roughness: Roughness, given: ArrayLike | None) -> FloatArray
     if given is None:
         return np.geomspace(1.0, highest, 200)
     zeta = np.atleast_1d(array("magnifications", given))
-    inside = (zeta >= 1) & (zeta <= highest * (1 + 1e-9))
-    if zeta.ndim != 1 or not zeta.size or not inside.all() or not (np.diff(zeta) > 0).all():
+    good = zeta.ndim == 1 and zeta.size and zeta[0] >= 1 and (np.diff(zeta) > 0).all()
+    if not good or zeta[-1] > highest * (1 + 1e-9):
         raise InvalidScene(
-            f"magnifications must ascend from 1 or more to the highest of the roughness, "
+            "magnifications must ascend from 1 or more to the highest of the roughness, "
             f"{highest:g} at the most"
         )
     return zeta
@@ -217,15 +217,12 @@ class StressState:
 
 
 def _pressures(state: StressState) -> PressureCurve:
-    n = state.density.size
-    P = state.density / state.hardness
-    ends = ([0.0], 0.5 * (P[1:] + P[:-1]), [max(1.5 * P[-1] - 0.5 * P[-2], 0.0)])
-    return PressureCurve(
-        pressure=np.linspace(0.0, state.hardness, n + 1),
-        density=np.concatenate(ends),
-        cumulative=np.concatenate([[0.0], np.cumsum(state.density) / n]),
-        plastic=state.plastic,
-    )
+    n, P = state.density.size, state.density / state.hardness
+    pressure = np.linspace(0.0, state.hardness, n + 1)
+    at_wall = max(1.5 * P[-1] - 0.5 * P[-2], 0.0)
+    density = np.concatenate([[0.0], 0.5 * (P[1:] + P[:-1]), [at_wall]])
+    cumulative = np.concatenate([[0.0], np.cumsum(state.density) / n])
+    return PressureCurve(pressure, density, cumulative, state.plastic)
 
 
 def unfelt_diffusion(mean_pressure: float, hardness: float) -> float:

@@ -199,12 +199,8 @@ def gamma_columns(
     values = np.linspace(0.3, 1.0, 141) if gammas is None else array("gammas", gammas)
     for gamma in values:
         EnergyReduction(gamma)  # checks the range
-    tau = array("full_contact_diffusion", full_contact_diffusion)
-    capped = areas(values * tau, mean_pressure, hardness)
-    return {
-        "gamma": values,
-        "elastic_area": capped.elastic,
-        "plastic_area": capped.plastic,
-        "total_area": capped.total,
-        "elastic_body_area": areas(values * tau, mean_pressure).total,
-    }
+    G = values * array("full_contact_diffusion", full_contact_diffusion)
+    capped, elastic = areas(G, mean_pressure, hardness), areas(G, mean_pressure)
+    names = ("gamma", "elastic_area", "plastic_area", "total_area", "elastic_body_area")
+    columns = (values, capped.elastic, capped.plastic, capped.total, elastic.total)
+    return dict(zip(names, columns, strict=True))

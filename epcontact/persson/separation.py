@@ -43,7 +43,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -67,8 +66,7 @@ def elastic_energy(theory: Theory, mean_pressure: float) -> float:
     """Elastic energy U_el in J per m^2 of nominal area.  Raises InvalidScene."""
     tau = _band_diffusion(theory)
     found = areas(tau, mean_pressure, theory.hardness)
-    stored = _energy_reduction(theory).factor(found.total) * found.elastic
-    return float(_energy(theory, stored))
+    return float(_energy(theory, found.total, found.elastic))
 
 
 def flattened_roughness(theory: Theory, mean_pressure: float) -> Roughness:
@@ -105,7 +103,7 @@ def mean_separation(
     # A band flattened to nothing is in full contact.
     spread = np.maximum(2 * np.sqrt(_band_diffusion(theory)), 1e-30 * top)
     area = erf(p[:, None] / spread)
-    U = _energy(theory, _energy_reduction(theory).factor(area) * area)
+    U = _energy(theory, area, area)
     # The trapezoidal rule in 1/p is of second order.
     coarse, fine = (float(np.diff(U[::k]) @ (0.5 / p[k::k] + 0.5 / p[:-k:k])) for k in (2, 1))
     return fine + (fine - coarse) / 3
@@ -126,30 +124,22 @@ def _band_diffusion(theory: Theory) -> FloatArray:
     return full_contact_diffusion(theory.effective_modulus, middle)
 
 
-def _energy_reduction(theory: Theory) -> EnergyReduction:
-    local = theory.reduction.rule in ("persson", "wang_muser")
-    return theory.reduction if local else EnergyReduction(theory.reduction.gamma, "persson")
-
-
-def _energy(theory: Theory, stored: FloatArray) -> FloatArray:
-    """U_el for the stored shares S A_el of the bands, (..., bands)."""
-    return np.asarray(0.25 * theory.effective_modulus * (stored @ theory.roughness.first_moment))
+def _energy(theory: Theory, contact: FloatArray, elastic: FloatArray) -> FloatArray:
+    """U_el for the contact area and its elastic part at each band, (..., bands)."""
+    reduction = theory.reduction
+    if reduction.rule not in ("persson", "wang_muser"):
+        reduction = EnergyReduction(reduction.gamma, "persson")
+    stored = (reduction.factor(contact) * elastic) @ theory.roughness.first_moment
+    return np.asarray(0.25 * theory.effective_modulus * stored)
 
 
 # --- the open gap --------------------------------------------------------------------------------
 
 
-class GapDistribution(NamedTuple):
-    """Density in 1/m and cumulative share at gaps (n,) in m, and the share without a gap."""
-
-    gap: FloatArray
-    density: FloatArray
-    cumulative: FloatArray
-    contact: float
-
-
-def gap_distribution(theory: Theory, mean_pressure: float, gap: ArrayLike) -> GapDistribution:
-    """Return the distribution of the open gap under a mean pressure (Pa), at gaps of 0 or more."""
+def gap_distribution(
+    theory: Theory, mean_pressure: float, gap: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Density (1/m) and cumulative share of the open gap; at 0 that is the share in contact."""
     u = np.asarray(gap, dtype=np.float64)
     share, lost, beyond = _levels(_flattened(theory, mean_pressure), mean_pressure)
     density, cumulative = np.zeros_like(u), np.full_like(u, share[-1])
@@ -158,7 +148,7 @@ def gap_distribution(theory: Theory, mean_pressure: float, gap: ArrayLike) -> Ga
         bells = np.exp(-(near**2) / 2) + np.exp(-(image**2) / 2)
         density += part * bells / (math.sqrt(2 * math.pi) * spread)
         cumulative += part * (ndtr(near) + ndtr(image) - 1)
-    return GapDistribution(u, density, cumulative, float(share[-1]))
+    return density, cumulative
 
 
 def _levels(theory: Theory, mean_pressure: float) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -135,7 +135,7 @@ def cumulative(method: str, scene: Scene) -> FloatArray:
     """Share of the nominal area with a gap of at most GAPS times the rms height."""
     u = GAPS * scene.surface.rms_height
     if method == "persson":
-        return gap_distribution(theory_of(scene), scene.load.final, u).cumulative
+        return gap_distribution(theory_of(scene), scene.load.final, u)[1]
     law = "capped" if math.isfinite(scene.material.hardness) else "elastic"
     blocks = partial(fem_check.solve, law=law, certified=False)
     result = (paper.settled if method == "bem" else blocks)(scene)

@@ -43,9 +43,6 @@ UNLOADED = 1e-2
 class HeightsFromArray(Preparation):
     """Heights that are already in memory.
 
-    A map that is not periodic is refused ("refuse"), taken as it is ("periodic") or made periodic
-    ("detrend_and_window").
-
     Example:
         >>> recipe = HeightsFromArray([0.0, 1e-6, 0.0, -1e-6], periods=(1e-3,))
         >>> recipe.shape, recipe.build().notes[0][:36]

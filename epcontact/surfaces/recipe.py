@@ -203,10 +203,7 @@ def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...],
 
 
 def require_room(shape: tuple[int, ...]) -> None:
-    """Raise NotEnoughMemory if heights and their modes would not fit into memory.
-
-    A system that overcommits memory kills the process that uses it, so this asks beforehand.
-    """
+    """Raise NotEnoughMemory if heights and their modes would not fit into memory."""
     needed = 16 * math.prod(shape)
     if needed >= SMALL and needed > available_memory():
         grid = " x ".join(map(str, shape))
