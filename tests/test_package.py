@@ -1,10 +1,8 @@
-"""The package as a whole: licence, types, libraries, examples, and the paper's equations in it."""
+"""The package as a whole: licence, types, libraries, and the paper's equations in it."""
 
 from __future__ import annotations
 
 import ast
-import doctest
-import importlib
 import re
 import subprocess
 import sys
@@ -70,16 +68,6 @@ def test_the_libraries_that_are_imported_are_declared() -> None:
     declared |= {"vtk", "pydantic_core"}
     undeclared = {m for m in foreign if not {h.lower() for h in homes[m]} & declared}
     assert not undeclared
-
-
-@pytest.mark.parametrize("path", [path for path, source in SOURCES.items() if ">>> " in source])
-def test_examples_in_docstrings_run(path: str) -> None:
-    name = path.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
-    tests = doctest.DocTestFinder(exclude_empty=True).find(importlib.import_module(name), name)
-    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
-    for test in tests:
-        runner.run(test)
-    assert runner.failures == 0 < runner.tries
 
 
 def homes(phrase: str) -> list[tuple[str, str]]:

@@ -1,7 +1,9 @@
-"""Every command and code block of the README runs."""
+"""Every command and code block of the README runs, and every example in a docstring."""
 
 from __future__ import annotations
 
+import doctest
+import importlib
 import os
 import re
 import shutil
@@ -20,6 +22,12 @@ from epcontact.cli.main import COMMANDS
 from epcontact.harness.processes import made
 
 ROOT = Path(__file__).parent.parent
+EXAMPLES = [
+    path.relative_to(ROOT)
+    for package in ("epcontact", "fem_check")
+    for path in sorted((ROOT / package).rglob("*.py"))
+    if ">>> " in path.read_text(encoding="utf-8")
+]
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
 
 
@@ -165,3 +173,13 @@ def test_pytest_collects_the_gates_of_the_cases_it_is_told_of(home) -> None:
     assert f"{expected} passed" in out
     workers = set(re.findall(r"\[(gw\d)\].* PASSED", out))
     assert len(workers) == 1, "one case, which one worker solves"
+
+
+@pytest.mark.parametrize("path", EXAMPLES)
+def test_examples_in_docstrings_run(path: Path) -> None:
+    name = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+    tests = doctest.DocTestFinder(exclude_empty=True).find(importlib.import_module(name), name)
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    for test in tests:
+        runner.run(test)
+    assert runner.failures == 0 < runner.tries
