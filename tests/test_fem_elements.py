@@ -100,11 +100,6 @@ def test_the_return_lies_on_the_yield_surface_and_keeps_the_volume(hardening: fl
         np.testing.assert_allclose(strain.sum(axis=0), 0, atol=1e-15)
 
 
-def test_the_von_mises_norm_is_that_of_simple_states() -> None:
-    states = np.array([[2.0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 1, 0], [5, 5, 5, 0, 0, 0]])
-    np.testing.assert_allclose(von_mises(states), [2, math.sqrt(3), 0])
-
-
 def test_the_elastic_element_passes_the_patch_test_and_has_six_rigid_motions() -> None:
     bricks, _, rule, history = brick(7, math.inf)
     corners = CORNERS + 0.1 * np.random.default_rng(7).standard_normal((8, 3))
@@ -252,16 +247,6 @@ def test_grading_changes_no_wave_by_more_than_its_bound() -> None:
     np.testing.assert_allclose(graded, equal, rtol=7e-3)
     deeper = surface_compliance(scene, depth=2 * depth)
     np.testing.assert_allclose(graded[1:], deeper[1:], rtol=3e-3)
-
-
-def test_moved_nodes_put_the_top_at_the_heights_and_leave_the_base() -> None:
-    scene = rough_scene(8, 2)
-    block = block_for(scene, FemOptions(geometry="moved"))
-    where, heights = block.positions(), scene.surface.heights
-    np.testing.assert_allclose(where[0, ..., 2], heights - heights.mean(), atol=1e-15)
-    np.testing.assert_allclose(where[-1, ..., 2], -block.depth, rtol=1e-14)
-    # The shift has zero mean over every level, so the body keeps its volume.
-    assert moved_elements(block).weights.sum() == pytest.approx(block.depth, rel=1e-12)
 
 
 @pytest.mark.parametrize("dimensions", [1, 2])

@@ -58,7 +58,7 @@ class Fault:
         """Name what shows the fault: a bare "verify", "cases" (pytest cases) or a "test"."""
         if self.test:
             return "test"
-        return "verify" if honest_case(self.case).verify else "cases"
+        return "verify" if honest_case(self.case).head.verify else "cases"
 
 
 @functools.cache
