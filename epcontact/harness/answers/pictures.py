@@ -180,26 +180,25 @@ def _spectrum_chart(surface: Surface) -> Chart | None:
 
 def _magnification_chart(case: Case, areas: persson.MagnificationCurve, results: Results) -> Chart:
     """Figure 4 of the paper: the theory's areas, and the mean ones of the boundary elements."""
-    parts = {"total": areas.total, "elastic": areas.elastic, "plastic": areas.plastic}
     steps = [result.final for result in results.get("bem", ())]
     # A user's solver that replaces bem need not have corrected areas.
     corrected = [step.areas["corrected"] for step in steps if "corrected" in step.areas]
-    means = {p: float(np.mean([getattr(a, p) for a in corrected] or [0.0])) for p in parts}
-    theory = pd.concat(
-        pd.DataFrame({"part": p, "magnification": areas.magnification, "area_fraction": area})
-        for p, area in parts.items()
-        if np.any(area > 0)
-    )
-    points = pd.DataFrame({"part": means.keys(), "area_fraction": means.values(), "method": "bem"})
-    points = points[points["area_fraction"] > 0].assign(magnification=areas.magnification.max())
-    table = pd.concat([theory.assign(method="", style="curve"), points])
+    x, y = "magnification", "area_fraction"
+    curves, points = [], []
+    for part in ("total", "elastic", "plastic"):
+        curve = {"part": part, x: areas.magnification, y: getattr(areas, part)}
+        curves.append(pd.DataFrame(curve | {"method": "", "style": "curve"}))
+        point = {"part": part, x: areas.magnification.max(), "method": "bem"}
+        mean = float(np.mean([getattr(found, part) for found in corrected] or [0.0]))
+        points.append(pd.DataFrame([point | {y: mean}]))
+    table = pd.concat([each for each in (*curves, *points) if (each[y] > 0).any()])
     # Areas vanish exponentially at low magnification and would squeeze everything else, so the
     # axis ends three decades below the largest area.
-    known = table["area_fraction"][table["area_fraction"] > 0]
+    known = table[y][table[y] > 0]
     limits = (max(0.7 * known.min(), 1e-3 * known.max()), 1.5 * known.max())
     plot = Plot(
-        ("magnification", r"magnification $\zeta = q / q_0$ (–)"),
-        ("area_fraction", r"contact area $A / A_0$ (–)"),
+        (x, r"magnification $\zeta = q / q_0$ (–)"),
+        (y, r"contact area $A / A_0$ (–)"),
         series=("part", "method"),
         colour="part",
         colours=PART_COLOURS,
