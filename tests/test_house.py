@@ -38,7 +38,7 @@ LINES = {
     "epcontact.reference": 940,
     "epcontact.results": 190,
     "epcontact.scene": 490,
-    "epcontact.studies": 2440,
+    "epcontact.studies": 2430,
     "epcontact.surfaces": 1790,
     "fem_check": 3730,
     "tests": 14590,

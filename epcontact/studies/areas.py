@@ -239,10 +239,7 @@ def coverage(table: pd.DataFrame) -> pd.DataFrame:
 
 @study("areas", seeds=range(100, 130), points=64)
 def areas(
-    say: Say,
-    seeds: Ints = range(100, 104),
-    points: int = 32,
-    kinds: Sequence[str] = tuple(KINDS),
+    say: Say, seeds: Ints = range(100, 104), points: int = 32, kinds: Sequence[str] = tuple(KINDS)
 ) -> Charts:
     """Coverage of the claimed errors of corrected areas, by kind of surface.
 

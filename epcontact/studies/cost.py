@@ -235,11 +235,7 @@ _STYLES = {CLAIMED: "curve", REFERENCE: "curve"}
 
 @study("resolution", bandwidth=64, surfaces=8)
 def resolution(
-    say: Say,
-    bandwidth: int = 32,
-    surfaces: int = 6,
-    points: Ints = (3, 4, 6, 8, 12, 16, 32),
-    parts: Sequence[str] = ("total", "plastic"),
+    say: Say, bandwidth: int = 32, surfaces: int = 6, points: Ints = (3, 4, 6, 8, 12, 16, 32)
 ) -> Charts:
     """Error of raw and corrected areas against points per wavelength and cost.
 
@@ -254,7 +250,7 @@ def resolution(
     table = rows(say, area_errors, seed=seeds, points=[points], bandwidth=[bandwidth])
     errors = root_mean_square(table, "relative_error", by)
     worth = table[table["kind"] == REFERENCE].groupby("part")["relative_error"].mean()
-    for part in parts:
+    for part in ("total", "plastic"):
         table = errors[errors["part"] == part].copy()
         table.loc[table["kind"] == REFERENCE, "relative_error"] = worth[part]
         title = f"Error of the {part} area, whose reference is uncertain by {worth[part]:.1e}"

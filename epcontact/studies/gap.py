@@ -300,11 +300,7 @@ def cycle(model: str, seed: int, points: int, bandwidth: int) -> list[dict[str, 
 
 @study("hysteresis", points=8, seeds=range(301, 317))
 def hysteresis(
-    say: Say,
-    points: int = 4,
-    seeds: Ints = range(301, 304),
-    bandwidth: int = 8,
-    models: Sequence[str] = ("cap", "J2", "theory"),
+    say: Say, points: int = 4, seeds: Ints = range(301, 304), bandwidth: int = 8
 ) -> Charts:
     """Contact area, mean gap and plastic work on the way up and down, by every method.
 
@@ -313,7 +309,8 @@ def hysteresis(
     the load's work hardness times the mean plastic displacement stays in the capped body, and the
     yield stress times the plastic strain in the J2 body.
     """
-    table = rows(say, cycle, seed=seeds, model=models, points=[points], bandwidth=[bandwidth])
+    axes = {"seed": seeds, "model": ("cap", "J2", "theory")}
+    table = rows(say, cycle, **axes, points=[points], bandwidth=[bandwidth])
     x, series = ("load_over_peak", "mean pressure over its peak (–)"), ("model", "branch")
     for figure, label, log in (
         (AREA, "contact area (–)", "xy"),
