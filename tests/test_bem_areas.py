@@ -380,21 +380,17 @@ def test_how_many_copies_a_grid_holds():
     cell, ripple = RNG(5).uniform(size=(6, 10)), wave(17)  # which hardly changes in one step
     tiled, corner = np.tile(cell, (2, 2)), np.pad(cell[:2, :2], (0, 8))
     noise = RNG(6).uniform(-1, 1, tiled.shape)
-    for pressure, number in (
-        (cell, 1),
-        (np.tile(cell, (4, 3)), 12),
-        (np.hstack([cell, np.roll(cell, 3, 0)]), 2),  # as in a hexagonal pattern
-        (np.tile(np.hstack([np.roll(cell, 2 * k, 0) for k in range(3)]), (2, 1)), 6),  # bricks
-        (sum(np.roll(corner, (2 * k, 4 * k), (0, 1)) for k in range(5)), 5),
-        (np.tile(cell[:1], (12, 1)), 12),
-        (tiled + 0.08 * noise, 4),  # less than a fifth of the range meets the grid alike, too
-        (tiled + 0.3 * noise, 1),
-        (1 + 0.01 * cell, 1),  # of a contact that is nearly uniform
-        (np.ones((6, 10)), 60),
-        (ripple[:, None] + 0.5 * ripple, 1),
-        (np.tile(ripple, (17, 1)), 17),
-    ):
-        assert copies(pressure) == number
+    for number, pressure in {
+        1: [cell, tiled + 0.3 * noise, 1 + 0.01 * cell, ripple[:, None] + 0.5 * ripple],
+        2: [np.hstack([cell, np.roll(cell, 3, 0)])],  # as in a hexagonal pattern
+        4: [tiled + 0.08 * noise],  # less than a fifth of the range meets the grid alike, too
+        5: [sum(np.roll(corner, (2 * k, 4 * k), (0, 1)) for k in range(5))],
+        6: [np.tile(np.hstack([np.roll(cell, 2 * k, 0) for k in range(3)]), (2, 1))],  # bricks
+        12: [np.tile(cell, (4, 3)), np.tile(cell[:1], (12, 1))],
+        17: [np.tile(ripple, (17, 1))],
+        60: [np.ones((6, 10))],
+    }.items():
+        assert [copies(p) for p in pressure] == [number] * len(pressure)
 
 
 @pytest.mark.slow
@@ -436,8 +432,7 @@ def test_scenes_that_once_were_wrong_are_within_their_claims():
     table = area_scenes.judged(small, seeds=[3])
     assert len(table) == 11
     assert (table["times"] <= 1).all()
-    # Two thirds of what worn plateaus have in plastic contact are beside kinks, where no point
-    # shows them: a third is missing of all, and they claim two.
+    # Of worn plateaus a third is missing, beside kinks where no point shows it; they claim two.
     assert (table["claimed"] < [1, 100, 50, 50, 70, *[50] * 6]).all()
 
 

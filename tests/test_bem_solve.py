@@ -41,11 +41,6 @@ def solve(*args, tolerance=1e-9, threads=1, start=None, **options) -> ContactRes
     return bem.solve(scene(*args, **options), tolerance=tolerance, threads=threads, start=start)
 
 
-def compliance_of(shape, body=None):
-    q = rfft_wavenumbers(shape, (PERIOD,) * len(shape))
-    return surface_compliance(q, body or Body(), Material(E, 0.0))
-
-
 def require_kkt(result: ContactResult, hardness: float, tolerance: float = 1e-8) -> None:
     """The conditions of the minimum, from the fields alone."""
     p, g, state = (result.fields[name] for name in ("pressure", "gap", "state"))
@@ -64,18 +59,6 @@ def require_kkt(result: ContactResult, hardness: float, tolerance: float = 1e-8)
 
 def require_same(result, other, tolerance=1e-6 * E):
     assert np.abs(result.fields["pressure"] - other.fields["pressure"]).max() < tolerance
-
-
-@pytest.mark.parametrize("shape", [(64, 64), (33, 48), (101,)])
-@pytest.mark.parametrize("body", [Body(), BONDED, Body("sliding_layer", 1e-5)])
-def test_full_contact_is_linear(shape, body):
-    heights, compliance = rough(shape, points=8, slope=0.01), compliance_of(shape, body)
-    result = solve(heights, E, math.inf, body)
-    compliance.flat[0] = 1
-    modes = np.fft.rfftn(heights) / compliance
-    modes.flat[0] = E * heights.size
-    exact = np.fft.irfftn(modes, s=shape, axes=range(len(shape)))
-    assert np.abs(result.fields["pressure"] - exact).max() < 1e-9 * E
 
 
 @pytest.mark.parametrize("share", [0.08, 0.5, 0.97])
@@ -121,10 +104,9 @@ def test_a_cap_that_is_not_reached_and_any_start_change_nothing():
         np.testing.assert_array_equal(start, before)
 
 
-@pytest.mark.parametrize("shape", [(128, 128), (600, 1000)])
-def test_same_call_same_bits_whatever_the_threads(shape):
-    """The second is large enough for the transforms' library to use threads of its own."""
-    heights = rough(shape)
+def test_same_call_same_bits_whatever_the_threads():
+    """The grid is large enough for the transforms' library to use threads of its own."""
+    heights = rough((600, 1000))
     first, again, parallel = solve(heights), solve(heights), solve(heights, threads=2)
     for other in (again, parallel):
         np.testing.assert_array_equal(first.fields["pressure"], other.fields["pressure"])
@@ -133,16 +115,14 @@ def test_same_call_same_bits_whatever_the_threads(shape):
 
 def test_given_compliances_and_plain_arrays():
     heights = rough((48, 64))
-    compliance = compliance_of(heights.shape, BONDED)
+    q = rfft_wavenumbers(heights.shape, (PERIOD, PERIOD))
+    compliance = surface_compliance(q, BONDED, Material(E, 0.0))
     given = bem.solve(scene(heights), compliance=compliance, tolerance=1e-9, threads=1)
     own = solve(heights, body=BONDED)
     require_same(given, own)
     assert np.abs(own.fields["pressure"] - solve(heights).fields["pressure"]).max() > 0.01 * E
     plain = solve_pressure(heights, compliance, LOAD, HARDNESS, options=Options(tolerance=1e-9))
     assert np.abs(plain.pressure - own.fields["pressure"]).max() < 1e-6 * E
-    compliance[0, 0] = 0
-    u = np.fft.irfft2(np.fft.rfft2(plain.pressure) * compliance, s=heights.shape)
-    assert np.abs(u - plain.displacement).max() < 1e-12 * np.abs(u).max()
 
 
 @CAPS
@@ -178,17 +158,16 @@ def test_area_tolerance_ends_sooner_with_the_same_areas(points, hardness):
 def test_without_elastic_points_the_offset_lies_midway_whatever_the_rounding():
     """Twenty of forty points carry all of the load at the cap; the order of the sums must not
     leave one of them, or of the others, a rounding error between its bounds."""
-    q = 2 * np.pi * np.arange(21) / 40
-    q[0] = np.inf
-    found = 0
+    q, found = 2 * np.pi * np.r_[np.inf, 1:21] / 40, 0
     for phase in (np.arange(60) + 0.5) / 60:
         heights = np.cos(2 * np.pi * (np.arange(40) + phase) / 40)
-        p = solve_pressure(heights, 2 / q, 0.007, 0.014, options=Options(tolerance=1e-7))
-        gap, between = p.gap(heights), np.minimum(p.pressure, 0.014 - p.pressure)
-        if between.max() < 1e-9:
+        solution = solve_pressure(heights, 2 / q, 0.007, 0.014, options=Options(tolerance=1e-7))
+        gap, p = solution.gap(heights), solution.pressure
+        between = np.minimum(p, 0.014 - p).max()
+        assert between == 0 or between > 1e-9
+        if between == 0:
             found += 1
-            assert between.max() == 0
-            assert gap[p.pressure <= 0].min() == pytest.approx(-gap[p.pressure > 0].max())
+            assert gap[p <= 0].min() == pytest.approx(-gap[p > 0].max())
     assert found > 40
 
 
@@ -276,9 +255,8 @@ def surfaces(shape):
 
 
 def rms_slope(heights):
-    spacing = PERIOD / max(heights.shape)
-    steps = [(np.roll(heights, -1, k) - heights) / spacing for k in range(heights.ndim)]
-    return max(math.sqrt(sum(float(np.mean(s**2)) for s in steps)), 1e-3)
+    steps = [np.roll(heights, -1, axis) - heights for axis in range(heights.ndim)]
+    return max(math.sqrt(np.mean(np.square(steps).sum(axis=0))) * max(heights.shape) / PERIOD, 1e-3)
 
 
 SHAPES = ((48, 48), (65, 63), (64, 16), (7, 100), (2, 2), (3, 2), (2, 64), (101,), (2,), (512,))
@@ -296,16 +274,14 @@ def test_every_kind_of_surface_and_grid(shape):
 
 def test_energy_steps_are_reported_where_newton_fails():
     """A line of white noise near the middle of its load range makes plain steps overshoot."""
-    heights = noise((512,))
-    hardness = 0.3 * rms_slope(heights) * E
-    result = require_solved(heights, 0.5 * hardness, hardness)
-    assert any("would have raised the energy" in note for note in result.notes)
+    hardness = 0.3 * rms_slope(noise((512,))) * E
+    notes = require_solved(noise((512,)), 0.5 * hardness, hardness).notes
+    assert any("would have raised the energy" in note for note in notes)
 
 
-@pytest.mark.parametrize("length", [1e-20, 1e-33])
-def test_lengths_below_those_of_atoms(length):
+def test_lengths_below_those_of_atoms():
     """Stiffnesses a point beyond single precision, in which the cheap operators work."""
-    heights = length * rough() / PERIOD
+    heights, length = 1e-33 * rough() / PERIOD, 1e-33
     result = bem.solve(scene(heights, 1e-4 * LOAD, periods=(length, length)), threads=1)
     elastic = result.fields["gap"][result.fields["state"] == ELASTIC]
     assert np.abs(elastic).max() <= 1e-8 * np.std(heights)
@@ -326,10 +302,7 @@ def test_any_gradual_compliance_converges(power):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"area_tolerance": 2}, "area_tolerance"),
-        ({"threads": 0}, "threads"),
         ({"method": "magic"}, "method is 'magic'"),
-        ({"max_steps": 0}, "max_steps"),
         ({"start": np.zeros((3, 3))}, "start has shape"),
         ({"compliance": np.ones((64, 64))}, "compliance has shape"),
         ({"compliance": -np.ones((64, 33))}, "positive"),
