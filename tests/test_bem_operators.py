@@ -146,6 +146,16 @@ def test_few_iterations_whatever_the_contact(contact, body):
     assert np.linalg.norm(got - got.mean() - wanted) < 2e-6 * np.linalg.norm(wanted)
 
 
+@pytest.mark.parametrize("shape", [(9, 7), (256, 320)])
+def test_modes_are_filtered_to_the_same_bits_by_any_number_of_threads(shape):
+    field, modes = RNG(4).standard_normal(shape), RNG(5).random((shape[0], shape[1] // 2 + 1))
+    modes = modes + modes[-np.arange(shape[0])]
+    with Workers(2) as two:
+        found = tr.filtered(field, modes, two)
+    np.testing.assert_array_equal(found, tr.filtered(field, modes, ONE))
+    assert np.abs(found - np.fft.irfft2(np.fft.rfft2(field) * modes, s=shape)).max() < 1e-13
+
+
 def test_points_beyond_2_to_31_are_counted_right():
     """The passes that turn flat indices into rows, columns and cells, on the last rows of a grid
     of 65536 x 65536 points of which only these rows exist."""
