@@ -220,27 +220,6 @@ def test_the_whole_band_rule_solves_its_equation(
     assert_allclose(G, (gamma + (1 - gamma) * A) * tau, rtol=1e-11)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
-@given(
-    st.sampled_from([r.rule for r in PUBLISHED]),
-    st.floats(0.05, 1.0),
-    st.floats(-10, -0.001),
-    st.floats(-6, 6),
-    st.booleans(),
-)
-def test_reduced_diffusion_is_monotone_between_gamma_and_one(
-    rule: Any, gamma: float, log_share: float, log_scale: float, elastic: bool
-) -> None:
-    """However small the load: G / tau falls from 1 towards gamma, or wang_muser's minimum."""
-    reduction = EnergyReduction(gamma, rule)
-    tau = 10.0**log_scale * np.geomspace(1e-3, 1e3, 25)
-    G = reduced_diffusion(reduction, tau, 1.0, math.inf if elastic else 10.0**-log_share)
-    assert np.all(np.diff(G) > 0)
-    least = float(reduction.factor(np.linspace(0, 1, 1001)).min())
-    assert np.all(tau * (1 + 1e-12) >= G)
-    assert np.all(least * tau * (1 - 1e-6) <= G)
-
-
 def test_no_gamma_has_both_areas_of_the_paper_s_boundary_elements() -> None:
     """The elastoplastic ones, .0533 of them elastic, and .1002 of the elastic body (Table 1)."""
     columns = persson.gamma_columns(TAU, 12.5, 150.0, np.linspace(0.4, 0.8, 401))

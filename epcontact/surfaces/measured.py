@@ -15,15 +15,7 @@ from pydantic import BeforeValidator, Strict, ValidationInfo
 
 from epcontact.errors import InvalidScene
 from epcontact.results import ContactResult
-from epcontact.scene import (
-    Surface,
-    cautioned,
-    checked_heights,
-    levels_note,
-    listed,
-    require_known,
-    settle,
-)
+from epcontact.scene import Surface, checked_heights, listed, require_known, settle
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
 from epcontact.surfaces.recipe import (
     Lengths,
@@ -76,9 +68,7 @@ class HeightsFromArray(Preparation):
 
     def build(self) -> Surface:
         """Treat the heights.  Raises InvalidScene if they are refused."""
-        heights = np.asarray(self.heights)
-        levels = cautioned(levels_note(heights.dtype))
-        return prepared(heights.astype(np.float64), self, "heights", levels)
+        return prepared(np.asarray(self.heights), self, "heights")
 
 
 def _beside_the_case(value: Any, info: ValidationInfo) -> Any:
@@ -182,7 +172,7 @@ class HeightsFromFile(Preparation):
         """Read the heights and treat them.  Raises InvalidScene if they are refused."""
         require_room(self.shape)
         stored = self._map
-        notes = [*cautioned(levels_note(stored.heights.dtype)), *stored.notes]
+        notes = [*stored.notes]
         x, y = self.periods[0] / self.shape[0], self.periods[-1] / self.shape[-1]
         if stored.periods is None and not math.isclose(x, y, rel_tol=0.01):
             # Periods given in the wrong order show in spacings that differ.
@@ -190,8 +180,7 @@ class HeightsFromFile(Preparation):
                 f"the periods make the grid {x:.3g} m wide along x, over {self.shape[0]} lines of "
                 f"the file, and {y:.3g} m along y, over {self.shape[1]} heights in each"
             )
-        heights = stored.heights.astype(np.float64) * (self.unit or 1.0)
-        return prepared(heights, self, str(self.path), tuple(notes))
+        return prepared(stored.heights, self, str(self.path), notes, self.unit or 1.0)
 
 
 def residual_surface(surface: Surface, result: ContactResult) -> Surface:

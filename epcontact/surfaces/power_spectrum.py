@@ -47,21 +47,13 @@ def surface_moments(surface: Surface) -> Moments:
 
 
 class Topography(NamedTuple):
-    """Statistics of the heights about their mean.
+    """Statistics of the heights about their mean."""
 
-    Attributes:
-        rms_height: in m.
-        rms_slope: that of the gradient.
-        rms_curvature: in 1/m, that of half the Laplacian (of a line: the second derivative).
-        skewness: third moment over rms_height^3; 0 if the heights are symmetric.
-        excess_kurtosis: fourth moment over rms_height^4, less the 3 of Gaussian heights.
-    """
-
-    rms_height: float
-    rms_slope: float
-    rms_curvature: float
-    skewness: float
-    excess_kurtosis: float
+    rms_height: float  #: In m.
+    rms_slope: float  #: That of the gradient.
+    rms_curvature: float  #: In 1/m, of half the Laplacian (of a line: the second derivative).
+    skewness: float  #: Third moment over rms_height^3; 0 if the heights are symmetric.
+    excess_kurtosis: float  #: Fourth moment over rms_height^4, less the 3 of Gaussian heights.
 
 
 def topography(surface: Surface) -> Topography:

@@ -16,15 +16,24 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import Surface, number, require_known, rms_slope, settle
+from epcontact.scene import (
+    Surface,
+    cautioned,
+    levels_note,
+    number,
+    require_known,
+    rms_slope,
+    settle,
+)
 from epcontact.surfaces.power_spectrum import kept_waves
 from epcontact.surfaces.recipe import Fields, Real, entry
 
@@ -86,16 +95,18 @@ class Preparation(Fields):
         return words
 
 
-def prepared(heights: FloatArray, recipe: Any, where: str, notes: tuple[str, ...] = ()) -> Surface:
-    """Treat a recipe's own writable heights, NaN where missing, and return the surface.
+def prepared(
+    given: NDArray[Any], recipe: Any, where: str, notes: Iterable[str] = (), unit: float = 1.0
+) -> Surface:
+    """Treat a recipe's heights, NaN where missing and in `unit` of metres; return the surface.
 
     Raises InvalidScene if heights are missing, or jump at the edges, and no remedy is chosen.
     """
+    heights = np.multiply(given, unit, dtype=np.float64)
     require_known(heights, where, recipe.missing)
-    said = [*notes, *_mark_notes(heights, getattr(recipe, "unit", None) or 1.0)]
-    order = recipe.form
-    if order is None and recipe.treatment == "detrend_and_window":
-        order = 1
+    said = [*cautioned(levels_note(given.dtype)), *notes, *_mark_notes(heights, unit)]
+    order = 1 if recipe.treatment == "detrend_and_window" else None
+    order = order if recipe.form is None else recipe.form
     if order is not None:
         heights = form_removed(heights, order)
         said.append(f"{_FORMS[order]} removed")
