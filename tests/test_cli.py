@@ -186,6 +186,8 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> N
     assert solve("first", "double") == [False, False]
     assert solve("first", "single") == [True, True]
     assert read_fields(folder / "bem-seed3.vti").fields["pressure"].dtype == np.float64
+    (folder / "bem-seed3.vti").write_bytes(b"spoilt")
+    assert sorted(solve("first")) == [False, True]
     assert not list(folder.glob("*-steps"))
     assert solve("steps") == [False, False]
     assert solve("steps") == solve("first") == [True, True]
@@ -202,7 +204,7 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> N
     assert solve("steps").count(False) == 1  # what is missing is solved again
     # Another load's files do not pass for those of this one.
     run_cases([case.changed(load=Load(4e8))], Run(out, jobs=1))
-    assert not list(folder.glob("*-steps"))
+    assert not [*folder.glob("*-steps"), *folder.glob("*.vti")]
 
 
 def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path) -> None:

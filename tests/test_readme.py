@@ -57,13 +57,11 @@ def run(command: list[str], folder: Path, timeout: float = 280) -> str:
     return done.stdout
 
 
-def test_every_block_is_of_a_kind_that_is_tested() -> None:
-    assert {language for language, _ in BLOCKS} == {"bash", "python", "toml", "yaml"}
-
-
-def test_readme_names_every_command() -> None:
+def test_the_readme_is_short_names_every_command_and_holds_blocks_that_are_tested() -> None:
     text = (ROOT / "README.md").read_text()
+    assert len(text.splitlines()) < 200
     assert [c for c in COMMANDS if f"`epcontact {c}" not in text] == []
+    assert {language for language, _ in BLOCKS} == {"bash", "python", "toml", "yaml"}
 
 
 @pytest.mark.slow
@@ -144,10 +142,6 @@ def test_a_measured_map_as_the_readme_says(home, monkeypatch) -> None:
     assert done.returncode == 0, done
     assert "2 of 1920 heights missing" in done.stdout
     assert "to keep the rms slope" in done.stdout
-
-
-def test_the_readme_is_short() -> None:
-    assert len((ROOT / "README.md").read_text().splitlines()) < 200
 
 
 def test_the_main_job_is_a_function(home, monkeypatch, capsys) -> None:

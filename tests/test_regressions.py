@@ -21,7 +21,6 @@ from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.harness.verdict.verification import verify
-from epcontact.output.vtk import read_fields
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
 LOAD = "mean_pressure = 5.0e8"
@@ -48,25 +47,6 @@ def test_results_of_the_users_solver_do_not_pass_for_the_packages(write_case, tm
         )  # fmt: skip
         assert not notes[-1]
     assert answer(write_case(ONE), tmp_path)[1] == [False]
-
-
-def test_fields_of_another_load_do_not_pass_for_those_of_this_one(write_case, tmp_path) -> None:
-    out = tmp_path / "out"
-    answer(write_case(ONE), out, fields="first")
-    fields = out / "small" / "fast" / "bem-seed3.vti"
-    assert fields.is_file()
-    other = write_case(ONE, (LOAD, "mean_pressure = 6.0e8"))
-    answer(other, out)  # as verify runs it: without fields
-    assert not fields.exists()
-    _, notes = answer(other, out, fields="first")
-    assert notes == [False]
-    assert read_fields(fields).attributes["mean_pressure"] == 6.0e8
-    # Solving afresh without fields leaves those of the very same task, and they are reused.
-    answer(other, out, fresh=True)
-    assert answer(other, out, fields="first")[1] == [True]
-    fields.write_bytes(b"spoilt")
-    assert answer(other, out, fields="first")[1] == [False]
-    assert read_fields(fields).shape == (32, 32)
 
 
 @pytest.mark.parametrize(

@@ -35,16 +35,13 @@ Solver = Callable[..., "Pilot"]
 
 
 class Pilot(NamedTuple):
-    """One solve of one surface: its areas, and their largest relative errors, of the parts wanted.
-
-    `work` is FFT pairs, or sweeps over the unknowns, times points.
-    """
+    """One solve of one surface."""
 
     shape: tuple[int, ...]
     areas: Areas
-    error: float
-    raw_error: float
-    work: float
+    error: float  # the largest relative one of the parts wanted
+    raw_error: float  # the same of raw areas
+    work: float  # FFT pairs, or sweeps over the unknowns, times points
     notes: tuple[str, ...] = ()
 
 
@@ -90,11 +87,9 @@ def solve_pilot(
 
 
 def carried_error(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
-    """Return the relative error on a grid.
+    """Return the relative error on a grid: its own, or by the order of the two finest solved ones.
 
-    A solved grid has its own error.  The error on a finer grid follows from the order between the
-    two finest solved grids, limited to 1 to 2: a rim's random position has the order 1, its
-    curvature 2.
+    That order is between 1 and 2: a rim's random position has the order 1, its curvature 2.
     """
     level: dict[tuple[int, ...], float] = {}
     for pilot in pilots:
@@ -119,10 +114,7 @@ def carried_work(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
 def finite_element_options(
     case: Case, recipe: Recipe, solve: Solver, tolerance: float
 ) -> tuple[dict[str, Any], list[str]]:
-    """Choose increments by pilots on the coarsest grid, depth by the layer's compliance; say why.
-
-    A quarter of the tolerance is allowed for each.
-    """
+    """Choose increments by pilots and depth by compliance, to a quarter each, and say why."""
     options: dict[str, Any] = {}
     why = []
     share = tolerance / 4
@@ -152,10 +144,7 @@ def finite_element_options(
 
 
 def climb(recipes: Sequence[Recipe], solve: Solver, tolerance: float) -> list[Pilot]:
-    """Solve the first surface on ever finer grids until one suffices or the next costs too much.
-
-    Then solve other surfaces on the coarsest grid, enough to estimate the scatter.
-    """
+    """Solve the first surface on finer grids until one will do, and others on the coarsest grid."""
     first, pilots = recipes[0], list[Pilot]()
     rungs = ladder(first, beyond=False)
     for shape, following in zip(rungs, [*rungs[1:], None], strict=True):
@@ -175,10 +164,7 @@ def coarsest(pilots: Sequence[Pilot]) -> list[Pilot]:
 
 
 def deviation_of(pilots: Sequence[Pilot], parts: Sequence[str]) -> float:
-    """Return the largest relative standard deviation of the parts between surfaces.
-
-    For each part it is the upper 80 % bound, because the pilots are few.
-    """
+    """Return the largest relative standard deviation of the parts, by its upper 80 % bound."""
     bounds = [0.0]
     for part in parts:
         values = [getattr(pilot.areas, part) for pilot in coarsest(pilots)]
@@ -196,10 +182,9 @@ def cheapest(
     deviation: float,
     capped: bool,
 ) -> Candidate:
-    """Return the cheapest grid of the ladder that meets the tolerance, or the most accurate one.
+    """Return the cheapest grid that meets the tolerance with its surfaces, or the most accurate.
 
-    Each grid has the fewest surfaces that meet the tolerance on it.  If `capped`, no grid is finer
-    and no ensemble larger than that of the case.
+    If `capped`, no grid is finer and no ensemble larger than that of the case.
     """
     candidates = []
     most = len(recipes) if capped else MOST_SURFACES
