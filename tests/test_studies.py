@@ -191,9 +191,7 @@ def test_few_images_at_small_diffusion_and_few_eigenfunctions_at_large() -> None
     assert math.isnan(large["images"])
     # Where the package changes its series, both are short.
     assert max(switch.values()) <= 6
-
-
-def test_finite_volumes_are_of_second_order() -> None:
+    # Finite volumes are of second order.
     coarse, fine = drawn("theory", 3)["relative_error"]
     assert coarse < 1e-4
     assert np.log2(coarse / fine) == pytest.approx(2, abs=0.1)
@@ -208,20 +206,18 @@ def values_of(table: Any, end: str, figure: str) -> np.ndarray:
 def test_pressures_drawn_from_the_theory_have_the_theory_s_ends() -> None:
     scene = scenes.rough_scene(4, 1, 8)
     known, exact = theory.theory_figures(scene), scenes.by_theory(scene)
-    areas, G = exact.final.areas["raw"], exact.final.quantities["diffusion"]
+    G, load, cap = exact.final.quantities["diffusion"], scenes.MEAN_PRESSURE, scenes.HARDNESS
     # A million pressures, evenly by their share of the area, as a field of boundary elements.
-    sigma = np.linspace(0, scenes.HARDNESS, 20001)
-    cumulative = persson.pressure_cumulative(sigma, G, scenes.MEAN_PRESSURE, scenes.HARDNESS)
-    share = (np.arange(1_000_000) + 0.5) / 1_000_000
-    pressure = np.interp(share, cumulative, sigma, right=0.0)
-    pressure[share > 1 - areas.plastic] = scenes.HARDNESS
+    sigma, share = np.linspace(0, cap, 20001), (np.arange(1_000_000) + 0.5) / 1_000_000
+    pressure = np.interp(share, persson.pressure_cumulative(sigma, G, load, cap), sigma, right=0.0)
+    pressure[share > 1 - exact.final.areas["raw"].plastic] = cap
     found = theory.end_figures(replace(exact, fields={"pressure": pressure}), 4)
     for end in theory.ENDS:
         mean, exact_mean = (values_of(t, end, theory.MEAN_SLOPE) for t in (found, known))
         # The smallest window holds 1300 of the pressures; the table of them is linear in steps.
-        np.testing.assert_allclose(mean[2:], exact_mean[3:], rtol=2e-3)
+        assert mean[2:] == pytest.approx(exact_mean[3:], rel=2e-3)
         raw, exact_raw = (values_of(t, end, theory.RAW_SLOPE) for t in (found, known))
-        np.testing.assert_allclose(raw, exact_raw, rtol=2e-2)
+        assert raw == pytest.approx(exact_raw, rel=2e-2)
         assert abs(values_of(found, end, theory.DENSITY)[0]) < 2e-3
         # P bends down from both its ends, so that the mean slope falls from that at the very end.
         assert np.all(np.diff(exact_mean) < 0)
@@ -297,9 +293,7 @@ def test_newton_needs_fewer_transforms_and_a_method_that_fails_is_told() -> None
     assert pairs["newton"] < pairs["projected_gradient"]
     assert of_kind(errors, "newton")[-1] < 1e-3
     assert "relaxation stops at a residual of" in charts_of("bem")[0].caption
-
-
-def test_transforms_do_not_grow_with_the_grid_where_the_roughness_is_fixed() -> None:
+    # Transforms do not grow with the grid where the roughness is fixed.
     own = of_kind(drawn("growth", 1), "roughness fixed, finest grid", "fft_pairs")
     assert len(own) == 3
     assert own[-1] <= own[0] + 2
@@ -457,14 +451,14 @@ def test_errors_of_finite_elements_fall() -> None:
 
 
 def test_a_comparison_that_is_not_possible_says_why(monkeypatch) -> None:
-    with monkeypatch.context() as without:
-        for name in peers.PEERS:
-            without.setitem(sys.modules, name, None)
-        with pytest.raises(StudyUnavailable, match="pip install"):
-            STUDIES["peers"].run()
-    monkeypatch.setattr(peers, "installed", dict)
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
-    with pytest.raises(StudyUnavailable, match="set OMP_NUM_THREADS=1"):
+    with monkeypatch.context() as without:
+        without.setattr(peers, "installed", dict)
+        with pytest.raises(StudyUnavailable, match="set OMP_NUM_THREADS=1"):
+            STUDIES["peers"].run()
+    for name in peers.PEERS:
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(StudyUnavailable, match="pip install"):
         STUDIES["peers"].run()
 
 
