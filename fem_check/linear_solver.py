@@ -77,9 +77,8 @@ def factorise(block: PeriodicBlock, flat: Elements, law: Law, workers: Workers =
     def task(ranges: NDArray[np.int64]) -> None:
         some = slice(ranges[0, 0], ranges[-1, 1])
         for k in range(count - 1, -1, -1):
-            top, cross, _ = stencils[k]
-            C[k, some] = _symbol(cross, cosines[some], sines[some])
-            level = _symbol(top, cosines[some], sines[some])
+            C[k, some] = _symbol(stencils[k][1], cosines[some], sines[some])
+            level = _symbol(stencils[k][0], cosines[some], sines[some])
             if k > 0:
                 level += _symbol(stencils[k - 1][2], cosines[some], sines[some])
             _eliminate(level, C[k, some], S[k + 1, some], S[k, some])
@@ -96,15 +95,15 @@ def _phases(nx: int, ny: int) -> tuple[FloatArray, FloatArray]:
     return np.cos(angle), np.sin(angle)
 
 
-def _stencils(stiffness: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Top-top, top-bottom and bottom-bottom stencils (9 offsets, 3, 3) of one layer."""
+def _stencils(stiffness: FloatArray) -> FloatArray:
+    """(3, 9 offsets, 3, 3) the top-top, top-bottom and bottom-bottom stencils of one layer."""
     K = stiffness.reshape(8, 3, 8, 3)
     out = np.zeros((3, 9, 3, 3))
     for a, (ax, ay, az) in enumerate(CORNERS):
         for b, (bx, by, bz) in enumerate(CORNERS):
             if az >= bz:
                 out[2 - az - bz, 3 * (bx - ax + 1) + by - ay + 1] += K[a, :, b, :]
-    return out[0], out[1], out[2]
+    return out
 
 
 @compiled

@@ -65,12 +65,12 @@ def solve_increment(
         tangent = _tangent(problem, state, history, flowing, 0.1 * balance)
         linear, spent = linear_contact(state, R, tangent, control, forcing)
         held = control.load is not None or linear.approach == state.approach
-        trial = _trial(problem, state, linear, 1.0, history)
-        if problem.plastic and balance > 1e-4 and held:
-            trial, tried = _line_search(problem, state, internal, linear, history, control, trial)
-            spent += Counts(line_searches=tried)
-        counts += spent + Counts(newton=1)
-        state = _state_after(problem, state, linear, trial)
+        shortened = problem.plastic and balance > 1e-4 and held
+        trial, cuts = _step(problem, state, internal, linear, history, control, shortened)
+        counts += spent + Counts(newton=1, line_searches=cuts)
+        forces = problem.contact_forces(linear.states, -trial.force[0, ..., 2])
+        approach = state.approach + trial.share * (linear.approach - state.approach)
+        state = State(trial.displacement, approach, linear.states, forces)
         internal, flowing = trial.force, trial.flowing
         del R, tangent, linear, trial  # fields, which would stay in memory in the next linear solve
 
@@ -96,26 +96,24 @@ class _Trial(NamedTuple):
     flowing: NDArray[np.bool_]
 
 
-def _trial(
-    problem: Problem, state: State, linear: LinearSolution, share: float, history: History
-) -> _Trial:
-    u = state.displacement + share * linear.step
-    return _Trial(share, u, *problem.internal_force(u, history))
-
-
-def _line_search(
+def _step(
     problem: Problem,
     state: State,
     internal: FloatArray,
     linear: LinearSolution,
     history: History,
     control: Control,
-    trial: _Trial,
+    shortened: bool,
 ) -> tuple[_Trial, int]:
-    """The whole step, or its part up to where the energy stops falling; also the number of cuts."""
-    work = (control.load or 0.0) * (linear.approach - state.approach)
+    """The whole step or, if `shortened`, its part until the energy rises; and how often cut."""
+
+    def after(share: float) -> _Trial:
+        u = state.displacement + share * linear.step
+        return _Trial(share, u, *problem.internal_force(u, history))
+
+    trial, work = after(1.0), (control.load or 0.0) * (linear.approach - state.approach)
     before = dot(internal, linear.step) - work
-    if before >= 0:
+    if not shortened or before >= 0:
         return trial, 0
     low, slope_low, high, slope_high = 0.0, before, np.inf, 0.0
     for cuts in range(12):
@@ -127,12 +125,5 @@ def _line_search(
         else:
             low, slope_low = trial.share, slope
         secant = slope_low / (slope_low - slope_high)
-        share = low + min(max(secant, 0.1), 0.9) * (high - low)
-        trial = _trial(problem, state, linear, share, history)
+        trial = after(low + min(max(secant, 0.1), 0.9) * (high - low))
     return trial, 12
-
-
-def _state_after(problem: Problem, state: State, linear: LinearSolution, trial: _Trial) -> State:
-    forces = problem.contact_forces(linear.states, -trial.force[0, ..., 2])
-    approach = state.approach + trial.share * (linear.approach - state.approach)
-    return State(trial.displacement, approach, linear.states, forces)

@@ -31,12 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
-from fem_check.element import (
-    Elements,
-    deviatoric_stiffness,
-    elastic_stiffness,
-    layers_apart,
-)
+from fem_check import element
+from fem_check.element import Elements, layers_apart
 from fem_check.lanes import LANES, compiled, forces, gather, scatter, strains, workspace
 from fem_check.workers import ALONE, Workers
 
@@ -63,8 +59,8 @@ def law(
 def layer_stiffness(bricks: Elements, law: Law) -> tuple[FloatArray, FloatArray]:
     """The elastic (layers, 24 x 24) and deviatoric (layers, 8, 24 x 24) stiffness of elements."""
     layers = range(len(bricks.weights))
-    elastic = [elastic_stiffness(bricks, k, law.shear, law.bulk) for k in layers]
-    deviatoric = [deviatoric_stiffness(bricks, k) for k in layers]
+    elastic = [element.elastic_stiffness(bricks, k, law.shear, law.bulk) for k in layers]
+    deviatoric = [element.deviatoric_stiffness(bricks, k) for k in layers]
     return np.reshape(elastic, (-1, 576)), np.reshape(deviatoric, (-1, 8, 576))
 
 

@@ -182,14 +182,11 @@ def _data(
         strain = np.einsum("eg,eg->e", past.accumulated[past.rows], weights) / volumes
     corners = bricks.connectivity.ravel()
     shared = np.bincount(corners, np.repeat(volumes, 8), len(u))
-
-    def at_nodes(values: FloatArray) -> FloatArray:
-        return np.bincount(corners, np.repeat(values * volumes, 8), len(u)) / shared
-
-    nodal = np.stack([at_nodes(component) for component in mean.T], axis=1)
+    both = np.column_stack([mean, strain])
+    summed = [np.bincount(corners, np.repeat(v * volumes, 8), len(u)) / shared for v in both.T]
     points, cells = (
-        {"stress": s, "von_mises": von_mises(s), "equivalent_plastic_strain": e}
-        for s, e in ((nodal, at_nodes(strain)), (mean, strain))
+        {"stress": s[:, :6], "von_mises": von_mises(s[:, :6]), "equivalent_plastic_strain": s[:, 6]}
+        for s in (np.stack(summed, axis=1), both)
     )
     return {"displacement": u, **points}, cells
 

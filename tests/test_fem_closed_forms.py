@@ -156,28 +156,24 @@ def test_the_sphere_lies_between_the_published_fits(severity: float) -> None:
     """The fits differ from each other by up to 7 %: no tighter gate would mean anything."""
     force, area, yield_stress, _ = sphere(severity)
     solid = (1.0, effective(0.3), yield_stress, 0.3)
-    for critical, fit in (
+    for (_, first_force, first_area), fit in (
         (reference.kogut_etsion_critical(*solid), lambda w: reference.kogut_etsion(w, 0.3)),
         (reference.jackson_green_critical(*solid), lambda w: reference.jackson_green(w, *solid)),
     ):
-        wanted = force / critical[1]
-        w = brentq(lambda x, f=fit, t=wanted: f(x)[0] - t, 1e-2, 1e4)
-        assert area / (fit(w)[1] * critical[2]) == pytest.approx(1, abs=0.07)
+        w = brentq(lambda x, f=fit, wanted=force / first_force: f(x)[0] - wanted, 1e-2, 1e4)
+        assert area / (fit(w)[1] * first_area) == pytest.approx(1, abs=0.07)
 
 
 @pytest.mark.long
 def test_the_mean_pressure_rises_along_johnsons_curve_on_any_grid() -> None:
     found = {}
-    for severity in (2.0, 5.0, 10.0, 20.0, 42.0):
+    for severity in (5.0, 10.0, 20.0, 42.0):
         force, area, yield_stress, _ = sphere(severity)
         found[severity] = force / area / yield_stress
-        radius = math.sqrt(area / math.pi)
-        if severity == 2.0:  # elastic below first yield at 1.075 sigma_Y
-            reached = effective(0.3) * radius / yield_stress
-            assert found[2.0] == pytest.approx(4 / (3 * math.pi) * reached, rel=0.02)
         if severity >= 10.0:
             # The cavity model (Johnson 1970) gives the pressure of a hydrostatic core, a lower
             # estimate; a core that is itself at yield (Studman, Moore and Jones 1977) adds 2/3 Y.
+            radius = math.sqrt(area / math.pi)
             core = reference.cavity_mean_pressure(radius, 1.0, 1.0, yield_stress, 0.3)
             assert 0 < found[severity] - core / yield_stress < 1
     assert sorted(found.values()) == list(found.values())

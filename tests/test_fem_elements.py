@@ -74,10 +74,9 @@ def test_the_compiled_element_agrees_with_the_point_law(yield_stress: float) -> 
     first, flowing = plasticity.internal_force(u, bricks, rule, history)
     history = plasticity.commit(u, bricks, rule, history, flowing)
     assert (history.rows > 0).all() == flowing.all() == (yield_stress < 1)
-    g = bricks.gradients[0]
     dilatation = float(np.einsum("ja,aj->", bricks.mean_gradients[0], u))
     for q in range(8):
-        local = np.einsum("ja,ai->ij", g[:, :, q], u)
+        local = np.einsum("ja,ai->ij", bricks.gradients[0, :, :, q], u)
         e = (local + local.T) / 2
         e += np.eye(3) * (dilatation - np.trace(e)) / 3
         expected, accumulated = return_map(e, rule)
@@ -143,14 +142,13 @@ SPHERE_PATH = 8e-3 * np.linspace(0.02, 1.5, 12)  # to half as much again as full
 def column(count: int, poisson_ratio: float, path: np.ndarray, *, sphere: bool):  # type: ignore[no-untyped-def]
     """Internal pressures and outer displacements of a thick sphere or, in plane strain, cylinder of
     radii 1 to 2, Y = 1 and E = 1000, and Newton's residuals; unknown i moves the radius r_i."""
-    radii = np.geomspace(1.0, 2.0, count + 1)
-    lean = math.tan(SLICE)
+    radii, lean = np.geomspace(1.0, 2.0, count + 1), math.tan(SLICE)
     across = np.array([(x * lean, y * lean * sphere, 1.0) for x in (-1, 1) for y in (-1, 1)])
     directions = across / np.linalg.norm(across, axis=1)[:, None]
     nodes = 4 * (np.arange(count)[:, None] + CORNERS[:, 2]) + CORNERS @ [2, 1, 0]
     points = (radii[:, None, None] * directions).reshape(-1, 3)
     if not sphere:
-        points[:, 1] += np.tile([0.0, 1.0, 0.0, 1.0], count + 1) * 2 * lean
+        points[1::2, 1] += 2 * lean
     rows = np.arange(12 * (count + 1))
     motion = sp.csr_matrix((np.tile(directions.ravel(), count + 1), (rows, rows // 12)))
     bricks, free = elements(nodes, np.arange(count), points[nodes]), np.arange(count + 1) > 0
