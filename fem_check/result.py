@@ -1,4 +1,4 @@
-"""From finite-element states to a ContactResult: areas, pressures, fields, notes.
+"""Turn finite-element states into a ContactResult: areas, pressures, fields, notes.
 
 Areas.  `raw` counts nodes in contact.  The count overestimates the area: the rim is inside the
 last node in contact, and elements as large as the waves they carry are softer than the solid.

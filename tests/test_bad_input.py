@@ -137,7 +137,7 @@ def test_what_is_no_case_file_is_refused(tmp_path: Path, content: bytes, says: s
 
 
 def refusals(path: Path) -> list[str]:
-    """What the command line says of a file, less the file's name; it must write nothing."""
+    """Return what the command line says of a file, less its name; it must write nothing."""
     output = path.parent / "output"
     done = invoke("verify", path, "--output", output)
     assert (done.returncode, done.stdout, output.exists()) == (2, "", False)

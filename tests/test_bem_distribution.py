@@ -5,11 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from epcontact.bem.areas.distribution import (
-    end_fits,
-    extrapolated,
-    pressure_distribution,
-)
+from epcontact.bem.areas.distribution import end_fits, extrapolated, pressure_distribution
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas
 

@@ -511,7 +511,7 @@ def test_missing_files_and_folders(tmp_path: Path, name: str) -> None:
 
 
 class Topography:
-    """As much of SurfaceTopography's class as is used here, in nanometres."""
+    """The part of SurfaceTopography's class that is used here, in nanometres."""
 
     def __init__(
         self, scale: float = 1.0, unit: str | None = "nm", hole: bool = False, uniform: bool = True

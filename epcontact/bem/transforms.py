@@ -149,7 +149,7 @@ class Symbol:
         return along / across if across > 0 else 0.0
 
     def far(self) -> tuple[bool, bool]:
-        """For each axis, whether the points along it are far apart beside those along the other."""
+        """True for each axis along which points are far apart beside those along the other."""
         return self.oblong() < 1 / _OBLONG, self.oblong() > _OBLONG
 
     def _ends(self) -> tuple[float, float]:

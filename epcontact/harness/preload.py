@@ -1,4 +1,4 @@
-"""What the server of a pool loads before processes are forked from it, see `processes`.
+"""The modules that the server of a pool loads before processes are forked from it, see `processes`.
 
 These are the methods that the environment names, with those of their kernels that this machine has
 compiled before.  No library may start a thread: what one holds during a fork is held for ever.

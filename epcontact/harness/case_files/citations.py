@@ -1,4 +1,4 @@
-"""What a result rests on: the papers behind methods, closed forms and gates, and the software."""
+"""The papers behind methods, closed forms and gates, and the software, that a result rests on."""
 
 from __future__ import annotations
 
