@@ -225,8 +225,7 @@ def residual(
     elements, J2 (finite elements, yield stress = hardness/3) by that which remains after unloading,
     the theory (gamma = 0.536) has the effective spectrum C [1 - (A_pl sigma_P/p)^6] and tells
     nothing of the distribution of heights.  The experiment of Tiwari, Wang, Mueser and Persson
-    (Lubricants 7, 90 (2019)) found short waves nearly unchanged after squeezing, and heights as
-    symmetric.
+    (Lubricants 7, 90 (2019)) left short waves and the symmetry of heights nearly as they were.
     """
 
     def row(model: str, hardness: float, seed: int, points: int, bandwidth: int) -> Any:
