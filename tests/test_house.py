@@ -26,10 +26,10 @@ FLOORS = (
 LINES = {
     "epcontact": 100,
     "epcontact.bem": 4100,
-    "epcontact.cli": 1110,
+    "epcontact.cli": 1100,
     "epcontact.errors": 90,
     "epcontact.files": 140,
-    "epcontact.harness": 5820,
+    "epcontact.harness": 5810,
     "epcontact.machine": 220,
     "epcontact.materials": 260,
     "epcontact.output": 1660,

@@ -1,10 +1,8 @@
 """The command line: the names of the commands, their exit codes and error sentences.
 
 The exit code is 0 if all gates hold (or the command did its work), 1 if a gate fell short, 2 after
-an error, with one sentence on stderr for each mistake, and 130 after an interrupt.
-
-The module of a command is imported when the command runs, so that the list of commands, and every
-command that solves nothing, does not wait for solvers and charts to load.
+an error, with one sentence on stderr for each mistake, and 130 after an interrupt.  The module of
+a command is imported when it runs, so that no other command waits for solvers and charts to load.
 """
 
 from __future__ import annotations

@@ -18,10 +18,7 @@ STYLES = {"holds": "green", "falls short": "bold red", "error": "bold red", "ski
 
 
 def answers_table(answers: Mapping[str, Answer]) -> Table:
-    """Tabulate the areas of each method, with the interval of their mean.
-
-    The estimated error of the corrected areas is the mean of the surfaces' errors.
-    """
+    """Tabulate the areas of each method with the interval of their mean, and their mean error."""
     parts = ("total", "elastic", "plastic")
     table = table_of(("method", "areas"), (*parts, "surfaces", "reused"))
     for method, answer in answers.items():
@@ -40,11 +37,7 @@ def answers_table(answers: Mapping[str, Answer]) -> Table:
 
 
 def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:
-    """Tabulate the gates, one in each row.
-
-    A terminal narrower than WIDE omits the values, which would not be legible in so few columns;
-    verdict.json holds them.
-    """
+    """Tabulate the gates, one in each row; in fewer columns than WIDE without their values."""
     wide = width >= WIDE
     names = ("case", "quantity", "of", "against", "value", "reference") if wide else ("gate",)
     table = table_of(names, ("difference", "band"))

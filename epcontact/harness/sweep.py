@@ -111,8 +111,7 @@ def run_sweep(
 
     Args:
         case: a name, a path or a case from `find_case`.
-        run: how it is solved, see `Run`; or its attributes as keywords: `output`, `jobs`,
-            `executor`, `fresh` and `progress`.
+        run: how it is solved, see `Run`, whose attributes are keywords, too.
         size: one of its sizes.
 
     Raises:

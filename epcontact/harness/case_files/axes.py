@@ -23,6 +23,11 @@ Point = dict[str, Scalar]
 MOST_TASKS = 100_000
 
 
+def key(meaning: str, default: Any = ..., **limits: Any) -> Any:
+    """Return a key of a table: its meaning with its unit, its default, and what it may be."""
+    return Field(default, description=meaning, **limits)
+
+
 class Range(Table):
     """The values of a key from low to high, both included."""
 
@@ -40,10 +45,7 @@ class Range(Table):
         return self
 
     def at(self, shares: np.ndarray) -> list[float]:
-        """Return the values at shares of the way from low to high.
-
-        They have 12 digits, so that they are the same on every machine.
-        """
+        """Return the values at shares of the way, in digits that are the same on every machine."""
         if self.spacing == "log":
             values = self.low * (self.high / self.low) ** shares
         else:
@@ -67,25 +69,23 @@ def _joined(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 class SweepTable(Table):
     """[sweep]: each section has the keys of the case's section, with lists or ranges."""
 
-    surface: dict[str, _Axis] = Field(default={}, description="values of keys of [surface]")
-    material: dict[str, _Axis] = Field(default={}, description="values of keys of [material]")
-    body: dict[str, _Axis] = Field(default={}, description="values of keys of [body]")
-    load: dict[str, _Axis] = Field(default={}, description="values of keys of [load]")
-    theory: dict[str, _Axis] = Field(default={}, description="values of keys of [theory]")
-    bem: dict[str, _Axis] = Field(default={}, description="values of keys of [bem]")
-    fem: dict[str, _Axis] = Field(default={}, description="values of keys of [fem]")
-    seeds: list[Annotated[int, Field(ge=0)]] | None = Field(
-        default=None, min_length=1, description="of the surfaces at every point; else the case's"
+    surface: dict[str, _Axis] = key("values of keys of [surface]", {})
+    material: dict[str, _Axis] = key("values of keys of [material]", {})
+    body: dict[str, _Axis] = key("values of keys of [body]", {})
+    load: dict[str, _Axis] = key("values of keys of [load]", {})
+    theory: dict[str, _Axis] = key("values of keys of [theory]", {})
+    bem: dict[str, _Axis] = key("values of keys of [bem]", {})
+    fem: dict[str, _Axis] = key("values of keys of [fem]", {})
+    seeds: list[Annotated[int, Field(ge=0)]] | None = key(
+        "of the surfaces at every point; else the case's", None, min_length=1
     )
-    samples: int | None = Field(
-        default=None, ge=1, description="points of a Latin hypercube of the ranges without points"
+    samples: int | None = key(
+        "points of a Latin hypercube of the ranges without points", None, ge=1
     )
-    seed: int = Field(default=0, ge=0, description="of the Latin hypercube")
-    quantities: list[str] = Field(
-        default=[], description="quantities that are measured at every point, as for a gate"
-    )
-    point: list[dict[str, dict[str, Scalar]]] = Field(
-        default=[], description="values of keys that change together, one table for each point"
+    seed: int = key("of the Latin hypercube", 0, ge=0)
+    quantities: list[str] = key("quantities that are measured at every point, as for a gate", [])
+    point: list[dict[str, dict[str, Scalar]]] = key(
+        "values of keys that change together, one table for each point", []
     )
 
     @property

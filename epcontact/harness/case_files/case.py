@@ -1,8 +1,7 @@
 """Case files are read and checked; all mistakes of a file are told, each in one sentence.
 
 Mistakes that pydantic finds in a table hide those between the tables, which it could not read.
-A case is read at every size it offers, so that a mistake in its full size shows when the fast
-one is run.
+A case is read at every size, so that a mistake in its full size shows when the fast one is run.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from pydantic import (
 
 from epcontact import surfaces
 from epcontact.errors import InvalidScene, nearest
-from epcontact.harness.case_files.axes import SweepTable
+from epcontact.harness.case_files.axes import SweepTable, key
 from epcontact.harness.gates.gate import DISTRIBUTION_NORMS, Gate, Norm
 from epcontact.harness.methods.registry import METHODS, BemTable, FemTable, Table, TheoryTable
 from epcontact.harness.quantities.registry import QUANTITIES, REPORTED_GROUPS
@@ -59,38 +59,33 @@ MethodName = Annotated[
 ]
 
 
-def _key(meaning: str, default: Any = ..., **limits: Any) -> Any:
-    """Return a key of a table: its meaning with its unit, its default, and what it may be."""
-    return Field(default, description=meaning, **limits)
-
-
 class CaseTable(Table):
     """[case]: the requirement, its source, and the methods."""
 
-    id: str = _key(
+    id: str = key(
         "name of the case, of its folder of results and on the command line",
         pattern=r"^[a-z0-9][a-z0-9._-]*$", max_length=80,
     )  # fmt: skip
-    requirement: str = _key("the requirement, one English sentence", min_length=1)
-    source: str = _key("the source of the requirement and its figures", min_length=1)
-    methods: Annotated[list[MethodName], AfterValidator(_each_once)] = _key(
+    requirement: str = key("the requirement, one English sentence", min_length=1)
+    source: str = key("the source of the requirement and its figures", min_length=1)
+    methods: Annotated[list[MethodName], AfterValidator(_each_once)] = key(
         "the methods that answer the scene", min_length=1
     )
-    time_limit: float = _key("seconds after which one solve is given up", 900.0, gt=0)
-    verify: bool = _key("whether a bare `epcontact verify` includes the case", True)
+    time_limit: float = key("seconds after which one solve is given up", 900.0, gt=0)
+    verify: bool = key("whether a bare `epcontact verify` includes the case", True)
 
 
 class MaterialTable(Table):
     """[material]: an elastoplastic solid against a rigid flat."""
 
-    young_modulus: float = _key("Pa")
-    poisson_ratio: float = _key("between -1 and 0.5")
-    hardness: float | Literal["effective"] = _key(
+    young_modulus: float = key("Pa")
+    poisson_ratio: float = key("between -1 and 0.5")
+    hardness: float | Literal["effective"] = key(
         "Pa; cap of the contact pressure; 'effective': that which stands for a J2 body of "
         "yield_stress",
         math.inf,
     )
-    yield_stress: float = _key("Pa; of the J2 solid", math.inf)
+    yield_stress: float = key("Pa; of the J2 solid", math.inf)
 
     @field_validator("*")
     @classmethod
@@ -103,34 +98,34 @@ class MaterialTable(Table):
 class BodyTable(Table):
     """[body]: the body under the surface."""
 
-    kind: Literal["half_space", "bonded_layer", "sliding_layer"] = _key(
+    kind: Literal["half_space", "bonded_layer", "sliding_layer"] = key(
         "half-space, or layer on a rigid base", "half_space"
     )
-    depth: float = _key("m; of a layer", math.inf)
+    depth: float = key("m; of a layer", math.inf)
 
 
 class LoadTable(Table):
     """[load]: the force over the nominal area."""
 
-    mean_pressure: float | list[float] = _key("Pa; one, or a path of them")
+    mean_pressure: float | list[float] = key("Pa; one, or a path of them")
 
 
 class GateTable(Table):
     """[[gate]]: one comparison that must hold."""
 
-    quantity: str = _key(
+    quantity: str = key(
         "the scalar that is compared, such as area.total.corrected; `epcontact keys` lists them all"
     )
-    of: MethodName = _key("the method that is judged")
-    against: str | Finite = _key("a method, a closed form's name, or a number")
-    norm: Norm = _key("how the difference is measured", "relative")
-    tolerance: Finite | None = _key("the difference must be within +- tolerance", None, gt=0)
-    between: list[float] | None = _key(
+    of: MethodName = key("the method that is judged")
+    against: str | Finite = key("a method, a closed form's name, or a number")
+    norm: Norm = key("how the difference is measured", "relative")
+    tolerance: Finite | None = key("the difference must be within +- tolerance", None, gt=0)
+    between: list[float] | None = key(
         "or the difference must be within [low, high]", None, min_length=2, max_length=2
     )
-    because: str = _key("why the band is as wide as it is", min_length=1)
-    source: str = _key("where a number comes from; needed for one", "")
-    sizes: list[Size] | None = _key("the sizes it applies to; else all", None, min_length=1)
+    because: str = key("why the band is as wide as it is", min_length=1)
+    source: str = key("where a number comes from; needed for one", "")
+    sizes: list[Size] | None = key("the sizes it applies to; else all", None, min_length=1)
 
     @property
     def gate(self) -> Gate:
@@ -180,9 +175,9 @@ class GateTable(Table):
 class OmitTable(Table):
     """[[omit]]: a default gate of a method that does not apply to the case."""
 
-    quantity: str = _key("quantity of the default gate")
-    of: MethodName = _key("the method whose default gate it is")
-    because: str = _key("why the case cannot hold it", min_length=1)
+    quantity: str = key("quantity of the default gate")
+    of: MethodName = key("the method whose default gate it is")
+    because: str = key("why the case cannot hold it", min_length=1)
 
 
 @functools.cache
@@ -225,9 +220,9 @@ class Case(Table):
     solid: MaterialTable = Field(alias="material")
     load: Annotated[Load, _part(Load, LoadTable)]
     body: Annotated[Body, _part(Body, BodyTable)] = Field(default_factory=Body)
-    gate: list[GateTable] = _key("comparisons; only a case with a sweep may have none", [])
-    omit: list[OmitTable] = _key("default gates that do not apply", [])
-    sweep: SweepTable | None = _key("values that a sweep gives to keys", None)
+    gate: list[GateTable] = key("comparisons; only a case with a sweep may have none", [])
+    omit: list[OmitTable] = key("default gates that do not apply", [])
+    sweep: SweepTable | None = key("values that a sweep gives to keys", None)
     theory: TheoryTable | None = None
     bem: BemTable = BemTable()
     fem: FemTable = FemTable()

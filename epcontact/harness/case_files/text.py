@@ -1,9 +1,8 @@
 """The text of case files: TOML with variants and with values by size, before its keys are checked.
 
-A file holds one case, which has the name of the file (without .toml or .case.toml), or a family of
-cases.  In a family each table [[variant]] is a partial case file that is laid over the rest of the
-file: its keys replace those of the same table.  A gate of a variant completes the file's gate on
-the same quantity or, if there is none, is added.
+A file holds one case of its own name, or a family: each table [[variant]] is a partial case file
+that is laid over the rest.  Its keys replace those of the same table; a gate of it completes the
+file's gate on the same quantity or, if there is none, is added.
 """
 
 from __future__ import annotations
