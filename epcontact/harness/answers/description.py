@@ -20,7 +20,7 @@ _BODIES = {
 }
 
 
-def described(scene: Scene, recipe: Recipe) -> dict[str, dict[str, Any]]:
+def described(scene: Scene, recipe: Recipe, hardness_source: str) -> dict[str, dict[str, Any]]:
     """Return the figures of a scene by name, each with `value`, `unit` and `meaning`.
 
     Values are numbers, lists of numbers or words, the units "" for words and "–" for numbers
@@ -53,6 +53,8 @@ def described(scene: Scene, recipe: Recipe) -> dict[str, dict[str, Any]]:
     if slope > 0:
         rows.append(("load_group", scene.load.final / (modulus * slope), "–", "p₀ / (E* ξ)"))
         rows.append(("hardness_group", material.hardness / (modulus * slope), "–", "σ_P / (E* ξ)"))
+    if hardness_source:
+        rows.append(("hardness_source", hardness_source, "", "where the hardness comes from"))
     return {name: dict(zip(("value", "unit", "meaning"), row, strict=True)) for name, *row in rows}
 
 

@@ -265,10 +265,7 @@ def solve_task(task: Task, threads: int, moving: Callable[[float], None] | None 
 
 def _told(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
     """Add to a result what was computed, in words and figures."""
-    about = described(scene, task.recipe)
-    if source := task.case.hardness_source:
-        meaning = "where the hardness comes from"
-        about["hardness_source"] = {"value": source, "unit": "", "meaning": meaning}
+    about = described(scene, task.recipe, task.case.hardness_source)
     return replace(result, provenance=replace(result.provenance, about=about))
 
 
