@@ -87,74 +87,53 @@ def test_hertz_spheres_area_is_met_once_the_rim_is_taken_off() -> None:
 SLENDER = 0.05  # contact radius over sphere radius at the Hertzian load: small strains
 
 
-def onset_errors(
-    nu: float, *, nodes: int, nodes_to_rim: float, layers: int | None = None
-) -> tuple[float, float]:
-    """Errors of the mean pressure at first yield, relative, and of its depth, over a.
-
-    The elastic stresses scale with the pressure, so one solve is enough.  They are read at the
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
+def test_yield_sets_in_where_hertz_and_mises_say(nu: float) -> None:
+    """The elastic stresses scale with the pressure, so one solve is enough.  They are read at the
     elements' centres; between the layers the largest one is that of the parabola through three.
+
     The block's sides cannot move apart: a mean pressure p presses them with nu/(1 - nu) p, where
     that of isolated spheres does so with (1 + 2 nu)/2 p in the mean.  The tension between the two
     is taken off: 2 % at L = 8 a.
     """
     force = 4 / 3 * effective(nu) * SLENDER**3
-    scene = sphere_scene(force, nodes=nodes, nodes_to_rim=nodes_to_rim, poisson_ratio=nu)
-    path = solve_path(scene, law="elastic", layers=layers, certified=False)
+    scene = sphere_scene(force, nodes=64, nodes_to_rim=8, poisson_ratio=nu)
+    path = solve_path(scene, law="elastic", certified=False)
     u, problem = path.points[-1].state.displacement.reshape(-1, 3), path.problem
     stress = plasticity.stresses(u, problem.bricks, problem.law, None)
-    centre = von_mises(np.moveaxis(stress, 1, 2).mean(axis=1)).reshape(-1, nodes**2).max(axis=1)
+    centre = von_mises(np.moveaxis(stress, 1, 2).mean(axis=1)).reshape(-1, 64**2).max(axis=1)
     depths = -(problem.block.levels[1:] + problem.block.levels[:-1]) / 2
-    three = np.clip(centre.argmax(), 1, centre.size - 2) + np.arange(-1, 2)
+    three = centre.argmax() + np.arange(-1, 2)
     curve = np.polynomial.Polynomial.fit(depths[three], centre[three], 2)
     depth = float(curve.deriv().roots()[0].real)
     radius = SLENDER * (1 + 1.917 * (SLENDER / scene.surface.periods[0]) ** 3) ** (-1 / 3)
     tension = ((1 + 2 * nu) / 2 - nu / (1 - nu)) * scene.load.final
     pressure = force / (math.pi * radius**2) / (float(curve(depth)) - tension)
     peak, where = reference.sphere_onset(nu)
-    return pressure / (2 / 3 * peak) - 1, depth / radius - where
-
-
-@pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
-def test_yield_sets_in_where_hertz_and_mises_say(nu: float) -> None:
-    pressure, depth = onset_errors(nu, nodes=64, nodes_to_rim=8)
     # Measured +0.7 to +1.9 %: half of it the grid's, with elements a sixth of a deep there.
-    assert abs(pressure) < 0.02
-    assert abs(depth) < 0.04
-
-
-@pytest.mark.slow
-def test_the_onset_of_yield_converges() -> None:
-    """The onset is hardest to resolve with nu = 0, where yield sets in nearest to the surface."""
-    grids = [(24, 3, 18), (48, 6, 36), (96, 12, 72)]
-    errors = [onset_errors(0.0, nodes=n, nodes_to_rim=r, layers=k) for n, r, k in grids]
-    pressures, depths = np.abs(errors).T
-    # Better than first order: 4.4, 1.1, 0.44 %.
-    assert (np.log2(pressures[:-1] / pressures[1:]) > 1.2).all()
-    assert pressures[-1] < 0.005
-    assert (depths[1:] < depths[:-1] / 2).all()
+    assert pressure == pytest.approx(2 / 3 * peak, rel=0.02)
+    assert depth / radius == pytest.approx(where, abs=0.04)
 
 
 def sphere(
     severity: float, *, nodes: int = 64, nodes_to_rim: float = 10.0
-) -> tuple[float, float, float, ContactResult]:
-    """(force in N, area in m^2, yield stress in Pa, result) of the J2 sphere whose contact, at
-    about E* a/(sigma_Y R) = `severity`, is `nodes_to_rim` nodes in radius; nu = 0.3."""
+) -> tuple[float, float, float]:
+    """(force in N, area in m^2, yield stress in Pa) of the J2 sphere whose contact, at about
+    E* a/(sigma_Y R) = `severity`, is `nodes_to_rim` nodes in radius; nu = 0.3."""
     yield_stress = effective(0.3) * SLENDER / severity
     # A guess of the load: Hertz below, Johnson's cavity model above, 2.8 Y at most.
     guess = 0.4 * severity if severity < 3.5 else 2 / 3 * (1 + math.log(severity / 3))
     force = min(2.8, guess) * yield_stress * math.pi * SLENDER**2
     scene = sphere_scene(force, nodes=nodes, nodes_to_rim=nodes_to_rim, yield_stress=yield_stress)
-    result = solve(scene, steps=4, certified=False)
-    area = result.final.areas["corrected"].total * scene.surface.periods[0] ** 2
-    return force, area, yield_stress, result
+    final = solve(scene, steps=4, certified=False).final
+    return force, final.areas["corrected"].total * scene.surface.periods[0] ** 2, yield_stress
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("severity", [3.0, 8.0, 20.0, 42.0])
 def test_the_sphere_lies_between_the_published_fits(severity: float) -> None:
     """The fits differ from each other by up to 7 %: no tighter gate would mean anything."""
-    force, area, yield_stress, _ = sphere(severity)
+    force, area, yield_stress = sphere(severity)
     solid = (1.0, effective(0.3), yield_stress, 0.3)
     for (_, first_force, first_area), fit in (
         (reference.kogut_etsion_critical(*solid), lambda w: reference.kogut_etsion(w, 0.3)),
@@ -168,7 +147,7 @@ def test_the_sphere_lies_between_the_published_fits(severity: float) -> None:
 def test_the_mean_pressure_rises_along_johnsons_curve_on_any_grid() -> None:
     found = {}
     for severity in (5.0, 10.0, 20.0, 42.0):
-        force, area, yield_stress, _ = sphere(severity)
+        force, area, yield_stress = sphere(severity)
         found[severity] = force / area / yield_stress
         if severity >= 10.0:
             # The cavity model (Johnson 1970) gives the pressure of a hydrostatic core, a lower
@@ -179,15 +158,8 @@ def test_the_mean_pressure_rises_along_johnsons_curve_on_any_grid() -> None:
     assert sorted(found.values()) == list(found.values())
     assert 2.6 < found[42.0] < 2.9  # full plasticity (Johnson 1985)
     for nodes, rim in ((48, 6), (96, 14)):
-        force, area, yield_stress, _ = sphere(20.0, nodes=nodes, nodes_to_rim=rim)
+        force, area, yield_stress = sphere(20.0, nodes=nodes, nodes_to_rim=rim)
         assert force / area / yield_stress == pytest.approx(found[20.0], rel=0.03)
-
-
-def test_a_fully_plastic_sphere_does_not_stall() -> None:
-    """E* a/(sigma_Y R) = 40, where the pure tangent leaves the contact next to no stiffness."""
-    force, area, yield_stress, result = sphere(40.0, nodes=32, nodes_to_rim=6.0)
-    assert 2.6 < force / area / yield_stress < 2.9
-    assert result.cost["newton_steps"] <= 10 * 4
 
 
 # Finite elements against boundary elements -----------------------------------------------------
