@@ -105,7 +105,7 @@ def test_the_forces_agree_with_a_dense_solve(load: float | None) -> None:
 @pytest.mark.parametrize("share", [1e-4, 0.02, 0.3, 0.9, 0.99])
 @pytest.mark.parametrize("cap", [math.inf, 1.0, 0.05])
 def test_the_solution_meets_every_condition(highest: int, share: float, cap: float) -> None:
-    """From a single asperity to a surface nearly all at the cap or nearly all in contact."""
+    """Scenes go from one asperity to a surface nearly all at the cap, or nearly all in contact."""
     symbol, heights, nodal_cap = compliance((32, 32)), rough_heights(32, highest), cap / 32**2
     load = share * (cap if math.isfinite(cap) else 0.3)
     solved = rigid_contact(symbol, heights, load=load, cap=nodal_cap)
