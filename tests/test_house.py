@@ -33,7 +33,7 @@ LINES = {
     "epcontact.machine": 220,
     "epcontact.materials": 260,
     "epcontact.output": 1660,
-    "epcontact.persson": 1560,
+    "epcontact.persson": 1550,
     "epcontact.planning": 690,
     "epcontact.reference": 940,
     "epcontact.results": 190,

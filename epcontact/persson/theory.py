@@ -86,16 +86,11 @@ def pressure_curve(
         pressure = np.array([0.0, mean_pressure, mean_pressure])
         density, cumulative = np.array([0.0, 0.0, np.inf]), np.array([0.0, 0.0, 1.0])
         return PressureCurve(pressure, density, cumulative, plastic)
-    last = hardness
-    if math.isinf(hardness):
-        last = mean_pressure + _TAIL * math.sqrt(diffusion)
+    faded = mean_pressure + _TAIL * math.sqrt(diffusion)
+    last = hardness if math.isfinite(hardness) else faded
     pressure = np.linspace(0.0, last, whole("points", points, 2))
-    return PressureCurve(
-        pressure,
-        pressure_density(pressure, diffusion, mean_pressure, hardness),
-        pressure_cumulative(pressure, diffusion, mean_pressure, hardness),
-        plastic,
-    )
+    walk = (pressure, diffusion, mean_pressure, hardness)
+    return PressureCurve(pressure, pressure_density(*walk), pressure_cumulative(*walk), plastic)
 
 
 @dataclass(frozen=True)

@@ -196,9 +196,8 @@ def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...],
     if len(shape) not in (1, 2):
         raise InvalidScene(f"shape is {given_shape!r}, but must be one or two whole numbers")
     if len(periods) != len(shape):
-        raise InvalidScene(
-            f"periods is {given_periods!r}, but must be {len(shape)} positive lengths in m"
-        )
+        right = f"{len(shape)} positive lengths in m"
+        raise InvalidScene(f"periods is {given_periods!r}, but must be {right}")
     return shape, periods
 
 

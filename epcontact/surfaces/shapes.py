@@ -35,12 +35,10 @@ _Centre = Annotated[
 class Sinusoid(Generated):
     """Waves along x, along y, or the product of both, with a crest at the origin and zero mean.
 
-    h = amplitude cos X, or amplitude cos X cos Y, with X = 2 pi waves x / Lx and Y likewise: the
-    gap under the summits is amplitude (1 - cos) or amplitude (1 - cos cos), the convention of
-    Westergaard (1939) and of Johnson, Greenwood and Higginson (1985).  With the wavelength
-    lambda = L / waves, complete contact needs the pressure p* = pi E* amplitude / lambda or, for
-    the product on a square period, p* = sqrt(2) pi E* amplitude / lambda.  A wave needs more than
-    two grid points.
+    h = amplitude cos X, or amplitude cos X cos Y, with X = 2 pi waves x / Lx and Y likewise, as in
+    Westergaard (1939) and in Johnson, Greenwood and Higginson (1985).  With lambda = L / waves,
+    complete contact needs the pressure p* = pi E* amplitude / lambda, or sqrt(2) times as much for
+    the product on a square period.  A wave needs more than two grid points.
 
     Example:
         >>> surface = Sinusoid((1e-3, 1e-3), (8, 8), amplitude=1e-6, direction="both").build()

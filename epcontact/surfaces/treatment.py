@@ -124,8 +124,8 @@ def prepared(
         heights = kept_waves(heights, recipe.periods, high or math.inf, low or 0.0)
         said.append(f"waves {' and '.join(bounds)} removed")
     heights.flags.writeable = False
-    shortest = recipe.shortest_wavelength
-    return Surface(heights, recipe.periods, None, None, shortest, recipe.fingerprint, tuple(said))
+    known = {"shortest_wavelength": recipe.shortest_wavelength, "recipe": recipe.fingerprint}
+    return Surface(heights, recipe.periods, notes=tuple(said), **known)
 
 
 def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
