@@ -121,10 +121,7 @@ class PressureSolution:
 
 
 def checked_symbol(compliance: NDArray[np.floating], shape: tuple[int, ...]) -> Symbol:
-    """A user's compliance per mode of `numpy.fft.rfftn` as a Symbol; a line becomes (1, n).
-
-    It must belong to a real symmetric positive operator and fall no faster than about 1/q^1.5.
-    """
+    """A user's compliance per mode of `numpy.fft.rfftn` as a Symbol; a line becomes (1, n)."""
     values = np.atleast_2d(array("compliance", compliance).copy())
     grid = (1, shape[0]) if len(shape) == 1 else (shape[0], shape[1])
     expected = (grid[0], grid[1] // 2 + 1)

@@ -309,25 +309,27 @@ def multiply(modes: Any, symbol: Any, rows: Any, factor: float, start: int, stop
 def scatter(block: Any, first: int, index: Any, values: Any) -> None:
     """block[index - first] = values, and block = 0 elsewhere."""
     block[:] = 0.0
-    k, begin, columns = 0, first, block.shape[1]
-    for row in block:
-        while k < index.size and index[k] < begin + columns:
-            row[index[k] - begin] = values[k]
-            k += 1
-        begin += columns
+    columns, row, begin, end = block.shape[1], 0, 0, 0
+    for k in range(index.size):
+        if index[k] >= end:
+            row = (index[k] - first) // columns
+            begin = first + row * columns
+            end = begin + columns
+        block[row, index[k] - begin] = values[k]
 
 
 @compiled
 def gather_dot(block: Any, first: int, index: Any, out: Any, other: Any) -> tuple[float, float]:
     """out = block[index - first]; returns sum(out) and sum(out other)."""
     total = product = 0.0
-    k, begin, columns = 0, first, block.shape[1]
-    for row in block:
-        while k < index.size and index[k] < begin + columns:
-            value = row[index[k] - begin]
-            out[k] = value
-            total += value
-            product += value * other[k]
-            k += 1
-        begin += columns
+    columns, row, begin, end = block.shape[1], 0, 0, 0
+    for k in range(index.size):
+        if index[k] >= end:
+            row = (index[k] - first) // columns
+            begin = first + row * columns
+            end = begin + columns
+        value = block[row, index[k] - begin]
+        out[k] = value
+        total += value
+        product += value * other[k]
     return total, product

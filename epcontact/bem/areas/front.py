@@ -83,8 +83,7 @@ def locate(links: Links, count: int, hardness: float) -> None:
     """Find where the first `count` links are crossed.
 
     Where a kink is behind the front, the pressure has its peak at the last point but one, and the
-    value before that is left out of the polynomial.  Without branches, a processor does several
-    links at a time.
+    value before that is left out.  Without branches, a processor does several links at a time.
     """
     terms, roots, v = np.empty((6, count)), np.empty(count), links.values
     for n in range(count):

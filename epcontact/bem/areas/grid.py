@@ -123,22 +123,24 @@ def _sweep(solution: Solution, blocks: NDArray[np.int64], sums: Sums) -> None:
 
 @compiled
 def _block(solution: Solution, place: NDArray[np.int64]) -> Block:
-    (pressure, gap, hardness, stiffness, _), (first, stop, left, right) = solution, place
+    (pressure, gap, hardness, stiffness, _), (first, last, left, right) = solution, place
     nx, ny = pressure.shape
-    rows, columns = stop - first + 2 * PAD, right - left + 2 * PAD
+    rows, columns = last - first + 2 * PAD, right - left + 2 * PAD
     v = np.empty((1 if stiffness[0] == stiffness[1] else 2, rows, columns))
     inside = np.empty((rows, columns), np.uint8)
-    at = (np.arange(left, left + columns) - PAD) % ny
     for i in range(rows):
-        row = (first - PAD + i) % nx
-        p, g = pressure[row][at], gap[row][at]
-        for j in range(columns):
-            inside[i, j] = (p[j] > 0) + 16 * (p[j] >= hardness)
-        for layer in range(len(v)):
-            c = stiffness[layer]
-            for j in range(columns):
-                outside, plastic = -c * max(g[j], 0.0), hardness - c * min(g[j], 0.0)
-                v[layer, i, j] = outside if p[j] <= 0 else plastic if p[j] >= hardness else p[j]
+        row, done, start = (first - PAD + i) % nx, 0, (left - PAD) % ny
+        while done < columns:  # from one end of the period to the next
+            stop = min(start + columns - done, ny)
+            p, g, states = pressure[row, start:stop], gap[row, start:stop], inside[i, done:]
+            for j in range(len(p)):
+                states[j] = (p[j] > 0) + 16 * (p[j] >= hardness)
+            for layer in range(len(v)):
+                c, fields = stiffness[layer], v[layer, i, done:]
+                for j in range(len(p)):
+                    outside, plastic = -c * max(g[j], 0.0), hardness - c * min(g[j], 0.0)
+                    fields[j] = outside if p[j] <= 0 else plastic if p[j] >= hardness else p[j]
+            done, start = done + len(p), 0
     return Block(v, inside, np.empty(columns, np.uint8))
 
 
@@ -236,11 +238,13 @@ def _add_segments(
                 cut ^= 1
         inside, held, hidden, doubt, kinked = float((code >> cut) & 1), 0.0, 0.0, 0.0, 0.0
         sums.area[n, front, 0] += 1 - inside - ((code >> 2) & 1)  # which was counted as a point
-        for side in range(4):
-            if opposite or (side - cut) % 4 == straight or (side - cut) % 4 == 3:
-                at, share = _link(front, i, j, side), 0.25 if opposite else 0.5
-                held, hidden = held + share * found.held[at], hidden + share * found.hidden[at]
-                doubt, kinked = doubt + share * found.doubt[at], kinked + share * found.kinked[at]
+        crossings = 4 if opposite else 2
+        for k in range(crossings):  # of the front and the sides
+            at = _link(front, i, j, (cut + (straight, 3, 1, 2)[k]) & 3)
+            held, hidden = held + found.held[at], hidden + found.hidden[at]
+            doubt, kinked = doubt + found.doubt[at], kinked + found.kinked[at]
+        held, hidden = held / crossings, hidden / crossings
+        doubt, kinked = doubt / crossings, kinked / crossings
         dx = (x_1[j - 1] + x_1[j] - x_0[j - 1] - x_0[j]) / 2
         dy = (y_0[j] + y_1[j] - y_0[j - 1] - y_1[j - 1]) / 2
         flows = codes[j] == 17 * (codes[j] & 15)
@@ -254,16 +258,16 @@ def _add_segments(
 @compiled
 def _link(front: int, i: int, j: int, side: int) -> tuple[int, int, int]:
     """Return the place in `Links` of the link along a side of a cell."""
-    if side % 2 == 0:
+    if side & 1 == 0:
         return front, 0, j - 1 if side == 0 else j
-    return front, 1 + (i + side // 2) % 2, j
+    return front, 1 + ((i + (side >> 1)) & 1), j
 
 
 @compiled
 def _way(found: Links, front: int, i: int, j: int, side: int) -> float:
     """The distance from a side's first corner to its crossing; links run against sides 2 and 3."""
-    place = found.place[_link(front, i, j, side % 4)]
-    return float(place if side % 4 < 2 else 1 - place)
+    place = found.place[_link(front, i, j, side & 3)]
+    return float(1 - place if side & 2 else place)
 
 
 @compiled

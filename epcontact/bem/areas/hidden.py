@@ -65,10 +65,7 @@ def add_tips(
 def add_hidden(
     v: FloatArray, i: int, columns: Columns, hardness: float, sums: tuple[FloatArray, FloatArray]
 ) -> None:
-    """Add what the elastic points of a row may hide beside them to the sums of each front.
-
-    sums: of the squares of areas, and of areas at creases.
-    """
+    """Add what a row's elastic points may hide to the sums of squares and creases of each front."""
     for front in range(2 if hardness < np.inf else 1):
         squares = creases = 0.0
         for j in columns:

@@ -242,12 +242,9 @@ def add_cells(cell: Any, shift: Any, out: Any, other: Any) -> tuple[float, float
     return total, product
 
 
-# The vectors of the cells' problem are short: threads of a library would cost more than they gain.
-
-
 @compiled
 def dot(a: Any, b: Any) -> float:
-    """Sum of a b."""
+    """Sum of a b, without the threads of a library, which cost more than they gain."""
     total = 0.0
     for k in range(a.size):
         total += a[k] * b[k]
