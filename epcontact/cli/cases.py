@@ -50,7 +50,8 @@ def run(
     if loaded.skip:
         raise EpcontactError(f"{loaded.path}: {loaded.skip}")
     chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
-    with options.shown_progress(_writing(run, fields or "first")) as shown:
+    run = replace(run, fields="steps" if fields == "film" else fields or "first")
+    with options.shown_progress(run) as shown:
         answers = run_cases([chosen], shown)[loaded.id]
     open_console().print(tables.answers_table(answers))
     tables.print_surface_notes(open_console(), chosen, answers)
@@ -100,7 +101,8 @@ def verify(
     if size == "auto":
         named = [case for name in cases for case in find_named(name)]
         given = [_load(case, size) for case in named or cases_to_verify("fast")]
-    with options.shown_progress(_writing(run, fields)) as shown:
+    run = replace(run, fields="steps" if fields == "film" else fields)
+    with options.shown_progress(run) as shown:
         verdict = run_gates(given, shown, size=size, solver=solver)
     try:
         if fields == "film":
@@ -145,11 +147,6 @@ def _show(verdict: Verdict, output: Path) -> None:
         plural = "gates are" if left_out > 1 else "gate is"
         console.print(f"{left_out} {plural} left out at this size; verdict.json says which and why")
     sys.stdout.flush()
-
-
-def _writing(run: Run, fields: str) -> Run:
-    """Return the run with the fields that the harness writes; a film is drawn from the steps."""
-    return replace(run, fields="steps" if fields == "film" else fields)
 
 
 def _draw(case: Case, answers: Mapping[str, Answer], output: Path) -> list[str]:

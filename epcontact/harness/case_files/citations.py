@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 
@@ -15,23 +15,20 @@ _RESOLVER = "https://doi.org/"
 _DATA = tomllib.loads((files(__package__) / "papers.toml").read_text("utf-8"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Paper:
     """A published work; `papers.toml` says what its entries mean."""
 
     text: str
     doi: str = ""
-    methods: tuple[str, ...] = ()
-    mentions: tuple[str, ...] = ()
+    methods: Sequence[str] = ()
+    mentions: Sequence[str] = ()
 
     def __str__(self) -> str:
         return f"{self.text} {_RESOLVER}{self.doi}" if self.doi else self.text
 
 
-PAPERS = tuple(
-    Paper(p["text"], p.get("doi", ""), tuple(p.get("methods", ())), tuple(p.get("mentions", ())))
-    for p in _DATA["paper"]
-)
+PAPERS = [Paper(**paper) for paper in _DATA["paper"]]
 
 
 def sources_of(case: Case) -> list[str]:
