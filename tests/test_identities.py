@@ -27,6 +27,8 @@ from fem_check.driver import solve_path
 
 SURFACE = Sinusoid((1.0, 0.75), (16, 12), amplitude=0.01, direction="both").build()
 SCENE = Scene(SURFACE, Material(1.0, 0.3, hardness=0.05), Load((0.008, 0.01, 0.012)))
+FIGURES = ("mean_gap", "mean_separation", "elastic_energy", "mean_plastic_displacement")
+FIELDS = ("gap", "displacement", "state", "heights")
 Wrong = Callable[[ContactResult], ContactResult]
 
 
@@ -45,7 +47,7 @@ def with_step(result: ContactResult, number: int, **changes: object) -> ContactR
     return replace(result, steps=tuple(steps))
 
 
-def figure(name: str, number: int = -1) -> Wrong:
+def too_large(name: str, number: int = -1) -> Wrong:
     """A figure of a load step that is 1 % too large."""
 
     def wrong(result: ContactResult) -> ContactResult:
@@ -55,7 +57,7 @@ def figure(name: str, number: int = -1) -> Wrong:
     return wrong
 
 
-def field(name: str) -> Wrong:
+def shifted(name: str) -> Wrong:
     """A field that is shifted against the others."""
     return lambda r: replace(r, fields={**r.fields, name: np.roll(r.fields[name], 3, 0)})
 
@@ -71,17 +73,9 @@ def test_an_honest_result_holds_every_identity(honest) -> None:
 @pytest.mark.parametrize(
     ("quantity", "wrong", "least"),
     [
-        ("measured_figures", figure("mean_gap"), 1e-5),
-        ("measured_figures", figure("mean_separation"), 1e-5),
-        ("measured_figures", figure("elastic_energy"), 1e-5),
-        ("measured_figures", figure("mean_plastic_displacement"), 1e-5),
-        ("measured_fields", field("gap"), 1e-2),
-        ("measured_fields", field("displacement"), 1e-2),
-        ("measured_fields", field("state"), 1e-2),
-        ("measured_fields", field("heights"), 1e-2),
-        ("path_work", figure("mean_separation", 0), 1e-3),
-        ("path_work", figure("mean_separation", 1), 1e-3),
-        ("path_work", figure("mean_separation", 2), 1e-3),
+        *(("measured_figures", too_large(name), 1e-5) for name in FIGURES),
+        *(("measured_fields", shifted(name), 1e-2) for name in FIELDS),
+        *(("path_work", too_large("mean_separation", number), 1e-3) for number in range(3)),
         ("measured_areas", lambda r: replace(r, steps=r.steps[::-1]), 0.1),
     ],
 )
@@ -89,34 +83,52 @@ def test_what_is_wrong_shows(honest, quantity: str, wrong: Wrong, least: float) 
     assert abs(measured(quantity, wrong(honest)) - measured(quantity, honest)) > least
 
 
+WAVE = np.cos(2 * np.pi * np.arange(16) / 16)
+C, RMS = 1 / math.pi, 0.1 / math.sqrt(2)  # 2/(E* q) and the roughness of the wave
+WAVY = Scene(Surface(0.1 * WAVE, (1.0,)), Material(1.0, 0.0, 4.0), Load(1.0))
+FLAT = {"heights": 0.1 * WAVE, "gap": -0.1 * WAVE, "displacement": 0 * WAVE}
+
+
+def answer(**fields: np.ndarray) -> ContactResult:
+    figures = {"largest_pressure": 2.0, "mean_gap": 0.1 / math.pi}
+    step = LoadStep(1.0, {"raw": Areas(0.5, 0.5, 0.0)}, quantities=figures)
+    table = PressureDistribution(np.array([0.0, 1.0]), np.array([0.0, 0.5]))
+    return ContactResult("bem", (step,), Provenance("known"), table, fields)
+
+
+SCORES = [
+    (
+        answer(pressure=1.02 * (1 + 1.5 * WAVE), displacement=C * WAVE),
+        {"force": 0.02, "bounds": 0.51, "fields": 0.53 * C / RMS, "carried": -0.75},
+    ),
+    (
+        answer(pressure=np.ones(16), state=np.full(16, PLASTIC), **FLAT),
+        {"gap": 0.1 / RMS, "areas": 0.5, "fields": 1.0, "figures": 1.0, "distribution": 0.5},
+    ),
+]
+
+
 def test_wrong_answers_get_their_known_scores(honest) -> None:
     areas = dict(honest.steps[0].areas) | {"corrected": Areas(0.5, 0.1, 0.1)}
     assert measured("measured_areas", with_step(honest, 0, areas=areas)) == pytest.approx(0.3)
-    wave = np.cos(2 * np.pi * np.arange(16) / 16)
-    scene = Scene(Surface(0.1 * wave, (1.0,)), Material(1.0, 0.0, 4.0), Load(1.0))
-    C, rms = 1 / math.pi, 0.1 / math.sqrt(2)  # C = 2/(E* q) of the wave
-    flat = {"heights": 0.1 * wave, "gap": -0.1 * wave, "displacement": 0 * wave}
-    for fields, scores in (
-        (
-            {"pressure": 1.02 * (1 + 1.5 * wave), "displacement": C * wave},
-            {"force": 0.02, "bounds": 0.51, "fields": 0.53 * C / rms},
-        ),
-        (
-            {"pressure": np.ones(16), "state": np.full(16, PLASTIC)} | flat,
-            {"gap": 0.1 / rms, "areas": 0.5, "fields": 1.0, "figures": 1.0, "distribution": 0.5},
-        ),
-    ):
-        figures = {"largest_pressure": 2.0, "mean_gap": 0.1 / math.pi}
-        step = LoadStep(1.0, {"raw": Areas(0.5, 0.5, 0.0)}, quantities=figures)
-        table = PressureDistribution(np.array([0.0, 1.0]), np.array([0.0, 0.5]))
-        result = ContactResult("bem", (step,), Provenance("known"), table, fields)
-        found = {name: measured(f"measured_{name}", result, scene) for name in scores}
+    for result, scores in SCORES:
+        found = {name: measured(f"measured_{name}", result, WAVY) for name in scores}
         assert found == pytest.approx(scores, rel=1e-12)
 
 
+def test_sign_of_the_gap_at_the_bounds() -> None:
+    """Without pressure nothing may stand above the flat, and under the hardness nothing below."""
+    scene = replace(WAVY, load=Load(1e-5), material=Material(1.0, 0.0))
+    crest, valley = (answer(pressure=16e-5 * (np.arange(16) == place)) for place in (0, 8))
+    assert measured("measured_gap", crest, scene) < 0.1
+    assert measured("measured_gap", valley, scene) > 2.7  # the height of the wave: 2 sqrt(2)
+    capped = replace(scene, material=Material(1.0, 0.0, hardness=16e-5))
+    assert measured("measured_gap", valley, capped) > 2.7
+
+
 def test_the_certificate_of_forces_a_hundredth_too_large() -> None:
-    heights = 0.01 * np.cos(2 * np.pi * np.arange(8) / 8)
     layer = Body("bonded_layer", 0.25)
+    heights = 0.01 * np.cos(2 * np.pi * np.arange(8) / 8)
     scene = Scene(Surface(heights, (1.0,)), Material(1.0, 0.3), Load(0.01), layer)
     path = solve_path(scene, law="elastic", certified=False)
     forces = (state := path.points[-1].state).forces
@@ -141,15 +153,17 @@ def test_what_cannot_be_measured_is_refused_by_the_name_of_the_quantity(honest) 
     back = replace(SCENE, load=Load((0.008, 0.01, 0.008)))
     nothing = replace(first, areas=dict(first.areas) | {"corrected": Areas(0.0, 0.0, 0.0)})
     parted = replace(honest, steps=(nothing, second, replace(nothing)))
-    without = replace(honest, distribution=None)
+    without, coarse = replace(honest, distribution=None, fields={}), answer(pressure=np.ones(4))
     for name, scene, wrong, sentence in (
         ("path_work", single, replace(honest, steps=(last,)), "three mean pressures or more"),
         ("path_work", back, replace(honest, steps=(first, second, first)), "energy that it began"),
-        ("cycle_area", back, parted, "no contact before"),
+        ("cycle_area", back, parted, "quantity.cycle_area: .*no contact before"),
         ("cycle_area", SCENE, honest, "not one that it had before"),
         ("measured_areas", SCENE, replace(honest, steps=(first, second)), "2 load steps for 3"),
         ("distribution_balance", SCENE, without, "no pressure distribution"),
+        ("measured_force", SCENE, without, "no field 'pressure'"),
+        ("measured_force", SCENE, coarse, r"shape \(4,\) on a grid of \(16, 12\)"),
         ("measured_residuals", SCENE, with_step(honest, -1, residuals={}), "residual gap_elastic"),
     ):
-        with pytest.raises(InvalidCase, match=rf"quantity\.{name}: .*{sentence}"):
+        with pytest.raises(InvalidCase, match=sentence):
             measured(name, wrong, scene)

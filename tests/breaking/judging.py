@@ -103,7 +103,7 @@ L2 = QUANTITY + "l2_distance"
 TESTS = "tests/test_verdict.py::"
 SUMMED = "test_the_answer_of_a_method_sums_up_its_members"
 DISTANCES = TESTS + "test_distances_of_known_distributions"
-MEASURES = "tests/test_reference.py::test_measures_see_what_is_wrong_by_as_much_as_it_is"
+MEASURES = "tests/test_identities.py::test_wrong_answers_get_their_known_scores"
 
 FAULTS = (
     # comparison
