@@ -139,18 +139,6 @@ def test_gaps_that_close_before_a_kink_have_a_front_there(gaps, away):
     assert place == (0.5 if held else pytest.approx(expected))
 
 
-def test_westergaard_lines_are_located_to_second_order_and_better():
-    exact, errors = waves.line_contact_fraction(0.5), []
-    for n in (16, 32, 64):
-        found = [solved(wave(n, (k + 0.5) / 8), 0.5 * math.pi)[:2] for k in range(8)]
-        errors.append(np.abs([[a.total / exact - 1 for a in pair] for pair in found]).max(axis=0))
-    raw, located = np.array(errors).T
-    assert raw[-1] > 2e-3  # a point more or less: the raw length is of first order
-    # Worst of the shifts; what is left alternates with the grid's shortest wave.
-    assert np.all(located < [1.2e-3, 3e-4, 8e-5])
-    assert math.log2(located[0] / located[-1]) / 2 > 1.6
-
-
 @pytest.mark.parametrize(
     ("points", "shifts", "each", "mean"),
     [

@@ -41,13 +41,12 @@ def solve(*args, tolerance=1e-9, threads=1, start=None, **options) -> ContactRes
     return bem.solve(scene(*args, **options), tolerance=tolerance, threads=threads, start=start)
 
 
-def require_kkt(result: ContactResult, hardness: float, tolerance: float = 1e-8) -> None:
+def require_kkt(result: ContactResult, hardness: float) -> None:
     """The conditions of the minimum, from the fields alone."""
-    p, g, state = (result.fields[name] for name in ("pressure", "gap", "state"))
+    h, p, g, state = (result.fields[name] for name in ("heights", "pressure", "gap", "state"))
     assert p.min() >= 0
     assert p.max() <= hardness
-    heights = result.fields["heights"]
-    scale = tolerance * max(np.std(heights), result.final.mean_pressure / E * PERIOD)
+    scale = 1e-8 * max(np.std(h), result.final.mean_pressure / E * PERIOD)
     assert np.abs(g[state == ELASTIC]).max(initial=0) <= scale
     assert g[state == APART].min(initial=0) >= -scale
     assert g[state == PLASTIC].max(initial=0) <= scale
@@ -225,9 +224,7 @@ def test_almost_rigid_bodies_take_no_more_steps_than_others(body, hardness):
 
 
 @pytest.mark.parametrize("points", [2.2, 4, 16])
-@pytest.mark.parametrize(
-    "shape", [(64, 64), (256,), pytest.param((128, 128), marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("shape", [(64, 64), (256,)])
 def test_map_of_loads_and_hardnesses(shape, points):
     heights, shares = rough(shape, 3, points), (1e-4, 0.01, 0.1, 0.5, 0.9, 0.99)
     for hardness, share in itertools.product((1e-3, 1e-2, 0.1, 0.6, 3.0, 30.0), shares):
