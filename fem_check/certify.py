@@ -8,10 +8,7 @@ internal force.  Only the stresses come from the solver's own loops.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from skfem import Basis, ElementHex1, LinearForm, MeshHex
 
 from epcontact.results import FloatArray
@@ -39,31 +36,23 @@ def certify(problem: Problem, state: State, history: History, largest: float) ->
     }
 
 
-def layer_mesh(
-    block: PeriodicBlock, positions: FloatArray
-) -> tuple[Any, tuple[NDArray[np.int64], ...]]:
-    """One layer as a mesh of scikit-fem, and the block's [level, x, y] of each of its nodes."""
-    nx, ny = block.shape
-    i, j, level = np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), np.arange(2), indexing="ij")
-    at = (level.ravel(), (i % nx).ravel(), (j % ny).ravel())
-    points = positions[at].T.copy()
-    points[0] += (i == nx).ravel() * nx * block.spacing[0]
-    points[1] += (j == ny).ravel() * ny * block.spacing[1]
-    a, b = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
-    cells = np.empty((8, nx * ny), dtype=np.int64)
-    for c, (cx, cy, cz) in enumerate(CORNERS):
-        cells[c] = (((a + cx) * (ny + 1) + b + cy) * 2 + 1 - cz).ravel()
-    return MeshHex(points, cells, validate=False, sort_t=False), at
-
-
 def _layer_force(block: PeriodicBlock, positions: FloatArray, stress: FloatArray) -> FloatArray:
-    mesh, at = layer_mesh(block, positions)
+    """The internal force of one layer, as a mesh of scikit-fem with (nx + 1)(ny + 1) columns."""
+    nx, ny = block.shape
+    level, i, j = np.indices((2, nx + 1, ny + 1)).reshape(3, -1)
+    at = level, i % nx, j % ny
+    points = positions[at].T.copy()
+    points[0] += (i == nx) * nx * block.spacing[0]
+    points[1] += (j == ny) * ny * block.spacing[1]
+    number = np.arange(level.size).reshape(2, nx + 1, ny + 1)
+    cells = np.stack([number[1 - z, x : nx + x, y : ny + y].ravel() for x, y, z in CORNERS])
+    mesh = MeshHex(points, cells, validate=False, sort_t=False)
     basis = Basis(mesh, ElementHex1(), intorder=2)
     form = LinearForm(lambda v, w: w["x_"] * v.grad[0] + w["y_"] * v.grad[1] + w["z_"] * v.grad[2])
-    out = np.zeros((2, *block.shape, 3))
+    out = np.zeros((2, nx, ny, 3))
     for component in range(3):
-        rows = [stress[:, _ROWS[component][j]] for j in range(3)]
-        nodal = form.assemble(basis, x_=rows[0], y_=rows[1], z_=rows[2])
+        x, y, z = stress[:, _ROWS[component]].swapaxes(0, 1)
+        nodal = form.assemble(basis, x_=x, y_=y, z_=z)
         # Degree of freedom n of scikit-fem's scalar basis is not node n in general.
         np.add.at(out[..., component], at, nodal[basis.nodal_dofs[0]])
     return out

@@ -246,7 +246,8 @@ def _share_levels(
 def eliminate(factor: Factor, force: FloatArray) -> ComplexArray:
     """The transformed `force` (levels, nx, ny, 3) after the sweep up; below it none acts."""
     spectrum = transform(force, factor.workers)
-    _share(factor, partial(_down, _flat(spectrum), factor.compliances, factor.couplings))
+    waves = spectrum.reshape(len(spectrum), -1, 3)
+    _share(factor, partial(_down, waves, factor.compliances, factor.couplings))
     return spectrum
 
 
@@ -260,24 +261,21 @@ def top_descent(factor: Factor, eliminated: ComplexArray) -> FloatArray:
 def substitute(factor: Factor, eliminated: ComplexArray, contact_forces: FloatArray) -> FloatArray:
     """The displacement under the eliminated force, which it overwrites, and `contact_forces`."""
     eliminated[0, :, :, 2] -= transform(contact_forces)
-    _share(factor, partial(_up, _flat(eliminated), factor.compliances, factor.couplings))
+    waves = eliminated.reshape(len(eliminated), -1, 3)
+    _share(factor, partial(_up, waves, factor.compliances, factor.couplings))
     return inverse(eliminated, factor.shape[0], factor.workers)
 
 
 def extend_to_base(factor: Factor, level: FloatArray, above: int) -> FloatArray:
     """The displacement below the first `above` levels, of which the last has the given one."""
-    top = _flat(transform(level[None]))[0]
+    top = transform(level[None]).reshape(-1, 3)
     nx, ny = factor.shape
     below = np.empty((len(factor.compliances) - above, nx // 2 + 1, ny, 3), dtype=complex)
     S, C = factor.compliances[above:], factor.couplings[above - 1 :]
-    _share(factor, partial(_continue, top, S, C, _flat(below)))
+    _share(factor, partial(_continue, top, S, C, below.reshape(len(below), -1, 3)))
     return inverse(below, nx, factor.workers)
 
 
 def _share(factor: Factor, task: Callable[[NDArray[np.int64]], Any]) -> None:
     """Call `task` with parts of the waves."""
     factor.workers.share(task, pieces(factor.compliances.shape[1], _WAVES))
-
-
-def _flat(spectrum: ComplexArray) -> ComplexArray:
-    return spectrum.reshape(spectrum.shape[0], -1, 3)
