@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -29,8 +29,7 @@ from epcontact.files import whole_file
 from epcontact.harness.answers.store import Task, kept
 from epcontact.harness.case_files.text import case_name, package_files, read_cases
 from epcontact.harness.quantities.model_difference import capped_body, elements_compliance
-from epcontact.harness.sweep import Swept, read_sweep, run_sweep
-from epcontact.machine import available_cores
+from epcontact.harness.sweep import read_sweep, run_sweep
 from epcontact.materials.hardness_map import PARTS, fit, terms
 from epcontact.materials.moduli import effective_modulus
 from epcontact.results import ContactResult, FloatArray, package_versions
@@ -44,14 +43,15 @@ VARIED = ["nodes", "waves", "hurst", "depth", "step_tolerance"]
 LEAST_SCATTER, TERMS_OF_GRID = 0.004, 2
 #: Caps over the yield stress that are tried, besides none.
 LADDER = tuple(1.08**k for k in range(21))
+HEADER = """\
+# The effective hardness of rough J2 metals; help(epcontact.effective_hardness) says more.
+# Made by `python -m laboratory.hardness_map --size {size}` with {versions}.
+# Errors are relative, at 95 %: scatter by the surfaces of a place alone, the statistical
+# one of the formula, which pools all places.
+"""
 
-#: A surface: the area of the J2 body, the inverse caps over sigma_Y, rising, and their areas.
-_Body = tuple[float, Sequence[float], Sequence[float]]
 
-
-def make_map(
-    size: str, output: Path, solve: Callable[..., Swept] = run_sweep
-) -> tuple[pd.DataFrame, Path]:
+def make_map(size: str, output: Path, jobs: int | None = None) -> tuple[pd.DataFrame, Path]:
     """Solve the load paths of the map that are not kept in `output`; return the map and its file.
 
     Raises EpcontactError if a path has no result; the paths that have one are kept.
@@ -61,12 +61,9 @@ def make_map(
     for case in read_cases(file):
         if size not in case.sizes:
             continue
-        swept = solve(case, size=size, output=output)
+        swept = run_sweep(case, size=size, output=output, jobs=jobs)
         if swept.failures:
-            name, reason = next(iter(swept.failures.items()))
-            raise EpcontactError(
-                f"{case.id}: {len(swept.failures)} paths have no result, such as {name} ({reason})"
-            )
+            raise EpcontactError(f"{case.id}: paths have no result, {swept.failures}")
         tasks = read_sweep(case, size).tasks
         print(f"{case.id}: {swept.reused} paths reused; the caps of equal area of {len(tasks)}")
         found = [measured_areas(task, answer) for task in tasks if (answer := kept(task, output))]
@@ -74,14 +71,8 @@ def make_map(
     made = mapped(pd.concat(areas))
     path = output / "hardness-map" / size / "hardness_map.csv"
     versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
-    lines = (
-        "The effective hardness of rough J2 metals; help(epcontact.effective_hardness) says more.",
-        f"Made by `python -m laboratory.hardness_map --size {size}` with {versions}.",
-        "Errors are relative, at 95 %: scatter by the surfaces of a place alone, the statistical",
-        "one of the formula, which pools all places.",
-    )
     with whole_file(path) as temporary:
-        text = "".join(f"# {line}\n" for line in lines) + made.round(6).to_csv(index=False)
+        text = HEADER.format(size=size, versions=versions) + made.round(6).to_csv(index=False)
         temporary.write_text(text, encoding="utf-8")
     return made, path
 
@@ -106,7 +97,9 @@ def measured_areas(task: Task, j2: ContactResult) -> pd.DataFrame:
     tables = []
     for step in j2.steps:
         load, area = _short(step.mean_pressure / sigma_Y), step.areas["raw"].total
-        caps = _caps_around(load, area)
+        # No capped body presses with more than its cap, so that the cap is at least load/area.
+        low, high = max(load, 0.9 * load / area), 2.4 * load / area
+        caps = [*(cap for cap in LADDER if low < cap <= high), math.inf]
         single = replace(scene, load=Load(step.mean_pressure))
         capped = [capped_body(single, cap * sigma_Y, compliance).final for cap in caps]
         areas = [answer.areas["raw"].total for answer in capped]
@@ -120,15 +113,6 @@ def _short(value: float) -> float:
     return float(f"{value:.9g}")
 
 
-def _caps_around(load: float, area: float) -> list[float]:
-    """The caps of LADDER that may carry the load on the area, and none; all over sigma_Y.
-
-    No capped body presses with more than its cap, so that the cap is at least load/area.
-    """
-    low, high = max(load, 0.9 * load / area), 2.4 * load / area
-    return [*(cap for cap in LADDER if low < cap <= high), math.inf]
-
-
 #: A table of places, which are its index, and of the same places what the choice of each surface
 #: adds to the error of a figure, by seed: the sum of the squares is the variance of the figure.
 Known = tuple[pd.DataFrame, pd.DataFrame]
@@ -137,37 +121,33 @@ Known = tuple[pd.DataFrame, pd.DataFrame]
 def inverse_hardness(areas: pd.DataFrame) -> Known:
     """Find sigma_Y/hardness at which an ensemble under a cap has the area of its J2 bodies.
 
-    `areas` of one kind of body has a row for each surface, load and cap: VARIED, PLACE, seed,
-    j2_area, cap (over sigma_Y, infinite for none) and cap_area.  Returns for each place surfaces,
-    area (of the J2 bodies) and inverse, with the shifts of inverse by the jackknife.
+    `areas` are `measured_areas` of one kind of body.  Returns for each place surfaces, area (of the
+    J2 bodies) and inverse, with the shifts of inverse by the jackknife.
     """
     rows, shifts, nodes, places = [], [], areas["nodes"].iloc[0], areas.groupby(PLACE, sort=False)
     for _, group in places:
-        bodies = {seed: _body(surface) for seed, surface in group.groupby("seed")}
-        n, whole = len(bodies), _inverse([*bodies.values()], nodes)
-        area = float(np.mean([j2_area for j2_area, _, _ in bodies.values()]))
+        n, whole = group["seed"].nunique(), _inverse(group, nodes)
+        area = group.groupby("seed")["j2_area"].first().mean()
         rows.append({"surfaces": n, "area": area, "inverse": whole})
         shifts.append({})
-        for seed in bodies if n > 1 else ():
-            others = [body for other, body in bodies.items() if other != seed]
-            shifts[-1][seed] = math.sqrt((n - 1) / n) * (_inverse(others, nodes) - whole)
+        for seed in group["seed"].unique() if n > 1 else ():
+            moved = _inverse(group[group["seed"] != seed], nodes) - whole
+            shifts[-1][seed] = math.sqrt((n - 1) / n) * moved
     index = pd.MultiIndex.from_tuples([place for place, _ in places], names=PLACE)
     return pd.DataFrame(rows, index), pd.DataFrame(shifts, index).fillna(0.0)
 
 
-def _body(surface: pd.DataFrame) -> _Body:
-    ordered = surface.sort_values("cap", ascending=False)
+def _inverse(bodies: pd.DataFrame, nodes: int) -> float:
+    """The inverse cap under which the mean area of the capped bodies is that of the J2 bodies."""
+    surfaces = [surface.sort_values("cap")[::-1] for _, surface in bodies.groupby("seed")]
     # A cap as large as the load needs the whole area.
-    inverse = [*(1 / ordered["cap"]), 1 / ordered["load"].iloc[0]]
-    return float(ordered["j2_area"].iloc[0]), inverse, [*ordered["cap_area"], 1.0]
-
-
-def _inverse(bodies: Sequence[_Body], nodes: int) -> float:
-    knots = np.unique(np.concatenate([inverse for _, inverse, _ in bodies]))
-    capped = np.mean([np.interp(knots, inverse, areas) for _, inverse, areas in bodies], axis=0)
-    wanted = float(np.mean([j2_area for j2_area, _, _ in bodies]))
+    inverse = [[*(1 / one["cap"]), 1 / one["load"].iloc[0]] for one in surfaces]
+    areas = [[*one["cap_area"], 1.0] for one in surfaces]
+    knots = np.unique(np.concatenate(inverse))
+    capped = np.mean([np.interp(knots, *known) for known in zip(inverse, areas, strict=True)], 0)
+    wanted = float(np.mean([one["j2_area"].iloc[0] for one in surfaces]))
     # The mean area moves by whole nodes of single surfaces: both edges of a step are averaged.
-    half = 0.5 / (nodes**2 * len(bodies))
+    half = 0.5 / (nodes**2 * len(surfaces))
     edges = np.interp([wanted - half, wanted + half], np.maximum.accumulate(capped), knots)
     return float(edges.mean())
 
@@ -183,10 +163,8 @@ def changes(usual: pd.DataFrame, other: pd.DataFrame, *, paired: bool = True) ->
     one, shifts = inverse_hardness(usual.merge(common))
     two, more = (table.loc[one.index] for table in inverse_hardness(other.merge(common)))
     ratio = two["inverse"] / one["inverse"]
-    shifts, more = (
-        shifts.mul(-ratio / one["inverse"], axis=0),
-        more.mul(ratio / two["inverse"], axis=0),
-    )
+    shifts = shifts.mul(-ratio / one["inverse"], axis=0)
+    more = more.mul(ratio / two["inverse"], axis=0)
     moved = shifts.add(more, fill_value=0.0) if paired else pd.concat([shifts, more], axis=1)
     fewer = np.minimum(one["surfaces"], two["surfaces"])
     return one[["area"]].assign(surfaces=fewer, change=ratio - 1), moved
@@ -196,13 +174,11 @@ def mapped(areas: pd.DataFrame) -> pd.DataFrame:
     """Make the map from the areas of its bodies and of those that differ from them in one thing.
 
     Errors are relative and at 95 %.  The scatter of the few surfaces is pooled over all places of a
-    load.  Shorter steps of the path change all places in about the same way, so that their mean
-    change is taken off; what is left is how the change differs between places, and half of the mean
-    for steps that are shorter yet.  The parts of the depth and of the spectrum are all changes by
-    them, the latter less what the scatter of other surfaces explains.
-
-    The first body of `areas` is one of the map, and so are all that are like it in VARIED; the
-    others differ as `_kinds` says.  Raises InvalidCase if a kind or a second surface is missing.
+    load.  Shorter steps change all places in about the same way, so that their mean change is taken
+    off; left is how it differs between places, and half of the mean for steps that are shorter yet.
+    The parts of the depth and of the spectrum are all changes by them, the latter less what the
+    scatter of other surfaces explains.  The first body of `areas` is one of the map.  Raises
+    InvalidCase if a kind of `_kinds` or a second surface is missing.
     """
     usual, kinds = _kinds(areas)
     table, shifts = inverse_hardness(usual)
@@ -216,10 +192,11 @@ def mapped(areas: pd.DataFrame) -> pd.DataFrame:
         by_surfaces = np.concatenate([(moved**2).sum(axis=1) for _, moved in found])
     steps = change["step_tolerance"]
     factor = (1 + grid) * (1 + steps.mean())
-    made = table[["surfaces", "area"]].assign(
-        inverse_hardness=table["inverse"] * factor,
-        scatter=2 * _pooled_scatter(table, shifts) / np.sqrt(table["surfaces"]),
-    )
+    made = table[["surfaces", "area"]].assign(inverse_hardness=table["inverse"] * factor)
+    freedom = table["surfaces"] - 1
+    square = freedom * table["surfaces"] * (shifts**2).sum(axis=1) / table["inverse"] ** 2
+    of_load = [values.groupby("load").transform("sum") for values in (square, freedom)]
+    made["scatter"] = 2 * np.sqrt(of_load[0] / of_load[1] / table["surfaces"])
     made = made.reset_index()
     made["statistical_error"] = _error_of_the_fit(made, shifts.mul(factor, axis=0))
     made["grid_error"] = grid_error
@@ -261,8 +238,7 @@ def off_the_grid(
     severity/8)): it vanishes in full contact, grows as spots get smaller, and the last factor is
     that of the formula.  `areas` are on the grid of the map, `finer` on half the spacing and so on,
     `others` of other spectra, which are cheaper to solve with more nodes to the shortest wave.
-    Returns for each of `places` the relative change of the inverse, and its error: that of the
-    share left, and twice the standard error by the surfaces, larger by as much as the fit misses.
+    Returns for each of `places` the relative change of the inverse, and its error.
     """
     grids = [areas, *sorted(finer, key=lambda other: other["nodes"].iloc[0])]
     left, doubt = _share_left(grids[-1], others)
@@ -326,19 +302,8 @@ def _fit_at(
     return np.asarray(columns(places) @ found)
 
 
-def _pooled_scatter(table: pd.DataFrame, shifts: pd.DataFrame) -> pd.Series:
-    """The relative standard deviation of a single surface's inverse, pooled over a load."""
-    freedom = table["surfaces"] - 1
-    square = freedom * table["surfaces"] * (shifts**2).sum(axis=1) / table["inverse"] ** 2
-    of_load = [values.groupby("load").transform("sum") for values in (square, freedom)]
-    return np.sqrt(of_load[0] / of_load[1])
-
-
 def _error_of_the_fit(made: pd.DataFrame, shifts: pd.DataFrame) -> FloatArray:
-    """Twice the relative standard error of the formula at each place, by its surfaces.
-
-    The formula pools all places, but a surface shifts many of them together.
-    """
+    """Twice the relative standard error of the formula, as a surface shifts many places at once."""
     columns = {name: made[name].to_numpy() for name in made}
     at, inverse = terms(*(columns[name] for name in PLACE)), columns["inverse_hardness"]
     ratio = at @ fit(columns)[0]
@@ -354,9 +319,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m laboratory.hardness_map")
     parser.add_argument("--size", choices=["fast", "large"], default="fast")
     parser.add_argument("--output", type=Path, default=Path("results"))
-    parser.add_argument("--jobs", type=int, default=available_cores())
+    parser.add_argument("--jobs", type=int)
     options = parser.parse_args()
-    made, path = make_map(options.size, options.output, partial(run_sweep, jobs=options.jobs))
+    made, path = make_map(options.size, options.output, options.jobs)
     print(f"{len(made)} places of the map in {path}")
     for part in PARTS:
         print(f"{part.replace('_', ' ')}: at most {100 * made[part].max():.1f} %")
