@@ -9,13 +9,13 @@ import os
 import platform
 import subprocess
 import sys
-import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from command_line import python
 
 import epcontact
 from epcontact.errors import OutputError
@@ -28,7 +28,6 @@ from epcontact.files import (
     write_text,
 )
 
-ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
 POSIX = os.name != "nt"
 
 
@@ -45,20 +44,12 @@ def test_text_is_written_as_given_with_the_permissions_of_any_new_file(tmp_path:
 
 
 def test_json_has_words_for_what_it_has_no_numbers_for(tmp_path: Path) -> None:
-    values: dict[str, tuple[Any, Any]] = {
-        "hardness": (math.inf, "inf"),
-        "low": (-np.inf, "-inf"),
-        "nan": (np.float32("nan"), "nan"),
-        "array": (np.array([[1.5, np.inf]]), [[1.5, "inf"]]),
-        "count": (np.int64(3), 3),
-        "flag": (np.True_, True),
-        "pair": ((1, "a"), [1, "a"]),
-        "path": (tmp_path, str(tmp_path)),
-        "nothing": (None, None),
-    }
-    write_json(tmp_path / "x.json", {name: given for name, (given, _) in values.items()})
+    values = [math.inf, -np.inf, np.float32("nan"), np.array([[1.5, np.inf]]), np.int64(3)]
+    values += [np.True_, (1, "a"), tmp_path, None]
+    write_json(tmp_path / "x.json", values)
     read = json.loads((tmp_path / "x.json").read_text(), parse_constant=pytest.fail)
-    assert read == {name: held for name, (_, held) in values.items()}
+    expected = ["inf", "-inf", "nan", [[1.5, "inf"]], 3, True, [1, "a"], str(tmp_path), None]
+    assert read == expected
     with pytest.raises(TypeError):
         write_json(tmp_path / "y.json", {"a": object()})
     assert os.listdir(tmp_path) == ["x.json"]
@@ -76,27 +67,19 @@ def stopped_by(error: BaseException, name: str = "x") -> Callable[[Path], None]:
     return write
 
 
-def refused_by_system(code: int) -> Callable[[Path], None]:
-    return stopped_by(OSError(code, os.strerror(code)))
-
-
 def removing(here: Path) -> None:
     with whole_file(here / "x") as temporary:
         temporary.unlink()
 
 
-REFUSED: list[tuple[Callable[[Path], Any], type[BaseException], str]] = [
+REFUSED = [
     (lambda here: write_text(here / "folder", ""), OutputError, "folder: it is a folder"),
-    (lambda here: write_text(here / "file" / "y", ""), OutputError, "file"),
     (lambda here: require_writable(here / "file" / "y"), OutputError, "not a directory"),
     (lambda here: write_text(here / ("n" * 300), ""), OutputError, "name too long"),
     (lambda here: write_text("", ""), OutputError, "names no file"),
     (lambda here: write_text(f"{here}/a\0b", ""), OutputError, "cannot write"),
     (removing, OutputError, "no such file"),
-    (refused_by_system(errno.EACCES), OutputError, "x: permission denied"),
-    (refused_by_system(errno.EROFS), OutputError, "x: read-only"),
-    (refused_by_system(errno.ENOSPC), OutputError, "x: no space left on device"),
-    (refused_by_system(errno.EIO), OutputError, "x: input/output error"),
+    (stopped_by(OSError(errno.ENOSPC, "No space left")), OutputError, "x: no space left"),
     (stopped_by(FileNotFoundError(errno.ENOENT, "gone", "other")), FileNotFoundError, "other"),
     *((stopped_by(e("mine"), "file.vti"), e, "mine") for e in (ValueError, KeyboardInterrupt)),
 ]
@@ -106,16 +89,13 @@ if POSIX:
         (lambda here: write_text(here / "circle", ""), OutputError, "too many levels"),
         (lambda here: write_text("/dev/null", ""), OutputError, "device"),
     ]
-if POSIX and not ROOT:
-    REFUSED.append((lambda here: write_text(here / "shut" / "x", ""), OutputError, "permission"))
 
 
 @pytest.mark.parametrize(("call", "error", "words"), REFUSED)
 def test_a_refusal_is_one_sentence_and_leaves_no_trace(tmp_path: Path, call, error, words) -> None:
     for name in ("file", "file.vti"):
         (tmp_path / name).write_text("keep")
-    for name, mode in (("folder", 0o700), ("shut", 0o500)):
-        (tmp_path / name).mkdir(mode)
+    (tmp_path / "folder").mkdir()
     if POSIX:
         (tmp_path / "broken").symlink_to(tmp_path / "gone")
         (tmp_path / "circle").symlink_to(tmp_path / "circle")
@@ -126,7 +106,6 @@ def test_a_refusal_is_one_sentence_and_leaves_no_trace(tmp_path: Path, call, err
     assert len(str(refused.value)) < 700
     assert sorted(os.listdir(tmp_path)) == before
     assert (tmp_path / "file").read_text() == (tmp_path / "file.vti").read_text() == "keep"
-    assert not Path("/dev/null").is_file()
 
 
 @pytest.mark.skipif(not POSIX, reason="needs POSIX links")
@@ -150,14 +129,11 @@ def test_two_writers_never_mix(tmp_path: Path) -> None:
     """A reader meets one whole file or the other, whoever is writing."""
     target, contents = tmp_path / "x", [b"A" * 200_000, b"B" * 200_000]
     write_bytes(target, contents[0])
-    threads = [
-        threading.Thread(target=lambda c=c: [write_bytes(target, c) for _ in range(20)])
-        for c in contents
-    ]
-    for thread in threads:
-        thread.start()
-    while any(thread.is_alive() for thread in threads):
-        assert target.read_bytes() in contents
+    with ThreadPoolExecutor() as writers:
+        writing = writers.map(write_bytes, 40 * [target], 20 * contents)
+        for _ in range(100):
+            assert target.read_bytes() in contents
+        assert len([*writing]) == 40
     assert os.listdir(tmp_path) == ["x"]
 
 
@@ -167,7 +143,7 @@ def test_importing_the_package_loads_no_heavy_library() -> None:
         "heavy = {'vtkmodules', 'pyvista', 'matplotlib', 'meshio', 'scipy'} & set(sys.modules);"
         "sys.exit(f'{heavy} loaded' if heavy else 0)"
     )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    assert python("-c", code).stderr == ""
 
 
 def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path: Path) -> None:
