@@ -45,9 +45,8 @@ def on_a_sphere(points: int, place: np.ndarray) -> list[float]:
     return [areas[kind].total / exact - 1 for kind in ("raw", "corrected")]
 
 
-# The least order of each error, and its largest root mean square on the finest grid.  Measured on
-# the wave (pressure, raw and corrected area, gap): 0.99 and 5.2e-4, 0.87 and 1.5e-3, 2.04 and
-# 2.8e-7, 2.05 and 2.0e-6; on the sphere: 1.02 and 4.9e-3, 1.67 and 4.4e-4.
+# The least order of each error, and its largest root mean square on the finest grid.
+# Pressure, raw and corrected area, gap; the areas of the sphere.
 ON_A_WAVE = [(0.9, 8e-4), (0.7, 2.5e-3), (1.6, 5e-7), (1.6, 4e-6)]
 ON_A_SPHERE = [(0.9, 6e-3), (1.3, 8e-4)]
 

@@ -6,7 +6,6 @@ import doctest
 import importlib
 import os
 import re
-import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -28,7 +27,8 @@ EXAMPLES = [
     for path in sorted((ROOT / package).rglob("*.py"))
     if ">>> " in path.read_text(encoding="utf-8")
 ]
-BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
+README = (ROOT / "README.md").read_text()
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", README, re.M | re.S)
 
 
 def blocks(language: str) -> list[str]:
@@ -58,22 +58,16 @@ def run(command: list[str], folder: Path, timeout: float = 280) -> str:
 
 
 def test_the_readme_is_short_names_every_command_and_holds_blocks_that_are_tested() -> None:
-    text = (ROOT / "README.md").read_text()
-    assert len(text.splitlines()) < 200
-    assert [c for c in COMMANDS if f"`epcontact {c}" not in text] == []
+    assert len(README.splitlines()) < 200
+    assert [c for c in COMMANDS if f"`epcontact {c}" not in README] == []
     assert {language for language, _ in BLOCKS} == {"bash", "python", "toml", "yaml"}
 
 
 @pytest.mark.slow
 def test_main_job_from_a_clean_checkout(tmp_path) -> None:
     """The first command, to the letter, in a copy of what git tracks."""
-    tracked = subprocess.run(
-        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout.split("\0")
-    for name in filter(None, tracked):
-        if (ROOT / name).exists():
-            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, tmp_path / name)
+    copy = ["git", "checkout-index", "--all", f"--prefix={tmp_path}/"]
+    subprocess.run(copy, cwd=ROOT, check=True)
     main_job, tests = blocks("bash")[:2]
     assert "pytest" in tests  # not run here: it would run itself
     out = run(["bash", "-ec", main_job], tmp_path, timeout=580)
@@ -116,8 +110,7 @@ def test_an_executor_for_slurm(monkeypatch) -> None:
 
 def test_solver_and_case_of_the_readers_own(home) -> None:
     (yaml,) = blocks("yaml")
-    verify = yaml.split("&&")[1]
-    run(["bash", "-ec", verify], home)
+    run(["bash", "-ec", yaml.split("&&")[1]], home)
     assert (home / "verdict" / "junit.xml").exists()
 
 
@@ -127,13 +120,10 @@ def test_a_measured_map_as_the_readme_says(home, monkeypatch) -> None:
     heights = 0.1 * np.sin(0.9 * x) * np.cos(1.1 * y) + 0.02 * x - 0.01 * y
     heights[3:5, 7] = np.nan
     np.savetxt(home / "map.txt", heights, delimiter=";")
-    text = (ROOT / "README.md").read_text()
     case, surface = [block for block in blocks("toml") if "[surface]" in block]
     case = re.sub(r"\[surface\].*?\n\[", lambda _: f"{surface}\n[", case, flags=re.S)
-    after = text[text.index(surface) - 200 :]
     for table, key in (("theory", "spectrum"), ("material", "hardness")):
-        setting = re.search(rf"`({key} = [^`]+)`", after)
-        assert setting, table
+        setting = re.search(rf"`({key} = [^`]+)`", README[README.index(surface) - 200 :])
         case = case.replace(f"[{table}]", f"[{table}]\n{setting[1]}")
     case = case.replace("hardness = 6.0e9", "yield_stress = 2.5e9")
     (home / "measured.toml").write_text(case.replace("my-surface", "measured"))

@@ -85,11 +85,10 @@ def test_truncation_keeps_the_density(dimension: int) -> None:
 # ---------------------------------------------------------------- the spectrum of heights
 
 # Square, oblong, even, odd, mixed, lines; periods that fit none of them by accident.
-GRIDS: list[tuple[tuple[int, ...], tuple[float, ...]]] = [
+GRIDS = [
     ((16, 16), (1.0, 1.0)),
-    ((15, 15), (1.0, 1.0)),
-    ((16, 15), (2.0, 0.7)),
-    ((9, 32), (0.3, 5.0)),
+    ((15, 16), (2.0, 0.7)),
+    ((9, 31), (0.3, 5.0)),
     ((2, 3), (1.0, 1.0)),
     ((64,), (3.0,)),
     ((63,), (3.0,)),
@@ -105,9 +104,7 @@ def noise(shape: tuple[int, ...], periods: tuple[float, ...]) -> Surface:
 
 
 @pytest.mark.parametrize(("shape", "periods"), GRIDS)
-def test_moments_and_rings_are_parseval_s(
-    shape: tuple[int, ...], periods: tuple[float, ...]
-) -> None:
+def test_moments_and_rings_are_parseval_s(shape, periods) -> None:
     surface = noise(shape, periods)
     modes = np.fft.fftn(surface.heights)
     axes = [2 * np.pi * np.fft.fftfreq(n, d) for n, d in zip(shape, surface.spacing, strict=True)]
@@ -143,9 +140,8 @@ def test_radial_average_of_an_isotropic_surface_is_its_spectrum() -> None:
     spectrum = SelfAffineSpectrum(0.7, 2 * math.pi, 8 * math.pi, 200 * math.pi, 0.1)
     rings = radial_spectrum(SelfAffine(spectrum, (1.0, 1.0), (300, 300), seed=3).build())
     inside = (rings.wavenumber > 200) & (rings.upper_edge < 600)
-    # The amplitudes are not random, so a ring of width w at q = k w differs from its middle by
-    # s (s + 1) / (24 k^2) = 6e-4 for k = 32, s = 3.4, by where its modes happen to lie (of the
-    # same order), and by the one factor that makes an integral of the sum over modes.
+    # A ring of width w at q = k w differs from its middle by s (s + 1)/(24 k^2) = 6e-4 for k = 32,
+    # s = 3.4, and by where its modes lie; one factor makes an integral of the sum over modes.
     ratio = rings.density[inside] / density(spectrum, rings.wavenumber[inside])
     assert ratio == pytest.approx(np.full(ratio.size, ratio[-1]), rel=1.5e-3)
     assert ratio[-1] == pytest.approx(1.0, abs=0.02)
