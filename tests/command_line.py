@@ -7,6 +7,9 @@ import io
 import signal
 import subprocess
 import sys
+from unittest import mock
+
+import pytest
 
 from epcontact.cli.main import main
 
@@ -14,36 +17,20 @@ Done = subprocess.CompletedProcess[str]
 
 
 def invoke(*arguments: object) -> Done:
-    """Run the command line in this process, where the package is loaded and warnings are errors.
-
-    An exception that escapes is an error of the test.
-    """
-    out, err = io.StringIO(), io.StringIO()
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
-    argv, sys.argv = sys.argv, ["epcontact", *map(str, arguments)]
-    try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            main()
-        code: object = 0
-    except SystemExit as stop:
-        code = stop.code or 0
-    finally:
-        sys.argv = argv
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-    assert isinstance(code, int), code
-    return subprocess.CompletedProcess(
-        list(map(str, arguments)), code, out.getvalue(), err.getvalue()
-    )
-
-
-def start(*arguments: object, **options: object) -> Done:
-    """Run the command line as a user does; the new process takes a second to load the package."""
-    return python("-m", "epcontact", *arguments, **options)
+    """Run the command line here, where warnings are errors and an exception ends the test."""
+    out, err, command = io.StringIO(), io.StringIO(), ["epcontact", *map(str, arguments)]
+    with contextlib.ExitStack() as after, mock.patch("sys.argv", command):
+        for number in (signal.SIGTERM, signal.SIGINT):
+            after.callback(signal.signal, number, signal.getsignal(number))
+        after.enter_context(contextlib.redirect_stdout(out))
+        after.enter_context(contextlib.redirect_stderr(err))
+        end = after.enter_context(pytest.raises(SystemExit))
+        main()
+    return Done(command, int(end.value.code or 0), out.getvalue(), err.getvalue())
 
 
 def python(*arguments: object, **options: object) -> Done:
-    """Run Python in a process of its own."""
+    """Run Python in a process of its own, which takes a second to load the package."""
     command = [sys.executable, *map(str, arguments)]
     return subprocess.run(
         command, check=False, capture_output=True, text=True, timeout=300, **options

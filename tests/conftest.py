@@ -1,7 +1,5 @@
 """The small case that several tests write."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -17,7 +17,7 @@ import click
 import numpy as np
 import psutil
 import pytest
-from command_line import Done, invoke, start
+from command_line import Done, invoke, python
 from rich.console import Console
 
 from epcontact.cli import listing, main
@@ -59,7 +59,7 @@ def test_schema_is_json() -> None:
 
 
 def test_an_output_without_greek_letters_shows_a_question_mark() -> None:
-    done = start("list", env=os.environ | {"PYTHONIOENCODING": "cp1252"})
+    done = python("-m", "epcontact", "list", env=os.environ | {"PYTHONIOENCODING": "cp1252"})
     assert done.returncode == 0, done.stderr
     assert "at E*?/?_Y = 5" in done.stdout
 
