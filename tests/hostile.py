@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from epcontact.errors import NotConverged
 from epcontact.results import ELASTIC, Areas, ContactResult, LoadStep, Provenance
 from epcontact.scene import Scene
 
@@ -41,31 +40,16 @@ def hangs(_: Scene) -> None:
     time.sleep(3600)
 
 
-def stalls(_: Scene) -> None:
-    raise NotConverged("the residual stalled at 1e-2", {"gap": 1e-2}, (1.0, 1e-2))
-
-
-def divides_by_zero(_: Scene) -> None:
-    raise ZeroDivisionError("an honest mistake \a")
-
-
-def returns_words(scene: Scene) -> ContactResult:
-    """Areas that are no numbers."""
-    result = full_contact(scene)
-    areas = {kind: Areas("a", "b", "c") for kind in ("raw", "corrected")}  # type: ignore[arg-type]
-    return replace(result, steps=(replace(result.final, areas=areas),))
-
-
-# What they do instead of giving an answer, by their names.
 exits_with_success = lambda _: os._exit(0)  # as Fortran's STOP does
-exits_with_3 = lambda _: os._exit(3)
 raises_system_exit = lambda _: sys.exit(0)
 breaks_memory = lambda _: ctypes.string_at(0)
 is_killed = lambda _: os.kill(os.getpid(), signal.SIGKILL)  # as for want of memory
+divides_by_zero = lambda _: 1 // 0
 has_no_memory = lambda _: np.empty(1 << 50)
 returns_a_table = lambda _: {"area": 0.1}
 returns_another_grid = lambda s: replace(full_contact(s), fields={"pressure": np.zeros(3)})
 has_no_steps = lambda scene: replace(full_contact(scene), steps=())
+returns_words = lambda s: replace(full_contact(s), cost={"seconds": "words"})
 
 
 def changes_its_scene(scene: Scene) -> ContactResult:

@@ -372,15 +372,18 @@ def test_interrupt_while_a_module_is_half_loaded(monkeypatch) -> None:
         main._ended(signal.SIGINT, None)
 
 
-@pytest.mark.parametrize("words", ["keys", "cite hertz-sphere"])  # by rich, by click
-def test_closed_pipe_does_not_say_that_a_gate_fell_short(words: str) -> None:
+@pytest.mark.parametrize(  # by rich, by click, and when the verdict is there
+    ("words", "code"), [("keys", 2), ("cite hertz-sphere", 2), ("verify bearing-area", 0)]
+)
+def test_closed_pipe_is_no_verdict_and_changes_none(words: str, code: int, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "epcontact", *words.split()]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, cwd=tmp_path, **pipes) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         process.stdout.close()
-        assert process.stderr.read() == b""
-        assert process.wait(timeout=120) == 2
+        assert b"epcontact:" not in process.stderr.read()
+        assert process.wait(timeout=120) == code
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is full")

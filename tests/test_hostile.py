@@ -6,23 +6,23 @@ The solvers are those of hostile.py, each in a process of its own as with `--sol
 from __future__ import annotations
 
 import json
-import math
 import os
 import shutil
 import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import hostile
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from conftest import SMALL_CASE
 
 from epcontact import planning
 from epcontact.cli.plans import plan
@@ -32,7 +32,7 @@ from epcontact.harness.case_files.case import load_case
 from epcontact.harness.methods import foreign
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.processes import Child, ChildDied, Processes, spread
-from epcontact.harness.verdict.judgement import Verdict, judge_case
+from epcontact.harness.verdict.judgement import judge_case
 from epcontact.harness.verdict.pytest_cases import GateFellShort, GateItem
 from epcontact.harness.verdict.verification import verify
 from epcontact.machine import alive
@@ -44,122 +44,69 @@ THEORY = (
     ('of = "bem"\nagainst = "persson"', 'of = "persson"\nagainst = 0.1\nsource = "a guess"'),
     ("tolerance = 0.5", "tolerance = 10.0"),
 )
-WAVE = (
-    ('methods = ["persson", "bem"]', 'methods = ["bem"]'),
-    ('of = "bem"\nagainst = "persson"', 'of = "bem"\nagainst = "full_contact"'),
-    ("tolerance = 0.5", "tolerance = 1e-12"),
-    (
-        'kind = "self_affine"\nperiod = 1.0e-3\nhurst = 0.8\n'
-        "wavenumber_low = 6.283185307179586e3\nwavenumber_roll_off = 1.2566370614359173e4\n"
-        "wavenumber_high = 5.026548245743669e4\nrms_slope = 0.1\n"
-        "points_per_shortest_wavelength = { fast = 4, full = 8 }\nseeds = [3, 5, 7]",
-        'kind = "sinusoid"\nperiod = 1.0e-3\nshape = [64]\namplitude = 1.0e-7',
-    ),
-    ("hardness = 6.0e9\n\n[theory]\nenergy_reduction = 0.536\n", ""),
+SURFACE = SMALL_CASE[SMALL_CASE.index("[surface]") : SMALL_CASE.index("[material]")]
+WAVE = '[surface]\nkind = "sinusoid"\nperiod = 1e-3\nshape = [64]\namplitude = 1e-7\n\n'
+GATE = SMALL_CASE[SMALL_CASE.index("\n[[gate]]") :]
+ANSWER = ContactResult(
+    "persson", (LoadStep(5e8, {"corrected": Areas(0.1, 0.1, 0.0)}),), Provenance("digest")
 )
-GATE = """
-[[gate]]
-quantity = "area.total.corrected"
-of = "bem"
-against = "persson"
-tolerance = 0.4
-because = "the same once more"
-"""
-
-
-def answered(*_: Any) -> ContactResult:
-    areas = Areas(0.1, 0.1, 0.0)
-    return ContactResult("persson", (LoadStep(5e8, {"corrected": areas}),), Provenance("digest"))
-
-
-def raises(error: BaseException) -> Callable[..., ContactResult]:
-    def solve(*_: Any) -> ContactResult:
-        raise error
-
-    return solve
 
 
 @pytest.fixture
-def verified(write_case, tmp_path, monkeypatch) -> Callable[..., Verdict]:
-    """Verify two cases of the theory, of which the first one is answered by `solve`."""
-    first = load_case(write_case(*THEORY, name="first"))
-    second = load_case(write_case(*THEORY, name="second"))
+def verified(write_case, tmp_path, monkeypatch) -> Any:
+    """Verify two cases of the theory, which gives one answer, or error, after the other."""
+    cases = [load_case(write_case(*THEORY, name=name)) for name in ("first", "second")]
 
-    def run(solve: Callable[..., ContactResult], **options: Any) -> Verdict:
-        turns = iter([solve])
-
-        def chosen(*given: Any) -> ContactResult:
-            return next(turns, answered)(*given)
-
-        monkeypatch.setitem(METHODS, "persson", replace(METHODS["persson"], solve=chosen))
-        about = {"requirement": options.pop("requirement", first.head.requirement)}
-        head = first.head.model_copy(update=about)
-        cases = [first.changed(head=head, **options), second]
+    def run(answers: Any) -> Any:
+        persson = replace(METHODS["persson"], solve=Mock(side_effect=answers))
+        monkeypatch.setitem(METHODS, "persson", persson)
         return verify(cases, output=tmp_path / "out", jobs=1, fresh=True)
 
     return run
 
 
 @pytest.mark.parametrize(
-    ("solve", "sentence"),
+    ("answer", "sentence"),
     [
-        (raises(np.linalg.LinAlgError("Singular matrix")), "LinAlgError: Singular matrix"),
-        (raises(MemoryError()), "not enough memory"),
-        (raises(ValueError("bell \a, NUL \0, half \udc80")), r"bell \x07, NUL \x00, half \udc80"),
-        (lambda *_: replace(answered(), converged=False), "not converged"),
-        (lambda *_: replace(answered(), steps=()), "at least one load step"),
+        (np.linalg.LinAlgError("Singular matrix"), "LinAlgError: Singular matrix"),
+        (MemoryError(), "not enough memory"),
+        (ValueError("bell \a, NUL \0, half \udc80"), r"bell \x07, NUL \x00, half \udc80"),
+        (replace(ANSWER, converged=False), "not converged"),
     ],
 )
-def test_the_error_of_a_solve_is_its_cases_error(verified, tmp_path, solve, sentence) -> None:
-    verdict = verified(solve)
+def test_the_error_of_a_solve_is_its_cases_error(verified, tmp_path, answer, sentence) -> None:
+    verdict = verified([answer, ANSWER])
     assert [case.status for case in verdict.cases] == ["error", "holds"]
-    assert verdict.exit_code == 2
     assert sentence in str(verdict.cases[0].gates[0].error)
-    assert json.loads((tmp_path / "out" / "verdict.json").read_text())["exit_code"] == 2
+    written = json.loads((tmp_path / "out" / "verdict.json").read_text())
+    assert written["exit_code"] == verdict.exit_code == 2
     suites = ET.parse(tmp_path / "out" / "junit.xml").getroot()
     assert (suites.attrib["errors"], suites.attrib["tests"]) == ("1", "2")
 
 
-@pytest.mark.parametrize("name", ["persson", "bem"])
-def test_no_error_of_a_method_passes_whether_a_gate_reads_it_or_not(write_case, name) -> None:
-    case = load_case(write_case(*THEORY))
-    good = Answer((answered(),), ("single",))
+@pytest.mark.parametrize(("name", "status"), [("persson", "error"), ("bem", "holds")])
+def test_no_error_of_a_method_passes_if_a_gate_reads_it_or_not(write_case, name, status) -> None:
+    good = Answer((ANSWER,), ("single",))
     given = {"persson": good, "bem": good} | {name: Answer(errors=(f"{name}, single: stalled",))}
-    judged = judge_case(case, given)
-    assert judged.status == "error"
-    assert [gate.status for gate in judged.gates] == ["error" if name == "persson" else "holds"]
+    judged = judge_case(load_case(write_case(*THEORY)), given)
+    assert (judged.status, judged.gates[0].status) == ("error", status)
     item = object.__new__(GateItem)
-    item.number = 0
-    item.parent = SimpleNamespace(verdict=judged)
+    item.number, item.parent = 0, SimpleNamespace(verdict=judged)
     with pytest.raises(GateFellShort, match="stalled"):  # under pytest
         item.runtest()
-    item.parent = SimpleNamespace(verdict=judge_case(case, {"persson": good}))
-    item.runtest()
-
-
-def test_control_characters_leave_the_files_readable(verified, tmp_path) -> None:
-    verdict = verified(answered, requirement="a \0 and a \x1b", skip="no \0 surface")
-    assert verdict.cases[0].status == "skipped"
-    test = ET.parse(tmp_path / "out" / "junit.xml").getroot().find("testsuite/testcase")
-    assert test is not None
-    assert test.attrib["name"] == r"a \x00 and a \x1b"
-    written = Verdict.model_validate_json((tmp_path / "out" / "verdict.json").read_text())
-    assert written.cases[0].requirement == "a \0 and a \x1b"
 
 
 def test_earlier_verdict_is_gone_before_the_first_solve(verified, tmp_path) -> None:
     files = [tmp_path / "out" / name for name in ("verdict.json", "junit.xml")]
-    seen: list[list[bool]] = []
 
     def solve(*_: Any) -> ContactResult:
-        seen.append([path.exists() for path in files])
+        assert not any(path.exists() for path in files)
         raise KeyboardInterrupt
 
-    verified(answered)
+    verified([ANSWER, ANSWER])
     assert all(path.exists() for path in files)
     with pytest.raises(KeyboardInterrupt):
         verified(solve)
-    assert seen == [[False, False]]
     with pytest.raises(InvalidCase, match="no case is called"):
         verify("no-such-case", output=tmp_path / "out")
     assert not any(path.exists() for path in files)
@@ -184,55 +131,40 @@ def scene() -> Scene:
     return Scene(Surface(heights, (1e-3,)), Material(2e11, 0.3), Load(1e9))
 
 
-def writing(text: str) -> str:
-    """A command that writes a text as its result."""
-    return f"sh -c 'echo epcontact-result 1 {text} > {{result}} # {{scene}}'"
-
-
 @pytest.mark.parametrize(
     ("solver", "sentence"),
     [
         ("hostile:exits_with_success", "ended with exit code 0 and gave no answer"),
-        ("hostile:exits_with_3", "ended with exit code 3 and gave no answer"),
         ("hostile:raises_system_exit", "raised SystemExit: 0"),
         ("hostile:breaks_memory", "was killed by SIGSEGV (invalid memory access) and gave no"),
         ("hostile:is_killed", "was killed by SIGKILL (most likely for want of memory) and gave no"),
         ("hostile:has_no_memory", "raised not enough memory"),
-        ("hostile:stalls", "raised the residual stalled at 1e-2"),
-        ("hostile:divides_by_zero", r"raised ZeroDivisionError: an honest mistake \x07"),
+        ("hostile:divides_by_zero", "raised ZeroDivisionError: integer division or modulo by zero"),
         ("hostile:returns_a_table", "returned no epcontact.ContactResult but 'dict'"),
         ("hostile:returns_another_grid", "returned the field pressure of shape (3,)"),
-        ("hostile:returns_words", "returned a ContactResult that cannot be read"),
         ("hostile:has_no_steps", "raised ValueError: a ContactResult needs at least one load step"),
-        ("hostile:absent", "cannot be imported (AttributeError"),
+        ("hostile:returns_words", "returned a ContactResult that cannot be read"),
         ("false {scene} {result}", "returned a command that ended with exit code 1"),
         ("true {scene} {result}", "ended with exit code 0 and wrote no result"),
         ("cp {scene} {result}", "does not begin with 'epcontact-result 1'"),
-        (writing("converged 1"), "without 'pressure'"),
-        (writing(f"pressure {32 * '1 '}"), "without 'converged'"),
-        (writing("pressure 1 converged 1"), "fewer than 32 numbers after 'pressure'"),
-        (writing(f"pressure {32 * '1 '} 3 converged 1"), "'3' in the place of one of"),
+        ("converged 1", "without 'pressure'"),
+        (f"pressure {32 * '1 '}", "without 'converged'"),
+        ("pressure 1 converged 1", "fewer than 32 numbers after 'pressure'"),
+        (f"pressure {32 * '1 '} 3 converged 1", "'3' in the place of one of"),
     ],
 )
 def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(scene, solver, sentence) -> None:
+    if solver.startswith(("converged", "pressure")):  # a command that writes this as its result
+        solver = f"sh -c 'echo epcontact-result 1 {solver} > {{result}} # {{scene}}'"
     with pytest.raises(InvalidCase) as refused:
         foreign.solve("mine", solver, scene, limit=60)
     assert sentence in str(refused.value)
     assert f"solver {solver} " in str(refused.value)
 
 
-def test_what_hangs_is_ended_with_all_that_it_started(tmp_path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    child = Child()
-    with pytest.raises(ChildDied, match="was not finished within 3 s and was ended"):
-        child.call(hostile.hangs, None, limit=3)
-    child.end()
-    assert not any(alive(int(pid)) for pid in Path("pids").read_text().split())
-
-
 def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene) -> None:
     heights, digest = scene.surface.heights.copy(), scene.digest
-    wrong = foreign.solve("mine", "hostile:changes_its_scene", scene, math.inf)
+    wrong = foreign.solve("mine", "hostile:changes_its_scene", scene)
     np.testing.assert_array_equal(wrong.fields["pressure"], scene.load.final)
     np.testing.assert_array_equal(scene.surface.heights, heights)
     assert scene.digest == digest == wrong.provenance.scene
@@ -242,13 +174,18 @@ def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene) -
     assert (right.method, right.provenance.options["solver"]) == ("mine", "hostile:prints")
 
 
-def test_many_calls_share_one_process_until_it_dies_or_is_ended() -> None:
+def test_many_calls_share_one_process_until_it_dies_or_is_ended(tmp_path, monkeypatch) -> None:
+    """What is not finished in time is ended with all that it started."""
+    monkeypatch.chdir(tmp_path)
     child = Child()
     first = child.call(os.getpid)
     assert child.call(os.getpid) == first != os.getpid()
     with pytest.raises(ChildDied, match="exit code 3"):
         child.call(os._exit, 3)
-    assert child.call(os.getpid) not in (first, os.getpid())
+    with pytest.raises(ChildDied, match="was not finished within 3 s and was ended"):
+        child.call(hostile.hangs, None, limit=3)
+    assert not any(alive(int(pid)) for pid in (first, *Path("pids").read_text().split()))
+    assert child.call(os.getpid) != first
     child.end()
     with pytest.raises(ChildDied, match="was ended"):
         child.call(os.getpid)
@@ -279,7 +216,7 @@ def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path) -> None
     assert (done.returncode, done.stderr) == (-9, "")
 
 
-def test_solver_in_c(scene, write_case, tmp_path) -> None:
+def test_solver_in_c(scene, tmp_path) -> None:
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         pytest.skip("there is no C compiler")
@@ -290,10 +227,8 @@ def test_solver_in_c(scene, write_case, tmp_path) -> None:
     exact = hostile.full_contact(scene).fields["pressure"]
     np.testing.assert_allclose(found.fields["pressure"], exact, rtol=1e-12)
     assert found.final.areas["corrected"].total == 1
-    light = replace(scene, load=Load(1e6))
     with pytest.raises(InvalidCase, match="a result that has not converged"):
-        foreign.solve("c", command, light)
-    assert verify(write_case(*WAVE), solver=f"c={command}", output=tmp_path / "out", jobs=1).passed
+        foreign.solve("c", command, replace(scene, load=Load(1e6)))
 
 
 # --- what is refused before anything is solved ---------------------------------------------------
@@ -304,7 +239,7 @@ def test_solver_in_c(scene, write_case, tmp_path) -> None:
     [
         ("no-such-program {scene} {result}", (), "there is no program 'no-such-program'"),
         ("cat {scene}", (), "{scene} and {result} once each"),
-        ("mine=hostile:absent", (), "cannot be imported"),
+        ("mine=hostile:absent", (), "cannot be imported (AttributeError"),
         ("mine=hostile", (), "MODULE:FUNCTION"),
         ("tamas", (), "did you mean 'tamaas'"),
         ("bem=my_solver:solve", (), "there is a method 'bem' already"),
@@ -312,7 +247,7 @@ def test_solver_in_c(scene, write_case, tmp_path) -> None:
         ("hostile:full_contact", THEORY, "would judge nothing"),
         ("", (("[[gate]]", f"{GATE}\n[[gate]]"),), "there are 2 gates area.total.corrected of bem"),
         ("", (("[[gate]]", f'{GATE}[[gate]]\nsizes = ["large"]'),), "size 'large', which the case"),
-        ("", (*WAVE[1:-1], ("[theory]", "[theory]")), "which takes that of the heights"),
+        ("", ((SURFACE, WAVE),), "which takes that of the heights"),
     ],
 )
 def test_what_cannot_be_judged_is_refused_before_anything_is_solved(
@@ -322,21 +257,3 @@ def test_what_cannot_be_judged_is_refused_before_anything_is_solved(
         verify(write_case(*changes), solver=solver, output=tmp_path / "out")
     assert sentence in str(refused.value)
     assert not (tmp_path / "out").exists()
-
-
-def test_gates_that_a_size_leaves_out_are_said(write_case) -> None:
-    gates = f'{GATE}sizes = ["full"]\nnorm = "absolute"\n[[gate]]'
-    case = load_case(write_case(("[[gate]]", gates)))
-    (sentence,) = judge_case(case, {name: Answer() for name in case.methods}).not_judged
-    quantity = "area.total.corrected of bem against persson (absolute)"
-    assert sentence == f"{quantity} applies to size full only"
-    assert not load_case(case.path, "full").not_judged
-
-
-def test_closed_pipe_does_not_change_the_verdict(tmp_path) -> None:
-    command = [sys.executable, "-m", "epcontact", "verify", "bearing-area", "--output", tmp_path]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        process.stdout.close()
-        assert process.wait(timeout=300) == 0
-    assert json.loads((tmp_path / "verdict.json").read_text())["exit_code"] == 0
