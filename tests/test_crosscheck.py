@@ -27,8 +27,6 @@ from epcontact.scene import Body, Scene
 from epcontact.studies.hardness import model_scene
 from epcontact.surfaces import Sinusoid
 
-# --- the budget ----------------------------------------------------------------------------------
-
 
 @pytest.mark.parametrize("dimensions", [1, 2])
 def test_the_budget_tells_the_parts_apart(dimensions: int) -> None:
@@ -80,8 +78,6 @@ def test_differences_of_known_answers() -> None:
     with pytest.raises(InvalidScene, match="cannot be compared"):
         difference(answer([1.0], 0.2), one, 4.0)
 
-
-# --- the measures that gates read ----------------------------------------------------------------
 
 MODEL = [name for name, quantity in QUANTITIES.items() if "J2 flow" in quantity.needs]
 
@@ -198,8 +194,6 @@ def test_the_study_answers_the_scenes_of_the_cases(name: str, severity: float, n
     assert vars(ours.material) == pytest.approx(vars(theirs.material), rel=1e-4)
     assert ours.load.final == pytest.approx(theirs.load.final, rel=1e-4)
 
-
-# --- the report on a case ------------------------------------------------------------------------
 
 SMALLER = (("[48, 48]", "[24, 24]"), ("[5, 6, 7, 8, 9, 10, 11, 12]", "[5]"))
 ELASTIC = ('law = "j2"', 'law = "elastic"')

@@ -1,4 +1,4 @@
-"""Exact solutions: formulas against integrals and limits; closed forms as gates read them."""
+"""Exact solutions: integrals and limits, closed forms as gates read them, orders towards them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
+from epcontact import bem
 from epcontact.errors import InvalidCase
+from epcontact.output.charts.plot import observed_order
 from epcontact.persson import areas
 from epcontact.reference import CLOSED_FORMS, bumps, posts, waves
-from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
+from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import FlatPunch, Paraboloid, SelfAffine, Sinusoid
 
 RADIUS, MODULUS = 2.5e-3, 70e9
@@ -40,9 +42,6 @@ def periodic_displacement(pressure: Any, points: Any, period: float) -> Any:
     symbol = np.divide(2 / MODULUS, q, out=np.zeros_like(q), where=q > 0)
     u = np.fft.irfft(symbol * np.fft.rfft(pressure), n)
     return np.interp(points, np.arange(n) * period / n, u)
-
-
-# --- one sphere, one cylinder, one strip a period -------------------------------------------------
 
 
 def test_lattice_sums() -> None:
@@ -95,9 +94,6 @@ def test_a_strip_carries_its_force_and_ends_at_its_rim() -> None:
     assert posts.strip_pressure_periodic(np.array(1.5), 1.0, 1.0, 4.0) == 0
 
 
-# --- waves ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("load", [0.0, 0.01, 0.05, 0.3, 0.5, 0.9, 0.95, 1.0])
 def test_means_of_a_wave_s_pressure_and_gap(load: float) -> None:
     fraction = waves.line_contact_fraction(load)
@@ -139,9 +135,6 @@ def test_pressure_and_gap_of_a_wave_solve_the_contact_problem() -> None:
     gap = periodic_displacement(p, np.arange(n) * L / n, L) - amplitude * np.cos(2 * np.pi * x)
     expected = amplitude * waves.line_gap(x, load)
     assert_allclose(gap - gap.mean(), expected - expected.mean(), atol=1e-5 * amplitude)
-
-
-# --- closed forms: one property each --------------------------------------------------------------
 
 
 def elastic(recipe: Any, pressure: float, hardness: float = math.inf) -> Scene:
@@ -218,3 +211,64 @@ def test_scene_that_a_form_does_not_describe_is_refused_in_one_line(form, quanti
         CLOSED_FORMS[form].scalar(quantity, scene)
     with pytest.raises(InvalidCase, match="hertz has no 'distribution'"):
         CLOSED_FORMS["hertz"].pressures(BUMP)
+
+
+PLACES = np.column_stack([(np.arange(16) + 0.5) / 16, np.random.default_rng(0).random(16)])
+
+
+def on_a_wave(points: int, place: np.ndarray) -> list[float]:
+    """Errors at 0.3 p* on a wave, its crest a share of a spacing from a grid point."""
+    complete = waves.line_complete_pressure(1e-6, 1e-3, STIFFNESS)
+    x = (np.arange(points) - place[0]) / points
+    surface = Surface(1e-6 * np.cos(2 * np.pi * x), (1e-3,))
+    result = bem.solve(Scene(surface, ELASTIC, Load(0.3 * complete)), threads=1)
+    exact = complete * waves.line_pressure(x, 0.3)
+    areas, area = result.final.areas, waves.line_contact_fraction(0.3)
+    return [
+        float(np.linalg.norm(result.fields["pressure"] - exact) / np.linalg.norm(exact)),
+        areas["raw"].total / area - 1,
+        areas["corrected"].total / area - 1,
+        result.final.quantities["mean_gap"] / (1e-6 * waves.line_mean_gap(0.3)) - 1,
+    ]
+
+
+def on_a_sphere(points: int, place: np.ndarray) -> list[float]:
+    """Errors of the areas of a sphere at a place."""
+    force = bumps.sphere_force(0.2e-3, 1e-2, STIFFNESS)
+    radius = bumps.sphere_contact_radius_periodic(force, 1e-2, STIFFNESS, 1e-3)
+    recipe = Paraboloid((1e-3, 1e-3), (points, points), 1e-2, tuple(place))
+    areas = bem.solve(Scene(recipe.build(), ELASTIC, Load(force / 1e-6)), threads=1).final.areas
+    exact = math.pi * (radius / 1e-3) ** 2
+    return [areas[kind].total / exact - 1 for kind in ("raw", "corrected")]
+
+
+# The least order of each error, and its largest root mean square on the finest grid.
+# Pressure, raw and corrected area, gap; the areas of the sphere.
+ON_A_WAVE = [(0.9, 8e-4), (0.7, 2.5e-3), (1.6, 5e-7), (1.6, 4e-6)]
+ON_A_SPHERE = [(0.9, 6e-3), (1.3, 8e-4)]
+
+
+@pytest.mark.parametrize(
+    ("errors", "sizes", "bounds"),
+    [
+        (on_a_wave, 2 ** np.arange(6, 11), ON_A_WAVE),
+        (on_a_sphere, 2 ** np.arange(5, 9), ON_A_SPHERE),
+    ],
+)
+def test_orders(errors, sizes, bounds) -> None:
+    found = np.array([[errors(int(n), place) for place in PLACES] for n in sizes])
+    rms = np.sqrt(np.mean(found**2, axis=1))
+    for column, (order, most) in zip(rms.T, bounds, strict=True):
+        assert observed_order(1 / sizes, column) > order
+        assert column[-1] < most
+
+
+def test_energy_of_a_strip_punch_converges_to_the_closed_form() -> None:
+    """The pressure is singular at the rim: first order, and Richardson's limit of it is right."""
+    recipes = [FlatPunch((1e-3,), (points,), 0.3e-3, 1e-5) for points in (80, 160, 320)]
+    scenes = [Scene(recipe.build(), ELASTIC, Load(1e8)) for recipe in recipes]
+    energy = [bem.solve(s, threads=1).final.quantities["elastic_energy"] for s in scenes]
+    exact = -(1e8**2) * L / (math.pi * STIFFNESS) * math.log(math.sin(0.3 * math.pi))
+    first, second = np.diff(energy)
+    assert math.log2(first / second) == pytest.approx(1.0, abs=0.1)
+    assert energy[-1] + second / (first / second - 1) == pytest.approx(exact, rel=2e-4)

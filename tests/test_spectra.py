@@ -82,8 +82,6 @@ def test_truncation_keeps_the_density(dimension: int) -> None:
         truncated(PAPER, 2.5e4)
 
 
-# ---------------------------------------------------------------- the spectrum of heights
-
 # Square, oblong, even, odd, mixed, lines; periods that fit none of them by accident.
 GRIDS = [
     ((16, 16), (1.0, 1.0)),

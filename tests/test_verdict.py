@@ -28,8 +28,6 @@ from epcontact.harness.verdict.read_back import require_faithful
 from epcontact.harness.verdict.verification import verify, write_verdict
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
-# --- intervals and bands -------------------------------------------------------------------------
-
 
 def gate(norm: str = "relative", low: float = -0.1, high: float = 0.1) -> Gate:
     return Gate("area.total.raw", "bem", "persson", norm, low, high, "a test")
@@ -83,9 +81,6 @@ def test_margin_is_the_band_over_difference_and_interval() -> None:
     assert math.isnan(unjudged(wide, "no").margin)
 
 
-# --- distances -----------------------------------------------------------------------------------
-
-
 def uniform(low: float, area: float = 1.0, plastic: float = 0.0) -> PressureDistribution:
     """Pressures spread evenly over (low, low + 1) on a share `area`."""
     sigma = np.linspace(0, 2, 20001)
@@ -113,9 +108,6 @@ def test_distances_of_known_distributions(norm, a, b, hardness, exact) -> None:
     assert distance(norm, a, b, hardness) == pytest.approx(exact, rel=2e-4)
     with pytest.raises(InvalidCase, match="without contact"):
         distance(norm, uniform(0, area=0.0), b, hardness)
-
-
-# --- cases ---------------------------------------------------------------------------------------
 
 
 def answer(method: str, *areas: float, claim: float = 0.0, labels: str = "abc") -> Answer:
@@ -198,9 +190,6 @@ def test_areas_less_sure_than_the_band_do_not_hold(case: Case) -> None:
     assert "± 0.3 (of which 0.3 by the grid)" in str(judged.gates[1])
 
 
-# --- files ---------------------------------------------------------------------------------------
-
-
 def test_files_say_what_the_verdict_says(case: Case, tmp_path: Path) -> None:
     bem = answer("bem", 0.12, 0.121, 0.122)
     made = Provenance("digest", versions={"numpy": "1.0"})
@@ -246,8 +235,6 @@ def test_the_last_verdict_survives_a_full_disk(tmp_path: Path, monkeypatch) -> N
     assert verify("bearing-area", output=tmp_path, jobs=1).passed
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == sorted(last)
 
-
-# --- what is written is read back ----------------------------------------------------------------
 
 MORE_GATES = """
 [[gate]]
