@@ -8,6 +8,7 @@ import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import DEFAULT, Mock
 
 import numpy as np
 import pytest
@@ -18,11 +19,8 @@ from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory, Output
 from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.studies.fem import speed_scene
-from epcontact.studies.stability import rough_surface
-from fem_check import FemOptions, driver, increments, mesh_of, newton, vtu
-from fem_check.driver import problem_of
+from fem_check import FemOptions, driver, increments, newton
 from fem_check.mesh import bytes_needed
-from fem_check.result import nodes_across
 
 
 def solved(scene: Scene, **options: Any) -> ContactResult:
@@ -57,15 +55,6 @@ def test_every_law_geometry_and_body_converges_and_is_certified(
     if law == "capped":
         np.testing.assert_allclose(pressure[plastic], hardness, rtol=1e-12)
     assert plastic.any() == (law != "elastic")
-    areas = result.final.areas["raw"]
-    assert areas.total == touching.mean() == pytest.approx(areas.elastic + areas.plastic)
-
-
-def test_options_are_an_object_or_keywords() -> None:
-    result = solved(rough_scene(16, 2), options=FemOptions(layers=6), steps=2)
-    same = solved(rough_scene(16, 2), layers=6, steps=2)
-    np.testing.assert_array_equal(result.fields["pressure"], same.fields["pressure"])
-    assert result.cost["unknowns"] == 3 * 256 * result.provenance.options["layers"]
 
 
 # Symmetries and limits -----------------------------------------------------------------------
@@ -90,16 +79,6 @@ def test_a_line_is_a_ridge_in_plane_strain() -> None:
     np.testing.assert_allclose(two.fields["pressure"], np.stack([one, one], 1), atol=1e-7)
 
 
-def test_an_unreachable_yield_stress_is_elastic_and_needs_no_increments() -> None:
-    scene = rough_scene(16, 3, yield_stress=1e6)
-    j2, elastic = (solved(scene, law=law) for law in ("j2", "elastic"))
-    np.testing.assert_allclose(j2.fields["pressure"], elastic.fields["pressure"], atol=1e-8)
-    assert j2.final.areas["raw"].plastic == 0
-    # The elastic contact is found at once: both halves of the path are whole pairs.
-    assert j2.final.quantities["step_error"] < 1e-7
-    assert j2.cost["increments"] == 6
-
-
 def test_hardening_bears_more_on_less() -> None:
     soft, hard = (solved(rough_scene(16, 2), hardening=h).final for h in (0.0, 5.0))
     assert hard.areas["raw"].total < soft.areas["raw"].total
@@ -108,8 +87,7 @@ def test_hardening_bears_more_on_less() -> None:
 
 @pytest.mark.parametrize("law", ["elastic", "j2"])
 def test_moved_nodes_tend_to_the_gap_as_the_slope_vanishes(law: str) -> None:
-    """At equal groups the answers differ by an amount of first order in the slope (a little more
-    where plastic flow adds its own), and by a measurable one at slope 0.2."""
+    """At equal groups the answers differ by an amount of first order in the slope."""
     differences = []
     for slope in (0.0125, 0.2):
         scene = rough_scene(12, 2, slope=slope, pressure=0.2)
@@ -117,14 +95,6 @@ def test_moved_nodes_tend_to_the_gap_as_the_slope_vanishes(law: str) -> None:
         differences.append(distance(moved, gap))
     assert differences[0] < 0.02 < differences[1]
     assert 0.8 < math.log(differences[1] / differences[0], 16) < 1.8
-
-
-@pytest.mark.parametrize("nu", [0.0, 0.3])
-def test_full_contact_leaves_nothing_to_press(nu: float) -> None:
-    """With every node in contact the load alone decides: no direction is left to search along."""
-    unit = 1e11 / (1 - nu**2) * 0.1
-    scene = Scene(rough_surface((12, 12)), Material(1e11, nu, yield_stress=unit / 50), Load(unit))
-    assert fem_check.solve(scene).final.areas["raw"].total == 1.0
 
 
 def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded() -> None:
@@ -136,16 +106,6 @@ def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded() -> None:
         touching = last.state.states[i, j] == ELASTIC
         expected = APART if not touching else PLASTIC if around else ELASTIC
         assert last.surface_states[i, j] == expected
-
-
-def test_a_body_that_flows_wherever_it_touches_has_the_area_of_the_load_over_the_hardness() -> None:
-    """Fronts between open and capped nodes are not corrected, as no elastic rim is between them.
-    On a scene without any the load is a whole number of nodes at the cap, or cannot be met."""
-    areas = solved(rough_scene(16, 4, hardness=0.03, pressure=0.006), law="capped").final.areas
-    assert areas["corrected"].total == pytest.approx(0.2, rel=0.01)
-    assert areas["error"].total > 0.01
-    with pytest.raises(NotConverged, match="narrower than a node"):
-        solved(rough_scene(16, 4, hardness=1e-5, pressure=2e-6), law="capped")
 
 
 # Paths and increments ------------------------------------------------------------------------
@@ -162,7 +122,6 @@ def test_unloading_is_elastic_at_first_and_leaves_its_mark() -> None:
     # Flattened asperities: the flat touches deeper than at first, and less deep than pressed.
     assert 0 < free["approach"] < peak["approach"]
     # Back at the peak load the body is where it was.
-    assert again["area"] == pytest.approx(peak["area"], rel=0.05)
     assert again["mean_gap"] == pytest.approx(peak["mean_gap"], rel=0.01)
 
 
@@ -175,38 +134,30 @@ def test_prescribing_the_approach_finds_the_load_that_gives_it(law: str) -> None
     assert by_approach.mean_pressure == pytest.approx(0.05, rel=5e-3 if law == "j2" else 1e-7)
 
 
-@pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 0.3)], ids=lambda b: b.kind)
-def test_a_capped_body_unloads_as_an_elastic_one_with_the_surface_left_behind(body: Body) -> None:
+def test_a_capped_body_unloads_as_an_elastic_one_with_the_surface_left_behind() -> None:
     """And from its largest load on it goes as if it had never been unloaded."""
-    scene, peak = rough_scene(16, 5, hardness=0.25, body=body), 0.05
+    scene, peak = rough_scene(16, 5, hardness=0.25, body=Body("bonded_layer", 0.3)), 0.05
 
     def along(*path: float) -> ContactResult:
         return solved(replace(scene, load=Load(path)), law="capped")
 
     lowered = along(peak).fields["plastic_displacement"]
-    result = along(0.3 * peak, peak, 0.7 * peak, 0.4 * peak)
-    fields = {name: np.array(field) for name, field in result.fields.items()}
-    np.testing.assert_allclose(fields["plastic_displacement"], lowered, atol=1e-12)
-    fields["gap"] += lowered  # from the surface left behind
+    result = along(peak, 0.7 * peak, 0.4 * peak)
     left = replace(scene.surface, heights=scene.surface.heights - lowered)
-    elastic = solved(replace(scene, surface=left, load=Load(0.4 * peak)), law="elastic").fields
-    scales = {"pressure": 0.25, "displacement": lowered.max(), "gap": lowered.max()}
-    for name, scale in scales.items():
-        np.testing.assert_allclose(fields[name], elastic[name], rtol=0, atol=1e-7 * scale)
+    elastic = solved(replace(scene, surface=left, load=Load(0.4 * peak)), law="elastic")
+    np.testing.assert_allclose(result.fields["plastic_displacement"], lowered, atol=1e-12)
+    assert distance(result, elastic) < 1e-6
     assert result.final.areas["raw"].plastic == 0.0
-    *_, again, beyond = along(peak, 0.0, 0.2 * peak, peak, 1.3 * peak).steps
-    assert again.areas == along(peak).final.areas
+    beyond = along(peak, 0.0, 0.2 * peak, 1.3 * peak).final
     assert beyond.quantities == pytest.approx(along(1.3 * peak).final.quantities, rel=1e-7)
 
 
-@pytest.mark.parametrize("law", ["elastic", "j2"])
-def test_a_path_may_end_where_nothing_touches(law: str) -> None:
-    """The certificate has no contact force to divide by there."""
-    result = fem_check.solve(rough_scene(12, 2), law=law, approach=(0.01, 1e-5))
-    assert result.steps[0].mean_pressure > 0
-    # Flattened for good, a J2 body leaves the flat before that is back at its first touch.
-    assert (result.final.mean_pressure == 0) == (law == "j2")
-    assert result.final.residuals["certified_balance"] < 1e-7
+def test_a_path_may_end_where_nothing_touches() -> None:
+    """Flattened for good, a J2 body leaves the flat before that is back at its first touch; the
+    certificate has no contact force to divide by there."""
+    steps = fem_check.solve(rough_scene(12, 2), approach=(0.01, 1e-5)).steps
+    assert steps[0].mean_pressure > steps[1].mean_pressure == 0
+    assert steps[1].residuals["certified_balance"] < 1e-7
 
 
 @pytest.mark.parametrize("severity", [5.0, pytest.param(50.0, marks=pytest.mark.slow)])
@@ -223,8 +174,8 @@ def test_the_increments_are_as_many_as_their_error_asks_for(severity: float) -> 
     assert distance(many, fine) < distance(few, fine)
 
 
-@pytest.mark.parametrize(("length", "stress"), [(1e-9, 1e9), (10.0, 1e9), (1e-3, 1.0)])
-def test_the_unit_of_length_does_not_matter(length: float, stress: float) -> None:
+@pytest.mark.parametrize(("length", "stress"), [(1e-9, 1e9), (10.0, 1.0)])
+def test_units_do_not_matter(length: float, stress: float) -> None:
     """1 nm to 10 m, on a path that unloads to nothing: the same dimensionless answers."""
     one = rough_scene(12, 2, pressure=(0.05, 0.01, 0.0))
     other = Scene(
@@ -232,41 +183,25 @@ def test_the_unit_of_length_does_not_matter(length: float, stress: float) -> Non
         Material(one.material.young_modulus * stress, 0.3, yield_stress=0.2 * stress),
         Load(tuple(p * stress for p in one.load.path)),
     )
-    units = {"mean_gap": length, "approach": length, "largest_pressure": stress}
-    for a, b in zip(*(fem_check.solve(scene).steps for scene in (one, other)), strict=True):
+    for a, b in zip(*(solved(scene).steps for scene in (one, other)), strict=True):
         assert a.areas["raw"] == b.areas["raw"]
-        assert max(b.residuals.values()) < 1e-7
-        for name, unit in units.items():
+        for name, unit in {"mean_gap": length, "largest_pressure": stress}.items():
             expected = pytest.approx(a.quantities[name], rel=1e-8, abs=1e-10)
             assert b.quantities[name] / unit == expected
 
 
-def test_the_shortest_pair_is_kept_and_its_error_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(increments, "SHORTEST", 0.5)
-    result = solved(rough_scene(16, 2), step_tolerance=1e-9)
-    assert result.final.quantities["step_error"] > 1e-9
-    assert result.cost["increments"] == 6
-
-
 def test_increments_that_fail_are_halved(monkeypatch: pytest.MonkeyPatch) -> None:
-    real, asked = increments.solve_increment, list[float]()
-
-    def reluctant(problem, state, history, control, tolerance):  # type: ignore[no-untyped-def]
-        asked.append(control.load)
-        if len(asked) == 1:
-            raise NotConverged("too far")
-        return real(problem, state, history, control, tolerance)
-
-    monkeypatch.setattr(increments, "solve_increment", reluctant)
+    given = [NotConverged("too far"), *[DEFAULT] * 2]
+    solve = Mock(wraps=increments.solve_increment, side_effect=given)
+    monkeypatch.setattr(increments, "solve_increment", solve)
     result = solved(rough_scene(8, 2), steps=1)
-    assert asked == [0.05, 0.025, 0.05]
-    assert result.final.mean_pressure == 0.05
+    assert [call.args[3].load for call in solve.call_args_list] == [0.05, 0.025, 0.05]
     assert any("halved" in note for note in result.notes)
 
 
-def test_a_step_that_does_not_converge_raises_with_its_residuals(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_does_not_converge_raises_with_its_residuals(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(NotConverged, match="narrower than a node"):
+        solved(rough_scene(16, 4, hardness=1e-5, pressure=2e-6), law="capped")
     monkeypatch.setattr(newton, "MOST_NEWTON", 1)
     with pytest.raises(NotConverged, match="did not converge in 1 Newton") as caught:
         solved(rough_scene(16, 3))
@@ -293,14 +228,6 @@ def test_a_scene_outside_its_limits_is_answered_with_a_warning(
     assert any(sentence in note for note in notes) if sentence else notes == ()
 
 
-def test_the_nodes_across_a_contact_are_counted_over_the_periodic_edges() -> None:
-    touching = np.zeros((12, 12), dtype=bool)
-    touching[np.ix_([-2, -1, 0, 1], [-2, -1, 0, 1])] = True
-    touching[6, 6] = True  # a lone node does not move the median
-    assert nodes_across(touching) == pytest.approx(2 * np.sqrt(16 / np.pi))
-    assert nodes_across(touching[0][:, None]) == 4
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -309,12 +236,8 @@ def test_the_nodes_across_a_contact_are_counted_over_the_periodic_edges() -> Non
         ({"hardening": -1.0}, "hardening is -1.0"),
         ({"tolerance": 0.0}, "tolerance is 0.0"),
         ({"steps": 0}, "steps is 0"),
-        ({"step_tolerance": 1.0}, "step_tolerance is 1.0"),
-        ({"approach": -0.1}, "approach is -0.1"),
         ({"approach": ()}, "approach is ()"),
-        ({"layers": -3}, "layers is -3"),
         ({"depth": math.nan}, "depth is nan"),
-        ({"first_layer": -1.0}, "first_layer is -1"),
         ({}, "finite yield_stress"),
         ({"law": "capped"}, "finite hardness"),
     ],
@@ -327,67 +250,49 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(
         fem_check.solve(scene, **options)
 
 
-# A twentieth of the elements flow, or a third, or all of them, or none may.
 @pytest.mark.parametrize(
-    ("nodes", "load", "yield_stress", "depth", "options"),
+    ("nodes", "load", "yield_stress", "options"),
     [
-        (16, 0.05, 0.2, 0.0, {"law": "elastic"}),
-        (16, 0.05, 0.2, 0.0, {"certified": True}),
-        (32, 0.05, 0.2, 0.0, {"layers": 24}),
-        (16, 0.05, 0.2, 0.0, {"geometry": "moved"}),
-        (24, 0.3, 0.2, 0.0, {}),
-        (24, 0.005, 0.02, 0.0, {}),
-        (16, 0.08, 0.02, 0.3, {}),
-        (16, 0.05, 0.2, 0.4, {}),
+        (16, 0.05, 0.2, {"law": "elastic"}),
+        (16, 0.05, 0.2, {"certified": True}),
+        (16, 0.05, 0.2, {"geometry": "moved"}),
+        (24, 0.3, 0.2, {}),  # many elements flow
+        (24, 0.005, 0.02, {}),  # few do, of a soft body
     ],
 )
 def test_the_estimate_of_memory_is_right_to_a_quarter(
-    nodes: int, load: float, yield_stress: float, depth: float, options: dict[str, Any]
+    nodes: int, load: float, yield_stress: float, options: dict[str, Any]
 ) -> None:
     chosen = FemOptions(**{"certified": False, "steps": 2} | options)
     given = speed_scene(nodes, load=load)
     given = replace(given, material=replace(given.material, yield_stress=yield_stress))
-    given = replace(given, body=Body("bonded_layer", depth) if depth else Body())
     fem_check.solve(speed_scene(8), chosen)  # compiles the same kernels, which needs memory, too
     tracemalloc.start()
-    try:
-        block = driver.solve_path(given, chosen).problem.block
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
+    block = driver.solve_path(given, chosen).problem.block
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
     assert 0.75 < bytes_needed(given, chosen, block) / peak < 1.25
-
-
-def test_a_block_that_will_not_fit_is_refused_before_anything_is_made() -> None:
-    with pytest.raises(NotEnoughMemory, match=r"64 x 64 x 1000000 elements needs about"):
-        fem_check.solve(rough_scene(64, 4), layers=1_000_000)
+    with pytest.raises(NotEnoughMemory, match=r"x 1000000 elements needs about"):
+        fem_check.solve(given, layers=1_000_000)
 
 
 # Files ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dimensions", [1, 2])
-@pytest.mark.parametrize("geometry", ["gap", "moved"])
+@pytest.mark.parametrize(("dimensions", "geometry"), [(1, "gap"), (2, "moved")])
 def test_pyvista_opens_the_path_with_its_fields(
     tmp_path: Path, dimensions: int, geometry: str
 ) -> None:
     import pyvista
 
-    scene, told = rough_scene(8, 2, pressure=(0.02, 0.05), dimensions=dimensions), list[float]()
-    result = fem_check.solve(
-        scene, geometry=geometry, output=tmp_path, progress=lambda share, _: told.append(share)
-    )
-    assert told == [0.5, 1.0]
-    assert len(list(tmp_path.iterdir())) == 5
+    scene = rough_scene(8, 2, pressure=(0.02, 0.05), dimensions=dimensions)
+    result = solved(scene, geometry=geometry, output=tmp_path)
     reader = pyvista.get_reader(tmp_path / "path.pvd")
     reader.set_active_time_point(1)
     body, top = reader.read()
     columns, whole = 8**dimensions, {"stress", "von_mises", "equivalent_plastic_strain"}
     assert (body.n_cells, top.n_cells) == (result.provenance.options["layers"] * columns, columns)
     assert set(body.cell_data) == whole == set(body.point_data) - {"displacement"}
-    corners = top.points[top.cells.reshape(-1, 5)[:, 1:4]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1])
-    assert normals[:, 2].min() > 0  # outward
     # The periodic edge is closed by a copy, so look at the first copy alone.
     first = (slice(8), slice(8 if dimensions == 2 else 1))
     for name, field in (("contact_pressure", "pressure"), ("gap", "gap"), ("state", "state")):
@@ -398,16 +303,9 @@ def test_pyvista_opens_the_path_with_its_fields(
     warped = top.warp_by_vector("displacement")
     assert np.ptp(warped.points[touching, 2]) < 1e-9 * roughness
     assert np.ptp(top.points[touching, 2]) > 1e-3 * roughness
-    assert body["equivalent_plastic_strain"].max() > 0
     assert body["von_mises"].max() <= 0.2 * (1 + 1e-9)
     for held in (body.field_data, top.field_data):
         assert (held["scene"][0], held["mean_pressure"][0]) == (scene.digest, 0.05)
         assert (held["unit.displacement"][0], held["unit.young_modulus"][0]) == ("m", "Pa")
-
-
-def test_a_write_that_fails_is_reported(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
     with pytest.raises(OutputError, match="cannot write"):
-        solved(rough_scene(8, 2), output=tmp_path / "file")
-    with pytest.raises(OSError, match="disk full"):
-        vtu._write_grid(mesh_of(problem_of(rough_scene(8, 2), FemOptions())), {}, "/dev/full")
+        solved(scene, output=tmp_path / "path.pvd")
