@@ -14,10 +14,10 @@ from scipy.special import sici
 from epcontact import bem
 from epcontact.bem.areas import front, rim_correction
 from epcontact.bem.areas.rim_correction import ERRORS, copies, estimate_areas, perimeter_areas
-from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import InvalidScene
 from epcontact.reference import bumps, waves
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
+from epcontact.studies.areas import solution
 from epcontact.surfaces import SelfAffine
 
 # The walls of punches are steep.
@@ -28,26 +28,9 @@ PARTS = ("total", "plastic", "elastic")
 RNG = np.random.default_rng
 
 
-def solution_of(heights, load, hardness=math.inf, periods=None):
-    """Arguments of `estimate_areas` with E* = 1, on periods of 1 unless they are given."""
-    periods = periods or (1.0,) * heights.ndim
-    q = rfft_wavenumbers(heights.shape, periods)
-    q.flat[0] = np.inf
-    options = bem.Options(tolerance=1e-7)
-    solution = bem.solve_pressure(heights, 2 / q, load, hardness, options=options)
-    spacing = [length / n for length, n in zip(periods, heights.shape, strict=True)]
-    return solution.pressure, solution.gap(heights), hardness, spacing, 1.0
-
-
 def solved(heights, load, hardness=math.inf, periods=None):
-    """(raw, corrected, error) of a `solution_of`."""
-    return estimate_areas(*solution_of(heights, load, hardness, periods))
-
-
-def misses(answers, exact, parts=PARTS):
-    """Count how often each part of corrected areas misses its claim."""
-    _, corrected, error = (vars(part) for part in answers)
-    return [abs(corrected[p] - vars(exact)[p]) / max(error[p], 1e-12) for p in parts]
+    """(raw, corrected, error) of a `solution`."""
+    return estimate_areas(*solution(heights, load, hardness, periods))
 
 
 def places(shape, shift=(0.0, 0.0)):
@@ -56,8 +39,7 @@ def places(shape, shift=(0.0, 0.0)):
     return x[:, None], y[None, :]
 
 
-def wave(n, shift=0.0):
-    return np.cos(2 * np.pi * (np.arange(n) + shift) / n)
+wave = rim.wave
 
 
 def bowl(shape, shift):
@@ -66,14 +48,12 @@ def bowl(shape, shift):
 
 
 def egg_box(n, shift):
-    x, y = places((n, n), shift)
-    return (np.cos(2 * np.pi * x) + np.cos(2 * np.pi * y)) / 2
+    return sum(np.cos(2 * np.pi * x) for x in places((n, n), shift)) / 2
 
 
-def rough(shape, seed, high=16, hurst=0.8):
-    shape = (shape, shape) if isinstance(shape, int) else shape
-    spectrum = SelfAffineSpectrum(hurst, 2 * np.pi, 4 * np.pi, 2 * np.pi * high, 1.0)
-    return SelfAffine(spectrum, (1.0, 1.0), shape, seed).build().heights
+def rough(n, seed):
+    spectrum = SelfAffineSpectrum(0.8, 2 * np.pi, 4 * np.pi, 32 * np.pi, 1.0)
+    return SelfAffine(spectrum, (1.0, 1.0), (n, n), seed).build().heights
 
 
 def test_offsets_of_straight_fronts():
@@ -121,8 +101,7 @@ def test_what_holds_a_front():
     for edge, width in ((STEP, (math.pi / 8) ** 2), (KINK, 3 ** (-2.5 / 0.4))):
         assert crossed(edge, 4.0)[2] == pytest.approx(width)
     # A front that falls on a point is in doubt as others are.
-    for point in (1e-9, 0.02):
-        assert abs(crossed([-2.0, -1.0, point, -1.0, -2.0, -4.5])[3]) > 0.05
+    assert abs(crossed([-2.0, -1.0, 1e-9, -1.0, -2.0, -4.5])[3]) > 0.05
     # Pressure that does not rise ever faster is smooth.
     assert crossed([0.2, 1.0, 1.5, -3.0, -6.0, -9.0], 2.0)[1:3] == (0, 0)
     # Plastic points beside apart ones: at a step the gap jumps, on a steep flank it does not.
@@ -154,9 +133,9 @@ def test_hertz_over_shifts_of_the_grid(points, shifts, each, mean):
     force = bumps.sphere_force(points / n, 1.0, 1.0)
     exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
     for shift in RNG(3).uniform(size=(shifts, 2)):
-        solution = solution_of(bowl((n, n), shift), force)
-        raw, corrected, error = estimate_areas(*solution)
-        published = perimeter_areas(solution[0])[1]
+        found = solution(bowl((n, n), shift), force)
+        raw, corrected, error = estimate_areas(*found)
+        published = perimeter_areas(found[0])[1]
         errors.append([area.total - exact for area in (raw, published, corrected)])
         assert abs(errors[-1][2]) <= error.total
     raw, published, corrected = np.array(errors).T / exact
@@ -253,7 +232,7 @@ def test_edges_and_what_no_point_shows(shape):
 @pytest.fixture(scope="module")
 def capped():
     """A solution with all three states."""
-    return solution_of(rough(64, 5), 0.1, 0.6)
+    return solution(rough(64, 5), 0.1, 0.6)
 
 
 def test_particle_hole_partner(capped):
@@ -274,7 +253,6 @@ def test_particle_hole_partner(capped):
 
 def test_symmetries_and_units(capped):
     p, g, hardness, spacing, _ = capped
-    kept = p.copy(), g.copy()  # frozen arrays would be another type, for which kernels compile
     before = estimate_areas(*capped)
     others = [estimate_areas(p * 70e9, g * 1e-6, hardness * 70e9, (1e-6 / 64, 1e-6 / 64), 70e9)]
     for change in (np.flipud, np.transpose, lambda a: np.roll(a, (5, 17), (0, 1))):
@@ -284,8 +262,7 @@ def test_symmetries_and_units(capped):
         for a, b in zip(before, other, strict=True):
             assert vars(b) == pytest.approx(vars(a), rel=1e-9)
     turned = [a.astype(">f8") for a in (p, g)]  # another byte order
-    assert before == estimate_areas(*capped) == estimate_areas(*turned, hardness, spacing, 1.0)
-    assert np.array_equal((p, g), kept)
+    assert before == estimate_areas(*turned, hardness, spacing, 1.0)
     _, corrected, error = solved(rough(64, 5), 0.1)
     assert corrected.plastic == error.plastic == 0 < error.elastic == error.total
 
@@ -295,14 +272,13 @@ def test_blocks_do_not_change_the_sums(capped, monkeypatch):
     monkeypatch.setattr(rim_correction, "_ROWS", 7)
     monkeypatch.setattr(rim_correction, "_COLUMNS", 25)
     # A root is found to 1e-9, and more exactly if another one in its row and block takes longer.
-    one, *more = (rim_correction.sums_of_fronts(*capped, threads) for threads in (1, 2, 3))
+    one, two = (rim_correction.sums_of_fronts(*capped, threads) for threads in (1, 2))
     assert one == pytest.approx(whole, rel=1e-9, abs=1e-9)
-    assert all(np.array_equal(one, other) for other in more)  # the same bits on any number
+    assert np.array_equal(one, two)  # the same bits on any number
 
 
 def test_published_correction_counts_switches():
-    p, factor = np.zeros((8, 8)), (math.pi - 1 + math.log(2)) / 24
-    p[2:5, 3:7] = 1.0
+    p, factor = np.pad(np.ones((3, 4)), ((2, 3), (3, 1))), (math.pi - 1 + math.log(2)) / 24
     p[3, 4] = 2.0
     found = [(a.total * 64, a.plastic * 64) for a in perimeter_areas(p, 2.0)]
     assert found == [(12, 1), pytest.approx((12 - 14 * factor, 1 + 4 * factor))]
@@ -331,7 +307,7 @@ def test_areas_of_what_is_no_solution(changed, sentence):
 
 
 @pytest.mark.parametrize("load", [1e-6, 0.1, 0.9])
-@pytest.mark.parametrize("hardness", [1e7, 1e9, np.inf])
+@pytest.mark.parametrize("hardness", [1e7, np.inf])
 @pytest.mark.parametrize("shape", [(32, 32), (64,)])
 def test_corrected_areas_can_carry_the_load_however_little_is_resolved(load, hardness, shape):
     """White noise has nothing that a rim could be told from: bounds, not estimates, are left."""
@@ -359,8 +335,9 @@ def test_copies_a_whole_number_of_points_apart_err_alike():
     times = []
     for centre in RNG(0).uniform(size=(8, 2)):
         for load, hardness, parts in ((0.1, math.inf, PARTS[:1]), (0.1, 0.3, PARTS)):
-            exact = solved(caps(64, 1, centre), load, hardness)[1]
-            times += misses(solved(caps(64, 8, centre), load, hardness), exact, parts)
+            exact = vars(solved(caps(64, 1, centre), load, hardness)[1])
+            _, found, error = map(vars, solved(caps(64, 8, centre), load, hardness))
+            times += [abs(found[p] - exact[p]) / max(error[p], 1e-12) for p in parts]
     assert np.mean(np.array(times) <= 1) > 0.8
 
 

@@ -168,33 +168,39 @@ class Member:
     maker: Maker
     drawn: int
 
-    @property
-    def spacing(self) -> list[float]:
-        """The distances between grid points along x and y."""
-        return [length / n for length, n in zip(self.periods, self.shape, strict=True)]
-
     def offsets(self, centre: FloatArray | Sequence[float] = (0.0, 0.0)) -> tuple[Any, Any]:
         """(nx, 1) and (1, ny) distances from the nearest image of a centre."""
         x, y = (
-            (np.arange(n) * h - c + length / 2) % length - length / 2
-            for n, h, c, length in zip(self.shape, self.spacing, centre, self.periods, strict=True)
+            (np.arange(n) * (length / n) - c + length / 2) % length - length / 2
+            for n, c, length in zip(self.shape, centre, self.periods, strict=True)
         )
         return x[:, None], y[None, :]
 
-    def solved(self, factor: int) -> tuple[FloatArray, FloatArray, list[float]]:
-        """(pressure, gap, spacing) on a grid `factor` times as fine; raises NotConverged."""
+    def solved(self, factor: int) -> tuple[FloatArray, FloatArray, float, list[float], float]:
+        """A `solution` on a grid `factor` times as fine; raises NotConverged."""
         fine = replace(self, shape=(factor * self.shape[0], factor * self.shape[1]))
         heights = self.maker(fine, np.random.default_rng(self.drawn))
-        q = rfft_wavenumbers(fine.shape, self.periods)
-        q.flat[0] = np.inf
-        options = bem.Options(tolerance=1e-7)
-        solution = bem.solve_pressure(heights, 2 / q, self.load, self.hardness, options=options)
-        return solution.pressure, solution.displacement + solution.offset - heights, fine.spacing
+        return solution(heights, self.load, self.hardness, self.periods)
 
     def areas(self, factor: int) -> tuple[Areas, Areas, Areas]:
         """(raw, corrected, error) on a grid `factor` times as fine as the coarse one."""
-        pressure, gap, spacing = self.solved(factor)
-        return estimate_areas(pressure, gap, self.hardness, spacing, 1.0)
+        return estimate_areas(*self.solved(factor))
+
+
+def solution(
+    heights: FloatArray,
+    load: float,
+    hardness: float = math.inf,
+    periods: tuple[float, ...] | None = None,
+) -> tuple[FloatArray, FloatArray, float, list[float], float]:
+    """Arguments of `estimate_areas` with E* = 1, on periods of 1 unless they are given."""
+    periods = periods or (1.0,) * heights.ndim
+    q = rfft_wavenumbers(heights.shape, periods)
+    q.flat[0] = np.inf
+    options = bem.Options(tolerance=1e-7)
+    found = bem.solve_pressure(heights, 2 / q, load, hardness, options=options)
+    spacing = [length / n for length, n in zip(periods, heights.shape, strict=True)]
+    return found.pressure, found.gap(heights), hardness, spacing, 1.0
 
 
 def member(makers: Mapping[str, Maker], kind: str, seed: int, points: int) -> Member:

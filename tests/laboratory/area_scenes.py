@@ -1,11 +1,10 @@
-"""Corrected areas of scenes that once were wrong and sure of it, and of resolved roughness.
+"""Corrected areas of scenes that once were wrong and sure of it.
 
 `SCENES` are those in which users found the corrected area far from the truth and the claimed error
-smaller still; each says what was off then.  `aims` gives the mean and the rms error on rough
-surfaces of three and four points per shortest wavelength.  References are finer grids, E* is 1 and
-so is the period.
+smaller still; each says what was off then.  References are finer grids, E* is 1 and so is the
+period.  The study `resolution` has the errors on resolved roughness.
 
-`python -m laboratory.area_scenes` prints both tables, in some three minutes of one core.
+`python -m laboratory.area_scenes` prints the table, in some three minutes of one core.
 """
 
 from __future__ import annotations
@@ -19,26 +18,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from epcontact.scene import SelfAffineSpectrum
-from epcontact.studies.areas import FINER, Maker, Member, Random
-from epcontact.studies.paper_scene import PARTS
-from epcontact.surfaces import SelfAffine
-
-#: Error of A, A_pl and A_el in % that is aimed at with four points per shortest wavelength.  With
-#: three points, or a Hurst exponent of 0.3, it is twice as much.
-AIMS = {"total": 0.3, "plastic": 0.5, "elastic": 1.0}
-
-
-def _rough(patch: Member, rng: Random, hurst: float) -> Any:
-    """Self-affine roughness of rms slope 1."""
-    wave = 2 * math.pi
-    spectrum = SelfAffineSpectrum(hurst, wave, 2 * wave, patch.high * wave, 1.0)
-    return SelfAffine(spectrum, (1.0, 1.0), patch.shape, int(rng.integers(1 << 31))).build().heights
+from epcontact.studies.areas import FINER, Maker, Member, Random, roughness
 
 
 def _posts(patch: Member, rng: Random, count: int, width: float, slope: float) -> Any:
     """Square posts, as wide as a cell of the coarse grid, on roughness of a slope."""
-    heights = slope * _rough(patch, rng, 0.8)
+    heights = slope * roughness(patch, rng, 0.8, 0.8)
     for _ in range(count):
         cell = (np.floor(rng.uniform(size=2) / width) + 0.5) * width
         x, y = patch.offsets(cell - 0.5 / np.array(patch.shape))
@@ -59,7 +44,7 @@ def _strip(patch: Member, rng: Random) -> Any:
 
 
 def _worn(patch: Member, rng: Random) -> Any:
-    rough = _rough(patch, rng, 0.8)
+    rough = roughness(patch, rng, 0.8, 0.8)
     return np.minimum(rough, 0.4 * rough.std())
 
 
@@ -83,7 +68,7 @@ def _member(
 _peak = partial(_posts, count=1, width=1 / 64, slope=0.0)
 _outliers = partial(_posts, count=42, width=1 / 256, slope=0.02)
 _punch, _cone = partial(_disc, slope=np.inf), partial(_disc, slope=0.5)
-_hurst_3, _hurst_8 = partial(_rough, hurst=0.3), partial(_rough, hurst=0.8)
+_hurst_3, _hurst_8 = (partial(roughness, low=hurst, high=hurst) for hurst in (0.3, 0.8))
 _LIGHT = {"total": "-1.85 % (1.87)", "plastic": "-2.3 %"}
 _HEAVY = {"total": "-.98 % (1.2)", "plastic": "-1.7 %"}
 #: The errors that users found, and the claims beside them.
@@ -112,7 +97,7 @@ def judged(scenes: Iterable[Scene], seeds: Iterable[int] = range(1, 6)) -> pd.Da
     rows = []
     for scene in scenes:
         maker = scene.member.maker
-        random = maker is _worn or getattr(maker, "func", None) is _rough
+        random = maker is _worn or getattr(maker, "func", None) is roughness
         members = [replace(scene.member, drawn=seed) for seed in (seeds if random else (1,))]
         found = [(*one.areas(1), one.areas(scene.finer)[1]) for one in members]
         for part, was in scene.was.items():
@@ -127,42 +112,9 @@ def judged(scenes: Iterable[Scene], seeds: Iterable[int] = range(1, 6)) -> pd.Da
     return pd.DataFrame(rows)
 
 
-def aims(
-    seeds: Iterable[int] = range(12), load: float = 0.1, hardness: float = 0.6, high: int = 16
-) -> pd.DataFrame:
-    """Mean and rms error in % on rough surfaces, and what is aimed at.
-
-    Returns a row for each Hurst exponent, number of points per shortest wavelength and part: mean,
-    chance (standard error of the mean), rms, aim and claimed (median).
-    """
-    rows, fine = [], dict[tuple[float, int], Any]()
-    for hurst in (0.8, 0.3):
-        for points in (4, 3):
-            one = _member(partial(_rough, hurst=hurst), points * high, load, hardness, high)
-            for seed in seeds:
-                drawn = replace(one, drawn=seed)
-                if (hurst, seed) not in fine:  # 4 and 3 points share the reference
-                    fine[hurst, seed] = drawn.areas(FINER)[1]
-                _, now, claimed = drawn.areas(1)
-                for part in PARTS:
-                    exact = getattr(fine[hurst, seed], part)
-                    off = 100 * (getattr(now, part) / exact - 1)
-                    row = {"hurst": hurst, "points": points, "part": part, "off": off}
-                    rows.append(row | {"claimed": 100 * getattr(claimed, part) / exact})
-    groups = pd.DataFrame(rows).groupby(["hurst", "points", "part"], sort=False)
-    off = groups["off"]
-    table = pd.DataFrame({"mean": off.mean(), "chance": off.sem()})
-    table["rms"] = off.agg(lambda values: math.sqrt((values**2).mean()))
-    table = table.join(groups["claimed"].median()).reset_index()
-    twice = (1 + (table["points"] == 3)) * (1 + (table["hurst"] < 0.5))
-    table.insert(6, "aim", twice * table["part"].map(AIMS))
-    return table
-
-
 def main() -> None:
-    """Print the table of the scenes and that of the aims, in %."""
-    print(judged(SCENES).round(3).to_string(index=False), flush=True)
-    print(aims().round(3).to_string(index=False))
+    """Print the table of the scenes, in %."""
+    print(judged(SCENES).round(3).to_string(index=False))
 
 
 if __name__ == "__main__":

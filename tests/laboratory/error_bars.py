@@ -1,18 +1,14 @@
 """Fit the constants of the claimed errors of corrected areas.
 
-The constants are `rim_correction.ERRORS`.  They are fitted to an ensemble like that of
-`epcontact.studies.areas`, which judges them, but of other kinds of surfaces and other seeds.  The
-fit makes the claims as small as possible while COVERED of the errors lie within them: it minimises
-the mean of ln(claim) + max(0, ln(error/claim))/(1 - COVERED), whose minimum for a single claim is
-that quantile of the errors, and in which errors of all sizes and kinds count alike.
+They are `rim_correction.ERRORS`, and the ensemble is like that of `epcontact.studies.areas`, which
+judges them, but of other kinds of surfaces and other seeds.  The fit minimises the mean of
+ln(claim) + max(0, ln(error/claim))/(1 - COVERED), whose minimum for a single claim is that quantile
+of the errors, and in which errors of all sizes and kinds count alike.
 
-One surface in fourteen is on a larger grid, because these tell errors in common, which grow as the
-length of a front, from those by chance, which grow as its square root.
-
-`python -m laboratory.error_bars` prints the constants, in some ten minutes of one core.
-Two halves of the ensemble, each fitted alone, show how well it determines them: the constants
-of gaps differ by a factor of 2 and those of kinks by 8, but the loss of all by 0.04 only, because
-one can stand in for another.  So the tolerance is that of the loss.
+`python -m laboratory.error_bars` prints the constants, in some ten minutes of one core.  Two halves
+of the ensemble, each fitted alone, show how well it determines them: the constants of gaps differ
+by a factor of 2 and those of kinks by 8, but the loss of all by 0.04 only, because one can stand in
+for another.
 """
 
 from __future__ import annotations
@@ -25,17 +21,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
+from epcontact.bem.areas import rim_correction as rim
 from epcontact.bem.areas.grid import Sums
-from epcontact.bem.areas.rim_correction import (
-    ERRORS,
-    OBLONG,
-    TIP,
-    ErrorConstants,
-    areas_of_sums,
-    copies,
-    located_areas,
-    sums_of_fronts,
-)
+from epcontact.bem.areas.rim_correction import ERRORS, TIP, ErrorConstants
 from epcontact.results import Areas, FloatArray
 from epcontact.studies.areas import FINER, Member, Random, member, named
 from epcontact.studies.paper_scene import PARTS
@@ -138,12 +126,7 @@ KINDS |= named(_pyramids, _grooves, _spikes, _lapped)
 
 @dataclass(frozen=True)
 class Lesson:
-    """The parts of the claim for one surface, and the truth.
-
-    Attributes:
-        sums, share, cells, aspect: arguments of `rim_correction.areas_of_sums`.
-        exact: the areas on the fine grid.
-    """
+    """Arguments of `rim_correction.areas_of_sums` for one surface, and its areas on a fine grid."""
 
     sums: FloatArray
     share: float
@@ -158,10 +141,14 @@ def lessons(seeds: Iterable[int], points: int) -> list[Lesson]:
     for seed in seeds:
         for kind in KINDS:
             one = member(KINDS, kind, seed, points)
-            pressure, gap, (dx, dy) = one.solved(1)
-            sums = sums_of_fronts(pressure, gap, one.hardness, [dx, dy], 1.0)
-            share, exact, alike = one.load / one.hardness, one.areas(FINER)[1], copies(pressure)
-            out.append(Lesson(sums / alike, share, pressure.size / alike, dx / dy, exact))
+            solution = pressure, _, _, (dx, dy), _ = one.solved(1)
+            share, exact, alike = (
+                one.load / one.hardness,
+                one.areas(FINER)[1],
+                rim.copies(pressure),
+            )
+            sums, cells = rim.sums_of_fronts(*solution) / alike, pressure.size / alike
+            out.append(Lesson(sums, share, cells, dx / dy, exact))
     return out
 
 
@@ -169,7 +156,7 @@ def fitted_tip(known: Sequence[Lesson]) -> float:
     """Cells that each tip needs: the median over surfaces, those with more tips counting more."""
     needs, weights = [], []
     for one in known:
-        located = located_areas(one.sums, OBLONG * math.log(one.aspect) ** 2)
+        located = rim.located_areas(one.sums, rim.OBLONG * math.log(one.aspect) ** 2)
         off = (located - np.array([one.exact.total, one.exact.plastic]) * one.cells) * (1, -1)
         sums = Sums(*one.sums)
         tips, length = sums.tips[:, 0], sums.length.sum(axis=1)
@@ -185,7 +172,7 @@ def errors_and_claims(known: Sequence[Lesson], constants: ErrorConstants) -> Flo
     """(areas, 2): error and claim in cells of each part of the area of each surface."""
     out = []
     for one in known:
-        found, claim = areas_of_sums(one.sums, one.share, one.cells, one.aspect, constants)
+        found, claim = rim.areas_of_sums(one.sums, one.share, one.cells, one.aspect, constants)
         for part in PARTS if one.share else ("total",):
             off = abs(getattr(found, part) - getattr(one.exact, part))
             out.append([off * one.cells, getattr(claim, part) * one.cells])
@@ -213,6 +200,8 @@ def fitted(known: Sequence[Lesson], start: ErrorConstants = ERRORS) -> ErrorCons
 
 
 #: Seeds, and about how many points a side their grids have.
+#: Larger grids tell errors in common, which grow as the length of a front, from those by chance,
+#: which grow as its square root.
 ENSEMBLE = ((range(1000, 1100), 64), (range(2000, 2008), 160))
 
 
@@ -224,17 +213,10 @@ def main() -> None:
     print(f"{'':14s} in use  fitted  halves")
     for field in fields(ErrorConstants):
         here, whole, *halves = (getattr(c, field.name) for c in (ERRORS, *fits))
-        print(
-            f"{field.name:14s} {here:6.3f}  {whole:6.3f}  " + "  ".join(f"{h:.3f}" for h in halves)
-        )
-    usual = errors_and_claims(known, ERRORS)[:, 1]
+        print(f"{field.name:14s} {here:6.3f}  {whole:6.3f} ", *(f" {h:.3f}" for h in halves))
     for name, constants in zip(("in use", "fitted", "half", "half"), (ERRORS, *fits), strict=True):
         error, claim = errors_and_claims(known, constants).T
-        low, middle, high = np.quantile(claim / usual, [0.05, 0.5, 0.95])
-        print(
-            f"{name}: {np.mean(error <= claim):.3f} covered, loss {loss(known, constants):.3f}, "
-            f"claims {middle:.2f} ({low:.2f} to {high:.2f}) times those in use"
-        )
+        print(f"{name}: {np.mean(error <= claim):.3f} covered, loss {loss(known, constants):.3f}")
 
 
 if __name__ == "__main__":

@@ -1,21 +1,20 @@
 """The laboratory of the rim correction: it measures the constants of `bem.areas`.
 
-Rows.  A straight front with its normal n along the lattice direction (a, b) divides a square grid
-into rows of one pressure each, h = dx/sqrt(a^2 + b^2) apart.  Their compliance at the wave number
-q is that of the grid at q n folded into its first Brillouin zone, 2/(E* |fold(q n)|).  So a problem
-on a line gives the answer for fronts of any direction.
+A straight front with its normal n along the lattice direction (a, b) divides a square grid into
+rows of one pressure each, h = dx/sqrt(a^2 + b^2) apart.  Their compliance at the wave number q is
+that of the grid at q n folded into its first Brillouin zone, 2/(E* |fold(q n)|).  So a problem on a
+line gives the answer for fronts of any direction.
 
-One front.  A Wiener-Hopf factorisation on the half-line of rows solves the problem.  Fronts of
-every position have the pressures (1/S_+) (alpha n + beta), 0 <= beta <= alpha.  Far inside, these
-are the continuum's K sqrt(s) with the front shifted by
+A Wiener-Hopf factorisation on the half-line of rows gives one front: (1/S_+)(alpha n + beta),
+0 <= beta <= alpha.  Far inside, this is the continuum's K sqrt(s) with the front
     delta(n)/dx = -(1/pi) int_0^inf ln(|fold(t n)|/t) dt/t^2
 behind the edge of the counted cells, averaged over positions: 0.190 along the grid's axes, 0.134
 along the diagonals.  A front located by `bem.areas.grid` is 0.190 dx off along the axes at any
 position, and 0.164 along the diagonals.
 
-Two fronts.  If an elastic strip of width w separates apart and plastic points, the offset vanishes
-with w, overshoots and settles at a spacing's width.  Solutions over all w, directions and positions
-give it as a function of u = hardness/|grad v|, which is known in each cell.
+If an elastic strip of width w separates apart and plastic points, the offset vanishes with w,
+overshoots and settles at a spacing's width.  Solutions over all w, directions and positions give it
+as a function of u = hardness/|grad v|, which is known in each cell.
 
 `python -m laboratory.rim` prints the constants and tables, in some ten seconds.
 """
@@ -33,10 +32,10 @@ from epcontact.bem.areas import grid
 from epcontact.bem.areas.front import AXIS_OFFSET, KINK, STIFFNESS, empty_links, locate
 from epcontact.bem.areas.hidden import CORNER
 from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, LOCATED, OBLONG, sums_of_fronts
-from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
 from epcontact.results import FloatArray
+from epcontact.studies.areas import solution
 
 #: Lattice directions of the fronts over an eighth of the circle; symmetry gives the rest.
 DIRECTIONS = ((1, 0), (23, 1), (17, 3), (15, 4), (13, 5), (11, 7), (13, 9), (11, 9), (1, 1))
@@ -70,24 +69,7 @@ def front_offset(angle: float, limit: float = 400 * math.pi, points: int = 2_000
     return -(integral + (mean - math.log(limit) - 1) / limit) / math.pi
 
 
-def solved(
-    heights: FloatArray,
-    load: float,
-    hardness: float = math.inf,
-    period: float = 1.0,
-    compliance: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """(pressure, gap) of heights on a line or grid; without a compliance on that of E* = 1."""
-    if compliance is None:
-        q = rfft_wavenumbers(heights.shape, (period,) * heights.ndim)
-        q.flat[0] = np.inf
-        compliance = 2 / q
-    options = Options(tolerance=1e-7)
-    solution = solve_pressure(heights, compliance, load, hardness, options=options)
-    return solution.pressure, solution.displacement + solution.offset - heights
-
-
-def wave(points: int, phase: float) -> FloatArray:
+def wave(points: int, phase: float = 0.0) -> FloatArray:
     """One period of a cosine, shifted by `phase` points."""
     return np.cos(2 * np.pi * (np.arange(points) + phase) / points)
 
@@ -113,7 +95,9 @@ def front_sums(
     q = 2 * np.pi * np.arange(n // 2 + 1) / n
     folded = np.hypot(fold(q * a), fold(q * b))
     folded[0] = np.inf
-    p, g = solved(wave(n, phase), load, hardness, compliance=2 / folded)
+    options, heights = Options(tolerance=1e-7), wave(n, phase)
+    found = solve_pressure(heights, 2 / folded, load, hardness, options=options)
+    p, g = found.pressure, found.gap(heights)
     column = (a * np.arange(n)[:, None] + b * (np.arange(6) - 2)) % n  # this strip meets every row
     fields, stiffness = (p[column], g[column], hardness * (1 - 1e-12)), (STIFFNESS, STIFFNESS)
     # Cells whose last corner is in the fourth of the six columns have all that they need.
@@ -128,7 +112,7 @@ def front_sums(
 def exact_fronts(hardness: float, period: float, points: int = 1 << 16) -> tuple[float, float]:
     """Half-widths of contact and of the plastic part (dx) of one wave, on a very fine line."""
     spacing = period / points
-    p, g = solved(wave(points, 0.3), hardness / 2, hardness, period)
+    p, g, *_ = solution(wave(points, 0.3), hardness / 2, hardness, (period,))
     field = p - STIFFNESS / spacing * g
     contact = _length(field) / 2 * spacing
     plastic = (points - _length(hardness - field)) / 2 * spacing
@@ -154,12 +138,11 @@ def all_directions(along: int = 40, across: int = 2) -> Fronts:
     angles = np.array([math.atan2(b, a) for a, b in DIRECTIONS])
     weights = np.diff(np.r_[angles[0], (angles[1:] + angles[:-1]) / 2, angles[-1]])
     weights /= weights.sum()
-    out = []
-    for direction, weight in zip(DIRECTIONS, weights, strict=True):
-        count = along if max(direction) == 1 else across
-        phases = [(k + 0.5) / count for k in range(count)]
-        out.append((direction, float(weight) / count, phases))
-    return out
+    counts = [along if max(direction) == 1 else across for direction in DIRECTIONS]
+    return [
+        (direction, float(weight) / count, [(k + 0.5) / count for k in range(count)])
+        for direction, weight, count in zip(DIRECTIONS, weights, counts, strict=True)
+    ]
 
 
 def calibrate_directions() -> tuple[float, float, float]:
@@ -167,25 +150,21 @@ def calibrate_directions() -> tuple[float, float, float]:
 
     The scatter is the largest rms distance of all directions, over the positions of the front.
     """
-    load = 0.5
-    exact = line_contact_fraction(load) / 2
+    load, exact = 0.5, line_contact_fraction(0.5) / 2
     offsets, weights = [], []
     for direction, weight, phases in all_directions(40, 1):
         weights.append(weight * len(phases))
         period = row_period(direction, PERIOD)[1]
-        pressure = load * math.pi / period
-        each = [front_sums(direction, PERIOD, s, pressure)[0] for s in phases]
+        each = [front_sums(direction, PERIOD, s, load * math.pi / period)[0] for s in phases]
         sums = grid.Sums(*np.array(each)[..., 0].T)
         offsets.append((sums.area - exact * period) / sums.length)
     waves = np.array([math.cos(4 * math.atan2(b, a)) for a, b in DIRECTIONS])
     means = [each.mean() for each in offsets]
     amplitude, _ = np.polyfit(waves, means, 1)
     mean = np.average(means - amplitude * waves, weights=weights)
-    scatter = max(
-        math.sqrt(np.mean((each - mean - amplitude * wave) ** 2))
-        for each, wave in zip(offsets, waves, strict=True)
-    )
-    return float(mean), float(amplitude), scatter
+    fit = mean + amplitude * waves
+    scatter = max(np.sqrt(np.mean((a - b) ** 2)) for a, b in zip(offsets, fit, strict=True))
+    return float(mean), float(amplitude), float(scatter)
 
 
 def calibrate_strips(fronts: Fronts) -> tuple[FloatArray, float]:
@@ -232,8 +211,7 @@ def spheres(
     exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
     for shift in np.random.default_rng(seed).uniform(size=(shifts, 2)):
         x, y = ((np.arange(n) + s) / n - 0.5 for n, s in zip(shape, shift, strict=True))
-        p, g = solved(-(x[:, None] ** 2 + y**2) / 2, force)
-        sums = sums_of_fronts(p, g, math.inf, (1 / shape[0], 1 / shape[1]), 1.0)
+        sums = sums_of_fronts(*solution(-(x[:, None] ** 2 + y**2) / 2, force))
         yield grid.Sums(*sums[:, 0].sum(axis=-1)), exact * shape[0] * shape[1]
 
 
@@ -271,7 +249,7 @@ def calibrate_kink(points: int = 96, finer: int = 32) -> tuple[float, float]:
             places = []
             for n in (points * finer, points):
                 away = np.maximum(abs((np.arange(n) / n - centre + 0.5) % 1 - 0.5) - half, 0)
-                p, g = solved(-slope * (away + bend * away**2), load)
+                p, g, *_ = solution(-slope * (away + bend * away**2), load)
                 last = next(i for i in range(round(centre * n), 2 * n) if p[(i + 1) % n] <= 0)
                 link, nearby = empty_links(1), np.arange(last - 2, last + 4) % n
                 link.values[:, 0] = v = p[nearby] - STIFFNESS * n * g[nearby]
