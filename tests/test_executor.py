@@ -25,8 +25,6 @@ from epcontact.harness.processes import made
 from epcontact.results import package_versions
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
-
-
 THEORY = (
     ('methods = ["persson", "bem"]', 'methods = ["persson"]'),
     ('of = "bem"\nagainst = "persson"', 'of = "persson"\nagainst = 0.1\nsource = "made"'),

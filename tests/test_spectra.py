@@ -48,6 +48,8 @@ def exact_shape_moment(s: SelfAffineSpectrum, order: int, dimension: int, upper:
 def test_moments_equal_their_integrals(hurst: float, dimension: int) -> None:
     spectrum = SelfAffineSpectrum(hurst, 3.0, 7.0, 900.0, 0.4)
     full_slope = exact_shape_moment(spectrum, 2, dimension, 900.0)
+    plateau = float(density(spectrum, 5.0, dimension))
+    assert plateau * full_slope == pytest.approx(0.4**2, rel=1e-13)
     for order in (0, 2, 4):
         for upper in (5.0, 7.0, 60.0, 900.0):
             exact = 0.4**2 * exact_shape_moment(spectrum, order, dimension, upper) / full_slope
