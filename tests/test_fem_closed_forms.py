@@ -13,7 +13,6 @@ from scipy.optimize import brentq
 
 from epcontact import bem
 from epcontact.reference import bumps, waves
-from epcontact.results import ContactResult
 from epcontact.scene import Load, Material, Scene, Surface
 from fem_check import plasticity, solve, solve_path, surface_compliance
 from fem_check.vtu import von_mises
@@ -115,16 +114,14 @@ def test_yield_sets_in_where_hertz_and_mises_say(nu: float) -> None:
     assert depth / radius == pytest.approx(where, abs=0.04)
 
 
-def sphere(
-    severity: float, *, nodes: int = 64, nodes_to_rim: float = 10.0
-) -> tuple[float, float, float]:
+def sphere(severity: float) -> tuple[float, float, float]:
     """(force in N, area in m^2, yield stress in Pa) of the J2 sphere whose contact, at about
-    E* a/(sigma_Y R) = `severity`, is `nodes_to_rim` nodes in radius; nu = 0.3."""
+    E* a/(sigma_Y R) = `severity`, is ten nodes in radius; nu = 0.3."""
     yield_stress = effective(0.3) * SLENDER / severity
     # A guess of the load: Hertz below, Johnson's cavity model above, 2.8 Y at most.
     guess = 0.4 * severity if severity < 3.5 else 2 / 3 * (1 + math.log(severity / 3))
     force = min(2.8, guess) * yield_stress * math.pi * SLENDER**2
-    scene = sphere_scene(force, nodes=nodes, nodes_to_rim=nodes_to_rim, yield_stress=yield_stress)
+    scene = sphere_scene(force, nodes=64, nodes_to_rim=10, yield_stress=yield_stress)
     final = solve(scene, steps=4, certified=False).final
     return force, final.areas["corrected"].total * scene.surface.periods[0] ** 2, yield_stress
 
@@ -144,7 +141,7 @@ def test_the_sphere_lies_between_the_published_fits(severity: float) -> None:
 
 
 @pytest.mark.long
-def test_the_mean_pressure_rises_along_johnsons_curve_on_any_grid() -> None:
+def test_the_mean_pressure_rises_along_johnsons_curve() -> None:
     found = {}
     for severity in (5.0, 10.0, 20.0, 42.0):
         force, area, yield_stress = sphere(severity)
@@ -157,26 +154,9 @@ def test_the_mean_pressure_rises_along_johnsons_curve_on_any_grid() -> None:
             assert 0 < found[severity] - core / yield_stress < 1
     assert sorted(found.values()) == list(found.values())
     assert 2.6 < found[42.0] < 2.9  # full plasticity (Johnson 1985)
-    for nodes, rim in ((48, 6), (96, 14)):
-        force, area, yield_stress = sphere(20.0, nodes=nodes, nodes_to_rim=rim)
-        assert force / area / yield_stress == pytest.approx(found[20.0], rel=0.03)
 
 
 # Finite elements against boundary elements -----------------------------------------------------
-
-
-def both(scene: Scene, law: str, *, like_for_like: bool) -> tuple[ContactResult, ContactResult]:
-    """The same law on the same body, or on the half-space."""
-    compliance = surface_compliance(scene) if like_for_like else None
-    if law == "elastic":
-        scene = replace(scene, material=replace(scene.material, hardness=math.inf))
-    fem = solve(scene, law=law, certified=False)
-    return fem, bem.solve(scene, compliance=compliance, threads=1)
-
-
-def distance(a: ContactResult, b: ContactResult) -> float:
-    p, q = a.fields["pressure"], b.fields["pressure"]
-    return float(np.linalg.norm(p - q) / np.linalg.norm(q))
 
 
 @pytest.mark.parametrize("law", ["elastic", "capped"])
@@ -189,21 +169,11 @@ def test_on_the_same_body_they_agree_node_by_node(
     law: str, seed: int, nodes: int, highest: int, dimensions: int, pressure: float
 ) -> None:
     scene = rough_scene(nodes, highest, dimensions=dimensions, seed=seed, pressure=pressure)
-    fem, other = both(scene, law, like_for_like=True)
-    np.testing.assert_array_equal(fem.fields["state"], other.fields["state"])
-    assert distance(fem, other) < 1e-6  # both solve to 1e-8; measured 1e-9 to 3e-8
+    if law == "elastic":
+        scene = replace(scene, material=replace(scene.material, hardness=math.inf))
+    fem = solve(scene, law=law, certified=False).fields
+    other = bem.solve(scene, compliance=surface_compliance(scene), threads=1).fields
+    np.testing.assert_array_equal(fem["state"], other["state"])
     rms = scene.surface.heights.std()
-    for name in ("gap", "displacement"):
-        assert np.abs(fem.fields[name] - other.fields[name]).max() < 1e-6 * rms
-
-
-@pytest.mark.parametrize("law", [pytest.param("elastic", marks=pytest.mark.slow), "capped"])
-def test_they_converge_to_each_other_on_the_half_space(law: str) -> None:
-    grids = np.array([32, 64, 128])
-    found = [both(rough_scene(int(n), 4), law, like_for_like=False) for n in grids]
-    errors = [distance(*pair) for pair in found]
-    # First order, by the elements' softness on short waves; measured 1.0 to 1.2.
-    assert -np.polyfit(np.log(grids), np.log(errors), 1)[0] > 0.8
-    assert errors[-1] < 0.025  # 32 points a wave
-    fem, other = (result.final.areas["corrected"].total for result in found[-1])
-    assert fem == pytest.approx(other, rel=0.02)
+    for name, unit in {"pressure": 1.0, "gap": rms, "displacement": rms}.items():
+        assert np.abs(fem[name] - other[name]).max() < 1e-6 * unit  # both solve to 1e-8
