@@ -19,7 +19,7 @@ from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.case_files.case import Case, load_case
 from epcontact.harness.crosscheck import crosscheck, error_budget, measured_hardness
-from epcontact.harness.gates.distances import Difference, difference, distance
+from epcontact.harness.gates import Difference, difference, distance
 from epcontact.harness.quantities.model_difference import combined, elements_compliance
 from epcontact.harness.quantities.registry import QUANTITIES, measure_all
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance

@@ -14,7 +14,7 @@ import pytest
 from breaking import FAULTS, Fault, fails_under, status_under
 from breaking.fault import REFUSED
 
-from epcontact.harness.gates.gate import HOLDS
+from epcontact.harness.gates import HOLDS
 
 
 def dear(fault: Fault) -> bool:

@@ -65,7 +65,7 @@ def test_the_rim_of_a_line_lies_where_the_areas_say(nu: float) -> None:
 
 def test_hertz_spheres_area_is_met_once_the_rim_is_taken_off() -> None:
     rng, found = np.random.default_rng(41), []
-    force = bumps.sphere_force(0.15, 10.0, effective(0.3))
+    force = 4 * effective(0.3) * 0.15**3 / (3 * 10.0)
     exact = bumps.sphere_contact_radius_periodic(force, 10.0, effective(0.3), 1.0)
     for _ in range(8):
         x, y = ((np.arange(64) + s) / 64 - 0.5 for s in rng.random(2))

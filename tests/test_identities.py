@@ -22,8 +22,7 @@ from epcontact.results import (
     Provenance,
 )
 from epcontact.surfaces import Sinusoid
-from fem_check.certify import certify
-from fem_check.driver import solve_path
+from fem_check.driver import certify, solve_path
 
 SURFACE = Sinusoid((1.0, 0.75), (16, 12), amplitude=0.01, direction="both").build()
 SCENE = Scene(SURFACE, Material(1.0, 0.3, hardness=0.05), Load((0.008, 0.01, 0.012)))

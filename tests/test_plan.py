@@ -12,7 +12,7 @@ from epcontact import bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
-from epcontact.harness.gates.statistics import student_half_width
+from epcontact.harness.gates import student_half_width
 from epcontact.planning import achieved_error, auto_case, finer_case, grids, pilots, plan
 from epcontact.planning import planned_case as planned
 from epcontact.reference import CLOSED_FORMS

@@ -58,7 +58,7 @@ def test_spheres_on_a_lattice() -> None:
     alone = bumps.sphere_contact_radius_periodic(12.0, RADIUS, MODULUS, math.inf)
     assert alone == pytest.approx(a, rel=1e-12)
     for ratio in (0.05, 0.1, 0.2):
-        force = bumps.sphere_force(ratio * L, RADIUS, MODULUS)
+        force = 4 * MODULUS * (ratio * L) ** 3 / (3 * RADIUS)
         found = bumps.sphere_contact_radius_periodic(force, RADIUS, MODULUS, L) / (ratio * L)
         assert found == pytest.approx((1 + 1.91699406 * ratio**3) ** (-1 / 3), abs=3 * ratio**5)
         assert found < 1
@@ -234,7 +234,7 @@ def on_a_wave(points: int, place: np.ndarray) -> list[float]:
 
 def on_a_sphere(points: int, place: np.ndarray) -> list[float]:
     """Errors of the areas of a sphere at a place."""
-    force = bumps.sphere_force(0.2e-3, 1e-2, STIFFNESS)
+    force = 4 * STIFFNESS * 0.2e-3**3 / (3 * 1e-2)
     radius = bumps.sphere_contact_radius_periodic(force, 1e-2, STIFFNESS, 1e-3)
     recipe = Paraboloid((1e-3, 1e-3), (points, points), 1e-2, tuple(place))
     areas = bem.solve(Scene(recipe.build(), ELASTIC, Load(force / 1e-6)), threads=1).final.areas

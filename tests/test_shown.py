@@ -27,8 +27,7 @@ from epcontact.errors import OutputError
 from epcontact.harness.answers.pictures import theory_densities
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
-from epcontact.harness.gates.gate import GateVerdict
-from epcontact.harness.gates.statistics import Estimate
+from epcontact.harness.gates import Estimate, GateVerdict
 from epcontact.harness.verdict.judgement import CaseVerdict, MethodEntry, Verdict
 from epcontact.output.charts.curves import pressure_distribution
 from epcontact.output.charts.maps import contact_map

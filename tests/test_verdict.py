@@ -21,8 +21,7 @@ from epcontact.errors import InvalidCase, OutputError
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case, load_case
-from epcontact.harness.gates.distances import distance
-from epcontact.harness.gates.gate import Gate, judge, judge_distance, unjudged
+from epcontact.harness.gates import Gate, distance, judge, judge_distance, unjudged
 from epcontact.harness.verdict.judgement import Verdict, judge_case
 from epcontact.harness.verdict.read_back import require_faithful
 from epcontact.harness.verdict.verification import verify, write_verdict

@@ -38,7 +38,7 @@ COMMANDS = {
     "run": "cases",
     "schema": "show",
     "stability": "studies",
-    "sweep": "sweeps",
+    "sweep": "plans",
     "verify": "cases",
     "view": "figures",
 }

@@ -10,8 +10,7 @@ from rich.table import Table
 from epcontact.cli.listing import WIDE, table_of
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
-from epcontact.harness.gates.gate import GateVerdict
-from epcontact.harness.gates.statistics import Estimate, estimate
+from epcontact.harness.gates import Estimate, GateVerdict, estimate
 from epcontact.harness.verdict.judgement import CaseVerdict
 
 STYLES = {"holds": "green", "falls short": "bold red", "error": "bold red", "skipped": "yellow"}

@@ -30,8 +30,7 @@ import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import Case
-from epcontact.harness.gates.distances import Difference, difference
-from epcontact.harness.gates.statistics import estimate, standard_deviation
+from epcontact.harness.gates import Difference, difference, estimate, standard_deviation
 from epcontact.harness.methods.registry import EITHER_WAY
 from epcontact.harness.quantities.model_difference import (
     EffectiveHardness,

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from epcontact.harness.case_files.case import Case
-from epcontact.harness.gates.statistics import standard_deviation, student_half_width
+from epcontact.harness.gates import standard_deviation, student_half_width
 from epcontact.harness.methods.registry import METHODS
 from epcontact.machine import available_cores
 from epcontact.planning.grids import ladder, on_grid

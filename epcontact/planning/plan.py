@@ -29,8 +29,7 @@ import numpy as np
 from epcontact.errors import EpcontactError, InvalidCase, InvalidScene
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case, CaseText, load_case
-from epcontact.harness.gates.gate import Gate
-from epcontact.harness.gates.statistics import standard_deviation, student_half_width
+from epcontact.harness.gates import Gate, standard_deviation, student_half_width
 from epcontact.harness.methods.registry import METHODS
 from epcontact.planning.grids import Section, on_grid, one_directional, points_per_wavelength
 from epcontact.planning.pilots import (

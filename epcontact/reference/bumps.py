@@ -47,11 +47,6 @@ def sphere_contact_radius(force: float, radius: float, effective_modulus: float)
     return math.cbrt(3 * force * radius / (4 * effective_modulus))
 
 
-def sphere_force(contact_radius: float, radius: float, effective_modulus: float) -> float:
-    """F = 4 E* a^3 / (3 R) in N, of a single sphere; the inverse of `sphere_contact_radius`."""
-    return 4 * effective_modulus * contact_radius**3 / (3 * radius)
-
-
 def sphere_contact_radius_periodic(
     force: float, radius: float, effective_modulus: float, period: float
 ) -> float:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from epcontact.harness.gates.statistics import estimate
+from epcontact.harness.gates import estimate
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.plot import Plot, draw_table
 

@@ -13,7 +13,7 @@ from scipy.special import erf, erfc
 
 from epcontact import bem, persson
 from epcontact.bem.areas.distribution import end_fit, end_fits, extrapolated
-from epcontact.harness.gates.statistics import estimate
+from epcontact.harness.gates import estimate
 from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import CYCLE, PART_COLOURS
 from epcontact.persson.series import SWITCH

@@ -16,7 +16,7 @@ import pytest
 
 from epcontact.errors import OutputError
 from epcontact.harness.case_files.case import Case, find_named, load_case
-from epcontact.harness.gates.gate import FALLS_SHORT
+from epcontact.harness.gates import FALLS_SHORT
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.verdict.verification import verify
 

@@ -27,7 +27,7 @@ from breaking.fault import (
 from epcontact.harness.quantities.registry import QUANTITIES
 
 H = "epcontact.harness."
-GATE, QUANTITY = H + "gates.gate.", H + "quantities.registry."
+GATE, QUANTITY = H + "gates.", H + "quantities.registry."
 RUN, VERDICT = H + "answers.run.", H + "verdict."
 
 
@@ -90,7 +90,7 @@ def _times(factor: Callable[[str, float, float, float], float]) -> Patch:
 
         return wrong
 
-    return changed(H + "gates.distances.distance", change)
+    return changed(H + "gates.distance", change)
 
 
 def _elastic(case: Any, recipe: Any) -> tuple[Any, Any]:
@@ -117,7 +117,7 @@ FAULTS = (
             "the supremum for the Wasserstein distance":
                 given(DISTANCE, lambda norm, *rest: ("supremum", *rest)),
             "carried pressure without the factor 1/2":
-                scaled(H + "gates.distances.carried_pressure", 2.0),
+                scaled(H + "gates.carried_pressure", 2.0),
         }.items()
     ),
     *(
@@ -166,12 +166,12 @@ FAULTS = (
         for what, patch in {
             "intervals without width": on_result(GATE + "estimate", _without_width),
             "the largest for the mean": changed(GATE + "estimate", _largest),
-            "an interval of 68 %": at(H + "gates.statistics.CONFIDENCE", 0.68),
+            "an interval of 68 %": at(H + "gates.CONFIDENCE", 0.68),
             "the interval of a single value for that of the mean": changed(
-                H + "gates.statistics.student_half_width", lambda f: lambda s, n: f(s, n) * n**0.5
+                H + "gates.student_half_width", lambda f: lambda s, n: f(s, n) * n**0.5
             ),
             "n for n - 1 in the standard deviation": scaled(
-                H + "gates.statistics.standard_deviation", 0.5**0.5
+                H + "gates.standard_deviation", 0.5**0.5
             ),
             "pairs taken as independent": given(
                 VERDICT + "judgement.judge",

@@ -207,7 +207,7 @@ def spheres(
 ) -> Iterator[tuple[grid.Sums, float]]:
     """The sums over the fronts of spheres at random places on a square of side 1, and the area of
     each in cells, exact by Hertz."""
-    force = bumps.sphere_force(radius, 1.0, 1.0)
+    force = 4 / 3 * radius**3
     exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
     for shift in np.random.default_rng(seed).uniform(size=(shifts, 2)):
         x, y = ((np.arange(n) + s) / n - 0.5 for n, s in zip(shape, shift, strict=True))

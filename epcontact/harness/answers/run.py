@@ -33,8 +33,7 @@ from epcontact.files import (
     write_collection,
     write_json,
 )
-from epcontact.harness.answers.description import described
-from epcontact.harness.answers.store import Answer, Task, basis, keep, kept, summary
+from epcontact.harness.answers.store import Answer, Task, basis, described, keep, kept, summary
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.methods import foreign
 from epcontact.harness.methods.registry import METHODS, Method

@@ -30,7 +30,7 @@ from pydantic import (
 from epcontact import surfaces
 from epcontact.errors import InvalidScene, nearest
 from epcontact.harness.case_files.axes import SweepTable, key
-from epcontact.harness.gates.gate import DISTRIBUTION_NORMS, Gate, Norm
+from epcontact.harness.gates import DISTRIBUTION_NORMS, Gate, Norm
 from epcontact.harness.methods.registry import METHODS, BemTable, FemTable, Table, TheoryTable
 from epcontact.harness.quantities.registry import QUANTITIES, REPORTED_GROUPS
 from epcontact.materials.hardness_map import MappedHardness, effective_hardness

@@ -11,6 +11,7 @@ what the rest of the package needs to know about it.  Entries come from three so
 from __future__ import annotations
 
 import importlib.util
+import math
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -24,14 +25,18 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 import fem_check
 from epcontact import bem
+from epcontact.bem.memory import bytes_per_point
 from epcontact.errors import InvalidCase, nearest
-from epcontact.harness.methods import foreign, memory
+from epcontact.harness.methods import foreign
 from epcontact.machine import compile_seconds, provide_kernel_cache
+from epcontact.materials.moduli import effective_modulus
 from epcontact.results import ContactResult
-from epcontact.scene import Load, Material, Scene, Surface
+from epcontact.scene import Body, Load, Material, Scene, Surface
+from epcontact.surfaces import Recipe, SelfAffine
 from fem_check.options import FemOptions, Geometry, LawName
 
 Solve = Callable[[Scene, Mapping[str, Any], int | None], ContactResult]
+MemoryEstimate = Callable[[Recipe, Material, Body, Load, Mapping[str, Any]], float]
 
 
 class Table(BaseModel):
@@ -90,6 +95,58 @@ class FemTable(Table):
         return self
 
 
+# --- the memory of a solve ----------------------------------------------------------------------
+
+_PROCESS = 2**28  # bytes of a process with its libraries
+_SMALL, _MOST = 2**14, 2**15  # below so many points a solve takes at most so many bytes a point
+
+
+def bytes_of_task(
+    estimate: MemoryEstimate,
+    recipe: Recipe,
+    scene: tuple[Material, Body, Load],
+    options: Mapping[str, Any],
+) -> float:
+    """Return the bytes of a process that solves a scene; a rough bound for small grids.
+
+    How many solves a machine makes side by side, and which solves a worker of a cluster is not
+    asked to do, follows from it before a surface is made.
+    """
+    points = math.prod(recipe.shape)
+    needed = _MOST * points if points < _SMALL else estimate(recipe, *scene, options)
+    return _PROCESS + needed
+
+
+def _surface_bytes(recipe: Recipe, *_: Any) -> float:
+    """Estimate the bytes of a method that needs little more than the heights and their modes."""
+    return 32.0 * math.prod(recipe.shape)
+
+
+def _grid_bytes(recipe: Recipe, material: Material, _: Body, load: Load, *__: Any) -> float:
+    """Estimate the bytes of the boundary elements, heights included."""
+    stiffness = effective_modulus(material) * _slope(recipe)
+    pressure = load.final or max(load.path)
+    return (8 + bytes_per_point(pressure, material.hardness, stiffness)) * math.prod(recipe.shape)
+
+
+def _block_bytes(
+    recipe: Recipe, material: Material, body: Body, load: Load, options: Mapping[str, Any]
+) -> float:
+    """Estimate the bytes of the finite elements."""
+    from fem_check.mesh import block_for, bytes_needed  # loads solvers
+
+    flat = Scene(Surface(np.zeros(recipe.shape), recipe.periods), material, load, body)
+    given = FemOptions(**options)
+    return bytes_needed(flat, given, block_for(flat, given), _slope(recipe))
+
+
+def _slope(recipe: Recipe) -> float:
+    return recipe.spectrum.rms_slope if isinstance(recipe, SelfAffine) else 0.0
+
+
+# --- methods -------------------------------------------------------------------------------------
+
+
 def _nothing() -> None:
     """Load nothing; unlike a lambda, this can be sent to a worker."""
 
@@ -108,7 +165,7 @@ class Method:
             called with a share that is done and a sentence: the keyword by which it writes every
             load, `on_step`, a function that is called with a result of that load, or `output`, a
             folder for the deformed body.
-        memory: estimates the bytes of a solve, see `memory`.
+        memory: estimates the bytes of a solve, beside the process and its libraries.
         load: loads the modules and the compiled kernels of a solve, by a solve that takes no time.
         requires: a module of the extra `peers` that the method needs.
         source: `module:function` or command of a solver from outside the package.
@@ -121,7 +178,7 @@ class Method:
     has_fields: bool = True
     has_model_measures: bool = False
     steps: Literal["", "on_step", "output"] = ""
-    memory: memory.Estimate = memory.of_surface
+    memory: MemoryEstimate = _surface_bytes
     load: Callable[[], None] = _nothing
     requires: str = ""
     source: str = ""
@@ -199,11 +256,11 @@ _OWN = (
     ),
     Method(
         "bem", "FFT boundary elements with a pressure cap", _bem, "bem",
-        steps="on_step", memory=memory.of_grid, load=partial(_warm_up, _bem, 128),
+        steps="on_step", memory=_grid_bytes, load=partial(_warm_up, _bem, 128),
     ),
     Method(
         "fem", "finite elements, elastic, with a pressure cap or with J2 flow", _fem, "fem",
-        has_model_measures=True, steps="output", memory=memory.of_block,
+        has_model_measures=True, steps="output", memory=_block_bytes,
         load=partial(_warm_up, _fem, 8, layers=2),
     ),
 )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from epcontact.harness import interface
-from epcontact.harness.gates.distances import carried_pressure
+from epcontact.harness.gates import carried_pressure
 from epcontact.harness.quantities.answered import Answered
 from epcontact.harness.quantities.registry import quantity
 from epcontact.reference import roughness

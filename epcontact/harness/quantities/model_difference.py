@@ -18,7 +18,7 @@ import numpy as np
 import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase
-from epcontact.harness.gates.distances import Difference, difference, l2_distance
+from epcontact.harness.gates import Difference, difference, l2_distance
 from epcontact.harness.quantities.answered import Answered
 from epcontact.harness.quantities.registry import quantity
 from epcontact.materials.moduli import effective_modulus

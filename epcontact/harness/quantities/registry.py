@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.gates.distances import l2_distance
+from epcontact.harness.gates import l2_distance
 from epcontact.harness.quantities.answered import Answered
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import ContactResult

@@ -20,19 +20,19 @@ from pydantic import Field, PrivateAttr
 from epcontact.errors import EpcontactError, InvalidCase, sentence_of
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
-from epcontact.harness.gates.distances import distance
-from epcontact.harness.gates.gate import (
+from epcontact.harness.gates import (
     DISTRIBUTION_NORMS,
     ERROR,
     FALLS_SHORT,
     HOLDS,
     Gate,
     GateVerdict,
+    Record,
+    distance,
     judge,
     judge_distance,
     unjudged,
 )
-from epcontact.harness.gates.statistics import Record
 from epcontact.harness.quantities.registry import read_quantity
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution, package_versions

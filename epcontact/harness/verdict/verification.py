@@ -24,7 +24,7 @@ from epcontact.harness.case_files.case import (
     find_named,
     load_cases,
 )
-from epcontact.harness.gates.gate import ERROR, FALLS_SHORT
+from epcontact.harness.gates import ERROR, FALLS_SHORT
 from epcontact.harness.methods.registry import METHODS, REPLACED, solver_named
 from epcontact.harness.verdict.judgement import SKIPPED, CaseVerdict, Verdict, judge_case
 from epcontact.harness.verdict.read_back import require_faithful
