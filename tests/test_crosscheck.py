@@ -130,9 +130,7 @@ def test_the_measures_say_what_they_mean(flowed) -> None:
     assert found["model_distance"] == pytest.approx(expected)
     assert found["elements_area"] == pytest.approx(below.sum() / exact - 1)
     assert found["model_area"] > 2 * abs(found["elements_area"])  # 8 nodes a wave do
-    assert 1.5 < found["effective_hardness"] < 2.3
     assert found["effective_overlap"] > found["model_overlap"]
-    # The place of the contact counts, and one measure alone is what it is among all.
     turned = replace(j2, fields=dict(j2.fields) | {"state": j2.fields["state"].T})
     assert measured(scene, turned, "quantity.model_area")["model_area"] == found["model_area"]
     assert measured(scene, turned)["model_overlap"] < found["model_overlap"] / 2
@@ -242,7 +240,6 @@ def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny) -> None:
     found = re.findall(r"mean c_eff = (\S+) \+- (\S+) ", lines[-1])[0]
     assert [float(x) for x in found] == pytest.approx([expected[0], combined(parts)], abs=4e-3)
     assert parts["seeds"] == pytest.approx(expected[1], abs=1e-3)
-    assert 1.6 < float(summed["largest pressure of j2 over sigma_Y"].split()[0]) < 3.5
 
 
 @pytest.mark.parametrize(
