@@ -12,11 +12,10 @@ from epcontact import bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
-from epcontact.harness.gates import student_half_width
 from epcontact.planning import achieved_error, auto_case, finer_case, grids, pilots, plan
 from epcontact.planning import planned_case as planned
 from epcontact.reference import CLOSED_FORMS
-from epcontact.results import Areas
+from epcontact.results import Areas, ContactResult
 from epcontact.surfaces import HeightsFromArray, Sinusoid
 
 
@@ -24,6 +23,13 @@ def solved(case) -> Answer:
     options = case.options["bem"]
     results = [bem.solve(case.scene(r), threads=1, **options) for r in case.recipes]
     return Answer(tuple(results), tuple(f"seed{i}" for i in range(len(results))))
+
+
+def with_areas(result, corrected: float, error: float) -> ContactResult:
+    """A result with other areas in contact, none of them plastic."""
+    areas = {"corrected": Areas(corrected, 0.0, 0.0), "error": Areas(error, 0.0, 0.0)}
+    areas = result.final.areas | areas
+    return replace(result, steps=(replace(result.final, areas=areas),))
 
 
 def mean_total(answer: Answer) -> float:
@@ -55,8 +61,6 @@ def test_few_pilots_are_not_taken_at_their_word():
     # chi^2(2 degrees, lower 20 %) = -2 ln 0.8
     expected = 0.1 * math.sqrt(2 / (-2 * math.log(0.8)))
     assert pilots.deviation_of(spread, ["total"]) == pytest.approx(expected)
-    # t(7 degrees, 97.5 %) = 2.364624
-    assert student_half_width(0.02, 8) == pytest.approx(2.364624 * 0.02 / math.sqrt(8), rel=1e-6)
 
 
 def test_a_ladder_starts_at_three_points_a_wavelength_and_holds_the_case_s_own_grid():
@@ -85,7 +89,6 @@ def test_a_section_is_the_line_of_a_one_directional_surface(axis):
 @pytest.mark.parametrize(
     ("name", "size", "tolerance", "said"),
     [
-        ("hertz-sphere-dense", "full", 0.03, ""),
         ("hertz-sphere-dense", "full", 0.003, ""),
         ("westergaard-surface", "fast", 0.002, "a line stands for the surface"),
         ("rough-capped", "full", 0.01, ""),
@@ -106,17 +109,14 @@ def test_a_plan_keeps_its_promise_and_is_cheaper_than_the_hand_chosen_size(
 
 
 def test_a_plan_refines_where_edges_hold_the_fronts():
-    """The error bar of a punch falls as the spacing does, so that a plan refines until it holds;
-    heights that cannot be refined miss the tolerance."""
     punch = load_case("punch-disc")
-    recipe = punch.recipes[0]
+    recipe, chosen = punch.recipes[0], plan(punch, 0.02, threads=1)
+    assert math.prod(chosen.shape) >= 4 * math.prod(plan(punch, 0.1, threads=1).shape)
+    answer = solved(planned(punch, chosen))
+    assert achieved_error(chosen, answer) <= 0.02
     exact = math.pi * recipe.radius**2 / math.prod(recipe.periods)
-    loose, tight = (plan(punch, tolerance, threads=1) for tolerance in (0.1, 0.02))
-    assert math.prod(tight.shape) >= 4 * math.prod(loose.shape)
-    for chosen in (loose, tight):
-        answer = solved(planned(punch, chosen))
-        assert achieved_error(chosen, answer) <= chosen.tolerance
-        assert mean_total(answer) == pytest.approx(exact, rel=chosen.tolerance)
+    assert mean_total(answer) == pytest.approx(exact, rel=0.02)
+    # Heights that cannot be refined miss the tolerance.
     measured = HeightsFromArray(recipe.build().heights[::16, ::16], recipe.periods, "periodic")
     stuck = plan(punch.changed(recipes=(measured,)), 0.02, threads=1)
     assert not stuck.meets
@@ -131,10 +131,8 @@ def test_a_finer_grid_finds_out_a_claim_that_is_too_small():
     assert check.recipes[0].shape == tuple(2 * n for n in chosen.shape)
     finer = solved(check)
     assert achieved_error(chosen, answer, finer) <= 0.02
-    (result,) = answer.results
-    wrong = {"raw": result.final.areas["raw"], "error": Areas(0.0, 0.0, 0.0)}
-    wrong["corrected"] = Areas(1.1 * result.final.areas["corrected"].total, 0.0, 0.0)
-    sure = Answer((replace(result, steps=(replace(result.final, areas=wrong),)),), ("seed0",))
+    best = mean_total(answer)
+    sure = Answer((with_areas(answer.results[0], 1.1 * best, 0.0),), ("seed0",))
     assert achieved_error(chosen, sure) == 0
     assert achieved_error(chosen, sure, finer) == pytest.approx(0.1, abs=0.02)
 
@@ -143,47 +141,42 @@ def test_as_few_surfaces_as_the_tolerance_allows_and_new_ones_where_it_needs_mor
     case = load_case(write_case(("seeds = [3, 5, 7]", "seeds = [1, 2, 3, 4, 5, 9]")), "full")
     chosen = plan(case.changed(methods=("bem",)), 0.05, threads=1)
     assert chosen.meets
-    one_less = chosen.scatter * math.sqrt(chosen.surfaces / (chosen.surfaces - 1))
     room = math.sqrt(0.05**2 - chosen.grid_error**2)
-    assert chosen.scatter <= room < one_less * 1.5  # Student's quantile grows with one less, too
+    # Student's quantile grows with one surface less, too.
+    one_less = chosen.scatter * math.sqrt(chosen.surfaces / (chosen.surfaces - 1))
+    assert chosen.scatter <= room < one_less * 1.5
     expected = (1, 2, 3, 4, 5, 9, *range(10, 10 + chosen.surfaces))
     assert tuple(recipe.seed for recipe in chosen.recipes) == expected[: chosen.surfaces]
     bound = plan(case, 1e-4, threads=1, capped=True)  # never beyond the case
     assert bound.surfaces <= 6
     assert math.prod(bound.shape) <= math.prod(case.recipes[0].shape)
     assert not bound.meets
-    assert any("is not met" in reason for reason in bound.reasons)
 
 
 def test_an_ensemble_s_error_holds_its_scatter(write_case):
     case = load_case(write_case())
     chosen = plan(case.changed(methods=("bem",)), 0.3, threads=1)
     result = bem.solve(case.scene(case.recipes[0]), threads=1)
-    best = result.final.areas["corrected"].total
-
-    def shifted(factor: float):
-        areas = result.final.areas | {"corrected": Areas(best * factor, best * factor, 0.0)}
-        return replace(result, steps=(replace(result.final, areas=areas),))
-
-    answer = Answer((shifted(0.9), shifted(1.0), shifted(1.1)), ("a", "b", "c"))
+    best, error = (result.final.areas[name].total for name in ("corrected", "error"))
+    shifted = tuple(with_areas(result, best * factor, error) for factor in (0.9, 1.0, 1.1))
+    answer = Answer(shifted, ("a", "b", "c"))
     # t(2 degrees, 97.5 %) = 4.302653
-    expected = math.hypot(result.final.areas["error"].total / best, 0.4302653 / math.sqrt(3))
+    expected = math.hypot(error / best, 0.4302653 / math.sqrt(3))
     assert achieved_error(chosen, answer) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.long
 def test_plans_keep_their_promise_on_surfaces_they_have_not_seen(write_case):
     case = load_case(write_case(), "full").changed(methods=("bem",))
-    first = case.recipes[0]
-    fine = tuple(2 * n for n in first.shape)
-    truths = tuple(replace(first, seed=s, shape=fine) for s in range(1000, 1300))
+    first, kept = case.recipes[0], 0
+    fine = replace(first, shape=tuple(2 * n for n in first.shape))
+    truths = tuple(replace(fine, seed=s) for s in range(1000, 1300))
     truth = mean_total(solved(case.changed(recipes=truths)))
-    kept = 0
     for k in range(12):
         given = tuple(replace(first, seed=s) for s in range(8 * k, 8 * k + 8))
         chosen = plan(case.changed(recipes=given), 0.05, threads=1)
-        fresh = (replace(r, seed=5000 + 200 * k + i) for i, r in enumerate(chosen.recipes))
-        kept += abs(mean_total(solved(case.changed(recipes=tuple(fresh)))) / truth - 1) <= 0.05
+        fresh = tuple(replace(r, seed=5000 + 200 * k + i) for i, r in enumerate(chosen.recipes))
+        kept += abs(mean_total(solved(case.changed(recipes=fresh))) / truth - 1) <= 0.05
     # Of promises at 95 %, more than one broken in twelve has a chance of one in eight.
     assert kept >= 11
 
@@ -197,17 +190,17 @@ def test_the_theory_stands_in_only_where_it_is_near_enough(write_case):
     assert achieved_error(loose, Answer((object(),), ("x",))) <= 0.9
 
 
+J2 = (
+    ('methods = ["persson", "bem"]', 'methods = ["bem", "fem"]'),
+    ('of = "bem"\nagainst = "persson"', 'of = "fem"\nagainst = 0.1\nsource = "made"'),
+)
+
+
 def test_finite_elements_are_given_depth_and_increments(write_case):
-    path = write_case(
-        ('methods = ["persson", "bem"]', 'methods = ["fem"]'),
-        ("hardness = 6.0e9", "yield_stress = 2.0e9"),
-        ('of = "bem"', 'of = "fem"'),
-        ('against = "persson"', 'against = 0.1\nsource = "made for the test"'),
-        ("wavenumber_high = 5.026548245743669e4", "wavenumber_high = 1.8849555921538758e4"),
-        ("seeds = [3, 5, 7]", "seeds = [3]"),
-        ("{ fast = 4, full = 8 }", "6"),
-    )
-    case = load_case(path)
+    material = ("hardness = 6.0e9", "yield_stress = 2.0e9")
+    short = ("wavenumber_high = 5.026548245743669e4", "wavenumber_high = 1.8849555921538758e4")
+    small = (("{ fast = 4, full = 8 }", "6"), ("[3, 5, 7]", "[3]"), ('"bem", "fem"', '"fem"'))
+    case = load_case(write_case(*J2, material, short, *small))
     chosen = plan(case, 0.2, threads=1)
     assert chosen.method == "fem"
     assert chosen.options["depth"] > 0
@@ -217,17 +210,20 @@ def test_finite_elements_are_given_depth_and_increments(write_case):
     assert chosen.options.items() <= planned(case, chosen).options["fem"].items()
 
 
-def test_a_plan_with_a_cap_says_whether_it_stands_for_the_j2_body(write_case):
-    fewer = ('methods = ["persson", "bem"]', 'methods = ["bem", "fem"]')
-    gate = ('against = "persson"', 'against = 0.1\nsource = "made"')
-    for given, tolerance, said in (
-        ("hardness = 6.0e9", 0.2, ["a cap of 6e+09 Pa, not for J2", "can stand for the J2 body"]),
-        ('hardness = "effective"', 0.05, ["cannot stand for the J2 body"]),
-    ):
-        strength = ("hardness = 6.0e9", f"{given}\nyield_stress = 2.0e9")
-        chosen = plan(load_case(write_case(fewer, gate, strength)), tolerance)
-        assert chosen.method == "bem"
-        assert all(words in reason for reason, words in zip(chosen.reasons, said, strict=False))
+@pytest.mark.parametrize(
+    ("hardness", "tolerance", "said"),
+    [
+        ("6.0e9", 0.2, ["a cap of 6e+09 Pa, not for J2", "can stand for the J2 body"]),
+        ('"effective"', 0.05, ["cannot stand for the J2 body"]),
+    ],
+)
+def test_a_plan_with_a_cap_says_whether_it_stands_for_the_j2_body(
+    write_case, hardness, tolerance, said
+):
+    strength = ("hardness = 6.0e9", f"hardness = {hardness}\nyield_stress = 2.0e9")
+    chosen = plan(load_case(write_case(*J2, strength)), tolerance)
+    assert chosen.method == "bem"
+    assert all(words in reason for reason, words in zip(chosen.reasons, said, strict=False))
 
 
 def test_auto_keeps_what_gates_ask_for_and_makes_corrected_areas_cheaper():
