@@ -18,40 +18,33 @@ import pytest
 from command_line import python
 
 import epcontact
+from epcontact import files
 from epcontact.errors import OutputError
-from epcontact.files import (
-    remove_leftovers,
-    require_writable,
-    whole_file,
-    write_bytes,
-    write_json,
-    write_text,
-)
 
 POSIX = os.name != "nt"
 
 
 def test_text_is_written_as_given_with_the_permissions_of_any_new_file(tmp_path: Path) -> None:
     target, ordinary = tmp_path / "a" / ("n" * 250 + ".txt"), tmp_path / "y"
-    write_text(target, "old")
-    write_text(target, "ä\r\nb\n")
+    files.write_text(target, "old")
+    files.write_text(target, "ä\r\nb\n")
     ordinary.write_bytes(b"")
     assert target.read_bytes() == "ä\r\nb\n".encode()
     assert target.stat().st_mode == ordinary.stat().st_mode
     assert os.listdir(target.parent) == [target.name]
-    require_writable(tmp_path / "new" / "newer")  # tries without a trace
+    files.require_writable(tmp_path / "new" / "newer")  # tries without a trace
     assert sorted(os.listdir(tmp_path)) == ["a", "y"]
 
 
 def test_json_has_words_for_what_it_has_no_numbers_for(tmp_path: Path) -> None:
     values = [math.inf, -np.inf, np.float32("nan"), np.array([[1.5, np.inf]]), np.int64(3)]
     values += [np.True_, (1, "a"), tmp_path, None]
-    write_json(tmp_path / "x.json", values)
+    files.write_json(tmp_path / "x.json", values)
     read = json.loads((tmp_path / "x.json").read_text(), parse_constant=pytest.fail)
     expected = ["inf", "-inf", "nan", [[1.5, "inf"]], 3, True, [1, "a"], str(tmp_path), None]
     assert read == expected
     with pytest.raises(TypeError):
-        write_json(tmp_path / "y.json", {"a": object()})
+        files.write_json(tmp_path / "y.json", {"a": object()})
     assert os.listdir(tmp_path) == ["x.json"]
 
 
@@ -59,7 +52,7 @@ def stopped_by(error: BaseException, name: str = "x") -> Callable[[Path], None]:
     """A block of `whole_file` that ends in an error, in a folder."""
 
     def write(here: Path) -> None:
-        with whole_file(here / name) as temporary:
+        with files.whole_file(here / name) as temporary:
             assert (temporary.suffix, temporary.parent) == (Path(name).suffix, here)
             temporary.write_bytes(b"half")
             raise error
@@ -68,16 +61,16 @@ def stopped_by(error: BaseException, name: str = "x") -> Callable[[Path], None]:
 
 
 def removing(here: Path) -> None:
-    with whole_file(here / "x") as temporary:
+    with files.whole_file(here / "x") as temporary:
         temporary.unlink()
 
 
 REFUSED = [
-    (lambda here: write_text(here / "folder", ""), OutputError, "folder: it is a folder"),
-    (lambda here: require_writable(here / "file" / "y"), OutputError, "not a directory"),
-    (lambda here: write_text(here / ("n" * 300), ""), OutputError, "name too long"),
-    (lambda here: write_text("", ""), OutputError, "names no file"),
-    (lambda here: write_text(f"{here}/a\0b", ""), OutputError, "cannot write"),
+    (lambda here: files.write_text(here / "folder", ""), OutputError, "folder: it is a folder"),
+    (lambda here: files.require_writable(here / "file" / "y"), OutputError, "not a directory"),
+    (lambda here: files.write_text(here / ("n" * 300), ""), OutputError, "name too long"),
+    (lambda here: files.write_text("", ""), OutputError, "names no file"),
+    (lambda here: files.write_text(f"{here}/a\0b", ""), OutputError, "cannot write"),
     (removing, OutputError, "no such file"),
     (stopped_by(OSError(errno.ENOSPC, "No space left")), OutputError, "x: no space left"),
     (stopped_by(FileNotFoundError(errno.ENOENT, "gone", "other")), FileNotFoundError, "other"),
@@ -85,9 +78,9 @@ REFUSED = [
 ]
 if POSIX:
     REFUSED += [
-        (lambda here: write_text(here / "broken", ""), OutputError, "no such file.*gone"),
-        (lambda here: write_text(here / "circle", ""), OutputError, "too many levels"),
-        (lambda here: write_text("/dev/null", ""), OutputError, "device"),
+        (lambda here: files.write_text(here / "broken", ""), OutputError, "no such file.*gone"),
+        (lambda here: files.write_text(here / "circle", ""), OutputError, "too many levels"),
+        (lambda here: files.write_text("/dev/null", ""), OutputError, "device"),
     ]
 
 
@@ -116,10 +109,10 @@ def test_links_keep_pointing_and_a_full_disk_keeps_the_old_file(tmp_path, monkey
     real, link = tmp_path / "real", tmp_path / "link"
     real.write_text("old")
     link.symlink_to(real)
-    write_text(link, "new")
+    files.write_text(link, "new")
     monkeypatch.setattr(os, "fsync", full)  # after the block
     with pytest.raises(OutputError, match="no space left"):
-        write_text(link, "newer")
+        files.write_text(link, "newer")
     assert link.is_symlink()
     assert real.read_text() == "new"
     assert sorted(os.listdir(tmp_path)) == ["link", "real"]
@@ -128,9 +121,9 @@ def test_links_keep_pointing_and_a_full_disk_keeps_the_old_file(tmp_path, monkey
 def test_two_writers_never_mix(tmp_path: Path) -> None:
     """A reader meets one whole file or the other, whoever is writing."""
     target, contents = tmp_path / "x", [b"A" * 200_000, b"B" * 200_000]
-    write_bytes(target, contents[0])
+    files.write_bytes(target, contents[0])
     with ThreadPoolExecutor() as writers:
-        writing = writers.map(write_bytes, 40 * [target], 20 * contents)
+        writing = writers.map(files.write_bytes, 40 * [target], 20 * contents)
         for _ in range(100):
             assert target.read_bytes() in contents
         assert len([*writing]) == 40
@@ -154,10 +147,10 @@ def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path: 
     )
     command = [sys.executable, "-c", program, folder / "steps" / "x.vti"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, **pipes) as process, whole_file(folder / "mine") as mine:
+    with subprocess.Popen(command, **pipes) as process, files.whole_file(folder / "mine") as mine:
         name = process.stdout.readline().strip()
         assert name.startswith(f".epcontact-{platform.node()}-{process.pid}-")
-        remove_leftovers(folder)
+        files.remove_leftovers(folder)
         assert [path.name for path in (folder / "steps").iterdir()] == [name]
         process.kill()
         process.wait()
