@@ -46,6 +46,8 @@ against = "persson"
 tolerance = 0.5
 because = "only a smoke test"
 """
+#: Its surface.
+ROUGH = SMALL_CASE.partition("[surface]\n")[2].partition("\n\n")[0]
 #: What makes SMALL_CASE a family of two.
 VARIANTS = """
 [[variant]]

@@ -18,9 +18,11 @@ import numpy as np
 import psutil
 import pytest
 from command_line import Done, invoke, python
+from conftest import ROUGH
 from rich.console import Console
 
 from epcontact.cli import listing, main
+from epcontact.cli.listing import print_rows
 from epcontact.cli.main import COMMANDS, cli
 from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
 from epcontact.harness.answers.run import Run, run_cases, tasks_of
@@ -33,6 +35,7 @@ from epcontact.scene import Load
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
 PATH = ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8]")
+COMMAND = [sys.executable, "-m", "epcontact"]
 THREADS = ("--executor", "concurrent.futures:ThreadPoolExecutor")
 
 
@@ -46,16 +49,17 @@ def refused(done: Done, *words: str) -> None:
 # --- what there is -------------------------------------------------------------------------------
 
 
-def test_keys_tells_units_and_words() -> None:
+def test_keys_schemas_and_commands_are_listed() -> None:
     told = " ".join(invoke("keys").stdout.split())
     for words in ("rad/m", "m; one length, or [x, y]", "within [low, high]", "elastic, capped, j2",
-                  "refuse, periodic, detrend_and_window", "persson, bem, fem", "gap, moved",
-                  "absolute, wasserstein, supremum, l2", "analytic, surface"):  # fmt: skip
+                  "persson, bem, fem", "absolute, wasserstein, supremum, l2"):  # fmt: skip
         assert words in told, words
-
-
-def test_schema_is_json() -> None:
     assert all("$defs" in json.loads(invoke("schema", k).stdout) for k in ("case", "verdict"))
+    listed = " ".join(invoke("--help").stdout.split())
+    for name in COMMANDS:
+        command = cli.get_command(click.Context(cli), name)
+        assert command.name == name
+        assert f"{name} {(command.help or '').partition(chr(10))[0]}" in listed
 
 
 def test_an_output_without_greek_letters_shows_a_question_mark() -> None:
@@ -64,43 +68,15 @@ def test_an_output_without_greek_letters_shows_a_question_mark() -> None:
     assert "at E*?/?_Y = 5" in done.stdout
 
 
-@pytest.mark.parametrize("columns", [80, 200])
-def test_list_shows_a_requirement_as_it_is_written(
-    write_case, tmp_path, monkeypatch, columns, capsys
-) -> None:
-    requirement = "Everything in [0, 1] holds [/tag] as [bold]written."
-    (tmp_path / "cases").mkdir()
-    path = write_case(("The boundary elements and the theory answer a small scene.", requirement))
-    path.rename(tmp_path / "cases" / "small.toml")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(listing, "open_console", lambda: Console(width=columns))
-    listing.list.main([], standalone_mode=False)
-    lines = capsys.readouterr().out.splitlines()
-    assert requirement in " ".join(lines)
-    assert max(map(len, lines)) <= columns
-    assert [line.split()[0] for line in lines if line[0] != " "][-1] == "small"
-
-
-def test_each_command_is_listed_with_the_line_that_it_begins_with() -> None:
-    context = click.Context(cli)
-    listed = " ".join(invoke("--help").stdout.split())
-    for name in COMMANDS:
-        command = cli.get_command(context, name)
-        assert command.name == name
-        assert f"{name} {(command.help or '').partition(chr(10))[0]}" in listed
-
-
 @pytest.mark.parametrize("argument", ["--help", "list"])
 def test_lists_load_no_solver(argument: str) -> None:
     program = (
-        f"import sys; sys.argv = ['epcontact', '{argument}']\n"
-        "from epcontact.cli.main import main\n"
-        "try: main()\n"
-        "except SystemExit: pass\n"
-        "print(sorted({'numpy', 'numba', 'pydantic', 'pyvista'} & set(sys.modules)))"
+        f"import atexit, sys; sys.argv = ['epcontact', '{argument}']\n"
+        "loaded = lambda: {'numpy', 'numba', 'pydantic', 'pyvista'} & set(sys.modules)\n"
+        "atexit.register(lambda: print(sorted(loaded())))\n"
+        "from epcontact.cli.main import main; main()"
     )
-    told = subprocess.check_output([sys.executable, "-c", program], text=True)
-    assert told.splitlines()[-1] == "[]"
+    assert python("-c", program).stdout.splitlines()[-1] == "[]"
 
 
 # --- run and verify ------------------------------------------------------------------------------
@@ -111,142 +87,121 @@ def test_verify_holds_or_falls_short_and_writes_the_verdict(write_case, tmp_path
     done = invoke("verify", write_case(), "--output", out, "--jobs", 2)
     assert done.returncode == 0, done
     verdict = json.loads((out / "verdict.json").read_text())
-    assert verdict["passed"] is True
     gate, *defaults = verdict["cases"][0]["gates"]
+    assert (verdict["passed"], gate["status"], gate["value"]["surfaces"]) == (True, "holds", 3)
     assert {g["of"] for g in defaults} <= {"bem", "persson"}
-    assert (gate["status"], gate["value"]["surfaces"]) == ("holds", 3)
     assert gate["value"]["half_width_95"] > 0
     suite = ET.parse(out / "junit.xml").getroot()
     assert (suite.attrib["tests"], suite.attrib["failures"]) == (str(1 + len(defaults)), "0")
     narrow = write_case(("tolerance = 0.5", "tolerance = 1e-9"))
     done = invoke("verify", narrow, "yardstick", "--output", out, "--jobs", 1)
-    assert done.returncode == 1
-    assert "only a smoke test" in done.stdout
+    assert (done.returncode, "only a smoke test" in done.stdout) == (1, True)
     assert "2 cases: 1 holds, 1 falls short; verdict in" in " ".join(done.stdout.split())
     assert ET.parse(out / "junit.xml").getroot().attrib["failures"] == "1"
 
 
 def test_run_writes_results_and_fields_once(write_case, tmp_path) -> None:
     case = write_case(("rms_slope = 0.1", "rms_slope = 1.1"))
-
-    def run(*options: str) -> Done:
-        return invoke("run", case, "--method", "bem", "--output", tmp_path, "--jobs", 1, *options)
-
-    done = run()
+    run = ("run", case, "--method", "bem", "--output", tmp_path, "--jobs", 1)
+    done, folder = invoke(*run), tmp_path / "small" / "fast"
     assert done.returncode == 0, done
     assert done.stdout.count("the rms slope is 1.1, beyond the small slopes") == 1
-    folder = tmp_path / "small" / "fast"
     summary = json.loads((folder / "bem.json").read_text())
     about = {"case": "small", "method": "bem", "size": "fast", "converged": True}
     assert about.items() <= summary.items()
-    assert set(summary["areas"]) >= {"raw", "corrected"}
     assert {"seconds", "fft_pairs", "unknowns", "peak_memory_bytes"} <= set(summary["cost"])
     assert [member["provenance"]["seed"] for member in summary["members"]] == [3, 5, 7]
     fields = read_fields(folder / "bem-seed3.vti")
     assert set(fields.fields) == {"heights", "pressure", "gap", "plastic_displacement", "state"}
-    assert fields.attributes["young_modulus"] == 100e9
-    assert fields.attributes["body"] == "half-space"
+    assert (fields.attributes["young_modulus"], fields.attributes["body"]) == (100e9, "half-space")
     assert fields.units["hardness"] == fields.units["quantity.largest_pressure"] == "Pa"
     assert not (folder / "bem-seed5.vti").exists()
     assert not (folder / "persson.json").exists()
     assert "(reused)" not in done.stderr
-    assert run().stderr.count("(reused)") == 3
-    assert "(reused)" not in run("--fresh").stderr
+    assert invoke(*run).stderr.count("(reused)") == 3
+    assert "(reused)" not in invoke(*run, "--fresh").stderr
 
 
 def test_the_bar_moves_within_a_solve(write_case, tmp_path) -> None:
     case = load_case(write_case(ONE, PATH, ("fast = 4", "fast = 16")))
     told: list[float] = []
     run_cases([case], Run(tmp_path, jobs=1, progress=lambda done, *_: told.append(done)))
-    assert told == sorted(told)
+    assert (told, told[0], told[-1]) == (sorted(told), 0, 2)
     # It moves on coarse grids and on the finest one, through both loads.
     for low, high in ((1.0, 1.125), (1.125, 1.5), (1.5, 1.625), (1.625, 2.0)):
         assert any(low < share <= high for share in told), (low, told)
-    assert (told[0], told[-1]) == (0, 2)
 
 
 def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> None:
-    path = write_case(
-        ONE, PATH,
-        ('methods = ["persson", "bem"]', 'methods = ["bem", "fem"]'),
-        ('against = "persson"', 'against = "fem"'),
-        ("[load]", '[fem]\nlaw = "elastic"\nlayers = 2\n\n[load]'),
-    )  # fmt: skip
-    case, out, notes = load_case(path), tmp_path / "out", []
+    methods = ('methods = ["persson", "bem"]', 'methods = ["bem", "fem"]')
+    fem = ("[load]", '[fem]\nlaw = "elastic"\nlayers = 2\n\n[load]')
+    case = load_case(
+        write_case(ONE, PATH, methods, fem, ('against = "persson"', 'against = "fem"'))
+    )
+    folder, notes = case.folder(tmp_path), []
 
-    def note(done: float, total: int, words: str) -> None:
-        notes.extend(["reused" in words] if words else [])
-
-    def solve(fields: str, precision: Precision = "single") -> list[bool]:
+    def reused(fields: str, precision: Precision = "single") -> int:
         notes.clear()
-        run_cases([case], Run(out, 1, fields=fields, precision=precision, progress=note))
-        return list(notes)
+        told = lambda done, total, words: notes.append("(reused)" in words)  # noqa: E731
+        run_cases([case], Run(tmp_path, 1, "", False, fields, precision, told))
+        return sum(notes)
 
-    folder = case.folder(out)
-    assert solve("first", "double") == [False, False]
-    assert solve("first", "single") == [True, True]
+    assert [reused("first", "double"), reused("first", "single")] == [0, 2]
     assert read_fields(folder / "bem-seed3.vti").fields["pressure"].dtype == np.float64
     (folder / "bem-seed3.vti").write_bytes(b"spoilt")
-    assert sorted(solve("first")) == [False, True]
+    assert reused("first") == 1
     assert not list(folder.glob("*-steps"))
-    assert solve("steps") == [False, False]
-    assert solve("steps") == solve("first") == [True, True]
-    doubled = tasks_of(case, Run(out, fields="first", precision="double"))
-    assert [kept(task, out) for task in doubled] == [None, None]
+    assert [reused("steps"), reused("steps"), reused("first")] == [0, 2, 2]
+    doubled = tasks_of(case, Run(tmp_path, fields="first", precision="double"))
+    assert [kept(task, tmp_path) for task in doubled] == [None, None]
     loads = [read_fields(step) for step in load_steps(folder / "bem-seed3-steps" / "path.pvd")]
     assert [load.attributes["mean_pressure"] for load in loads] == [2e8, 5e8]
-    last = read_fields(folder / "bem-seed3.vti")
-    assert all(np.array_equal(loads[1].fields[name], field) for name, field in last.fields.items())
-    assert 0 < np.mean(loads[0].field("state") > 0) < np.mean(last.field("state") > 0)
+    last = read_fields(folder / "bem-seed3.vti").fields
+    assert all(np.array_equal(loads[1].fields[name], field) for name, field in last.items())
     bodies = load_steps(folder / "fem-seed3-steps" / "path.pvd")
     assert [body.name for body in bodies] == ["step-0000.vtu", "step-0001.vtu"]
     bodies[0].parent.joinpath("path.pvd").unlink()
-    assert solve("steps").count(False) == 1  # what is missing is solved again
+    assert reused("steps") == 1  # what is missing is solved again
     # Another load's files do not pass for those of this one.
-    run_cases([case.changed(load=Load(4e8))], Run(out, jobs=1))
+    run_cases([case.changed(load=Load(4e8))], Run(tmp_path, jobs=1))
     assert not [*folder.glob("*-steps"), *folder.glob("*.vti")]
 
 
 def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path) -> None:
-    path = tmp_path / "small.toml"
-    surface = '[surface]\nkind = "file"\npath = "map.csv"\nperiod = [64e-6, 80e-6]\nunit = 1e-6\n'
-    spectrum = ("energy_reduction = 0.536", 'energy_reduction = 0.536\nspectrum = "surface"')
-    text = write_case(spectrum, ("tolerance = 0.5", "tolerance = 50.0")).read_text()
-    before, after = text[: text.index("[surface]")], text[text.index("[material]") :]
+    recipe = 'kind = "file"\npath = "map.csv"\nperiod = [64e-6, 80e-6]\n'
+    edits = (("= 0.536", '= 0.536\nspectrum = "surface"'), ("tolerance = 0.5", "tolerance = 50.0"))
 
-    def verified(*lines: str) -> Done:
-        path.write_text("\n".join([before + surface, *lines, after]))
+    def verified(lines: str) -> Done:
+        path = write_case(*edits, (ROUGH, recipe + lines))
         return invoke("verify", path, "--output", tmp_path / "out", "--jobs", 1)
 
-    done = verified("optional = true")
-    assert done.returncode == 0
-    assert "map.csv" in done.stdout
-    refused(verified(), "map.csv")
+    done = verified("unit = 1e-6\noptional = true")
+    assert (done.returncode, "map.csv" in done.stdout) == (0, True)
+    refused(verified("unit = 1e-6"), "map.csv")
     np.savetxt(tmp_path / "map.csv", np.where(np.eye(8) > 0, np.nan, 1.0), delimiter=";")
-    done = verified('treatment = "detrend_and_window"')
+    done = verified('unit = 1e-6\ntreatment = "detrend_and_window"')
     assert done.returncode == 2
     assert done.stdout.count("8 of 64 heights are NaN") == 2  # of one method, and of both
-    surface = surface.replace("unit = 1e-6", "")
-    refused(verified(), "map.csv", "give unit = 1e-6")
+    refused(verified(""), "map.csv", "give unit = 1e-6")
 
 
-@pytest.mark.parametrize("width", [60, 80, 200])
-def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys, width: int) -> None:
+def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys) -> None:
     band = ("tolerance = 0.5", "between = [0.111111, 0.1111112]")
     (outcome,) = verify(write_case(ONE, band), output=tmp_path, jobs=1).cases
     answers, gate = outcome.answers, outcome.gates[0]
-    console = Console(width=width)
-    console.print(verdict_table([outcome], console.width))
-    console.print(answers_table(answers))
-    listing.print_rows(console, ("key", "default", "meaning"), [("longest_key", "–", "[m] " * 20)])
-    shown = capsys.readouterr().out
-    assert max(map(len, shown.splitlines())) <= width
-    assert f"{100 * gate.difference.mean:+.2f} %" in shown
-    assert "+11.11110 %" in shown  # with the digits that tell the ends apart
-    assert "+11.11112 %" in shown
-    assert f"{answers['bem'].results[0].final.areas['corrected'].elastic:.5g}"[:5] in shown
-    assert shown.count("…") == 1  # of the band; no figure is cut off
-    assert shown.count("[m]") == 20
+    for width in (60, 80, 200):
+        console = Console(width=width)
+        console.print(verdict_table([outcome], console.width))
+        console.print(answers_table(answers))
+        print_rows(console, ("key", "default", "meaning"), [("longest_key", "–", "[m] " * 20)])
+        shown = capsys.readouterr().out
+        assert max(map(len, shown.splitlines())) <= width
+        assert f"{100 * gate.difference.mean:+.2f} %" in shown
+        assert "+11.11110 %" in shown  # with the digits that tell the ends apart
+        assert "+11.11112 %" in shown
+        assert f"{answers['bem'].results[0].final.areas['corrected'].elastic:.5g}"[:5] in shown
+        assert shown.count("…") == 1  # of the band; no figure is cut off
+        assert shown.count("[m]") == 20
     case = load_case(write_case())
     assert gamma_sentence([case]) == "theory with energy reduction gamma = 0.536"
     other = load_case(write_case(("= 0.536", "= 0.5"), name="other"))
@@ -257,34 +212,30 @@ def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys, width
 # --- plan ----------------------------------------------------------------------------------------
 
 
-def test_plan_tells_the_model_and_why(write_case) -> None:
+def test_a_plan_tells_the_model_and_why_and_what_checks_it(write_case, tmp_path) -> None:
     done = invoke("plan", write_case(ONE), "--tolerance", "2%", "--check", *THREADS)
     assert done.returncode == 0, done
     grid = re.match(r"small: bem, (\d+) x", done.stdout)
     assert grid is not None
     assert "promise held" in done.stdout
     assert f"by {2 * int(grid[1])} x " in done.stdout
-
-
-def test_the_plan_of_a_map_rests_on_its_claim_and_says_so(write_case, tmp_path) -> None:
-    """The plan tells the notes of its heights, here that they are in steps."""
+    # That of a map rests on its claim, and tells the notes of its heights.
     x = 2 * np.pi * np.arange(32) / 32
     heights = np.round(2 * (np.cos(x)[:, None] + np.cos(x))) / 2 * 1e-6
     np.save(tmp_path / "steps.npy", heights)
-    text = write_case(
-        ('"persson", "bem"', '"bem"'), ('"persson"', '0.1\nsource = "y"'), ("hardness = 6.0e9", "")
-    ).read_text()
     recipe = 'kind = "file"\npath = "steps.npy"\nunit = 1.0\npixel_size = 1e-6\n'
-    surface = f'[surface]\n{recipe}treatment = "periodic"\n\n'
-    text = re.sub(r"\[surface\].*?(?=\[material\])", surface, text, flags=re.S)
-    (tmp_path / "small.toml").write_text(text)
-    for check in ((), ("--check", *THREADS)):
-        done = invoke("plan", tmp_path / "small.toml", "--tolerance", "90%", *check)
-        assert done.returncode == 0, done
-        said = " ".join(done.stdout.split())
-        assert ("nothing checks the claim" in said) == bool(check)
-        assert "promise" not in said
-        assert said.count("claimed errors of areas do not hold") == 1
+    edits = (
+        ('"persson", "bem"', '"bem"'),
+        ('"persson"', '0.1\nsource = "y"'),
+        ("hardness = 6.0e9", ""),
+    )
+    path = write_case((ROUGH, recipe + 'treatment = "periodic"'), *edits)
+    done = invoke("plan", path, "--tolerance", "90%", "--check", *THREADS)
+    assert done.returncode == 0, done
+    said = " ".join(done.stdout.split())
+    assert "nothing checks the claim" in said
+    assert "promise" not in said
+    assert said.count("claimed errors of areas do not hold") == 1
 
 
 # --- mistakes, interrupts and closed doors -------------------------------------------------------
@@ -297,7 +248,6 @@ LONG = 300 * "x"
     [
         ("verfy", "did you mean 'verify'"),
         ("run no-such-case", "no case is called"),
-        ("run no-such-case.toml", "no such case file"),
         ("run", "CASE"),
         ("verify --jobs 0", "--jobs"),
         ("verify small", "no case is called 'small'; did you mean the file small.toml?"),
@@ -305,32 +255,24 @@ LONG = 300 * "x"
         ("run small.toml --method fem", "no method fem"),
         ("verify small.toml --output small.toml/out", "small.toml"),
         ("crosscheck small.toml", "cross-check needs both"),
-        ("crosscheck small.toml --seeds=", "no range of at most 10000 seeds"),
         ("crosscheck small.toml --seeds=9-3", "no range of at most 10000 seeds"),
-        ("crosscheck small.toml --seeds=1-999999999999", "no range of at most 10000 seeds"),
         (f"crosscheck small.toml --seeds=1-{'9' * 5000}", "no range of at most 10000 seeds"),
         ("plan small.toml --tolerance little", "--tolerance is 'little', .* such as 1%"),
         ("chart gama", "gamma"),
         ("hardness", "Missing option '--yield-stress' (see epcontact hardness --help)"),
-        (f"verify {LONG}", f"cannot open {LONG}.*: file name too long"),
         (f"view {LONG}", f"cannot open {LONG}: file name too long"),
     ],
 )
 def test_mistake_on_the_command_line(write_case, monkeypatch, arguments: str, words: str) -> None:
     monkeypatch.chdir(write_case().parent)
-    done = invoke(*arguments.split())
-    refused(done, *words.split(".*"))
+    refused(invoke(*arguments.split()), *words.split(".*"))
     assert not Path("results").exists()
 
 
-GROUPS = pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
-
-
-@GROUPS
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
 @pytest.mark.parametrize(
     ("how", "waits"),
     [
-        (signal.SIGINT, "a result"),
         # Workers take a second to import what they need; that is when impatient users interrupt.
         (signal.SIGINT, "a worker"),
         pytest.param(signal.SIGTERM, "a result", marks=pytest.mark.slow),
@@ -339,21 +281,16 @@ GROUPS = pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process gro
 def test_interrupt_is_clean(write_case, tmp_path, how, waits) -> None:
     grid = ("points_per_shortest_wavelength = { fast = 4, full = 8 }", "shape = [128, 128]")
     case, out = write_case(grid, ("[3, 5, 7]", str(list(range(200))))), tmp_path / "out"
-    command = [sys.executable, "-m", "epcontact", "verify", str(case), "--jobs", "2"]
     process = subprocess.Popen(
-        [*command, "--output", str(out)],
+        [*COMMAND, "verify", case, "--jobs", "2", "--output", out],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         # Tests that run in the background may ignore Ctrl-C, and a child inherits that.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     )  # fmt: skip
-
-    def seen() -> bool:
-        if waits == "a result":
-            return bool(list(out.rglob("bem-*.json")))
-        return bool(psutil.Process(process.pid).children())
-
-    deadline = time.monotonic() + 120
-    while not seen() and time.monotonic() < deadline:
+    for _ in range(2000):
+        children = psutil.Process(process.pid).children()
+        if [*out.rglob("bem-*.json")] if waits == "a result" else children:
+            break
         time.sleep(0.05)
     os.killpg(process.pid, how)
     _, stderr = process.communicate(timeout=60)
@@ -372,33 +309,33 @@ def test_interrupt_while_a_module_is_half_loaded(monkeypatch) -> None:
         main._ended(signal.SIGINT, None)
 
 
-@pytest.mark.parametrize(  # by rich, by click, and when the verdict is there
-    ("words", "code"), [("keys", 2), ("cite hertz-sphere", 2), ("verify bearing-area", 0)]
-)
-def test_closed_pipe_is_no_verdict_and_changes_none(words: str, code: int, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "epcontact", *words.split()]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(command, cwd=tmp_path, **pipes) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        process.stdout.close()
-        assert b"epcontact:" not in process.stderr.read()
-        assert process.wait(timeout=120) == code
+FULL = "epcontact: cannot write the output: no space left on device"
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is full")
-def test_full_output_is_no_bug() -> None:
-    command = [sys.executable, "-m", "epcontact", "list"]
-    with open("/dev/full", "wb") as full:
-        done = subprocess.Popen(command, stdout=full, stderr=subprocess.PIPE, text=True)
-        _, stderr = done.communicate(timeout=120)
-    assert done.returncode == 2
-    assert stderr == "epcontact: cannot write the output: no space left on device\n"
+@pytest.mark.parametrize(  # by rich, by click, when the verdict is there, and a full disk
+    ("words", "code", "says"),
+    [
+        ("keys", 2, ""),
+        ("cite hertz-sphere", 2, ""),
+        ("verify bearing-area", 0, ""),
+        ("list", 2, FULL),
+    ],
+)
+def test_closed_pipe_is_no_verdict_and_changes_none(tmp_path, words, code, says) -> None:
+    reader, out = os.pipe()
+    os.close(reader)
+    with open("/dev/full" if says else out, "wb") as full:
+        done = subprocess.run(
+            [*COMMAND, *words.split()],
+            check=False, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    told = [line for line in done.stderr.splitlines() if "epcontact:" in line]
+    assert (done.returncode, told) == (code, [says] if says else [])
 
 
 def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short(monkeypatch) -> None:
     monkeypatch.setattr(listing, "case_files", lambda: 1 / 0)
     done = invoke("list")
-    assert done.returncode == 2
-    assert "ZeroDivisionError" in done.stderr
+    assert (done.returncode, "ZeroDivisionError" in done.stderr) == (2, True)
     assert done.stderr.splitlines()[-1].startswith("epcontact: ")

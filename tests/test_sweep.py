@@ -155,6 +155,10 @@ def test_results_belong_to_their_points(swept, tmp_path) -> None:
     more = sweep.run_sweep(path, output=tmp_path, jobs=1)
     assert (more.reused, len(more.table)) == (3, 6)
     path.write_text(path.read_text().replace("rms_slope = 0.1", "rms_slope = 0.2"))
+    before = (more.folder / "sweep.json").read_bytes()
+    with pytest.raises(InvalidCase, match="not a concurrent"):
+        sweep.run_sweep(path, output=tmp_path, executor="os:getpid")
+    assert (more.folder / "sweep.json").read_bytes() == before
     steep = sweep.run_sweep(path, output=tmp_path, jobs=1)
     assert steep.reused == 0
     assert (steep.table["area.total.raw"] < more.table["area.total.raw"]).all()

@@ -12,6 +12,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -132,8 +133,8 @@ def run_sweep(
         for task, point in zip(tasks, points, strict=True)
     ]
     about = {"schema": _FORMAT, "case": tasks[0].case.id, "size": size}
-    write_json(folder / _LIST, about | {"tasks": rows})
-    outcomes, reused = run_tasks(tasks, run)
+    begin = partial(write_json, folder / _LIST, about | {"tasks": rows})
+    outcomes, reused = run_tasks(tasks, run, begin)
     failures = {
         f"{task.method.name}-{task.label}": outcome
         for task, outcome in outcomes.items()

@@ -18,6 +18,7 @@ import signal
 import tempfile
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Real
@@ -140,9 +141,12 @@ def run_cases(
     return answers
 
 
-def run_tasks(tasks: Sequence[Task], run: Run) -> tuple[dict[Task, Outcome], set[Task]]:
+def run_tasks(
+    tasks: Sequence[Task], run: Run, begin: Callable[[], None] = lambda: None
+) -> tuple[dict[Task, Outcome], set[Task]]:
     """Solve tasks, but for those whose result is kept; keep each new result at once.
 
+    `begin` is called when nothing is in the way of the solves, and before anything is written.
     Returns the outcome of each task, and the tasks whose kept result was used again.
     """
     outcomes: dict[Task, Outcome] = {}
@@ -159,6 +163,8 @@ def run_tasks(tasks: Sequence[Task], run: Run) -> tuple[dict[Task, Outcome], set
             reused.add(task)
             finish(task, earlier, " (reused)")
     waiting = [task for task in tasks if task not in outcomes]
+    executor = made(run.executor) if run.executor and waiting else None
+    begin()
     folders = {task.case.folder(run.folder) for task in waiting}
     for folder in folders:
         require_writable(folder)
@@ -167,7 +173,7 @@ def run_tasks(tasks: Sequence[Task], run: Run) -> tuple[dict[Task, Outcome], set
     def move(share: float) -> None:
         run.progress(len(outcomes) + share, len(tasks), "")
 
-    solved = _solved_by(run, waiting) if run.executor else _solved(run, waiting, move)
+    solved = _solved_by(executor, run, waiting) if executor else _solved(run, waiting, move)
     try:
         with contextlib.closing(solved):
             for task, outcome in solved:
@@ -194,11 +200,8 @@ def _solved(run: Run, tasks: Sequence[Task], moving: Callable[[float], None]) ->
     yield from spread(partial(solve_task, threads=threads), tasks, processes)
 
 
-def _solved_by(run: Run, tasks: Sequence[Task]) -> _Solved:
+def _solved_by(executor: Executor, run: Run, tasks: Sequence[Task]) -> _Solved:
     """Have the workers of an executor solve the tasks that fit into the memory of one of them."""
-    if not tasks:
-        return
-    executor = made(run.executor)
     room = getattr(executor, "worker_memory", math.inf)
     if not isinstance(room, Real):
         executor.shutdown(wait=False)
