@@ -19,7 +19,8 @@ from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory, Output
 from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.studies.fem import speed_scene
-from fem_check import FemOptions, driver, increments, newton
+from fem_check import FemOptions, driver, increments, mesh_of, newton, vtu
+from fem_check.driver import problem_of
 from fem_check.mesh import bytes_needed
 
 
@@ -285,8 +286,9 @@ def test_pyvista_opens_the_path_with_its_fields(
 ) -> None:
     import pyvista
 
-    scene = rough_scene(8, 2, pressure=(0.02, 0.05), dimensions=dimensions)
-    result = solved(scene, geometry=geometry, output=tmp_path)
+    scene, told = rough_scene(8, 2, pressure=(0.02, 0.05), dimensions=dimensions), Mock()
+    result = solved(scene, geometry=geometry, output=tmp_path, progress=told)
+    assert [call.args[0] for call in told.call_args_list] == [0.5, 1.0]
     reader = pyvista.get_reader(tmp_path / "path.pvd")
     reader.set_active_time_point(1)
     body, top = reader.read()
@@ -309,3 +311,5 @@ def test_pyvista_opens_the_path_with_its_fields(
         assert (held["unit.displacement"][0], held["unit.young_modulus"][0]) == ("m", "Pa")
     with pytest.raises(OutputError, match="cannot write"):
         solved(scene, output=tmp_path / "path.pvd")
+    with pytest.raises(OSError, match="disk full"):
+        vtu._write_grid(mesh_of(problem_of(scene, FemOptions())), {}, "/dev/full")
