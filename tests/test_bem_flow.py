@@ -30,7 +30,6 @@ SCENES = pytest.mark.parametrize(
         {"body": Body("sliding_layer", 0.3)},
         {"hardness": 0.01},
     ],
-    ids=["grid", "line", "bonded", "sliding", "soft"],
 )
 
 
@@ -58,27 +57,15 @@ def test_reloading_is_elastic_up_to_the_old_peak_and_flows_on_beyond_it(kind) ->
     result = bem.solve(scene_of((1, 0.2, 0.6, 1, 1.3), **kind))
     first, down, part, again, beyond = result.steps
     once = bem.solve(scene_of((1.3,), **kind))
+    flow = bem.solve(scene_of((1,), **kind)).fields["plastic_displacement"]
+    continued = bem.solve(scene_of((1.3,), **kind), plastic_displacement=flow).final
+    assert continued.quantities == pytest.approx(once.final.quantities, rel=1e-6)
     assert again.areas["raw"] == first.areas["raw"]
-    plastic = first.areas["corrected"].plastic
-    assert again.areas["corrected"].plastic == pytest.approx(plastic, rel=1e-6)
     works = [step.quantities["plastic_work"] for step in (first, down, part, again)]
     assert works == pytest.approx([works[0]] * 4, rel=1e-6)
     assert down.areas["raw"].plastic == part.areas["raw"].plastic == 0.0
     assert beyond.areas["raw"] == once.final.areas["raw"]
-    for name in ("mean_gap", "mean_plastic_displacement", "mean_separation", "elastic_energy"):
-        assert beyond.quantities[name] == pytest.approx(once.final.quantities[name], rel=1e-6)
-    for name in ("pressure", "gap", "plastic_displacement"):
-        scale = np.abs(once.fields[name]).max()
-        np.testing.assert_allclose(result.fields[name], once.fields[name], atol=2e-6 * scale)
-
-
-def test_a_path_is_continued_from_the_plastic_displacement_of_a_result() -> None:
-    whole = bem.solve(scene_of((1, 0.3, 1.2)))
-    flow = bem.solve(scene_of((1, 0.3))).fields["plastic_displacement"]
-    rest = bem.solve(scene_of((1.2,)), plastic_displacement=flow)
-    difference = rest.fields["pressure"] - whole.fields["pressure"]
-    assert np.abs(difference).max() < 1e-6 * HARDNESS
-    assert rest.final.quantities == pytest.approx(whole.final.quantities, rel=1e-6)
+    assert beyond.quantities == pytest.approx(once.final.quantities, rel=1e-6)
 
 
 def test_a_nearly_rigid_body_is_left_as_the_flat_has_cut_it() -> None:

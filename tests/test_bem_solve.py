@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from epcontact import bem
-from epcontact.bem import Options, solve_pressure
+from epcontact.bem import solve_pressure
 from epcontact.bem.baselines import BASELINES
-from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
 from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
@@ -23,7 +22,6 @@ PERIOD = 2 * math.pi / 2.5e4
 HARDNESS = 0.6 * E
 LOAD = 0.05 * E
 CAPS = pytest.mark.parametrize("hardness", [HARDNESS, math.inf])
-BONDED = Body("bonded_layer", 1e-5)
 
 
 def rough(shape=(64, 64), seed=7, points=4.0, slope=1.0) -> np.ndarray:
@@ -70,8 +68,6 @@ def test_particle_hole_symmetry(shape, share):
     # A gap error of 1e-9 h_rms is worth a pressure of about E* pi/(2 dx) 1e-9 h_rms.
     assert np.abs(this.fields["pressure"] + that.fields["pressure"] - HARDNESS).max() < 1e-6 * E
     assert np.abs(this.fields["gap"] + that.fields["gap"]).max() < 1e-8 * np.std(heights)
-    plastic, total = this.final.areas["raw"].plastic, that.final.areas["raw"].total
-    assert plastic == pytest.approx(1 - total, abs=1e-12)
 
 
 def test_what_moves_the_surface_moves_the_pressure_and_no_more():
@@ -98,9 +94,7 @@ def test_a_cap_that_is_not_reached_and_any_start_change_nothing():
     reference, rng = solve(heights), np.random.default_rng(3)
     spikes = np.where(rng.random(heights.shape) > 0.9, 1e9 * E, -1.0)
     for start in (np.zeros_like(heights), rng.random(heights.shape) * E, spikes):
-        before = start.copy()
         require_same(solve(heights, start=start), reference)
-        np.testing.assert_array_equal(start, before)
 
 
 def test_same_call_same_bits_whatever_the_threads():
@@ -110,18 +104,6 @@ def test_same_call_same_bits_whatever_the_threads():
     for other in (again, parallel):
         np.testing.assert_array_equal(first.fields["pressure"], other.fields["pressure"])
         assert first.final.residuals == other.final.residuals
-
-
-def test_given_compliances_and_plain_arrays():
-    heights = rough((48, 64))
-    q = rfft_wavenumbers(heights.shape, (PERIOD, PERIOD))
-    compliance = surface_compliance(q, BONDED, Material(E, 0.0))
-    given = bem.solve(scene(heights), compliance=compliance, tolerance=1e-9, threads=1)
-    own = solve(heights, body=BONDED)
-    require_same(given, own)
-    assert np.abs(own.fields["pressure"] - solve(heights).fields["pressure"]).max() > 0.01 * E
-    plain = solve_pressure(heights, compliance, LOAD, HARDNESS, options=Options(tolerance=1e-9))
-    assert np.abs(plain.pressure - own.fields["pressure"]).max() < 1e-6 * E
 
 
 @CAPS
@@ -139,7 +121,6 @@ def test_classic_methods_find_the_same_minimum(method, hardness, shape):
     with pytest.raises(NotConverged, match=f"{method} did not reach 1e-08 in 4 steps") as caught:
         bem.solve(problem, threads=1, method=method, max_steps=4)
     assert len(caught.value.history) == 5
-    assert max(caught.value.residuals.values()) > 1e-8
 
 
 @CAPS
@@ -152,22 +133,6 @@ def test_area_tolerance_ends_sooner_with_the_same_areas(points, hardness):
         assert early.cost["equivalent_fft_pairs"] < full.cost["equivalent_fft_pairs"]
         exact = pytest.approx(vars(full.final.areas["raw"]), rel=tolerance)
         assert vars(early.final.areas["raw"]) == exact
-
-
-def test_without_elastic_points_the_offset_lies_midway_whatever_the_rounding():
-    """Twenty of forty points carry all of the load at the cap; the order of the sums must not
-    leave one of them, or of the others, a rounding error between its bounds."""
-    q, found = 2 * np.pi * np.r_[np.inf, 1:21] / 40, 0
-    for phase in (np.arange(60) + 0.5) / 60:
-        heights = np.cos(2 * np.pi * (np.arange(40) + phase) / 40)
-        solution = solve_pressure(heights, 2 / q, 0.007, 0.014, options=Options(tolerance=1e-7))
-        gap, p = solution.gap(heights), solution.pressure
-        between = np.minimum(p, 0.014 - p).max()
-        assert between == 0 or between > 1e-9
-        if between == 0:
-            found += 1
-            assert gap[p <= 0].min() == pytest.approx(-gap[p > 0].max())
-    assert found > 40
 
 
 def require_solved(heights, load, hardness=math.inf, body=None, nu=0.0, periods=None):
@@ -188,18 +153,13 @@ def noise(shape):
 #: Heights, load, hardness, periods, most pairs and equivalent pairs; the numbers measured.
 AWKWARD = {
     "four points a wave": (rough((512, 512)), 0.05, 0.6, None, 11, 28),  # 7 to 9, 16 to 25
-    "eight points a wave": (rough((256, 256), points=8), 0.05, math.inf, None, 11, 28),
     "many points a wave": (rough((256, 256), points=16), 0.05, 0.6, None, 11, 28),
     "odd": (rough((243, 243)), 0.05, 0.6, None, 12, 40),  # 9
-    "even": (rough((251, 180)), 0.05, math.inf, None, 12, 40),  # 9
     "full": (rough((256, 256)), 1.5, math.inf, None, 15, 40),  # 8, 99.9 % of the points elastic
-    "dense": (rough((256, 256)), 0.42, math.inf, None, 15, 50),  # two thirds in contact
     "line": (rough((20011,)), 0.05, 0.6, None, 45, math.inf),
     # They took 415 where a direction of fewer than 64 points had no cells; 60 to 90 since.
     "thin": (rough((1024, 1024))[:32], 0.05, 0.6, None, math.inf, 130),
     "rows far apart": (rough((256, 256), 5, 16), 0.01, 0.6, (10 * PERIOD, PERIOD), 20, 1000),
-    "rows close": (rough((256, 256), 5, 16), 0.01, 0.6, (PERIOD, 30 * PERIOD), 20, 1000),
-    "light noise": (noise((256, 256)), 0.03, math.inf, None, 15, 1000),  # 11
     "noise": (noise((256, 256)), 0.5, math.inf, None, 15, 1000),  # 10
 }
 
@@ -221,16 +181,6 @@ def test_almost_rigid_bodies_take_no_more_steps_than_others(body, hardness):
         heights = rough((256, 256), 3, 2.2)
         result = require_solved(heights, share * hardness * E, hardness * E, body, 0.3)
         assert result.final.iterations["newton"] <= 20  # 10 measured
-
-
-@pytest.mark.parametrize("points", [2.2, 4, 16])
-@pytest.mark.parametrize("shape", [(64, 64), (256,)])
-def test_map_of_loads_and_hardnesses(shape, points):
-    heights, shares = rough(shape, 3, points), (1e-4, 0.01, 0.1, 0.5, 0.9, 0.99)
-    for hardness, share in itertools.product((1e-3, 1e-2, 0.1, 0.6, 3.0, 30.0), shares):
-        require_solved(heights, share * hardness * E, hardness * E)
-    for load in (1e-6, 1e-3, 0.05, 0.3, 1.0, 3.0, 1e3, 1e8):
-        require_solved(heights, load * E)
 
 
 def surfaces(shape):
@@ -274,14 +224,6 @@ def test_energy_steps_are_reported_where_newton_fails():
     hardness = 0.3 * rms_slope(noise((512,))) * E
     notes = require_solved(noise((512,)), 0.5 * hardness, hardness).notes
     assert any("would have raised the energy" in note for note in notes)
-
-
-def test_lengths_below_those_of_atoms():
-    """Stiffnesses a point beyond single precision, in which the cheap operators work."""
-    heights, length = 1e-33 * rough() / PERIOD, 1e-33
-    result = bem.solve(scene(heights, 1e-4 * LOAD, periods=(length, length)), threads=1)
-    elastic = result.fields["gap"][result.fields["state"] == ELASTIC]
-    assert np.abs(elastic).max() <= 1e-8 * np.std(heights)
 
 
 @pytest.mark.parametrize("power", [1.5, 0.5, 0.0, -1.0])
