@@ -19,12 +19,14 @@ import pytest
 from command_line import python
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from epcontact.errors import OutputError
+from epcontact.harness.answers.pictures import theory_densities
 from epcontact.output.charts import curves, maps
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.plot import Plot, draw_table, observed_order, pareto_front
-from epcontact.output.charts.style import PART_COLOURS, SETTINGS, unit_for
+from epcontact.output.charts.style import PART_COLOURS, SETTINGS, STATE_NAMES, unit_for
 from epcontact.results import (
     APART,
     ELASTIC,
@@ -36,6 +38,7 @@ from epcontact.results import (
 )
 
 SPACING = (2e-6, 1e-6)
+HARDNESS = 1.5e11
 SIGMA = np.linspace(0, 1.5e11, 80)
 PLOT = Plot(x=("cost_s", "cost (s)"), y=("error", "error (–)"), log="xy")
 
@@ -54,7 +57,8 @@ def lines_of(table: pd.DataFrame, **changes: Any) -> dict[str, Any]:
 
 def answer(method: str, scale: float) -> ContactResult:
     table = PressureDistribution(SIGMA, scale * np.sin(SIGMA / 3e11 * np.pi) ** 2, scale)
-    return ContactResult(method, (LoadStep(1.25e10, {}),), Provenance("x"), table)
+    step = LoadStep(1.25e10, {}, quantities={"diffusion": 4.2e21})
+    return ContactResult(method, (step,), Provenance("x"), table)
 
 
 def make_map(kind: str) -> Chart:
@@ -81,14 +85,9 @@ def make_stability() -> Chart:
 
 
 def make_distribution() -> Chart:
-    density = 4e-13 * np.sin(np.pi * SIGMA / 1.5e11)
-    columns = ("series", curves.PRESSURE, curves.DENSITY)
-    exact = (("persson", SIGMA, density), ("without hardness", 1.3 * SIGMA, 2 * density))
-    return curves.pressure_distribution(
-        {"persson": [answer("persson", 0.06)], "bem": [answer("bem", a) for a in (0.05, 0.07)]},
-        hardness=1.5e11,
-        theory=pd.concat(pd.DataFrame(dict(zip(columns, e, strict=True))) for e in exact),
-    )
+    found = {"persson": [answer("persson", 0.06)], "bem": [answer("bem", a) for a in (0.05, 0.07)]}
+    theory = theory_densities(found, HARDNESS)
+    return curves.pressure_distribution(found, hardness=HARDNESS, theory=theory)
 
 
 def make_curves() -> Chart:
@@ -136,19 +135,16 @@ def test_a_chart_can_be_read_and_is_the_same_four_files_again(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chart = MAKERS[name]()
-    figure = chart.figure
-    for axes in figure.axes:
-        labels = [axes.get_xlabel(), axes.get_ylabel()]
-        shares_y = axes is not figure.axes[0] and name == "stability"
-        named = labels[1:] if hasattr(axes, "_colorbar") else labels[:1] if shares_y else labels
-        assert all(re.search(r"\(.+\)", label) for label in named), f"an axis has no unit: {named}"
-    assert misplaced(figure, monkeypatch) == []
+    labels = {a for each in chart.figure.axes for a in (each.get_xlabel(), each.get_ylabel())}
+    assert all(re.search(r"\(.+\)", label) for label in labels - {""}), "an axis has no unit"
+    assert misplaced(chart.figure, monkeypatch) == []
     paths, again = chart.save(tmp_path / "a" / name), MAKERS[name]().save(tmp_path / "b" / name)
     assert [p.suffix for p in paths] == [".png", ".svg", ".csv", ".txt"]
-    assert [p.read_bytes() for p in paths] == [p.read_bytes() for p in again]
-    assert paths[0].read_bytes().startswith(b"\x89PNG")
-    assert b"<svg" in paths[1].read_bytes()
-    assert chart.caption + "\n" == paths[3].read_text()
+    contents = [p.read_bytes() for p in paths]
+    assert contents == [p.read_bytes() for p in again]
+    assert contents[0].startswith(b"\x89PNG")
+    assert b"<svg" in contents[1]
+    assert contents[3].decode() == chart.caption + "\n"
     rows = list(csv.reader(io.StringIO(paths[2].read_text())))
     assert [len(row) for row in rows] == [len(chart.header)] * (len(chart.rows) + 1)
 
@@ -177,7 +173,7 @@ def test_matplotlib_is_left_as_it_was() -> None:
 def test_intervals_wider_than_all_differences_are_said() -> None:
     table = table_of(**{"E* xi / sigma_Y = 5": ([1.0, 2.0, 3.0], [1.0, 1.1, 1.05])})
     plot = Plot(("cost_s", "E* xi / sigma_Y (–)"), ("error", "y (–)"))
-    for width, said in ((0.5, True), (0.04, False)):
+    for width, said in ((0.5, True), (0.03125, False)):
         wide = table.assign(error_low=table["error"] - width, error_high=table["error"] + width)
         chart = draw_table(wide, plot, "At E* xi/sigma_Y = 5.")
         (axes,) = chart.figure.axes
@@ -185,21 +181,14 @@ def test_intervals_wider_than_all_differences_are_said() -> None:
         assert chart.caption.startswith("At E*ξ/σ_Y = 5.")
         assert axes.get_xlabel() == r"$E^*\xi\,/\,\sigma_\mathrm{Y}$ (–)"
         assert r"$E^*\xi" in axes.get_legend().get_texts()[0].get_text()
-        assert len(axes.collections) == 1
-        ends = tuple(wide[["error_low", "error_high"]].iloc[0])
-        assert chart.rows[0] == ("E* xi / sigma_Y = 5", 1.0, 1.0, *ends)  # data keep plain names
+        assert chart.rows[0] == ("E* xi / sigma_Y = 5", 1.0, 1.0, 1 - width, 1 + width)  # plain
 
 
 def test_the_front_has_neither_curves_nor_points_behind_an_exact_one() -> None:
     table = table_of(a=([1, 5], [0.1, 0.0]), b=([3, 9], [0.01, 0.001]), flat=([1, 4], [0.01, 0.01]))
-    front = lines_of(table, front=True, styles={"flat": "curve"})["Pareto front"]
-    assert np.array_equal(front.get_xydata(), [[1, 0.1], [3, 0.01]])
-
-
-def test_the_legend_tells_the_observed_order_where_it_is_asked_for() -> None:
-    x = np.array([1.0, 2.0, 4.0])
-    labels = lines_of(table_of(second=(x, x**-2.0), level=(x, np.ones(3))), orders=["second"])
-    assert {"second: order 2.00", "level"} <= set(labels)
+    lines = lines_of(table, front=True, orders=["b"], styles={"flat": "curve"})
+    assert np.array_equal(lines["Pareto front"].get_xydata(), [[1, 0.1], [3, 0.01]])
+    assert {"a", "b: order 2.10", "flat"} <= lines.keys()
 
 
 def test_series_of_one_group_share_their_colour_and_have_their_style() -> None:
@@ -208,11 +197,10 @@ def test_series_of_one_group_share_their_colour_and_have_their_style() -> None:
     table["style"] = table["series"].map({"theory": "curve", "bem": "marks", "limit": "open"})
     look = {"series": ("part", "series"), "colour": "part", "colours": PART_COLOURS}
     lines = lines_of(table, **look)
-    assert set(lines) == {"plastic, theory", "plastic, bem", "plastic, limit"}
+    curve, marks, limit = (lines[f"plastic, {name}"] for name in ("theory", "bem", "limit"))
     assert {line.get_color() for line in lines.values()} == {"#000000"}
-    assert lines["plastic, theory"].get_marker() in (None, "None")
-    assert lines["plastic, bem"].get_linestyle() == "None"
-    assert lines["plastic, limit"].get_fillstyle() == "none"
+    assert curve.get_marker() in (None, "None")
+    assert (marks.get_linestyle(), limit.get_fillstyle()) == ("None", "none")
 
 
 def test_methods_keep_their_colours_and_others_do_not_borrow_them() -> None:
@@ -222,21 +210,16 @@ def test_methods_keep_their_colours_and_others_do_not_borrow_them() -> None:
     assert lines["fem"].get_color() == lines_of(table_of(fem=([1], [1])))["fem"].get_color()
     many = table_of(**{f"kind {n}": ([1, 2], [1, 2]) for n in range(20)})
     for style in ("points", "curve"):
-        lines = lines_of(many, style=style)
-        looks = {(e.get_color(), e.get_marker(), e.get_linestyle()) for e in lines.values()}
-        assert len(looks) == 20
+        lines = lines_of(many, style=style).values()
+        assert len({(e.get_color(), e.get_marker(), e.get_linestyle()) for e in lines}) == 20
 
 
 @given(st.lists(st.tuples(st.floats(1e-3, 1e3), st.floats(0, 1)), min_size=1, max_size=30))
 @settings(deadline=None)
 def test_nothing_beats_the_pareto_front(points: list[tuple[float, float]]) -> None:
-    front = pareto_front(*zip(*points, strict=True))
-    expected = {
-        (c, e)
-        for c, e in points
-        if not any((a <= c and b <= e) and (a, b) != (c, e) for a, b in points)
-    }
-    assert [*map(tuple, front.tolist())] == sorted(expected)
+    front = [*map(tuple, pareto_front(*zip(*points, strict=True)).tolist())]
+    beaten = {p for p in points for a, b in points if a <= p[0] and b <= p[1] and (a, b) != p}
+    assert front == sorted({*points} - beaten)
 
 
 @given(order=st.floats(-4, 4), factor=st.floats(1e-6, 1e6))
@@ -262,36 +245,52 @@ def test_the_density_sums_up_to_the_elastic_area(pressures: list[float], bins: i
 
 
 def test_the_density_of_a_smooth_distribution_converges() -> None:
-    """Second order in the width: cumulative sin^2 has the density sin(2x)."""
+    """Cumulative sin^2 has the density sin(2x); the error is asymptotically h^2/24 max|f''|."""
     sigma, errors = np.linspace(0, 1, 20001), []
-    for bins in (10, 20, 40):
+    for bins in (20, 40):
         x, density = curves.pressure_density(PressureDistribution(sigma, np.sin(sigma) ** 2), bins)
         errors.append(np.max(np.abs(density - np.sin(2 * x))))
-    # Asymptotically h^2/24 max|f''| = h^2/6; twice that at the finest.
-    assert errors[2] < 2 / 40**2 / 6
-    assert np.divide(errors[:2], errors[1:]) == pytest.approx(4, rel=0.1)
+    assert errors[1] < 2 / 40**2 / 6
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
 
 
-def test_a_distribution_has_means_of_surfaces_and_a_theory_for_the_method_of_its_name() -> None:
-    rows = pd.DataFrame(make_distribution().rows).groupby(0, sort=False)[2].apply(list)
-    assert list(rows.index) == ["persson", "bem", "without hardness"]
-    assert len(rows["persson"]) == SIGMA.size
+def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula() -> None:
+    chart = make_distribution()
+    rows = pd.DataFrame(chart.rows).groupby(0, sort=False)[2].apply(list)
     _, density = curves.pressure_density(answer("bem", 0.06).distribution)  # type: ignore[arg-type]
     assert rows["bem"] == pytest.approx(density, rel=1e-12)
+    G, p0, lines = 4.2e21, 1.25e10, {e.get_label(): e for e in chart.figure.axes[0].lines}
+    x, y = (np.asarray(v) for v in lines["persson without hardness"].get_data())
+    near, far = (np.exp(-((1e9 * x - shift) ** 2) / (4 * G)) for shift in (p0, -p0))
+    assert y == pytest.approx(1e9 * (near - far) / np.sqrt(4 * np.pi * G), rel=1e-9, abs=1e-15)
+    x, y = (np.asarray(v) for v in lines["persson (plastic area 0.06)"].get_data())
+    n = np.arange(1, 40)[:, None] * np.pi / HARDNESS
+    modes = np.sin(n * p0) * np.sin(n * 1e9 * x)
+    capped = 2e9 / HARDNESS * np.sum(modes * np.exp(-(n**2) * G), axis=0)
+    assert y == pytest.approx(capped, rel=1e-9, abs=1e-12 * capped.max())
 
 
-UNITS = [
-    (2.5e-4, "m", 1e-6, "µm"), (3e-9, "m", 1e-9, "nm"), (1e-10, "m", 1e-9, "nm"),
-    (1500.0, "m", 1.0, "m"), (1.5e11, "Pa", 1e9, "GPa"), (0.0, "Pa", 1.0, "Pa"),
-    (math.inf, "Pa", 1.0, "Pa"),
-]  # fmt: skip
+def test_the_legend_has_the_colours_of_the_map() -> None:
+    state = np.full((60, 40), APART)
+    state[5:25, 5:15], state[35:55, 25:35] = ELASTIC, PLASTIC
+    places = {APART: (30, 4), ELASTIC: (15, 20), PLASTIC: (45, 60)}  # in µm, x to the right, y up
+    chart = maps.contact_map(state, 1e9 * (state > 0), (1e-6, 2e-6))
+    figure = chart.figure
+    with Image.open(io.BytesIO(chart.png())) as picture:
+        pixels = np.asarray(picture.convert("RGB"))[::-1]
+    figure.set_dpi(SETTINGS["savefig.dpi"])
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    keys = {t.get_text(): p for t, p in zip(legend.texts, legend.get_patches(), strict=True)}
+    for kind, place in places.items():
+        box = keys[f"{STATE_NAMES[kind]} {100 * np.mean(state == kind):.2f} %"].get_window_extent()
+        middle, shown = box.get_points().mean(axis=0), figure.axes[0].transData.transform(place)
+        assert np.array_equal(*(pixels[int(y), int(x)] for x, y in (middle, shown)))
 
 
-@pytest.mark.parametrize(("value", "unit", "scale", "name"), UNITS)
-def test_units_read_well(value: float, unit: str, scale: float, name: str) -> None:
-    assert unit_for(value, unit) == (scale, name)
-
-
-def test_an_empty_chart_is_refused() -> None:
+def test_units_read_well_and_an_empty_chart_is_refused() -> None:
+    lengths, pressures = (2.5e-4, 3e-9, 1e-10, 1500.0), (1.5e11, 0.0, math.inf)
+    assert [unit_for(v, "m")[1] for v in lengths] == ["µm", "nm", "nm", "m"]
+    assert [unit_for(v, "Pa") for v in pressures] == [(1e9, "GPa"), (1.0, "Pa"), (1.0, "Pa")]
     with pytest.raises(ValueError, match="nothing to draw"):
         curves.residual_history({"a": [math.nan]})

@@ -11,10 +11,12 @@ from breaking.fault import Fault, Patch, changed, given, scaled
 from epcontact.results import ELASTIC, PLASTIC
 
 SHOWN = "tests/test_shown.py::test_"
+CHARTS = "tests/test_output_charts.py::test_"
 PAGE = SHOWN + "the_page_shows_the_verdict_and_the_answers"
 GATES = SHOWN + "the_table_of_gates_shows_the_verdict"
 FILE = SHOWN + "a_field_file_is_that_of_the_last_load"
-CURVE = SHOWN + "the_drawn_curve_of_the_theory_is_its_formula"
+CURVE = CHARTS + "a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula"
+LEGEND = CHARTS + "the_legend_has_the_colours_of_the_map"
 C = "epcontact.output.charts."
 
 
@@ -113,9 +115,9 @@ FAULTS = (
         FILE,
     ),
     _shown("colours of elastic and plastic contact exchanged against the legend", _drawn(_turned),
-        SHOWN + "the_legend_has_the_colours_of_the_map"),
+        LEGEND),
     _shown("a map upside down", _drawn(lambda field: field[:, ::-1]),
-        SHOWN + "the_legend_has_the_colours_of_the_map"),
+        LEGEND),
     _shown("the elastic curve at twice the diffusion",
         given("epcontact.persson.pressure_density", lambda sigma, G, p0: (sigma, 2 * G, p0)),
         CURVE),
