@@ -26,15 +26,9 @@ def honest(scene: Scene) -> ContactResult:
     return driver.solve(scene, threads=1)
 
 
-# --- material and load ---------------------------------------------------------------------------
-
-
 def stiff(scene: Scene) -> ContactResult:
     """The modulus 5 % too high."""
     return with_material(scene, young_modulus=1.05 * scene.material.young_modulus)
-
-
-# --- the cap -------------------------------------------------------------------------------------
 
 
 def no_cap(scene: Scene) -> ContactResult:
@@ -57,9 +51,6 @@ def clipped_and_scaled(scene: Scene) -> ContactResult:
     return with_pressure(honest(scene), pressure)
 
 
-# --- the surface ---------------------------------------------------------------------------------
-
-
 def transposed(scene: Scene) -> ContactResult:
     """Rows taken for columns: the periods are exchanged, the arrays are not."""
     with warnings.catch_warnings(action="ignore", category=SurfaceWarning):  # of oblong cells
@@ -80,11 +71,9 @@ def half_cell(scene: Scene) -> ContactResult:
 
 def shifted(scene: Scene) -> ContactResult:
     """Fields an eighth of the grid off along every direction."""
-    result = honest(scene)
-    fields = {
-        name: np.roll(a, [n // 8 for n in a.shape], range(a.ndim))
-        for name, a in result.fields.items()
-    }
+    result, eighth = honest(scene), [n // 8 for n in scene.surface.shape]
+    axes = range(len(eighth))
+    fields = {name: np.roll(field, eighth, axes) for name, field in result.fields.items()}
     return replace(result, fields=fields)
 
 
@@ -96,9 +85,6 @@ def coarse(scene: Scene) -> ContactResult:
     for axis in range(scene.surface.heights.ndim):
         fields = {name: np.repeat(a, 2, axis) for name, a in fields.items()}
     return replace(result, fields=fields)
-
-
-# --- the kernel ----------------------------------------------------------------------------------
 
 
 def difference_kernel(scene: Scene) -> ContactResult:
@@ -125,11 +111,7 @@ def no_compression(scene: Scene) -> ContactResult:
     modulus = material.young_modulus * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
     energy = result.final.quantities["elastic_energy"]
     energy -= scene.load.final**2 * scene.body.depth / modulus / 2
-    quantities = dict(result.final.quantities) | {"elastic_energy": energy}
-    return _with_last(result, quantities=quantities)
-
-
-# --- the solver ----------------------------------------------------------------------------------
+    return with_last(result, quantities={**result.final.quantities, "elastic_energy": energy})
 
 
 def tensile(scene: Scene) -> ContactResult:
@@ -141,9 +123,6 @@ def tensile(scene: Scene) -> ContactResult:
     axes = range(scene.surface.heights.ndim)
     pressure = np.fft.irfftn(modes, scene.surface.shape, axes) + scene.load.final
     return with_pressure(honest(scene), pressure)
-
-
-# --- what is reported ----------------------------------------------------------------------------
 
 
 def corrected_the_wrong_way(scene: Scene) -> ContactResult:
@@ -192,8 +171,8 @@ def with_pressure(result: ContactResult, pressure: np.ndarray) -> ContactResult:
 
 
 def with_areas(result: ContactResult, change: Any) -> ContactResult:
-    return _with_last(result, areas=change(dict(result.final.areas)))
+    return with_last(result, areas=change(dict(result.final.areas)))
 
 
-def _with_last(result: ContactResult, **changes: Any) -> ContactResult:
+def with_last(result: ContactResult, **changes: Any) -> ContactResult:
     return replace(result, steps=(*result.steps[:-1], replace(result.final, **changes)))

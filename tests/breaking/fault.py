@@ -26,32 +26,21 @@ TESTS = Path(__file__).parents[1]
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault.
+    """One fault, and the gate that must turn red, or the test that must fail."""
 
-    Attributes:
-        what: the mistake in words.
-        room: the package in which it is made.
-        patch: makes it.
-        case, quantity, against: the gate that must turn red; against None: the only gate on the
-            quantity, or all of them.
-        norm, of: of the gate, where there are gates of several norms or methods on the quantity.
-        test: the test that must fail instead, if no gate sees the fault.
-        surfaces: so many of the case's are solved; None: all.  One surface has no interval, but a
-            band that holds eight of them also holds any one within 2.5 standard deviations.
-        status: what becomes of the gate, or REFUSED if verify withdraws the verdict.
-    """
-
-    what: str
-    room: str
+    what: str  # the mistake in words
+    room: str  # the package in which it is made
     patch: Patch
     case: str = ""
     quantity: str = ""
-    against: str | float | None = None
-    norm: str = ""
-    of: str = ""
-    test: str = ""
+    against: str | float | None = None  # None: the only gate on the quantity, or all of them
+    norm: str = ""  # where the gates on the quantity have several
+    of: str = ""  # where they are of several methods
+    test: str = ""  # that must fail instead, if no gate sees the fault
+    #: So many of the case's surfaces are solved; None: all.  One surface has no interval, but a
+    #: band that holds eight of them also holds any one within 2.5 standard deviations.
     surfaces: int | None = None
-    status: str = FALLS_SHORT
+    status: str = FALLS_SHORT  # of the gate, or REFUSED if verify withdraws the verdict
 
     @property
     def seen_by(self) -> str:
@@ -76,14 +65,7 @@ def status_under(fault: Fault, output: Path) -> str:
 
     With the fault's patch in place this is what `epcontact verify` finds under the fault.
     """
-    case = _only(honest_case(fault.case), fault)
-    try:
-        return verify(case, jobs=1, output=output, fresh=True).cases[0].gates[0].status
-    except OutputError:
-        return REFUSED
-
-
-def _only(case: Case, fault: Fault) -> Case:
+    case = honest_case(fault.case)
     gates = tuple(
         gate for gate in case.gates
         if gate.quantity == fault.quantity and fault.against in (None, gate.against)
@@ -92,7 +74,11 @@ def _only(case: Case, fault: Fault) -> Case:
     assert gates, f"{fault.case} has no gate {fault.quantity} against {fault.against}"
     needed = {gates[0].of, gates[0].against}
     methods = tuple(name for name in case.methods if name in needed)
-    return case.changed(gates=gates[:1], methods=methods, recipes=case.recipes[: fault.surfaces])
+    case = case.changed(gates=gates[:1], methods=methods, recipes=case.recipes[: fault.surfaces])
+    try:
+        return verify(case, jobs=1, output=output, fresh=True).cases[0].gates[0].status
+    except OutputError:
+        return REFUSED
 
 
 # --- patches -------------------------------------------------------------------------------------
@@ -100,25 +86,17 @@ def _only(case: Case, fault: Fault) -> Case:
 
 def changed(path: str, change: Callable[[Any], Any]) -> Patch:
     """Patch `module.attribute`, or `module.Class.attribute`, by `change(original)`."""
+    above, _, attribute = path.rpartition(".")
 
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
-        owner, attribute = _owner(path)
+        try:
+            owner: Any = importlib.import_module(above)
+        except ModuleNotFoundError:
+            module, _, name = above.rpartition(".")
+            owner = getattr(importlib.import_module(module), name)
         monkeypatch.setattr(owner, attribute, change(getattr(owner, attribute)))
 
     return patch
-
-
-def _owner(path: str) -> tuple[Any, str]:
-    """Return the module, or the class in it, that has the last name of a path."""
-    above, _, attribute = path.rpartition(".")
-    try:
-        importlib.import_module(above)
-    except ModuleNotFoundError:
-        module, _, name = above.rpartition(".")
-        importlib.import_module(module)
-        return getattr(sys.modules[module], name), attribute
-    # Some packages shadow a module by a function of its name: ask the table of modules.
-    return sys.modules[above], attribute
 
 
 def at(path: str, value: Any) -> Patch:
@@ -132,21 +110,13 @@ def scaled(path: str, factor: float) -> Patch:
 
 
 def on_result(path: str, wrong: Callable[[Any], Any]) -> Patch:
-    """Return the patch that passes what a function returns through `wrong`."""
-
-    def change(original: Callable[..., Any]) -> Callable[..., Any]:
-        return functools.wraps(original)(lambda *args, **kwargs: wrong(original(*args, **kwargs)))
-
-    return changed(path, change)
+    """What a function returns, passed through `wrong`."""
+    return changed(path, lambda f: functools.wraps(f)(lambda *a, **k: wrong(f(*a, **k))))
 
 
 def given(path: str, wrong: Callable[..., Any]) -> Patch:
     """A function called with the arguments (a tuple) that `wrong` makes of its own."""
-
-    def change(original: Callable[..., Any]) -> Callable[..., Any]:
-        return functools.wraps(original)(lambda *args, **kwargs: original(*wrong(*args), **kwargs))
-
-    return changed(path, change)
+    return changed(path, lambda f: functools.wraps(f)(lambda *a, **k: f(*wrong(*a), **k)))
 
 
 def both(*patches: Patch) -> Patch:
