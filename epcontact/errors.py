@@ -74,11 +74,6 @@ def closest(name: str, known: Iterable[str]) -> str:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence on an unknown name: the closest known name, or all of them.
-
-    Example:
-        >>> "no method is called 'bme'" + nearest("bme", ["bem", "fem"])
-        "no method is called 'bme'; did you mean 'bem'?"
-    """
+    """Return the end of a sentence on an unknown name: the closest known name, or all of them."""
     close = closest(name, known)
     return f"; did you mean {close!r}?" if close else f"; there are {', '.join(sorted(known))}"

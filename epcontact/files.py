@@ -29,10 +29,8 @@ _BEGIN = f".epcontact-{platform.node()}-"
 @contextlib.contextmanager
 def whole_file(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path, whose file replaces `path` if the block ends without an error.
-
     Missing folders are made, and a symbolic link keeps its target.  Raises OutputError if the
-    system refuses; what else the block raises passes.
-    """
+    system refuses; what else the block raises passes."""
     if not Path(path).name:
         raise OutputError(f"cannot write {str(path)!r}: it names no file")
     try:
@@ -95,11 +93,9 @@ def step_name(number: int, end: str) -> str:
 def write_collection(
     path: Path | str, mean_pressures: Sequence[float], ends: tuple[str, ...] = (".vti",)
 ) -> None:
-    """Write a ParaView collection (.pvd) over the steps of a load path beside it.
-
-    The time of a step is its number, because a path may unload; its name has the mean pressure
-    (Pa).  Part n of a step is its file with the n-th of the `ends`.
-    """
+    """Write a ParaView collection (.pvd) over the steps of a load path beside it.  The time of a
+    step is its number, because a path may unload; its name has the mean pressure (Pa).  Part n of a
+    step is its file with the n-th of the `ends`."""
     entries = "".join(
         f'<DataSet timestep="{number}" part="{part}" name="mean pressure {float(pressure)!r} Pa" '
         f'file="{step_name(number, end)}"/>\n'

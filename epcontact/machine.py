@@ -143,28 +143,22 @@ _KERNELS = _Kernels()
 
 
 def compile_seconds() -> float:
-    """Return the seconds that this process has spent on compiling and loading kernels so far.
-
-    What is still running counts, and so does waiting for another process that compiles.
-    """
+    """Return the seconds that this process has spent on compiling and loading kernels so far.  What
+    is still running counts, and so does waiting for another process that compiles."""
     running = time.perf_counter() - _KERNELS.started if _KERNELS.depth else 0.0
     return _KERNELS.total + running
 
 
 def compiling() -> bool:
-    """Return True if this process is compiling or loading a kernel.
-
-    The handler of a signal must not raise an exception then, but be called again later.
-    """
+    """Return True if this process is compiling or loading a kernel.  The handler of a signal must
+    not raise an exception then, but be called again later."""
     return _KERNELS.depth > 0
 
 
 @functools.cache
 def provide_kernel_cache() -> None:
-    """Watch how numba compiles and keeps our kernels.  Call this before they are defined.
-
-    Numba has no settings for this, so its class of caches is replaced for our own kernels.
-    """
+    """Watch how numba compiles and keeps our kernels.  Call this before they are defined.  Numba
+    has no settings for this, so its class of caches is replaced for our own kernels."""
     # Most commands solve nothing, and numba takes half a second to load.
     from numba.core import caching, config, dispatcher, event
     from numba.core.runtime import rtsys

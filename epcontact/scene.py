@@ -375,11 +375,9 @@ def _doubts(surface: Surface) -> list[str]:
 
 
 def _coarse_step(heights: FloatArray, change: float) -> float:
-    """Return the step of heights of which most lie between two neighbouring points, or 0.
-
-    A corner of the grid shows it: its heights have few values, multiples of a step that their rms
-    change from point to point hardly exceeds, and they bend at most points.
-    """
+    """Return the step of heights of which most lie between two neighbouring points, or 0.  A corner
+    of the grid shows it: its heights have few values, multiples of a step that their rms change
+    from point to point hardly exceeds, and they bend at most points."""
     corner = heights[tuple(slice(100) for _ in heights.shape)]
     levels = np.unique(corner)
     if not 3 <= levels.size < corner.size / 4:
@@ -417,9 +415,7 @@ def _require(condition: bool, message: str) -> None:
 
 def number(name: str, given: Any, right: str, good: Callable[[float], bool]) -> float:
     """Return a number of Python or numpy as a float, for every input of the package that is one.
-
-    Raises InvalidScene, that `name` must be `right`, if it is no real number or is not `good`.
-    """
+    Raises InvalidScene, that `name` must be `right`, if it is no real number or is not `good`."""
     plain = given.item() if isinstance(given, np.generic | np.ndarray) and not given.ndim else given
     value = math.nan
     if not isinstance(plain, bool) and isinstance(plain, Real):

@@ -120,10 +120,8 @@ def rigid_contact(
     approach: float = 0.0,
     cap: float = np.inf,
 ) -> SurfaceContact:
-    """Solve the contact of a rigid flat with an elastic body, given the compliance of its top.
-
-    The total force is `load` or, if that is None, the `approach` d is given.  Raises NotConverged.
-    """
+    """Solve the contact of a rigid flat with an elastic body, given the compliance of its top.  The
+    total force is `load` or, if that is None, the `approach` d is given.  Raises NotConverged."""
     nx, stiffness = heights.shape[0], 1.0 / float(compliance.min())
     states = _first_states(heights, load, approach, cap)
     forces, residuals = np.zeros(heights.shape), []

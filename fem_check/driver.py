@@ -189,11 +189,9 @@ _ROWS = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
 
 
 def certify(problem: Problem, state: State, history: History, largest: float) -> dict[str, float]:
-    """Residuals, over the path's `largest` force, of the force that scikit-fem assembles.
-
-    Only the stresses come from the solver's own loops.  Their mean part is constant in an element,
-    so that the standard form  int sigma : grad(v) dV  is the internal force of the B-bar element.
-    """
+    """Residuals, over the path's `largest` force, of the force that scikit-fem assembles.  Only the
+    stresses come from the solver's own loops.  Their mean part is constant in an element, so that
+    the standard form  int sigma : grad(v) dV  is the internal force of the B-bar element."""
     force, positions = np.zeros(problem.block.field_shape), problem.block.positions()
     for k in range(len(problem.block.layers)):
         stress, _ = problem.layer_stresses(state, history, k)

@@ -52,10 +52,8 @@ class Elements(NamedTuple):
 def layers_apart(
     bricks: Elements, which: NDArray[np.int64] | None
 ) -> tuple[NDArray[np.int64], ...]:
-    """Parts of all elements, or of `which`, to be worked on one after the other.
-
-    A part has (r, 2) ranges of indices, one a layer; its layers have no node in common.
-    """
+    """Parts of all elements, or of `which`, to be worked on one after the other.  A part has (r, 2)
+    ranges of indices, one a layer; its layers have no node in common."""
     shapes = bricks.shape_of if which is None else bricks.shape_of[which]
     if bricks.sides is None:
         return (np.array([[0, len(shapes)]]),)
@@ -89,10 +87,8 @@ def elements(
 
 
 def strain_operator(shape: Elements, index: int, *, mean_dilatation: bool = True) -> FloatArray:
-    """The strain operator B (8 Gauss points, 6, 24) of one shape; the plain element's locks.
-
-    Its rows are xx, yy, zz, xy, yz, zx with engineering shears, its columns go node by node.
-    """
+    """The strain operator B (8 Gauss points, 6, 24) of one shape; the plain element's locks.  Its
+    rows are xx, yy, zz, xy, yz, zx with engineering shears, its columns go node by node."""
     g = np.moveaxis(shape.gradients[index], 2, 0)  # [gauss, j, a]
     B = np.zeros((8, 6, 8, 3))
     for j in range(3):

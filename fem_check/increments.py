@@ -98,10 +98,8 @@ def advance(problem: Problem, along: Along, target: float, rule: Rule) -> Along:
 def _pair(
     problem: Problem, along: Along, target: float, rule: Rule, whole: SolvedIncrement | None
 ) -> tuple[Along, SolvedIncrement | None]:
-    """Make a pair of increments towards the target; `whole` is the increment over it, if known.
-
-    Returns the place after as much of it as is good enough, and the next `whole` if it is known.
-    """
+    """The place after as much of a pair of increments towards the target as is good enough, and
+    the next `whole`, the increment over a pair, where it is known."""
     left = target - along.at
     length = left if abs(left) <= 1.001 * along.pair else math.copysign(along.pair, left)
     end, middle = target if length == left else along.at + length, along.at + length / 2
@@ -201,10 +199,8 @@ def _elastic_state(problem: Problem, control: Control) -> State:
 
 
 def _guess(problem: Problem, states: tuple[State, ...], control: Control) -> State:
-    """The first guess of a state: on the secant through the last two, or the last one.
-
-    Unloading, an increment much longer than the last, and capped forces do not follow the secant.
-    """
+    """The first guess of a state: on the secant through the last two or, as in unloading, after
+    an increment much longer than the last and with capped forces, the last one."""
     if not states:
         return _elastic_state(problem, control)
     state, load = states[-1], control.load
@@ -227,10 +223,8 @@ def _guess(problem: Problem, states: tuple[State, ...], control: Control) -> Sta
 
 
 def _on_secant(problem: Problem, state: State, other: State, share: float) -> State:
-    """The state at a `share` of the way from one state to another, or beyond.
-
-    The contact area is interpolated, too, and filled with the nodes nearest to the flat.
-    """
+    """The state at a `share` of the way from one state to another, or beyond; the contact area is
+    interpolated, too, and filled with the nodes nearest to the flat."""
     u = state.displacement + share * (other.displacement - state.displacement)
     d = state.approach + share * (other.approach - state.approach)
     contact = state.states == ELASTIC

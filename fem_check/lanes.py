@@ -42,10 +42,8 @@ def workspace():  # type: ignore[no-untyped-def]
 
 @compiled
 def gather(u, bricks, which, first, stop, ue, shapes):  # type: ignore[no-untyped-def]
-    """Copies displacements (nodes, 3) to ue, and the elements' shapes.
-
-    The elements are those from `first` to `stop`, of `which` if given; the last one is repeated.
-    """
+    """Copies displacements (nodes, 3) to ue, and the elements' shapes.  The elements are those from
+    `first` to `stop`, of `which` if given; the last one is repeated."""
     for n in range(LANES):
         e = min(first + n, stop - 1)
         if which is not None:
@@ -76,10 +74,8 @@ def scatter(fe, bricks, which, first, stop, f):  # type: ignore[no-untyped-def]
 
 @compiled
 def _across(a, b, c, d):  # type: ignore[no-untyped-def]
-    """Four times the values at the 2 x 2 Gauss points of a square, from those at its corners.
-
-    Both go as (-, -), (-, +), (+, -), (+, +).  The map is its own transpose.
-    """
+    """Four times the values at the 2 x 2 Gauss points of a square, from those at its corners, both
+    as (-, -), (-, +), (+, -), (+, +); the map is its own transpose."""
     s, t, u, v = a + b, (b - a) * _GAUSS, c + d, (d - c) * _GAUSS
     a, b, c, d = s - t, s + t, u - v, u + v
     s, t, u, v = a + c, (c - a) * _GAUSS, b + d, (d - b) * _GAUSS

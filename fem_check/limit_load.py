@@ -120,10 +120,8 @@ def strip_punch(
     count: int, *, poisson_ratio: float = 0.3, mean_dilatation: bool = True, steps: int = 6
 ) -> FloatArray:
     """(steps,) mean pressure over the yield stress under a smooth strip punch in plane strain.
-
-    `count` elements are under half of its width, the unit of length; half of the body is 5 wide
-    and deep.  The last step is far beyond the limit load.
-    """
+    `count` elements are under half of its width, the unit of length; half of the body is 5 wide and
+    deep.  The last step is far beyond the limit load."""
     n = 5 * count
     number = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)  # of the nodes, [across, down]
     corners = [number[x : n + x, 1 - z : n + 1 - z].ravel() for x, _, z in CORNERS]

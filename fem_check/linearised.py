@@ -110,10 +110,8 @@ def linear_contact(
     forcing: float,
     sweeps: int = 12,
 ) -> tuple[LinearSolution, Counts]:
-    """Solve the contact of the tangent frozen at `state`, whose reaction is R; also counts.
-
-    The solves reduce the residual by `forcing`; the contact set changes at most `sweeps` times.
-    """
+    """Solve the contact of the tangent frozen at `state`, whose reaction is R; also counts.  The
+    solves reduce the residual by `forcing`; the contact set changes at most `sweeps` times."""
     problem = tangent.problem
     missing = problem.missing_load(R, state.states, control)
     balance = unbalanced_norm(R, state.states, problem.workers)
@@ -160,10 +158,8 @@ def _elastic_solve(
 def precondition(
     tangent: Tangent, sweeps: Smoother | None, R: FloatArray, missing: float | None, states: States
 ) -> tuple[FloatArray, FloatArray, float]:
-    """(z, K z, its part of the approach) of the reaction R and of the load `missing`.
-
-    If the load is None, the approach is prescribed.
-    """
+    """(z, K z, its part of the approach) of the reaction R and of the load `missing`.  If the load
+    is None, the approach is prescribed."""
     problem, contact, remaining = tangent.problem, states == ELASTIC, unbalanced(R, states)
     swept = np.empty(0)
     if sweeps is not None:

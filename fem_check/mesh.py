@@ -213,10 +213,8 @@ def flowing_shares(
     block: PeriodicBlock, mean_pressure: float, yield_stress: float, severity: float
 ) -> FloatArray:
     """(layers,) the share of each layer's elements that is expected to flow (test_fem_solve.py).
-
     At the surface it is .6 times mean_pressure/yield_stress at a `severity` E* xi/sigma_Y of 5, and
-    1.2 times at 50.  It falls to none at a depth that grows with the load and with the spacing.
-    """
+    1.2 times at 50.  It falls to none at a depth that grows with the load and with the spacing."""
     load = mean_pressure / yield_stress
     at_top = min(1.0, 0.6 * min(max(severity / 5, 1.0), 10.0) ** 0.3 * load)
     longest = max(n * h for n, h in zip(block.shape, block.spacing, strict=True))

@@ -107,10 +107,9 @@ def follow_path(
 def _elastic(along: Along) -> Along:
     """The place with elastic contact alone, as on the surface that flow has lowered."""
 
-    def eased(state: State) -> State:
-        return replace(state, states=np.where(state.states == PLASTIC, ELASTIC, state.states))
-
-    return replace(along, states=tuple(map(eased, along.states)))
+    eased = (np.where(s.states == PLASTIC, ELASTIC, s.states) for s in along.states)
+    pairs = zip(along.states, eased, strict=True)
+    return replace(along, states=tuple(replace(s, states=each) for s, each in pairs))
 
 
 def _sunk(problem: Problem, state: State) -> FloatArray:

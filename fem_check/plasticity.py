@@ -133,10 +133,8 @@ def _trial(s, at, p, history, row, q, law):  # type: ignore[no-untyped-def]
 def _return(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
     s, n, p, history, row, law, updated, terms, k
 ):
-    """Returns the stresses of lane n to the yield surface; True if a point flows.
-
-    `updated` is the history to move on, and terms[k] are those of the correction, or they are None.
-    """
+    """Returns the stresses of lane n to the yield surface; True if a point flows.  `updated` is the
+    history to move on, and terms[k] are those of the correction, or they are None."""
     flows = False
     for q in range(8):
         at = q * LANES + n
@@ -162,11 +160,9 @@ def _return(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
 def _stress_update(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
     u, bricks, law, history, which, nodal, stress, updated, terms, ranges
 ):
-    """Radial return of all elements, or of `which`; without a history the law is elastic.
-
-    Each of the outputs may be None, and is then left out of the compiled loop: nodal = (force,
-    flowing), where the internal force is added to `force`; stress (m, 6, 8); updated; terms.
-    """
+    """Radial return of all elements, or of `which`; without a history the law is elastic.  Each of
+    the outputs may be None, and is then left out of the compiled loop: nodal = (force, flowing),
+    where the internal force is added to `force`; stress (m, 6, 8); updated; terms."""
     ue, d, s, fe = workspace()
     dilatation, worst, shapes = np.empty(LANES), np.empty(LANES), np.empty(LANES, np.int32)
     limit = (_ROOT * law[2]) ** 2

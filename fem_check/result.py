@@ -219,11 +219,9 @@ def _warnings(path: SolvedPath) -> tuple[str, ...]:
 
 
 def nodes_across(touching: NDArray[np.bool_]) -> float:
-    """Nodes across the contact in smaller ones than which half of all contact nodes are.
-
-    On a line (ny = 1) its width, on a surface the diameter of a disc of its area.  Contacts join
-    over corners and over the periodic edges.
-    """
+    """Nodes across the contact in smaller ones than which half of all contact nodes are.  On a line
+    (ny = 1) its width, on a surface the diameter of a disc of its area.  Contacts join over corners
+    and over the periodic edges."""
     if not touching.any():
         return 0.0
     number = np.arange(touching.size).reshape(touching.shape)

@@ -140,10 +140,8 @@ def _top_of(body: Any, problem: Problem, point: PathPoint) -> Any:
 
 
 def _write_grid(mesh: Any, about: Mapping[str, str | float], path: str) -> None:
-    """Write a mesh with units and field data.  Raises OSError.
-
-    meshio's own writer leaves both out, and pyvista's crashes on a full disk.
-    """
+    """Write a mesh with units and field data, which meshio leaves out; pyvista's writer crashes on
+    a full disk.  Raises OSError."""
     import pyvista as pv
     from vtkmodules.vtkCommonCore import vtkDataArray
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter

@@ -36,9 +36,7 @@ class Workers:
         self, task: Callable[..., Any], ranges: NDArray[np.int64], *, weight: float = 1.0
     ) -> None:
         """Call `task` with parts of the (r, 2) ranges, in any order, each writing to other places.
-
-        `weight` is the work on an item over that on an element.
-        """
+        `weight` is the work on an item over that on an element."""
         if self._pool is None or len(ranges) == 1:
             task(ranges)
             return

@@ -30,11 +30,9 @@ def project(
     workers: Workers | None = None,
     out: FloatArray | None = None,
 ) -> FloatArray:
-    """clip(w + z, 0, cap), the p nearest to w with 0 <= p <= cap and sum(p) = total.
-
-    The sum is piecewise linear and increasing in z; Newton steps within a bracket find z.  The
-    result is written to `out`, which may be w itself.
-    """
+    """clip(w + z, 0, cap), the p nearest to w with 0 <= p <= cap and sum(p) = total.  The sum is
+    piecewise linear and increasing in z; Newton steps within a bracket find z.  The result is
+    written to `out`, which may be w itself."""
     workers, parts = workers or Workers(), ranges(w.size, BLOCK_POINTS)
     blocks = split(w.reshape(-1), parts)
     extremes = workers.each(lambda block: (float(block.min()), float(block.max())), blocks)

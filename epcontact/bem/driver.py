@@ -148,11 +148,9 @@ class _Path:
     def walk(
         self, start: FloatArray | None, before: FloatArray | None
     ) -> tuple[tuple[LoadStep, ...], LoadedSurface, dict[str, float]]:
-        """Solve at each load, on the surface that the loads before it have left.
-
-        Returns the load steps, the surface under the last load, and the transforms of all loads.
-        start, before: pressure in Pa to start from, and plastic displacement before the first load.
-        """
+        """Solve at each load, on the surface that the loads before it have left.  Returns the load
+        steps, the surface under the last load, and the transforms of all loads.  start, before:
+        pressure in Pa to start from, and plastic displacement before the first load."""
         heights, path = self.scene.surface.heights.reshape(self.symbol.shape), self.scene.load.path
         left = heights if before is None else heights - before
         steps: list[LoadStep] = []
@@ -175,11 +173,9 @@ class _Path:
             del now, problem  # their fields would stay in memory beside those of the next load
 
     def share_done(self, load: int) -> Callable[[tuple[int, ...], float], None] | None:
-        """The progress of the load of a number, as a function of grid and residual.
-
-        A grid has its share of the work by its points, so that all coarser ones have a quarter of
-        its own, and residuals fall by equal factors in equal times.
-        """
+        """The progress of the load of a number, as a function of grid and residual.  A grid has its
+        share of the work by its points, so that all coarser ones have a quarter of its own, and
+        residuals fall by equal factors in equal times."""
         if (progress := self.progress) is None:
             return None
         path, tolerance = self.scene.load.path, self.options.tolerance
@@ -231,10 +227,8 @@ class _Path:
 
 
 def _warm_start(last: LoadedSurface, left: FloatArray, following: float) -> FloatArray | None:
-    """p - c g of the last solution in Pa, scaled to the next load; None for a distant load.
-
-    Where p is 0, it still shows how far away contact is.  left: the heights that the load meets.
-    """
+    """p - c g of the last solution in Pa, scaled to the next load; None for a distant load.  Where
+    p is 0, it still shows how far away contact is.  left: the heights that the load meets."""
     problem, solution = last.problem, last.solution
     ratio = following / problem.mean_pressure if problem.mean_pressure else math.inf
     if not 1 / _WARM_RATIO <= ratio <= _WARM_RATIO:

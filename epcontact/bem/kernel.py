@@ -70,10 +70,8 @@ def surface_compliance(wavenumber: FloatArray, body: Body, material: Material) -
 def quarter_compliance(
     shape: tuple[int, int], periods: tuple[float, float], body: Body, material: Material
 ) -> FloatArray:
-    """C(q) on the non-negative quarter of the modes, (nx//2 + 1, ny//2 + 1), in m/Pa.
-
-    The grid is filled by a few rows, so that no temporary of the grid's size is made.
-    """
+    """C(q) on the non-negative quarter of the modes, (nx//2 + 1, ny//2 + 1), in m/Pa.  The grid is
+    filled by a few rows, so that no temporary of the grid's size is made."""
     nx, ny = shape
     qx = 2 * np.pi / periods[0] * np.arange(nx // 2 + 1)
     qy = 2 * np.pi / periods[1] * np.arange(ny // 2 + 1)

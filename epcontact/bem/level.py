@@ -72,11 +72,9 @@ def first_iterate(level: Level, p: FloatArray) -> Iterate:
 
 
 def measured(level: Level, p: FloatArray, u: FloatArray) -> tuple[float, float, float]:
-    """(offset z in m, mean of p, energy) of a pressure and its displacement.
-
-    The energy is in mean pressures times m, summed over the points.  If no point is between its
-    bounds, the offset is the middle of the range that the other two sets allow.
-    """
+    """(offset z in m, mean of p, energy) of a pressure and its displacement.  The energy is in mean
+    pressures times m, summed over the points.  If no point is between its bounds, the offset is the
+    middle of the range that the other two sets allow."""
     sums = level.workers.total(measure, *level.split(p, u, level.heights), level.cap)
     needed, number, force, energy = sums
     if number:
@@ -109,9 +107,8 @@ def kkt_residuals(level: Level, it: Iterate) -> dict[str, float]:
 
 def put_on_bounds(level: Level, p: FloatArray) -> bool:
     """Move pressures that are within rounding of a bound onto it; return True if there were any.
-
-    If points on the bounds carry all of the load, those of the others are rounding of a sum only.
-    """
+    If points on the bounds carry all of the load, those of the others are rounding of a sum
+    only."""
     rounding = 8 * p.size * np.finfo(np.float64).eps
     (moved,) = level.workers.total(move_to_bounds, *level.split(p), level.cap, rounding)
     return bool(moved)

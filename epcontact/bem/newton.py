@@ -74,11 +74,9 @@ class _Sets:
     elastic_by_block: list[int]
 
     def settled(self, aim: float, history: list[float]) -> bool:
-        """True if the areas change by no more than `aim` after a full step.
-
-        They do not count while the residual is near the first one: with many points a wavelength,
-        fronts move by less than a point while forces are out of balance.
-        """
+        """True if the areas change by no more than `aim` after a full step.  They do not count
+        while the residual is near the first one: with many points a wavelength, fronts move by less
+        than a point while forces are out of balance."""
         contact = self.elastic + self.plastic
         least = min((n for n in (self.elastic, self.plastic) if n), default=0)
         changes = (
@@ -203,11 +201,9 @@ def _newton_step(
 def update_states(
     p: Any, u: Any, h: Any, state: Any, z: float, cap: float
 ) -> tuple[int, int, int, int, int, float]:
-    """Overwrite `state` with the sets to solve on, given the offset z; see `_Sets`.
-
-    The elastic set holds the points between their bounds, and those on a bound where the gap
-    g = u + z - h has the wrong sign.
-    """
+    """Overwrite `state` with the sets to solve on, given the offset z; see `_Sets`.  The elastic
+    set holds the points between their bounds, and those on a bound where the gap g = u + z - h has
+    the wrong sign."""
     changed = elastic = plastic = entering = unloading = 0
     worst = 0.0
     for i in range(p.size):

@@ -143,10 +143,8 @@ def checked_symbol(compliance: NDArray[np.floating], shape: tuple[int, ...]) -> 
 
 
 def _require_gradual(values: FloatArray, grid: tuple[int, int]) -> None:
-    """Refuse a compliance that falls too fast from a wave to the one of half its length.
-
-    The pressures of short waves would be out of all proportion, and a solve would not end.
-    """
+    """Refuse a compliance that falls too fast from a wave to the one of half its length: the
+    pressures of short waves would be out of all proportion, and a solve would not end."""
     nx, ny = grid
     for name, (a, b) in {"first axis": (1, 0), "second axis": (0, 1), "diagonal": (1, 1)}.items():
         k = np.arange(1, min(n // 2 for n, used in ((nx, a), (ny, b)) if used) + 1)
@@ -163,10 +161,8 @@ def _require_gradual(values: FloatArray, grid: tuple[int, int]) -> None:
 
 
 def checked_start(given: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
-    """A user's start pressure as a float64 array, -inf where it is exactly 0.
-
-    A point without pressure stays apart: rounding of the load would else bring it into contact.
-    """
+    """A user's start pressure as a float64 array, -inf where it is exactly 0.  A point without
+    pressure stays apart: rounding of the load would else bring it into contact."""
     start = checked_field("start", given, shape, "finite pressures", -math.inf)
     return np.where(start == 0, -math.inf, start)
 

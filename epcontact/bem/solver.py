@@ -156,10 +156,8 @@ def solve_problem(
 def _coarse_guess(
     problem: GridProblem, scale: float, options: Options, workers: Workers
 ) -> tuple[FloatArray, list[float]]:
-    """A start for a grid from the next coarser one, or a uniform one, and the work done for it.
-
-    The work of each grid is its pairs of transforms times its points.
-    """
+    """A start for a grid from the next coarser one, or a uniform one, and the work done for it: the
+    pairs of transforms of each grid times its points."""
     below = coarser(problem.symbol)
     if below is None:
         return np.ones(problem.symbol.shape), []
@@ -178,10 +176,8 @@ def _coarse_guess(
 
 
 def coarser(symbol: Symbol) -> tuple[int, int] | None:
-    """Halve each direction of more than COARSEST points; None if there is none.
-
-    Where points are far apart along one axis, the other is halved alone as long as it can be.
-    """
+    """Halve each direction of more than COARSEST points; None if there is none.  Where points are
+    far apart along one axis, the other is halved alone as long as it can be."""
     (nx, ny), (x_far, y_far) = symbol.shape, symbol.far()
     mx, my = (_half(n) if n > COARSEST else n for n in symbol.shape)
     near = nx if x_far else mx, ny if y_far else my
@@ -198,10 +194,8 @@ def _half(number: int) -> int:
 
 
 def coarsened_heights(heights: FloatArray, shape: tuple[int, int], workers: Workers) -> FloatArray:
-    """Heights on a coarser grid of the same periods, without the modes it cannot hold.
-
-    The unpaired mode of an even number of points is left out, too.
-    """
+    """Heights on a coarser grid of the same periods, without the modes it cannot hold.  The
+    unpaired mode of an even number of points is left out, too."""
     (nx, ny), (mx, my) = heights.shape, shape
     kept_rows = (mx + 1) // 2 if mx < nx else mx
     kept_columns = (my + 1) // 2 if my < ny else my // 2 + 1

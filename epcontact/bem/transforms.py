@@ -66,9 +66,7 @@ def through_columns(
     inorm: int = 0,
 ) -> None:
     """Transform the columns of `modes`, `step` at a time, and transform back what `change` returns.
-
-    It is called with the block and its columns.
-    """
+    It is called with the block and its columns."""
 
     def through(columns: slice) -> None:
         block = modes[:, columns]
@@ -114,10 +112,8 @@ class Symbol:
     _known: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def once(self, function: Callable[..., T], *arguments: Any) -> T:
-        """function(self, *arguments), up to KEPT_POINTS computed at the first call only.
-
-        So it serves all loads of a path, and all surfaces of an ensemble.
-        """
+        """function(self, *arguments), up to KEPT_POINTS computed at the first call only.  So it
+        serves all loads of a path, and all surfaces of an ensemble."""
         key = function, *arguments
         found: T = self._known[key] if key in self._known else function(self, *arguments)
         if self.shape[0] * self.shape[1] <= KEPT_POINTS:
@@ -141,10 +137,8 @@ class Symbol:
         return max(self._ends())
 
     def oblong(self) -> float:
-        """The compliance of the shortest wave along the second axis by that along the first.
-
-        On the half-space this is the ratio of the spacings, and on a line 0.
-        """
+        """The compliance of the shortest wave along the second axis by that along the first.  On
+        the half-space this is the ratio of the spacings, and on a line 0."""
         across, along = self._ends()
         return along / across if across > 0 else 0.0
 
@@ -158,10 +152,8 @@ class Symbol:
         return float(across), float(self.values[self.rows[0], ny // 2])
 
     def sampled(self, most: int) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-        """A quarter of the modes on a raster of at most `most` modes in each direction.
-
-        Their values, and each direction's phases per point and weights in a mean of all.
-        """
+        """A quarter of the modes on a raster of at most `most` modes in each direction.  Their
+        values, and each direction's phases per point and weights in a mean of all."""
         at, phases, weights = [], [], []
         for n in self.shape:
             count = min(n, most)
@@ -227,9 +219,7 @@ class Convolution:
         inverse: bool = False,
     ) -> tuple[float, float]:
         """out = S, or its inverse, of a field that is `values` at the points and 0 elsewhere.
-
-        Returns sum(out) and sum(out other).
-        """
+        Returns sum(out) and sum(out other)."""
         index, values_, out_, other_ = points.split(points.index, values, out, other)
         first = [rows.start * self.shape[1] for rows in self.rows]
         modes = split(self._modes, self.rows)

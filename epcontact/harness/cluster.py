@@ -20,11 +20,9 @@ _VARIABLE = "DASK_SCHEDULER_ADDRESS"
 
 
 def dask() -> Executor:
-    """Return an executor on the cluster of the scheduler that the environment names.
-
-    Its `worker_memory` is the memory, in bytes, of the largest worker that there is now; infinite
-    where that is not known.
-    """
+    """Return an executor on the cluster of the scheduler that the environment names.  Its
+    `worker_memory` is the memory, in bytes, of the largest worker that there is now; infinite where
+    that is not known."""
     try:
         from distributed import Client
         from distributed.cfexecutor import ClientExecutor

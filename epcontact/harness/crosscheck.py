@@ -49,10 +49,8 @@ def error_budget(
     scene: Scene, law: str = "capped", j2: ContactResult | None = None, **block: Any
 ) -> dict[str, Difference]:
     """Split the difference between finite and boundary elements under a single load, by its parts.
-
     `block` is the depth and the layers of `fem_check.solve`, whose answer by the law j2 is `j2`:
-    after it the chain goes on with the capped law or, without a hardness, with the elastic one.
-    """
+    after it the chain goes on with the capped law or, without a hardness, with the elastic one."""
     hardness = math.inf if law == "elastic" else scene.material.hardness
     capped = replace(scene, material=replace(scene.material, hardness=hardness))
     linear_law: Literal["capped", "elastic"] = "capped" if math.isfinite(hardness) else "elastic"

@@ -78,9 +78,7 @@ def standard_deviation(values: Sequence[float]) -> float:
 
 def student_half_width(deviation: float, count: int) -> float:
     """Return half of Student's 95 % interval of a mean of `count` values; 0 for one value.
-
-    `deviation` is the standard deviation of a single value.
-    """
+    `deviation` is the standard deviation of a single value."""
     if count == 1:
         return 0.0
     from scipy.special import stdtrit  # takes longer to load than a solve of one small surface
@@ -149,9 +147,7 @@ class Difference:
 
 def difference(first: ContactResult, second: ContactResult, hardness: float) -> Difference:
     """Return the difference of `first` from `second`; the hardness (Pa) scales their distance.
-
-    Raises InvalidScene if their grids differ.
-    """
+    Raises InvalidScene if their grids differ."""
     p, q = first.fields["pressure"], second.fields["pressure"]
     if p.shape != q.shape:
         raise InvalidScene(f"pressures on grids of {p.shape} and {q.shape} cannot be compared")
@@ -240,9 +236,7 @@ class GateVerdict(Record):
     @property
     def margin(self) -> float:
         """The band over the difference with its interval: 1 or more if it holds; nan if unjudged.
-
-        Both are measured from the middle of the band, which is 0 for a distance.
-        """
+        Both are measured from the middle of the band, which is 0 for a distance."""
         if self.difference is None:
             return math.nan
         distance = self.norm in (*DISTRIBUTION_NORMS, "l2") and self.low <= 0
@@ -269,11 +263,9 @@ def judge(
     paired: bool,
     claim: float | None = None,
 ) -> GateVerdict:
-    """Compare the values of a scalar, one for each surface, with those of its reference.
-
-    `paired` values come from the same surfaces in the same order; others are independent.  `claim`
-    is the claimed error of corrected areas that counts.
-    """
+    """Compare the values of a scalar, one for each surface, with those of its reference.  `paired`
+    values come from the same surfaces in the same order; others are independent.  `claim` is the
+    claimed error of corrected areas that counts."""
     a, b = estimate(value), estimate(reference)
     relative = gate.norm == "relative"
     scale = (abs(b.mean) or math.inf) if relative else 1.0

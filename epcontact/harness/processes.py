@@ -118,10 +118,8 @@ class Child:
 
 
 def preload(methods: Sequence[str]) -> str:
-    """Start the server of a pool, which loads methods; return how processes are to start.
-
-    Windows cannot fork, and libraries of macOS start threads of their own.
-    """
+    """Start the server of a pool, which loads methods; return how processes are to start.  Windows
+    cannot fork, and libraries of macOS start threads of their own."""
     if sys.platform != "linux":
         return "spawn"
     os.environ["EPCONTACT_PRELOAD"] = " ".join(methods)
@@ -251,10 +249,8 @@ def made(factory: Factory) -> Executor:
 def spread(
     function: Callable[[Item], Result], items: Sequence[Item], executor: Executor
 ) -> Iterator[tuple[Item, Result | str]]:
-    """Yield (item, function(item)) as the calls finish, then shut the executor down.
-
-    The sentence that says why a call failed stands in the place of its result.
-    """
+    """Yield (item, function(item)) as the calls finish, then shut the executor down.  The sentence
+    that says why a call failed stands in the place of its result."""
     futures: dict[Future[Result], Item] = {}
     done, waiting = SimpleQueue[Future[Result]](), deque(items)
     try:

@@ -209,10 +209,8 @@ def terms(severity: FloatArray, poisson_ratio: FloatArray, load: FloatArray) -> 
 
 
 def _between(place: Mapping[str, float], values: FloatArray) -> float:
-    """Interpolate a column of the map linearly in ln s, nu and m.
-
-    One axis after the other: scipy.interpolate would take longer to load than all else here.
-    """
+    """Interpolate a column of the map linearly in ln s, nu and m, one axis after the other, as
+    scipy.interpolate would take longer to load than all else here."""
     known = hardness_map()
     axes = [np.unique(known[name]) for name in place]
     order = np.lexsort([known[name] for name in reversed(list(place))])

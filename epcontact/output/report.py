@@ -75,10 +75,8 @@ def write_report(
     pictures: Mapping[str, Sequence[Mapping[str, str]]] | None = None,
     notes: Sequence[str] = (),
 ) -> None:
-    """Write the page of a verdict, of the answers by case and method, and of pictures by case.
-
-    A picture has the data of its file as a `uri`, and a `caption`.
-    """
+    """Write the page of a verdict, of the answers by case and method, and of pictures by case.  A
+    picture has the data of its file as a `uri`, and a `caption`."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("epcontact.output", ""),
         autoescape=True,

@@ -80,10 +80,8 @@ def animate(
     frames_per_second: float = 3.0,
     size: Size = (1200, 600),
 ) -> None:
-    """Draw load steps, of one .pvd or a file each, as a film of one camera and one scale.
-
-    The film is a .gif or, with imageio and imageio-ffmpeg (the extra `films`), an .mp4.
-    """
+    """Draw load steps, of one .pvd or a file each, as a film of one camera and one scale.  The film
+    is a .gif or, with imageio and imageio-ffmpeg (the extra `films`), an .mp4."""
     _require_ending(film, "a film", ".gif", ".mp4")
     sources = [find_result(path) for path in results]
     if len(sources) == 1 and sources[0].suffix == ".pvd":

@@ -74,10 +74,7 @@ def areas(
 
 
 def _elastic_area(walk: Walk) -> FloatArray:
-    """Elastic area by equation (4) of the paper:
-
-    A_el = (2/pi) sum_n [1 - (-1)^n]/n sin(n pi s) e^(-n^2 pi^2 t)
-    """
+    """A_el = (2/pi) sum_n [1 - (-1)^n]/n sin(n pi s) e^(-n^2 pi^2 t), equation (4) of the paper."""
     return evaluate(
         walk,
         modes=lambda w: w.sum_modes(lambda n: 2 / np.pi * (1 - (-1) ** n) / n),
@@ -86,10 +83,8 @@ def _elastic_area(walk: Walk) -> FloatArray:
 
 
 def _plastic_area(walk: Walk) -> FloatArray:
-    """Plastic area by equation (5) of the paper; that of the mirror image is the separated area:
-
-    A_pl = s + (2/pi) sum_n (-1)^n/n sin(n pi s) e^(-n^2 pi^2 t)
-    """
+    """A_pl = s + (2/pi) sum_n (-1)^n/n sin(n pi s) e^(-n^2 pi^2 t), equation (5) of the paper; that
+    of the mirror image is the separated area."""
     return evaluate(walk, modes=lambda w: w.s + _plastic_modes(w), images=series.plastic_images)
 
 
@@ -182,11 +177,8 @@ def _scaled(
     hardness: ArrayLike,
     pressure: ArrayLike | None = None,
 ) -> tuple[Walk, FloatArray, NDArray[np.bool_]]:
-    """The checked arguments in units of the hardness (or mean pressure), and that unit in Pa.
-
-    The last is true where the pressure is between 0 and the hardness; elsewhere, and by default,
-    the walk has the mean pressure in its place.
-    """
+    """The checked arguments in units of the hardness (or mean pressure), that unit in Pa, and where
+    the pressure is between 0 and the hardness; elsewhere the walk has the mean pressure."""
     given = {"diffusion": diffusion, "mean_pressure": mean_pressure, "hardness": hardness}
     given |= {} if pressure is None else {"pressure": pressure}
     arrays = {name: array(name, values) for name, values in given.items()}

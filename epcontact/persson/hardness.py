@@ -161,10 +161,8 @@ def _nodes(
     mean_pressure: float,
     steps: int,
 ) -> FloatArray:
-    """Magnifications of the steps, `zeta` among them; empty if no point reaches the hardness.
-
-    At the first of them the upper wall is just not felt; ln G + 2 ln Y grows in equal steps.
-    """
+    """Magnifications of the steps, `zeta` among them; empty if no point reaches the hardness.  From
+    the first, where the upper wall is just not felt, ln G + 2 ln Y grows in equal steps."""
     samples = np.geomspace(1.0, zeta[-1], _SAMPLES)
     G, Y = path(samples)
     if not mean_pressure < Y[0]:
@@ -244,10 +242,8 @@ def start(diffusion: float, mean_pressure: float, hardness: float, cells: int) -
 def evolve(
     state: StressState, diffusion: FloatArray, hardness: FloatArray
 ) -> Iterator[StressState]:
-    """The states at diffusion[1:] (Pa^2), one step each, from `state` at diffusion[0].
-
-    Raises InvalidScene where the hardness (Pa) grows without more roughness, at no finite rate.
-    """
+    """The states at diffusion[1:] (Pa^2), one step each, from `state` at diffusion[0].  Raises
+    InvalidScene where the hardness (Pa) grows without more roughness, at no finite rate."""
     G, log_Y = np.asarray(diffusion, dtype=np.float64), np.log(hardness)
     if not (np.diff(G) > 0).all():
         raise InvalidScene(
@@ -275,11 +271,9 @@ def _step(state: StressState, G: FloatArray, log_Y: FloatArray, rate: FloatArray
 
 
 def _stage_change(known: FloatArray, dG: float, Y: float, v: float) -> FloatArray:
-    """U - known, where U - dG L U = known and L is the semi-discrete operator at one G.
-
-    L is dR_i/dG = -(J_{i+1/2} - J_{i-1/2}) / h + v R_i and dB/dG = J_{n+1/2} + v B, with J formed
-    from R and B; the bands are those of the matrix 1 - dG L.
-    """
+    """U - known, where U - dG L U = known and L is the semi-discrete operator at one G.  L is
+    dR_i/dG = -(J_{i+1/2} - J_{i-1/2}) / h + v R_i and dB/dG = J_{n+1/2} + v B, with J formed from R
+    and B; the bands are those of the matrix 1 - dG L."""
     n = known.size - 1
     h = 1.0 / n
     D = 1 / Y**2

@@ -105,11 +105,9 @@ def reduced_diffusion(
     hardness: float = math.inf,
     steps_per_decade: int = STEPS_PER_DECADE,
 ) -> FloatArray:
-    """G in Pa^2, the diffusion with the reduction S, for a tau in Pa^2 of any shape.
-
-    Raises InvalidScene if tau is not finite or negative, or the mean pressure not between 0 and
-    the hardness.
-    """
+    """G in Pa^2, the diffusion with the reduction S, for a tau in Pa^2 of any shape.  Raises
+    InvalidScene if tau is not finite or negative, or the mean pressure not between 0 and the
+    hardness."""
     tau = array("full_contact_diffusion", full_contact_diffusion)
     if not (np.isfinite(tau).all() and (tau >= 0).all()):
         raise InvalidScene("full_contact_diffusion must hold finite numbers >= 0 in Pa^2")

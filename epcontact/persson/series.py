@@ -99,11 +99,9 @@ def sine(n: FloatArray, s: FloatArray, r: FloatArray) -> FloatArray:
 
 
 def gaussian_mass(centre: FloatArray, half_width: FloatArray, lower: FloatArray) -> FloatArray:
-    """(erf(centre + half_width) - erf(lower)) / 2 with lower = centre - half_width.
-
-    For centre, half_width >= 0 the relative error is that of rounding, however narrow or far out
-    the interval is.  `lower` is an argument because callers know it without cancellation.
-    """
+    """(erf(centre + half_width) - erf(lower)) / 2 with lower = centre - half_width.  For centre,
+    half_width >= 0 the relative error is that of rounding, however narrow or far out the interval
+    is.  `lower` is an argument because callers know it without cancellation."""
     upper = centre + half_width
     across = lower < 0
     narrow = ~across & (4 * centre * half_width <= 1)
@@ -143,10 +141,8 @@ def force_images(w: Walk) -> FloatArray:
 
 
 def slope_images(w: Walk) -> FloatArray:
-    """dP/dx at x = 0+: (4/c^2) sum over m of (s + 2m) phi(s + 2m).
-
-    Images are paired so that each pair vanishes with the distance of the start to its wall.
-    """
+    """dP/dx at x = 0+: (4/c^2) sum over m of (s + 2m) phi(s + 2m).  Images are paired so that each
+    pair vanishes with the distance of the start to its wall."""
     low, x, c = w.s <= w.r, np.minimum(w.s, w.r), w.c
     total = np.where(low, x * np.exp(-((x / c) ** 2)), 0.0)
     for m in w.image_numbers(4):

@@ -88,9 +88,7 @@ def solve_pilot(
 
 def carried_error(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
     """Return the relative error on a grid: its own, or by the order of the two finest solved ones.
-
-    That order is between 1 and 2: a rim's random position has the order 1, its curvature 2.
-    """
+    That order is between 1 and 2: a rim's random position has the order 1, its curvature 2."""
     level: dict[tuple[int, ...], float] = {}
     for pilot in pilots:
         level[pilot.shape] = max(level.get(pilot.shape, 0.0), pilot.error)
@@ -183,9 +181,7 @@ def cheapest(
     capped: bool,
 ) -> Candidate:
     """Return the cheapest grid that meets the tolerance with its surfaces, or the most accurate.
-
-    If `capped`, no grid is finer and no ensemble larger than that of the case.
-    """
+    If `capped`, no grid is finer and no ensemble larger than that of the case."""
     candidates = []
     most = len(recipes) if capped else MOST_SURFACES
     for shape in ladder(recipes[0], beyond=not capped):

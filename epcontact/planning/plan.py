@@ -174,9 +174,7 @@ def plan(
 
 def methods_on_grids(case: Case) -> list[str]:
     """Return the case's methods that a grid makes exact, the cheapest first, as METHODS has them.
-
-    Solvers of the user's are left out: their claimed errors are not known.
-    """
+    Solvers of the user's are left out: their claimed errors are not known."""
     return [m for m, method in METHODS.items() if m in case.methods and method.plannable]
 
 

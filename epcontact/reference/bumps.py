@@ -137,11 +137,8 @@ def _bump_fraction(scene: Scene) -> float:
 
 
 def _pressure_at(scene: Scene, distance: FloatArray) -> FloatArray:
-    """Pressure at distances from the summit.
-
-    On a surface it is the semi-ellipse that carries the load on the area of the periodic problem;
-    the images change it by less than (a/L)^5.
-    """
+    """Pressure at distances from the summit.  On a surface it is the semi-ellipse that carries the
+    load on the area of the periodic problem; the images change it by less than (a/L)^5."""
     radius, _, force, E = _bump(scene)
     share, period = _bump_fraction(scene), scene.surface.periods[0]
     if scene.surface.heights.ndim == 1:

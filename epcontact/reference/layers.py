@@ -218,10 +218,8 @@ def _spent(scene: Scene) -> float:
 
 @FLAT.gives("quantity.elastic_energy")
 def _stored(scene: Scene) -> float:
-    """Elastic energy of a layer in uniaxial strain: p^2/(2 K) + q^2/(6 mu), times the depth.
-
-    p is the mean pressure and q the difference of the principal stresses, which flow holds at Y.
-    """
+    """Elastic energy of a layer in uniaxial strain, (p^2/(2 K) + q^2/(6 mu)) d: q, the difference
+    of the principal stresses, is held at Y by flow."""
     material, path = scene.material, scene.load.path
     M, bulk = oedometric_modulus(material), _bulk_modulus(material)
     shear = material.young_modulus / (2 * (1 + material.poisson_ratio))

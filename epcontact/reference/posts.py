@@ -88,10 +88,8 @@ def _middle_pressure(scene: Scene) -> float:
 
 
 def _elastic_middle(scene: Scene) -> float:
-    """Half-width e of the elastic middle of a capped strip, in m.
-
-    It ends where no singularity is left, cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)).
-    """
+    """Half-width e of the elastic middle of a capped strip in m, which ends where no singularity
+    is left: cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P))."""
     (_, a), period = _post(scene, CAPPED_STRIP), scene.surface.periods[0]
     capped = math.isfinite(scene.material.hardness) and scene.surface.heights.ndim == 1
     CAPPED_STRIP.needs(capped, "a strip of finite hardness")

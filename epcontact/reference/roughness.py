@@ -68,9 +68,7 @@ def _half_variance(scene: Scene) -> float:
 
 def light_load_area(mean_pressure: float, effective_modulus: float, rms_slope: float) -> float:
     """Elastic contact area at light load by equation (6) of the paper: A = 2 p_0 / (xi E*).
-
-    Persson's theory has sqrt(8/(pi gamma)) in the place of 2, the factor of boundary elements.
-    """
+    Persson's theory has sqrt(8/(pi gamma)) in the place of 2, the factor of boundary elements."""
     return 2 * mean_pressure / (rms_slope * effective_modulus)
 
 

@@ -44,9 +44,7 @@ def line_pressure(position: FloatArray, load: float) -> FloatArray:
 
 def line_gap(position: FloatArray, load: float) -> FloatArray:
     """g/h = 2 [S sqrt(S^2 - s) - s arccosh(S/sqrt(s))], S = |sin psi|, at x/lambda; 0 in contact.
-
-    Its slope continues the pressure analytically.
-    """
+    Its slope continues the pressure analytically."""
     sine = np.abs(np.sin(np.pi * (np.asarray(position) - np.rint(position))))
     if load == 0:
         return np.asarray(2 * sine**2)
@@ -85,11 +83,8 @@ def surface_contact_fraction_light(load: float) -> float:
 
 
 def surface_contact_fraction_heavy(load: float) -> float:
-    """Contact fraction 1 - (3/(2 pi)) (1 - s), in the limit s -> 1.
-
-    The two gaps a period are penny-shaped cracks without stress intensity, of b^2 = 3 (1 - s)
-    lambda^2/(4 pi^2).
-    """
+    """Contact fraction 1 - (3/(2 pi)) (1 - s), in the limit s -> 1.  The two gaps a period are
+    penny-shaped cracks without stress intensity, of b^2 = 3 (1 - s) lambda^2/(4 pi^2)."""
     return 1 - 3 / (2 * math.pi) * (1 - load)
 
 
@@ -173,10 +168,8 @@ def _wave_gap(scene: Scene) -> FloatArray:
 
 @WESTERGAARD.gives("distribution")
 def _wave_distribution(scene: Scene) -> PressureDistribution:
-    """p falls from crest to rim, so the share below sigma is that from its place to the rim.
-
-    (p/p*)^2 = 4 (1 - y)(s - y), y = sin^2 psi, is solved for y without cancellation at p -> 0.
-    """
+    """p falls from crest to rim, so the share below sigma is that from its place to the rim:
+    (p/p*)^2 = 4 (1 - y)(s - y), y = sin^2 psi, is solved for y without cancellation."""
     wave = _Wave.in_partial_contact(scene)
     load = wave.load
     sigma = np.linspace(0, 2 * math.sqrt(load), _TABULATED)

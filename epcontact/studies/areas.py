@@ -218,10 +218,8 @@ def member(makers: Mapping[str, Maker], kind: str, seed: int, points: int) -> Me
 
 def judged(kind: str, seed: int, points: int) -> list[dict[str, Any]]:
     """Solve one member of the ensemble on a grid of about `points` squared and on the fine one.
-
     Each part of the area has a row: kind, seed, part, exact, error (of the corrected area), claimed
-    and times, error by claimed error beyond the solver's tolerance, unless neither exists.
-    """
+    and times, error by claimed error beyond the solver's tolerance, unless neither exists."""
     one, found = member(KINDS, kind, seed, points), []
     (_, corrected, claimed), (_, exact, _) = one.areas(1), one.areas(FINER)
     for part in PARTS if math.isfinite(one.hardness) else ("total",):

@@ -209,11 +209,9 @@ def linear_solves(nodes: int) -> list[dict[str, Any]]:
 
 
 def speed_scene(nodes: int, *, load: float = 0.05, seed: int = 5) -> Scene:
-    """A self-affine J2 scene of unit period with eight nodes to its shortest wave.
-
-    `load` is the mean pressure in units of E* xi, which is 1 at the rms slope of 0.05; the yield
-    stress is 0.2, and nu = 0.3.
-    """
+    """A self-affine J2 scene of unit period with eight nodes to its shortest wave.  `load` is the
+    mean pressure in units of E* xi, which is 1 at the rms slope of 0.05; the yield stress is 0.2,
+    and nu = 0.3."""
     frequency = np.abs(np.fft.fftfreq(nodes, 1 / nodes))
     q = np.hypot(frequency[:, None], frequency[None, :])
     inside = (q > 0) & (q <= nodes // 8)

@@ -45,10 +45,8 @@ class Study:
         return (self.make.__doc__ or "").partition("\n")[0].rstrip(".")
 
     def run(self, say: Say = lambda _: None, *, full: bool = False, **options: Any) -> list[Chart]:
-        """Make the charts in seconds, or in full in minutes, with options changed.
-
-        Raises EpcontactError if a solver does not converge or another code is not installed.
-        """
+        """Make the charts in seconds, or in full in minutes, with options changed.  Raises
+        EpcontactError if a solver does not converge or another code is not installed."""
         parameters = list(inspect.signature(self.make).parameters.values())[1:]
         usual = {one.name: one.default for one in parameters}
         given = usual | (dict(self.full) if full else {}) | options

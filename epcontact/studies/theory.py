@@ -366,9 +366,7 @@ def theory_figures(scene: Scene) -> list[dict[str, Any]]:
 def grid_limits(figures: pd.DataFrame) -> pd.DataFrame:
     """Extrapolate figures to ever finer grids, surface by surface: end, figure, window and the
     limit as value with its error, of scatter and of fit together, as value_low and value_high.
-
-    Slopes are taken without the coarsest grid, whose rims fill the window.
-    """
+    Slopes are taken without the coarsest grid, whose rims fill the window."""
     found = []
     for (end, figure, window), group in figures.groupby(_FIGURE[:3], sort=False):
         table = group.pivot(index="seed", columns="points_per_wavelength", values="value")

@@ -90,11 +90,9 @@ class RadialSpectrum:
 
 
 def radial_spectrum(surface: Surface) -> RadialSpectrum:
-    """Return the radially averaged spectrum, in rings as wide as the finest spacing of modes.
-
-    Ring k holds (k - 1/2) w < |q| <= (k + 1/2) w, w = 2 pi / max(Lx, Ly), without q = 0.  Empty
-    rings are left out.
-    """
+    """Return the radially averaged spectrum, in rings as wide as the finest spacing of modes.  Ring
+    k holds (k - 1/2) w < |q| <= (k + 1/2) w, w = 2 pi / max(Lx, Ly), without q = 0.  Empty rings
+    are left out."""
     width = 2 * math.pi / max(surface.periods)
     highest = math.hypot(*(math.pi / d for d in surface.spacing))
     rings = math.ceil(highest / width) + 2

@@ -121,10 +121,8 @@ def _read_mesh(path: Path) -> HeightMap:
 
 
 def _even_places(values: FloatArray) -> tuple[NDArray[np.intp], float]:
-    """Return the place of each coordinate on a ladder of even steps, and the step; 0 if off it.
-
-    Files keep few digits, so a coordinate may be off by a hundredth of the step.
-    """
+    """Return the place of each coordinate on a ladder of even steps, and the step; 0 if off it by
+    a hundredth of the step, as files keep few digits."""
     span, gaps = float(np.ptp(values)), np.diff(np.unique(values))
     if span == 0:
         return np.zeros(values.size, np.intp), 0.0

@@ -181,10 +181,8 @@ def _highest_index(wavenumber: float, period: float) -> int:
 
 
 def _phases(seed: int, kx: NDArray[np.int64], ky: NDArray[np.int64]) -> FloatArray:
-    """Return uniform phases in [0, 2 pi) of the modes (kx, ky), broadcast; |k| < 2^31.
-
-    The mixer is the finaliser of SplitMix64 (Steele, Lea and Flood 2014).
-    """
+    """Return uniform phases in [0, 2 pi) of the modes (kx, ky), broadcast; |k| < 2^31.  The mixer
+    is the finaliser of SplitMix64 (Steele, Lea and Flood 2014)."""
     key = np.random.SeedSequence(seed).generate_state(1, np.uint64)[0]
     low = ky.astype(np.uint64) & np.uint64(0xFFFFFFFF)
     word = (kx.astype(np.uint64) << np.uint64(32)) | low

@@ -99,9 +99,7 @@ def prepared(
     given: NDArray[Any], recipe: Any, where: str, notes: Iterable[str] = (), unit: float = 1.0
 ) -> Surface:
     """Treat a recipe's heights, NaN where missing and in `unit` of metres; return the surface.
-
-    Raises InvalidScene if heights are missing, or jump at the edges, and no remedy is chosen.
-    """
+    Raises InvalidScene if heights are missing, or jump at the edges, and no remedy is chosen."""
     heights = np.multiply(given, unit, dtype=np.float64)
     require_known(heights, where, recipe.missing)
     said = [*cautioned(levels_note(given.dtype)), *notes, *_mark_notes(heights, unit)]
@@ -130,10 +128,8 @@ def prepared(
 
 def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
     """Yield a warning of a lowest or highest height that looks like the mark of missing ones.
-
     Instruments write -9999, say (in their `unit`, in m): one value, several times, apart from the
-    others by more than all they span.
-    """
+    others by more than all they span."""
     for mark in (np.nanmin(heights), np.nanmax(heights)):
         marked = heights == mark
         rest = heights[~marked & ~np.isnan(heights)]
@@ -147,9 +143,7 @@ def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
 
 def form_removed(heights: FloatArray, order: int) -> FloatArray:
     """Subtract the least-squares polynomial of total order 0, 1 or 2; NaN are left out of the fit.
-
-    Products of Legendre's polynomials are nearly orthogonal on the map.
-    """
+    Products of Legendre's polynomials are nearly orthogonal on the map."""
     left = heights.reshape(len(heights), -1).copy()
     known = ~np.isnan(left)
     x, y = (np.polynomial.legendre.legvander(np.linspace(-1, 1, n), order) for n in left.shape)
@@ -165,11 +159,9 @@ def form_removed(heights: FloatArray, order: int) -> FloatArray:
 
 
 def filled(heights: FloatArray, method: str) -> FloatArray:
-    """Give every NaN a height by the method "nearest" or "harmonic"; at least one is no NaN.
-
-    A harmonic film has at each hole the mean of its neighbours in the map, which are fewer at the
-    edge: there the film meets the edge at a right angle.
-    """
+    """Give every NaN a height by the method "nearest" or "harmonic"; at least one is no NaN.  A
+    harmonic film has at each hole the mean of its neighbours in the map, which are fewer at the
+    edge: there the film meets the edge at a right angle."""
     from scipy import ndimage, sparse
 
     absent = np.isnan(heights)

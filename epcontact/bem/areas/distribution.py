@@ -24,10 +24,8 @@ _CHUNK = 1 << 20  # points taken at a time, so that no temporary has the grid's 
 
 
 def graded_pressures(largest: float, bins: int, *, both_ends: bool) -> FloatArray:
-    """(bins + 1,) pressures in Pa from 0 to `largest`, close together at 0, or at both ends.
-
-    They are quadratic there, so that bins have about the same number of points where P is linear.
-    """
+    """(bins + 1,) pressures in Pa from 0 to `largest`, close together at 0, or at both ends.  They
+    are quadratic there, so that bins have about the same number of points where P is linear."""
     angle = np.pi / 2 * np.arange(bins + 1) / bins
     grades = np.sin(angle) ** 2 if both_ends else 1 - np.cos(angle)
     grades[-1] = 1.0

@@ -80,11 +80,9 @@ def empty_links(n: int) -> Links:
 
 @compiled
 def locate(links: Links, count: int, hardness: float) -> None:
-    """Find where the first `count` links are crossed.
-
-    Where a kink is behind the front, the pressure has its peak at the last point but one, and the
-    value before that is left out.  Without branches, a processor does several links at a time.
-    """
+    """Find where the first `count` links are crossed.  Where a kink is behind the front, the
+    pressure has its peak at the last point but one, and the value before that is left out.  Without
+    branches, a processor does several links at a time."""
     terms, roots, v = np.empty((6, count)), np.empty(count), links.values
     for n in range(count):
         first, before, last, out, after, end = v[0, n], v[1, n], v[2, n], v[3, n], v[4, n], v[5, n]

@@ -274,10 +274,8 @@ def _way(found: Links, front: int, i: int, j: int, side: int) -> float:
 def _add(
     sums: Sums, place: tuple[int, int], cell: _Cell, x: float, y: float, solution: Solution
 ) -> None:
-    """Add a segment to the sums of a block and front.
-
-    x, y: the ways to its ends from the corner that it cuts off, or from the two on one side of it.
-    """
+    """Add a segment to the sums of a block and front.  x, y: the ways to its ends from the corner
+    that it cuts off, or from the two on one side of it."""
     dx, dy, sign, corner, flows, held, hidden, doubt, kinked = cell
     square, cos4, sin4 = dx * dx + dy * dy, 0.0, 0.0
     if square > 0:

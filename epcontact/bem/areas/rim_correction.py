@@ -201,10 +201,8 @@ def areas_of_sums(
 
 def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[Areas, Areas]:
     """Move the total and plastic area to the nearest values that carry the load, and their errors.
-
     A plastic area above share = p0/hardness carries too much, and a contact below it too little.
-    The distance moved adds to the error, which is at most the distance to the farther bound.
-    """
+    The distance moved adds to the error, which is at most the distance to the farther bound."""
     low, high = np.array([share, 0.0]), np.array([1.0, share])
     moved = np.clip(areas, low, high)
     far = np.abs(moved - areas)

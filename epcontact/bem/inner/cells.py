@@ -21,10 +21,8 @@ CELL = 16
 
 def cells_of(symbol: Symbol) -> tuple[int, int]:
     """The number of cells in each direction of a grid; (1, 1) where it is too small for more.
-
     Cells are as wide as long in units of length, not in points; they are at least three points
-    wide, or one, so that a wave has its aliases on the cells' grid at other waves of the points.
-    """
+    wide, or one, so that a wave has its aliases on the cells' grid at other waves of the points."""
     (nx, ny), oblong = symbol.shape, symbol.oblong()
     wanted = CELL * min(1.0, oblong), CELL / max(1.0, oblong)
     along, across = (side if side >= 3 else 1.0 for side in wanted)

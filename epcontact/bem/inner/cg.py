@@ -44,11 +44,9 @@ class InnerOperators:
         return single + (self._split.pairs if self._split else 0.0)
 
     def choose(self, changed: int, masked: MaskedGrid, residual: float) -> Operator:
-        """A cheap operator or the exact one for the next step, on the points of a masked grid.
-
-        A cheap one is used while the sets change or the residual falls: the split one on few
-        elastic points, otherwise single precision.  One exact step solves full contact.
-        """
+        """A cheap operator or the exact one for the next step, on the points of a masked grid.  A
+        cheap one is used while the sets change or the residual falls: the split one on few elastic
+        points, otherwise single precision.  One exact step solves full contact."""
         if not changed and residual > 0.5 * self._last_residual:
             self._cheap = False
         self._last_residual, exact = residual, self._convolution
@@ -82,11 +80,9 @@ def conjugate_gradients(
     reduction: float,
     floor: float,
 ) -> int:
-    """Solve S_F x = r up to a constant for x of zero mean, adding to x and overwriting r.
-
-    Stops when the 2-norm of r has fallen by `reduction`, or its largest element below `floor`, and
-    returns the number of iterations.
-    """
+    """Solve S_F x = r up to a constant for x of zero mean, adding to x and overwriting r.  Stops
+    when the 2-norm of r has fallen by `reduction`, or its largest element below `floor`, and
+    returns the number of iterations."""
     v, y, d = np.empty_like(r), np.empty_like(r), np.zeros_like(r)
     goal, rho_old, n = reduction * math.sqrt(dot(r, r)), math.inf, r.size
     if np.abs(r).max() <= floor:

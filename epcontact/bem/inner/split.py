@@ -42,10 +42,8 @@ inlined = numba.njit(inline="always")
 
 
 def split_pays(symbol: Symbol, elastic: int) -> bool:
-    """True if the split operator is faster on so many points than single precision.
-
-    The grid's sides must be even, and its points about as far apart along both.
-    """
+    """True if the split operator is faster on so many points than single precision.  The grid's
+    sides must be even, and its points about as far apart along both."""
     nx, ny = symbol.shape
     fits = nx % 2 == ny % 2 == 0 and min(nx, ny) >= _FEWEST and symbol.far() == (False, False)
     return fits and elastic <= _MOST_ELASTIC[nx * ny >= _LARGE] * nx * ny
@@ -168,9 +166,7 @@ def gather_split(
     fine: Any, coarse: Any, taps: Any, index: Any, out: Any, other: Any
 ) -> tuple[float, float]:
     """out = the stencil on the fine grid plus the coarse one interpolated, at the listed points.
-
-    Those among RUN neighbours of a row are handled together.  Returns sum(out), sum(out other).
-    """
+    Those among RUN neighbours of a row are handled together.  Returns sum(out), sum(out other)."""
     nx, ny = fine.shape[0], fine.shape[1] - LEFT - RIGHT
     near = np.empty(RUN, dtype=np.float32)
     total, product, k = 0.0, 0.0, 0

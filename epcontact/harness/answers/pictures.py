@@ -53,10 +53,8 @@ Results = Mapping[str, Sequence[ContactResult]]
 
 
 def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> list[str]:
-    """Draw the pictures of a case into a folder; return why some could not be drawn.
-
-    Raises OutputError if a file cannot be read or written.
-    """
+    """Draw the pictures of a case into a folder; return why some could not be drawn.  Raises
+    OutputError if a file cannot be read or written."""
     scene = case.scene(case.recipes[0])
     results = {method: answer.results for method, answer in answers.items() if answer.results}
     if (spectrum := _spectrum_chart(scene.surface)) is not None:
@@ -124,11 +122,9 @@ def _draw_body(folder: Path, method: str) -> str:
 
 
 def theory_densities(results: Results, hardness: float) -> pd.DataFrame | None:
-    """The theory's densities by formula, for the chart of all methods' pressures.
-
-    If the hardness (Pa) is finite, the density without hardness is added, at the same diffusion.
-    None if the theory has no result or the surface has no roughness.
-    """
+    """The theory's densities by formula, for the chart of all methods' pressures.  If the hardness
+    (Pa) is finite, the density without hardness is added, at the same diffusion.  None if the
+    theory has no result or the surface has no roughness."""
     found = results.get("persson", ())
     diffusion = found[0].final.quantities.get("diffusion", 0.0) if found else 0.0
     if not diffusion > 0:
@@ -152,10 +148,8 @@ def _tables(series: Mapping[str, tuple[Any, Any]], *columns: str) -> pd.DataFram
 
 
 def _spectrum_chart(surface: Surface) -> Chart | None:
-    """Figure 2 of the paper: the spectrum of the surface and the one that it was drawn from.
-
-    A surface of a few waves, such as a sinusoid, has no chart: a few dots show no spectrum.
-    """
+    """Figure 2 of the paper: the spectrum of the surface and the one that it was drawn from; there
+    is none of a few waves, such as a sinusoid, because a few dots show no spectrum."""
     spectrum = radial_spectrum(surface)
     shown = spectrum.density > 1e-12 * spectrum.density.max()
     if np.count_nonzero(shown) < _FEWEST_RINGS:

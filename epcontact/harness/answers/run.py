@@ -144,11 +144,9 @@ def run_cases(
 def run_tasks(
     tasks: Sequence[Task], run: Run, begin: Callable[[], None] = lambda: None
 ) -> tuple[dict[Task, Outcome], set[Task]]:
-    """Solve tasks, but for those whose result is kept; keep each new result at once.
-
-    `begin` is called when nothing is in the way of the solves, and before anything is written.
-    Returns the outcome of each task, and the tasks whose kept result was used again.
-    """
+    """Solve tasks, but for those whose result is kept; keep each new result at once.  `begin` is
+    called when nothing is in the way of the solves, and before anything is written.  Returns the
+    outcome of each task, and the tasks whose kept result was used again."""
     outcomes: dict[Task, Outcome] = {}
     reused: set[Task] = set()
 
@@ -294,10 +292,8 @@ def _step_options(task: Task, scene: Scene) -> dict[str, Any]:
 
 
 def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
-    """Add what is measured, while the fields are in memory.
-
-    A quantity that only a sweep asks for is nan where it is not defined, and a note says why.
-    """
+    """Add what is measured, while the fields are in memory; what only a sweep asks for is nan where
+    it is not defined, and a note says why."""
     if not task.measured:
         return result
     answered, notes = Answered(scene, result), list(result.notes)

@@ -155,10 +155,8 @@ def key_of(task: Task) -> str:
 
 
 def keep(task: Task, output: Path, result: ContactResult) -> None:
-    """Write the result of a task.  Raises OutputError.
-
-    Fields of an earlier, different result are removed, because they would pass for this one's.
-    """
+    """Write the result of a task.  Raises OutputError.  Fields of an earlier, different result are
+    removed, because they would pass for this one's."""
     about: dict[str, Any] = {"case": task.case.id, "size": task.case.size, "key": key_of(task)}
     about |= {"fields_digest": _digest(task.fields), "steps_kept": task.steps is not None}
     about |= {"precision": task.precision}
@@ -271,10 +269,9 @@ _BODIES = {
 def described(scene: Scene, recipe: Recipe, hardness_source: str) -> dict[str, dict[str, Any]]:
     """Return the figures of a scene by name, each with `value`, `unit` and `meaning`.
 
-    They are in the provenance of its result, so that its JSON, .vti and report need no case.
-
-    Values are numbers, lists of numbers or words, the units "" for words and "–" for numbers
-    without a unit.  What the scene does not have, such as a hardness, is left out or infinite.
+    A result carries them in its provenance, so that its JSON, .vti and report need no case.  Values
+    are numbers, lists of numbers or words, the units "" for words and "–" for numbers without one.
+    What the scene does not have, such as a hardness, is left out or infinite.
     """
     surface, material = scene.surface, scene.material
     modulus, body = effective_modulus(material), _BODIES[scene.body.kind]

@@ -123,10 +123,8 @@ def _mistakes(case: Case, text: CaseText) -> Iterator[str]:
 
 
 def _strength_mistakes(case: Case) -> Iterator[str]:
-    """Yield a sentence for a law without the stress at which it flows.
-
-    A metal with a yield stress alone would be elastic to all methods but J2 flow, unseen.
-    """
+    """Yield a sentence for a law without the stress at which it flows: a metal with a yield stress
+    alone would be elastic to all methods but J2 flow, unseen."""
     law = case.fem.law if "fem" in case.methods else ""
     needed = {"j2": "yield_stress", "capped": "hardness"}.get(law, "")
     if needed and getattr(case.solid, needed) == math.inf:

@@ -107,11 +107,9 @@ def bytes_of_task(
     scene: tuple[Material, Body, Load],
     options: Mapping[str, Any],
 ) -> float:
-    """Return the bytes of a process that solves a scene; a rough bound for small grids.
-
-    How many solves a machine makes side by side, and which solves a worker of a cluster is not
-    asked to do, follows from it before a surface is made.
-    """
+    """Return the bytes of a process that solves a scene; a rough bound for small grids.  How many
+    solves a machine makes side by side, and which solves a worker of a cluster is not asked to do,
+    follows from it before a surface is made."""
     points = math.prod(recipe.shape)
     needed = _MOST * points if points < _SMALL else estimate(recipe, *scene, options)
     return _PROCESS + needed

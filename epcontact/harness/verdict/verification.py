@@ -137,10 +137,8 @@ def _in_place(case: Case, name: str) -> Case:
 
 
 def set_verdict_aside(folder: Path) -> None:
-    """Rename the verdict of an earlier run, which would pass for that of a run that breaks off.
-
-    It stays, with `EARLIER` before its name, until there is a new one.
-    """
+    """Rename the verdict of an earlier run, which would pass for that of a run that breaks off.  It
+    stays, with `EARLIER` before its name, until there is a new one."""
     for path in (folder / name for name in FILES):
         if path.is_file():  # what else has that name is refused when the file is written
             try:

@@ -56,10 +56,8 @@ class Chart:
         return text.getvalue()
 
     def save(self, stem: Path | str) -> tuple[Path, ...]:
-        """Write stem.png, stem.svg, stem.csv and stem.txt (the caption), or raise OutputError.
-
-        If one of them cannot be written, none is.
-        """
+        """Write stem.png, stem.svg, stem.csv and stem.txt (the caption), or raise OutputError.  If
+        one of them cannot be written, none is."""
         contents = {".png": self.png(), ".svg": self.svg(), ".csv": self.csv().encode()}
         contents[".txt"] = f"{self.caption}\n".encode()
         paths = [Path(f"{stem}{end}") for end in contents]
@@ -98,11 +96,9 @@ def new_figure(width: float, height: float, columns: int = 1) -> tuple[Figure, N
 
 
 def logarithmic(axes: Any, name: str) -> None:
-    """Make the axis called `name` ("x" or "y") logarithmic; call it once the data are drawn.
-
-    It has ticks at 1, 2 and 5 on a short range and at decades otherwise, because the labels of all
-    minor ticks would overlap.
-    """
+    """Make the axis called `name` ("x" or "y") logarithmic; call it once the data are drawn.  It
+    has ticks at 1, 2 and 5 on a short range and at decades otherwise, because the labels of all
+    minor ticks would overlap."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axes.set(**{f"{name}scale": "log"})

@@ -61,10 +61,8 @@ def contact_map(
 
 
 def map_of_file(path: Path | str, caption: str = "") -> Chart:
-    """The contact map of the fields in a .vti file, or the profile of a line.
-
-    Raises OutputError if the file cannot be read or holds no contact.
-    """
+    """The contact map of the fields in a .vti file, or the profile of a line.  Raises OutputError
+    if the file cannot be read or holds no contact."""
     file = read_fields(path)
     state, pressure, gap = (file.field(name) for name in ("state", "pressure", "gap"))
     if state.ndim == 1:
@@ -73,10 +71,8 @@ def map_of_file(path: Path | str, caption: str = "") -> Chart:
 
 
 def save_map(source: Path, target: Path) -> None:
-    """Draw the contact map of a .vti file to a .png, or to all files of a chart.
-
-    Raises OutputError if a file cannot be read or written.
-    """
+    """Draw the contact map of a .vti file to a .png, or to all files of a chart.  Raises
+    OutputError if a file cannot be read or written."""
     chart = map_of_file(source)
     if target.suffix == ".png":
         write_bytes(target, chart.png())
@@ -160,11 +156,8 @@ def stability_map(
     count: str,
     caption: str,
 ) -> Chart:
-    """A map for each method of the parameters at which it converges, and of its effort.
-
-    An effort has the shape (len(x), len(y)); NaN means that the method failed there, which a cross
-    shows.
-    """
+    """A map for each method of the parameters at which it converges, and of its effort.  An effort
+    has the shape (len(x), len(y)); NaN means that the method failed there, which a cross shows."""
     from matplotlib.colors import LogNorm
 
     across, up = (np.asarray(v, dtype=np.float64).ravel() for v in (x, y))
@@ -199,11 +192,9 @@ def _few_ticks(values: FloatArray) -> tuple[list[int], list[str]]:
 
 
 def show_field(axes: Any, field: NDArray[Any], spacing: tuple[float, ...], **look: Any) -> Any:
-    """Draw a field (nx, ny) as an image with `look`, and return the image.
-
-    Where several points share a pixel, colours are averaged and not values, because a state has
-    no mean and a thin contact must remain visible.
-    """
+    """Draw a field (nx, ny) as an image with `look`, and return the image.  Where several points
+    share a pixel, colours are averaged and not values, because a state has no mean and a thin
+    contact must remain visible."""
     sizes = list(zip(field.shape, spacing, strict=True))
     scale, unit = unit_for(max(n * d for n, d in sizes), "m")
     # The first grid point is at the origin; each point is the centre of its pixel.

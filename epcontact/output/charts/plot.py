@@ -131,11 +131,9 @@ def _line(values: Sequence[Any], group: pd.DataFrame, plot: Plot) -> _Line:
 
 
 def _looks(lines: Sequence[_Line], plot: Plot) -> list[dict[str, Any]]:
-    """The colour, mark and dashes of each series, as keywords of matplotlib's `plot`.
-
-    A series whose name begins with a method's name has the colour of the method; the others share
-    the remaining colours of the cycle.  Curves have dashes of their own but no marks.
-    """
+    """The colour, mark and dashes of each series, as keywords of matplotlib's `plot`.  A series
+    whose name begins with a method's name has the colour of the method; the others share the
+    remaining colours of the cycle.  Curves have dashes of their own but no marks."""
     own = [METHOD_COLOURS.get(one.name.split(" ")[0].rstrip(",:")) for one in lines]
     taken = METHOD_COLOURS.values() if any(own) else ()
     rest = itertools.cycle(colour for colour in CYCLE if colour not in taken)
@@ -198,10 +196,8 @@ def _draw_guides(axes: Any, plot: Plot) -> None:
 
 
 def _draw_front(axes: Any, lines: Sequence[_Line]) -> None:
-    """Draw the Pareto front of the points (cost, error) as steps behind them.
-
-    An error of zero is not on the axis, but it beats every dearer point and ends the front.
-    """
+    """Draw the Pareto front of the points (cost, error) as steps behind them; an error of zero is
+    not on the axis, but it beats every dearer point and ends the front."""
     cost, error = (np.concatenate([getattr(one, key) for one in lines]) for key in "xy")
     cheapest_exact = cost[error == 0].min(initial=np.inf)
     shown = (error > 0) & (cost < cheapest_exact)
