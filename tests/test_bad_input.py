@@ -61,7 +61,6 @@ MISTAKES = [
     ('against = "persson"', 'against = nan\nsource = "x"', "against is nan.* finite"),
     ('against = "persson"', 'against = "bem"', "compared with itself"),
     ("tolerance = 0.5", "tolerance = 1\nbetween = [0, 1]", "give either tolerance or between"),
-    ("tolerance = 0.5", "tolerance = inf", "tolerance is inf, but must be a finite number"),
     ("tolerance = 0.5", "between = [1, 0]", "between is out of order"),
     ("tolerance = 0.5", "between = [-inf, inf]", "holds whatever the difference is"),
     ("tolerance = 0.5", 'tolerance = 1\nsizes = ["full"]', "no gate applies to size 'fast'"),
@@ -80,7 +79,6 @@ OF_FAMILY = [
 ]
 OF_J2 = [
     ('law = "j2"', 'law = "j2"\ngeometry = "moved"', "needs a gate of .* fem.law = 'j2'"),
-    (LOAD[:16] + "5.7692e+08", "mean_pressure = [1e8, 2e8]", "needs a gate of .* fem.law = 'j2'"),
     ("hardness = 6.9231e+09", "", "has a yield_stress and no hardness"),
     ("yield_stress = 2.3077e+09", "", r"fem\.law is 'j2', but \[material\] yield_stress is missi"),
     ('law = "j2"', 'law = "j2"\nsteps = 4\nstep_tolerance = 0.1', "give either steps or step_tol"),
@@ -127,7 +125,7 @@ def test_all_mistakes_are_told_at_once(write_case) -> None:
         assert all(line.startswith(start) for line in done.stderr.splitlines())
         return [line.removeprefix(start) for line in done.stderr.splitlines()]
 
-    # Those of the tables; a misspelt key is not told to be missing, too.
+    # A misspelt key is not told to be missing, too.
     assert refusals(
         ("hurst = 0.8", "hurts = 0.8"),
         ("rms_slope = 0.1", 'rms_slope = "steep"'),
@@ -238,7 +236,7 @@ JUNK = [
 
 @st.composite
 def mutants(draw: st.DrawFn) -> bytes:
-    """The case file with one to three of its lines changed, and perhaps bytes of it."""
+    """The case file with one to three of its lines changed."""
     lines = CASE.splitlines()
     for _ in range(draw(st.integers(1, 3))):
         i, j = (draw(st.integers(0, len(lines) - 1)) for _ in "ij")
@@ -254,15 +252,7 @@ def mutants(draw: st.DrawFn) -> bytes:
             lines[i] = lines[i].replace(key, draw(st.sampled_from([key[:-1], key * 2, "", "é"])), 1)
         elif what == "swap":
             lines[i], lines[j] = lines[j], lines[i]
-    content = "\n".join(lines).encode()
-    damage = draw(st.sampled_from(["none"] * 6 + ["truncate", "insert", "flip"]))
-    at = draw(st.integers(0, len(content) - 1))
-    other = {
-        "truncate": b"",
-        "insert": draw(st.binary(min_size=1, max_size=20)) + content[at:],
-        "flip": bytes([content[at] ^ draw(st.integers(1, 255))]) + content[at + 1 :],
-    }
-    return content[:at] + other.get(damage, content[at:])
+    return "\n".join(lines).encode()
 
 
 def refuses(path: Path) -> bool:

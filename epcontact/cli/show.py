@@ -48,10 +48,6 @@ def cite(case: str, size: str) -> None:
         click.echo(line)
 
 
-#: A larger margin is one of rounding.
-_EXACT = 1e3
-
-
 @click.command()
 @click.argument("cases", nargs=-1)
 @folder(default=Path("results"), help="Folder of the verification whose margins are shown.")
@@ -81,8 +77,8 @@ def _margins(file: Path) -> dict[tuple[str, str, str], str]:
         verdict = Verdict.model_validate_json(file.read_text("utf-8"))
     except (ValidationError, UnicodeDecodeError):
         raise InvalidCase(f"{file}: is no verdict; run `epcontact verify` again") from None
-    return {
-        (case.id, case.size, gate.name): "exact" if gate.margin > _EXACT else f"{gate.margin:.2g}"
+    return {  # a margin of more than 1000 is one of rounding
+        (case.id, case.size, gate.name): "exact" if gate.margin > 1000 else f"{gate.margin:.2g}"
         for case in verdict.cases
         for gate in case.gates
         if gate.difference is not None
