@@ -56,12 +56,10 @@ def solve_contact_forces(
     start: FloatArray | None = None,
     tolerance: float = 1e-11,
 ) -> tuple[FloatArray, float]:
-    """(forces in N, d in m) on the `contact` nodes that displace them by `wanted` + d.
-
-    Conjugate gradients preconditioned by 1/compliance (m/N, a value a wave) reduce the residual by
+    """(forces in N, d in m) on the `contact` nodes that displace them by `wanted` + d.  Conjugate
+    gradients preconditioned by 1/compliance (m/N, a value a wave) reduce the residual by
     `tolerance`.  The forces sum up to the `load`, which makes d an unknown, and gives all residuals
-    and directions zero mean over the contact nodes; if it is None, d = 0.
-    """
+    and directions zero mean over the contact nodes; if it is None, d = 0."""
     count, nx, free = int(contact.sum()), contact.shape[0], load is not None
     if count == 0:
         return np.zeros(contact.shape), 0.0

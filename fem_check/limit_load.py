@@ -69,11 +69,9 @@ def push(
     motion: Any = None,
 ) -> list[Pushed]:
     """Push some unknowns of a body step by step, and find the forces.  Raises NotConverged.
-
     Newton's method is blended with the elastic stiffness by a tenth of the relative residual.  The
     displacements are `motion` (sparse) times the unknowns, or are the unknowns; those neither
-    `free` nor `pushed` stay zero.
-    """
+    `free` nor `pushed` stay zero."""
 
     def stiffness(shear: float) -> FloatArray:
         each = partial(elastic_stiffness, bricks, mean_dilatation=mean_dilatation)

@@ -154,11 +154,9 @@ def _yielded_surface(problem: Problem, history: History) -> NDArray[np.bool_]:
 
 
 def _plastic_flow(problem: Problem, state: State, history: History) -> dict[str, float]:
-    """Largest strain, share of the volume and depth (m) of the plastic zone; energies in J/m^2.
-
-    Stored: in the block, the compression of a half-space's included.  Spent: sigma_Y a + H a^2/2
-    with the accumulated plastic strain a, which is exact for linear hardening.
-    """
+    """Largest strain, share of the volume and depth (m) of the plastic zone; energies in J/m^2:
+    stored in the block, a half-space's compression included, and spent, sigma_Y a + H a^2/2 with
+    the accumulated plastic strain a, which is exact for linear hardening."""
     block, bricks, law = problem.block, problem.bricks, problem.law
     flowed = np.flatnonzero(history.rows)
     a, weights = history.accumulated[history.rows[flowed]], bricks.weights[bricks.shape_of[flowed]]

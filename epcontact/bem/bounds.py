@@ -57,12 +57,10 @@ def project(
 def put(
     level: Level, p: FloatArray, points: Points, cells: Cells, pressure: FloatArray, x: FloatArray
 ) -> None:
-    """Write pressure + x at the points of p, move it into the bounds and restore its force.
-
-    If all points shared the force that the bounds cut off equally, a long-wave imbalance, whose
+    """Write pressure + x at the points of p, move it into the bounds and restore its force.  If all
+    points shared the force that the bounds cut off equally, a long-wave imbalance, whose
     displacement is large, would be left, and steps would overshoot.  So each cell keeps its force
-    if its points can carry it, and otherwise the rest goes to as small a block of cells as can.
-    """
+    if its points can carry it, and otherwise the rest goes to as small a block of cells as can."""
     flat, cap, target = p.reshape(-1), level.cap, float(pressure.sum())
     index, pressures, steps = points.split(points.index, pressure, x)
     missing, weight = cells.sums(put_clipped, 2, flat, index, pressures, steps, cap)
@@ -101,12 +99,10 @@ def gradient_step(level: Level, it: Iterate, length: float) -> float:
 
 @compiled
 def share_forces(left: Any, weight: Any, share: Any, rounding: float) -> None:
-    """The shares, by cell, that restore the forces `left` as near to it as possible.
-
-    Each share times its weight is a force, and no share is beyond _LARGEST_SHARE.  Cells that
-    cannot carry their force pass the rest to blocks of 2 x 2, 4 x 4, ... cells, until no more than
-    `rounding` is left.
-    """
+    """The shares, by cell, that restore the forces `left` as near to it as possible.  Each share
+    times its weight is a force, and no share is beyond _LARGEST_SHARE.  Cells that cannot carry
+    their force pass the rest to blocks of 2 x 2, 4 x 4, ... cells, until no more than `rounding` is
+    left."""
     mx, my = left.shape
     side, worst = 1, np.inf
     while worst > rounding and side < 2 * max(mx, my):

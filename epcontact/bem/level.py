@@ -27,11 +27,9 @@ GRADIENT_STEP = 0.3
 
 
 class Level:
-    """A grid problem with the data of its iterations.
-
-    Gap residuals are divided by gap_scale (m), that of the finest grid; `step` is the first length
-    c of a gradient step p - c g, in mean pressures per m; `parts` are the blocks' flat ranges.
-    """
+    """A grid problem with the data of its iterations.  Gap residuals are divided by gap_scale (m),
+    that of the finest grid; `step` is the first length c of a gradient step p - c g, in mean
+    pressures per m; `parts` are the blocks' flat ranges."""
 
     def __init__(self, problem: GridProblem, gap_scale: float, workers: Workers) -> None:
         self.heights = problem.heights.view()

@@ -44,11 +44,9 @@ def split(array: NDArray[Any], parts: list[slice]) -> list[NDArray[Any]]:
 
 
 class Workers:
-    """The threads that share the blocks of one solve, to be used as a context manager.
-
-    A list among the arguments of `each` and `total` has one item for each block; any other
-    argument is passed to every call.
-    """
+    """The threads that share the blocks of one solve, to be used as a context manager.  A list
+    among the arguments of `each` and `total` has one item for each block; any other argument is
+    passed to every call."""
 
     def __init__(self, threads: int = 1) -> None:
         self._helpers = threads - 1

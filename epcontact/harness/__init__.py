@@ -1,7 +1,7 @@
 """The way from case files to a verdict; each room imports only from those above it.
 
 processes         processes that call functions for this one, and executors that spread calls
-preload, threads  what processes are forked with, and libraries without threads
+preload           what processes are forked with
 gates             comparisons with a band, intervals of ensembles, distances
 interface         the interface under load: stiffness, conductance, patches
 methods           METHODS: every way to answer a scene, including a user's own

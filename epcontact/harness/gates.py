@@ -178,10 +178,8 @@ ERROR: Literal["error"] = "error"
 @dataclass(frozen=True)
 class Gate:
     """One comparison that must hold: the difference of `of` from `against` is in [low, high].
-
     `against` is a method, the name of a closed form, or a number with its `source`; `because` is
-    the reason for the width of the band.
-    """
+    the reason for the width of the band."""
 
     quantity: str
     of: str

@@ -48,10 +48,8 @@ class ChildDied(EpcontactError):
 
 
 class Child:
-    """A process that calls functions of modules that it can import.
-
-    It starts at the first call, and again at the first call after its end.
-    """
+    """A process that calls functions of modules that it can import.  It starts at the first call,
+    and again at the first call after its end."""
 
     def __init__(self, method: str = "spawn") -> None:
         self._context: Any = multiprocessing.get_context(method)

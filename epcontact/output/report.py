@@ -38,12 +38,10 @@ def report_folder(
     draw: Draw | None = None,
     notes: Sequence[str] = (),
 ) -> Path:
-    """Make the page of an output folder, and return its path.
-
-    The page shows every picture in a case's folder that has a caption (.txt) beside it.  `draw`
-    draws some there first, from the results.  `notes` are sentences for the top of the page.
-    Raises OutputError if there is no verdict in the folder or the page cannot be written.
-    """
+    """Make the page of an output folder, and return its path.  The page shows every picture in a
+    case's folder that has a caption (.txt) beside it.  `draw` draws some there first, from the
+    results.  `notes` are sentences for the top of the page.  Raises OutputError if there is no
+    verdict in the folder or the page cannot be written."""
     home = Path(folder)
     verdict = _read_json(home / "verdict.json")
     cases: Any = verdict.get("cases") if isinstance(verdict, dict) else None

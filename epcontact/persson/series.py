@@ -38,10 +38,8 @@ _NODES, _WEIGHTS = 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
 
 class Walk(NamedTuple):
     """The start of the diffusion, its spread, and a pressure; scaled arrays of one shape.
-
     Distances that are differences come from unscaled pressures, so that they keep their digits.
-    The unit is the hardness, or the mean pressure where the hardness is infinite.
-    """
+    The unit is the hardness, or the mean pressure where the hardness is infinite."""
 
     s: FloatArray  # start: mean pressure / unit
     r: FloatArray  # distance of the start from the upper wall

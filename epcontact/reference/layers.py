@@ -184,11 +184,8 @@ def _bulk_modulus(material: Material) -> float:
 
 @FLAT.gives("quantity.approach")
 def _compression(scene: Scene) -> float:
-    """The approach of a layer since the first touch, at the end of the load path, in m.
-
-    The top sinks by p d/M up to the yield pressure; beyond it the tangent is the bulk modulus.
-    Unloading is elastic while the pressure falls by less than twice the yield pressure.
-    """
+    """The approach of a layer in m: p d/M up to the yield pressure, with the bulk modulus beyond;
+    unloading is elastic while the pressure falls by less than twice the yield pressure."""
     material, depth, path = scene.material, scene.body.depth, scene.load.path
     FLAT.needs(math.isfinite(depth), "a layer, to be compressed")
     M, top, last = oedometric_modulus(material), max(path), path[-1]

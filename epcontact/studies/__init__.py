@@ -4,13 +4,8 @@ A study is a function with the decorator `study` of `frame`, in one of the modul
 in a chart come from one run on one machine, so only their ratios are comparable.
 """
 
-import epcontact.studies.areas
-import epcontact.studies.cost
-import epcontact.studies.fem
-import epcontact.studies.gap
-import epcontact.studies.hardness
-import epcontact.studies.peers
-import epcontact.studies.theory  # noqa: F401 - each registers its studies
+# Each of the first line registers its studies.
+from epcontact.studies import areas, cost, fem, gap, hardness, peers, theory  # noqa: F401
 from epcontact.studies.frame import STUDIES, save_charts
 
 __all__ = ["STUDIES", "save_charts"]

@@ -56,12 +56,10 @@ def agree(areas: Sequence[float], exact: Sequence[float]) -> bool:
 
 
 def race(points: int, bandwidth: int, law: str, peers: dict[str, Pressure], call: Any) -> Any:
-    """Solve one surface by this package to each aim of `cost.AIMS`, and by every peer.
-
-    `call` makes the calls of the peers, as `Child.call` does.  Returns a row for each code: code,
-    seconds, total (raw area; NaN where the code was ended), agrees, setting (the one that agreed or
-    the last one tried), law and points_a_side.
-    """
+    """Solve one surface by this package to each aim of `cost.AIMS`, and by every peer.  `call`
+    makes the calls of the peers, as `Child.call` does.  Returns a row for each code: code, seconds,
+    total (raw area; NaN where the code was ended), agrees, setting (the one that agreed or the last
+    one tried), law and points_a_side."""
     hardness, scene = LAWS[law] / MODULUS, rough_scene(points, 7, bandwidth, LAWS[law])
     times: dict[str, list[float]] = {aim: [] for aim in AIMS}
 

@@ -212,12 +212,10 @@ def _joined(heights: FloatArray, recipe: Any, where: str) -> tuple[FloatArray, s
 def windowed(
     heights: FloatArray, taper: float, spacing: tuple[float, ...]
 ) -> tuple[FloatArray, float]:
-    """Taper heights to zero at the edges and restore their rms slope; return the factor, too.
-
-    The zero of Tukey's window is midway between the last point and the first.  It flattens the
+    """Taper heights to zero at the edges and restore their rms slope; return the factor, too.  The
+    zero of Tukey's window is midway between the last point and the first.  It flattens the
     roughness, so all heights are then multiplied by a factor that restores the rms slope, by which
-    the contact area goes, rather than the rms height.
-    """
+    the contact area goes, rather than the rms height."""
     from scipy.signal.windows import tukey
 
     before = rms_slope(heights, spacing)

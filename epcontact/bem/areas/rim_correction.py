@@ -95,11 +95,9 @@ _ROWS, _COLUMNS = 128, 1024
 
 def perimeter_areas(pressure: FloatArray, hardness: float = math.inf) -> tuple[Areas, Areas]:
     """(raw, corrected) areas by the published correction, which takes off a sixth too much.
-
     Yastrebov, Anciaux and Molinari, Tribology International 114 (2017) 161: A = A_raw - (pi - 1 +
     ln 2)/24 S dx with S the length of the rim, counted by the switches along rows and columns.  On
-    a line, for which nothing is published, each edge is moved by the exact AXIS_OFFSET.
-    """
+    a line, for which nothing is published, each edge is moved by the exact AXIS_OFFSET."""
     factor = AXIS_OFFSET if pressure.ndim == 1 else PERIMETER_FACTOR
     raw, corrected = [], []
     for inside, outwards in ((pressure > 0, -1), (pressure >= hardness * _ROUNDING, 1)):
@@ -226,12 +224,10 @@ def located_areas(array: FloatArray, oblong: float) -> FloatArray:
 
 
 def _softness(sums: Sums) -> FloatArray:
-    """Cells (2,) by which other fronts are too far out where steps hold a part of them.
-
-    The body is softer than its surface at steps, because the pressure of the points beside them
-    ends AXIS_OFFSET short of the cells' edge: in proportion to the share of the load that steps
-    carry, for which that of the fronts' length stands.  Plastic points carry the hardness anyway.
-    """
+    """Cells (2,) by which other fronts are too far out where steps hold a part of them.  The body
+    is softer than its surface at steps, because the pressure of the points beside them ends
+    AXIS_OFFSET short of the cells' edge: in proportion to the share of the load that steps carry,
+    for which that of the fronts' length stands.  Plastic points carry the hardness anyway."""
     length, held = sums.length.sum(axis=1), sums.held.sum(axis=1)
     share = held / np.maximum(length, 1.0)
     return np.asarray(2 * AXIS_OFFSET * (held - sums.flowing[:, 0]) * share * (1 - share))

@@ -32,10 +32,8 @@ def cells_of(symbol: Symbol) -> tuple[int, int]:
 
 class Cells:
     """The cells that listed points lie in; `counts` (cells,) are the points of each, as floats.
-
-    Blocks of rows share the cells at their edges, so each block sums over a range of cells of
-    its own; `numbers` are the cells of its points, counted from the first one of that range.
-    """
+    Blocks of rows share the cells at their edges, so each block sums over a range of cells of its
+    own; `numbers` are the cells of its points, counted from the first one of that range."""
 
     def __init__(self, convolution: Convolution, points: Points) -> None:
         self.workers, self.points = convolution.workers, points

@@ -51,10 +51,8 @@ def split_pays(symbol: Symbol, elastic: int) -> bool:
 
 class MaskedGrid:
     """A grid in single precision that is 0 except at listed points, the same ones for ever.
-
     `array` (nx, LEFT + ny + RIGHT), with the columns at its sides repeated, is in the memory of
-    `field` (nx, ny), which is in double precision, unless this is too narrow.
-    """
+    `field` (nx, ny), which is in double precision, unless this is too narrow."""
 
     def __init__(self, points: Points, field: FloatArray, workers: Workers) -> None:
         nx, self.columns = field.shape

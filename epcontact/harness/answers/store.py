@@ -101,12 +101,10 @@ class Answer:
 
     @property
     def twins(self) -> tuple[str, str] | None:
-        """The labels of two surfaces with the same answer, which no ensemble may have.
-
-        Two different surfaces may have the same areas and energies, but not all figures of their
-        single points: answers without a largest pressure are not compared.  Solutions of one
-        surface, wherever it is on the grid, agree to the tolerance of their solver.
-        """
+        """The labels of two surfaces with the same answer, which no ensemble may have.  Two
+        different surfaces may have the same areas and energies, but not all figures of their single
+        points: answers without a largest pressure are not compared.  Solutions of one surface,
+        wherever it is on the grid, agree to the tolerance of their solver."""
         found = [result.final.quantities for result in self.results]
         for i, j in itertools.combinations(range(len(found)), 2):
             a, b = found[i], found[j]
@@ -267,12 +265,10 @@ _BODIES = {
 
 
 def described(scene: Scene, recipe: Recipe, hardness_source: str) -> dict[str, dict[str, Any]]:
-    """Return the figures of a scene by name, each with `value`, `unit` and `meaning`.
-
-    A result carries them in its provenance, so that its JSON, .vti and report need no case.  Values
-    are numbers, lists of numbers or words, the units "" for words and "–" for numbers without one.
-    What the scene does not have, such as a hardness, is left out or infinite.
-    """
+    """Return the figures of a scene by name, each with `value`, `unit` and `meaning`.  A result
+    carries them in its provenance, so that its JSON, .vti and report need no case.  Values are
+    numbers, lists of numbers or words, the units "" for words and "–" for numbers without one.
+    What the scene does not have, such as a hardness, is left out or infinite."""
     surface, material = scene.surface, scene.material
     modulus, body = effective_modulus(material), _BODIES[scene.body.kind]
     if scene.body.kind != "half_space":

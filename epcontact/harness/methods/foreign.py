@@ -115,11 +115,9 @@ def _child() -> Child:
 
 
 def _answer(source: str, scene: Scene | None) -> tuple[str, dict[str, Any]] | str:
-    """Return the checked result of a solver, or the sentence that says why there is none.
-
-    The result is plain data, its JSON and its fields, so that no class of the solver's is needed to
-    read it.  Without a scene a function is imported, and the sentence is empty if it can be.
-    """
+    """Return the checked result of a solver, or the sentence that says why there is none.  The
+    result is plain data, its JSON and its fields, so that no class of the solver's is needed to
+    read it.  Without a scene a function is imported, and the sentence is empty if it can be."""
     said, solver = "cannot be imported ({}); give package.module:function", None
     try:
         if not is_command(source):

@@ -115,12 +115,10 @@ def _answer(scene: Scene, name: str, package: str, effort: float) -> ContactResu
 
 
 def tamaas_j2(scene: Scene) -> ContactResult:
-    """Solve a scene by tamaas' volume integrals with perfectly plastic J2 flow.
-
-    Contact and flow are solved in turns until the residual displacement settles (Frérot et al.
-    2019, Comput. Methods Appl. Mech. Eng. 351, 951), in INCREMENTS from each load to the next.
-    tamaas' own outer loop, EPICSolver, has a fixed relaxation, and starts from elastic contact.
-    """
+    """Solve a scene by tamaas' volume integrals with perfectly plastic J2 flow.  Contact and flow
+    are solved in turns until the residual displacement settles (Frérot et al.  2019, Comput.
+    Methods Appl. Mech. Eng. 351, 951), in INCREMENTS from each load to the next.  tamaas' own outer
+    loop, EPICSolver, has a fixed relaxation, and starts from elastic contact."""
     if not (math.isfinite(scene.material.yield_stress) and scene.load.non_decreasing):
         raise InvalidScene("tamaas_j2 needs a finite yield_stress and mean pressures that rise")
     E, started = effective_modulus(scene.material), time.perf_counter()
@@ -229,12 +227,10 @@ def result_of(
     gap: FloatArray | None = None,
     displacement: FloatArray | None = None,
 ) -> ContactResult:
-    """Compute the result that follows from a pressure field (Pa).
-
-    A displacement or a gap that is not given follows from the pressure; without a gap, the flat is
-    placed where the mean gap of the elastic points vanishes.  The residuals are the largest gap of
-    an elastic point over the rms height, and the missing force over the nominal one.
-    """
+    """Compute the result that follows from a pressure field (Pa).  A displacement or a gap that is
+    not given follows from the pressure; without a gap, the flat is placed where the mean gap of the
+    elastic points vanishes.  The residuals are the largest gap of an elastic point over the rms
+    height, and the missing force over the nominal one."""
     surface, hardness = scene.surface, scene.material.hardness
     if displacement is None:
         q = rfft_wavenumbers(surface.shape, surface.periods)

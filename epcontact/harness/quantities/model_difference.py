@@ -79,19 +79,15 @@ class EffectiveHardness:
 
 
 def combined(parts: Mapping[str, float]) -> float:
-    """Return the root of the sum of the squares of an error's parts, each times its factor.
-
-    Such bars of 19 of 20 small scenes hold the ratio of a fine grid (tests/test_crosscheck.py).
-    """
+    """Return the root of the sum of the squares of an error's parts, each times its factor.  Such
+    bars of 19 of 20 small scenes hold the ratio of a fine grid (tests/test_crosscheck.py)."""
     return math.hypot(*(_TWO_SOLVES.get(name, 1.0) * part for name, part in parts.items()))
 
 
 def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray | None:
     """Return the compliance (m/Pa, as `bem.solve` takes it) of the block of elements that answered.
-
     None if the body is the half-space itself, as that of volume integrals.  Raises InvalidCase if
-    the result does not describe its block.
-    """
+    the result does not describe its block."""
     options = result.provenance.options
     if options.get("compliance") == "half_space":
         return None

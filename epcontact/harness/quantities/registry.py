@@ -56,11 +56,9 @@ with files("epcontact.harness.quantities").joinpath("reported.csv").open(encodin
 def quantity(
     unit: str, needs: tuple[str, ...] = ("fields",), name: str = "", each: Mapping[str, str] = {}
 ) -> Callable[[Callable[..., float]], Callable[..., float]]:
-    """Add a measured quantity: a function, whose docstring begins with the meaning.
-
-    With `each` there are several, which differ in the function's second argument: the word that
-    stands for {} in their `name`; the text of the word stands for {} in the meaning.
-    """
+    """Add a measured quantity: a function, whose docstring begins with the meaning.  With `each`
+    there are several, which differ in the function's second argument: the word that stands for {}
+    in their `name`; the text of the word stands for {} in the meaning."""
 
     def add(measure: Callable[..., float]) -> Callable[..., float]:
         meaning = " ".join((measure.__doc__ or "").partition("\n\n")[0].split()).removesuffix(".")
@@ -99,9 +97,7 @@ def read_quantity(result: ContactResult, name: str) -> float:
 
 def measured(name: str, answered: Answered) -> float:
     """Measure a quantity, or "l2.<closed form>.<field>": a field's distance from its closed form.
-
-    Raises InvalidCase if the result lacks what the quantity needs.
-    """
+    Raises InvalidCase if the result lacks what the quantity needs."""
     if name.startswith("l2."):
         _, form, field = name.split(".", 2)
         exact = CLOSED_FORMS[form].field(field, answered.scene)

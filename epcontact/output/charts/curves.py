@@ -78,11 +78,8 @@ def residual_history(histories: Mapping[str, ArrayLike]) -> Chart:
 def pressure_density(
     distribution: PressureDistribution, bins: int = 60, largest: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """The middles (Pa) of `bins` intervals up to `largest`, and the mean density P(sigma) in each.
-
-    The densities (1/Pa) of the elastic contact are differences of the cumulative areas, so that
-    their sum is exactly the elastic area.
-    """
+    """The middles (Pa) of `bins` intervals up to `largest`, and the mean density P(sigma) in each:
+    a difference of cumulative areas (1/Pa), so that their sum is exactly the elastic area."""
     edges = np.linspace(0.0, largest or distribution.pressure[-1], bins + 1)
     pressure = np.concatenate([[0.0], distribution.pressure])
     area = np.interp(edges, pressure, np.concatenate([[0.0], distribution.cumulative]))

@@ -80,12 +80,10 @@ class _Line:
 
 
 def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
-    """Draw a table as series on one pair of axes, with the legend beside it.
-
-    Points that are not finite, or not positive on a logarithmic axis, are left out of the picture;
-    values of zero of joined points are drawn as open marks at its lower edge.  The CSV of the chart
-    has the columns series, x, y, low and high.  Raises ValueError if there is no point to draw.
-    """
+    """Draw a table as series on one pair of axes, with the legend beside it.  Points that are not
+    finite, or not positive on a logarithmic axis, are left out of the picture; values of zero of
+    joined points are drawn as open marks at its lower edge.  The CSV of the chart has the columns
+    series, x, y, low and high.  Raises ValueError if there is no point to draw."""
     groups = table.groupby(list(plot.series), sort=False, dropna=False)
     lines = [_line(values, group, plot) for values, group in groups]
     if not any((np.isfinite(one.x) & np.isfinite(one.y)).any() for one in lines):
