@@ -133,7 +133,7 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> N
     def reused(fields: str, precision: Precision = "single") -> int:
         notes.clear()
         told = lambda done, total, words: notes.append("(reused)" in words)  # noqa: E731
-        run_cases([case], Run(tmp_path, 1, "", False, fields, precision, told))
+        run_cases([case], Run(tmp_path, 1, fields=fields, precision=precision, progress=told))
         return sum(notes)
 
     assert [reused("first", "double"), reused("first", "single")] == [0, 2]
