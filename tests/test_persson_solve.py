@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from typing import Any
@@ -12,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from scipy.integrate import quad
+from scipy.integrate import dblquad, quad
 from scipy.special import erf
 
 from epcontact import persson
@@ -25,7 +24,7 @@ from epcontact.persson import (
     hardness_curve,
     roughness_of,
 )
-from epcontact.persson.hardness import StressState, evolve, start, unfelt_diffusion
+from epcontact.persson.hardness import StressState, evolve
 from epcontact.persson.reduction import reduced_diffusion
 from epcontact.persson.separation import elastic_energy, flattened_roughness, mean_separation
 from epcontact.results import ContactResult
@@ -42,121 +41,10 @@ SURFACE = SelfAffine(SPECTRUM, (PERIOD, PERIOD), (64, 64), 11).build()
 SCENE = Scene(SURFACE, METAL, Load((2e9, 12.5e9)))
 
 
-def solve(scene: Scene = SCENE, **options: Any) -> ContactResult:
-    return persson.solve(scene, **{"energy_reduction": GAMMA} | options)
-
-
-def test_a_scene_has_the_areas_of_the_closed_form() -> None:
-    result = solve()
-    for step, pressure in zip(result.steps, (2e9, 12.5e9), strict=True):
-        exact = areas(GAMMA * MODULUS**2 / 8, pressure, 150e9)
-        for kind in ("raw", "corrected"):
-            found = step.areas[kind]
-            assert found.elastic == pytest.approx(float(exact.elastic), rel=1e-12)
-            assert found.plastic == pytest.approx(float(exact.plastic), rel=1e-12)
-        assert max(step.areas["error"].total, *step.residuals.values()) < 1e-13
-    assert result.provenance.options["energy_reduction"] == GAMMA
-    assert any("gamma = 0.536" in note for note in result.notes)
-    back = ContactResult.from_json(json.loads(json.dumps(result.to_json())))
-    assert back.to_json() == result.to_json()
-
-
-def test_the_distribution_carries_the_load_and_ends_in_the_elastic_area() -> None:
-    for material in (METAL, Material(MODULUS, 0.0)):
-        result = solve(replace(SCENE, material=material))
-        table: Any = result.distribution
-        found = result.final.areas["raw"]
-        assert np.all(np.diff(table.cumulative) >= 0)
-        assert table.cumulative[-1] == pytest.approx(found.elastic, rel=1e-13)
-        assert table.plastic == found.plastic
-        # The force is int sigma dF + hardness * A_pl; the trapezoidal rule has an error h^2 / 12.
-        middle = 0.5 * (table.pressure[1:] + table.pressure[:-1])
-        force = middle @ np.diff(table.cumulative) + 150e9 * table.plastic
-        assert_allclose(force, 12.5e9, rtol=2e-6)
-
-
-def test_options_change_the_answer_and_a_surface_of_exact_slope_does_not() -> None:
-    base = solve().final
-    contact = base.areas["raw"].elastic
-    for options, least in (({"energy_reduction": 0.6}, 0.1), ({"reduction": "persson"}, 0.01)):
-        assert abs(solve(**options).final.areas["raw"].elastic / contact - 1) > least
-    own = solve(spectrum="surface").final
-    assert_allclose(contact, own.areas["raw"].elastic, rtol=1e-9)
-    # The separation feels how 16 waves a side sample the long ones: a few per cent.
-    assert_allclose(base.quantities["mean_gap"], own.quantities["mean_gap"], rtol=0.1)
-
-
-def test_a_flat_surface_is_in_full_contact_at_the_mean_pressure() -> None:
-    flat = Scene(Surface(np.zeros((8, 8)), (1.0, 1.0)), METAL, Load(1e9))
-    result = solve(flat, spectrum="surface")
-    assert (result.final.areas["raw"].elastic, result.final.quantities["mean_gap"]) == (1, 0)
-    assert result.distribution is not None
-    assert (result.distribution.pressure[-1], result.distribution.cumulative[-1]) == (1e9, 1)
-
-
-@pytest.mark.parametrize(
-    ("change", "options", "words"),
-    [
-        ({"surface": Surface(np.sin(np.arange(16.0)), (1.0,), SPECTRUM)}, {}, "isotropic"),
-        ({"body": Body("bonded_layer", 1e-5)}, {}, "half-space"),
-        ({"load": Load((2e9, 1e9))}, {}, "decreases"),
-        ({"surface": replace(SURFACE, spectrum=None)}, {}, "'surface'"),
-        *(({}, {"energy_reduction": g}, "energy_reduction") for g in (0.0, -1.0, 1.1, math.nan)),
-        ({}, {"energy_reduction": 0.01, "reduction": "wang_muser"}, "energy_reduction"),
-        ({}, {"reduction": "wrong"}, "rule is 'wrong', .* wang_muser"),
-        ({}, {"spectrum": "wrong"}, "'analytic'"),
-    ],
-)
-def test_scenes_and_options_that_are_refused(
-    change: dict[str, Any], options: dict[str, Any], words: str
-) -> None:
-    with pytest.raises(InvalidScene, match=words):
-        solve(replace(SCENE, **change), **options)
-
-
-# ---- curves --------------------------------------------------------------------------------
-
-
-def theory_of(spectrum: Any = "analytic") -> Theory:
-    return Theory.of_scene(SCENE, energy_reduction=GAMMA, spectrum=spectrum)
-
-
-def test_the_magnification_curve_begins_and_ends_right() -> None:
-    curve = theory_of().magnification_curve(12.5e9)
-    final = solve().final.areas["raw"]
-    assert (curve.magnification.size, curve.total[0], curve.diffusion[0]) == (1000, 1, 0)
-    assert_allclose([curve.elastic[-1], curve.plastic[-1]], [final.elastic, final.plastic], 1e-10)
-    assert np.all(np.diff(curve.plastic) >= 0)  # a point that flows stays so
-    assert np.all(np.diff(curve.total) <= 0)
-    beyond = theory_of().magnification_curve(12.5e9, [16, 17, 1e6])
-    assert_allclose(beyond.elastic, final.elastic, rtol=1e-10)
-    for wrong in (0.5, math.nan):
-        with pytest.raises(InvalidScene, match="magnifications"):
-            theory_of().magnification_curve(12.5e9, [wrong])
-
-
-def test_the_curve_of_a_surface_is_that_of_its_modes() -> None:
-    curve = theory_of("surface").magnification_curve(12.5e9, [1, 4, 16])
-    modes = np.abs(np.fft.fft2(SURFACE.heights) / 64**2) ** 2
-    k = np.fft.fftfreq(64, 1 / 64)
-    zeta = np.hypot(k[:, None], k)
-    slopes = [(modes * (zeta * 1e5) ** 2)[zeta <= m * (1 + 1e-9)].sum() for m in (1, 4, 16)]
-    assert_allclose(curve.diffusion, GAMMA * MODULUS**2 / 8 * np.array(slopes), rtol=1e-10)
-
-
-def test_a_pressure_curve_at_a_magnification() -> None:
-    curve = theory_of().pressure_curve(12.5e9, 4.0)
-    at_four = theory_of().magnification_curve(12.5e9, [4.0])
-    ends = [curve.cumulative[-1], curve.plastic]
-    assert_allclose(ends, [at_four.elastic[0], at_four.plastic[0]], rtol=1e-12)
-    whole = np.trapezoid(curve.density, curve.pressure)
-    assert_allclose(whole, curve.cumulative[-1], rtol=1e-5)  # the trapezoidal rule's h^2
-    assert list(curve.columns()) == ["pressure_Pa", "density_per_Pa", "cumulative_area"]
-
-
-# ---- the energy reduction ------------------------------------------------------------------
-
-TAU = 250.0**2 / 8  # of the paper's scene, GPa^2: slope 1, full contact
+WIDE, PAPER = (SelfAffineSpectrum(0.8, 2.5e4, 1e5, high, 1.0) for high in (16e5, 64e5))
+LINE = SelfAffineSpectrum(0.8, 1e5, 1e5, 32e5, 1.0)
+# The diffusion of the paper's scene in GPa^2: slope 1, full contact.
+TAU = 250.0**2 / 8
 #: Each rule with a gamma that was published for it, and its factor at A = 1/2.
 PUBLISHED = {
     EnergyReduction(0.536, "constant"): 0.536,
@@ -167,6 +55,109 @@ PUBLISHED = {
 LOCAL = [r for r in PUBLISHED if r.rule in ("persson", "wang_muser")]
 
 
+def body(roughness: Any, hardness: float = math.inf, rule: Any = "constant") -> Theory:
+    return Theory(roughness, MODULUS, EnergyReduction(GAMMA, rule), hardness)
+
+
+def model(bands: int = 512, hardness: float = math.inf) -> Theory:
+    return body(analytic_roughness(WIDE, bands), hardness)
+
+
+def law(zeta: Any) -> Any:
+    return 100e9 * zeta**0.15
+
+
+ROUGH = body(analytic_roughness(PAPER))
+OWN = body(roughness_of(SelfAffine(LINE, (PERIOD, PERIOD), (128, 128), 4).build(), "surface"))
+STATE = (mean_separation, elastic_energy)
+
+
+def solve(scene: Scene = SCENE, **options: Any) -> ContactResult:
+    return persson.solve(scene, **{"energy_reduction": GAMMA} | options)
+
+
+def test_a_scene_has_the_areas_of_the_closed_form_and_its_distribution_carries_the_load() -> None:
+    result = solve()
+    for step, pressure in zip(result.steps, (2e9, 12.5e9), strict=True):
+        exact = areas(GAMMA * MODULUS**2 / 8, pressure, 150e9)
+        for kind in ("raw", "corrected"):
+            found = step.areas[kind]
+            assert found.elastic == pytest.approx(float(exact.elastic), rel=1e-12)
+            assert found.plastic == pytest.approx(float(exact.plastic), rel=1e-12)
+        assert max(step.areas["error"].total, *step.residuals.values()) < 1e-13
+    assert result.provenance.options["energy_reduction"] == GAMMA
+    assert any("gamma = 0.536" in note for note in result.notes)
+    table: Any = result.distribution
+    assert np.all(np.diff(table.cumulative) >= 0)
+    assert table.cumulative[-1] == pytest.approx(result.final.areas["raw"].elastic, rel=1e-13)
+    # The force is int sigma dF + hardness * A_pl; the trapezoidal rule has an error h^2 / 12.
+    middle = 0.5 * (table.pressure[1:] + table.pressure[:-1])
+    assert_allclose(middle @ np.diff(table.cumulative) + 150e9 * table.plastic, 12.5e9, rtol=2e-6)
+
+
+def test_options_change_the_answer_and_a_surface_of_exact_slope_does_not() -> None:
+    base, own = solve().final, solve(spectrum="surface").final
+    contact = base.areas["raw"].elastic
+    for options, least in (({"energy_reduction": 0.6}, 0.1), ({"reduction": "persson"}, 0.01)):
+        assert abs(solve(**options).final.areas["raw"].elastic / contact - 1) > least
+    assert_allclose(contact, own.areas["raw"].elastic, rtol=1e-9)
+    # The separation feels how 16 waves a side sample the long ones: a few per cent.
+    assert_allclose(base.quantities["mean_gap"], own.quantities["mean_gap"], rtol=0.1)
+
+
+def test_a_flat_surface_is_in_full_contact_at_the_mean_pressure() -> None:
+    flat = Scene(Surface(np.zeros((8, 8)), (1.0, 1.0)), METAL, Load(1e9))
+    result = solve(flat, spectrum="surface")
+    assert (result.final.areas["raw"].elastic, result.final.quantities["mean_gap"]) == (1, 0)
+    table: Any = result.distribution
+    assert (table.pressure[-1], table.cumulative[-1]) == (1e9, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "words"),
+    [
+        ({"surface": Surface(np.sin(np.arange(16.0)), (1.0,), SPECTRUM)}, {}, "isotropic"),
+        ({"body": Body("bonded_layer", 1e-5)}, {}, "half-space"),
+        ({"load": Load((2e9, 1e9))}, {}, "decreases"),
+        ({"surface": replace(SURFACE, spectrum=None)}, {}, "'surface'"),
+        ({}, {"energy_reduction": 1.1}, "energy_reduction"),
+        ({}, {"energy_reduction": 0.01, "reduction": "wang_muser"}, "energy_reduction"),
+        ({}, {"reduction": "wrong"}, "rule is 'wrong', .* wang_muser"),
+        ({}, {"spectrum": "wrong"}, "'analytic'"),
+    ],
+)
+def test_scenes_and_options_that_are_refused(change: Any, options: Any, words: str) -> None:
+    with pytest.raises(InvalidScene, match=words):
+        solve(replace(SCENE, **change), **options)
+
+
+@pytest.fixture
+def theory() -> Theory:
+    return Theory.of_scene(SCENE, energy_reduction=GAMMA)
+
+
+def test_the_magnification_curve_begins_and_ends_right(theory: Theory) -> None:
+    curve = theory.magnification_curve(12.5e9)
+    final = solve().final.areas["raw"]
+    assert (curve.magnification.size, curve.total[0], curve.diffusion[0]) == (1000, 1, 0)
+    assert_allclose([curve.elastic[-1], curve.plastic[-1]], [final.elastic, final.plastic], 1e-10)
+    assert np.all(np.diff(curve.plastic) >= 0)  # a point that flows stays so
+    assert np.all(np.diff(curve.total) <= 0)
+    beyond = theory.magnification_curve(12.5e9, [16, 17, 1e6])
+    assert_allclose(beyond.elastic, final.elastic, rtol=1e-10)
+    with pytest.raises(InvalidScene, match="magnifications"):
+        theory.magnification_curve(12.5e9, [0.5])
+
+
+def test_a_pressure_curve_at_a_magnification(theory: Theory) -> None:
+    curve, at_four = theory.pressure_curve(12.5e9, 4.0), theory.magnification_curve(12.5e9, [4.0])
+    ends = [curve.cumulative[-1], curve.plastic]
+    assert_allclose(ends, [at_four.elastic[0], at_four.plastic[0]], rtol=1e-12)
+    # The trapezoidal rule has an error of h^2.
+    assert_allclose(np.trapezoid(curve.density, curve.pressure), ends[0], rtol=1e-5)
+    assert list(curve.columns()) == ["pressure_Pa", "density_per_Pa", "cumulative_area"]
+
+
 @pytest.mark.parametrize("reduction", PUBLISHED, ids=lambda r: r.rule)
 def test_a_rule_at_its_ends(reduction: EnergyReduction) -> None:
     assert_allclose(reduction.factor(0.5), PUBLISHED[reduction], rtol=1e-14)
@@ -174,9 +165,6 @@ def test_a_rule_at_its_ends(reduction: EnergyReduction) -> None:
     assert reduced_diffusion(reduction, 0.0, 1.0) == 0
     # Hardly any contact: gamma.  A = sqrt(8/pi) p0 / (E* xi) / sqrt(gamma) = 1e-7 or so.
     assert_allclose(reduced_diffusion(reduction, TAU, 1e-5), reduction.gamma * TAU, rtol=1e-5)
-    if reduction.rule != "wang_muser":
-        unity = EnergyReduction(1.0, reduction.rule)
-        assert_allclose(reduced_diffusion(unity, TAU, 12.5), TAU, rtol=1e-13)
     if reduction.rule != "constant":  # nearly full contact: A = 1, nothing is reduced
         assert_allclose(reduction.factor(1.0), 1.0)
         assert_allclose(reduced_diffusion(reduction, 1.0, 1e3), 1.0, rtol=1e-14)
@@ -186,20 +174,17 @@ def test_a_rule_at_its_ends(reduction: EnergyReduction) -> None:
 
 @pytest.mark.parametrize("reduction", LOCAL, ids=lambda r: r.rule)
 @pytest.mark.parametrize("hardness", [math.inf, 150.0])
-def test_the_differential_rules_solve_their_equation(
-    reduction: EnergyReduction, hardness: float
-) -> None:
+def test_the_differential_rules_solve_their_equation(reduction: Any, hardness: float) -> None:
     """int_0^G dG' / S(A(G')) = tau, by an adaptive quadrature; the stepping is of sixth order."""
-    tau = np.array([0.3, 5.0, 60.0, TAU])
 
     def rate(log_g: float) -> float:
         G = math.exp(log_g)
         return G / float(reduction.factor(areas(G, 12.5, hardness).total))
 
-    first = 1e-12
-    for G, target in zip(reduced_diffusion(reduction, tau, 12.5, hardness), tau, strict=True):
-        found = quad(rate, math.log(first), math.log(G), epsabs=0, epsrel=1e-12, limit=500)[0]
-        assert_allclose(found + first, target, rtol=1e-10)
+    for tau in (0.3, 60.0, TAU):
+        G = float(reduced_diffusion(reduction, tau, 12.5, hardness))
+        found = quad(rate, math.log(1e-12), math.log(G), epsabs=0, epsrel=1e-12, limit=500)[0]
+        assert_allclose(found + 1e-12, tau, rtol=1e-10)
     exact, *coarse = (
         reduced_diffusion(reduction, TAU, 12.5, 150.0, steps_per_decade=n) for n in (96, 2, 4, 8)
     )
@@ -209,15 +194,11 @@ def test_the_differential_rules_solve_their_equation(
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)
-@given(st.floats(-6, 8), st.floats(0.05, 1.0), st.floats(-4, -0.01), st.booleans())
-def test_the_whole_band_rule_solves_its_equation(
-    log_tau: float, gamma: float, log_share: float, elastic: bool
-) -> None:
-    hardness = math.inf if elastic else 10.0**-log_share
-    tau = 10.0**log_tau
-    G = reduced_diffusion(EnergyReduction(gamma, "xu"), tau, 1.0, hardness)
-    A = areas(G, 1.0, hardness).total
-    assert_allclose(G, (gamma + (1 - gamma) * A) * tau, rtol=1e-11)
+@given(st.floats(-6, 8), st.floats(0.05, 1.0), st.floats(0.01, 4) | st.just(math.inf))
+def test_the_whole_band_rule_solves_its_equation(log_tau: float, gamma: float, wall: float) -> None:
+    G = reduced_diffusion(EnergyReduction(gamma, "xu"), 10.0**log_tau, 1.0, 10.0**wall)
+    A = areas(G, 1.0, 10.0**wall).total
+    assert_allclose(G, (gamma + (1 - gamma) * A) * 10.0**log_tau, rtol=1e-11)
 
 
 def test_no_gamma_has_both_areas_of_the_paper_s_boundary_elements() -> None:
@@ -227,22 +208,11 @@ def test_no_gamma_has_both_areas_of_the_paper_s_boundary_elements() -> None:
     plastic_fit = np.argmin(np.abs(columns["elastic_area"] - 0.0533))
     assert_allclose(columns["gamma"][[elastic_fit, plastic_fit]], [0.63, 0.53], atol=0.01)
     assert columns["elastic_area"][elastic_fit] < 0.8 * 0.0533
-    for find, words in (
-        (lambda: persson.gamma_columns(TAU, 12.5, 150.0, [0.5, 1.2]), "energy_reduction"),
-        (lambda: reduced_diffusion(LOCAL[0], -1.0, 1.0, 2.0), "full_contact_diffusion"),
-        (lambda: reduced_diffusion(LOCAL[0], 1.0, 2.0, 2.0), "mean_pressure"),
-    ):
+    with pytest.raises(InvalidScene, match="energy_reduction"):
+        persson.gamma_columns(TAU, 12.5, 150.0, [0.5, 1.2])
+    for tau, words in ((-1.0, "full_contact_diffusion"), (1.0, "mean_pressure")):
         with pytest.raises(InvalidScene, match=words):
-            find()
-
-
-# ---- energy and separation -----------------------------------------------------------------
-
-WIDE = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 16e5, 1.0)
-
-
-def model(bands: int = 512, hardness: float = math.inf) -> Theory:
-    return Theory(analytic_roughness(WIDE, bands), MODULUS, EnergyReduction(GAMMA), hardness)
+            reduced_diffusion(LOCAL[0], tau, 2.0, 2.0)
 
 
 def test_full_contact_stores_the_exact_energy_and_the_load_s_work_is_stored() -> None:
@@ -250,9 +220,9 @@ def test_full_contact_stores_the_exact_energy_and_the_load_s_work_is_stored() ->
     exact, _ = quad(lambda q: q**2 * density(WIDE, q), 2.5e4, 16e5, points=[1e5], limit=200)
     assert_allclose(elastic_energy(model(), 1e13), 0.5 * math.pi * MODULUS * exact, rtol=1e-6)
     assert mean_separation(model(), 1e13) == 0
-    low, high = 2e9, 2.02e9
-    work = 2.01e9 * (mean_separation(model(), low) - mean_separation(model(), high))
-    assert_allclose(work, elastic_energy(model(), high) - elastic_energy(model(), low), rtol=1e-4)
+    path = 2e9, 2.02e9
+    (approach,), (stored,) = (np.diff([f(model(), p) for p in path]) for f in STATE)
+    assert_allclose(-2.01e9 * approach, stored, rtol=1e-4)
 
 
 def test_separation_of_one_wave_number_is_the_published_integral() -> None:
@@ -262,8 +232,7 @@ def test_separation_of_one_wave_number_is_the_published_integral() -> None:
     slope variance, which the bands resolve.
     """
     narrow = SelfAffineSpectrum(0.8, 1e5, 1e5, 1.0001e5, 0.1)
-    made = Theory(analytic_roughness(narrow, 1024), MODULUS, EnergyReduction(GAMMA))
-    p = 2e9
+    p, made = 2e9, body(analytic_roughness(narrow, 1024))
 
     def rate(pressure: float, x: float) -> float:
         spread = 2 * math.sqrt(x * MODULUS**2 * 0.01 / 8)
@@ -271,10 +240,7 @@ def test_separation_of_one_wave_number_is_the_published_integral() -> None:
         slope = 2 / math.sqrt(math.pi) / spread * math.exp(-((pressure / spread) ** 2))
         return float((0.536 + 3 * 0.464 * A**2) * slope / pressure)
 
-    def inner(x: float) -> float:
-        return float(quad(rate, p, 2e11, args=(x,), epsabs=0, epsrel=1e-9, limit=200)[0])
-
-    share = quad(inner, 1e-4, 1, epsabs=0, epsrel=1e-7, limit=200)[0]
+    share = dblquad(rate, 1e-4, 1, p, 2e11, epsabs=0, epsrel=1e-7)[0]
     energy = 0.25 * MODULUS * 0.01 / 1e5
     assert_allclose(mean_separation(made, p), energy * share, rtol=2e-4)  # width of the band
 
@@ -302,54 +268,24 @@ def test_small_loads_part_the_surfaces_logarithmically() -> None:
 
 
 def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first() -> None:
-    p = 12.5e9
+    p, made = 12.5e9, model(128, 75e9)
     gaps = [mean_separation(model(128, h), p) for h in (math.inf, 150e9, 75e9, 40e9)]
     assert np.all(np.diff(gaps) < 0)
-    made = model(128, 75e9)
-    flat = flattened_roughness(made, p)
     variance = made.roughness.slope_variance
-    left = flat.slope_variance / variance
+    left = flattened_roughness(made, p).slope_variance / variance
     assert np.all(np.diff(left) <= 0)
-    assert left[0] == 1
-    assert left[-1] < 0.5
+    assert left[0] == 1 > 2 * left[-1]
     middle_of_band = np.cumsum(variance) - variance / 2
     plastic = areas(0.536 * MODULUS**2 / 8 * middle_of_band, p, 75e9).plastic * 75e9 / p
     assert_allclose(left, 1 - plastic**6, rtol=1e-12)
-    assert_allclose(flat.slope_variance_up_to(flat.highest), flat.rms_slope**2, rtol=1e-12)
-    assert flat.slope_variance_up_to(flat.lowest) == 0
     # "constant" and "xu" describe no single wave number; the energy's rule is "persson".
-    rules: Any = ("constant", "xu", "persson")
-    same = [replace(made, reduction=EnergyReduction(0.42, rule)) for rule in rules]
-    assert len({elastic_energy(each, p) for each in same}) == 1
+    other = replace(made, reduction=EnergyReduction(GAMMA, "xu"))
+    assert elastic_energy(other, p) == elastic_energy(made, p)
     # Great hardness is the elastic body; a load at the hardness is refused.
-    assert mean_separation(model(64, 1e15), 5e9) == mean_separation(model(64), 5e9)
-    assert_allclose(elastic_energy(model(64, 1e15), 5e9), elastic_energy(model(64), 5e9), 1e-14)
-    for find in (mean_separation, elastic_energy):
+    for find in STATE:
+        assert_allclose(find(model(64, 1e15), 5e9), find(model(64), 5e9), rtol=1e-14)
         with pytest.raises(InvalidScene, match="mean_pressure"):
             find(model(64, 10e9), 10e9)
-
-
-# ---- a hardness that depends on the magnification ------------------------------------------
-
-PAPER = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 1.0)
-
-
-def body(roughness: Any, rule: Any = "constant") -> Theory:
-    return Theory(roughness, MODULUS, EnergyReduction(GAMMA, rule))
-
-
-ROUGH = body(analytic_roughness(PAPER))
-LINE = SelfAffineSpectrum(0.8, 1e5, 1e5, 32e5, 1.0)
-ROUND = SelfAffine(LINE, (2 * math.pi / 1e5,) * 2, (128, 128), 4).build()
-OWN = body(roughness_of(ROUND, "surface"))
-
-
-def law(zeta: Any) -> Any:
-    return 100e9 * zeta**0.15
-
-
-def run(state: StressState, diffusion: Any, hardness: Any) -> StressState:
-    return list(evolve(state, diffusion, hardness))[-1]
 
 
 @pytest.mark.parametrize("kappa", [0.5, 2.0])
@@ -367,29 +303,14 @@ def test_the_self_similar_solution_with_second_order(kappa: float) -> None:
         first = StressState(mean, plastic, 1.0)
         G = np.geomspace(1, 20.0, n + 1) / (2 * kappa)
         Y = np.sqrt(2 * kappa * G)
-        end = run(first, G, Y)
+        *_, end = evolve(first, G, Y)
         errors.append(np.abs(end.density / (mean / Y[-1]) - 1).max())
         assert abs(end.mean_pressure / first.mean_pressure - 1) < 1e-10
-        # P(Y) = (dY/dG) A_pl > 0: the wall that moves does not absorb.
-        at_wall = 1.5 * end.density[-1] - 0.5 * end.density[-2]
-        assert_allclose(at_wall, kappa * plastic / Y[-1], rtol=1e-2)
     assert np.all(np.log2(np.divide(errors[:-1], errors[1:])) > 1.8)
     assert errors[-1] < 1e-4
-    # Here errors of either sign pass through zero, so the cap alone is sharp.
-    assert abs(end.plastic / (plastic / Y[-1]) - 1) < 5e-5
 
 
-def test_constant_hardness_is_the_closed_form_with_second_order() -> None:
-    p0, Y, G_end = 12.5, 150.0, 4187.5
-    first, exact = unfelt_diffusion(p0, Y), areas(G_end, p0, Y)
-    assert areas(first, p0, Y).plastic < 1e-15
-    errors = []
-    for n in (128, 256, 512):
-        end = run(start(first, p0, Y, n), np.geomspace(first, G_end, n + 1), np.full(n + 1, Y))
-        errors.append([abs(end.elastic - exact.elastic), abs(end.plastic - exact.plastic)])
-    orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    assert np.all((orders > 1.8) & (orders < 2.3))
-    assert np.max(errors[-1]) < 2e-6
+def test_constant_hardness_is_the_closed_form() -> None:
     found = hardness_curve(ROUGH, 12.5e9, lambda z: np.full(z.shape, 150e9))
     curve = replace(ROUGH, hardness=150e9).magnification_curve(12.5e9, found.areas.magnification)
     assert_allclose(found.areas.elastic, curve.elastic, rtol=0, atol=1e-6)
@@ -407,7 +328,11 @@ def test_a_growing_hardness_converges_with_second_order_and_keeps_the_force() ->
     kink = hardness_curve(ROUGH, 12.5e9, lambda z: 100e9 * np.maximum(z / 16, 1) ** 0.3)
     late = kink.areas.plastic[kink.areas.magnification > 20]
     assert np.all(np.diff(late, 2) > -1e-5)  # it does not ring
-    assert max(f.force_error for f in (*found, kink)) < 1e-10
+    # Half the band: the share of slope below differs by the sampling of the long waves.
+    line = body(analytic_roughness(LINE))
+    own, exact = (hardness_curve(theory, 12.5e9, law, [16.0]) for theory in (OWN, line))
+    assert_allclose(own.areas.plastic, exact.areas.plastic, rtol=0.15)
+    assert max(f.force_error for f in (*found, kink, own)) < 1e-10
 
 
 def test_a_growing_hardness_leaves_less_plastic_area_than_its_own_value_kept_throughout() -> None:
@@ -421,27 +346,14 @@ def test_a_growing_hardness_leaves_less_plastic_area_than_its_own_value_kept_thr
     assert np.all(found.areas.plastic <= kept.plastic + 1e-6)
     assert found.areas.plastic[-1] < 0.8 * kept.plastic[-1]
     table: Any = found.pressures
-    assert_allclose(table.pressure[-1], found.hardness[-1], rtol=1e-14)
-    assert_allclose(table.cumulative[-1], found.areas.elastic[-1], rtol=1e-13)
     middle = 0.5 * (table.pressure[1:] + table.pressure[:-1])
     force = middle @ np.diff(table.cumulative) + found.hardness[-1] * table.plastic
     assert_allclose(force, 12.5e9, rtol=1e-10)
     assert np.all(table.density >= 0)
-
-
-def test_light_roughness_feels_no_wall_and_a_surface_s_own_spectrum_is_near_its_analytic() -> None:
-    smooth = analytic_roughness(replace(PAPER, rms_slope=0.01))
-    curve = hardness_curve(body(smooth), 12.5e9, law)
-    assert np.all(curve.areas.plastic == 0)
-    assert curve.pressures is None
-    assert_allclose(curve.areas.elastic, areas(curve.areas.diffusion, 12.5e9).elastic)
-    own, exact = (
-        hardness_curve(theory, 12.5e9, law, [16.0])
-        for theory in (OWN, body(analytic_roughness(LINE)))
-    )
-    # Half the band: the share of slope below differs by the sampling of the long waves.
-    assert_allclose(own.areas.plastic, exact.areas.plastic, rtol=0.15)
-    assert own.force_error < 1e-10
+    # Light roughness feels no wall.
+    light = hardness_curve(body(analytic_roughness(replace(PAPER, rms_slope=0.01))), 12.5e9, law)
+    assert (light.areas.plastic.max(), light.pressures) == (0, None)
+    assert_allclose(light.areas.elastic, areas(light.areas.diffusion, 12.5e9).elastic)
 
 
 @pytest.mark.parametrize(
@@ -450,10 +362,10 @@ def test_light_roughness_feels_no_wall_and_a_surface_s_own_spectrum_is_near_its_
         (ROUGH, lambda z: 10e9 * z, (), "mean_pressure"),
         (ROUGH, lambda z: 150e9 * z * np.nan, (), "positive"),
         (ROUGH, lambda z: 150e9 * z**-0.01, (), "does not conserve the force"),
-        *((ROUGH, law, (zeta,), "ascend") for zeta in ([0.5, 2.0], [4.0, 2.0], [2.0, 1e6], [])),
+        *((ROUGH, law, (zeta,), "ascend") for zeta in ([0.5, 2.0], [4.0, 2.0], [])),
         (ROUGH, law, (None, (16, 400)), "cells"),
         (OWN, law, (), "no finite rate"),  # beyond the surface's shortest wave
-        (body(ROUGH.roughness, "persson"), law, (), "must be constant"),
+        (body(ROUGH.roughness, rule="persson"), law, (), "must be constant"),
     ],
 )
 def test_hardnesses_that_are_refused(theory: Theory, hardness: Any, more: Any, words: str) -> None:
