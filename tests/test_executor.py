@@ -86,15 +86,16 @@ def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatc
     package = Path(store.__file__).parents[2]
     for folder in (package, package.parent / "fem_check"):
         shutil.copytree(folder, tmp_path / folder.name, ignore=lambda *_: ["__pycache__"])
-    assert all((package / name).exists() for name in store._SOURCES)
     copy = tmp_path / package.name
     before = store.sources(copy)
     assert before == store.sources()
     for name, same in (
         ("bem/inner/cg.py", False), ("../fem_check/plasticity.py", False), ("scene.py", False),
+        ("harness/interface.py", False), ("winkler.py", False),
         ("harness/quantities/registry.py", False), ("output/report.py", True),
     ):  # fmt: skip
-        (copy / name).write_text((copy / name).read_text() + "\n# changed\n")
+        with (copy / name).open("a") as file:  # a method of one's own is a new file
+            file.write("\n# changed\n")
         store.sources.cache_clear()
         after, before = before, store.sources(copy)
         assert (before == after) == same, name

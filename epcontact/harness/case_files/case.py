@@ -169,11 +169,14 @@ def _unanswerable(gate: GateTable, case: Case, sizes: tuple[str, ...]) -> Iterat
     needs = QUANTITIES[gate.quantity].needs if gate.quantity in QUANTITIES else ()
     if "fields" in needs and not METHODS[gate.of].has_fields:
         yield f"{gate.quantity} is read of the fields of a method, but {gate.of} has none"
-    if "J2 flow" in needs and not _has_model(gate, case, needs):
+    capped = case.solid.hardness == "effective" or math.isfinite(case.solid.hardness)
+    if "hardness" in needs and not capped:
+        yield f"{gate.quantity} needs a finite material.hardness"
+    if "J2 flow" in needs and not _has_model(gate, case):
         able = " or ".join(m.name for m in METHODS.values() if m.has_model_measures)
         yield (
             f"{gate.quantity} needs a gate of {able} against a number or each other, fem.law = "
-            "'j2' and geometry = 'gap', a finite hardness and yield_stress, and one mean_pressure"
+            "'j2' and geometry = 'gap', a finite yield_stress, and one mean_pressure"
         )
     number = not isinstance(gate.against, str)
     if gate.norm == "l2" and (number or gate.against in METHODS):
@@ -182,14 +185,12 @@ def _unanswerable(gate: GateTable, case: Case, sizes: tuple[str, ...]) -> Iterat
         yield f"a distribution against {gate.against!r}: give a closed form, or a method"
 
 
-def _has_model(gate: GateTable, case: Case, needs: tuple[str, ...]) -> bool:
+def _has_model(gate: GateTable, case: Case) -> bool:
     """Return whether a case can answer a gate on a model measure: J2 flow against a cap."""
     sides = {gate.of, gate.against} if isinstance(gate.against, str) else {gate.of}
-    capped = case.solid.hardness == "effective" or math.isfinite(case.solid.hardness)
     return (
         all(name in METHODS and METHODS[name].has_model_measures for name in sides)
         and (case.fem.law, case.fem.geometry) == ("j2", "gap")
         and case.solid.yield_stress < math.inf
-        and (capped or "hardness" not in needs)
         and len(case.load.path) == 1
     )

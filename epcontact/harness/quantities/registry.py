@@ -29,9 +29,9 @@ from epcontact.scene import Scene
 class Quantity:
     """A scalar that a gate can read.
 
-    `unit` is "–" if it has none.  `needs` is checked before anything is solved: "fields" of the
-    method, "J2 flow" by the method, and for that a finite "hardness" of the scene.  `measure` is
-    None if methods report the quantity.
+    `unit` is "–" if it has none.  What the quantity `needs` is checked before anything is solved:
+    "fields" and "J2 flow" of the method, and a finite "hardness" of the scene.  `measure` is None
+    if methods report the quantity.
     """
 
     name: str
@@ -56,9 +56,11 @@ with files("epcontact.harness.quantities").joinpath("reported.csv").open(encodin
 def quantity(
     unit: str, needs: tuple[str, ...] = ("fields",), name: str = "", each: Mapping[str, str] = {}
 ) -> Callable[[Callable[..., float]], Callable[..., float]]:
-    """Add a measured quantity: a function, whose docstring begins with the meaning.  With `each`
-    there are several, which differ in the function's second argument: the word that stands for {}
-    in their `name`; the text of the word stands for {} in the meaning."""
+    """Add a measured quantity: a function, whose docstring begins with the meaning.
+
+    With `each`, a table of words and texts, there is one quantity for each word, which is the
+    function's second argument: {} in `name` becomes the word, and {} in the meaning its text.
+    """
 
     def add(measure: Callable[..., float]) -> Callable[..., float]:
         meaning = " ".join((measure.__doc__ or "").partition("\n\n")[0].split()).removesuffix(".")
@@ -97,7 +99,9 @@ def read_quantity(result: ContactResult, name: str) -> float:
 
 def measured(name: str, answered: Answered) -> float:
     """Measure a quantity, or "l2.<closed form>.<field>": a field's distance from its closed form.
-    Raises InvalidCase if the result lacks what the quantity needs."""
+
+    Raises InvalidCase if the result lacks what the quantity needs.
+    """
     if name.startswith("l2."):
         _, form, field = name.split(".", 2)
         exact = CLOSED_FORMS[form].field(field, answered.scene)
