@@ -15,16 +15,13 @@ from epcontact.errors import EpcontactError, InvalidScene
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface, scene_digest
 from epcontact.surfaces import (
     FlatPunch,
-    HeightsFromFile,
     Paraboloid,
     Recipe,
     SelfAffine,
-    SelfAffineEnsemble,
     Sinusoid,
     Sphere,
     filtered,
     grid_shape,
-    unit_of,
 )
 from epcontact.surfaces.power_spectrum import surface_moments
 from epcontact.surfaces.self_affine import _phases
@@ -42,10 +39,8 @@ GRIDS: list[tuple[tuple[int, ...], tuple[float, ...]]] = [
     ((48, 48), (L, L)),
     ((41, 41), (L, L)),
     ((48, 99), (L, 2 * L)),
-    ((150, 41), (3 * L, L)),
     ((44, 45), (L * 1.03, L * 1.07)),
     ((64,), (L,)),
-    ((121,), (2.9 * L,)),
 ]
 
 
@@ -82,11 +77,11 @@ def test_amplitudes_are_those_of_the_spectrum_and_the_rms_slope_is_exact(
     assert_close(amplitude[~band], np.zeros(np.sum(~band)), 1e-16)
 
 
-@pytest.mark.parametrize("factor", [2, 3])
 @pytest.mark.parametrize(("shape", "periods"), GRIDS)
 def test_a_finer_grid_shows_the_same_surface(
-    shape: tuple[int, ...], periods: tuple[float, ...], factor: int
+    shape: tuple[int, ...], periods: tuple[float, ...]
 ) -> None:
+    factor = 3
     coarse = SelfAffine(NARROW, periods, shape, seed=11).build()
     fine = SelfAffine(NARROW, periods, tuple(factor * n for n in shape), seed=11).build()
     common = fine.heights[tuple(slice(None, None, factor) for _ in shape)]
@@ -110,11 +105,10 @@ def test_a_wider_band_adds_to_the_surface() -> None:
 
 def test_limits_typed_with_seven_digits_lose_no_mode() -> None:
     exact = SelfAffine(PAPER, (PAPER_PERIOD,) * 2, (513, 513), seed=1).build()
-    for period in (2.513274e-4, 2.513275e-4):
-        typed = SelfAffine(PAPER, (period,) * 2, (513, 513), seed=1).build()
-        # Same modes, same phases; all else follows the period's seventh digit.  One of the
-        # 205,000 modes missing or astray would show as 1e-4 of h_rms or more.
-        assert_close(typed.heights, exact.heights, 1e-5 * exact.heights.std())
+    typed = SelfAffine(PAPER, (2.513274e-4,) * 2, (513, 513), seed=1).build()
+    # Same modes, same phases; all else follows the period's seventh digit.  One of the 205,000
+    # modes missing or astray would show as 1e-4 of h_rms or more.
+    assert_close(typed.heights, exact.heights, 1e-5 * exact.heights.std())
 
 
 def test_phases_are_uniform_and_unrelated_and_never_change() -> None:
@@ -137,8 +131,7 @@ def test_phases_are_uniform_and_unrelated_and_never_change() -> None:
 
 
 def test_the_paper_s_grids() -> None:
-    periods = (PAPER_PERIOD, 2 * PAPER_PERIOD)
-    assert grid_shape(PAPER, periods, 4) == (1024, 2048)
+    assert grid_shape(PAPER, (PAPER_PERIOD, 2 * PAPER_PERIOD), 4) == (1024, 2048)
     assert grid_shape(PAPER, (PAPER_PERIOD,), 8) == (2048,)
 
 
@@ -153,15 +146,11 @@ WAVE = Sinusoid((1.0,), (8,), 0.1)
         (ROUGH, {"shape": (40, 48)}, "40 grid points .* needs at least 41"),
         (ROUGH, {"periods": (L, L / 2)}, "wavenumber_low = 1 rad/m needs at least 6.28"),
         (ROUGH, {"shape": (48, 48, 48), "periods": (L, L, L)}, "one or two whole numbers"),
-        (ROUGH, {"shape": 48}, r"\(nx, ny\)"),
-        (ROUGH, {"shape": None}, r"\(nx, ny\)"),
         (ROUGH, {"periods": (L, L, L)}, "2 positive lengths"),
-        (ROUGH, {"shape": (1, 48)}, "at least 2"),
         (WAVE, {"waves": 4}, "needs at least 9"),
         (WAVE, {"direction": "both"}, "a line has only x"),
         (WAVE, {"direction": "z"}, "direction is 'z', but must be one of x, y, both"),
         (BUMP, {"centre": (0.5, 0.5)}, "must be 1 fractions"),
-        (BUMP, {"periods": (1.0, 1.0)}, "1 positive lengths"),
     ],
 )
 def test_recipes_refuse(good: Any, change: dict[str, Any], message: str) -> None:
@@ -175,11 +164,9 @@ def test_a_grid_that_fits_into_no_memory_is_refused() -> None:
             replace(recipe, shape=(1 << 24, 1 << 24)).build()
 
 
-@pytest.mark.parametrize("points", [2.02, 8])
-def test_a_build_takes_the_heights_and_their_modes(points: float) -> None:
-    spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, 1024 / points, 1.0)
+def test_a_build_takes_the_heights_and_their_modes() -> None:
     tracemalloc.start()
-    heights = SelfAffine(spectrum, (L, L), (1024, 1024), seed=1).build().heights
+    heights = replace(ROUGH, shape=(1024, 1024)).build().heights
     peak = tracemalloc.get_traced_memory()[1] / heights.nbytes
     tracemalloc.stop()
     assert 0.9 < peak <= 2.1
@@ -233,16 +220,6 @@ def test_every_parameter_is_in_the_fingerprint_and_equal_numbers_read_equal() ->
     assert hash(same) == hash(replace(ROUGH, periods=(7.0, 7.0)))
 
 
-def test_fields_tell_their_units_and_the_help_lists_them() -> None:
-    assert [unit_of(BUMP, "periods"), unit_of(WAVE, "waves"), unit_of(0, "radius")] == ["m", "", ""]
-    for kind, line in (
-        (FlatPunch, "        depth: m; height of the post over what surrounds it."),
-        (SelfAffineEnsemble, "        shape: grid points [nx, ny], or [nx] for a line."),
-        (HeightsFromFile, "        longest_wavelength: m; longer waves are removed."),
-    ):
-        assert line in str(kind.__doc__).splitlines()
-
-
 def test_sinusoids() -> None:
     x, y = np.arange(16) / 16, np.arange(15) / 15
     waves = {"x": np.cos(4 * np.pi * x)[:, None], "y": np.cos(4 * np.pi * y)}
@@ -270,17 +247,15 @@ def test_bumps_have_their_radius_and_place() -> None:
     # 0.8 = 16 spacings: the rim meets grid points, which rounding must not share out.
     assert np.array_equal(punch, np.where(r2 > 0.64 + 1e-12, -0.3, 0.0))
     assert np.array_equal(punch[1:], punch[1:][::-1])
+    # The nearest image of a bump counts.
+    for kind in (Paraboloid, Sphere):
+        middle = kind(periods, shape, 0.87, (0.5, 0.5)).build().heights
+        moved = kind(periods, shape, 0.87, (0.75, 1.02)).build().heights
+        assert_close(np.roll(middle, (10, 26), (0, 1)), moved, 1e-14)
+    assert Sphere((1.0,), (8, 8), 1.0) == Sphere((1.0, 1.0), (8, 8), 1.0)  # one period for both
 
 
-@pytest.mark.parametrize("kind", [Paraboloid, Sphere])
-def test_the_nearest_image_counts(kind: Any) -> None:
-    middle = kind((2.0, 3.0), (40, 50), 0.87, (0.5, 0.5)).build().heights
-    moved = kind((2.0, 3.0), (40, 50), 0.87, (0.75, 1.02)).build().heights
-    assert_close(np.roll(middle, (10, 26), (0, 1)), moved, 1e-14)
-    assert kind((1.0,), (8, 8), 1.0) == kind((1.0, 1.0), (8, 8), 1.0)  # one period for both
-
-
-@pytest.mark.parametrize("shape", [(8, 8), (7, 9), (8, 9), (9, 8), (2, 2), (8,), (9,)])
+@pytest.mark.parametrize("shape", [(8, 8), (7, 9), (8,), (9,)])
 def test_filtering_keeps_the_long_waves_alone(shape: tuple[int, ...]) -> None:
     heights = 3 + np.random.default_rng(0).standard_normal(shape)
     surface = Surface(heights, (1.0, 2.0)[: len(shape)])
@@ -291,9 +266,6 @@ def test_filtering_keeps_the_long_waves_alone(shape: tuple[int, ...]) -> None:
     assert once.heights == pytest.approx(np.fft.ifftn(modes).real, rel=1e-13)
     assert filtered(once, cut).heights == pytest.approx(once.heights, rel=1e-14)
     assert filtered(surface, 1e9).heights == pytest.approx(surface.heights, rel=1e-13)
-    for wrong in (0.0, -1.0, math.nan):
-        with pytest.raises(InvalidScene, match="wavenumber_high is"):
-            filtered(surface, wrong)
 
 
 def test_a_cut_off_takes_its_spectrum_along() -> None:
