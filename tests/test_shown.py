@@ -30,15 +30,7 @@ from epcontact.harness.verdict.judgement import CaseVerdict, MethodEntry, Verdic
 from epcontact.output.charts.style import STATE_NAMES
 from epcontact.output.report import report_folder, write_report
 from epcontact.output.vtk import FieldFile, read_fields
-from epcontact.results import (
-    APART,
-    ELASTIC,
-    PLASTIC,
-    Areas,
-    ContactResult,
-    LoadStep,
-    Provenance,
-)
+from epcontact.results import APART, ELASTIC, PLASTIC, Areas, ContactResult, LoadStep, Provenance
 
 PARTS, KINDS = ("total", "elastic", "plastic"), ("raw", "corrected", "error")
 #: What makes the small case one of an oblong layer that is unloaded, for two methods.
@@ -97,7 +89,7 @@ def test_a_field_file_is_that_of_the_last_load(ran: Path, method: str) -> None:
 
 
 def page_of(path: Path) -> tuple[str, set[str | None], list[tuple[dict[str, str], str]]]:
-    """The heading and the pictures of a page, and its cells with data.
+    """The text and the pictures of a page, and its cells with data.
 
     A page is balanced, self-contained and without scripts.
     """
