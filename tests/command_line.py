@@ -1,7 +1,5 @@
 """The command line for tests: in this process, or in one of its own as a user has it."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import signal
@@ -16,7 +14,7 @@ from epcontact.cli.main import main
 Done = subprocess.CompletedProcess[str]
 
 
-def invoke(*arguments: object) -> Done:
+def invoke(*arguments):
     """Run the command line here, where warnings are errors and an exception ends the test."""
     out, err, command = io.StringIO(), io.StringIO(), ["epcontact", *map(str, arguments)]
     with contextlib.ExitStack() as after, mock.patch("sys.argv", command):
@@ -29,7 +27,7 @@ def invoke(*arguments: object) -> Done:
     return Done(command, int(end.value.code or 0), out.getvalue(), err.getvalue())
 
 
-def python(*arguments: object, **options: object) -> Done:
+def python(*arguments, **options):
     """Run Python in a process of its own, which takes a second to load the package."""
     command = [sys.executable, *map(str, arguments)]
     return subprocess.run(

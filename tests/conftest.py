@@ -1,8 +1,6 @@
 """The small case that several tests write."""
 
 import os
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -64,10 +62,10 @@ gate = [
 
 
 @pytest.fixture
-def write_case(tmp_path: Path) -> Callable[..., Path]:
+def write_case(tmp_path):
     """Write SMALL_CASE, with replacements and more text, to a file named after its id."""
 
-    def write(*replacements: tuple[str, str], name: str = "small", more: str = "") -> Path:
+    def write(*replacements, name="small", more=""):
         text = SMALL_CASE.replace('id = "small"', f'id = "{name}"') + more
         for old, new in replacements:
             assert old in text, old

@@ -4,45 +4,41 @@ They stand in for the boundary elements, and each must turn a named gate red (se
 Each is the honest solver but for one mistake that somebody could make.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from epcontact.bem import driver
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.errors import SurfaceWarning
-from epcontact.results import Areas, ContactResult
-from epcontact.scene import Body, Scene
+from epcontact.results import Areas
+from epcontact.scene import Body
 
 
-def honest(scene: Scene) -> ContactResult:
+def honest(scene):
     """No fault: what the others are measured against."""
     return driver.solve(scene, threads=1)
 
 
-def stiff(scene: Scene) -> ContactResult:
+def stiff(scene):
     """The modulus 5 % too high."""
     return with_material(scene, young_modulus=1.05 * scene.material.young_modulus)
 
 
-def no_cap(scene: Scene) -> ContactResult:
+def no_cap(scene):
     """The cap lost."""
     return with_material(scene, hardness=math.inf)
 
 
-def clipped(scene: Scene) -> ContactResult:
+def clipped(scene):
     """The elastic pressure cut at the hardness, and what is cut off forgotten."""
     result = no_cap(scene)
     return with_pressure(result, np.minimum(result.fields["pressure"], scene.material.hardness))
 
 
-def clipped_and_scaled(scene: Scene) -> ContactResult:
+def clipped_and_scaled(scene):
     """The elastic pressure cut at the hardness, again and again scaled back to the load."""
     pressure = no_cap(scene).fields["pressure"]
     for _ in range(200):
@@ -51,14 +47,14 @@ def clipped_and_scaled(scene: Scene) -> ContactResult:
     return with_pressure(honest(scene), pressure)
 
 
-def transposed(scene: Scene) -> ContactResult:
+def transposed(scene):
     """Rows taken for columns: the periods are exchanged, the arrays are not."""
     with warnings.catch_warnings(action="ignore", category=SurfaceWarning):  # of oblong cells
         surface = replace(scene.surface, periods=scene.surface.periods[::-1], recipe="")
     return honest(replace(scene, surface=surface))
 
 
-def half_cell(scene: Scene) -> ContactResult:
+def half_cell(scene):
     """Heights taken at the middles of the cells, pressures at their corners."""
     heights = scene.surface.heights
     for axis, n in enumerate(heights.shape):
@@ -69,7 +65,7 @@ def half_cell(scene: Scene) -> ContactResult:
     return with_heights(scene, heights)
 
 
-def shifted(scene: Scene) -> ContactResult:
+def shifted(scene):
     """Fields an eighth of the grid off along every direction."""
     result, eighth = honest(scene), [n // 8 for n in scene.surface.shape]
     axes = range(len(eighth))
@@ -77,7 +73,7 @@ def shifted(scene: Scene) -> ContactResult:
     return replace(result, fields=fields)
 
 
-def coarse(scene: Scene) -> ContactResult:
+def coarse(scene):
     """Solved on every second point, each answer given to the points of its cell."""
     every = (slice(None, None, 2),) * scene.surface.heights.ndim
     result = with_heights(scene, scene.surface.heights[every])
@@ -87,24 +83,24 @@ def coarse(scene: Scene) -> ContactResult:
     return replace(result, fields=fields)
 
 
-def difference_kernel(scene: Scene) -> ContactResult:
+def difference_kernel(scene):
     """(2/dx) sin(q dx/2) in the place of q, as a difference scheme would have it."""
     dx = scene.surface.spacing[0]
 
-    def kernel(q: np.ndarray, C: np.ndarray) -> np.ndarray:
+    def kernel(q, C):
         angle = np.minimum(q * dx / 2, math.pi / 2)
         return C * np.where(q > 0, angle / np.sin(np.where(q > 0, angle, 1.0)), 1.0)
 
     return with_compliance(scene, kernel)
 
 
-def wrong_base(scene: Scene) -> ContactResult:
+def wrong_base(scene):
     """A bonded layer for a sliding one, and the other way round."""
     kinds = {"bonded_layer": "sliding_layer", "sliding_layer": "bonded_layer"}
-    return honest(replace(scene, body=Body(kinds[scene.body.kind], scene.body.depth)))  # type: ignore[arg-type]
+    return honest(replace(scene, body=Body(kinds[scene.body.kind], scene.body.depth)))
 
 
-def no_compression(scene: Scene) -> ContactResult:
+def no_compression(scene):
     """The mode q = 0 of a layer dropped, as if it were a half-space."""
     result, material = honest(scene), scene.material
     nu = material.poisson_ratio
@@ -114,7 +110,7 @@ def no_compression(scene: Scene) -> ContactResult:
     return with_last(result, quantities={**result.final.quantities, "elastic_energy": energy})
 
 
-def tensile(scene: Scene) -> ContactResult:
+def tensile(scene):
     """Every gap closed, if need be by tension."""
     q = rfft_wavenumbers(scene.surface.shape, scene.surface.periods)
     C = surface_compliance(q, scene.body, scene.material)
@@ -125,10 +121,10 @@ def tensile(scene: Scene) -> ContactResult:
     return with_pressure(honest(scene), pressure)
 
 
-def corrected_the_wrong_way(scene: Scene) -> ContactResult:
+def corrected_the_wrong_way(scene):
     """The correction added where it should be taken off."""
 
-    def turned(areas: Mapping[str, Areas]) -> dict[str, Areas]:
+    def turned(areas):
         raw, good = areas["raw"], areas["corrected"]
         total, plastic = 2 * raw.total - good.total, 2 * raw.plastic - good.plastic
         return dict(areas) | {"corrected": Areas(total, total - plastic, plastic)}
@@ -136,13 +132,13 @@ def corrected_the_wrong_way(scene: Scene) -> ContactResult:
     return with_areas(honest(scene), turned)
 
 
-def plastic_from_gap(scene: Scene) -> ContactResult:
+def plastic_from_gap(scene):
     """Plastic points counted where the gap is below minus a thousandth of its extent."""
     result = honest(scene)
     gap = result.fields["gap"]
     plastic = float((gap < 1e-3 * gap.min()).mean()) if gap.min() < 0 else 0.0
 
-    def counted(areas: Mapping[str, Areas]) -> dict[str, Areas]:
+    def counted(areas):
         total = areas["raw"].total
         return dict(areas) | {"raw": Areas(total, total - plastic, plastic)}
 
@@ -152,27 +148,27 @@ def plastic_from_gap(scene: Scene) -> ContactResult:
 # --- helpers -------------------------------------------------------------------------------------
 
 
-def with_material(scene: Scene, **changes: float) -> ContactResult:
+def with_material(scene, **changes):
     return honest(replace(scene, material=replace(scene.material, **changes)))
 
 
-def with_heights(scene: Scene, heights: np.ndarray) -> ContactResult:
+def with_heights(scene, heights):
     return honest(replace(scene, surface=replace(scene.surface, heights=heights, recipe="")))
 
 
-def with_compliance(scene: Scene, change: Any) -> ContactResult:
+def with_compliance(scene, change):
     q = rfft_wavenumbers(scene.surface.shape, scene.surface.periods)
     C = surface_compliance(q, scene.body, scene.material)
     return driver.solve(scene, threads=1, compliance=change(q, C))
 
 
-def with_pressure(result: ContactResult, pressure: np.ndarray) -> ContactResult:
+def with_pressure(result, pressure):
     return replace(result, fields=dict(result.fields) | {"pressure": pressure})
 
 
-def with_areas(result: ContactResult, change: Any) -> ContactResult:
+def with_areas(result, change):
     return with_last(result, areas=change(dict(result.final.areas)))
 
 
-def with_last(result: ContactResult, **changes: Any) -> ContactResult:
+def with_last(result, **changes):
     return replace(result, steps=(*result.steps[:-1], replace(result.final, **changes)))

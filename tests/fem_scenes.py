@@ -1,16 +1,11 @@
 """Scenes and surfaces that the tests of the finite elements share."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
 from epcontact.scene import Body, Load, Material, Scene, Surface
 
 
-def rough_heights(
-    nodes: int, highest: int, *, seed: int = 7, slope: float = 0.05, dimensions: int = 2
-) -> NDArray[np.float64]:
+def rough_heights(nodes, highest, *, seed=7, slope=0.05, dimensions=2):
     """Self-affine heights of unit period, wave numbers 1 to `highest` per period, Hurst exponent
     0.8, rms slope `slope`.  The waves do not depend on `nodes`: grids refine one surface."""
     rng = np.random.default_rng(seed)
@@ -29,18 +24,18 @@ def rough_heights(
 
 
 def rough_scene(
-    nodes: int,
-    highest: int,
+    nodes,
+    highest,
     *,
-    pressure: float | tuple[float, ...] = 0.05,
-    poisson_ratio: float = 0.3,
-    yield_stress: float = 0.2,
-    hardness: float = 0.6,
-    dimensions: int = 2,
-    seed: int = 7,
-    slope: float = 0.05,
-    body: Body | None = None,
-) -> Scene:
+    pressure=0.05,
+    poisson_ratio=0.3,
+    yield_stress=0.2,
+    hardness=0.6,
+    dimensions=2,
+    seed=7,
+    slope=0.05,
+    body=None,
+):
     """A rough scene with E* xi = 1 at slope 0.05, so pressures are in units of E* xi."""
     heights = rough_heights(nodes, highest, seed=seed, slope=slope, dimensions=dimensions)
     material = Material((1 - poisson_ratio**2) / slope, poisson_ratio, hardness, yield_stress)
@@ -49,9 +44,9 @@ def rough_scene(
 
 
 def sphere_scene(
-    force: float, *, nodes: int, nodes_to_rim: float, poisson_ratio: float = 0.3,
-    yield_stress: float = np.inf, offset: tuple[float, float] = (0.21, 0.37),
-) -> Scene:  # fmt: skip
+    force, *, nodes, nodes_to_rim, poisson_ratio = 0.3,
+    yield_stress = np.inf, offset = (0.21, 0.37),
+):  # fmt: skip
     """A sphere of R = 1 m and E = 1 Pa under `force` (N); a contact of radius 0.05 m would have
     `nodes_to_rim` nodes along its radius.  offset: of its top from a node, in spacings."""
     period = nodes * 0.05 / nodes_to_rim

@@ -2,8 +2,6 @@
 
 # ruff: noqa: E731
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal
@@ -16,10 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from epcontact.results import ELASTIC, Areas, ContactResult, LoadStep, Provenance
-from epcontact.scene import Scene
 
 
-def full_contact(scene: Scene) -> ContactResult:
+def full_contact(scene):
     """A half-space pressed flat: p_q = E* q h_q / 2 of each mode of a line."""
     heights, (period,) = scene.surface.heights, scene.surface.periods
     q = 2 * np.pi / period * np.arange(heights.size // 2 + 1)
@@ -33,7 +30,7 @@ def full_contact(scene: Scene) -> ContactResult:
     return ContactResult("full_contact", (step,), Provenance(scene.digest), fields=fields)
 
 
-def hangs(_: Scene) -> None:
+def hangs(_):
     """Waits for ever for a process of its own, and leaves the ids of both."""
     waiting = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(3600)"])
     Path("pids").write_text(f"{os.getpid()} {waiting.pid}")
@@ -52,7 +49,7 @@ has_no_steps = lambda scene: replace(full_contact(scene), steps=())
 returns_words = lambda s: replace(full_contact(s), cost={"seconds": "words"})
 
 
-def changes_its_scene(scene: Scene) -> ContactResult:
+def changes_its_scene(scene):
     """Answers a scene without roughness that it makes of the one it was given."""
     scene.surface.heights.flags.writeable = True
     scene.surface.heights[:] = 0
@@ -60,13 +57,13 @@ def changes_its_scene(scene: Scene) -> ContactResult:
     return full_contact(scene)
 
 
-def prints(scene: Scene) -> ContactResult:
+def prints(scene):
     """Fills its standard output, which is not the verdict's."""
     print("all gates hold\n" * 20000)
     os.write(1, b"\x80\x04\x95")
     return full_contact(scene)
 
 
-def answers_or_dies(item: str) -> str:
+def answers_or_dies(item):
     """A task of the pool, and not a solver."""
     return os._exit(0) if item == "dies" else item.upper()

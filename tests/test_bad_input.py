@@ -4,26 +4,22 @@ Case files and command lines are mutated at random, but the same way every time;
 the quick suite takes some dozens of mutants, the long one hundreds.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import tempfile
 import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from command_line import Done, invoke
+from command_line import invoke
 from conftest import ROUGH, SMALL_CASE, VARIANTS
 from fem_scenes import J2_CASE, MODEL_GATE
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.case_files.case import Case, find_named, load_case
+from epcontact.harness.case_files.case import find_named, load_case
 from epcontact.harness.case_files.text import SIZES
 
 # --- mistakes in case files ----------------------------------------------------------------------
@@ -95,7 +91,7 @@ EDITS = [(name, *row) for name, (_, rows) in FILES.items() for row in rows]
 
 
 @pytest.mark.parametrize(("name", "old", "new", "says"), EDITS)
-def test_a_mistake_is_one_sentence(tmp_path, name: str, old: str, new: str, says: str) -> None:
+def test_a_mistake_is_one_sentence(tmp_path, name, old, new, says):
     text, _ = FILES[name]
     assert old in text
     path = tmp_path / f"{name}.toml"
@@ -105,7 +101,7 @@ def test_a_mistake_is_one_sentence(tmp_path, name: str, old: str, new: str, says
     assert all(s.startswith(f"{path}: ") and "\n" not in s for s in caught.value.args)
 
 
-def test_what_is_no_case_file_is_refused(tmp_path: Path) -> None:
+def test_what_is_no_case_file_is_refused(tmp_path):
     path, no_text = tmp_path / "broken.toml", "is not TOML in UTF-8"
     for content, says in (
         (b"\xff\xfe[case]", no_text),
@@ -118,8 +114,8 @@ def test_what_is_no_case_file_is_refused(tmp_path: Path) -> None:
             load_case(path)
 
 
-def test_all_mistakes_are_told_at_once(write_case) -> None:
-    def refusals(*edits: tuple[str, str], more: str = "") -> list[str]:
+def test_all_mistakes_are_told_at_once(write_case):
+    def refusals(*edits, more=""):
         path = write_case(*edits, more=more)
         done, start = verified(path, path.parent / "output"), f"epcontact: {path}: "
         assert (done.returncode, done.stdout, (path.parent / "output").exists()) == (2, "", False)
@@ -179,7 +175,7 @@ for _old, _new in (
     CASE = CASE.replace(_old, _new)
 
 
-def require_decent(done: Done, output: Path) -> None:
+def require_decent(done, output):
     """A clean exit: whole files; of an error one sentence, of a verdict the truth."""
     assert done.returncode in (0, 1, 2), done
     assert "Traceback" not in done.stdout + done.stderr
@@ -193,7 +189,7 @@ def require_decent(done: Done, output: Path) -> None:
         refused(done)
 
 
-def refused(done: Done, *words: str) -> None:
+def refused(done, *words):
     assert done.returncode == 2, done
     sentence = done.stderr.splitlines()[-1]
     assert sentence.startswith("epcontact: "), done.stderr
@@ -201,7 +197,7 @@ def refused(done: Done, *words: str) -> None:
     assert all(word in done.stderr for word in words), done.stderr
 
 
-def require_whole(output: Path) -> None:
+def require_whole(output):
     """Every file that is there can be read to its end, and no temporary one is left."""
     readers = {".json": lambda path: json.loads(path.read_bytes()), ".xml": ET.parse}
     for path in filter(Path.is_file, output.rglob("*")):
@@ -209,11 +205,11 @@ def require_whole(output: Path) -> None:
         readers.get(path.suffix, Path.stat)(path)
 
 
-def verified(case: Path, output: Path | str) -> Done:
+def verified(case, output):
     return invoke("verify", case, "--output", output, "--jobs", 1)
 
 
-def for_each(examples: int, strategy: st.SearchStrategy[Any], judge: Callable[[Any], None]) -> None:
+def for_each(examples, strategy, judge):
     """Judge so many mutants, the same ones every time."""
     same = settings(
         max_examples=examples, derandomize=True, deadline=None, database=None,
@@ -222,7 +218,7 @@ def for_each(examples: int, strategy: st.SearchStrategy[Any], judge: Callable[[A
     same(given(strategy)(judge))()
 
 
-def some(quick: int, many: int) -> pytest.MarkDecorator:
+def some(quick, many):
     """So many mutants in the quick suite, and so many in the long one."""
     return pytest.mark.parametrize("examples", [quick, pytest.param(many, marks=pytest.mark.long)])
 
@@ -236,7 +232,7 @@ JUNK = [
 
 
 @st.composite
-def mutants(draw: st.DrawFn) -> bytes:
+def mutants(draw):
     """The case file with one to three of its lines changed."""
     lines = CASE.splitlines()
     for _ in range(draw(st.integers(1, 3))):
@@ -256,7 +252,7 @@ def mutants(draw: st.DrawFn) -> bytes:
     return "\n".join(lines).encode()
 
 
-def refuses(path: Path) -> bool:
+def refuses(path):
     """Whether a case file is refused, with its name in one line for each mistake."""
     try:
         load_case(path)
@@ -266,8 +262,8 @@ def refuses(path: Path) -> bool:
 
 
 @some(60, 1000)
-def test_mutants_of_a_case_file(tmp_path, examples) -> None:
-    def judge(content: bytes) -> None:
+def test_mutants_of_a_case_file(tmp_path, examples):
+    def judge(content):
         folder = Path(tempfile.mkdtemp(dir=tmp_path))
         path, output = folder / "small.toml", folder / "with space"
         path.write_bytes(content)
@@ -280,7 +276,7 @@ def test_mutants_of_a_case_file(tmp_path, examples) -> None:
 
 
 @pytest.mark.parametrize("junk", JUNK)
-def test_every_value_replaced_by_junk(tmp_path, junk) -> None:
+def test_every_value_replaced_by_junk(tmp_path, junk):
     # No mutant is solved here: what reads as a case must read as another case than the original.
     path = tmp_path / "small.toml"
     path.write_text(CASE)
@@ -294,7 +290,7 @@ def test_every_value_replaced_by_junk(tmp_path, junk) -> None:
             assert signature(load_case(path)) != original, f"{line} -> {junk} changes nothing"
 
 
-def signature(case: Case) -> tuple[object, ...]:
+def signature(case):
     """Everything that an answer or a verdict depends on."""
     digests = tuple(case.digest(recipe) for recipe in case.recipes)
     return case.head, case.skip, digests, repr(case.options), case.gates
@@ -309,8 +305,8 @@ WORDS = [
 
 
 @some(40, 150)
-def test_command_lines(tmp_path, monkeypatch, examples) -> None:
-    def judge(words: list[str]) -> None:
+def test_command_lines(tmp_path, monkeypatch, examples):
+    def judge(words):
         folder = Path(tempfile.mkdtemp(dir=tmp_path))
         monkeypatch.chdir(folder)
         # A bare `verify` runs the one case of this folder, not all those of the package.
@@ -335,13 +331,13 @@ def test_command_lines(tmp_path, monkeypatch, examples) -> None:
 
 
 @pytest.fixture
-def small(tmp_path: Path) -> Path:
+def small(tmp_path):
     path = tmp_path / "small.toml"
     path.write_text(CASE)
     return path
 
 
-def test_links_devices_and_pipes_do_not_hang(small, tmp_path, monkeypatch) -> None:
+def test_links_devices_and_pipes_do_not_hang(small, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("cases").mkdir()
     links = {"dangling": "nowhere", "loop": "loop.toml", "device": "/dev/zero", "folder": "."}
@@ -357,7 +353,7 @@ def test_links_devices_and_pipes_do_not_hang(small, tmp_path, monkeypatch) -> No
         refused(verified(small, "out"), Path(name).name)
 
 
-def test_far_too_much_is_told_before_it_is_tried(small, tmp_path) -> None:
+def test_far_too_much_is_told_before_it_is_tried(small, tmp_path):
     grids = [(GRID, f"shape = [{n}, 16]") for n in (10**9, 10**11)]
     for old, new in (*grids, ("period = 1.0e-3", "period = 1e6"), ("= [3]", f"= [{2**70}]")):
         small.write_text(CASE.replace(old, new))
@@ -375,7 +371,7 @@ def test_far_too_much_is_told_before_it_is_tried(small, tmp_path) -> None:
         ("out/junit.xml/", "verify"),
     ],
 )
-def test_file_or_folder_in_the_way(small, tmp_path, in_the_way, command) -> None:
+def test_file_or_folder_in_the_way(small, tmp_path, in_the_way, command):
     folder, _, name = in_the_way.removesuffix("/").rpartition("/")
     (tmp_path / folder).mkdir(parents=True, exist_ok=True)
     make = Path.mkdir if in_the_way.endswith("/") else Path.touch
@@ -384,7 +380,7 @@ def test_file_or_folder_in_the_way(small, tmp_path, in_the_way, command) -> None
     require_whole(tmp_path / "out")
 
 
-def test_spoilt_result_is_not_reused(small, tmp_path) -> None:
+def test_spoilt_result_is_not_reused(small, tmp_path):
     assert verified(small, tmp_path).returncode == 0
     member = tmp_path / "small" / "fast" / "members" / "bem-seed3.json"
     whole = member.read_bytes()

@@ -3,8 +3,6 @@
 `python tests/test_bands.py` writes the file anew; a commit that widens a band says why.
 """
 
-from __future__ import annotations
-
 import csv
 from collections import defaultdict
 from pathlib import Path
@@ -21,7 +19,7 @@ CASES = Path(__file__).parents[1] / "cases"
 Bands = dict[tuple[str, str, str], tuple[float, float]]  # of gates by case, size and name
 
 
-def kept() -> Bands:
+def kept():
     with FILE.open(encoding="utf-8", newline="") as file:
         return {
             (case, size, row["gate"]): (float(row["low"]), float(row["high"]))
@@ -31,7 +29,7 @@ def kept() -> Bands:
         }
 
 
-def present() -> Bands:
+def present():
     return {
         (text.id, size, gate.name): (gate.low, gate.high)
         for path in sorted(CASES.glob("*.toml"))
@@ -41,7 +39,7 @@ def present() -> Bands:
     }
 
 
-def write(bands: Bands) -> None:
+def write(bands):
     places: dict[tuple[str, float, float], dict[str, str]] = defaultdict(lambda: defaultdict(str))
     for (case, size, gate), band in bands.items():
         places[gate, *band][case] += f" {size}"
@@ -52,14 +50,14 @@ def write(bands: Bands) -> None:
             table.writerow((*band, ", ".join(case + where for case, where in sizes.items())))
 
 
-def test_no_band_of_the_cases_grew_and_none_is_gone() -> None:
+def test_no_band_of_the_cases_grew_and_none_is_gone():
     before, after, none = kept(), present(), (-float("inf"), float("inf"))
     assert len(before) > 1000
     bands = {gate: (band, after.get(gate, none)) for gate, band in before.items()}
     assert not [g for g, (old, new) in bands.items() if new[0] < old[0] or new[1] > old[1]]
 
 
-def test_the_command_lists_bands_with_their_margins(tmp_path: Path) -> None:
+def test_the_command_lists_bands_with_their_margins(tmp_path):
     verify("bearing-area", output=tmp_path, jobs=1)
     command = ["gates", "bearing-area", "--output", str(tmp_path)]
     listed = CliRunner().invoke(cli, command).output.splitlines()

@@ -14,7 +14,7 @@ HARDNESS = 0.03
 PEAK = 0.005
 
 
-def scene_of(shares, shape=(64, 96), body=None, hardness=HARDNESS, poisson_ratio=0.3) -> Scene:
+def scene_of(shares, shape=(64, 96), body=None, hardness=HARDNESS, poisson_ratio=0.3):
     """A scene whose load goes through shares of PEAK."""
     surface = SelfAffine(SPECTRUM, (1.0, 1.5)[: len(shape)], shape, seed=12).build()
     material = Material(1.0, poisson_ratio, hardness=hardness)
@@ -34,7 +34,7 @@ SCENES = pytest.mark.parametrize(
 
 
 @SCENES
-def test_the_elastic_contact_of_the_surface_left_behind_is_the_unloading_branch(kind) -> None:
+def test_the_elastic_contact_of_the_surface_left_behind_is_the_unloading_branch(kind):
     """At the peak it has the capped pressures, and below the peak those of the path."""
     peak = scene_of((1,), **kind)
     heights, hardness = peak.surface.heights, peak.material.hardness
@@ -53,7 +53,7 @@ def test_the_elastic_contact_of_the_surface_left_behind_is_the_unloading_branch(
 
 
 @SCENES
-def test_reloading_is_elastic_up_to_the_old_peak_and_flows_on_beyond_it(kind) -> None:
+def test_reloading_is_elastic_up_to_the_old_peak_and_flows_on_beyond_it(kind):
     result = bem.solve(scene_of((1, 0.2, 0.6, 1, 1.3), **kind))
     first, down, part, again, beyond = result.steps
     once = bem.solve(scene_of((1.3,), **kind))
@@ -68,7 +68,7 @@ def test_reloading_is_elastic_up_to_the_old_peak_and_flows_on_beyond_it(kind) ->
     assert beyond.quantities == pytest.approx(once.final.quantities, rel=1e-6)
 
 
-def test_a_nearly_rigid_body_is_left_as_the_flat_has_cut_it() -> None:
+def test_a_nearly_rigid_body_is_left_as_the_flat_has_cut_it():
     """Without elasticity the highest p0/hardness of the surface is cut off (Abbott-Firestone)."""
     scene = replace(scene_of((1, 0)), material=Material(1e7, 0.3, hardness=HARDNESS))
     heights = np.sort(scene.surface.heights, axis=None)[::-1]
@@ -78,7 +78,7 @@ def test_a_nearly_rigid_body_is_left_as_the_flat_has_cut_it() -> None:
     assert (lowered <= np.maximum(scene.surface.heights - heights[cut], 0) + rounding).all()
 
 
-def test_unloading_to_zero_leaves_no_contact_and_costs_no_more_than_the_peak() -> None:
+def test_unloading_to_zero_leaves_no_contact_and_costs_no_more_than_the_peak():
     result = bem.solve(scene_of((1, 0.8, 0.6, 0.4, 0.2, 0.05, 0)))
     peak, *down, after = result.steps
     pairs = peak.iterations["fft_pairs"] + 2

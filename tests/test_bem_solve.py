@@ -10,7 +10,7 @@ from epcontact import bem
 from epcontact.bem import solve_pressure
 from epcontact.bem.baselines import BASELINES
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
-from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
+from epcontact.results import APART, ELASTIC, PLASTIC
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
 
@@ -24,22 +24,22 @@ LOAD = 0.05 * E
 CAPS = pytest.mark.parametrize("hardness", [HARDNESS, math.inf])
 
 
-def rough(shape=(64, 64), seed=7, points=4.0, slope=1.0) -> np.ndarray:
+def rough(shape=(64, 64), seed=7, points=4.0, slope=1.0):
     high = 2.5e4 * max(shape) / points
     spectrum = SelfAffineSpectrum(0.8, 2.5e4, 1e5, high, slope)
     return SelfAffine(spectrum, (PERIOD,) * len(shape), shape, seed).build().heights
 
 
-def scene(heights, load=LOAD, hardness=HARDNESS, body=None, periods=None, nu=0.0) -> Scene:
+def scene(heights, load=LOAD, hardness=HARDNESS, body=None, periods=None, nu=0.0):
     surface = Surface(heights, periods or (PERIOD,) * heights.ndim)
     return Scene(surface, Material(E, nu, hardness), Load(load), body or Body())
 
 
-def solve(*args, tolerance=1e-9, threads=1, start=None, **options) -> ContactResult:
+def solve(*args, tolerance=1e-9, threads=1, start=None, **options):
     return bem.solve(scene(*args, **options), tolerance=tolerance, threads=threads, start=start)
 
 
-def require_kkt(result: ContactResult, hardness: float) -> None:
+def require_kkt(result, hardness):
     """The conditions of the minimum, from the fields alone."""
     h, p, g, state = (result.fields[name] for name in ("heights", "pressure", "gap", "state"))
     assert p.min() >= 0

@@ -1,7 +1,5 @@
 """Case files: what is read is what was written, by size, by variant and with its default gates."""
 
-from __future__ import annotations
-
 import math
 import re
 
@@ -16,7 +14,7 @@ from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES
 
 
-def test_case_becomes_scenes(write_case) -> None:
+def test_case_becomes_scenes(write_case):
     path = write_case()
     # As an editor of Windows writes it.
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
@@ -40,11 +38,11 @@ def test_case_becomes_scenes(write_case) -> None:
 NO_GAP = '[[omit]]\nquantity = "quantity.measured_gap"\nof = "bem"\nbecause = "It is so."\n'
 
 
-def bands(case) -> dict[tuple[str, str], float]:
+def bands(case):
     return {(gate.of, gate.quantity): gate.high for gate in case.gates}
 
 
-def test_a_case_has_the_default_gates_of_its_methods(write_case) -> None:
+def test_a_case_has_the_default_gates_of_its_methods(write_case):
     unread = ("raw_total", "raw_plastic", "carried", "distribution", "residuals")
     names = {("bem", q) for q in QUANTITIES if q.startswith("quantity.measured_")}
     names -= {("bem", f"quantity.measured_{name}") for name in unread}
@@ -62,7 +60,7 @@ def test_a_case_has_the_default_gates_of_its_methods(write_case) -> None:
     assert len(load_case("paper-8192-32-elastic", "large").gates) == 1  # its own alone
 
 
-def test_variants_are_laid_over_the_rest_of_the_file(write_case) -> None:
+def test_variants_are_laid_over_the_rest_of_the_file(write_case):
     soft, stiff = (load_case(text) for text in find_named(write_case(more=VARIANTS)))
     assert (soft.id, stiff.id, stiff.head.requirement) == ("soft", "stiff", "A stiff one.")
     assert (soft.material.young_modulus, stiff.material.young_modulus) == (50e9, 100e9)
@@ -73,7 +71,7 @@ def test_variants_are_laid_over_the_rest_of_the_file(write_case) -> None:
         load_case(write_case(more=VARIANTS))
 
 
-def test_cases_are_found_by_name_file_and_path(write_case, tmp_path, monkeypatch) -> None:
+def test_cases_are_found_by_name_file_and_path(write_case, tmp_path, monkeypatch):
     assert find_case("fem-model-50-nu0").path.name == "fem-model.toml"
     assert len(find_named("fem-model")) == 9
     with pytest.raises(InvalidCase, match="did you mean 'fem-model-50-nu0'"):
@@ -90,7 +88,7 @@ def test_cases_are_found_by_name_file_and_path(write_case, tmp_path, monkeypatch
         find_named("other")
 
 
-def test_every_shipped_case_reads_at_every_size_and_cites_papers() -> None:
+def test_every_shipped_case_reads_at_every_size_and_cites_papers():
     cases = [load_case(text, size) for text in find_cases() for size in text.sizes]
     assert len({(case.id, case.size) for case in cases}) == len(cases)
     assert all(case.gates or case.sweep for case in cases)
@@ -103,7 +101,7 @@ def test_every_shipped_case_reads_at_every_size_and_cites_papers() -> None:
     assert {name for paper in PAPERS for name in paper.methods} == own
 
 
-def test_a_citation_holds_sources_papers_and_versions(write_case) -> None:
+def test_a_citation_holds_sources_papers_and_versions(write_case):
     plain = load_case(write_case())
     other = load_case(write_case(("[theory]", '[theory]\nreduction = "wang_muser"')))
     (more,) = set(papers_of(other)) - set(papers_of(plain))  # of the option

@@ -1,7 +1,5 @@
 """The command line as its user meets it: verdicts, exit codes, one sentence for every mistake."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -17,7 +15,7 @@ import click
 import numpy as np
 import psutil
 import pytest
-from command_line import Done, invoke, python
+from command_line import invoke, python
 from conftest import ROUGH
 from rich.console import Console
 
@@ -30,7 +28,7 @@ from epcontact.harness.answers.store import kept
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.verdict.verification import verify
 from epcontact.output.view import load_steps
-from epcontact.output.vtk import Precision, read_fields
+from epcontact.output.vtk import read_fields
 from epcontact.scene import Load
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
@@ -39,7 +37,7 @@ COMMAND = [sys.executable, "-m", "epcontact"]
 THREADS = ("--executor", "concurrent.futures:ThreadPoolExecutor")
 
 
-def refused(done: Done, *words: str) -> None:
+def refused(done, *words):
     assert done.returncode == 2, done
     assert done.stderr.startswith("epcontact: ")
     assert done.stderr.count("\n") == 1, done.stderr
@@ -49,7 +47,7 @@ def refused(done: Done, *words: str) -> None:
 # --- what there is -------------------------------------------------------------------------------
 
 
-def test_keys_schemas_and_commands_are_listed() -> None:
+def test_keys_schemas_and_commands_are_listed():
     told = " ".join(invoke("keys").stdout.split())
     for words in ("rad/m", "m; one length, or [x, y]", "within [low, high]", "elastic, capped, j2",
                   "persson, bem, fem", "absolute, wasserstein, supremum, l2"):  # fmt: skip
@@ -62,14 +60,14 @@ def test_keys_schemas_and_commands_are_listed() -> None:
         assert f"{name} {(command.help or '').partition(chr(10))[0]}" in listed
 
 
-def test_an_output_without_greek_letters_shows_a_question_mark() -> None:
+def test_an_output_without_greek_letters_shows_a_question_mark():
     done = python("-m", "epcontact", "list", env=os.environ | {"PYTHONIOENCODING": "cp1252"})
     assert done.returncode == 0, done.stderr
     assert "at E*?/?_Y = 5" in done.stdout
 
 
 @pytest.mark.parametrize("argument", ["--help", "list"])
-def test_lists_load_no_solver(argument: str) -> None:
+def test_lists_load_no_solver(argument):
     program = (
         f"import atexit, sys; sys.argv = ['epcontact', '{argument}']\n"
         "loaded = lambda: {'numpy', 'numba', 'pydantic', 'pyvista'} & set(sys.modules)\n"
@@ -82,7 +80,7 @@ def test_lists_load_no_solver(argument: str) -> None:
 # --- run and verify ------------------------------------------------------------------------------
 
 
-def test_verify_holds_or_falls_short_and_writes_the_verdict(write_case, tmp_path) -> None:
+def test_verify_holds_or_falls_short_and_writes_the_verdict(write_case, tmp_path):
     out = tmp_path / "with space"
     done = invoke("verify", write_case(), "--output", out, "--jobs", 2)
     assert done.returncode == 0, done
@@ -100,7 +98,7 @@ def test_verify_holds_or_falls_short_and_writes_the_verdict(write_case, tmp_path
     assert ET.parse(out / "junit.xml").getroot().attrib["failures"] == "1"
 
 
-def test_run_writes_results_and_fields_once(write_case, tmp_path) -> None:
+def test_run_writes_results_and_fields_once(write_case, tmp_path):
     case = write_case(("rms_slope = 0.1", "rms_slope = 1.1"))
     run = ("run", case, "--method", "bem", "--output", tmp_path, "--jobs", 1)
     done, folder = invoke(*run), tmp_path / "small" / "fast"
@@ -122,7 +120,7 @@ def test_run_writes_results_and_fields_once(write_case, tmp_path) -> None:
     assert "(reused)" not in invoke(*run, "--fresh").stderr
 
 
-def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> None:
+def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path):
     methods = ('methods = ["persson", "bem"]', 'methods = ["bem", "fem"]')
     fem = ("[load]", '[fem]\nlaw = "elastic"\nlayers = 2\n\n[load]')
     case = load_case(
@@ -130,7 +128,7 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> N
     )
     folder, notes = case.folder(tmp_path), []
 
-    def reused(fields: str, precision: Precision = "single") -> int:
+    def reused(fields, precision="single"):
         notes.clear()
         told = lambda done, total, words: notes.append("(reused)" in words)  # noqa: E731
         run_cases([case], Run(tmp_path, 1, fields=fields, precision=precision, progress=told))
@@ -157,11 +155,11 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path) -> N
     assert not [*folder.glob("*-steps"), *folder.glob("*.vti")]
 
 
-def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path) -> None:
+def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path):
     recipe = 'kind = "file"\npath = "map.csv"\nperiod = [64e-6, 80e-6]\n'
     edits = (("= 0.536", '= 0.536\nspectrum = "surface"'), ("tolerance = 0.5", "tolerance = 50.0"))
 
-    def verified(lines: str) -> Done:
+    def verified(lines):
         path = write_case(*edits, (ROUGH, recipe + lines))
         return invoke("verify", path, "--output", tmp_path / "out", "--jobs", 1)
 
@@ -175,7 +173,7 @@ def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path) -> Non
     refused(verified(""), "map.csv", "give unit = 1e-6")
 
 
-def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys) -> None:
+def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys):
     band = ("tolerance = 0.5", "between = [0.111111, 0.1111112]")
     (outcome,) = verify(write_case(ONE, band), output=tmp_path, jobs=1).cases
     answers, gate = outcome.answers, outcome.gates[0]
@@ -202,7 +200,7 @@ def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys) -> No
 # --- plan ----------------------------------------------------------------------------------------
 
 
-def test_a_plan_tells_the_model_and_why_and_what_checks_it(write_case, tmp_path) -> None:
+def test_a_plan_tells_the_model_and_why_and_what_checks_it(write_case, tmp_path):
     done = invoke("plan", write_case(ONE), "--tolerance", "2%", "--check", *THREADS)
     assert done.returncode == 0, done
     grid = re.match(r"small: bem, (\d+) x", done.stdout)
@@ -249,7 +247,7 @@ LONG = 300 * "x"
         (f"view {LONG}", f"cannot open {LONG}: file name too long"),
     ],
 )
-def test_mistake_on_the_command_line(write_case, monkeypatch, arguments: str, words: str) -> None:
+def test_mistake_on_the_command_line(write_case, monkeypatch, arguments, words):
     monkeypatch.chdir(write_case().parent)
     refused(invoke(*arguments.split()), *words.split(".*"))
     assert not Path("results").exists()
@@ -264,7 +262,7 @@ def test_mistake_on_the_command_line(write_case, monkeypatch, arguments: str, wo
         pytest.param(signal.SIGTERM, "a result", marks=pytest.mark.slow),
     ],
 )
-def test_interrupt_is_clean(write_case, tmp_path, how, waits) -> None:
+def test_interrupt_is_clean(write_case, tmp_path, how, waits):
     grid = ("points_per_shortest_wavelength = { fast = 4, full = 8 }", "shape = [128, 128]")
     case, out = write_case(grid, ("[3, 5, 7]", str(list(range(200))))), tmp_path / "out"
     process = subprocess.Popen(
@@ -288,7 +286,7 @@ def test_interrupt_is_clean(write_case, tmp_path, how, waits) -> None:
         json.loads(member.read_text())
 
 
-def test_interrupt_while_a_module_is_half_loaded(monkeypatch) -> None:
+def test_interrupt_while_a_module_is_half_loaded(monkeypatch):
     module = "epcontact.machine"
     monkeypatch.setitem(sys.modules, module, types.ModuleType(module))
     with pytest.raises(KeyboardInterrupt):
@@ -308,7 +306,7 @@ FULL = "epcontact: cannot write the output: no space left on device"
         ("list", 2, FULL),
     ],
 )
-def test_closed_pipe_is_no_verdict_and_changes_none(tmp_path, words, code, says) -> None:
+def test_closed_pipe_is_no_verdict_and_changes_none(tmp_path, words, code, says):
     reader, out = os.pipe()
     os.close(reader)
     with open("/dev/full" if says else out, "wb") as full:
@@ -320,7 +318,7 @@ def test_closed_pipe_is_no_verdict_and_changes_none(tmp_path, words, code, says)
     assert (done.returncode, told) == (code, [says] if says else [])
 
 
-def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short(monkeypatch) -> None:
+def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short(monkeypatch):
     monkeypatch.setattr(listing, "case_files", lambda: 1 / 0)
     done = invoke("list")
     assert (done.returncode, "ZeroDivisionError" in done.stderr) == (2, True)

@@ -1,14 +1,10 @@
 """J2 against a cap on one discrete body: differences, their parts, and the effective hardness."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import math
 import re
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,19 +13,19 @@ from fem_scenes import J2_CASE, rough_scene
 import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase, InvalidScene
-from epcontact.harness.case_files.case import Case, load_case
+from epcontact.harness.case_files.case import load_case
 from epcontact.harness.crosscheck import crosscheck, error_budget, measured_hardness
 from epcontact.harness.gates import Difference, difference, distance
 from epcontact.harness.quantities.model_difference import combined, elements_compliance
 from epcontact.harness.quantities.registry import QUANTITIES, measure_all
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
-from epcontact.scene import Body, Scene
+from epcontact.scene import Body
 from epcontact.studies.hardness import model_scene
 from epcontact.surfaces import Sinusoid
 
 
 @pytest.mark.parametrize("dimensions", [1, 2])
-def test_the_budget_tells_the_parts_apart(dimensions: int) -> None:
+def test_the_budget_tells_the_parts_apart(dimensions):
     nodes, highest = (48, 6) if dimensions == 2 else (128, 8)
     scene = rough_scene(nodes, highest, dimensions=dimensions)
     j2 = fem_check.solve(scene, certified=False)
@@ -49,7 +45,7 @@ def test_the_budget_tells_the_parts_apart(dimensions: int) -> None:
     assert depth.areas[1] == bem.solve(scene).final.areas["raw"].total
 
 
-def test_each_part_falls_with_what_it_is_the_error_of() -> None:
+def test_each_part_falls_with_what_it_is_the_error_of():
     coarse, fine = (error_budget(rough_scene(n, 4)) for n in (32, 64))
     # First order: halved by twice the grid, here and there by a little less.
     assert fine["discretisation"].pressure < coarse["discretisation"].pressure / 1.7
@@ -61,7 +57,7 @@ def test_each_part_falls_with_what_it_is_the_error_of() -> None:
     assert thin.area < 0
 
 
-def answer(pressure: list[float], low: float) -> ContactResult:
+def answer(pressure, low):
     """Pressures, tabulated as spread evenly over (low, low + 1)."""
     sigma, p = np.linspace(0, 2, 20001), np.array(pressure)
     step = LoadStep(1.0, {"raw": Areas(0.5, 0.5, 0.0)})
@@ -70,7 +66,7 @@ def answer(pressure: list[float], low: float) -> ContactResult:
     return ContactResult("bem", (step,), Provenance("known"), table, fields)
 
 
-def test_differences_of_known_answers() -> None:
+def test_differences_of_known_answers():
     one, other = answer([1.0, 1, 1, 1, 0, 0], 0.2), answer([0.0, 0, 2, 2, 2, 0], 0.5)
     assert difference(one, one, 4.0) == Difference(0.0, 0.0, 1.0, 0.0, 0, (4 / 6, 4 / 6))
     found = dataclasses.astuple(difference(one, other, 4.0))
@@ -82,26 +78,26 @@ def test_differences_of_known_answers() -> None:
 MODEL = [name for name, quantity in QUANTITIES.items() if "J2 flow" in quantity.needs]
 
 
-def measured(scene: Scene, result: ContactResult, *names: str) -> dict[str, float]:
+def measured(scene, result, *names):
     values = measure_all(names or MODEL, scene, result)
     return {name.removeprefix("quantity."): value for name, value in values.items()}
 
 
 @pytest.fixture(scope="module")
-def flowed() -> tuple[Scene, ContactResult]:
+def flowed():
     scene = rough_scene(32, 4)
     return scene, fem_check.solve(scene, law="j2", certified=False)
 
 
 @pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 0.7), Body("sliding_layer", 0.7)])
-def test_the_compliance_is_that_of_the_block_that_answered(body: Body) -> None:
+def test_the_compliance_is_that_of_the_block_that_answered(body):
     scene = rough_scene(16, 3, body=body)
     result = fem_check.solve(scene, law="elastic", layers=7, certified=False)
     expected = fem_check.surface_compliance(scene, layers=7)
     np.testing.assert_allclose(elements_compliance(scene, result), expected, rtol=1e-12)
 
 
-def test_a_cap_by_the_elements_does_not_differ_from_a_cap_by_the_boundary_elements() -> None:
+def test_a_cap_by_the_elements_does_not_differ_from_a_cap_by_the_boundary_elements():
     """The null test: with the law taken out, grid and depth leave nothing behind."""
     scene = rough_scene(32, 4, hardness=0.35)
     capped, exact = fem_check.solve(scene, law="capped", certified=False), bem.solve(scene)
@@ -118,7 +114,7 @@ def test_a_cap_by_the_elements_does_not_differ_from_a_cap_by_the_boundary_elemen
     assert found["effective_hardness"] == pytest.approx(1.75, rel=0.02)
 
 
-def test_the_measures_say_what_they_mean(flowed) -> None:
+def test_the_measures_say_what_they_mean(flowed):
     scene, j2 = flowed
     found = measured(scene, j2)
     own = bem.solve(scene, compliance=fem_check.surface_compliance(scene))
@@ -136,7 +132,7 @@ def test_the_measures_say_what_they_mean(flowed) -> None:
     assert measured(scene, turned)["model_overlap"] < found["model_overlap"] / 2
 
 
-def test_what_has_no_effective_hardness_or_no_block_is_refused(flowed) -> None:
+def test_what_has_no_effective_hardness_or_no_block_is_refused(flowed):
     scene, j2 = flowed
     stiff = rough_scene(16, 3, yield_stress=10.0, hardness=math.inf)
     elastic = fem_check.solve(stiff, law="j2", certified=False)
@@ -155,7 +151,7 @@ def test_what_has_no_effective_hardness_or_no_block_is_refused(flowed) -> None:
             measured(place, result, f"quantity.{name}")
 
 
-def test_nothing_but_the_compliance_passes_from_one_solver_to_the_other() -> None:
+def test_nothing_but_the_compliance_passes_from_one_solver_to_the_other():
     source = "".join(inspect.getsource(inspect.getmodule(f)) for f in (crosscheck, combined))
     calls = re.findall(r"(?:bem|fem_check)\.solve\((.*)", source)
     assert len(calls) == 7
@@ -164,7 +160,7 @@ def test_nothing_but_the_compliance_passes_from_one_solver_to_the_other() -> Non
     assert passed - changed - numbers == {"compliance", "block", "path", "options"}
 
 
-def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it() -> None:
+def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it():
     scene = rough_scene(16, 2, hardness=math.inf)
     found = measured_hardness(scene, steps=2)
     depth = fem_check.solve(scene, steps=2, certified=False).provenance.options["depth"]
@@ -182,7 +178,7 @@ def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it() -> None:
     ("name", "severity", "nu"),
     [("fem-model-5", 5, 0.3), ("fem-model-50-nu0", 50, 0.0), ("fem-model-15-nu045", 15, 0.45)],
 )
-def test_the_study_answers_the_scenes_of_the_cases(name: str, severity: float, nu: float) -> None:
+def test_the_study_answers_the_scenes_of_the_cases(name, severity, nu):
     case = load_case(name)
     recipe = case.recipes[0]
     ours, theirs = model_scene(severity, nu, recipe.seed, recipe.shape[0]), case.scene(recipe)
@@ -198,10 +194,10 @@ ELASTIC = ('law = "j2"', 'law = "elastic"')
 
 
 @pytest.fixture
-def tiny(tmp_path: Path) -> Callable[..., Case]:
+def tiny(tmp_path):
     """fem-model-5 on one surface of 24 x 24 nodes, with replacements."""
 
-    def load(*replacements: tuple[str, str]) -> Case:
+    def load(*replacements):
         text, path = J2_CASE, tmp_path / "fem-model-5.toml"
         for old, new in (*SMALLER, *replacements):
             text = text.replace(old, new)
@@ -211,7 +207,7 @@ def tiny(tmp_path: Path) -> Callable[..., Case]:
     return load
 
 
-def test_a_case_is_cross_checked_in_words(tiny) -> None:
+def test_a_case_is_cross_checked_in_words(tiny):
     head, budget, areas, effective = crosscheck(case := tiny()).splitlines()
     assert head == "fem-model-5, fast, seed 5"
     assert budget.startswith("  fem j2 against bem: model: ")
@@ -226,7 +222,7 @@ def test_a_case_is_cross_checked_in_words(tiny) -> None:
     assert crosscheck(tiny(("[24, 24]", "[15, 15]"))).endswith("; no coarser grid in the error")
 
 
-def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny) -> None:
+def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny):
     *alone, head = (lines := crosscheck(tiny(), seeds=[21, 22], steps=4).splitlines())[:-10]
     assert head.startswith("fem-model-5, fast, 2 surfaces: mean +- standard error")
     summed = dict(line.strip().split(": ") for line in lines[-10:-1])
@@ -253,7 +249,7 @@ def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny) -> None:
         ([], {"seeds": [3, 3]}, "different numbers"),
     ],
 )
-def test_what_cannot_be_cross_checked_is_refused(tiny, edits, options, sentence) -> None:
+def test_what_cannot_be_cross_checked_is_refused(tiny, edits, options, sentence):
     with pytest.raises(InvalidCase, match=sentence):
         crosscheck(tiny(*edits), **options)
     wavy = tiny().changed(recipes=(Sinusoid((1e-3,) * 2, (16, 16), 1e-6),))
@@ -269,14 +265,14 @@ FINE = """
 """
 
 
-def scene_of(k: int, nodes: int) -> Scene:
+def scene_of(k, nodes):
     severity, nu = (5.0, 15.0, 50.0, 30.0)[k % 4], (0.3, 0.0, 0.45)[k % 3]
     scene = model_scene(severity, nu, 201 + k, nodes, waves=2)
     return replace(scene, body=Body()) if k % 2 == 0 else scene
 
 
 @pytest.mark.long  # some two minutes
-def test_the_error_bars_hold_the_ratios_of_a_fine_grid() -> None:
+def test_the_error_bars_hold_the_ratios_of_a_fine_grid():
     """Of 20 bars 19 hold; one may be infinite, as half of its grid has no cap of equal area."""
     found = [measured_hardness(scene_of(k, 16 if k < 10 else 24)) for k in range(20)]
     fine = map(float, FINE.split())

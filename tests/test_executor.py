@@ -1,13 +1,10 @@
 """Cases solved on the workers of any executor, which share no folder with the sender."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import pickle
 import shutil
 import signal
-from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from multiprocessing import get_all_start_methods
 from pathlib import Path
@@ -36,10 +33,10 @@ class Elsewhere(Executor):
 
     worker_memory, open, instead = 2.0**40, True, None
 
-    def __init__(self, folder: Path, **changes: Any) -> None:
+    def __init__(self, folder, **changes):
         vars(self).update(changes, folder=folder)
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def submit(self, fn, /, *args, **kwargs):
         future: Future[Any] = Future()
         here = Path.cwd()
         self.folder.mkdir(exist_ok=True)
@@ -54,18 +51,18 @@ class Elsewhere(Executor):
             os.chdir(here)
         return future
 
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+    def shutdown(self, wait=True, *, cancel_futures=False):
         self.open = False
 
 
-def refusing(sentence: str) -> Callable[..., Any]:
-    def call(*_: object, **__: object) -> None:
+def refusing(sentence):
+    def call(*_, **__):
         raise RuntimeError(sentence)
 
     return call
 
 
-def test_a_worker_sends_back_results_fields_and_steps(write_case, tmp_path, monkeypatch) -> None:
+def test_a_worker_sends_back_results_fields_and_steps(write_case, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     case, far = load_case(write_case(ONE)), Elsewhere(tmp_path / "far")
     run_cases([case], Run("here", 1, fields="steps"))
@@ -82,7 +79,7 @@ def test_a_worker_sends_back_results_fields_and_steps(write_case, tmp_path, monk
     assert [answer.reused for answer in again["small"].values()] == [1, 1]
 
 
-def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatch) -> None:
+def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatch):
     package = Path(store.__file__).parents[2]
     for folder in (package, package.parent / "fem_check"):
         shutil.copytree(folder, tmp_path / folder.name, ignore=lambda *_: ["__pycache__"])
@@ -117,7 +114,7 @@ def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatc
 )
 def test_failure_of_a_worker_is_its_tasks_error(
     write_case, tmp_path, monkeypatch, worker, sentence
-) -> None:
+):
     far = Elsewhere(tmp_path / "far", **worker) if isinstance(worker, dict) else worker(1)
     limit = ("[case]\n", "[case]\ntime_limit = 1e-6\n")
     path = write_case(*THEORY, *([limit] if worker is ThreadPoolExecutor else []))
@@ -137,9 +134,7 @@ def test_failure_of_a_worker_is_its_tasks_error(
         ({"submit": refusing("full")}, EpcontactError, "takes no task: RuntimeError: full"),
     ],
 )
-def test_failure_of_an_executor_is_one_sentence(
-    write_case, tmp_path, changes, error, sentence
-) -> None:
+def test_failure_of_an_executor_is_one_sentence(write_case, tmp_path, changes, error, sentence):
     far = Elsewhere(tmp_path / "far", **changes)
     with pytest.raises(error, match=sentence):
         verify(write_case(*THEORY), output=tmp_path, executor=lambda: far)
@@ -147,7 +142,7 @@ def test_failure_of_an_executor_is_one_sentence(
 
 
 @pytest.mark.parametrize(("free", "jobs"), [(1e12, 4), (2e9, 3), (1e8, 1)])
-def test_no_more_processes_than_fit_into_memory(write_case, monkeypatch, free, jobs) -> None:
+def test_no_more_processes_than_fit_into_memory(write_case, monkeypatch, free, jobs):
     grid = ("points_per_shortest_wavelength = { fast = 4, full = 8 }", "shape = [4096, 2048]")
     tasks = [*tasks_of(load_case(write_case(grid)), Run())]
     monkeypatch.setattr(run, "available_memory", lambda: free)
@@ -157,7 +152,7 @@ def test_no_more_processes_than_fit_into_memory(write_case, monkeypatch, free, j
 
 
 @pytest.mark.parametrize(("given", "threads"), [("3", 1), ("7", 3), ("", 3), ("4,2", 3)])
-def test_a_workers_cores_are_its_own(write_case, tmp_path, monkeypatch, given, threads) -> None:
+def test_a_workers_cores_are_its_own(write_case, tmp_path, monkeypatch, given, threads):
     monkeypatch.setattr(run, "available_cores", lambda: 6)
     monkeypatch.setenv("OMP_NUM_THREADS", given)
     found: list[int] = []
@@ -177,14 +172,14 @@ def test_a_workers_cores_are_its_own(write_case, tmp_path, monkeypatch, given, t
         ("epcontact.harness.cluster:dask", "DASK_SCHEDULER_ADDRESS is not set|is not installed"),
     ],
 )
-def test_executor_that_cannot_be_made_is_one_sentence(monkeypatch, name, sentence) -> None:
+def test_executor_that_cannot_be_made_is_one_sentence(monkeypatch, name, sentence):
     monkeypatch.delenv("DASK_SCHEDULER_ADDRESS", raising=False)
     with pytest.raises(InvalidCase, match=sentence):
         made(name)
 
 
 @pytest.mark.slow
-def test_tasks_of_a_killed_dask_worker_are_done_again(write_case, tmp_path, monkeypatch) -> None:
+def test_tasks_of_a_killed_dask_worker_are_done_again(write_case, tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
     dask_config = importlib.import_module("dask.config")
     # A server imports Dask once for all workers that it forks, also for one that starts again.
@@ -193,7 +188,7 @@ def test_tasks_of_a_killed_dask_worker_are_done_again(write_case, tmp_path, monk
     plain = verify(path, output=tmp_path / "plain", jobs=1)
     killed: list[int] = []
 
-    def kill(done: float, *_: Any) -> None:
+    def kill(done, *_):
         if done and not killed:
             killed.append(next(iter(local.workers.values())).pid)
             os.kill(killed[0], signal.SIGKILL)

@@ -5,24 +5,22 @@ The table is the package `breaking`; `python -m breaking` prints it.  A fault is
 The named gate alone is judged; `pytest cases` shows that all gates hold without the faults.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 
 import breaking
 import pytest
-from breaking import FAULTS, Fault, fails_under, status_under
+from breaking import FAULTS, fails_under, status_under
 from breaking.fault import REFUSED
 
 from epcontact.harness.gates import HOLDS
 
 
-def dear(fault: Fault) -> bool:
+def dear(fault):
     """True if the case of a fault takes seconds, even with one surface."""
     return fault.case.startswith(("fem-model", "paper"))
 
 
-def as_parameters(faults: list[Fault]) -> list[object]:
+def as_parameters(faults):
     return [
         pytest.param(fault, id=fault.what, marks=[pytest.mark.long] if dear(fault) else [])
         for fault in faults
@@ -30,7 +28,7 @@ def as_parameters(faults: list[Fault]) -> list[object]:
 
 
 @pytest.mark.parametrize("fault", as_parameters([f for f in FAULTS.values() if not f.test]))
-def test_fault_turns_its_gate_red(fault, tmp_path, monkeypatch) -> None:
+def test_fault_turns_its_gate_red(fault, tmp_path, monkeypatch):
     if fault.surfaces is not None:  # the case's own test judges all of its surfaces together
         honest = status_under(fault, tmp_path / "honest")
         assert honest != REFUSED if fault.status == REFUSED else honest == HOLDS
@@ -39,13 +37,13 @@ def test_fault_turns_its_gate_red(fault, tmp_path, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("fault", as_parameters([f for f in FAULTS.values() if f.test]))
-def test_fault_makes_its_test_fail(fault, tmp_path, monkeypatch) -> None:
+def test_fault_makes_its_test_fail(fault, tmp_path, monkeypatch):
     with monkeypatch.context() as patched:
         fault.patch(patched)
         assert fails_under(fault, tmp_path / "tests")
 
 
-def test_no_fault_is_listed_twice_and_most_are_seen_by_a_bare_verify() -> None:
+def test_no_fault_is_listed_twice_and_most_are_seen_by_a_bare_verify():
     assert len(FAULTS) == sum(len(room.FAULTS) for room in breaking.ROOMS)
     seen = Counter(fault.seen_by for fault in FAULTS.values())
     assert len(FAULTS) >= 120

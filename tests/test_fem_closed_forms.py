@@ -1,7 +1,5 @@
 """Finite elements against Westergaard, Hertz, published spheres, and the boundary elements."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -18,14 +16,14 @@ from fem_check import plasticity, solve, solve_path, surface_compliance
 from fem_check.vtu import von_mises
 
 
-def effective(poisson_ratio: float) -> float:
+def effective(poisson_ratio):
     return 1 / (1 - poisson_ratio**2)
 
 
 # Elastic waves, spheres and cylinders ----------------------------------------------------------
 
 
-def wave(nodes: int, shift: float, load: float, nu: float = 0.3) -> tuple[float, ...]:
+def wave(nodes, shift, load, nu=0.3):
     """(L2 error of the pressure, area error in spacings, peak error) of a sinusoid of unit
     wavelength under `load` times the pressure of complete contact.  At a depth of 1.5 wavelengths
     the base changes the wave's compliance by 1e-6."""
@@ -43,7 +41,7 @@ def wave(nodes: int, shift: float, load: float, nu: float = 0.3) -> tuple[float,
 SHIFTS = (np.arange(8) + 0.5) / 8
 
 
-def test_westergaards_pressure_is_met_with_first_order() -> None:
+def test_westergaards_pressure_is_met_with_first_order():
     grids = np.array([64, 128, 256, 512])
     found = np.array([[wave(n, s, 0.3) for s in SHIFTS] for n in grids])
     errors = np.sqrt((found[..., 0] ** 2).mean(axis=1))
@@ -56,14 +54,14 @@ def test_westergaards_pressure_is_met_with_first_order() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
-def test_the_rim_of_a_line_lies_where_the_areas_say(nu: float) -> None:
+def test_the_rim_of_a_line_lies_where_the_areas_say(nu):
     loads = (0.1, 0.2, 0.35, 0.5, 0.7)
     found = [wave(n, s, p, nu)[1] / 2 for n in (96, 128) for p in loads for s in SHIFTS]
     # The counted area jumps by whole nodes (scatter about 0.3 an end, of 80 means: 0.03).
     assert np.mean(found) == pytest.approx(0.25 + 0.21 * nu, abs=0.04)
 
 
-def test_hertz_spheres_area_is_met_once_the_rim_is_taken_off() -> None:
+def test_hertz_spheres_area_is_met_once_the_rim_is_taken_off():
     rng, found = np.random.default_rng(41), []
     force = 4 * effective(0.3) * 0.15**3 / (3 * 10.0)
     exact = bumps.sphere_contact_radius_periodic(force, 10.0, effective(0.3), 1.0)
@@ -87,7 +85,7 @@ SLENDER = 0.05  # contact radius over sphere radius at the Hertzian load: small 
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
-def test_yield_sets_in_where_hertz_and_mises_say(nu: float) -> None:
+def test_yield_sets_in_where_hertz_and_mises_say(nu):
     """The elastic stresses scale with the pressure, so one solve is enough.  They are read at the
     elements' centres; between the layers the largest one is that of the parabola through three.
 
@@ -114,7 +112,7 @@ def test_yield_sets_in_where_hertz_and_mises_say(nu: float) -> None:
     assert depth / radius == pytest.approx(where, abs=0.04)
 
 
-def sphere(severity: float) -> tuple[float, float, float]:
+def sphere(severity):
     """(force in N, area in m^2, yield stress in Pa) of the J2 sphere whose contact, at about
     E* a/(sigma_Y R) = `severity`, is ten nodes in radius; nu = 0.3."""
     yield_stress = effective(0.3) * SLENDER / severity
@@ -128,7 +126,7 @@ def sphere(severity: float) -> tuple[float, float, float]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("severity", [3.0, 8.0, 20.0, 42.0])
-def test_the_sphere_lies_between_the_published_fits(severity: float) -> None:
+def test_the_sphere_lies_between_the_published_fits(severity):
     """The fits differ from each other by up to 7 %: no tighter gate would mean anything."""
     force, area, yield_stress = sphere(severity)
     solid = (1.0, effective(0.3), yield_stress, 0.3)
@@ -141,7 +139,7 @@ def test_the_sphere_lies_between_the_published_fits(severity: float) -> None:
 
 
 @pytest.mark.long
-def test_the_mean_pressure_rises_along_johnsons_curve() -> None:
+def test_the_mean_pressure_rises_along_johnsons_curve():
     found = {}
     for severity in (5.0, 10.0, 20.0, 42.0):
         force, area, yield_stress = sphere(severity)
@@ -165,9 +163,7 @@ def test_the_mean_pressure_rises_along_johnsons_curve() -> None:
     ("nodes", "highest", "dimensions"), [(32, 4, 2), (64, 16, 2), (256, 16, 1)]
 )
 @pytest.mark.parametrize("pressure", [0.02, 0.2])
-def test_on_the_same_body_they_agree_node_by_node(
-    law: str, seed: int, nodes: int, highest: int, dimensions: int, pressure: float
-) -> None:
+def test_on_the_same_body_they_agree_node_by_node(law, seed, nodes, highest, dimensions, pressure):
     scene = rough_scene(nodes, highest, dimensions=dimensions, seed=seed, pressure=pressure)
     if law == "elastic":
         scene = replace(scene, material=replace(scene.material, hardness=math.inf))

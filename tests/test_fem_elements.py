@@ -1,7 +1,5 @@
 """The J2 law and its bricks: point by point, as limit loads of small bodies, and as a block."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -17,12 +15,12 @@ from fem_check.driver import problem_of
 from fem_check.element import CORNERS, elastic_stiffness, elements
 from fem_check.limit_load import STRIP_LIMIT, push, strip_punch
 from fem_check.mesh import GROWTH, block_for, graded_layers, half_space_depth, moved_elements
-from fem_check.plasticity import Law, law
+from fem_check.plasticity import law
 
 # The law, point by point ---------------------------------------------------------------------
 
 
-def return_map(strain: np.ndarray, rule: Law) -> tuple[np.ndarray, float]:
+def return_map(strain, rule):
     """Stress and accumulated plastic strain at a (3, 3) strain from the virgin state: Simo and
     Hughes, box 3.1, written with tensors."""
     mean = np.trace(strain) * np.eye(3)
@@ -34,12 +32,12 @@ def return_map(strain: np.ndarray, rule: Law) -> tuple[np.ndarray, float]:
     return stress, np.sqrt(2 / 3) * multiplier
 
 
-def six(tensor: np.ndarray) -> np.ndarray:
+def six(tensor):
     """Components xx, yy, zz, xy, yz, zx."""
     return tensor[[0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0]]
 
 
-def brick(seed: int, yield_stress: float = 0.02, hardening: float = 0.0):  # type: ignore[no-untyped-def]
+def brick(seed, yield_stress=0.02, hardening=0.0):
     """One skewed brick, a random displacement that makes it yield, its law and history."""
     rng = np.random.default_rng(seed)
     bricks = elements(
@@ -50,7 +48,7 @@ def brick(seed: int, yield_stress: float = 0.02, hardening: float = 0.0):  # typ
 
 
 @pytest.mark.parametrize("hardening", [0.0, 0.3])
-def test_the_element_tangent_is_the_derivative_of_the_internal_force(hardening: float) -> None:
+def test_the_element_tangent_is_the_derivative_of_the_internal_force(hardening):
     bricks, u, rule, history = brick(3, hardening=hardening)
     _, flowing = plasticity.internal_force(u, bricks, rule, history)
     assert flowing.all()
@@ -65,7 +63,7 @@ def test_the_element_tangent_is_the_derivative_of_the_internal_force(hardening: 
 
 
 @pytest.mark.parametrize("yield_stress", [0.02, 1e3])
-def test_the_compiled_element_agrees_with_the_point_law(yield_stress: float) -> None:
+def test_the_compiled_element_agrees_with_the_point_law(yield_stress):
     bricks, u, rule, history = brick(5, yield_stress, 0.1)
     stress = plasticity.stresses(u, bricks, rule, history)[0]
     _, flowing = plasticity.internal_force(u, bricks, rule, history)
@@ -81,7 +79,7 @@ def test_the_compiled_element_agrees_with_the_point_law(yield_stress: float) -> 
         assert history.accumulated[history.rows[0], q] == pytest.approx(accumulated, rel=1e-12)
 
 
-def test_the_elastic_element_passes_the_patch_test_and_has_six_rigid_motions() -> None:
+def test_the_elastic_element_passes_the_patch_test_and_has_six_rigid_motions():
     bricks, _, rule, _ = brick(7, math.inf)
     corners = CORNERS + 0.1 * np.random.default_rng(7).standard_normal((8, 3))
     gradient = 1e-3 * np.random.default_rng(8).standard_normal((3, 3))
@@ -99,7 +97,7 @@ SLICE = 0.01  # half of the angle that a column of bricks subtends, rad
 SPHERE_PATH = 8e-3 * np.linspace(0.02, 1.5, 12)  # to half as much again as full yield takes
 
 
-def column(count: int, poisson_ratio: float, path: np.ndarray, *, sphere: bool):  # type: ignore[no-untyped-def]
+def column(count, poisson_ratio, path, *, sphere):
     """Internal pressures and outer displacements of a thick sphere or, in plane strain, cylinder of
     radii 1 to 2, Y = 1 and E = 1000; unknown i moves the radius r_i."""
     radii, lean = np.geomspace(1.0, 2.0, count + 1), math.tan(SLICE)
@@ -121,7 +119,7 @@ def column(count: int, poisson_ratio: float, path: np.ndarray, *, sphere: bool):
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.499])
-def test_the_thick_sphere_follows_hill_to_collapse(nu: float) -> None:
+def test_the_thick_sphere_follows_hill_to_collapse(nu):
     """While it is plastic to the radius c, its outer surface moves by (1 - nu) Y c^3/(E b^2)."""
     pressure, outer = column(20, nu, (1 - nu) * SPHERE_PATH, sphere=True)
     c = np.cbrt(outer * 4000 / (1 - nu))
@@ -131,7 +129,7 @@ def test_the_thick_sphere_follows_hill_to_collapse(nu: float) -> None:
     assert pressure[-1] == pytest.approx(pressure[-2], rel=1e-6)
 
 
-def test_the_thick_spheres_error_falls_with_second_order() -> None:
+def test_the_thick_spheres_error_falls_with_second_order():
     counts = np.array([8, 16, 32])
     found = [column(int(n), 0.3, 0.7 * SPHERE_PATH, sphere=True)[0][-1] for n in counts]
     errors = np.abs(np.array(found) / (2 * math.log(2)) - 1)
@@ -140,13 +138,13 @@ def test_the_thick_spheres_error_falls_with_second_order() -> None:
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.499])
-def test_the_thick_cylinder_collapses_at_its_limit(nu: float) -> None:
+def test_the_thick_cylinder_collapses_at_its_limit(nu):
     pressure, _ = column(20, nu, 4e-3 * np.linspace(0.1, 4.0, 12), sphere=False)
     # nu = 0.3 still creeps up by 1e-4 a step at this push; 20 elements err by 0.05 %.
     assert pressure[-1] == pytest.approx(2 / math.sqrt(3) * math.log(2), rel=2e-3)
 
 
-def test_elements_without_mean_dilatation_lock() -> None:
+def test_elements_without_mean_dilatation_lock():
     """Their load under a strip punch overshoots and keeps climbing; B-bar stands on a plateau."""
     locked, free = (strip_punch(4, mean_dilatation=mean) / STRIP_LIMIT for mean in (False, True))
     assert locked[-1] > max(1.3, 1.02 * locked[-2])
@@ -155,7 +153,7 @@ def test_elements_without_mean_dilatation_lock() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.499])
-def test_prandtls_punch_is_met_by_richardson(nu: float) -> None:
+def test_prandtls_punch_is_met_by_richardson(nu):
     coarse, fine = (strip_punch(n, poisson_ratio=nu) / STRIP_LIMIT for n in (4, 8))
     assert fine[-1] < 1.045
     assert 2 * fine[-1] - coarse[-1] == pytest.approx(1, rel=5e-3)  # first order in h
@@ -166,14 +164,14 @@ def test_prandtls_punch_is_met_by_richardson(nu: float) -> None:
 
 
 @pytest.mark.parametrize(("depth", "first"), [(1.0, 1 / 64), (0.1, 0.05), (1e7, 1.0)])
-def test_the_layers_fill_the_depth_and_thicken_slowly(depth: float, first: float) -> None:
+def test_the_layers_fill_the_depth_and_thicken_slowly(depth, first):
     layers = graded_layers(depth, first)
     assert layers.sum() == pytest.approx(depth, rel=1e-12)
     assert layers[0] == pytest.approx(first, rel=0.1)
     assert (layers[1:] / layers[:-1]).max() <= GROWTH * (1 + 1e-9)
 
 
-def test_grading_changes_no_wave_by_more_than_its_bound() -> None:
+def test_grading_changes_no_wave_by_more_than_its_bound():
     scene, depth = rough_scene(64, 4, dimensions=1), half_space_depth(1.0, 0.3)
     n = round(depth * 64)
     # 0.7 %, as `GROWTH` says; 64 points a wave are off by 0.4 % on their own.
@@ -185,7 +183,7 @@ def test_grading_changes_no_wave_by_more_than_its_bound() -> None:
 
 
 @pytest.mark.parametrize("dimensions", [1, 2])
-def test_the_mesh_for_other_codes_fills_one_period(dimensions: int) -> None:
+def test_the_mesh_for_other_codes_fills_one_period(dimensions):
     import pyvista
 
     problem = problem_of(rough_scene(8, 2, dimensions=dimensions), FemOptions(law="elastic"))
@@ -199,7 +197,7 @@ def test_the_mesh_for_other_codes_fills_one_period(dimensions: int) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
-def test_what_cannot_be_meshed_is_refused() -> None:
+def test_what_cannot_be_meshed_is_refused():
     with pytest.raises(InvalidScene, match=r"depth is 1 m.*0\.5 m"):
         block_for(rough_scene(8, 2, body=Body("bonded_layer", 0.5)), FemOptions(depth=1.0))
     rough = rough_scene(16, 6, slope=20.0, body=Body("bonded_layer", 0.2))

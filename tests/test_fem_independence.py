@@ -1,7 +1,5 @@
 """fem_check can disagree with epcontact only while it shares nothing with it but the question."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys
@@ -14,7 +12,7 @@ ALLOWED = {f"epcontact.{name}" for name in ("scene", "results", "errors", "machi
 SOURCES = sorted(Path(fem_check.__file__).parent.glob("**/*.py"))
 
 
-def imported(source: str) -> set[str]:
+def imported(source):
     found = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -25,7 +23,7 @@ def imported(source: str) -> set[str]:
     return found
 
 
-def test_its_sources_import_no_mathematics_of_epcontact() -> None:
+def test_its_sources_import_no_mathematics_of_epcontact():
     assert len(SOURCES) > 5
     for path in SOURCES:
         ours = {n for n in imported(path.read_text()) if n.split(".")[0] == "epcontact"}
@@ -34,7 +32,7 @@ def test_its_sources_import_no_mathematics_of_epcontact() -> None:
             assert name not in path.read_text(), f"{path.name} uses {name}"
 
 
-def test_a_fresh_process_that_solves_loads_no_more() -> None:
+def test_a_fresh_process_that_solves_loads_no_more():
     program = """
 import sys
 import fem_check, numpy as np
@@ -50,7 +48,7 @@ print(sorted(m for m in sys.modules if m.split(".")[0] == "epcontact"))
     assert set(ast.literal_eval(answer.stdout)) == {"epcontact"} | ALLOWED
 
 
-def test_the_contract_itself_imports_numpy_and_the_standard_library_alone() -> None:
+def test_the_contract_itself_imports_numpy_and_the_standard_library_alone():
     for name in ("scene", "results", "errors"):
         file = Path(fem_check.__file__).parents[1] / "epcontact" / f"{name}.py"
         top = {n.split(".")[0] for n in imported(file.read_text())}

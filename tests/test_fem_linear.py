@@ -1,9 +1,6 @@
 """The linear problem: the block inverted wave by wave, the contact on its surface, the sweeps."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +35,7 @@ RULE = plasticity.law(1.7, 0.3, math.inf)
 
 @pytest.mark.parametrize("sliding", [False, True])
 @pytest.mark.parametrize("shape", [(8, 6), (7, 5), (12, 1), (2, 2)])
-def test_it_inverts_the_assembled_stiffness(shape: tuple[int, int], sliding: bool) -> None:
+def test_it_inverts_the_assembled_stiffness(shape, sliding):
     block = PeriodicBlock(shape, (0.1, 0.13), graded_layers(0.6, 0.1, 5), sliding)
     bricks, u = flat_elements(block), np.random.default_rng(21).standard_normal(block.field_shape)
     u[-1] -= u[-1].mean(axis=(0, 1))
@@ -58,7 +55,7 @@ def test_it_inverts_the_assembled_stiffness(shape: tuple[int, int], sliding: boo
 
 @pytest.mark.parametrize("sliding", [False, True])
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
-def test_every_waves_compliance_converges_to_the_closed_form(nu: float, sliding: bool) -> None:
+def test_every_waves_compliance_converges_to_the_closed_form(nu, sliding):
     """Layer of depth 1/2 and equal layers: second order in the points a wave."""
     rule, errors = plasticity.law(1.0, nu, math.inf), []
     grids, waves = np.array([32, 64, 128]), np.array([1, 2, 4])
@@ -80,7 +77,7 @@ def test_every_waves_compliance_converges_to_the_closed_form(nu: float, sliding:
 @pytest.mark.parametrize("highest", [4, 8, 15])
 @pytest.mark.parametrize("share", [1e-4, 0.02, 0.3, 0.9, 0.99])
 @pytest.mark.parametrize("cap", [math.inf, 1.0, 0.05])
-def test_the_solution_meets_every_condition(highest: int, share: float, cap: float) -> None:
+def test_the_solution_meets_every_condition(highest, share, cap):
     """Scenes go from one asperity to a surface nearly all at the cap, or nearly all in contact."""
     block = PeriodicBlock((32, 32), (1 / 32, 1 / 32), graded_layers(0.9, 1 / 32))
     rule = plasticity.law(1.0, 0.3, math.inf)
@@ -102,7 +99,7 @@ def test_the_solution_meets_every_condition(highest: int, share: float, cap: flo
 # The sweeps over the flowing nodes -----------------------------------------------------------
 
 
-def flowing(*, dimensions: int = 2, depth: float | None = None) -> Any:
+def flowing(*, dimensions=2, depth=None):
     """A problem with its state and tangent, pushed on by a fifth from its converged state."""
     scene = rough_scene(12, 2, dimensions=dimensions, pressure=0.1)
     path = solve_path(scene, depth=depth, layers=5 if depth else None, certified=False)
@@ -116,13 +113,13 @@ def flowing(*, dimensions: int = 2, depth: float | None = None) -> Any:
     return problem, state, correction
 
 
-def tangent_matrix(problem: Any, correction: Any, scale: float = 1.0) -> Any:
+def tangent_matrix(problem, correction, scale=1.0):
     stiffness = plasticity.layer_stiffness(problem.bricks, problem.law)
     return assembled(problem.bricks, tangents(problem.bricks, stiffness, correction, scale))
 
 
 @pytest.mark.parametrize(("dimensions", "depth"), [(1, None), (2, None), (2, 0.2)])
-def test_the_rows_are_the_assembled_tangents(dimensions: int, depth: float | None) -> None:
+def test_the_rows_are_the_assembled_tangents(dimensions, depth):
     """In plane strain both sides of a node across are the node itself; a shallow block flows to
     its held base."""
     problem, state, correction = flowing(dimensions=dimensions, depth=depth)
@@ -141,9 +138,7 @@ def test_the_rows_are_the_assembled_tangents(dimensions: int, depth: float | Non
         assert not z[0, ..., 2][state.states == ELASTIC].any()
 
 
-def test_the_sweeps_halve_the_iterations_of_the_direct_solve(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_sweeps_halve_the_iterations_of_the_direct_solve(monkeypatch):
     problem, state, correction = flowing()
     right, size = np.zeros(problem.block.field_shape), 3 * problem.heights.size
     keep = np.ones(right.size, dtype=bool)
@@ -166,9 +161,7 @@ def test_the_sweeps_halve_the_iterations_of_the_direct_solve(
 # Costs in counts -----------------------------------------------------------------------------
 
 
-def test_a_load_path_stays_within_its_iterations_on_any_threads(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_load_path_stays_within_its_iterations_on_any_threads(monkeypatch):
     """Threads do not change a bit, however little they share."""
     monkeypatch.setattr(driver, "Workers", lambda threads: Workers(threads, fewest=1))
     scene, options = speed_scene(32), {"layers": 16, "steps": 4, "certified": False}
@@ -178,7 +171,7 @@ def test_a_load_path_stays_within_its_iterations_on_any_threads(
     assert one.cost["cg_iterations"] <= 20 * one.cost["newton_steps"]
 
 
-def test_newton_is_quadratic_at_the_end_of_a_step() -> None:
+def test_newton_is_quadratic_at_the_end_of_a_step():
     history = fem_check.solve(speed_scene(32), steps=2, tolerance=1e-10).history
     last = [r for r in history if r < 1e-2]
     # Two decades, then four or more: faster than any fixed factor.

@@ -1,13 +1,9 @@
 """Scenes answered: laws, geometries and bodies, paths and their increments, files, refusals."""
 
-from __future__ import annotations
-
 import math
 import re
 import tracemalloc
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 from unittest.mock import DEFAULT, Mock
 
 import numpy as np
@@ -16,7 +12,7 @@ from fem_scenes import rough_scene
 
 import fem_check
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory, OutputError
-from epcontact.results import APART, ELASTIC, PLASTIC, ContactResult
+from epcontact.results import APART, ELASTIC, PLASTIC
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.studies.fem import speed_scene
 from fem_check import FemOptions, driver, increments, mesh_of, newton, vtu
@@ -24,11 +20,11 @@ from fem_check.driver import problem_of
 from fem_check.mesh import bytes_needed
 
 
-def solved(scene: Scene, **options: Any) -> ContactResult:
+def solved(scene, **options):
     return fem_check.solve(scene, certified=False, **options)
 
 
-def distance(one: ContactResult, other: ContactResult) -> float:
+def distance(one, other):
     """The share of the force that lies on other nodes."""
     p, q = one.fields["pressure"], other.fields["pressure"]
     return float(np.abs(p - q).sum() / q.sum())
@@ -38,9 +34,7 @@ def distance(one: ContactResult, other: ContactResult) -> float:
 @pytest.mark.parametrize("geometry", ["gap", "moved"])
 @pytest.mark.parametrize("law", ["elastic", "capped", "j2"])
 @pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 0.3), Body("sliding_layer", 0.3)])
-def test_every_law_geometry_and_body_converges_and_is_certified(
-    dimensions: int, geometry: str, law: str, body: Body
-) -> None:
+def test_every_law_geometry_and_body_converges_and_is_certified(dimensions, geometry, law, body):
     hardness = 0.4 if dimensions == 2 else 0.15  # below the elastic peak of these scenes
     scene = rough_scene(16, 2, dimensions=dimensions, body=body, hardness=hardness)
     result = fem_check.solve(scene, law=law, geometry=geometry)
@@ -61,7 +55,7 @@ def test_every_law_geometry_and_body_converges_and_is_certified(
 # Symmetries and limits -----------------------------------------------------------------------
 
 
-def test_the_answer_does_not_depend_on_place_orientation_or_scale_of_the_slope() -> None:
+def test_the_answer_does_not_depend_on_place_orientation_or_scale_of_the_slope():
     """In the gap geometry only p0/(E* xi) and sigma_Y/(E* xi) matter."""
     scene = rough_scene(16, 3)
     heights, base = scene.surface.heights, solved(scene).fields["pressure"]
@@ -72,7 +66,7 @@ def test_the_answer_does_not_depend_on_place_orientation_or_scale_of_the_slope()
     np.testing.assert_allclose(flatter, base, atol=1e-6 * base.max())
 
 
-def test_a_line_is_a_ridge_in_plane_strain() -> None:
+def test_a_line_is_a_ridge_in_plane_strain():
     line = rough_scene(32, 4, dimensions=1)
     ridge = np.repeat(line.surface.heights[:, None], 2, 1)
     one = solved(line, depth=0.9).fields["pressure"]
@@ -80,14 +74,14 @@ def test_a_line_is_a_ridge_in_plane_strain() -> None:
     np.testing.assert_allclose(two.fields["pressure"], np.stack([one, one], 1), atol=1e-7)
 
 
-def test_hardening_bears_more_on_less() -> None:
+def test_hardening_bears_more_on_less():
     soft, hard = (solved(rough_scene(16, 2), hardening=h).final for h in (0.0, 5.0))
     assert hard.areas["raw"].total < soft.areas["raw"].total
     assert hard.quantities["largest_pressure"] > soft.quantities["largest_pressure"]
 
 
 @pytest.mark.parametrize("law", ["elastic", "j2"])
-def test_moved_nodes_tend_to_the_gap_as_the_slope_vanishes(law: str) -> None:
+def test_moved_nodes_tend_to_the_gap_as_the_slope_vanishes(law):
     """At equal groups the answers differ by an amount of first order in the slope."""
     differences = []
     for slope in (0.0125, 0.2):
@@ -98,7 +92,7 @@ def test_moved_nodes_tend_to_the_gap_as_the_slope_vanishes(law: str) -> None:
     assert 0.8 < math.log(differences[1] / differences[0], 16) < 1.8
 
 
-def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded() -> None:
+def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded():
     """Plastic nodes are contact nodes over yielded elements, and no others."""
     path = driver.solve_path(rough_scene(16, 3))
     last, rows = path.points[-1], path.history.rows[:256].reshape(16, 16)
@@ -112,7 +106,7 @@ def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded() -> None:
 # Paths and increments ------------------------------------------------------------------------
 
 
-def test_unloading_is_elastic_at_first_and_leaves_its_mark() -> None:
+def test_unloading_is_elastic_at_first_and_leaves_its_mark():
     steps = solved(rough_scene(16, 3, pressure=(0.05, 0.049, 0.01, 0.0, 0.05))).steps
     peak, eased, low, free, again = ({"area": s.areas["raw"].total} | s.quantities for s in steps)
     assert eased["largest_plastic_strain"] == peak["largest_plastic_strain"]
@@ -127,7 +121,7 @@ def test_unloading_is_elastic_at_first_and_leaves_its_mark() -> None:
 
 
 @pytest.mark.parametrize("law", ["elastic", "capped", "j2"])
-def test_prescribing_the_approach_finds_the_load_that_gives_it(law: str) -> None:
+def test_prescribing_the_approach_finds_the_load_that_gives_it(law):
     by_load = solved(rough_scene(16, 3), law=law, steps=1).final
     approach = by_load.quantities["approach"]
     by_approach = solved(rough_scene(16, 3), law=law, steps=1, approach=approach).final
@@ -135,11 +129,11 @@ def test_prescribing_the_approach_finds_the_load_that_gives_it(law: str) -> None
     assert by_approach.mean_pressure == pytest.approx(0.05, rel=5e-3 if law == "j2" else 1e-7)
 
 
-def test_a_capped_body_unloads_as_an_elastic_one_with_the_surface_left_behind() -> None:
+def test_a_capped_body_unloads_as_an_elastic_one_with_the_surface_left_behind():
     """And from its largest load on it goes as if it had never been unloaded."""
     scene, peak = rough_scene(16, 5, hardness=0.25, body=Body("bonded_layer", 0.3)), 0.05
 
-    def along(*path: float) -> ContactResult:
+    def along(*path):
         return solved(replace(scene, load=Load(path)), law="capped")
 
     lowered = along(peak).fields["plastic_displacement"]
@@ -153,7 +147,7 @@ def test_a_capped_body_unloads_as_an_elastic_one_with_the_surface_left_behind() 
     assert beyond.quantities == pytest.approx(along(1.3 * peak).final.quantities, rel=1e-7)
 
 
-def test_a_path_may_end_where_nothing_touches() -> None:
+def test_a_path_may_end_where_nothing_touches():
     """Flattened for good, a J2 body leaves the flat before that is back at its first touch; the
     certificate has no contact force to divide by there."""
     steps = fem_check.solve(rough_scene(12, 2), approach=(0.01, 1e-5)).steps
@@ -162,7 +156,7 @@ def test_a_path_may_end_where_nothing_touches() -> None:
 
 
 @pytest.mark.parametrize("severity", [5.0, pytest.param(50.0, marks=pytest.mark.slow)])
-def test_the_increments_are_as_many_as_their_error_asks_for(severity: float) -> None:
+def test_the_increments_are_as_many_as_their_error_asks_for(severity):
     scene = rough_scene(16, 2, yield_stress=1 / severity, pressure=0.25 / severity)
     fine, few, many = (
         solved(scene, **chosen)
@@ -176,7 +170,7 @@ def test_the_increments_are_as_many_as_their_error_asks_for(severity: float) -> 
 
 
 @pytest.mark.parametrize(("length", "stress"), [(1e-9, 1e9), (10.0, 1.0)])
-def test_units_do_not_matter(length: float, stress: float) -> None:
+def test_units_do_not_matter(length, stress):
     """1 nm to 10 m, on a path that unloads to nothing: the same dimensionless answers."""
     one = rough_scene(12, 2, pressure=(0.05, 0.01, 0.0))
     other = Scene(
@@ -191,7 +185,7 @@ def test_units_do_not_matter(length: float, stress: float) -> None:
             assert b.quantities[name] / unit == expected
 
 
-def test_increments_that_fail_are_halved(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_increments_that_fail_are_halved(monkeypatch):
     given = [NotConverged("too far"), *[DEFAULT] * 2]
     solve = Mock(wraps=increments.solve_increment, side_effect=given)
     monkeypatch.setattr(increments, "solve_increment", solve)
@@ -200,7 +194,7 @@ def test_increments_that_fail_are_halved(monkeypatch: pytest.MonkeyPatch) -> Non
     assert any("halved" in note for note in result.notes)
 
 
-def test_what_does_not_converge_raises_with_its_residuals(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_does_not_converge_raises_with_its_residuals(monkeypatch):
     with pytest.raises(NotConverged, match="narrower than a node"):
         solved(rough_scene(16, 4, hardness=1e-5, pressure=2e-6), law="capped")
     monkeypatch.setattr(newton, "MOST_NEWTON", 1)
@@ -222,9 +216,7 @@ def test_what_does_not_converge_raises_with_its_residuals(monkeypatch: pytest.Mo
         (rough_scene(32, 2, pressure=0.1), "j2", ""),
     ],
 )
-def test_a_scene_outside_its_limits_is_answered_with_a_warning(
-    scene: Scene, law: str, sentence: str
-) -> None:
+def test_a_scene_outside_its_limits_is_answered_with_a_warning(scene, law, sentence):
     notes = solved(scene, law=law).notes
     assert any(sentence in note for note in notes) if sentence else notes == ()
 
@@ -243,9 +235,7 @@ def test_a_scene_outside_its_limits_is_answered_with_a_warning(
         ({"law": "capped"}, "finite hardness"),
     ],
 )
-def test_what_makes_no_sense_is_refused_in_one_sentence(
-    options: dict[str, Any], words: str
-) -> None:
+def test_what_makes_no_sense_is_refused_in_one_sentence(options, words):
     scene = rough_scene(8, 2, yield_stress=math.inf, hardness=math.inf)
     with pytest.raises(InvalidScene, match=re.escape(words)):
         fem_check.solve(scene, **options)
@@ -261,9 +251,7 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(
         (24, 0.005, 0.02, {}),  # few do, of a soft body
     ],
 )
-def test_the_estimate_of_memory_is_right_to_a_quarter(
-    nodes: int, load: float, yield_stress: float, options: dict[str, Any]
-) -> None:
+def test_the_estimate_of_memory_is_right_to_a_quarter(nodes, load, yield_stress, options):
     chosen = FemOptions(**{"certified": False, "steps": 2} | options)
     given = speed_scene(nodes, load=load)
     given = replace(given, material=replace(given.material, yield_stress=yield_stress))
@@ -281,9 +269,7 @@ def test_the_estimate_of_memory_is_right_to_a_quarter(
 
 
 @pytest.mark.parametrize(("dimensions", "geometry"), [(1, "gap"), (2, "moved")])
-def test_pyvista_opens_the_path_with_its_fields(
-    tmp_path: Path, dimensions: int, geometry: str
-) -> None:
+def test_pyvista_opens_the_path_with_its_fields(tmp_path, dimensions, geometry):
     import pyvista
 
     scene, told = rough_scene(8, 2, pressure=(0.02, 0.05), dimensions=dimensions), Mock()

@@ -1,7 +1,5 @@
 """Files appear whole or not at all, and every refusal is one sentence."""
 
-from __future__ import annotations
-
 import errno
 import json
 import math
@@ -9,7 +7,6 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -24,7 +21,7 @@ from epcontact.errors import OutputError
 POSIX = os.name != "nt"
 
 
-def test_text_is_written_as_given_with_the_permissions_of_any_new_file(tmp_path: Path) -> None:
+def test_text_is_written_as_given_with_the_permissions_of_any_new_file(tmp_path):
     target, ordinary = tmp_path / "a" / ("n" * 250 + ".txt"), tmp_path / "y"
     files.write_text(target, "old")
     files.write_text(target, "ä\r\nb\n")
@@ -36,7 +33,7 @@ def test_text_is_written_as_given_with_the_permissions_of_any_new_file(tmp_path:
     assert sorted(os.listdir(tmp_path)) == ["a", "y"]
 
 
-def test_json_has_words_for_what_it_has_no_numbers_for(tmp_path: Path) -> None:
+def test_json_has_words_for_what_it_has_no_numbers_for(tmp_path):
     values = [math.inf, -np.inf, np.float32("nan"), np.array([[1.5, np.inf]]), np.int64(3)]
     values += [np.True_, (1, "a"), tmp_path, None]
     files.write_json(tmp_path / "x.json", values)
@@ -48,10 +45,10 @@ def test_json_has_words_for_what_it_has_no_numbers_for(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["x.json"]
 
 
-def stopped_by(error: BaseException, name: str = "x") -> Callable[[Path], None]:
+def stopped_by(error, name="x"):
     """A block of `whole_file` that ends in an error, in a folder."""
 
-    def write(here: Path) -> None:
+    def write(here):
         with files.whole_file(here / name) as temporary:
             assert (temporary.suffix, temporary.parent) == (Path(name).suffix, here)
             temporary.write_bytes(b"half")
@@ -60,7 +57,7 @@ def stopped_by(error: BaseException, name: str = "x") -> Callable[[Path], None]:
     return write
 
 
-def removing(here: Path) -> None:
+def removing(here):
     with files.whole_file(here / "x") as temporary:
         temporary.unlink()
 
@@ -85,7 +82,7 @@ if POSIX:
 
 
 @pytest.mark.parametrize(("call", "error", "words"), REFUSED)
-def test_a_refusal_is_one_sentence_and_leaves_no_trace(tmp_path: Path, call, error, words) -> None:
+def test_a_refusal_is_one_sentence_and_leaves_no_trace(tmp_path, call, error, words):
     for name in ("file", "file.vti"):
         (tmp_path / name).write_text("keep")
     (tmp_path / "folder").mkdir()
@@ -102,8 +99,8 @@ def test_a_refusal_is_one_sentence_and_leaves_no_trace(tmp_path: Path, call, err
 
 
 @pytest.mark.skipif(not POSIX, reason="needs POSIX links")
-def test_links_keep_pointing_and_a_full_disk_keeps_the_old_file(tmp_path, monkeypatch) -> None:
-    def full(_: int) -> None:
+def test_links_keep_pointing_and_a_full_disk_keeps_the_old_file(tmp_path, monkeypatch):
+    def full(_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     real, link = tmp_path / "real", tmp_path / "link"
@@ -118,7 +115,7 @@ def test_links_keep_pointing_and_a_full_disk_keeps_the_old_file(tmp_path, monkey
     assert sorted(os.listdir(tmp_path)) == ["link", "real"]
 
 
-def test_two_writers_never_mix(tmp_path: Path) -> None:
+def test_two_writers_never_mix(tmp_path):
     """A reader meets one whole file or the other, whoever is writing."""
     target, contents = tmp_path / "x", [b"A" * 200_000, b"B" * 200_000]
     files.write_bytes(target, contents[0])
@@ -130,7 +127,7 @@ def test_two_writers_never_mix(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["x"]
 
 
-def test_importing_the_package_loads_no_heavy_library() -> None:
+def test_importing_the_package_loads_no_heavy_library():
     code = (
         "import sys, epcontact.files, epcontact.output.vtk, epcontact.output.view;"
         "heavy = {'vtkmodules', 'pyvista', 'matplotlib', 'meshio', 'scipy'} & set(sys.modules);"
@@ -139,7 +136,7 @@ def test_importing_the_package_loads_no_heavy_library() -> None:
     assert python("-c", code).stderr == ""
 
 
-def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path: Path) -> None:
+def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path):
     folder = tmp_path / "bearing-area" / "fast"
     program = (
         "import sys; from epcontact.files import whole_file\n"

@@ -1,13 +1,10 @@
 """The map of the effective hardness: its formula, its refusals, its users, and how it is made."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +13,7 @@ from command_line import invoke
 from laboratory.hardness_map import LADDER, inverse_hardness, make_map, mapped, measured_areas
 from scipy.interpolate import RegularGridInterpolator
 
-from epcontact import MappedHardness, effective_hardness
+from epcontact import effective_hardness
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.answers.run import Run, solve_task, tasks_of
 from epcontact.harness.case_files.case import load_case
@@ -31,11 +28,11 @@ USUAL = {"yield_stress": 1e9, "mean_pressure": 0.25e9, "young_modulus": 210e9}
 USUAL |= {"poisson_ratio": 0.3, "rms_slope": 0.1}
 
 
-def at(**changed: Any) -> MappedHardness:
+def at(**changed):
     return effective_hardness(**(USUAL | changed))
 
 
-def test_the_map_covers_what_it_says_and_is_smooth() -> None:
+def test_the_map_covers_what_it_says_and_is_smooth():
     known = hardness_map()
     assert known["load"].size == np.prod([np.unique(known[name]).size for name in kept.SYMBOLS])
     inside = known["area"] <= kept.FULL
@@ -52,7 +49,7 @@ def test_the_map_covers_what_it_says_and_is_smooth() -> None:
 @pytest.mark.parametrize(
     "changed", [{}, {"rms_slope": 0.07, "poisson_ratio": 0.1}, {"mean_pressure": 0.4e9}]
 )
-def test_the_area_is_interpolated_linearly_in_ln_s_nu_and_m(changed: dict[str, float]) -> None:
+def test_the_area_is_interpolated_linearly_in_ln_s_nu_and_m(changed):
     places = pd.DataFrame({**hardness_map()}).set_index([*kept.SYMBOLS])["area"].sort_index()
     axes = [level.to_numpy() for level in places.index.levels]
     area = places.to_numpy().reshape([axis.size for axis in axes])
@@ -61,7 +58,7 @@ def test_the_area_is_interpolated_linearly_in_ln_s_nu_and_m(changed: dict[str, f
     assert found.area == pytest.approx(linear(place).item(), rel=1e-12)
 
 
-def test_only_ratios_matter_and_the_interval_holds_the_value() -> None:
+def test_only_ratios_matter_and_the_interval_holds_the_value():
     found = at()
     scaled = at(yield_stress=1e3, mean_pressure=0.25e3, young_modulus=210e3)
     assert scaled.value == pytest.approx(1e-6 * found.value)
@@ -86,12 +83,12 @@ def test_only_ratios_matter_and_the_interval_holds_the_value() -> None:
         ({"poisson_ratio": None}, "poisson_ratio is None, but must be a number"),
     ],
 )
-def test_nothing_is_extrapolated(changed: dict[str, Any], sentence: str) -> None:
+def test_nothing_is_extrapolated(changed, sentence):
     with pytest.raises(InvalidScene, match=sentence):
         at(**changed)
 
 
-def test_the_command_prints_value_interval_and_what_they_rest_on() -> None:
+def test_the_command_prints_value_interval_and_what_they_rest_on():
     words = [f"--{name.replace('_', '-')}={value}" for name, value in USUAL.items()]
     told = invoke("hardness", *words).stdout
     assert f"hardness = {at().value:.3g} Pa" in told
@@ -106,7 +103,7 @@ LAYER = '\n\n[body]\nkind = "bonded_layer"\ndepth = 1e-4'
 EXPECTED = at(yield_stress=2e9, young_modulus=100e9, mean_pressure=5e8)
 
 
-def test_a_case_may_take_its_hardness_from_the_map(write_case, tmp_path) -> None:
+def test_a_case_may_take_its_hardness_from_the_map(write_case, tmp_path):
     case = load_case(write_case(EFFECTIVE))
     assert case.material.hardness == EXPECTED.value
     theory, *_ = tasks_of(case, Run(tmp_path))
@@ -126,12 +123,12 @@ def test_a_case_may_take_its_hardness_from_the_map(write_case, tmp_path) -> None
         (EFFECTIVE[1] + LAYER, r"for deep bodies, .* 0\.0001 m and the period 0\.001 m"),
     ],
 )
-def test_a_case_that_has_no_hardness_is_refused(write_case, words: str, sentence: str) -> None:
+def test_a_case_that_has_no_hardness_is_refused(write_case, words, sentence):
     with pytest.raises(InvalidCase, match=sentence):
         load_case(write_case((GIVEN, words)))
 
 
-def test_only_rough_surfaces_have_a_hardness_of_the_map(tmp_path) -> None:
+def test_only_rough_surfaces_have_a_hardness_of_the_map(tmp_path):
     punch = (CASES / "punch-capped-light.toml").read_text(encoding="utf-8")
     path = tmp_path / "punch-capped-light.toml"
     path.write_text(punch.replace("hardness = 1.0e9", EFFECTIVE[1]), encoding="utf-8")
@@ -139,7 +136,7 @@ def test_only_rough_surfaces_have_a_hardness_of_the_map(tmp_path) -> None:
         load_case(path)
 
 
-def test_a_measured_map_has_the_hardness_of_its_own_slope(write_case, tmp_path) -> None:
+def test_a_measured_map_has_the_hardness_of_its_own_slope(write_case, tmp_path):
     spectrum = ("energy_reduction = 0.536", 'energy_reduction = 0.536\nspectrum = "surface"')
     given = write_case(EFFECTIVE, spectrum)
     before, _, rest = given.read_text(encoding="utf-8").partition("[surface]")
@@ -161,7 +158,7 @@ def test_a_measured_map_has_the_hardness_of_its_own_slope(write_case, tmp_path) 
 # --- the laboratory of the map --------------------------------------------------------------------
 
 
-def test_a_path_gives_the_hardness_that_a_single_load_gives() -> None:
+def test_a_path_gives_the_hardness_that_a_single_load_gives():
     task = read_sweep("hardness-map-30", "fast").tasks[0]
     scene = task.case.scene(task.recipe)
     areas = measured_areas(task, task.method.solve(scene, task.case.options["fem"], 1))
@@ -179,7 +176,7 @@ BODIES = [
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_the_map_takes_off_the_grid_and_claims_what_is_left(order: int) -> None:
+def test_the_map_takes_off_the_grid_and_claims_what_is_left(order):
     """Bodies whose cap of equal area is known have an error of an order in the spacing."""
     rows, usual = [], {"nodes": 24, "waves": 4, "hurst": 0.8, "depth": 1.0, "step_tolerance": 0.03}
     for kind, severity, seed, load in product(BODIES, (5, 15, 50), (1, 2), (0.1, 0.25, 0.5)):
@@ -207,7 +204,7 @@ def test_the_map_takes_off_the_grid_and_claims_what_is_left(order: int) -> None:
 
 
 @pytest.mark.slow
-def test_a_map_is_made_and_kept_paths_are_used_again(tmp_path, capsys) -> None:
+def test_a_map_is_made_and_kept_paths_are_used_again(tmp_path, capsys):
     made, file = make_map("fast", tmp_path)
     assert len(made) == 4
     assert list(pd.read_csv(file, comment="#")) == list(hardness_map())

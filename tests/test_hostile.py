@@ -3,8 +3,6 @@
 The solvers are those of hostile.py, each in a process of its own as with `--solver`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -15,7 +13,6 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 from unittest.mock import Mock
 
 import hostile
@@ -53,11 +50,11 @@ ANSWER = ContactResult(
 
 
 @pytest.fixture
-def verified(write_case, tmp_path, monkeypatch) -> Any:
+def verified(write_case, tmp_path, monkeypatch):
     """Verify two cases of the theory, which gives one answer, or error, after the other."""
     cases = [load_case(write_case(*THEORY, name=name)) for name in ("first", "second")]
 
-    def run(answers: Any) -> Any:
+    def run(answers):
         persson = replace(METHODS["persson"], solve=Mock(side_effect=answers))
         monkeypatch.setitem(METHODS, "persson", persson)
         return verify(cases, output=tmp_path / "out", jobs=1, fresh=True)
@@ -74,7 +71,7 @@ def verified(write_case, tmp_path, monkeypatch) -> Any:
         (replace(ANSWER, converged=False), "not converged"),
     ],
 )
-def test_the_error_of_a_solve_is_its_cases_error(verified, tmp_path, answer, sentence) -> None:
+def test_the_error_of_a_solve_is_its_cases_error(verified, tmp_path, answer, sentence):
     verdict = verified([answer, ANSWER])
     assert [case.status for case in verdict.cases] == ["error", "holds"]
     assert sentence in str(verdict.cases[0].gates[0].error)
@@ -85,7 +82,7 @@ def test_the_error_of_a_solve_is_its_cases_error(verified, tmp_path, answer, sen
 
 
 @pytest.mark.parametrize(("name", "status"), [("persson", "error"), ("bem", "holds")])
-def test_no_error_of_a_method_passes_if_a_gate_reads_it_or_not(write_case, name, status) -> None:
+def test_no_error_of_a_method_passes_if_a_gate_reads_it_or_not(write_case, name, status):
     good = Answer((ANSWER,), ("single",))
     given = {"persson": good, "bem": good} | {name: Answer(errors=(f"{name}, single: stalled",))}
     judged = judge_case(load_case(write_case(*THEORY)), given)
@@ -96,10 +93,10 @@ def test_no_error_of_a_method_passes_if_a_gate_reads_it_or_not(write_case, name,
         item.runtest()
 
 
-def test_earlier_verdict_is_gone_before_the_first_solve(verified, tmp_path) -> None:
+def test_earlier_verdict_is_gone_before_the_first_solve(verified, tmp_path):
     files = [tmp_path / "out" / name for name in ("verdict.json", "junit.xml")]
 
-    def solve(*_: Any) -> ContactResult:
+    def solve(*_):
         assert not any(path.exists() for path in files)
         raise KeyboardInterrupt
 
@@ -113,7 +110,7 @@ def test_earlier_verdict_is_gone_before_the_first_solve(verified, tmp_path) -> N
 
 
 @pytest.mark.parametrize(("error", "code"), [(0.5, 0), (1.0, 1), (float("nan"), 1)])
-def test_broken_promise_of_a_plan_is_exit_1(write_case, monkeypatch, error, code) -> None:
+def test_broken_promise_of_a_plan_is_exit_1(write_case, monkeypatch, error, code):
     monkeypatch.setattr(planning, "achieved_error", lambda *_: error)
     path = write_case(("seeds = [3, 5, 7]", "seeds = [3]"), ("fast = 4, full = 8", "fast = 4"))
     done = CliRunner().invoke(plan, [str(path), "--tolerance", "90%", "--check"])
@@ -125,7 +122,7 @@ def test_broken_promise_of_a_plan_is_exit_1(write_case, monkeypatch, error, code
 
 
 @pytest.fixture
-def scene() -> Scene:
+def scene():
     """A wave that is pressed flat; its exact pressure is that of hostile.full_contact."""
     heights = 1e-7 * np.cos(2 * np.pi * np.arange(32) / 32)
     return Scene(Surface(heights, (1e-3,)), Material(2e11, 0.3), Load(1e9))
@@ -153,7 +150,7 @@ def scene() -> Scene:
         (f"pressure {32 * '1 '} 3 converged 1", "'3' in the place of one of"),
     ],
 )
-def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(scene, solver, sentence) -> None:
+def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(scene, solver, sentence):
     if solver.startswith(("converged", "pressure")):  # a command that writes this as its result
         solver = f"sh -c 'echo epcontact-result 1 {solver} > {{result}} # {{scene}}'"
     with pytest.raises(InvalidCase) as refused:
@@ -162,7 +159,7 @@ def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(scene, solver, s
     assert f"solver {solver} " in str(refused.value)
 
 
-def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene) -> None:
+def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene):
     heights, digest = scene.surface.heights.copy(), scene.digest
     wrong = foreign.solve("mine", "hostile:changes_its_scene", scene)
     np.testing.assert_array_equal(wrong.fields["pressure"], scene.load.final)
@@ -174,7 +171,7 @@ def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene) -
     assert (right.method, right.provenance.options["solver"]) == ("mine", "hostile:prints")
 
 
-def test_many_calls_share_one_process_until_it_dies_or_is_ended(tmp_path, monkeypatch) -> None:
+def test_many_calls_share_one_process_until_it_dies_or_is_ended(tmp_path, monkeypatch):
     """What is not finished in time is ended with all that it started."""
     monkeypatch.chdir(tmp_path)
     child = Child()
@@ -191,14 +188,14 @@ def test_many_calls_share_one_process_until_it_dies_or_is_ended(tmp_path, monkey
         child.call(os.getpid)
 
 
-def test_process_that_dies_costs_its_own_task_only() -> None:
+def test_process_that_dies_costs_its_own_task_only():
     items = ["one", "dies", "two", "three"]
     found = dict(spread(hostile.answers_or_dies, items, Processes(2, ["bem", "unknown"])))
     assert found.pop("dies") == "its process ended with exit code 0 and gave no answer"
     assert found == {"one": "ONE", "two": "TWO", "three": "THREE"}
 
 
-def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path) -> None:
+def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path):
     """Also when it is killed, with what is still running."""
     (tmp_path / "script.py").write_text(
         "import os, time; from epcontact.harness.processes import Child, Processes\n"
@@ -216,7 +213,7 @@ def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path) -> None
     assert (done.returncode, done.stderr) == (-9, "")
 
 
-def test_solver_in_c(scene, tmp_path) -> None:
+def test_solver_in_c(scene, tmp_path):
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         pytest.skip("there is no C compiler")
@@ -252,7 +249,7 @@ def test_solver_in_c(scene, tmp_path) -> None:
 )
 def test_what_cannot_be_judged_is_refused_before_anything_is_solved(
     write_case, tmp_path, solver, changes, sentence
-) -> None:
+):
     with pytest.raises(InvalidCase) as refused:
         verify(write_case(*changes), solver=solver, output=tmp_path / "out")
     assert sentence in str(refused.value)

@@ -1,7 +1,5 @@
 """Identities between the parts of a result: an honest one holds them, a wrong one does not."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,36 +30,36 @@ Wrong = Callable[[ContactResult], ContactResult]
 
 
 @pytest.fixture(scope="module")
-def honest() -> ContactResult:
+def honest():
     return bem.solve(SCENE, threads=1)
 
 
-def measured(name: str, result: ContactResult, scene: Scene = SCENE) -> float:
+def measured(name, result, scene=SCENE):
     return measure(f"quantity.{name}", scene, result)
 
 
-def with_step(result: ContactResult, number: int, **changes: object) -> ContactResult:
+def with_step(result, number, **changes):
     steps = list(result.steps)
     steps[number] = replace(steps[number], **changes)
     return replace(result, steps=tuple(steps))
 
 
-def too_large(name: str, number: int = -1) -> Wrong:
+def too_large(name, number=-1):
     """A figure of a load step that is 1 % too large."""
 
-    def wrong(result: ContactResult) -> ContactResult:
+    def wrong(result):
         known = dict(result.steps[number].quantities)
         return with_step(result, number, quantities=known | {name: 1.01 * known[name]})
 
     return wrong
 
 
-def shifted(name: str) -> Wrong:
+def shifted(name):
     """A field that is shifted against the others."""
     return lambda r: replace(r, fields={**r.fields, name: np.roll(r.fields[name], 3, 0)})
 
 
-def test_an_honest_result_holds_every_identity(honest) -> None:
+def test_an_honest_result_holds_every_identity(honest):
     for name in ("areas", "figures", "fields", "distribution"):
         # The open gap of an earlier load leaves out what the solver's tolerance lets overlap.
         assert measured(f"measured_{name}", honest) < (1e-8 if name == "figures" else 1e-12)
@@ -78,7 +76,7 @@ def test_an_honest_result_holds_every_identity(honest) -> None:
         ("measured_areas", lambda r: replace(r, steps=r.steps[::-1]), 0.1),
     ],
 )
-def test_what_is_wrong_shows(honest, quantity: str, wrong: Wrong, least: float) -> None:
+def test_what_is_wrong_shows(honest, quantity, wrong, least):
     assert abs(measured(quantity, wrong(honest)) - measured(quantity, honest)) > least
 
 
@@ -88,19 +86,19 @@ WAVY = Scene(Surface(0.1 * WAVE, (1.0,)), Material(1.0, 0.0, 4.0), Load(1.0))
 FLAT = {"heights": 0.1 * WAVE, "gap": -0.1 * WAVE, "displacement": 0 * WAVE}
 
 
-def answer(**fields: np.ndarray) -> ContactResult:
+def answer(**fields):
     figures = {"largest_pressure": 2.0, "mean_gap": 0.1 / math.pi}
     step = LoadStep(1.0, {"raw": Areas(0.5, 0.5, 0.0)}, quantities=figures)
     table = PressureDistribution(np.array([0.0, 1.0]), np.array([0.0, 0.5]))
     return ContactResult("bem", (step,), Provenance("known"), table, fields)
 
 
-def require(scores: dict[str, float], result: ContactResult) -> None:
+def require(scores, result):
     found = {name: measured(f"measured_{name}", result, WAVY) for name in scores}
     assert found == pytest.approx(scores, rel=1e-12)
 
 
-def test_wrong_answers_get_their_known_scores(honest) -> None:
+def test_wrong_answers_get_their_known_scores(honest):
     areas = dict(honest.steps[0].areas) | {"corrected": Areas(0.5, 0.1, 0.1)}
     assert measured("measured_areas", with_step(honest, 0, areas=areas)) == pytest.approx(0.3)
     scores = {"force": 0.02, "bounds": 0.51, "fields": 0.53 * C / RMS, "carried": -0.75}
@@ -109,7 +107,7 @@ def test_wrong_answers_get_their_known_scores(honest) -> None:
     require(scores, answer(pressure=np.ones(16), state=np.full(16, PLASTIC), **FLAT))
 
 
-def test_sign_of_the_gap_at_the_bounds() -> None:
+def test_sign_of_the_gap_at_the_bounds():
     """Without pressure nothing may stand above the flat, and under the hardness nothing below."""
     scene = replace(WAVY, load=Load(1e-5), material=Material(1.0, 0.0))
     crest, valley = (answer(pressure=16e-5 * (np.arange(16) == place)) for place in (0, 8))
@@ -119,7 +117,7 @@ def test_sign_of_the_gap_at_the_bounds() -> None:
     assert measured("measured_gap", valley, capped) > 2.7
 
 
-def test_the_certificate_of_forces_a_hundredth_too_large() -> None:
+def test_the_certificate_of_forces_a_hundredth_too_large():
     scene = rough_scene(8, 2, dimensions=1)
     path = solve_path(scene, law="elastic", certified=False)
     forces = (state := path.points[-1].state).forces
@@ -130,7 +128,7 @@ def test_the_certificate_of_forces_a_hundredth_too_large() -> None:
     assert found["certified_load"] == pytest.approx(0.01, rel=1e-6)
 
 
-def test_what_cannot_be_measured_is_refused_by_the_name_of_the_quantity(honest) -> None:
+def test_what_cannot_be_measured_is_refused_by_the_name_of_the_quantity(honest):
     first, second, last = honest.steps
     single = replace(SCENE, load=Load(0.012))
     back = replace(SCENE, load=Load((0.008, 0.01, 0.008)))

@@ -23,12 +23,12 @@ ROUGH = SelfAffine(SPECTRUM, (1.0, 1.0), (64, 64), seed=31).build()
 
 
 @pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 0.2)], ids=lambda b: b.kind)
-def test_the_stiffness_is_the_derivative_of_the_load_on_both_branches(body: Body) -> None:
+def test_the_stiffness_is_the_derivative_of_the_load_on_both_branches(body):
     """Finite differences over load changes that move no front are exact to 1e-6."""
     p, change = 0.005, 2e-6
     scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.06), Load(p), body)
 
-    def separation(*path: float) -> float:
+    def separation(*path):
         found = bem.solve(replace(scene, load=Load(path)), tolerance=1e-13)
         return found.final.quantities["mean_separation"]
 
@@ -40,7 +40,7 @@ def test_the_stiffness_is_the_derivative_of_the_load_on_both_branches(body: Body
     assert unloading > 1.02 * loading
 
 
-def test_what_can_carry_nothing_or_everything_and_what_is_refused() -> None:
+def test_what_can_carry_nothing_or_everything_and_what_is_refused():
     apart, full = (
         replace(bem.solve(STRIPS), fields={"state": np.full(16, state)})
         for state in (APART, ELASTIC)
@@ -70,7 +70,7 @@ def test_what_can_carry_nothing_or_everything_and_what_is_refused() -> None:
         (".... .... .... ....", [], False),
     ],
 )
-def test_patches_join_over_the_period(rows: str, areas: list[int], spans: bool) -> None:
+def test_patches_join_over_the_period(rows, areas, spans):
     mask = np.array([[c == "x" for c in row] for row in rows.split()])
     for turned in (mask, mask.T, np.roll(mask, (1, 2), (0, 1))):
         found = patches(turned)
@@ -78,7 +78,7 @@ def test_patches_join_over_the_period(rows: str, areas: list[int], spans: bool) 
         assert found.spans == spans
 
 
-def test_what_has_flowed_percolates_in_the_order_of_its_depth() -> None:
+def test_what_has_flowed_percolates_in_the_order_of_its_depth():
     """An unloaded contact percolates like the elastic one on the surface that it has left."""
     scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.03), Load((0.008, 0.001)))
     unloaded = bem.solve(scene, threads=1)
@@ -91,7 +91,7 @@ def test_what_has_flowed_percolates_in_the_order_of_its_depth() -> None:
     assert measure("quantity.contact_percolation", full, bem.solve(full, threads=1)) > 0.2
 
 
-def test_percolation_shares_of_a_line_and_of_noise() -> None:
+def test_percolation_shares_of_a_line_and_of_noise():
     """On independent sites of a square lattice joined over their sides the threshold is .5927."""
     assert percolation_share(np.arange(8.0)) == 1.0  # a line connects only if all of it touches
     assert not patches(np.arange(8) > 0).spans

@@ -4,8 +4,6 @@ They are this package's own: `epcontact run CASE --size large` makes each of the
 `results/CASE/large/METHOD.json`; here that file has one entry a line.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -25,7 +23,7 @@ assert len(CASES) >= 3
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_kept_results_are_of_their_case_and_hold_its_gates(name: str) -> None:
+def test_kept_results_are_of_their_case_and_hold_its_gates(name):
     case = load_case(find_case(name), "large")
     answers = {}
     for data in (data for data in KEPT if data["case"] == name):

@@ -1,11 +1,8 @@
 """Every input that is a number: numpy's are as good as Python's, and anything else is refused."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -60,7 +57,7 @@ OPTIONAL = {
 }
 
 
-def words(made: Any) -> str:
+def words(made):
     """Return what was made, with the types of its numbers, and without times and memory."""
     if hasattr(made, "provenance"):
         return repr((made.steps, made.provenance.scene, made.provenance.options))
@@ -71,11 +68,11 @@ def words(made: Any) -> str:
     ("make", "values", "name"),
     [(make, values, name) for make, values in NUMBERS for name in values],
 )
-def test_a_number_is_of_any_kind_or_refused_by_name(make: Any, values: Any, name: str) -> None:
+def test_a_number_is_of_any_kind_or_refused_by_name(make, values, name):
     *others, good = values[name] if isinstance(values[name], tuple) else [values[name]]
     whole = isinstance(good, int)
 
-    def made(number: Any) -> Any:  # of several numbers the last is replaced
+    def made(number):  # of several numbers the last is replaced
         several = isinstance(values[name], tuple)
         return make(**values | {name: (*others, number) if several else number})
 
@@ -112,7 +109,7 @@ def test_a_number_is_of_any_kind_or_refused_by_name(make: Any, values: Any, name
         (lambda: verify("bearing-area", precision="half"), "precision is 'half', .* of single, d"),
     ],
 )
-def test_other_arguments(call: Any, sentence: str, tmp_path: Path, monkeypatch: Any) -> None:
+def test_other_arguments(call, sentence, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(EpcontactError, match=sentence):
         call()

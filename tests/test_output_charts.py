@@ -1,7 +1,5 @@
 """Charts: the numbers drawn are the numbers given, and the pictures are fit to be read."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools
@@ -9,7 +7,6 @@ import math
 import os
 import re
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -24,7 +21,6 @@ from PIL import Image
 from epcontact.errors import OutputError
 from epcontact.harness.answers.pictures import theory_densities
 from epcontact.output.charts import curves, maps
-from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.plot import Plot, draw_table, observed_order, pareto_front
 from epcontact.output.charts.style import PART_COLOURS, SETTINGS, STATE_NAMES, unit_for
 from epcontact.results import (
@@ -43,25 +39,25 @@ SIGMA = np.linspace(0, 1.5e11, 80)
 PLOT = Plot(x=("cost_s", "cost (s)"), y=("error", "error (–)"), log="xy")
 
 
-def table_of(**series: Any) -> pd.DataFrame:
+def table_of(**series):
     """One row a point of the series, each given as its costs and errors."""
     return pd.concat(
         pd.DataFrame({"series": name, "cost_s": x, "error": y}) for name, (x, y) in series.items()
     )
 
 
-def lines_of(table: pd.DataFrame, **changes: Any) -> dict[str, Any]:
+def lines_of(table, **changes):
     figure = draw_table(table, replace(PLOT, **changes), "A caption.").figure
     return {line.get_label(): line for line in figure.axes[0].lines}
 
 
-def answer(method: str, scale: float) -> ContactResult:
+def answer(method, scale):
     table = PressureDistribution(SIGMA, scale * np.sin(SIGMA / 3e11 * np.pi) ** 2, scale)
     step = LoadStep(1.25e10, {}, quantities={"diffusion": 4.2e21})
     return ContactResult(method, (step,), Provenance("x"), table)
 
 
-def make_map(kind: str) -> Chart:
+def make_map(kind):
     """One round contact away from the middle: from above, against another, in profile."""
     shape = (80,) if kind == "profile" else (60, 90)
     around = np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij")
@@ -75,7 +71,7 @@ def make_map(kind: str) -> Chart:
     return maps.contact_map(state, pressure, SPACING, hardness=1.5e11)
 
 
-def make_stability() -> Chart:
+def make_stability():
     effort = np.random.default_rng(20260721).integers(5, 900, (7, 5)).astype(float)
     effort[4:, 3:] = np.nan
     axes = (np.linspace(0.04, 0.67, 7), np.geomspace(0.2, 1.2, 5))
@@ -84,13 +80,13 @@ def make_stability() -> Chart:
     return maps.stability_map(methods, *axes, labels=labels, count="FFT pairs", caption="Map.")
 
 
-def make_distribution() -> Chart:
+def make_distribution():
     found = {"persson": [answer("persson", 0.06)], "bem": [answer("bem", a) for a in (0.05, 0.07)]}
     theory = theory_densities(found, HARDNESS)
     return curves.pressure_distribution(found, hardness=HARDNESS, theory=theory)
 
 
-def make_curves() -> Chart:
+def make_curves():
     """Axes of little more than a decade, where matplotlib labels minor ticks; bounds; uprights."""
     q = np.geomspace(3, 60, 6)
     table = table_of(bem=(q, 1 / q), analytic=(q, 1 / q), limit=([60], [0.1]))
@@ -110,12 +106,12 @@ MAKERS = {
 }
 
 
-def misplaced(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
+def misplaced(figure, monkeypatch):
     """Texts that are cut off and pairs that overlap; one pixel is the rounding of the layout."""
     boxes: list[tuple[str, Any]] = []
     draw = mpl.text.Text.draw
 
-    def recording(self: Any, renderer: Any) -> None:  # of the texts that are really drawn
+    def recording(self, renderer):  # of the texts that are really drawn
         if self.get_visible() and self.get_text().strip():
             boxes.append((self.get_text(), self.get_window_extent(renderer).padded(-0.5)))
         draw(self, renderer)
@@ -131,9 +127,7 @@ def misplaced(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, .
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_a_chart_can_be_read_and_is_the_same_four_files_again(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_chart_can_be_read_and_is_the_same_four_files_again(name, tmp_path, monkeypatch):
     chart = MAKERS[name]()
     labels = {a for each in chart.figure.axes for a in (each.get_xlabel(), each.get_ylabel())}
     assert all(re.search(r"\(.+\)", label) for label in labels - {""}), "an axis has no unit"
@@ -149,7 +143,7 @@ def test_a_chart_can_be_read_and_is_the_same_four_files_again(
     assert [len(row) for row in rows] == [len(chart.header)] * (len(chart.rows) + 1)
 
 
-def test_all_files_or_none_and_every_digit(tmp_path: Path) -> None:
+def test_all_files_or_none_and_every_digit(tmp_path):
     chart = curves.residual_history({"bem": [1 / 3, math.pi, math.e]})
     rows = list(csv.reader(io.StringIO(chart.csv())))[1:]
     assert [float(row[2]) for row in rows] == [1 / 3, math.pi, math.e]
@@ -159,7 +153,7 @@ def test_all_files_or_none_and_every_digit(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["x.csv"]
 
 
-def test_matplotlib_is_left_as_it_was() -> None:
+def test_matplotlib_is_left_as_it_was():
     code = (
         "import sys, matplotlib as mpl; mpl.rcParams['font.size'] = 33.0;"
         "from epcontact.output.charts.curves import *;"
@@ -170,7 +164,7 @@ def test_matplotlib_is_left_as_it_was() -> None:
     assert python("-c", code).returncode == 0
 
 
-def test_intervals_wider_than_all_differences_are_said() -> None:
+def test_intervals_wider_than_all_differences_are_said():
     table = table_of(**{"E* xi / sigma_Y = 5": ([1.0, 2.0, 3.0], [1.0, 1.1, 1.05])})
     plot = Plot(("cost_s", "E* xi / sigma_Y (–)"), ("error", "y (–)"))
     for width, said in ((0.5, True), (0.03125, False)):
@@ -184,14 +178,14 @@ def test_intervals_wider_than_all_differences_are_said() -> None:
         assert chart.rows[0] == ("E* xi / sigma_Y = 5", 1.0, 1.0, 1 - width, 1 + width)  # plain
 
 
-def test_the_front_has_neither_curves_nor_points_behind_an_exact_one() -> None:
+def test_the_front_has_neither_curves_nor_points_behind_an_exact_one():
     table = table_of(a=([1, 5], [0.1, 0.0]), b=([3, 9], [0.01, 0.001]), flat=([1, 4], [0.01, 0.01]))
     lines = lines_of(table, front=True, orders=["b"], styles={"flat": "curve"})
     assert np.array_equal(lines["Pareto front"].get_xydata(), [[1, 0.1], [3, 0.01]])
     assert {"a", "b: order 2.10", "flat"} <= lines.keys()
 
 
-def test_series_of_one_group_share_their_colour_and_have_their_style() -> None:
+def test_series_of_one_group_share_their_colour_and_have_their_style():
     table = table_of(theory=([1, 2], [1, 2]), bem=([1, 2], [1, 3]), limit=([0.5], [1]))
     table["part"] = "plastic"
     table["style"] = table["series"].map({"theory": "curve", "bem": "marks", "limit": "open"})
@@ -203,7 +197,7 @@ def test_series_of_one_group_share_their_colour_and_have_their_style() -> None:
     assert (marks.get_linestyle(), limit.get_fillstyle()) == ("None", "none")
 
 
-def test_methods_keep_their_colours_and_others_do_not_borrow_them() -> None:
+def test_methods_keep_their_colours_and_others_do_not_borrow_them():
     names = ("fem", "raw", "bem corrected", "other", "persson, equation (3)")
     lines = lines_of(table_of(**dict.fromkeys(names, ([1, 2], [1, 2]))))
     assert len({line.get_color() for line in lines.values()}) == 5
@@ -216,7 +210,7 @@ def test_methods_keep_their_colours_and_others_do_not_borrow_them() -> None:
 
 @given(st.lists(st.tuples(st.floats(1e-3, 1e3), st.floats(0, 1)), min_size=1, max_size=30))
 @settings(deadline=None)
-def test_nothing_beats_the_pareto_front(points: list[tuple[float, float]]) -> None:
+def test_nothing_beats_the_pareto_front(points):
     front = [*map(tuple, pareto_front(*zip(*points, strict=True)).tolist())]
     beaten = {p for p in points for a, b in points if a <= p[0] and b <= p[1] and (a, b) != p}
     assert front == sorted({*points} - beaten)
@@ -224,7 +218,7 @@ def test_nothing_beats_the_pareto_front(points: list[tuple[float, float]]) -> No
 
 @given(order=st.floats(-4, 4), factor=st.floats(1e-6, 1e6))
 @settings(deadline=None)
-def test_the_order_of_a_power_law_is_its_exponent(order: float, factor: float) -> None:
+def test_the_order_of_a_power_law_is_its_exponent(order, factor):
     h = np.array([0.5, 0.25, 0.1, 0.01, 0.0])
     error = np.array([*(factor * h[:4] ** order), 1.0])
     assert observed_order(h, error) == pytest.approx(order, abs=1e-9)
@@ -234,7 +228,7 @@ def test_the_order_of_a_power_law_is_its_exponent(order: float, factor: float) -
 
 @given(pressures=st.lists(st.floats(0, 1e9), min_size=2, max_size=50), bins=st.integers(1, 80))
 @settings(deadline=None)
-def test_the_density_sums_up_to_the_elastic_area(pressures: list[float], bins: int) -> None:
+def test_the_density_sums_up_to_the_elastic_area(pressures, bins):
     """The sum holds where many points share one pressure, a step of the cumulative area, too."""
     sigma = np.append(np.sort(pressures), 1e9)
     cumulative = np.linspace(0.01, 0.4, sigma.size)
@@ -244,7 +238,7 @@ def test_the_density_sums_up_to_the_elastic_area(pressures: list[float], bins: i
     assert np.all((centres > 0) & (centres < 1e9))
 
 
-def test_the_density_of_a_smooth_distribution_converges() -> None:
+def test_the_density_of_a_smooth_distribution_converges():
     """Cumulative sin^2 has the density sin(2x); the error is asymptotically h^2/24 max|f''|."""
     sigma, errors = np.linspace(0, 1, 20001), []
     for bins in (20, 40):
@@ -254,10 +248,10 @@ def test_the_density_of_a_smooth_distribution_converges() -> None:
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
 
 
-def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula() -> None:
+def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula():
     chart = make_distribution()
     rows = pd.DataFrame(chart.rows).groupby(0, sort=False)[2].apply(list)
-    _, density = curves.pressure_density(answer("bem", 0.06).distribution)  # type: ignore[arg-type]
+    _, density = curves.pressure_density(answer("bem", 0.06).distribution)
     assert rows["bem"] == pytest.approx(density, rel=1e-12)
     G, p0, lines = 4.2e21, 1.25e10, {e.get_label(): e for e in chart.figure.axes[0].lines}
     x, y = (np.asarray(v) for v in lines["persson without hardness"].get_data())
@@ -270,7 +264,7 @@ def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula() ->
     assert y == pytest.approx(capped, rel=1e-9, abs=1e-12 * capped.max())
 
 
-def test_the_legend_has_the_colours_of_the_map() -> None:
+def test_the_legend_has_the_colours_of_the_map():
     state = np.full((60, 40), APART)
     state[5:25, 5:15], state[35:55, 25:35] = ELASTIC, PLASTIC
     places = {APART: (30, 4), ELASTIC: (15, 20), PLASTIC: (45, 60)}  # in µm, x to the right, y up
@@ -288,7 +282,7 @@ def test_the_legend_has_the_colours_of_the_map() -> None:
         assert np.array_equal(*(pixels[int(y), int(x)] for x, y in (middle, shown)))
 
 
-def test_units_read_well_and_an_empty_chart_is_refused() -> None:
+def test_units_read_well_and_an_empty_chart_is_refused():
     lengths, pressures = (2.5e-4, 3e-9, 1e-10, 1500.0), (1.5e11, 0.0, math.inf)
     assert [unit_for(v, "m")[1] for v in lengths] == ["µm", "nm", "nm", "m"]
     assert [unit_for(v, "Pa") for v in pressures] == [(1e9, "GPa"), (1.0, "Pa"), (1.0, "Pa")]

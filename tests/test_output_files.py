@@ -3,8 +3,6 @@
 Views are drawn without noise, from files alone; what cannot be drawn is refused in one sentence.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import itertools
 import math
@@ -22,7 +20,7 @@ from PIL import Image, ImageSequence
 
 from epcontact.errors import OutputError
 from epcontact.output import drawing, view
-from epcontact.output.vtk import FieldFile, read_fields, write_fields, write_image
+from epcontact.output.vtk import read_fields, write_fields, write_image
 from epcontact.results import APART, ELASTIC, PLASTIC, Areas, ContactResult, LoadStep, Provenance
 from epcontact.scene import Surface
 
@@ -33,7 +31,7 @@ HARDNESS = 5e8
 PERIODS = (6e-6, 2e-4)
 
 
-def asymmetric(shape: tuple[int, ...]) -> ContactResult:
+def asymmetric(shape):
     """Fields that no transposition, reflection or shift maps on themselves."""
     heights = 1e-6 * np.random.default_rng(20260721).standard_normal(shape)
     pressure = np.clip(heights * 1e15, 0, HARDNESS)
@@ -46,14 +44,14 @@ def asymmetric(shape: tuple[int, ...]) -> ContactResult:
     return ContactResult("bem", (step,), made, fields=fields)
 
 
-def write(path: Path, result: ContactResult, *rest: Any, **options: Any) -> FieldFile:
+def write(path, result, *rest, **options):
     """Write a result, and read it back."""
     heights = result.fields.get("heights", np.eye(5, 3))
     write_fields(path, result, Surface(heights, PERIODS[: heights.ndim], seed=7), *rest, **options)
     return read_fields(path)
 
 
-def test_every_value_is_at_its_place_in_single_and_double_precision(tmp_path: Path) -> None:
+def test_every_value_is_at_its_place_in_single_and_double_precision(tmp_path):
     result = asymmetric((6, 100))  # more columns than are copied at a time
     path = tmp_path / "out" / "bem.vti"
     single = write(path, result, {"hardness": HARDNESS})
@@ -74,7 +72,7 @@ def test_every_value_is_at_its_place_in_single_and_double_precision(tmp_path: Pa
     assert single.periods == pytest.approx(PERIODS, rel=1e-15)
 
 
-def test_the_file_says_where_it_comes_from_and_what_was_computed(tmp_path: Path) -> None:
+def test_the_file_says_where_it_comes_from_and_what_was_computed(tmp_path):
     result = asymmetric((6, 4))
     about = {
         "young_modulus": {"value": 2e11, "unit": "Pa", "meaning": "E"},
@@ -98,7 +96,7 @@ def test_the_file_says_where_it_comes_from_and_what_was_computed(tmp_path: Path)
     assert read.units == of_fields | of_figures
 
 
-def test_spacing_and_numbers_keep_every_bit(tmp_path: Path) -> None:
+def test_spacing_and_numbers_keep_every_bit(tmp_path):
     spacing = (2.513274e-4 / 1024, math.pi * 1e-7)
     attributes = {"third": 1 / 3, "inf": math.inf, "big": 2**100, "seed": 2**62 + 1, "empty": "",
                   '<a> & "b"': "<c> & 'd'"}  # fmt: skip
@@ -109,7 +107,7 @@ def test_spacing_and_numbers_keep_every_bit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("shape", [(6, 4), (7,)])
-def test_a_displacement_that_follows_from_the_rest_is_left_out(shape: Any, tmp_path: Path) -> None:
+def test_a_displacement_that_follows_from_the_rest_is_left_out(shape, tmp_path):
     result = asymmetric(shape)
     displacement = 0.7 * result.fields["heights"] - 3e-7  # under a flat
     result.fields["displacement"] = displacement
@@ -120,7 +118,7 @@ def test_a_displacement_that_follows_from_the_rest_is_left_out(shape: Any, tmp_p
     assert restored == pytest.approx(displacement, abs=1e-6 * np.ptp(displacement))
 
 
-def test_what_cannot_be_written(tmp_path: Path) -> None:
+def test_what_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("")
     for error, sentence, path, fields in (
         (OutputError, "bem gives no fields", "x.vti", {}),
@@ -133,7 +131,7 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
         assert os.listdir(tmp_path) == ["file"]
 
 
-def test_what_cannot_be_read(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_read(tmp_path, capfd):
     path = tmp_path / "x.vti"
     with pytest.raises(OutputError, match="no such file"):
         read_fields(path)
@@ -156,7 +154,7 @@ NO_WINDOW = {"VTK_DEFAULT_OPENGL_WINDOW": "vtkOSOpenGLRenderWindow"}
 
 
 @pytest.fixture(scope="session")
-def can_draw(tmp_path_factory: pytest.TempPathFactory) -> None:
+def can_draw(tmp_path_factory):
     folder = tmp_path_factory.mktemp("can-draw")
     try:
         view.screenshot(surface_file(folder / "x.vti"), folder / "x.png", size=(80, 40))
@@ -164,7 +162,7 @@ def can_draw(tmp_path_factory: pytest.TempPathFactory) -> None:
         pytest.skip(str(error))
 
 
-def surface_file(path: Path, radius: float = 0.3) -> Path:
+def surface_file(path, radius=0.3):
     """One round contact, black within yellow, left of the middle."""
     x, y = np.meshgrid(*(np.arange(n) / n for n in (80, 60)), indexing="ij")
     top = radius**2 - (x - 0.3) ** 2 - (y - 0.5) ** 2
@@ -175,7 +173,7 @@ def surface_file(path: Path, radius: float = 0.3) -> Path:
     return path
 
 
-def block_file(path: Path, load: float = 1.0) -> Path:
+def block_file(path, load=1.0):
     axis = np.linspace(0.0, 1e-5, 9)
     mesh = pv.RectilinearGrid(axis, axis, axis[::2] - 1e-5).cast_to_unstructured_grid()
     depth = np.exp(mesh.points[:, 2] / 3e-6)
@@ -186,20 +184,18 @@ def block_file(path: Path, load: float = 1.0) -> Path:
     return path
 
 
-def pixels(picture: Path) -> np.ndarray:
+def pixels(picture):
     with Image.open(picture) as image:
         return np.asarray(image.convert("RGB")).astype(int)
 
 
-def has(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
+def has(image, colour):
     """The pixels of a colour."""
     return np.abs(image - np.array(colour)).max(axis=2) < 12
 
 
 @pytest.mark.usefixtures("can_draw")
-def test_a_surface_shows_elastic_yellow_and_plastic_black(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_surface_shows_elastic_yellow_and_plastic_black(tmp_path, capfd):
     picture = tmp_path / "out" / "x.png"
     view.screenshot(surface_file(tmp_path / "bem.vti"), picture, size=(800, 400))
     image = pixels(picture)
@@ -212,7 +208,7 @@ def test_a_surface_shows_elastic_yellow_and_plastic_black(
     assert os.listdir(tmp_path / "out") == ["x.png"]
 
 
-def test_two_results_and_their_difference(tmp_path: Path) -> None:
+def test_two_results_and_their_difference(tmp_path):
     files = [surface_file(tmp_path / f"{n}.vti", r) for n, r in (("bem", 0.3), ("fem", 0.2))]
     view.compare(*files, tmp_path / "x.png")
     panels = np.array_split(pixels(tmp_path / "x.png"), 3, axis=1)
@@ -223,7 +219,7 @@ def test_two_results_and_their_difference(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("can_draw")
-def test_films_and_blocks_show_each_load_in_one_scale(tmp_path: Path) -> None:
+def test_films_and_blocks_show_each_load_in_one_scale(tmp_path):
     blocks = [block_file(tmp_path / f"{load}.vtu", load) for load in (3.0, 2.0, 1.0)]
     steps = "".join(f'<DataSet timestep="{-k}" file="{f.name}"/>' for k, f in enumerate(blocks))
     path = tmp_path / "fem.pvd"
@@ -246,7 +242,7 @@ def test_films_and_blocks_show_each_load_in_one_scale(tmp_path: Path) -> None:
             view.animate(surfaces, tmp_path / "x.mp4", size=(100, 50))
 
 
-def test_a_line_is_drawn_without_vtk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_is_drawn_without_vtk(tmp_path, monkeypatch):
     monkeypatch.setattr(drawing, "draw", lambda *_: pytest.fail("VTK was asked"))
     pressure = np.maximum(np.sin(np.arange(50) / 5), 0)
     fields = {"pressure": pressure, "gap": 1 - pressure, "state": np.ceil(2 * pressure)}
@@ -263,7 +259,7 @@ def test_a_line_is_drawn_without_vtk(tmp_path: Path, monkeypatch: pytest.MonkeyP
         ("screenshot('x.vti', 'x.png')", NO_WINDOW, "no display, EGL or OSM"),
     ],
 )
-def test_where_nothing_can_be_drawn(tmp_path: Path, call: str, told: Any, words: str) -> None:
+def test_where_nothing_can_be_drawn(tmp_path, call, told, words):
     """VTK would draw where nobody sees it, warn on the terminal, or crash without its libraries."""
     if told == NO_WINDOW and drawing.ctypes.util.find_library("OSMesa"):
         pytest.skip("OSMesa is installed")
@@ -293,7 +289,7 @@ REFUSED: list[tuple[Any, tuple[Any, ...], str]] = [
 ]
 
 
-def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     surface_file(tmp_path / "x.vti")
     write_image("line.vti", {"gap": np.ones(4)}, (1e-6,), {})
@@ -311,7 +307,7 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         assert view.find_result("bem.json").name == f"{name}.vti"
 
 
-def test_factors_are_round() -> None:
+def test_factors_are_round():
     values, rounded = [1.99, 4.99, 5, 37, 0.06, math.nan, 0.0], [1, 2, 5, 20, 0.05, 1, 1]
     assert [drawing.round_factor(v, 1.0) for v in values] == pytest.approx(rounded)
     assert drawing.round_factor(1.0, 0.0) == 1.0

@@ -1,7 +1,5 @@
 """The package as a whole: licence, types, libraries, and the paper's equations in it."""
 
-from __future__ import annotations
-
 import ast
 import sys
 import tomllib
@@ -25,7 +23,7 @@ SOURCES = {
 NODES = [(path, node) for path, text in SOURCES.items() for node in ast.walk(ast.parse(text))]
 
 
-def test_licence_and_types_are_inside_and_public_names_are_imported_when_asked_for() -> None:
+def test_licence_and_types_are_inside_and_public_names_are_imported_when_asked_for():
     assert all((ROOT / name / "py.typed").is_file() for name in ("epcontact", "fem_check"))
     assert (ROOT / PROJECT["license-files"][0]).read_text().startswith("MIT License")
     code = (
@@ -38,7 +36,7 @@ def test_licence_and_types_are_inside_and_public_names_are_imported_when_asked_f
         assert not hasattr(module, "Loads")
 
 
-def test_libraries_that_are_imported_are_declared_and_tested_at_their_floors() -> None:
+def test_libraries_that_are_imported_are_declared_and_tested_at_their_floors():
     imported = set()
     for _, node in NODES:
         if isinstance(node, ast.Import):
@@ -70,7 +68,7 @@ HOMES = {
 
 
 @pytest.mark.parametrize(("number", "home"), HOMES.items())
-def test_an_equation_has_one_home(number: str, home: str) -> None:
+def test_an_equation_has_one_home(number, home):
     """The function with the formula cites its number first; no other text in the product does."""
     (found,) = [
         f"{path} {node.name}"

@@ -1,7 +1,5 @@
 """Other solvers' answers, taken from their pressure alone."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import sys
@@ -24,13 +22,13 @@ FLOWS = Material(1e11, 0.3, yield_stress=2e9)
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
+def scene():
     spectrum = SelfAffineSpectrum(0.8, Q, 2 * Q, 8 * Q, 0.1)
     surface = SelfAffine(spectrum, (1e-3, 1e-3), (48, 48), seed=3).build()
     return Scene(surface, Material(1e11, 0.3, 6e9), Load(5e8))
 
 
-def test_what_follows_from_a_pressure_is_what_the_solver_says(scene) -> None:
+def test_what_follows_from_a_pressure_is_what_the_solver_says(scene):
     own = bem.solve(scene)
     found = peers.result_of(scene, own.fields["pressure"], "own")
     assert found.final.areas["raw"] == own.final.areas["raw"]
@@ -49,7 +47,7 @@ def test_what_follows_from_a_pressure_is_what_the_solver_says(scene) -> None:
 
 
 @pytest.mark.parametrize("solve", [peers.contact_mechanics, peers.tamaas])
-def test_peers_touch_where_the_boundary_elements_do(scene, solve) -> None:
+def test_peers_touch_where_the_boundary_elements_do(scene, solve):
     pytest.importorskip({"tamaas": "tamaas"}.get(solve.__name__, "ContactMechanics"))
     raw, own = solve(scene).final.areas["raw"], bem.solve(scene).final.areas["raw"]
     assert raw.total == pytest.approx(own.total, rel=1e-2)
@@ -63,12 +61,12 @@ def test_peers_touch_where_the_boundary_elements_do(scene, solve) -> None:
         ({"material": FLOWS, "body": Body("bonded_layer", 1e-3)}, "half-spaces"),
     ],
 )
-def test_scenes_that_peers_do_not_know_are_refused(scene, change, says) -> None:
+def test_scenes_that_peers_do_not_know_are_refused(scene, change, says):
     with pytest.raises(InvalidScene, match=says):
         peers.tamaas_j2(replace(scene, **change))
 
 
-def test_second_opinion_on_j2_flow() -> None:
+def test_second_opinion_on_j2_flow():
     pytest.importorskip("tamaas")
     spectrum = SelfAffineSpectrum(0.8, Q, Q, 2 * Q, 0.05)
     surface = SelfAffine(spectrum, (1e-3, 1e-3), (17, 17), seed=101).build()
@@ -82,7 +80,7 @@ def test_second_opinion_on_j2_flow() -> None:
 ONE_SURFACE = ("seeds = [3, 5, 7]", "seeds = [3]")
 
 
-def test_peer_is_gated_against_the_boundary_elements_or_skipped(write_case, tmp_path) -> None:
+def test_peer_is_gated_against_the_boundary_elements_or_skipped(write_case, tmp_path):
     peer = ('["persson", "bem"]', '["bem", "tamaas"]')
     gate = ('of = "bem"\nagainst = "persson"', 'of = "tamaas"\nagainst = "bem"')
     (case,) = verify(write_case(ONE_SURFACE, peer, gate), output=tmp_path, jobs=1).cases
@@ -94,7 +92,7 @@ def test_peer_is_gated_against_the_boundary_elements_or_skipped(write_case, tmp_
         assert case.answers["tamaas"].results[0].method == "tamaas"
 
 
-def test_solver_takes_the_place_of_bem_under_its_own_name(write_case, tmp_path) -> None:
+def test_solver_takes_the_place_of_bem_under_its_own_name(write_case, tmp_path):
     path, solver = write_case(ONE_SURFACE), "own=epcontact.bem:solve"
     verdict = verify(path, solver=solver, output=tmp_path, jobs=1)
     (case,) = verdict.cases
@@ -104,7 +102,7 @@ def test_solver_takes_the_place_of_bem_under_its_own_name(write_case, tmp_path) 
     assert {file.name for file in tmp_path.rglob("fast/*.json")} == {"own.json", "persson.json"}
 
 
-def test_entry_points_are_methods(tmp_path) -> None:
+def test_entry_points_are_methods(tmp_path):
     about = tmp_path / "other-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")

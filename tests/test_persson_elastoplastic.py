@@ -1,7 +1,5 @@
 """The closed forms against arbitrary precision, exact identities, limits and the paper."""
 
-from __future__ import annotations
-
 import math
 
 import mpmath as mp

@@ -1,7 +1,5 @@
 """The theory of a scene: answers, refusals, curves, energy reduction, separation, moving wall."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any
@@ -27,7 +25,6 @@ from epcontact.persson import (
 from epcontact.persson.hardness import StressState, evolve
 from epcontact.persson.reduction import reduced_diffusion
 from epcontact.persson.separation import elastic_energy, flattened_roughness, mean_separation
-from epcontact.results import ContactResult
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
 from epcontact.surfaces.spectrum import density, spectral_moment
@@ -55,15 +52,15 @@ PUBLISHED = {
 LOCAL = [r for r in PUBLISHED if r.rule in ("persson", "wang_muser")]
 
 
-def body(roughness: Any, hardness: float = math.inf, rule: Any = "constant") -> Theory:
+def body(roughness, hardness=math.inf, rule="constant"):
     return Theory(roughness, MODULUS, EnergyReduction(GAMMA, rule), hardness)
 
 
-def model(bands: int = 512, hardness: float = math.inf) -> Theory:
+def model(bands=512, hardness=math.inf):
     return body(analytic_roughness(WIDE, bands), hardness)
 
 
-def law(zeta: Any) -> Any:
+def law(zeta):
     return 100e9 * zeta**0.15
 
 
@@ -72,11 +69,11 @@ OWN = body(roughness_of(SelfAffine(LINE, (PERIOD, PERIOD), (128, 128), 4).build(
 STATE = (mean_separation, elastic_energy)
 
 
-def solve(scene: Scene = SCENE, **options: Any) -> ContactResult:
+def solve(scene=SCENE, **options):
     return persson.solve(scene, **{"energy_reduction": GAMMA} | options)
 
 
-def test_a_scene_has_the_areas_of_the_closed_form_and_its_distribution_carries_the_load() -> None:
+def test_a_scene_has_the_areas_of_the_closed_form_and_its_distribution_carries_the_load():
     result = solve()
     for step, pressure in zip(result.steps, (2e9, 12.5e9), strict=True):
         exact = areas(GAMMA * MODULUS**2 / 8, pressure, 150e9)
@@ -95,7 +92,7 @@ def test_a_scene_has_the_areas_of_the_closed_form_and_its_distribution_carries_t
     assert_allclose(middle @ np.diff(table.cumulative) + 150e9 * table.plastic, 12.5e9, rtol=2e-6)
 
 
-def test_options_change_the_answer_and_a_surface_of_exact_slope_does_not() -> None:
+def test_options_change_the_answer_and_a_surface_of_exact_slope_does_not():
     base, own = solve().final, solve(spectrum="surface").final
     contact = base.areas["raw"].elastic
     for options, least in (({"energy_reduction": 0.6}, 0.1), ({"reduction": "persson"}, 0.01)):
@@ -105,7 +102,7 @@ def test_options_change_the_answer_and_a_surface_of_exact_slope_does_not() -> No
     assert_allclose(base.quantities["mean_gap"], own.quantities["mean_gap"], rtol=0.1)
 
 
-def test_a_flat_surface_is_in_full_contact_at_the_mean_pressure() -> None:
+def test_a_flat_surface_is_in_full_contact_at_the_mean_pressure():
     flat = Scene(Surface(np.zeros((8, 8)), (1.0, 1.0)), METAL, Load(1e9))
     result = solve(flat, spectrum="surface")
     assert (result.final.areas["raw"].elastic, result.final.quantities["mean_gap"]) == (1, 0)
@@ -126,17 +123,17 @@ def test_a_flat_surface_is_in_full_contact_at_the_mean_pressure() -> None:
         ({}, {"spectrum": "wrong"}, "'analytic'"),
     ],
 )
-def test_scenes_and_options_that_are_refused(change: Any, options: Any, words: str) -> None:
+def test_scenes_and_options_that_are_refused(change, options, words):
     with pytest.raises(InvalidScene, match=words):
         solve(replace(SCENE, **change), **options)
 
 
 @pytest.fixture
-def theory() -> Theory:
+def theory():
     return Theory.of_scene(SCENE, energy_reduction=GAMMA)
 
 
-def test_the_magnification_curve_begins_and_ends_right(theory: Theory) -> None:
+def test_the_magnification_curve_begins_and_ends_right(theory):
     curve = theory.magnification_curve(12.5e9)
     final = solve().final.areas["raw"]
     assert (curve.magnification.size, curve.total[0], curve.diffusion[0]) == (1000, 1, 0)
@@ -149,7 +146,7 @@ def test_the_magnification_curve_begins_and_ends_right(theory: Theory) -> None:
         theory.magnification_curve(12.5e9, [0.5])
 
 
-def test_a_pressure_curve_at_a_magnification(theory: Theory) -> None:
+def test_a_pressure_curve_at_a_magnification(theory):
     curve, at_four = theory.pressure_curve(12.5e9, 4.0), theory.magnification_curve(12.5e9, [4.0])
     ends = [curve.cumulative[-1], curve.plastic]
     assert_allclose(ends, [at_four.elastic[0], at_four.plastic[0]], rtol=1e-12)
@@ -159,7 +156,7 @@ def test_a_pressure_curve_at_a_magnification(theory: Theory) -> None:
 
 
 @pytest.mark.parametrize("reduction", PUBLISHED, ids=lambda r: r.rule)
-def test_a_rule_at_its_ends(reduction: EnergyReduction) -> None:
+def test_a_rule_at_its_ends(reduction):
     assert_allclose(reduction.factor(0.5), PUBLISHED[reduction], rtol=1e-14)
     assert_allclose(reduction.factor(0.0), reduction.gamma)
     assert reduced_diffusion(reduction, 0.0, 1.0) == 0
@@ -174,10 +171,10 @@ def test_a_rule_at_its_ends(reduction: EnergyReduction) -> None:
 
 @pytest.mark.parametrize("reduction", LOCAL, ids=lambda r: r.rule)
 @pytest.mark.parametrize("hardness", [math.inf, 150.0])
-def test_the_differential_rules_solve_their_equation(reduction: Any, hardness: float) -> None:
+def test_the_differential_rules_solve_their_equation(reduction, hardness):
     """int_0^G dG' / S(A(G')) = tau, by an adaptive quadrature; the stepping is of sixth order."""
 
-    def rate(log_g: float) -> float:
+    def rate(log_g):
         G = math.exp(log_g)
         return G / float(reduction.factor(areas(G, 12.5, hardness).total))
 
@@ -195,13 +192,13 @@ def test_the_differential_rules_solve_their_equation(reduction: Any, hardness: f
 
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(st.floats(-6, 8), st.floats(0.05, 1.0), st.floats(0.01, 4) | st.just(math.inf))
-def test_the_whole_band_rule_solves_its_equation(log_tau: float, gamma: float, wall: float) -> None:
+def test_the_whole_band_rule_solves_its_equation(log_tau, gamma, wall):
     G = reduced_diffusion(EnergyReduction(gamma, "xu"), 10.0**log_tau, 1.0, 10.0**wall)
     A = areas(G, 1.0, 10.0**wall).total
     assert_allclose(G, (gamma + (1 - gamma) * A) * 10.0**log_tau, rtol=1e-11)
 
 
-def test_no_gamma_has_both_areas_of_the_paper_s_boundary_elements() -> None:
+def test_no_gamma_has_both_areas_of_the_paper_s_boundary_elements():
     """The elastoplastic ones, .0533 of them elastic, and .1002 of the elastic body (Table 1)."""
     columns = persson.gamma_columns(TAU, 12.5, 150.0, np.linspace(0.4, 0.8, 401))
     elastic_fit = np.argmin(np.abs(columns["elastic_body_area"] - 0.1002))
@@ -215,7 +212,7 @@ def test_no_gamma_has_both_areas_of_the_paper_s_boundary_elements() -> None:
             reduced_diffusion(LOCAL[0], tau, 2.0, 2.0)
 
 
-def test_full_contact_stores_the_exact_energy_and_the_load_s_work_is_stored() -> None:
+def test_full_contact_stores_the_exact_energy_and_the_load_s_work_is_stored():
     """(pi/2) E* int q^2 C dq, and no gap is left; dU_el = -p d(ubar) on the way."""
     exact, _ = quad(lambda q: q**2 * density(WIDE, q), 2.5e4, 16e5, points=[1e5], limit=200)
     assert_allclose(elastic_energy(model(), 1e13), 0.5 * math.pi * MODULUS * exact, rtol=1e-6)
@@ -225,7 +222,7 @@ def test_full_contact_stores_the_exact_energy_and_the_load_s_work_is_stored() ->
     assert_allclose(-2.01e9 * approach, stored, rtol=1e-4)
 
 
-def test_separation_of_one_wave_number_is_the_published_integral() -> None:
+def test_separation_of_one_wave_number_is_the_published_integral():
     """A narrow band at q has ubar = sqrt(pi) q^2 C dq w int_p^inf (dp'/p') [...] e^{-(w p'/E*)^2}.
 
     Written for a step of the spectrum: half of its energy density is at G(x), 0 < x < 1 of its
@@ -234,7 +231,7 @@ def test_separation_of_one_wave_number_is_the_published_integral() -> None:
     narrow = SelfAffineSpectrum(0.8, 1e5, 1e5, 1.0001e5, 0.1)
     p, made = 2e9, body(analytic_roughness(narrow, 1024))
 
-    def rate(pressure: float, x: float) -> float:
+    def rate(pressure, x):
         spread = 2 * math.sqrt(x * MODULUS**2 * 0.01 / 8)
         A = erf(pressure / spread)
         slope = 2 / math.sqrt(math.pi) / spread * math.exp(-((pressure / spread) ** 2))
@@ -245,7 +242,7 @@ def test_separation_of_one_wave_number_is_the_published_integral() -> None:
     assert_allclose(mean_separation(made, p), energy * share, rtol=2e-4)  # width of the band
 
 
-def test_orders_of_the_separation() -> None:
+def test_orders_of_the_separation():
     """Four in the steps of the load, two in the bands."""
     made = model(64)
     exact = mean_separation(made, 5e9, 128)
@@ -259,7 +256,7 @@ def test_orders_of_the_separation() -> None:
     assert by_bands[-1] < 5e-5 * values[-1]  # the default
 
 
-def test_small_loads_part_the_surfaces_logarithmically() -> None:
+def test_small_loads_part_the_surfaces_logarithmically():
     """Yang and Persson's law: between two decades of pressure the separation falls alike."""
     drop = -np.diff([mean_separation(model(), p) for p in (1e3, 1e4, 1e5)])
     assert_allclose(drop[0], drop[1], rtol=1e-4)
@@ -267,7 +264,7 @@ def test_small_loads_part_the_surfaces_logarithmically() -> None:
     assert 0.2 < drop[0] / math.log(10) / height < 1.0  # u_0 of about h_rms / 2
 
 
-def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first() -> None:
+def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first():
     p, made = 12.5e9, model(128, 75e9)
     gaps = [mean_separation(model(128, h), p) for h in (math.inf, 150e9, 75e9, 40e9)]
     assert np.all(np.diff(gaps) < 0)
@@ -289,7 +286,7 @@ def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first() ->
 
 
 @pytest.mark.parametrize("kappa", [0.5, 2.0])
-def test_the_self_similar_solution_with_second_order(kappa: float) -> None:
+def test_the_self_similar_solution_with_second_order(kappa):
     """A wall at Y = sqrt(2 kappa G): Q = (Y_0/Y) x exp(-kappa x^2/2), A_pl = Q(1) / kappa.
 
     It solves dQ/dG = d/dx (Q'/Y^2 + (Y'/Y) x Q) with Q(0) = 0, Q(1) = Y Y' A_pl = kappa A_pl and
@@ -310,7 +307,7 @@ def test_the_self_similar_solution_with_second_order(kappa: float) -> None:
     assert errors[-1] < 1e-4
 
 
-def test_constant_hardness_is_the_closed_form() -> None:
+def test_constant_hardness_is_the_closed_form():
     found = hardness_curve(ROUGH, 12.5e9, lambda z: np.full(z.shape, 150e9))
     curve = replace(ROUGH, hardness=150e9).magnification_curve(12.5e9, found.areas.magnification)
     assert_allclose(found.areas.elastic, curve.elastic, rtol=0, atol=1e-6)
@@ -318,7 +315,7 @@ def test_constant_hardness_is_the_closed_form() -> None:
     assert found.force_error < 1e-10
 
 
-def test_a_growing_hardness_converges_with_second_order_and_keeps_the_force() -> None:
+def test_a_growing_hardness_converges_with_second_order_and_keeps_the_force():
     sizes = [(n, n // 2) for n in (128, 256, 512, 1024)]
     found = [hardness_curve(ROUGH, 12.5e9, law, [16.0, 256.0], size) for size in sizes]
     for name in ("elastic", "plastic"):
@@ -335,7 +332,7 @@ def test_a_growing_hardness_converges_with_second_order_and_keeps_the_force() ->
     assert max(f.force_error for f in (*found, kink, own)) < 1e-10
 
 
-def test_a_growing_hardness_leaves_less_plastic_area_than_its_own_value_kept_throughout() -> None:
+def test_a_growing_hardness_leaves_less_plastic_area_than_its_own_value_kept_throughout():
     """The lower caps passed on the way left less spread of the pressures, d<p^2> = 2 A_el dG.
 
     The pressures are a martingale under either wall; the one that was capped earlier is the
@@ -368,6 +365,6 @@ def test_a_growing_hardness_leaves_less_plastic_area_than_its_own_value_kept_thr
         (body(ROUGH.roughness, rule="persson"), law, (), "must be constant"),
     ],
 )
-def test_hardnesses_that_are_refused(theory: Theory, hardness: Any, more: Any, words: str) -> None:
+def test_hardnesses_that_are_refused(theory, hardness, more, words):
     with pytest.raises(InvalidScene, match=words):
         hardness_curve(theory, 12.5e9, hardness, *more)

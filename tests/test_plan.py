@@ -1,7 +1,5 @@
 """Plans: the rule by which a model is chosen, that promises hold, and that plans are cheaper."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -15,28 +13,28 @@ from epcontact.harness.case_files.case import load_case
 from epcontact.planning import achieved_error, auto_case, finer_case, grids, pilots, plan
 from epcontact.planning import planned_case as planned
 from epcontact.reference import CLOSED_FORMS
-from epcontact.results import Areas, ContactResult
+from epcontact.results import Areas
 from epcontact.surfaces import HeightsFromArray, Sinusoid
 
 
-def solved(case) -> Answer:
+def solved(case):
     options = case.options["bem"]
     results = [bem.solve(case.scene(r), threads=1, **options) for r in case.recipes]
     return Answer(tuple(results), tuple(f"seed{i}" for i in range(len(results))))
 
 
-def with_areas(result, corrected: float, error: float) -> ContactResult:
+def with_areas(result, corrected, error):
     """A result with other areas in contact, none of them plastic."""
     areas = {"corrected": Areas(corrected, 0.0, 0.0), "error": Areas(error, 0.0, 0.0)}
     areas = result.final.areas | areas
     return replace(result, steps=(replace(result.final, areas=areas),))
 
 
-def mean_total(answer: Answer) -> float:
+def mean_total(answer):
     return float(np.mean([r.final.areas["corrected"].total for r in answer.results]))
 
 
-def true_total(case) -> float:
+def true_total(case):
     """The area of a closed form, or that of the case's own fine grid."""
     gates = (g.against for g in case.gates if g.quantity == "area.total.corrected")
     scene, against = case.scene(case.recipes[0]), next(gates, "")
@@ -45,7 +43,7 @@ def true_total(case) -> float:
     return bem.solve(scene, area_tolerance=1e-4).final.areas["corrected"].total
 
 
-def pilot(n: int, error: float, total: float = 0.1) -> pilots.Pilot:
+def pilot(n, error, total=0.1):
     return pilots.Pilot((n, n), Areas(total, 0.06, 0.04), error, 1.0, 30.0 * n**2)
 
 

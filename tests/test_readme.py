@@ -1,7 +1,5 @@
 """Every command and code block of the README runs, and every example in a docstring."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import os
@@ -31,12 +29,12 @@ README = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", README, re.M | re.S)
 
 
-def blocks(language: str) -> list[str]:
+def blocks(language):
     return [text for found, text in BLOCKS if found == language]
 
 
 @pytest.fixture(scope="module")
-def home(tmp_path_factory) -> Path:
+def home(tmp_path_factory):
     """A folder with the case file and the solver that the README shows."""
     folder = tmp_path_factory.mktemp("readme")
     case, _ = [text for text in blocks("toml") if "[surface]" in text]
@@ -46,7 +44,7 @@ def home(tmp_path_factory) -> Path:
     return folder
 
 
-def run(command: list[str], folder: Path, timeout: float = 280) -> str:
+def run(command, folder, timeout=280):
     scripts = str(Path(sys.executable).parent)
     environment = os.environ | {"PATH": scripts + os.pathsep + os.environ["PATH"]}
     done = subprocess.run(
@@ -57,14 +55,14 @@ def run(command: list[str], folder: Path, timeout: float = 280) -> str:
     return done.stdout
 
 
-def test_the_readme_is_short_names_every_command_and_holds_blocks_that_are_tested() -> None:
+def test_the_readme_is_short_names_every_command_and_holds_blocks_that_are_tested():
     assert len(README.splitlines()) < 200
     assert [c for c in COMMANDS if f"`epcontact {c}" not in README] == []
     assert {language for language, _ in BLOCKS} == {"bash", "python", "toml", "yaml"}
 
 
 @pytest.mark.slow
-def test_main_job_from_a_clean_checkout(tmp_path) -> None:
+def test_main_job_from_a_clean_checkout(tmp_path):
     """The first command, to the letter, in a copy of what git tracks."""
     copy = ["git", "checkout-index", "--all", f"--prefix={tmp_path}/"]
     subprocess.run(copy, cwd=ROOT, check=True)
@@ -76,7 +74,7 @@ def test_main_job_from_a_clean_checkout(tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_commands_then_the_code_that_reads_their_results(home) -> None:
+def test_commands_then_the_code_that_reads_their_results(home):
     for text in blocks("bash")[2:]:
         run(["bash", "-ec", text], home)
     assert (home / "contact.png").stat().st_size > 10_000
@@ -84,15 +82,15 @@ def test_commands_then_the_code_that_reads_their_results(home) -> None:
     assert "pressure" in run([sys.executable, "-c", reader], home)
 
 
-def test_ten_lines_of_python(capsys) -> None:
+def test_ten_lines_of_python(capsys):
     first = blocks("python")[0]
     assert len([line for line in first.splitlines() if line]) <= 10
     exec(first, {})
     assert capsys.readouterr().out.count("Areas(") == 2
 
 
-def test_an_executor_for_slurm(monkeypatch) -> None:
-    def job_executor(max_workers: int, block_allocation: bool) -> ThreadPoolExecutor:
+def test_an_executor_for_slurm(monkeypatch):
+    def job_executor(max_workers, block_allocation):
         assert block_allocation
         return ThreadPoolExecutor(max_workers)
 
@@ -108,13 +106,13 @@ def test_an_executor_for_slurm(monkeypatch) -> None:
         assert executor.submit(max, 1, 2).result() == 2
 
 
-def test_solver_and_case_of_the_readers_own(home) -> None:
+def test_solver_and_case_of_the_readers_own(home):
     (yaml,) = blocks("yaml")
     run(["bash", "-ec", yaml.split("&&")[1]], home)
     assert (home / "verdict" / "junit.xml").exists()
 
 
-def test_a_measured_map_as_the_readme_says(home, monkeypatch) -> None:
+def test_a_measured_map_as_the_readme_says(home, monkeypatch):
     """Its table makes a case of a J2 metal under a map with holes, tilt and open edges."""
     x, y = np.meshgrid(np.arange(48.0), np.arange(40.0), indexing="ij")
     heights = 0.1 * np.sin(0.9 * x) * np.cos(1.1 * y) + 0.02 * x - 0.01 * y
@@ -133,7 +131,7 @@ def test_a_measured_map_as_the_readme_says(home, monkeypatch) -> None:
     assert re.search("2 of 1920 heights missing.*to keep the rms slope", done.stdout, re.S)
 
 
-def test_the_main_job_is_a_function(home, monkeypatch, capsys) -> None:
+def test_the_main_job_is_a_function(home, monkeypatch, capsys):
     (code,) = [text for text in blocks("python") if "epcontact.verify" in text]
     monkeypatch.chdir(home)
     exec(code, {})
@@ -144,7 +142,7 @@ def test_the_main_job_is_a_function(home, monkeypatch, capsys) -> None:
     not entry_points(group="pytest11", name="epcontact.harness.pytest_plugin"),
     reason="epcontact is on the path but not installed",
 )
-def test_pytest_collects_the_gates_of_the_cases_it_is_told_of(home) -> None:
+def test_pytest_collects_the_gates_of_the_cases_it_is_told_of(home):
     (setting,) = [text for text in blocks("toml") if "epcontact_cases" in text]
     (home / "pyproject.toml").write_text(setting)
     (home / "my-surface.toml").rename(home / "my-surface.case.toml")
@@ -158,7 +156,7 @@ def test_pytest_collects_the_gates_of_the_cases_it_is_told_of(home) -> None:
 
 
 @pytest.mark.parametrize("path", EXAMPLES)
-def test_examples_in_docstrings_run(path: Path) -> None:
+def test_examples_in_docstrings_run(path):
     name = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
     flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     found = doctest.testmod(importlib.import_module(name), optionflags=flags)

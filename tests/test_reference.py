@@ -1,11 +1,7 @@
 """Exact solutions: integrals and limits, closed forms as gates read them, orders towards them."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import mpmath
 import numpy as np
@@ -27,12 +23,12 @@ STIFFNESS = 2.0e11 / 0.91
 L = 1e-3
 
 
-def integral(function: Callable[[float], Any], low: float, high: float) -> float:
+def integral(function, low, high):
     found = quad(lambda x: float(function(x)), low, high, epsabs=1e-13, epsrel=1e-11, limit=200)
     return float(found[0])
 
 
-def periodic_displacement(pressure: Any, points: Any, period: float) -> Any:
+def periodic_displacement(pressure, points, period):
     """Displacement at a line's points under p, mean free: kernel -(2/(pi E*)) ln|2 sin(pi x/L)|.
 
     A spectral sum over cell-averaged samples; the pressure's kinks limit it to about 1e-5.
@@ -44,15 +40,15 @@ def periodic_displacement(pressure: Any, points: Any, period: float) -> Any:
     return np.interp(points, np.arange(n) * period / n, u)
 
 
-def test_lattice_sums() -> None:
-    def known(power: float) -> float:
+def test_lattice_sums():
+    def known(power):
         return 4 * float(mpmath.zeta(power) * mpmath.dirichlet(power, [0, 1, 0, -1]))
 
     found = (bumps.LATTICE_SUM_3, bumps.LATTICE_SUM_5, -bumps.MADELUNG)
     assert found == pytest.approx([known(power) for power in (1.5, 2.5, 0.5)], rel=1e-14)
 
 
-def test_spheres_on_a_lattice() -> None:
+def test_spheres_on_a_lattice():
     """Hertz without images, which act as extra curvature; the rest grows as (a/L)^5."""
     a = bumps.sphere_contact_radius(12.0, RADIUS, MODULUS)
     alone = bumps.sphere_contact_radius_periodic(12.0, RADIUS, MODULUS, math.inf)
@@ -64,10 +60,10 @@ def test_spheres_on_a_lattice() -> None:
         assert found < 1
 
 
-def test_cylinders_in_a_row() -> None:
+def test_cylinders_in_a_row():
     """Their pressure carries -(E* L^2/(2 pi R)) ln cos(pi a/L), and the contact is flat."""
 
-    def pressure(x: Any, a: float) -> Any:
+    def pressure(x, a):
         return bumps.cylinder_pressure_periodic(x, a, RADIUS, MODULUS, L)
 
     for a in (0.1 * L, 0.3 * L, 0.45 * L):
@@ -81,10 +77,10 @@ def test_cylinders_in_a_row() -> None:
     assert np.ptp(inside**2 / (2 * RADIUS) + u) < 1e-5 * a**2 / RADIUS
 
 
-def test_a_strip_carries_its_force_and_ends_at_its_rim() -> None:
+def test_a_strip_carries_its_force_and_ends_at_its_rim():
     edge = math.sin(math.pi / 4)
 
-    def substituted(t: float) -> float:  # sin(pi x/L) = sin(pi a/L) sin(t): no singularity
+    def substituted(t):  # sin(pi x/L) = sin(pi a/L) sin(t): no singularity
         angle = math.asin(edge * math.sin(t))
         pressure = posts.strip_pressure_periodic(np.array(4 / math.pi * angle), 5.0, 1.0, 4.0)
         return float(pressure) * 4 / math.pi * edge * math.cos(t) / math.cos(angle)
@@ -95,7 +91,7 @@ def test_a_strip_carries_its_force_and_ends_at_its_rim() -> None:
 
 
 @pytest.mark.parametrize("load", [0.0, 0.01, 0.05, 0.3, 0.5, 0.9, 0.95, 1.0])
-def test_means_of_a_wave_s_pressure_and_gap(load: float) -> None:
+def test_means_of_a_wave_s_pressure_and_gap(load):
     fraction = waves.line_contact_fraction(load)
     assert math.sin(math.pi * fraction / 2) ** 2 == pytest.approx(load, abs=1e-15)
     rim = fraction / 2
@@ -110,7 +106,7 @@ def test_means_of_a_wave_s_pressure_and_gap(load: float) -> None:
         assert slope == pytest.approx(load * closing, rel=1e-6)
 
 
-def test_limits_of_waves() -> None:
+def test_limits_of_waves():
     """Light loads are Hertz's; the load on a hole has no stress intensity at its rim."""
     assert (waves.line_mean_gap(0), waves.line_mean_gap(1), waves.line_energy(1)) == (1, 0, 0.25)
     amplitude, load = 1e-6, 1e-6
@@ -127,7 +123,7 @@ def test_limits_of_waves() -> None:
     assert missing == pytest.approx(0, abs=1e-9 * b)
 
 
-def test_pressure_and_gap_of_a_wave_solve_the_contact_problem() -> None:
+def test_pressure_and_gap_of_a_wave_solve_the_contact_problem():
     """The mean-free elastic displacement, less the waviness, is the gap less its mean."""
     n, load, amplitude = 16384, 0.4, 2e-6
     x = (np.arange(n) + 0.5) / n
@@ -137,20 +133,20 @@ def test_pressure_and_gap_of_a_wave_solve_the_contact_problem() -> None:
     assert_allclose(gap - gap.mean(), expected - expected.mean(), atol=1e-5 * amplitude)
 
 
-def elastic(recipe: Any, pressure: float, hardness: float = math.inf) -> Scene:
+def elastic(recipe, pressure, hardness=math.inf):
     return Scene(recipe.build(), replace(ELASTIC, hardness=hardness), Load(pressure))
 
 
-def wave(share: float, points: int = 4096, hardness: float = math.inf) -> Scene:
+def wave(share, points=4096, hardness=math.inf):
     complete = math.pi * STIFFNESS * 1e-6 / L
     return elastic(Sinusoid((L,), (points,), 1e-6), share * complete, hardness)
 
 
-def punch(points: int, hardness: float = math.inf) -> Scene:
+def punch(points, hardness=math.inf):
     return elastic(FlatPunch((L,), (points,), 0.3 * L, 1e-5), 1e8, hardness)
 
 
-def rough(pressure: float = 2e10, hardness: float = math.inf) -> Scene:
+def rough(pressure=2e10, hardness=math.inf):
     spectrum = SelfAffineSpectrum(0.8, 7e3, 1.4e4, 6e4, 0.02)
     return elastic(SelfAffine(spectrum, (L, 1.2 * L), (48, 60), 3), pressure, hardness)
 
@@ -159,11 +155,11 @@ BUMP = elastic(Paraboloid((L,), (64,), 1e-2), 1e7)
 HEAVY_WAVINESS = elastic(Sinusoid((L, L), (64, 64), 1e-6, direction="both"), 5e8)
 
 
-def scalar(form: str, quantity: str, scene: Scene) -> float:
+def scalar(form, quantity, scene):
     return CLOSED_FORMS[form].scalar(quantity, scene)
 
 
-def test_capped_strip_has_its_two_limits() -> None:
+def test_capped_strip_has_its_two_limits():
     # All of it flows when hardness times width carries the load; a light load yields a rim of
     # Irwin's size: 1 - cos(pi p0/(2 sigma_P)) times cot of the half-angle.
     width = 601 / 1000
@@ -174,7 +170,7 @@ def test_capped_strip_has_its_two_limits() -> None:
     assert rim == pytest.approx(expected, rel=1e-6)
 
 
-def test_theory_tends_to_the_light_load_line_at_a_gamma_of_two_over_pi() -> None:
+def test_theory_tends_to_the_light_load_line_at_a_gamma_of_two_over_pi():
     """kappa = sqrt(8/(pi gamma)): equal in the limit, 0.6 % below at an area of 0.15."""
     for load, deviation in ((1e-6, 0), (0.0749, 6e-3)):
         scene = rough(load * 0.02 * STIFFNESS)
@@ -206,7 +202,7 @@ def test_theory_tends_to_the_light_load_line_at_a_gamma_of_two_over_pi() -> None
         ("flat", "quantity.approach", wave(0.3)),
     ],
 )
-def test_scene_that_a_form_does_not_describe_is_refused_in_one_line(form, quantity, scene) -> None:
+def test_scene_that_a_form_does_not_describe_is_refused_in_one_line(form, quantity, scene):
     with pytest.raises(InvalidCase, match=rf"\A.*{form}.*\Z"):
         CLOSED_FORMS[form].scalar(quantity, scene)
     with pytest.raises(InvalidCase, match="hertz has no 'distribution'"):
@@ -216,7 +212,7 @@ def test_scene_that_a_form_does_not_describe_is_refused_in_one_line(form, quanti
 PLACES = np.column_stack([(np.arange(16) + 0.5) / 16, np.random.default_rng(0).random(16)])
 
 
-def on_a_wave(points: int, place: np.ndarray) -> list[float]:
+def on_a_wave(points, place):
     """Errors at 0.3 p* on a wave, its crest a share of a spacing from a grid point."""
     complete = waves.line_complete_pressure(1e-6, 1e-3, STIFFNESS)
     x = (np.arange(points) - place[0]) / points
@@ -232,7 +228,7 @@ def on_a_wave(points: int, place: np.ndarray) -> list[float]:
     ]
 
 
-def on_a_sphere(points: int, place: np.ndarray) -> list[float]:
+def on_a_sphere(points, place):
     """Errors of the areas of a sphere at a place."""
     force = 4 * STIFFNESS * 0.2e-3**3 / (3 * 1e-2)
     radius = bumps.sphere_contact_radius_periodic(force, 1e-2, STIFFNESS, 1e-3)
@@ -255,7 +251,7 @@ ON_A_SPHERE = [(0.9, 6e-3), (1.3, 8e-4)]
         (on_a_sphere, 2 ** np.arange(5, 9), ON_A_SPHERE),
     ],
 )
-def test_orders(errors, sizes, bounds) -> None:
+def test_orders(errors, sizes, bounds):
     found = np.array([[errors(int(n), place) for place in PLACES] for n in sizes])
     rms = np.sqrt(np.mean(found**2, axis=1))
     for column, (order, most) in zip(rms.T, bounds, strict=True):
@@ -263,7 +259,7 @@ def test_orders(errors, sizes, bounds) -> None:
         assert column[-1] < most
 
 
-def test_energy_of_a_strip_punch_converges_to_the_closed_form() -> None:
+def test_energy_of_a_strip_punch_converges_to_the_closed_form():
     """The pressure is singular at the rim: first order, and Richardson's limit of it is right."""
     recipes = [FlatPunch((1e-3,), (points,), 0.3e-3, 1e-5) for points in (80, 160, 320)]
     scenes = [Scene(recipe.build(), ELASTIC, Load(1e8)) for recipe in recipes]

@@ -1,14 +1,10 @@
 """Mistakes that users met, each kept from coming back."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
-from typing import Any
 
 import pytest
 from numba.core import event
@@ -25,14 +21,14 @@ from epcontact.harness.verdict.verification import verify
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
 
 
-def is_reused(path: Path, output: Path, **options: Any) -> bool:
+def is_reused(path, output, **options):
     """Verify a case and return whether the boundary elements' kept result was used again."""
     notes: list[str] = []
     verify(path, output=output, jobs=1, progress=lambda *told: notes.append(told[-1]), **options)
     return any("(reused)" in words for words in notes if words and "bem" in words)
 
 
-def test_every_change_of_a_case_or_a_solver_is_solved_again(write_case, tmp_path) -> None:
+def test_every_change_of_a_case_or_a_solver_is_solved_again(write_case, tmp_path):
     assert [is_reused(write_case(ONE), tmp_path) for _ in range(2)] == [False, True]
     for change in (
         ("mean_pressure = 5.0e8", "mean_pressure = 5.0000001e8"),
@@ -48,7 +44,7 @@ def test_every_change_of_a_case_or_a_solver_is_solved_again(write_case, tmp_path
     assert not is_reused(write_case(ONE), tmp_path)
 
 
-def test_two_cases_of_one_id_are_refused(write_case, tmp_path) -> None:
+def test_two_cases_of_one_id_are_refused(write_case, tmp_path):
     (tmp_path / "other").mkdir()
     second = load_case(write_case().rename(tmp_path / "other" / "small.toml"))
     with pytest.raises(InvalidCase, match="folders of their own"):
@@ -56,14 +52,14 @@ def test_two_cases_of_one_id_are_refused(write_case, tmp_path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_one_reason_is_said_once_however_many_surfaces_have_it(write_case) -> None:
+def test_one_reason_is_said_once_however_many_surfaces_have_it(write_case):
     case = load_case(write_case())
     errors = tuple(f"bem, seed{i}: a worker process died" for i in range(60))
     outcome = judge_case(case, {"persson": Answer(), "bem": Answer(errors=errors)})
     assert outcome.gates[0].error == "bem, seed0 and 59 more: a worker process died"
 
 
-def test_kernels_compile_where_nothing_can_be_written(tmp_path) -> None:
+def test_kernels_compile_where_nothing_can_be_written(tmp_path):
     program = """
 import os
 from pathlib import Path
@@ -82,7 +78,7 @@ assert Path(os.environ["NUMBA_CACHE_DIR"]).is_dir()
     assert [path.name for path in tmp_path.iterdir()] == ["file"]  # gone with the process
 
 
-def test_time_limit_leaves_the_compilation_of_kernels_out() -> None:
+def test_time_limit_leaves_the_compilation_of_kernels_out():
     machine.provide_kernel_cache()
     before = machine.compile_seconds()
     with run._limited(0.3), event.trigger_event("numba:compiler_lock"):
@@ -113,7 +109,7 @@ print(outer(3), outer(3.0), sum(outer.stats.cache_misses.values()), any(seen))
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms and locks of files")
-def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path) -> None:
+def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path):
     # Numba alone loses a kernel to a signal that comes while LLVM runs, compiles the first one in
     # every process, and does not see that the source of a kernel inside has changed.
     package = tmp_path / "fem_check"  # the kernels of other packages are left to numba
@@ -135,7 +131,7 @@ def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path) -> None:
         assert sum(int(misses) for _, _, misses, _ in said) in (2, 3)
 
 
-def test_broken_case_is_collected_as_its_sentence(write_case) -> None:
+def test_broken_case_is_collected_as_its_sentence(write_case):
     folder = write_case(("hurst", "hurts")).parent
     (folder / "pytest.ini").write_text("[pytest]\nepcontact_cases = *.toml\n")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "epcontact.harness.pytest_plugin"]

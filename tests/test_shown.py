@@ -4,14 +4,11 @@ One scene is run once, on an oblong grid, along a path that unloads, by two meth
 exchanged columns must show, the numbers are made up, no two alike.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import json
 import re
 import xml.etree.ElementTree as ET
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,7 +26,7 @@ from epcontact.harness.gates import Estimate, GateVerdict
 from epcontact.harness.verdict.judgement import CaseVerdict, MethodEntry, Verdict
 from epcontact.output.charts.style import STATE_NAMES
 from epcontact.output.report import report_folder, write_report
-from epcontact.output.vtk import FieldFile, read_fields
+from epcontact.output.vtk import read_fields
 from epcontact.results import APART, ELASTIC, PLASTIC, Areas, ContactResult, LoadStep, Provenance
 
 PARTS, KINDS = ("total", "elastic", "plastic"), ("raw", "corrected", "error")
@@ -50,7 +47,7 @@ CHANGES = {
 
 
 @pytest.fixture(scope="session")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def ran(tmp_path_factory):
     """The folder in which `epcontact verify` and `report` leave the scene."""
     home = tmp_path_factory.mktemp("shown")
     text = SMALL_CASE
@@ -64,13 +61,13 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return home / "shown" / "fast"
 
 
-def shown(ran: Path, method: str) -> tuple[FieldFile, ContactResult]:
+def shown(ran, method):
     data = json.loads((ran / f"{method}.json").read_text())
     return read_fields(ran / f"{method}-seed5.vti"), ContactResult.from_json(data["members"][0])
 
 
 @pytest.mark.parametrize("method", ["bem", "fem"])
-def test_a_field_file_is_that_of_the_last_load(ran: Path, method: str) -> None:
+def test_a_field_file_is_that_of_the_last_load(ran, method):
     file, answer = shown(ran, method)
     case = load_case(ran.parent.parent / "shown.toml")
     first, *_, last = answer.steps
@@ -88,7 +85,7 @@ def test_a_field_file_is_that_of_the_last_load(ran: Path, method: str) -> None:
     assert told.items() <= file.attributes.items()
 
 
-def page_of(path: Path) -> tuple[str, set[str | None], list[tuple[dict[str, str], str]]]:
+def page_of(path):
     """The text and the pictures of a page, and its cells with data.
 
     A page is balanced, self-contained and without scripts.
@@ -109,7 +106,7 @@ def page_of(path: Path) -> tuple[str, set[str | None], list[tuple[dict[str, str]
     return "".join(page.itertext()), {image.get("alt") for image in page.iter("img")}, cells
 
 
-def test_the_charts_and_the_page_are_those_of_the_answers_and_their_fields(ran: Path) -> None:
+def test_the_charts_and_the_page_are_those_of_the_answers_and_their_fields(ran):
     (bem, answer), (fem, other) = shown(ran, "bem"), shown(ran, "fem")
     tables = {path.stem: pd.read_csv(path) for path in ran.glob("*.csv")}
     for name, file in (("bem", bem), ("fem", fem)):
@@ -142,7 +139,7 @@ STATUSES = ("holds", "falls short", "error")
 HOSTILE = '</td><script src="http://evil.example/x.js">alert(1)</script> & "quoted"'
 
 
-def gate(number: int, status: Any) -> GateVerdict:
+def gate(number, status):
     judged: dict[str, Any] = {"error": "no such thing"} if status == "error" else {
         name: Estimate(mean=(0.1 + 0.137 * i) * 1.9**number,
                        half_width_95=(0.011 + 0.0023 * i) * 1.9**number, surfaces=8)
@@ -156,7 +153,7 @@ def gate(number: int, status: Any) -> GateVerdict:
     )  # fmt: skip
 
 
-def verdict() -> Verdict:
+def verdict():
     """One case for each status, with gates of every status in the worst of them."""
     methods = {"bem": MethodEntry(surfaces=2, reused=0, errors=[])}
     cases = [
@@ -170,11 +167,11 @@ def verdict() -> Verdict:
     return Verdict.on(cases, "fast")
 
 
-def content() -> dict[str, Any]:
+def content():
     return verdict().model_dump(mode="json", by_alias=True, exclude_none=True)
 
 
-def result(number: int) -> ContactResult:
+def result(number):
     areas = {
         kind: Areas(*((0.3 - 0.047 * i) / (1 + 0.37 * k) / 1.13**number for k in range(3)))
         for i, kind in enumerate(KINDS)
@@ -184,7 +181,7 @@ def result(number: int) -> ContactResult:
     return ContactResult("bem", (LoadStep(1.25e10, areas, {"gap": 2e-9}),), made, cost=cost)
 
 
-def answers() -> dict[str, Any]:
+def answers():
     data = result(1).to_json()
     parts = {"mean": 0.1, "standard_deviation": 0.001, "half_width_95": 0.0123}
     spread = {kind: dict.fromkeys(PARTS, parts) for kind in KINDS}
@@ -192,13 +189,13 @@ def answers() -> dict[str, Any]:
     return {"bem": {**data, "ensemble": ensemble, "members": [data, data]}}
 
 
-def numbers(text: str) -> list[float]:
+def numbers(text):
     return [
         float(part) for part in re.split(r"[±,…]", re.sub(r"[\[\]%]", "", text)) if part.strip()
     ]
 
 
-def test_the_page_shows_the_verdict_and_the_answers(tmp_path: Path) -> None:
+def test_the_page_shows_the_verdict_and_the_answers(tmp_path):
     write_report(tmp_path / "x.html", content(), {f"case-{i}": answers() for i in range(3)})
     text, _, data = page_of(tmp_path / "x.html")
     judged = [(case.id, g) for case in verdict().cases for g in case.gates]
@@ -225,7 +222,7 @@ def test_the_page_shows_the_verdict_and_the_answers(tmp_path: Path) -> None:
         assert words in text, words
 
 
-def test_nothing_a_case_says_becomes_html(tmp_path: Path) -> None:
+def test_nothing_a_case_says_becomes_html(tmp_path):
     told, found = content(), {"case-0": answers()}
     first = told["cases"][0]
     first["requirement"] = first["gates"][0]["because"] = HOSTILE
@@ -239,7 +236,7 @@ def test_nothing_a_case_says_becomes_html(tmp_path: Path) -> None:
     assert next(text for about, text in data if about.get("field") == "value") == "inf"
 
 
-def test_what_cannot_be_reported(tmp_path: Path) -> None:
+def test_what_cannot_be_reported(tmp_path):
     with pytest.raises(OutputError, match=r"verdict\.json: no such file"):
         report_folder(tmp_path)
     for text in ("{", "{}", "[1]", "3", '{"cases": [1]}', '{"cases": [{"id": "a"}]}'):
@@ -248,14 +245,14 @@ def test_what_cannot_be_reported(tmp_path: Path) -> None:
             report_folder(tmp_path)
 
 
-def cells_of(table: Any) -> list[list[str]]:
+def cells_of(table):
     """The texts of a terminal's table by rows, as they are printed on a wide one."""
     console = Console(width=400, file=io.StringIO())
     columns = [[console.render_str(str(c)).plain for c in column.cells] for column in table.columns]
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def test_the_table_of_gates_shows_the_verdict() -> None:
+def test_the_table_of_gates_shows_the_verdict():
     judged = [g for case in verdict().cases for g in case.gates]
     for row, g in zip(cells_of(verdict_table(verdict().cases, width=400)), judged, strict=True):
         _, quantity, of, against, *texts, status = row
@@ -272,7 +269,7 @@ def test_the_table_of_gates_shows_the_verdict() -> None:
         assert numbers(texts[3]) == pytest.approx([per_cent * g.low, per_cent * g.high], rel=5e-2)
 
 
-def test_the_table_of_areas_shows_the_answers() -> None:
+def test_the_table_of_areas_shows_the_answers():
     both = (result(1), result(2))
     rows = cells_of(answers_table({"bem": Answer(both, ("seed1", "seed2"), reused=1)}))
     assert [row[:2] + row[5:] for row in rows] == [["bem", kind, "2", "1"] for kind in KINDS]

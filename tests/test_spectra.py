@@ -1,9 +1,6 @@
 """Analytic spectra and those of heights: integrals, Parseval, moments, rings, partial slopes."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import mpmath
 import numpy as np
@@ -28,14 +25,14 @@ HURST = [0.0, 1e-13, 1e-5, 0.3, 0.5, 0.8, 1 - 1e-9, 1.0]
 PAPER = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 1.0)
 
 
-def exact_shape_moment(s: SelfAffineSpectrum, order: int, dimension: int, upper: float) -> Any:
+def exact_shape_moment(s, order, dimension, upper):
     """The defining integral with C_0 = 1, by quadrature in 40 digits."""
     with mpmath.workdps(40):
         exponent = -(2 * mpmath.mpf(s.hurst) + dimension)
         limits = (s.wavenumber_low, s.wavenumber_roll_off, min(s.wavenumber_high, upper))
         q0, qr, q1 = map(mpmath.mpf, limits)
 
-        def integrand(t: mpmath.mpf) -> mpmath.mpf:  # over t = ln q
+        def integrand(t):  # over t = ln q
             q = mpmath.exp(t)
             return q**order * ((q / qr) ** exponent if q > qr else 1) * q**dimension
 
@@ -45,7 +42,7 @@ def exact_shape_moment(s: SelfAffineSpectrum, order: int, dimension: int, upper:
 
 @pytest.mark.parametrize("dimension", [1, 2])
 @pytest.mark.parametrize("hurst", HURST)
-def test_moments_equal_their_integrals(hurst: float, dimension: int) -> None:
+def test_moments_equal_their_integrals(hurst, dimension):
     spectrum = SelfAffineSpectrum(hurst, 3.0, 7.0, 900.0, 0.4)
     full_slope = exact_shape_moment(spectrum, 2, dimension, 900.0)
     plateau = float(density(spectrum, 5.0, dimension))
@@ -58,7 +55,7 @@ def test_moments_equal_their_integrals(hurst: float, dimension: int) -> None:
             assert got == pytest.approx(float(exact), rel=1e-14)
 
 
-def test_density_is_flat_then_a_power_and_nothing_outside() -> None:
+def test_density_is_flat_then_a_power_and_nothing_outside():
     q = np.array([2.4e4, 2.5e4 * (1 - 1e-7), 1e5, 2e5, 64e5 * (1 + 1e-7), 65e5])
     for dimension in (1, 2):
         c = density(PAPER, q, dimension)
@@ -75,7 +72,7 @@ def test_density_is_flat_then_a_power_and_nothing_outside() -> None:
 
 
 @pytest.mark.parametrize("dimension", [1, 2])
-def test_truncation_keeps_the_density(dimension: int) -> None:
+def test_truncation_keeps_the_density(dimension):
     for cut in (6e4, 1e5, 3e6, 1e8):
         q = np.geomspace(2.5e4, min(cut, 64e5), 20)
         narrow = density(truncated(PAPER, cut, dimension), q, dimension)
@@ -98,13 +95,13 @@ GRIDS = [
 ROUNDING = 1e-13
 
 
-def noise(shape: tuple[int, ...], periods: tuple[float, ...]) -> Surface:
+def noise(shape, periods):
     """White noise about a mean of 5: power in every mode, Nyquist's too."""
     return Surface(5 + np.random.default_rng(1).standard_normal(shape), periods)
 
 
 @pytest.mark.parametrize(("shape", "periods"), GRIDS)
-def test_moments_and_rings_are_parseval_s(shape, periods) -> None:
+def test_moments_and_rings_are_parseval_s(shape, periods):
     surface = noise(shape, periods)
     modes = np.fft.fftn(surface.heights)
     axes = [2 * np.pi * np.fft.fftfreq(n, d) for n, d in zip(shape, surface.spacing, strict=True)]
@@ -136,7 +133,7 @@ def test_moments_and_rings_are_parseval_s(shape, periods) -> None:
         assert got == pytest.approx(left, rel=1e-12, abs=1e-14 * slope2)
 
 
-def test_radial_average_of_an_isotropic_surface_is_its_spectrum() -> None:
+def test_radial_average_of_an_isotropic_surface_is_its_spectrum():
     spectrum = SelfAffineSpectrum(0.7, 2 * math.pi, 8 * math.pi, 200 * math.pi, 0.1)
     rings = radial_spectrum(SelfAffine(spectrum, (1.0, 1.0), (300, 300), seed=3).build())
     inside = (rings.wavenumber > 200) & (rings.upper_edge < 600)
@@ -147,6 +144,6 @@ def test_radial_average_of_an_isotropic_surface_is_its_spectrum() -> None:
     assert ratio[-1] == pytest.approx(1.0, abs=0.02)
 
 
-def test_partial_slopes_keep_the_order_they_are_asked_in() -> None:
+def test_partial_slopes_keep_the_order_they_are_asked_in():
     got = cumulative_slope_variance(noise((16, 16), (1.0, 1.0)), [[50.0, 20.0], [20.0, 1.0]])
     assert got[0, 0] > got[0, 1] == got[1, 0] > got[1, 1] == 0

@@ -1,11 +1,7 @@
 """The stability map: the project's own methods fail nowhere, and the failures of others show."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
@@ -16,11 +12,11 @@ from epcontact.studies.stability import EXAMINED, MAPS, SIZES, stability, write
 
 
 @pytest.fixture(scope="module")
-def coarse() -> pd.DataFrame:
+def coarse():
     return stability()
 
 
-def test_own_solvers_fail_nowhere_and_others_say_why(coarse) -> None:
+def test_own_solvers_fail_nowhere_and_others_say_why(coarse):
     own = coarse[coarse["method"].isin(["newton", "package"]) | (coarse["map"] == "fem")]
     assert len(own) == 16 + 4 + 20 + 18
     assert own["converged"].all()
@@ -31,7 +27,7 @@ def test_own_solvers_fail_nowhere_and_others_say_why(coarse) -> None:
     assert all(len(reason) > 10 and "\n" not in reason for reason in reasons)
 
 
-def test_neither_sum_of_the_theory_serves_everywhere(coarse) -> None:
+def test_neither_sum_of_the_theory_serves_everywhere(coarse):
     # Eigenfunctions lose small plastic areas to cancellation, images what is left of the elastic.
     _, diffusions = SIZES["coarse"]["theory"]
     narrow, wide = min(diffusions), max(diffusions)
@@ -42,14 +38,14 @@ def test_neither_sum_of_the_theory_serves_everywhere(coarse) -> None:
 
 
 @pytest.mark.long
-def test_newton_fails_nowhere_on_the_full_map() -> None:
+def test_newton_fails_nowhere_on_the_full_map():
     found = stability(["capped", "elastic"], "full", methods=["newton"])
     assert len(found) == 13 * 13 + 13
     assert found["converged"].all()
 
 
-def failing(error: Exception) -> Any:
-    def solve(*_: Any, **__: Any) -> Any:
+def failing(error):
+    def solve(*_, **__):
         raise error
 
     return solve
@@ -64,8 +60,8 @@ def failing(error: Exception) -> Any:
     ],
 )
 def test_a_solver_that_fails_or_only_claims_to_converge_is_found_out(
-    solve: Any, residual: float | None, reason: str, monkeypatch
-) -> None:
+    solve, residual, reason, monkeypatch
+):
     monkeypatch.setattr(bem, "solve", lambda scene, **_: solve(scene))
     found = stability(["elastic"], methods=["newton"])
     told = found[~found["converged"]]
@@ -74,7 +70,7 @@ def test_a_solver_that_fails_or_only_claims_to_converge_is_found_out(
     assert residual is None or (told["residual"] == residual).all()
 
 
-def test_files_hold_every_point(coarse, tmp_path: Path) -> None:
+def test_files_hold_every_point(coarse, tmp_path):
     write(coarse, "coarse", tmp_path)
     assert {path.stem for path in tmp_path.glob("*.png")} == {f"stability-{name}" for name in MAPS}
     content = json.loads((tmp_path / "stability.json").read_text())
@@ -88,7 +84,7 @@ def test_files_hold_every_point(coarse, tmp_path: Path) -> None:
     assert f"{failed[capped].sum()} of {len(rows)} failed" in caption
 
 
-def test_unknown_map_or_size() -> None:
+def test_unknown_map_or_size():
     for maps, size, word in ((["caped"], "coarse", "'caped'"), (["capped"], "huge", "'huge'")):
         with pytest.raises(InvalidCase, match=word):
             stability(maps, size)

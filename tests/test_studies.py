@@ -1,7 +1,5 @@
 """Studies: every one runs small and its charts can be read, and what each found is so."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 import io
@@ -10,7 +8,6 @@ import re
 import sys
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +17,6 @@ import pytest
 from epcontact import bem, persson
 from epcontact.errors import StudyUnavailable
 from epcontact.harness.processes import Child, ChildDied
-from epcontact.output.charts.figures import Chart
 from epcontact.persson.series import SWITCH
 from epcontact.studies import STUDIES, cost, fem, gap, hardness, peers, save_charts, theory
 from epcontact.studies import paper_scene as scenes
@@ -54,16 +50,16 @@ SMALL: dict[str, dict[str, Any]] = {
 
 
 @functools.cache
-def charts_of(name: str) -> list[Chart]:
+def charts_of(name):
     return STUDIES[name].run(**SMALL[name])
 
 
-def drawn(name: str, number: int) -> pd.DataFrame:
+def drawn(name, number):
     """The data of a chart, counted from 1."""
     return pd.read_csv(io.StringIO(charts_of(name)[number - 1].csv()))
 
 
-def of_kind(table: pd.DataFrame, kind: str, column: str = "relative_error") -> np.ndarray:
+def of_kind(table, kind, column="relative_error"):
     return table[table["series"] == kind][column].to_numpy()
 
 
@@ -71,7 +67,7 @@ def of_kind(table: pd.DataFrame, kind: str, column: str = "relative_error") -> n
 
 
 @pytest.mark.parametrize("name", sorted(STUDIES.keys() - {"peers"}))
-def test_every_study_runs_and_its_charts_can_be_read(name: str) -> None:
+def test_every_study_runs_and_its_charts_can_be_read(name):
     study = STUDIES[name]
     assert 20 < len(study.description) < 100
     assert set(study.full) <= set(inspect.signature(study.make).parameters)
@@ -90,7 +86,7 @@ def test_every_study_runs_and_its_charts_can_be_read(name: str) -> None:
         assert bounded.empty or (bounded["low"] < bounded["high"]).any()
 
 
-def test_charts_are_saved_under_the_study_s_name(tmp_path: Path) -> None:
+def test_charts_are_saved_under_the_study_s_name(tmp_path):
     charts, ends = charts_of("gamma"), (".png", ".svg", ".csv", ".txt")
     paths = save_charts("alone", charts[:1], tmp_path) + save_charts("pair", charts, tmp_path)
     stems = sorted(f"{stem}{end}" for stem in ("alone", "pair-1", "pair-2") for end in ends)
@@ -98,14 +94,14 @@ def test_charts_are_saved_under_the_study_s_name(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == stems
 
 
-def test_rows_are_the_product_of_the_axes() -> None:
+def test_rows_are_the_product_of_the_axes():
     said: list[str] = []
     table = rows(said.append, lambda load, law: {"area": load}, load=(0.5, 2.0), law=("a", "b"))
     assert table.to_numpy().tolist() == [[p, law, p] for p in (0.5, 2.0) for law in "ab"]
     assert said[1] == "load 0.5, law b"
 
 
-def test_the_interval_of_a_mean_is_student_s() -> None:
+def test_the_interval_of_a_mean_is_student_s():
     table = pd.DataFrame({"law": ["a", "b", "a", "a"], "area": [1.0, 5.0, 2.0, 3.0]})
     half = 4.302653 / math.sqrt(3)  # t(2 degrees, 97.5 %) = 4.30265
     found = mean_with_interval(table, "area", ["law"]).set_index("law")
@@ -116,7 +112,7 @@ def test_the_interval_of_a_mean_is_student_s() -> None:
     assert band[3] - band[1] == pytest.approx(0.2)
 
 
-def test_the_paper_s_scene_has_the_paper_s_groups() -> None:
+def test_the_paper_s_scene_has_the_paper_s_groups():
     scene = scenes.rough_scene(4, seed=1, bandwidth=16)
     assert persson.roughness_of(scene.surface).rms_slope == pytest.approx(1, rel=1e-10)
     assert scene.load.final / scenes.MODULUS == 0.05
@@ -126,10 +122,10 @@ def test_the_paper_s_scene_has_the_paper_s_groups() -> None:
 # --- theory --------------------------------------------------------------------------------------
 
 
-def test_areas_of_the_theory_give_back_their_gamma() -> None:
+def test_areas_of_the_theory_give_back_their_gamma():
     table, tau = theory.theory_areas(), scenes.MODULUS**2 / 8
 
-    def fits(width: float, g: float, elastic: float) -> list[tuple[float, float, float]]:
+    def fits(width, g, elastic):
         """The fits of the theory's areas at a gamma, and at another one of the elastic body."""
         found = []
         for name in theory.AREAS:
@@ -154,7 +150,7 @@ def test_areas_of_the_theory_give_back_their_gamma() -> None:
     assert "no single gamma fits" in charts_of("gamma")[0].caption
 
 
-def test_boundary_elements_lose_contact_with_the_magnification_as_the_theory_does() -> None:
+def test_boundary_elements_lose_contact_with_the_magnification_as_the_theory_does():
     areas, deviations, densities = (drawn("magnification", n) for n in (1, 2, 3))
     found = of_kind(areas.sort_values("magnification"), "total, bem", "area_fraction")
     assert (np.diff(found) < 0).all()
@@ -169,7 +165,7 @@ def test_boundary_elements_lose_contact_with_the_magnification_as_the_theory_doe
         assert density["density_per_GPa"].sum() * width == pytest.approx(exact, rel=1e-3)
 
 
-def test_few_images_at_small_diffusion_and_few_eigenfunctions_at_large() -> None:
+def test_few_images_at_small_diffusion_and_few_eigenfunctions_at_large():
     needed = theory.terms_needed(theory.series_errors([1e-3, SWITCH**2 / 4, 1.0]))
     numbers = needed.pivot(index="relative_diffusion", columns="series", values="terms")
     small, switch, large = numbers.to_dict("records")
@@ -183,13 +179,13 @@ def test_few_images_at_small_diffusion_and_few_eigenfunctions_at_large() -> None
     assert np.log2(np.divide(*drawn("theory", 3)["relative_error"])) == pytest.approx(2, abs=0.1)
 
 
-def values_of(found: Any, end: str, figure: str) -> np.ndarray:
+def values_of(found, end, figure):
     table = pd.DataFrame(found)
     own = table[(table["end"] == end) & (table["figure"] == figure)]
     return own.sort_values("window")["value"].to_numpy()
 
 
-def test_pressures_drawn_from_the_theory_have_the_theory_s_ends() -> None:
+def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
     scene = scenes.rough_scene(4, 1, 8)
     known, exact = theory.theory_figures(scene), scenes.by_theory(scene)
     G, load, cap = exact.final.quantities["diffusion"], scenes.MEAN_PRESSURE, scenes.HARDNESS
@@ -209,7 +205,7 @@ def test_pressures_drawn_from_the_theory_have_the_theory_s_ends() -> None:
         assert np.all(np.diff(exact_mean) < 0)
 
 
-def test_limits_of_exact_powers_are_exact() -> None:
+def test_limits_of_exact_powers_are_exact():
     limits = {theory.DENSITY: 0.1, theory.RAW_SLOPE: 0.1, theory.MEAN_SLOPE: 0.3}
     figures = [
         (seed, n, "0+", figure, 0.2, limit + 0.4 * n ** -theory.ORDERS[figure])
@@ -222,7 +218,7 @@ def test_limits_of_exact_powers_are_exact() -> None:
     assert found["value_high"]["density"] - found["value"]["density"] < 1e-12
 
 
-def test_the_density_at_both_ends_falls_with_the_grid() -> None:
+def test_the_density_at_both_ends_falls_with_the_grid():
     density = drawn("pressures", 2).sort_values("root_of_spacing")
     for end in theory.ENDS:
         own = of_kind(density, end, "relative_density")
@@ -237,7 +233,7 @@ def test_the_density_at_both_ends_falls_with_the_grid() -> None:
 
 
 @pytest.mark.parametrize("number", [1, 3])
-def test_raw_areas_have_first_order_and_corrected_ones_are_better(number: int) -> None:
+def test_raw_areas_have_first_order_and_corrected_ones_are_better(number):
     errors, work = drawn("resolution", number), drawn("resolution", number + 1)
     assert {*cost.KINDS, cost.CLAIMED, cost.REFERENCE} == set(errors["series"])
     raw, points = of_kind(errors, "raw"), of_kind(errors, "raw", "points_per_wavelength")
@@ -251,7 +247,7 @@ def test_raw_areas_have_first_order_and_corrected_ones_are_better(number: int) -
     assert twice[2] == spent[2] + spent[0]
 
 
-def test_every_method_nears_one_reference() -> None:
+def test_every_method_nears_one_reference():
     errors = drawn("master", 1).groupby("series")["relative_error"]
     first, last = errors.first(), errors.last()
     for series in ("bem, raw", "bem, corrected", "fem, raw", "fem, corrected"):
@@ -263,7 +259,7 @@ def test_every_method_nears_one_reference() -> None:
     assert 0 < last["persson"] < 0.3
 
 
-def test_newton_needs_fewer_transforms_and_a_method_that_fails_is_told() -> None:
+def test_newton_needs_fewer_transforms_and_a_method_that_fails_is_told():
     residuals, errors = drawn("bem", 1), drawn("bem", 2)
     pairs = residuals.groupby("series")["fft_pairs"].last()
     assert pairs["newton"] < pairs["projected_gradient"]
@@ -276,7 +272,7 @@ def test_newton_needs_fewer_transforms_and_a_method_that_fails_is_told() -> None
 
 @pytest.mark.parametrize("law", scenes.LAWS)
 @pytest.mark.parametrize(("number", "column"), [(1, "finest_pairs"), (2, "all_pairs")])
-def test_a_solve_to_areas_costs_less_and_has_them(law: str, number: int, column: str) -> None:
+def test_a_solve_to_areas_costs_less_and_has_them(law, number, column):
     speed = drawn("speed", number)
     tight, loose = (of_kind(speed, f"{law}, {aim}", column) for aim in cost.AIMS)
     assert (loose <= tight).all()
@@ -290,7 +286,7 @@ def test_a_solve_to_areas_costs_less_and_has_them(law: str, number: int, column:
 # --- gap -----------------------------------------------------------------------------------------
 
 
-def test_gaps_close_and_flow_grows_with_the_load() -> None:
+def test_gaps_close_and_flow_grows_with_the_load():
     means, parts, deviations = (drawn("gap", number) for number in (1, 2, 3))
     for law in scenes.LAWS:
         assert (np.diff(of_kind(means, f"bem, {law}", gap.OPEN)) < 0).all()
@@ -300,7 +296,7 @@ def test_gaps_close_and_flow_grows_with_the_load() -> None:
     assert (near["deviation_percent"].abs() < 20).all()  # 16 waves a side are few
 
 
-def test_finite_elements_near_the_gap_of_boundary_elements() -> None:
+def test_finite_elements_near_the_gap_of_boundary_elements():
     table = drawn("gap", 5).set_index("series")["deviation_percent"]
     off = table.abs().groupby(level=0).max()
     for law in scenes.LAWS:
@@ -309,7 +305,7 @@ def test_finite_elements_near_the_gap_of_boundary_elements() -> None:
     assert table["j2, 6 points"].iloc[-1] < -20
 
 
-def test_distances_of_distributions_are_zero_from_themselves_and_known_otherwise() -> None:
+def test_distances_of_distributions_are_zero_from_themselves_and_known_otherwise():
     """Gaps twice as wide are one mean gap apart."""
     same = {"ratio": 0.6, "seed": 1, "gap_over_rms_height": gap.GAPS}
     bem, fem = (
@@ -326,7 +322,7 @@ def test_distances_of_distributions_are_zero_from_themselves_and_known_otherwise
     assert max(by_theory) > 0.3  # at hardness 0.16 E* xi
 
 
-def test_cap_and_theory_differ_on_the_way_down() -> None:
+def test_cap_and_theory_differ_on_the_way_down():
     """The cap has 3 to 6 times the area at 0.02 of the peak; the theory's flattening has none."""
     models = ("cap", "theory")
     table = rows(lambda _: None, gap.cycle, model=models, seed=[77], points=[4], bandwidth=[16])
@@ -342,7 +338,7 @@ def test_cap_and_theory_differ_on_the_way_down() -> None:
 # --- hardness and finite elements ----------------------------------------------------------------
 
 
-def test_asperities_persist_where_a_cap_would_have_closed() -> None:
+def test_asperities_persist_where_a_cap_would_have_closed():
     table = pd.DataFrame(hardness.raw_areas(5.0, 1, 24))
     areas = table.pivot_table(index="load", columns="series", values="area")
     j2, tabors, mapped = (areas[name] for name in (hardness.J2, hardness.TABORS, hardness.MAPPED))
@@ -357,7 +353,7 @@ def test_asperities_persist_where_a_cap_would_have_closed() -> None:
     assert off[0] < off[1] / 2
 
 
-def test_errors_of_finite_elements_fall() -> None:
+def test_errors_of_finite_elements_fall():
     """With mean dilatation, with the depth of the block to its longest wave, and with the steps."""
     errors = drawn("fem", 1).set_index("series")["relative_error"]
     assert errors["mean dilatation"] < min(0.2, errors["full integration"] / 3)
@@ -372,7 +368,7 @@ def test_errors_of_finite_elements_fall() -> None:
 # --- peers ---------------------------------------------------------------------------------------
 
 
-def test_a_comparison_that_is_not_possible_says_why(monkeypatch) -> None:
+def test_a_comparison_that_is_not_possible_says_why(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
     with monkeypatch.context() as without:
         without.setattr(peers, "installed", dict)
@@ -384,7 +380,7 @@ def test_a_comparison_that_is_not_possible_says_why(monkeypatch) -> None:
         STUDIES["peers"].run()
 
 
-def test_a_peer_is_timed_only_where_its_areas_agree() -> None:
+def test_a_peer_is_timed_only_where_its_areas_agree():
     def same(heights, load, hardness, _):
         scene = scenes.rough_scene(8, 7, 8, scenes.MODULUS * hardness)
         return bem.solve(scene, threads=1).fields["pressure"] / scenes.MODULUS
@@ -409,14 +405,14 @@ def test_a_peer_is_timed_only_where_its_areas_agree() -> None:
 
 
 @pytest.mark.slow
-def test_the_system_ends_a_peer_that_takes_too_long() -> None:
+def test_the_system_ends_a_peer_that_takes_too_long():
     child = Child()
     with pytest.raises(ChildDied, match="SIGXCPU"):
         child.call(peers.timed, 0.1, sum, range(10**12))
     child.end()
 
 
-def test_a_process_that_has_timed_a_peer_has_no_limit_left() -> None:
+def test_a_process_that_has_timed_a_peer_has_no_limit_left():
     resource = pytest.importorskip("resource")
     before = resource.getrlimit(resource.RLIMIT_CPU)
     assert peers.timed(1.0, sum, [1, 2])[1] == 3
@@ -425,6 +421,6 @@ def test_a_process_that_has_timed_a_peer_has_no_limit_left() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["capped", "elastic"])
-def test_installed_peers_find_the_same_areas(law: str) -> None:
+def test_installed_peers_find_the_same_areas(law):
     pytest.importorskip("tamaas")
     assert peers.race(8, 8, law, peers.installed(), Child().call)["agrees"].all()

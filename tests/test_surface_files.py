@@ -1,16 +1,12 @@
 """Heights from arrays and files: formats, units, periodicity, and every way to be wrong."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import pickle
 import sys
 import types
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import meshio
@@ -39,10 +35,10 @@ HUGE = "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000, 100000000
 
 
 @pytest.fixture
-def write(tmp_path: Path) -> Callable[[str, Any], Path]:
+def write(tmp_path):
     """Write bytes, or heights in the format of the name's ending."""
 
-    def write(name: str, content: Any) -> Path:
+    def write(name, content):
         path = tmp_path / name
         if isinstance(content, bytes):
             path.write_bytes(content)
@@ -56,7 +52,7 @@ def write(tmp_path: Path) -> Callable[[str, Any], Path]:
     return write
 
 
-def refused(words: str) -> Any:
+def refused(words):
     return pytest.raises(InvalidScene, match=words)
 
 
@@ -64,7 +60,7 @@ def refused(words: str) -> Any:
     ("name", "kind"),
     [("a.npy", ">f8"), ("a.npy", "<i2"), ("a.txt", "f8"), ("a.dat", "f8"), ("A.CSV", "f8")],
 )
-def test_every_format_holds_the_same_heights(write: Any, name: str, kind: str) -> None:
+def test_every_format_holds_the_same_heights(write, name, kind):
     heights = np.asfortranarray((1e3 * MAP).astype(kind))
     surface = HeightsFromFile(write(name, heights), (L, 2 * L), unit=1e-6).build()
     # savetxt writes 19 digits; the unit costs a rounding.
@@ -88,14 +84,14 @@ def test_every_format_holds_the_same_heights(write: Any, name: str, kind: str) -
         ("f.txt", "\ufeffh\n1.5\t2.5\n3.5\t4.5\n".encode("utf-16-le"), ["s: 1", "as UTF-16"]),
     ],
 )
-def test_tables_as_programs_write_them(write: Any, name: str, content: bytes, notes: Any) -> None:
+def test_tables_as_programs_write_them(write, name, content, notes):
     surface = HeightsFromFile(write(name, content), (100.0, 100.0), 1.0, "periodic").build()
     assert np.array_equal(surface.heights, [[1.5, 2.5], [3.5, 4.5]])
     assert len(surface.notes) == len(notes) + 1
     assert all(any(words in note for note in surface.notes) for words in notes)
 
 
-def test_coordinates_beside_the_heights_are_told(write: Any) -> None:
+def test_coordinates_beside_the_heights_are_told(write):
     table = np.column_stack([np.arange(12) * 0.8, MAP[:12, :10]])
     path = write("map.csv", np.vstack([[np.nan, *range(10)], table]))
     recipe = HeightsFromFile(path, (L, L), 1.0, "periodic", missing="nearest")
@@ -104,12 +100,12 @@ def test_coordinates_beside_the_heights_are_told(write: Any) -> None:
 
 
 @pytest.mark.parametrize("name", ["binary.stl", "map.ply", "map.vtu"])
-def test_meshes_on_a_grid_are_height_maps(tmp_path: Path, name: str) -> None:
+def test_meshes_on_a_grid_are_height_maps(tmp_path, name):
     heights = MAP[:12, :9].astype(np.float32).astype(float)  # the digits of binary .stl
     x, y = np.meshgrid(3 + np.arange(12) * 0.1, np.arange(9) * 0.25 - 7, indexing="ij")
     points = np.stack([x.ravel(), y.ravel(), heights.ravel()], axis=1)
 
-    def read(points: Any) -> HeightsFromFile:
+    def read(points):
         triangles = np.arange(len(points), dtype=np.int32).reshape(3, -1).T
         binary = {"binary": True} if name.startswith("binary") else {}
         meshio.Mesh(points, [("triangle", triangles)]).write(tmp_path / name, **binary)
@@ -125,7 +121,7 @@ def test_meshes_on_a_grid_are_height_maps(tmp_path: Path, name: str) -> None:
             read(wrong)
 
 
-def test_periods_by_one_length_or_by_the_pixel(write: Any) -> None:
+def test_periods_by_one_length_or_by_the_pixel(write):
     square, oblong = write("square.npy", MAP[:, :48]), write("oblong.npy", MAP)
     assert HeightsFromFile(square, (2.0,), unit=1.0).periods == (2.0, 2.0)
     assert HeightsFromFile(oblong, pixel_size=0.5, unit=1.0).periods == (24.0, 25.0)
@@ -145,7 +141,7 @@ def test_periods_by_one_length_or_by_the_pixel(write: Any) -> None:
     assert any("wide along x, over 48 lines" in note for note in swapped.notes)
 
 
-def test_the_content_and_its_treatment_are_the_identity_not_the_place(write: Any) -> None:
+def test_the_content_and_its_treatment_are_the_identity_not_the_place(write):
     path, other = write("one.npy", MAP), write("other.npy", MAP)
     window = {"treatment": "detrend_and_window"}
     changes: list[dict[str, Any]] = [
@@ -170,7 +166,7 @@ def test_the_content_and_its_treatment_are_the_identity_not_the_place(write: Any
     assert array.build().recipe == array.fingerprint
 
 
-def test_a_map_is_periodic_wherever_it_is_cut_or_refused_with_its_jump() -> None:
+def test_a_map_is_periodic_wherever_it_is_cut_or_refused_with_its_jump():
     for shift in range(0, 48, 5):
         moved = np.roll(MAP, (shift, shift), (0, 1))
         surface = HeightsFromArray(moved, (L, L)).build()
@@ -187,7 +183,7 @@ def test_a_map_is_periodic_wherever_it_is_cut_or_refused_with_its_jump() -> None
 
 @pytest.mark.parametrize("shape", [(40, 31), (60,)])
 @pytest.mark.parametrize("order", [0, 1, 2])
-def test_a_form_is_all_gone(shape: tuple[int, ...], order: int) -> None:
+def test_a_form_is_all_gone(shape, order):
     grids = np.meshgrid(*(np.arange(n) / 10 for n in shape), indexing="ij")
     powers = [np.full(shape, 3.0), sum(grids), sum((g - 1) ** 2 for g in grids) + math.prod(grids)]
     form = sum(powers[: order + 1])
@@ -200,7 +196,7 @@ def test_a_form_is_all_gone(shape: tuple[int, ...], order: int) -> None:
     assert np.nansum(bare * form) == pytest.approx(0, abs=1e-10)
 
 
-def test_missing_points_are_filled_and_said(write: Any) -> None:
+def test_missing_points_are_filled_and_said(write):
     x, y = np.meshgrid(np.arange(20.0), np.arange(16.0), indexing="ij")
     saddle = x * y + 3 * x  # harmonic on the grid, too
     holed = saddle.copy()
@@ -218,7 +214,7 @@ def test_missing_points_are_filled_and_said(write: Any) -> None:
     assert filled(edge, "harmonic") == pytest.approx([1, 1, 1, 2.5, 4, 4])
 
 
-def test_waves_outside_a_band_are_removed() -> None:
+def test_waves_outside_a_band_are_removed():
     x = np.arange(64) * L / 64
     heights = np.cos(x) + np.cos(3 * x) + np.cos(9 * x)
     band = {"longest_wavelength": L / 2, "shortest_wavelength": L / 5}
@@ -228,7 +224,7 @@ def test_waves_outside_a_band_are_removed() -> None:
 
 
 @pytest.mark.parametrize("taper", [0.1, 0.5])
-def test_the_window_keeps_the_rms_slope_and_closes_the_edge(taper: float) -> None:
+def test_the_window_keeps_the_rms_slope_and_closes_the_edge(taper):
     surface = HeightsFromArray(CUT_OUT, (1.0, 1.0), "detrend_and_window", taper).build()
     slope = rms_slope(form_removed(CUT_OUT, 1), (1 / 40, 1 / 31))
     assert surface.rms_slope == pytest.approx(slope, rel=1e-12)
@@ -242,7 +238,7 @@ def test_the_window_keeps_the_rms_slope_and_closes_the_edge(taper: float) -> Non
     assert factor == pytest.approx(1 / (1 - 1.25 * taper), rel=3e-2 * taper)
 
 
-def test_slopes_beyond_one_are_said_once() -> None:
+def test_slopes_beyond_one_are_said_once():
     """They are a note, and a warning of the line that makes the surface, not of later ones."""
     recipe = HeightsFromArray(MAP * 1e3, (L, L))
     with pytest.warns(SurfaceWarning, match="beyond the small slopes") as warned:
@@ -271,7 +267,7 @@ def test_slopes_beyond_one_are_said_once() -> None:
         (HILLS, (1e3, 1e5), {f"the grid's cells are 100 {OBLONG} as wide"}),
     ],
 )
-def test_what_a_user_should_doubt_is_noted(heights: Any, periods: Any, doubts: set[str]) -> None:
+def test_what_a_user_should_doubt_is_noted(heights, periods, doubts):
     notes = " ".join(HeightsFromArray(heights, periods, "periodic").build().notes)
     assert all(words in notes for words in doubts)
     assert not any(words in notes for words in {STEPS, MARKED, OBLONG} if words not in str(doubts))
@@ -295,7 +291,7 @@ def test_what_a_user_should_doubt_is_noted(heights: Any, periods: Any, doubts: s
         ({"longest_wavelength": 0.1, "shortest_wavelength": 1}, "must be below longest_wavelength"),
     ],
 )
-def test_what_is_no_height_map_is_refused(change: dict[str, Any], message: str) -> None:
+def test_what_is_no_height_map_is_refused(change, message):
     with refused(message):
         replace(GOOD, **change)
     if "heights" in change:
@@ -324,14 +320,14 @@ def test_what_is_no_height_map_is_refused(change: dict[str, Any], message: str) 
     ],
     ids=lambda v: str(v)[:12],
 )
-def test_broken_files_end_in_a_sentence(write: Any, name: str, content: Any, words: str) -> None:
+def test_broken_files_end_in_a_sentence(write, name, content, words):
     with refused(words) as caught:
         HeightsFromFile(write(name, content), (1.0, 1.0), unit=1.0).build()
     assert name in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def topography(unit: Any = "nm", *, hole: Any = False, even: bool = True, scale: Any = 1e9) -> Any:
+def topography(unit="nm", *, hole=False, even=True, scale=1e9):
     """What SurfaceTopography makes of a file, as far as it is used here."""
     return types.SimpleNamespace(
         unit=unit,
@@ -342,10 +338,10 @@ def topography(unit: Any = "nm", *, hole: Any = False, even: bool = True, scale:
     )
 
 
-def test_instrument_files_know_their_size_and_unit(write: Any, monkeypatch: Any) -> None:
+def test_instrument_files_know_their_size_and_unit(write, monkeypatch):
     path = write("map.sur", b"DIGITAL SURF")
 
-    def read(make: Any, **options: Any) -> HeightsFromFile:
+    def read(make, **options):
         opened = contextlib.nullcontext(types.SimpleNamespace(topography=make))
         module: Any = types.SimpleNamespace(open_topography=lambda _: opened)
         monkeypatch.setitem(sys.modules, "SurfaceTopography", module)

@@ -1,7 +1,5 @@
 """Recipes of surfaces: random phases, shapes with closed forms, and filters."""
 
-from __future__ import annotations
-
 import math
 import tracemalloc
 from dataclasses import replace
@@ -16,7 +14,6 @@ from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Sur
 from epcontact.surfaces import (
     FlatPunch,
     Paraboloid,
-    Recipe,
     SelfAffine,
     Sinusoid,
     Sphere,
@@ -44,13 +41,13 @@ GRIDS: list[tuple[tuple[int, ...], tuple[float, ...]]] = [
 ]
 
 
-def assert_close(got: Any, expected: Any, absolute: float) -> None:
+def assert_close(got, expected, absolute):
     """Every difference within `absolute`; quicker on large arrays than pytest.approx."""
     assert np.shape(got) == np.shape(expected)
     assert np.abs(np.asarray(got) - expected).max() <= absolute
 
 
-def wavenumbers(surface: Surface) -> np.ndarray[Any, np.dtype[np.float64]]:
+def wavenumbers(surface):
     grid = zip(surface.shape, surface.spacing, strict=True)
     axes = [2 * np.pi * np.fft.fftfreq(n, d) for n, d in grid]
     return np.sqrt(sum(q**2 for q in np.meshgrid(*axes, indexing="ij")))
@@ -58,9 +55,7 @@ def wavenumbers(surface: Surface) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 @pytest.mark.parametrize("hurst", [0.0, 0.8, 1.0])
 @pytest.mark.parametrize(("shape", "periods"), GRIDS)
-def test_amplitudes_are_those_of_the_spectrum_and_the_rms_slope_is_exact(
-    shape: tuple[int, ...], periods: tuple[float, ...], hurst: float
-) -> None:
+def test_amplitudes_are_those_of_the_spectrum_and_the_rms_slope_is_exact(shape, periods, hurst):
     spectrum = replace(NARROW, hurst=hurst)
     surface = SelfAffine(spectrum, periods, shape, seed=5).build()
     assert surface_moments(surface).rms_slope == pytest.approx(0.5, rel=1e-13)
@@ -78,9 +73,7 @@ def test_amplitudes_are_those_of_the_spectrum_and_the_rms_slope_is_exact(
 
 
 @pytest.mark.parametrize(("shape", "periods"), GRIDS)
-def test_a_finer_grid_shows_the_same_surface(
-    shape: tuple[int, ...], periods: tuple[float, ...]
-) -> None:
+def test_a_finer_grid_shows_the_same_surface(shape, periods):
     factor = 3
     coarse = SelfAffine(NARROW, periods, shape, seed=11).build()
     fine = SelfAffine(NARROW, periods, tuple(factor * n for n in shape), seed=11).build()
@@ -94,7 +87,7 @@ def test_a_finer_grid_shows_the_same_surface(
     assert_close(interpolant, fine.heights, 1e-14 * scale)
 
 
-def test_a_wider_band_adds_to_the_surface() -> None:
+def test_a_wider_band_adds_to_the_surface():
     wide = replace(NARROW, wavenumber_high=45.0)
     surfaces = [SelfAffine(s, (L, L), (96, 96), seed=4).build() for s in (NARROW, wide)]
     narrow, below = (filtered(s, 20.0).heights for s in surfaces)
@@ -103,7 +96,7 @@ def test_a_wider_band_adds_to_the_surface() -> None:
     assert_close(narrow, ratio * below, 1e-14 * np.abs(narrow).max())
 
 
-def test_limits_typed_with_seven_digits_lose_no_mode() -> None:
+def test_limits_typed_with_seven_digits_lose_no_mode():
     exact = SelfAffine(PAPER, (PAPER_PERIOD,) * 2, (513, 513), seed=1).build()
     typed = SelfAffine(PAPER, (2.513274e-4,) * 2, (513, 513), seed=1).build()
     # Same modes, same phases; all else follows the period's seventh digit.  One of the 205,000
@@ -111,7 +104,7 @@ def test_limits_typed_with_seven_digits_lose_no_mode() -> None:
     assert_close(typed.heights, exact.heights, 1e-5 * exact.heights.std())
 
 
-def test_phases_are_uniform_and_unrelated_and_never_change() -> None:
+def test_phases_are_uniform_and_unrelated_and_never_change():
     k = np.arange(-400, 400)
     phase, other = (_phases(seed, k[:, None], k[None, :]) for seed in (7, 8))
     assert phase.min() >= 0
@@ -130,7 +123,7 @@ def test_phases_are_uniform_and_unrelated_and_never_change() -> None:
     assert found == pytest.approx(known, rel=1e-15)
 
 
-def test_the_paper_s_grids() -> None:
+def test_the_paper_s_grids():
     assert grid_shape(PAPER, (PAPER_PERIOD, 2 * PAPER_PERIOD), 4) == (1024, 2048)
     assert grid_shape(PAPER, (PAPER_PERIOD,), 8) == (2048,)
 
@@ -153,18 +146,18 @@ WAVE = Sinusoid((1.0,), (8,), 0.1)
         (BUMP, {"centre": (0.5, 0.5)}, "must be 1 fractions"),
     ],
 )
-def test_recipes_refuse(good: Any, change: dict[str, Any], message: str) -> None:
+def test_recipes_refuse(good, change, message):
     with pytest.raises(InvalidScene, match=message):
         replace(good, **change)
 
 
-def test_a_grid_that_fits_into_no_memory_is_refused() -> None:
+def test_a_grid_that_fits_into_no_memory_is_refused():
     for recipe in (ROUGH, Paraboloid((L, L), (8, 8), 1.0)):
         with pytest.raises(EpcontactError, match="GiB"):
             replace(recipe, shape=(1 << 24, 1 << 24)).build()
 
 
-def test_a_build_takes_the_heights_and_their_modes() -> None:
+def test_a_build_takes_the_heights_and_their_modes():
     tracemalloc.start()
     heights = replace(ROUGH, shape=(1024, 1024)).build().heights
     peak = tracemalloc.get_traced_memory()[1] / heights.nbytes
@@ -184,7 +177,7 @@ RECIPES: list[Any] = [
 
 
 @pytest.mark.parametrize("recipe", RECIPES, ids=lambda r: type(r).__name__)
-def test_a_recipe_knows_the_digest_of_its_scene(recipe: Recipe) -> None:
+def test_a_recipe_knows_the_digest_of_its_scene(recipe):
     material, load, body = Material(1e9, 0.3), Load(1e5), Body()
     surface = recipe.build()
     known = scene_digest(recipe.fingerprint, recipe.shape, recipe.periods, material, body, load)
@@ -193,7 +186,7 @@ def test_a_recipe_knows_the_digest_of_its_scene(recipe: Recipe) -> None:
     assert not surface.heights.flags.writeable
 
 
-def test_fingerprints_never_change() -> None:
+def test_fingerprints_never_change():
     """Regression: results that are kept are found by them."""
     assert [recipe.fingerprint for recipe in RECIPES[3:]] == [
         "sinusoid/1 periods=(2) shape=(16) amplitude=0.1 waves=1 direction=x",
@@ -207,7 +200,7 @@ def test_fingerprints_never_change() -> None:
     )
 
 
-def test_every_parameter_is_in_the_fingerprint_and_equal_numbers_read_equal() -> None:
+def test_every_parameter_is_in_the_fingerprint_and_equal_numbers_read_equal():
     spectrum = {"hurst": 0.7, "wavenumber_low": 1.1, "wavenumber_roll_off": 4.1}
     spectrum |= {"wavenumber_high": 19.0, "rms_slope": 0.51}
     changes: list[dict[str, Any]] = [{"seed": 4}, {"shape": (48, 49)}, {"periods": (L, 1.1 * L)}]
@@ -220,19 +213,19 @@ def test_every_parameter_is_in_the_fingerprint_and_equal_numbers_read_equal() ->
     assert hash(same) == hash(replace(ROUGH, periods=(7.0, 7.0)))
 
 
-def test_sinusoids() -> None:
+def test_sinusoids():
     x, y = np.arange(16) / 16, np.arange(15) / 15
     waves = {"x": np.cos(4 * np.pi * x)[:, None], "y": np.cos(4 * np.pi * y)}
     waves["both"] = waves["x"] * waves["y"]
     for direction, wave in waves.items():
-        surface = Sinusoid((2.0, 3.0), (16, 15), 0.1, 2, direction).build()  # type: ignore[arg-type]
+        surface = Sinusoid((2.0, 3.0), (16, 15), 0.1, 2, direction).build()
         # Arguments up to 4 pi are rounded by 1e-15, so the waves of 0.1 by 1e-16 or two.
         assert_close(surface.heights, np.broadcast_to(0.1 * wave, (16, 15)), 3e-16)
         assert surface.heights.max() == surface.heights[0, 0] == 0.1
         assert surface.shortest_wavelength == (1.5 if direction == "y" else 1.0)
 
 
-def test_bumps_have_their_radius_and_place() -> None:
+def test_bumps_have_their_radius_and_place():
     periods, shape = (2.0, 3.0), (40, 50)
     x = np.arange(40) / 40 * 2 - 1.0
     y = np.arange(50) / 50 * 3 - 1.5
@@ -256,7 +249,7 @@ def test_bumps_have_their_radius_and_place() -> None:
 
 
 @pytest.mark.parametrize("shape", [(8, 8), (7, 9), (8,), (9,)])
-def test_filtering_keeps_the_long_waves_alone(shape: tuple[int, ...]) -> None:
+def test_filtering_keeps_the_long_waves_alone(shape):
     heights = 3 + np.random.default_rng(0).standard_normal(shape)
     surface = Surface(heights, (1.0, 2.0)[: len(shape)])
     q = wavenumbers(surface)
@@ -268,7 +261,7 @@ def test_filtering_keeps_the_long_waves_alone(shape: tuple[int, ...]) -> None:
     assert filtered(surface, 1e9).heights == pytest.approx(surface.heights, rel=1e-13)
 
 
-def test_a_cut_off_takes_its_spectrum_along() -> None:
+def test_a_cut_off_takes_its_spectrum_along():
     surface = ROUGH.build()
     cut = filtered(surface, 10.0)
     assert cut.spectrum is not None

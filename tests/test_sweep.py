@@ -1,18 +1,13 @@
 """Sweeps: the points of a table, tasks that are kept and done again, and the table read back."""
 
-from __future__ import annotations
-
 import random
 import signal
 import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -41,12 +36,12 @@ material.hardness = { low = 3e9, high = 12e9, points = 3, spacing = "log" }
 
 
 @pytest.fixture
-def swept(write_case) -> Callable[..., Path]:
+def swept(write_case):
     """Write a small case with a sweep; of the theory alone, which takes milliseconds."""
     return lambda text=GRID, *edits: write_case(*(edits or THEORY), more=text)
 
 
-def points(text: str) -> list[dict[str, Any]]:
+def points(text):
     table = SweepTable.model_validate(tomllib.loads(text))
     found = list(table.points())
     assert len(found) == table.size
@@ -60,7 +55,7 @@ point = [{ material.poisson_ratio = 0.0 }, { material.poisson_ratio = 0.3 }]
 """
 
 
-def test_values_grids_and_tables_are_combined() -> None:
+def test_values_grids_and_tables_are_combined():
     names = ("fem.law", "load.mean_pressure", "material.poisson_ratio")
     found = {tuple(point[name] for name in names) for point in points(PAIRS)}
     assert found == {*product(("capped", "j2"), (1, 10, 100), (0, 0.3))}
@@ -73,7 +68,7 @@ material.hardness = { low = 1e8, high = 1e10, spacing = "log" }
 """
 
 
-def test_samples_are_a_latin_hypercube() -> None:
+def test_samples_are_a_latin_hypercube():
     found = pd.DataFrame(points(SAMPLES))
     assert sorted(((found["surface.hurst"] - 0.4) / 0.1).astype(int)) == list(range(8))
     assert sorted((np.log10(found["material.hardness"] / 1e8) / 0.25).astype(int)) == list(range(8))
@@ -107,7 +102,7 @@ P = "load.mean_pressure ="
         ("[[sweep.point]]\na.b=2\n[[sweep.point]]\na.c=2", "different keys"),
     ],
 )
-def test_bad_sweep_is_one_sentence(swept, tmp_path, text, sentence) -> None:
+def test_bad_sweep_is_one_sentence(swept, tmp_path, text, sentence):
     path = swept(f"\n[sweep]\n{text}\n")
     with pytest.raises(InvalidCase, match=sentence) as refused:
         sweep.run_sweep(path, output=tmp_path / "out", jobs=1)
@@ -116,7 +111,7 @@ def test_bad_sweep_is_one_sentence(swept, tmp_path, text, sentence) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_each_row_is_the_solve_at_its_point(swept, tmp_path) -> None:
+def test_each_row_is_the_solve_at_its_point(swept, tmp_path):
     path = swept(GRID + "[[sweep.point]]\nmaterial.poisson_ratio = 0.2\n")
     found, case = sweep.run_sweep(path, output=tmp_path, jobs=1).table, load_case(path)
     scene = case.scene(case.recipes[0])
@@ -129,8 +124,8 @@ def test_each_row_is_the_solve_at_its_point(swept, tmp_path) -> None:
     assert found["solved"].tolist() == [True] * 6
 
 
-def test_a_stopped_sweep_goes_on_and_ends_like_that_of_another_executor(swept, tmp_path) -> None:
-    def stopped(done: float, *_: Any) -> None:
+def test_a_stopped_sweep_goes_on_and_ends_like_that_of_another_executor(swept, tmp_path):
+    def stopped(done, *_):
         if done == 3:
             raise KeyboardInterrupt
 
@@ -149,7 +144,7 @@ def test_a_stopped_sweep_goes_on_and_ends_like_that_of_another_executor(swept, t
     np.testing.assert_array_equal(read, found.table["area.total.raw"])
 
 
-def test_results_belong_to_their_points(swept, tmp_path) -> None:
+def test_results_belong_to_their_points(swept, tmp_path):
     path = swept()
     sweep.run_sweep(path, output=tmp_path, jobs=1)
     path.write_text(path.read_text().replace("[2e8, 4e8]", "[1e8, 4e8]"))
@@ -165,7 +160,7 @@ def test_results_belong_to_their_points(swept, tmp_path) -> None:
     assert (steep.table["area.total.raw"] < more.table["area.total.raw"]).all()
 
 
-def test_methods_surfaces_and_measured_quantities(swept, tmp_path) -> None:
+def test_methods_surfaces_and_measured_quantities(swept, tmp_path):
     """A quantity that is not defined leaves the rest of a result."""
     text = f"""[sweep]\n{P} [4e8]\nseeds = [1, 2]
         quantities = ["quantity.total_patches", "quantity.conductance_loading"]\n"""
@@ -182,11 +177,11 @@ def test_methods_surfaces_and_measured_quantities(swept, tmp_path) -> None:
     assert all("no value: quantity.conductance_loading: Barber's analogy" in s for s in said)
 
 
-def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch) -> None:
+def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch):
     path, real = swept(), METHODS["persson"]
     command = ("sweep", path, "--output", tmp_path, "--jobs", "1")
 
-    def heavy(scene: Any, *rest: Any) -> Any:
+    def heavy(scene, *rest):
         if scene.load.final > 3e8:
             raise NotConverged("too heavy for a test")
         return real.solve(scene, *rest)
@@ -203,7 +198,7 @@ def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch) -> 
     assert "hardness 1.2e+10, mean_pressure 4e+08" in done.stderr
 
 
-def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path) -> None:
+def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path):
     path = swept()
     text, _, rest = path.read_text().partition("[[gate]]")
     path.write_text(text + rest[rest.index("[sweep]") :])
@@ -215,7 +210,7 @@ def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path) -> None:
         load_case(path)
 
 
-def test_what_holds_no_sweep_is_refused(swept, tmp_path) -> None:
+def test_what_holds_no_sweep_is_refused(swept, tmp_path):
     with pytest.raises(InvalidCase, match=r"has no table \[sweep\], such as load.mean_pressure = "):
         sweep.read_sweep(swept(""))
     (tmp_path / "sweep.json").write_text("[]")
@@ -228,7 +223,7 @@ MANY = f"[sweep]\n{P} {{ low = 1e8, high = 1e9, points = 12 }}\nseeds = [1, 2, 3
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
-def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path) -> None:
+def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path):
     path, output, moments = swept(MANY, ONE), tmp_path / "killed", random.Random(7)
     whole, solved = sweep.run_sweep(path, output=tmp_path / "whole", jobs=1), []
     command = [sys.executable, "-m", "epcontact", "sweep", path, "--output", output, "--jobs", "2"]

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ SCENE = rough_scene(4, seed=3, bandwidth=16, hardness=75e9)
 ELASTIC = replace(SCENE.material, hardness=math.inf)
 
 
-def test_a_residual_surface_is_taken_up_by_another_case(tmp_path: Path) -> None:
+def test_a_residual_surface_is_taken_up_by_another_case(tmp_path):
     result = bem.solve(SCENE)
     left = residual_surface(SCENE.surface, result)
     assert "left after plastic flow" in left.notes[-1]
@@ -43,7 +42,7 @@ def test_a_residual_surface_is_taken_up_by_another_case(tmp_path: Path) -> None:
     np.testing.assert_array_equal(same.heights, SCENE.surface.heights)
 
 
-def test_j2_shows_its_residual_surface_only_after_unloading(tmp_path: Path) -> None:
+def test_j2_shows_its_residual_surface_only_after_unloading(tmp_path):
     scene, vti = yielding(rough_scene(4, seed=3, bandwidth=4, hardness=75e9)), tmp_path / "fem.vti"
     loaded = fem_check.solve(scene, law="j2", certified=False)
     write_fields(vti, loaded, scene.surface)
@@ -60,7 +59,7 @@ def test_j2_shows_its_residual_surface_only_after_unloading(tmp_path: Path) -> N
     assert np.ptp(read.heights - left.heights) < 1e-12 * left.heights.std()
 
 
-def test_the_statistics_of_a_sinusoid_are_exact() -> None:
+def test_the_statistics_of_a_sinusoid_are_exact():
     x = 2 * np.pi * np.arange(64) / 64
     heights = 0.3 * np.cos(4 * x)[:, None] + np.zeros((1, 32))
     found = topography(Surface(heights, (2 * np.pi, np.pi)))
@@ -71,7 +70,7 @@ def test_the_statistics_of_a_sinusoid_are_exact() -> None:
     assert topography(skewed).skewness == pytest.approx(2 / math.sqrt(3))
 
 
-def test_octaves_add_up_to_the_height_variance_and_a_wave_is_in_its_octave() -> None:
+def test_octaves_add_up_to_the_height_variance_and_a_wave_is_in_its_octave():
     lowest, variance = power_by_octave(SCENE.surface)
     assert variance.sum() == pytest.approx(SCENE.surface.heights.var(), rel=1e-12)
     np.testing.assert_allclose(lowest[1:] / lowest[:-1], 2.0)
@@ -81,7 +80,7 @@ def test_octaves_add_up_to_the_height_variance_and_a_wave_is_in_its_octave() -> 
         assert np.argmax(variance) == octave
 
 
-def test_the_cap_keeps_short_waves_where_the_theory_loses_them_and_skews_the_heights() -> None:
+def test_the_cap_keeps_short_waves_where_the_theory_loses_them_and_skews_the_heights():
     scene = rough_scene(4, seed=991, bandwidth=64, hardness=40e9)
     left = residual_of("cap", scene)
     kept = power_by_octave(left)[1][:6] / power_by_octave(scene.surface)[1][:6]
@@ -92,9 +91,7 @@ def test_the_cap_keeps_short_waves_where_the_theory_loses_them_and_skews_the_hei
 
 @pytest.mark.parametrize("pressure", [0.0005, 0.005, 0.05])
 @pytest.mark.parametrize("hardness", [math.inf, 0.06])
-def test_the_distribution_of_the_gap_is_normalised_and_has_its_mean(
-    pressure: float, hardness: float
-) -> None:
+def test_the_distribution_of_the_gap_is_normalised_and_has_its_mean(pressure, hardness):
     """Its mean is ubar, but for the folding at 0, which only adds."""
     rough = analytic_roughness(SelfAffineSpectrum(0.8, 1.0, 4.0, 64.0, rms_slope=0.1))
     theory = Theory(rough, 1.0, EnergyReduction(0.536), hardness)
@@ -111,13 +108,13 @@ def test_the_distribution_of_the_gap_is_normalised_and_has_its_mean(
     assert -0.001 < ratio - 1 < (0.02 if pressure < 0.001 else 0.5)
 
 
-def test_the_distribution_of_the_gap_meets_that_of_boundary_elements() -> None:
+def test_the_distribution_of_the_gap_meets_that_of_boundary_elements():
     """Within 0.13 at every gap at hardness 0.6 E* xi, a difference of models."""
     scene = rough_scene(4, seed=15, bandwidth=64)
     assert np.abs(cumulative("persson", scene) - cumulative("bem", scene)).max() < 0.13
 
 
-def test_an_elastic_half_space_has_the_same_energy_by_stress_and_by_surface() -> None:
+def test_an_elastic_half_space_has_the_same_energy_by_stress_and_by_surface():
     """Far below yield, the energy of the stresses is half of pressure times displacement."""
     light = replace(rough_scene(4, seed=3, bandwidth=4, hardness=math.inf), load=Load(1e6))
     stiff = replace(light, material=replace(light.material, yield_stress=1e15))
@@ -130,7 +127,7 @@ def test_an_elastic_half_space_has_the_same_energy_by_stress_and_by_surface() ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("severity", [5.0, 12.0])
-def test_a_j2_sphere_keeps_the_dent_of_etsion_and_reloads_elastically(severity: float) -> None:
+def test_a_j2_sphere_keeps_the_dent_of_etsion_and_reloads_elastically(severity):
     """(1 - x^-.28)(1 - x^-.69) of the largest interference, x = w/w_c up to 170 (Etsion, Kligerman
     and Kadin, Int. J. Solids Struct. 42 (2005) 3716), a fit of finite elements.
 

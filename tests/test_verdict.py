@@ -1,7 +1,5 @@
 """Intervals, distances, gates and verdicts that are known by hand; one case is solved."""
 
-from __future__ import annotations
-
 import errno
 import json
 import math
@@ -20,7 +18,7 @@ import pytest
 from epcontact.errors import InvalidCase, OutputError
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
-from epcontact.harness.case_files.case import Case, load_case
+from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import Gate, distance, judge, judge_distance, unjudged
 from epcontact.harness.verdict.judgement import Verdict, judge_case
 from epcontact.harness.verdict.read_back import require_faithful
@@ -28,7 +26,7 @@ from epcontact.harness.verdict.verification import verify, write_verdict
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
 
-def gate(norm: str = "relative", low: float = -0.1, high: float = 0.1) -> Gate:
+def gate(norm="relative", low=-0.1, high=0.1):
     return Gate("area.total.raw", "bem", "persson", norm, low, high, "a test")
 
 
@@ -46,7 +44,7 @@ BEM, FEM = [1.0, 2.0, 4.0], [1.1, 1.9, 4.4]
         ("relative", [-1.0, -2.0, -4.0], [2.0], False, -13 / 6, 1.897291516798379),
     ],
 )
-def test_differences_of_known_values(norm, values, references, paired, mean, half_width) -> None:
+def test_differences_of_known_values(norm, values, references, paired, mean, half_width):
     found = judge(gate(norm), values, references, paired).difference
     assert (found.mean, found.half_width) == pytest.approx((mean, half_width), rel=1e-12)
 
@@ -66,11 +64,11 @@ def test_differences_of_known_values(norm, values, references, paired, mean, hal
         (gate(), [math.inf], [1.0], False),
     ],
 )
-def test_a_gate_holds_only_if_the_whole_interval_does(band, values, references, holds) -> None:
+def test_a_gate_holds_only_if_the_whole_interval_does(band, values, references, holds):
     assert judge(band, values, references, paired=False).holds == holds
 
 
-def test_margin_is_the_band_over_difference_and_interval() -> None:
+def test_margin_is_the_band_over_difference_and_interval():
     wide = gate("absolute", -0.1, 0.3)
     assert judge(wide, [1.2], [1.0], paired=False).margin == pytest.approx(0.2 / 0.1)
     spread = judge(wide, [1.0, 1.2], [1.0], paired=False)
@@ -80,7 +78,7 @@ def test_margin_is_the_band_over_difference_and_interval() -> None:
     assert math.isnan(unjudged(wide, "no").margin)
 
 
-def uniform(low: float, area: float = 1.0, plastic: float = 0.0) -> PressureDistribution:
+def uniform(low, area=1.0, plastic=0.0):
     """Pressures spread evenly over (low, low + 1) on a share `area`."""
     sigma = np.linspace(0, 2, 20001)
     return PressureDistribution(sigma, area * np.clip(sigma - low, 0, 1), plastic)
@@ -103,13 +101,13 @@ JUMP = PressureDistribution(np.array([0, 0.5 - 1e-12, 0.5]), np.array([0.0, 0.0,
         ("supremum", JUMP, uniform(0, 0.4), 4.0, 0.5),
     ],
 )
-def test_distances_of_known_distributions(norm, a, b, hardness, exact) -> None:
+def test_distances_of_known_distributions(norm, a, b, hardness, exact):
     assert distance(norm, a, b, hardness) == pytest.approx(exact, rel=2e-4)
     with pytest.raises(InvalidCase, match="without contact"):
         distance(norm, uniform(0, area=0.0), b, hardness)
 
 
-def answer(method: str, *areas: float, claim: float = 0.0, labels: str = "abc") -> Answer:
+def answer(method, *areas, claim=0.0, labels="abc"):
     """One surface for each area, of different largest pressures."""
     results = []
     error = Areas(claim, claim / 2, claim / 2)
@@ -120,16 +118,16 @@ def answer(method: str, *areas: float, claim: float = 0.0, labels: str = "abc") 
     return Answer(tuple(results), tuple(labels[: len(areas)]))
 
 
-def of_bem(*areas: float, claim: float = 0.0, **others: Answer) -> dict[str, Answer]:
+def of_bem(*areas, claim=0.0, **others):
     return {"bem": answer("bem", *areas, claim=claim), "persson": answer("persson", 0.1)} | others
 
 
-def failed(method: str, *areas: float) -> dict[str, Answer]:
+def failed(method, *areas):
     return {method: replace(answer(method, *areas), errors=(f"{method}, a: stalled",))}
 
 
 @pytest.fixture
-def case(write_case) -> Case:
+def case(write_case):
     """A band of ± 10 % on the area; no default gates, which read fields."""
     loaded = load_case(write_case(("tolerance = 0.5", "tolerance = 0.1")))
     return loaded.changed(gates=loaded.gates[:1])
@@ -153,13 +151,13 @@ TWINS = Answer(2 * answer("bem", 0.1).results, ("a", "b"))
         (of_bem(bem=TWINS), "error", "surfaces a and b the same answer"),
     ],
 )
-def test_status_of_a_case(case: Case, given: dict[str, Answer], status: str, why: str) -> None:
+def test_status_of_a_case(case, given, status, why):
     outcome = judge_case(case, given)
     assert outcome.status == outcome.gates[0].status == status
     assert why in str(outcome.gates[0].error)
 
 
-def test_exit_code_of_several_cases(case: Case) -> None:
+def test_exit_code_of_several_cases(case):
     held = judge_case(case, of_bem(0.1))
     skipped = judge_case(case.changed(skip="no file"), {})
     assert (skipped.status, skipped.gates) == ("skipped", [])
@@ -171,14 +169,14 @@ def test_exit_code_of_several_cases(case: Case) -> None:
         assert (verdict.exit_code, verdict.passed) == (exit_code, exit_code == 0)
 
 
-def test_a_scalar_that_no_method_has_is_an_error_that_names_those_it_has(case: Case) -> None:
+def test_a_scalar_that_no_method_has_is_an_error_that_names_those_it_has(case):
     absent = case.changed(gates=(replace(case.gates[0], quantity="quantity.diffusion"),))
     (gate,) = judge_case(absent, of_bem(0.1)).gates
     assert gate.status == "error"
     assert re.search(r"'quantity\.diffusion'; it has .*area\.total\.raw", str(gate.error))
 
 
-def test_areas_less_sure_than_the_band_do_not_hold(case: Case) -> None:
+def test_areas_less_sure_than_the_band_do_not_hold(case):
     """Of two grids the smaller claim counts, and beside a theory that of the grid."""
     on_fem = replace(case.gates[0], against="fem")
     gates = case.changed(methods=("persson", "bem", "fem"), gates=(case.gates[0], on_fem))
@@ -189,7 +187,7 @@ def test_areas_less_sure_than_the_band_do_not_hold(case: Case) -> None:
     assert "± 0.3 (of which 0.3 by the grid)" in str(judged.gates[1])
 
 
-def test_files_say_what_the_verdict_says(case: Case, tmp_path: Path) -> None:
+def test_files_say_what_the_verdict_says(case, tmp_path):
     bem = answer("bem", 0.12, 0.121, 0.122)
     made = Provenance("digest", versions={"numpy": "1.0"})
     older = replace(bem, results=tuple(replace(r, provenance=made) for r in bem.results))
@@ -204,7 +202,7 @@ def test_files_say_what_the_verdict_says(case: Case, tmp_path: Path) -> None:
     assert "only a smoke test" in suites.find("testsuite/testcase/failure").attrib["message"]
 
 
-def test_the_answer_of_a_method_sums_up_its_members(write_case, tmp_path: Path) -> None:
+def test_the_answer_of_a_method_sums_up_its_members(write_case, tmp_path):
     loaded = load_case(write_case())
     run_cases([loaded.changed(methods=("bem",))], Run(output=tmp_path, jobs=1))
     answer = json.loads((tmp_path / "small" / "fast" / "bem.json").read_text())
@@ -217,8 +215,8 @@ def test_the_answer_of_a_method_sums_up_its_members(write_case, tmp_path: Path) 
     assert answer["residuals"]["gap_elastic"] == max(force) > min(force)
 
 
-def test_the_last_verdict_survives_a_full_disk(tmp_path: Path, monkeypatch) -> None:
-    def full(_: int) -> None:
+def test_the_last_verdict_survives_a_full_disk(tmp_path, monkeypatch):
+    def full(_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     verify("bearing-area", output=tmp_path, jobs=1)
@@ -255,7 +253,7 @@ because = "only a smoke test"
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(tmp_path_factory):
     """The output folder of three surfaces, a paired gate, and gates that hold and fall short."""
     folder = tmp_path_factory.mktemp("written")
     gamma = "energy_reduction = 0.536"

@@ -3,8 +3,6 @@
 `python -m breaking`, in the folder of the tests, prints it.
 """
 
-from __future__ import annotations
-
 from breaking import after, boundary, elements, judging, output, references, surfaces, theory
 from breaking.fault import Fault, fails_under, honest_case, status_under
 

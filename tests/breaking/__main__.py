@@ -1,13 +1,11 @@
 """Print the table of faults: what is wrong, where, and what sees it."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 from breaking import FAULTS
 
 
-def main() -> None:
+def main():
     """Print one line for each fault, and how many are seen by what."""
     for fault in FAULTS.values():
         seen = fault.test or f"{fault.case}: {fault.quantity}"

@@ -1,9 +1,5 @@
 """Faults of what stays behind after the load: flow, energy, conductance."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 from scipy.ndimage import label
 
@@ -12,19 +8,19 @@ from breaking.fault import Fault, at, changed, given, on_result, quantity, scale
 FLOWED = "epcontact.bem.flow.flowed"
 
 
-def _deepest(w: Any) -> Any:
+def _deepest(w):
     return np.where(w > np.median(w[w > 0]), w, 0.0)
 
 
-def _on_the_deformed(original: Any) -> Any:
-    def wrong(problem: Any, solution: Any, before: Any) -> Any:
+def _on_the_deformed(original):
+    def wrong(problem, solution, before):
         u = solution.displacement
         return original(problem, solution, before) + 0.1 * (u - u.min())
 
     return wrong
 
 
-def _other_branch(result: Any, branch: str) -> tuple[Any, str]:
+def _other_branch(result, branch):
     return result, {"loading": "unloading", "unloading": "loading"}[branch]
 
 

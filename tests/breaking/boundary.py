@@ -1,11 +1,7 @@
 """Faults of the boundary elements."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import faults
 import numpy as np
@@ -14,70 +10,70 @@ from faults import honest
 from breaking.fault import Fault, at, changed, given, on_result, quantity, solver
 from epcontact.bem import driver
 from epcontact.results import APART, ELASTIC, PLASTIC, Areas, PressureDistribution
-from epcontact.scene import Body, Load, Scene
+from epcontact.scene import Body, Load
 
 B = "epcontact.bem."
 
 
-def _wrong(what: str, wrong: Callable[..., Any], *seen: Any) -> Fault:
+def _wrong(what, wrong, *seen):
     return Fault(what, "bem", solver(wrong), *seen)
 
 
-def _reported(what: str, name: str, change: Callable[[float], float], *seen: Any) -> Fault:
+def _reported(what, name, change, *seen):
     return Fault(what, "bem", quantity(B + "solve", name, change), *seen)
 
 
-def _loaded(scene: Scene, *path: float) -> Scene:
+def _loaded(scene, *path):
     return replace(scene, load=Load(path))
 
 
-def _areas(what: str, change: Callable[..., Any], *seen: Any) -> Fault:
+def _areas(what, change, *seen):
     return _wrong(what, lambda scene: faults.with_areas(honest(scene), change), *seen)
 
 
-def _of_the_contact(found: PressureDistribution) -> PressureDistribution:
+def _of_the_contact(found):
     total = found.cumulative[-1] + found.plastic
     return replace(found, cumulative=found.cumulative / total, plastic=found.plastic / total)
 
 
-def _with_field(name: str, change: Callable[..., Any]) -> Any:
-    def wrong(result: Any) -> Any:
+def _with_field(name, change):
+    def wrong(result):
         return replace(result, fields=dict(result.fields) | {name: change(result.fields[name])})
 
     return on_result(B + "solve", wrong)
 
 
-def _turned_state(state: Any) -> Any:
+def _turned_state(state):
     out = np.full_like(state, APART)
     out[state == ELASTIC], out[state == PLASTIC] = PLASTIC, ELASTIC
     return out
 
 
-def _layer_with(**changes: float) -> Any:
+def _layer_with(**changes):
     return lambda q, body, material: (q, body, replace(material, **changes))
 
 
-def _estimated(change: Callable[..., Any]) -> Any:
+def _estimated(change):
     return on_result(B + "driver.estimate_areas", lambda found: change(*found))
 
 
-def _total_alone(raw: Areas, good: Areas, error: Areas) -> tuple[Areas, Areas, Areas]:
+def _total_alone(raw, good, error):
     return raw, Areas(good.total, good.total - raw.plastic, raw.plastic), error
 
 
-def _largest_rows_first(original: Any) -> Any:
-    def wrong(values: Any, shape: Any) -> Any:
+def _largest_rows_first(original):
+    def wrong(values, shape):
         symbol = original(values, shape)
         return replace(symbol, rows=np.roll(symbol.rows, 1))
 
     return wrong
 
 
-def _longest_first(path: tuple[float, ...]) -> tuple[float, ...]:
+def _longest_first(path):
     return path[::-1]
 
 
-def _late(result: Any) -> Any:
+def _late(result):
     """Every step of a path with the figures of the step before it."""
     before = (result.steps[0], *result.steps[:-1])
     steps = (

@@ -1,11 +1,7 @@
 """Faults of the finite elements."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -15,13 +11,13 @@ from epcontact.results import PressureDistribution
 F = "fem_check."
 
 
-def _law(what: str, change: Callable[..., Any], *seen: Any, **more: Any) -> Fault:
+def _law(what, change, *seen, **more):
     return Fault(what, "fem_check", changed(F + "plasticity.law", change), *seen, **more)
 
 
-def _moduli(**changes: Callable[[float, float], float]) -> Any:
-    def change(original: Any) -> Any:
-        def wrong(E: float, nu: float, Y: float, H: float = 0.0) -> Any:
+def _moduli(**changes):
+    def change(original):
+        def wrong(E, nu, Y, H=0.0):
             return original(E, nu, Y, H)._replace(**{k: f(E, nu) for k, f in changes.items()})
 
         return wrong
@@ -29,31 +25,31 @@ def _moduli(**changes: Callable[[float, float], float]) -> Any:
     return change
 
 
-def _fem(what: str, patch: Any, *seen: Any, **more: Any) -> Fault:
+def _fem(what, patch, *seen, **more):
     return Fault(what, "fem_check", patch, *seen, **more)
 
 
-def _early(original: Any) -> Any:
+def _early(original):
     """History committed at an iterate beyond the converged displacement, then once more."""
 
-    def wrong(u: Any, bricks: Any, law: Any, history: Any, flowing: Any) -> Any:
+    def wrong(u, bricks, law, history, flowing):
         return original(u, bricks, law, original(1.3 * u, bricks, law, history, flowing), flowing)
 
     return wrong
 
 
-def _smeared(pressure: Any, *rest: Any) -> Any:
+def _smeared(pressure, *rest):
     """Pressures of the elements between the nodes in the place of those of the nodes."""
     for axis in (0, 1):
         pressure = (pressure + np.roll(pressure, 1, axis)) / 2
     return pressure, *rest
 
 
-def _step(name: str, change: Callable[[float], float]) -> Any:
+def _step(name, change):
     return quantity(F + "solve", name, change)
 
 
-def _field(name: str, change: Callable[[Any], Any]) -> Any:
+def _field(name, change):
     return on_result(F + "result.surface_fields", lambda f: f | {name: change(f[name])})
 
 

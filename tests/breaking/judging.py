@@ -1,29 +1,13 @@
 """Faults of the harness: measurements, statistics, gates, verdict, kept results."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import faults
 import numpy as np
-import pytest
 from junitparser import Skipped
 
-from breaking.fault import (
-    REFUSED,
-    Fault,
-    Patch,
-    at,
-    both,
-    changed,
-    given,
-    on_result,
-    scaled,
-    solver,
-)
+from breaking.fault import REFUSED, Fault, at, both, changed, given, on_result, scaled, solver
 from epcontact.harness.quantities.registry import QUANTITIES
 
 H = "epcontact.harness."
@@ -31,28 +15,28 @@ GATE, QUANTITY = H + "gates.", H + "quantities.registry."
 RUN, VERDICT = H + "answers.run.", H + "verdict."
 
 
-def _blind(name: str) -> Patch:
+def _blind(name):
     """A measured quantity that is always zero."""
 
-    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+    def patch(monkeypatch):
         monkeypatch.setitem(QUANTITIES, name, replace(QUANTITIES[name], measure=lambda a: 0.0))
 
     return patch
 
 
-def _fault(what: str, patch: Patch, *seen: Any, **more: Any) -> Fault:
+def _fault(what, patch, *seen, **more):
     return Fault(what, "harness", patch, *seen, **more)
 
 
-def _without_width(estimate: Any) -> Any:
+def _without_width(estimate):
     return estimate.model_copy(update={"half_width": 0.0})
 
 
-def _largest(original: Callable[..., Any]) -> Callable[..., Any]:
+def _largest(original):
     return lambda values: original(values).model_copy(update={"mean": float(max(values))})
 
 
-def _reversed(found: Any) -> Any:
+def _reversed(found):
     """The results of the boundary elements in another order than their labels and partners."""
     return {
         case: answers | {"bem": replace(answers["bem"], results=answers["bem"].results[::-1])}
@@ -60,31 +44,31 @@ def _reversed(found: Any) -> Any:
     }
 
 
-def _shifted(answer: Any) -> Any:
+def _shifted(answer):
     ensemble = answer["ensemble"]
     return answer | {"ensemble": ensemble | {"surfaces": ensemble["surfaces"][::-1]}}
 
 
-def _exchanged(answer: Any) -> Any:
+def _exchanged(answer):
     areas = answer["areas"]
     return answer | {"areas": areas | {"raw": areas["corrected"], "corrected": areas["raw"]}}
 
 
-def _best(answer: Any) -> Any:
+def _best(answer):
     members = answer["members"]
     best = {k: min(m["residuals"][k] for m in members) for k in answer["residuals"]}
     return answer | {"residuals": best}
 
 
-def _with_exit_code(original: Callable[..., Any]) -> Callable[..., Any]:
+def _with_exit_code(original):
     return lambda *a: original(*a).model_copy(update={"exit_code": 2})
 
 
-def _times(factor: Callable[[str, float, float, float], float]) -> Patch:
+def _times(factor):
     """A distance multiplied by a factor of its norm, both contact areas and the hardness."""
 
-    def change(original: Callable[..., float]) -> Callable[..., float]:
-        def wrong(norm: str, a: Any, b: Any, hardness: float) -> float:
+    def change(original):
+        def wrong(norm, a, b, hardness):
             areas = (float(each.cumulative[-1] + each.plastic) for each in (a, b))
             return original(norm, a, b, hardness) * factor(norm, *areas, hardness)
 
@@ -93,7 +77,7 @@ def _times(factor: Callable[[str, float, float, float], float]) -> Patch:
     return changed(H + "gates.distance", change)
 
 
-def _elastic(case: Any, recipe: Any) -> tuple[Any, Any]:
+def _elastic(case, recipe):
     return case.changed(material=replace(case.material, hardness=math.inf)), recipe
 
 

@@ -1,13 +1,10 @@
 """Faults of what a person reads: the page, the tables of a terminal, pictures, field files."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from breaking.fault import Fault, Patch, changed, given, scaled
+from breaking.fault import Fault, changed, given, scaled
 from epcontact.results import ELASTIC, PLASTIC
 
 SHOWN = "tests/test_shown.py::test_"
@@ -20,15 +17,15 @@ LEGEND = CHARTS + "the_legend_has_the_colours_of_the_map"
 C = "epcontact.output.charts."
 
 
-def _shown(what: str, patch: Patch, test: str) -> Fault:
+def _shown(what, patch, test):
     return Fault(what, "output", patch, test=test)
 
 
-def _template(old: str, new: str) -> Patch:
+def _template(old, new):
     """The template of the report with one text in the place of another."""
 
-    def change(original: Any) -> Any:
-        def wrong(environment: Any, name: str) -> Any:
+    def change(original):
+        def wrong(environment, name):
             text = environment.loader.get_source(environment, name)[0]
             assert old in text, f"the template does not hold {old}"
             return environment.from_string(text.replace(old, new))
@@ -38,22 +35,22 @@ def _template(old: str, new: str) -> Patch:
     return changed("jinja2.Environment.get_template", change)
 
 
-def _exchanged(first: str, second: str) -> Any:
-    def wrong(gate: Any) -> Any:
+def _exchanged(first, second):
+    def wrong(gate):
         values = {first: getattr(gate, second), second: getattr(gate, first)}
         return gate.model_copy(update=values)
 
-    def cases(found: Any, *rest: Any) -> tuple[Any, ...]:
+    def cases(found, *rest):
         return ([c.model_copy(update={"gates": [wrong(g) for g in c.gates]}) for c in found], *rest)
 
     return given("epcontact.cli.tables.verdict_table", cases)
 
 
-def _turned(states: Any) -> Any:
+def _turned(states):
     return np.select([states == ELASTIC, states == PLASTIC], [PLASTIC, ELASTIC], states)
 
 
-def _drawn(change: Any) -> Patch:
+def _drawn(change):
     """A field that is changed before it is drawn."""
     wrong = lambda axes, field, *rest: (axes, change(field), *rest)  # noqa: E731
     return given(C + "maps.show_field", wrong)

@@ -1,16 +1,13 @@
 """Faults of the exact solutions, which would let a wrong solver pass."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 from breaking.fault import Fault, at, changed, given, scaled
 
 R = "epcontact.reference."
 
 
-def _form(what: str, patch: Any, *seen: Any, **more: Any) -> Fault:
+def _form(what, patch, *seen, **more):
     return Fault(what, "reference", patch, *seen, **more)
 
 

@@ -1,9 +1,6 @@
 """Faults of surfaces, spectra, filters and readers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -12,14 +9,14 @@ from breaking.fault import Fault, changed, given, on_result, scaled
 S = "epcontact.surfaces."
 
 
-def _spectrum(**changes: Any) -> Any:
-    def wrong(spectrum: Any, *rest: Any) -> tuple[Any, ...]:
+def _spectrum(**changes):
+    def wrong(spectrum, *rest):
         return (replace(spectrum, **{k: f(spectrum) for k, f in changes.items()}), *rest)
 
     return wrong
 
 
-def _shape(what: str, patch: Any, *seen: Any, **more: Any) -> Fault:
+def _shape(what, patch, *seen, **more):
     return Fault(what, "surfaces", patch, *seen, **more)
 
 

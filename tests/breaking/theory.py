@@ -1,10 +1,7 @@
 """Faults of Persson's theory."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.special import erf
@@ -15,19 +12,19 @@ from epcontact.persson.elastoplastic import ContactAreas
 P = "epcontact.persson."
 
 
-def _without_hardness(G: Any, p0: Any, hardness: Any = np.inf) -> tuple[Any, ...]:
+def _without_hardness(G, p0, hardness=np.inf):
     return G, p0, np.inf
 
 
-def _a_third(G: Any, p0: Any, hardness: Any = np.inf) -> tuple[Any, ...]:
+def _a_third(G, p0, hardness=np.inf):
     return G, p0, hardness / 3
 
 
-def _twice_as_fine(theory: Any, mean_pressure: Any, *magnification: Any) -> tuple[Any, ...]:
+def _twice_as_fine(theory, mean_pressure, *magnification):
     return theory, mean_pressure, *(2 * np.asarray(zeta) for zeta in magnification)
 
 
-def _with_rule(rule: str) -> Any:
+def _with_rule(rule):
     return lambda reduction, *rest: (replace(reduction, rule=rule), *rest)
 
 
