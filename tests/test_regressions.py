@@ -116,13 +116,13 @@ def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path):
     package.mkdir()
     (package / "__init__.py").touch()
     (package / "outer.py").write_text(KERNELS)
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
+    folders = {"NUMBA_CACHE_DIR": str(tmp_path / "kernels"), "PYTHONPATH": str(tmp_path)}
     command = [sys.executable, "-B", "-c", "import fem_check.outer"]
     for factor in (2, 5):
         inner = f"def twice(x):\n    return {factor} * x\n"
         (package / "inner.py").write_text(f"from numba import njit\n@njit(cache=True)\n{inner}")
         running = [
-            subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, env=environment)
+            subprocess.Popen(command, stdout=subprocess.PIPE, env=os.environ | folders)
             for _ in range(2)
         ]
         said = [process.communicate(timeout=120)[0].split() for process in running]
