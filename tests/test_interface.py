@@ -40,6 +40,20 @@ def test_the_stiffness_is_the_derivative_of_the_load_on_both_branches(body):
     assert unloading > 1.02 * loading
 
 
+@pytest.mark.parametrize("hardness", [0.02, math.inf])
+def test_a_contact_conducts_as_an_elastic_punch_of_its_shape_sinks(hardness):
+    """Plastic spots conduct, too: the punch is solved as a contact, and its energy is p0 u/2."""
+    scene = Scene(ROUGH, Material(1.0, 0.3, hardness), Load(0.005))
+    found = bem.solve(scene)
+    flat = np.where(found.fields["state"] != APART, 0.0, -1e-3)
+    punch = Scene(Surface(flat, (1.0, 1.0)), Material(1.0, 0.3), Load(1e-5))
+    solved = bem.solve(punch, tolerance=1e-12)
+    assert solved.final.areas["raw"].total == found.final.areas["raw"].total
+    sinking = 2 * solved.final.quantities["elastic_energy"] / 1e-5
+    expected = 2 * 1e-5 / sinking * (1 - 0.3**2) / 0.7  # 2 k/(E* rho)
+    assert contact_conductance(scene, found, 0.7) == pytest.approx(expected, rel=1e-8)
+
+
 def test_what_can_carry_nothing_or_everything_and_what_is_refused():
     apart, full = (
         replace(bem.solve(STRIPS), fields={"state": np.full(16, state)})
@@ -47,13 +61,13 @@ def test_what_can_carry_nothing_or_everything_and_what_is_refused():
     )
     assert interface_stiffness(STRIPS, apart, "unloading") == 0
     assert interface_stiffness(STRIPS, full, "loading") == math.inf
-    assert contact_conductance(STRIPS, 3.0, 0.5) == pytest.approx(12.0)
+    assert contact_conductance(STRIPS, full, 0.5) == math.inf
     layer = replace(STRIPS, body=Body("sliding_layer", 1.0))
     for function, arguments, sentence in (
         (interface_stiffness, (STRIPS, full, "up"), "branch is 'up'"),
         (interface_stiffness, (STRIPS, replace(full, fields={}), "loading"), "no field 'state'"),
-        (contact_conductance, (STRIPS, 3.0, -1.0), "resistivity is -1"),
-        (contact_conductance, (layer, 3.0, 0.5), "half-spaces, not of a layer"),
+        (contact_conductance, (STRIPS, full, -1.0), "resistivity is -1"),
+        (contact_conductance, (layer, full, 0.5), "half-spaces, not of a layer"),
     ):
         with pytest.raises(InvalidCase, match=sentence):
             function(*arguments)

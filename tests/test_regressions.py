@@ -122,7 +122,9 @@ def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path):
         inner = f"def twice(x):\n    return {factor} * x\n"
         (package / "inner.py").write_text(f"from numba import njit\n@njit(cache=True)\n{inner}")
         running = [
-            subprocess.Popen(command, stdout=subprocess.PIPE, env=os.environ | folders)
+            subprocess.Popen(
+                command, cwd=tmp_path, stdout=subprocess.PIPE, env=os.environ | folders
+            )
             for _ in range(2)
         ]
         said = [process.communicate(timeout=120)[0].split() for process in running]

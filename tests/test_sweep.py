@@ -163,7 +163,7 @@ def test_results_belong_to_their_points(swept, tmp_path):
 def test_methods_surfaces_and_measured_quantities(swept, tmp_path):
     """A quantity that is not defined leaves the rest of a result."""
     text = f"""[sweep]\n{P} [4e8]\nseeds = [1, 2]
-        quantities = ["quantity.total_patches", "quantity.conductance_loading"]\n"""
+        quantities = ["quantity.total_patches", "quantity.conductance"]\n"""
     layer = ("[load]", '[body]\nkind = "bonded_layer"\ndepth = 1e-3\n\n[load]')
     found = sweep.run_sweep(swept(text, ONE, layer), output=tmp_path, jobs=1)
     (failure,) = found.failures.values()  # of the theory, which knows no layer
@@ -172,9 +172,9 @@ def test_methods_surfaces_and_measured_quantities(swept, tmp_path):
     patches = found.table["quantity.total_patches"]
     assert list(patches.isna()) == [True, False, False]
     assert patches[1] != patches[2]
-    assert "quantity.conductance_loading" not in found.table  # a column without any value
+    assert "quantity.conductance" not in found.table  # a column without any value
     said = [f.read_text("utf-8") for f in (found.folder / "members").glob("bem-*.json")]
-    assert all("no value: quantity.conductance_loading: Barber's analogy" in s for s in said)
+    assert all("no value: quantity.conductance: Barber's analogy" in s for s in said)
 
 
 def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch):
@@ -240,7 +240,8 @@ def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path):
         assert "Traceback" not in process.communicate()[1]  # what the workers leave
         solved.append(int(sweep.table(output / "small" / "fast")["solved"].sum()))
     assert solved == sorted(solved)
-    assert 10 <= solved[-1] < len(whole.table)
+    assert solved[0] < len(whole.table)  # a quiet machine may be done before the tenth kill
+    assert solved[-1] >= 10
     found = sweep.run_sweep(path, output=output, jobs=2)
     assert found.reused == solved[-1]
     assert sweep.digest(found.table) == sweep.digest(whole.table)

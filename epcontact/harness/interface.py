@@ -10,11 +10,13 @@ elastic contact, because the points at the hardness carry no more; on the *unloa
 the contact is elastic, so the interface is stiffer.
 
 Conductance.  By the analogy of Barber (Proc. R. Soc. Lond. A 459, 53 (2003)), the current through
-the contact of two half-spaces follows the same equations as the change of the pressure:
+the contact of two half-spaces follows the same equations as the pressure of an elastic flat punch
+on the points in contact, whether they flow or not:
 
-    conductance per nominal area = 2 k/(E* rho),
+    conductance per nominal area = 2 k/(E* rho),   k of all of the contact (the unloading branch),
 
 rho being the sum of the resistivities of the two bodies (electrical in ohm m, thermal in m K/W).
+A conductance is that of the contact as it is, so it has one branch where the stiffness has two.
 For one circle of radius a, k times the area is 2 a E*, and the resistance is rho/(4 a) (Holm).
 """
 
@@ -106,30 +108,31 @@ def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> 
     return 1 / float(displaced(C, uniform + (x - x.mean())).mean())
 
 
-def contact_conductance(scene: Scene, stiffness: float, resistivity: float) -> float:
-    """Return the conductance of the contact per nominal area, by Barber's analogy.
+def contact_conductance(scene: Scene, result: ContactResult, resistivity: float) -> float:
+    """Return the conductance of the contact at the last load per nominal area (Barber's analogy).
 
     Args:
-        scene: the scene; the analogy holds for half-spaces.
-        stiffness: of the interface in Pa/m, on the branch of interest.
+        scene, result: a scene of half-spaces and the answer to it, with the field state.
         resistivity: sum of the resistivities of the two bodies, in ohm m or, of heat, in m K/W.
 
     Returns:
-        In S/m^2 or W/(K m^2).
+        In S/m^2 or W/(K m^2).  Zero without contact; infinite in full contact.
 
     Raises:
-        InvalidCase: the body is a layer, or the resistivity is not positive.
+        InvalidCase, NotConverged: as the stiffness, or a layer, or a resistivity of 0 or less.
 
     Example:
-        >>> from epcontact import Load, Material, Surface
-        >>> scene = Scene(Surface(np.zeros(4), (1.0,)), Material(2.0, 0.0), Load(1.0))
-        >>> contact_conductance(scene, stiffness=3.0, resistivity=0.5)
-        6.0
+        >>> from epcontact import Load, Material, Surface, bem
+        >>> heights = np.where(np.arange(1024) < 512, 0.0, -1.0)
+        >>> scene = Scene(Surface(heights, (1.0,)), Material(1.0, 0.0), Load(0.01))
+        >>> round(contact_conductance(scene, bem.solve(scene), 2 / 50))  # steel on steel, heat
+        226
     """
     if scene.body.kind != "half_space":
         raise InvalidCase("Barber's analogy gives the conductance of half-spaces, not of a layer")
     if not 0 < resistivity < math.inf:
         raise InvalidCase(f"resistivity is {resistivity!r}, but must be a positive number")
+    stiffness = interface_stiffness(scene, result, "unloading")
     return 2 * stiffness / (effective_modulus(scene.material) * resistivity)
 
 

@@ -14,6 +14,7 @@ import math
 
 import numpy as np
 
+from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.bumps import LATTICE_SUM_3, MADELUNG
 from epcontact.reference.form import ClosedForm
 from epcontact.results import FloatArray
@@ -71,7 +72,7 @@ def _post_energy(scene: Scene) -> float:
     return p0 * sinking / 2
 
 
-@FLAT_PUNCH.gives("quantity.conductance_loading")
+@FLAT_PUNCH.gives("quantity.conductance")
 def _post_conductance(scene: Scene) -> float:
     """Conductance per nominal area times the sum of the resistivities, 2 p0/(E* u), in 1/m."""
     return scene.load.final**2 / (FLAT_PUNCH.elastic_half_space(scene) * _post_energy(scene))
@@ -111,16 +112,22 @@ CAPPED_STRIP.gives("area.elastic")(
 )
 
 
-def _strip_conductance(half_width: float, scene: Scene) -> float:
-    """Conductance per area times the sum of the resistivities, pi/(L ln(1/sin(pi a/L))), in 1/m."""
-    period = scene.surface.periods[0]
-    return -math.pi / (period * math.log(math.sin(math.pi * half_width / period)))
+def _stiffness(half_width: float, scene: Scene) -> float:
+    """Of a row of elastic strips, pi E*/(2 L ln(1/sin(pi a/L))), in Pa/m."""
+    E, period = effective_modulus(scene.material), scene.surface.periods[0]
+    return -math.pi * E / (2 * period * math.log(math.sin(math.pi * half_width / period)))
 
 
-# The yielded rim carries no more of a growing load; all is elastic as soon as the load falls.
-CAPPED_STRIP.gives("quantity.conductance_loading")(
-    lambda scene: _strip_conductance(_elastic_middle(scene), scene)
+# The yielded rim carries no more of a growing load; all of the strip is elastic as soon as the load
+# falls, and all of it conducts at any load.
+CAPPED_STRIP.gives("quantity.conductance")(
+    lambda scene: (
+        2 * _stiffness(_post(scene, CAPPED_STRIP)[1], scene) / effective_modulus(scene.material)
+    )
 )
-CAPPED_STRIP.gives("quantity.conductance_unloading")(
-    lambda scene: _strip_conductance(_post(scene, CAPPED_STRIP)[1], scene)
+CAPPED_STRIP.gives("quantity.stiffness_unloading")(
+    lambda scene: _stiffness(_post(scene, CAPPED_STRIP)[1], scene)
+)
+CAPPED_STRIP.gives("quantity.stiffness_loading")(
+    lambda scene: _stiffness(_elastic_middle(scene), scene)
 )

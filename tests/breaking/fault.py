@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from epcontact.errors import OutputError
-from epcontact.harness.case_files.case import Case, find_named, load_case
+from epcontact.harness.case_files.case import find_named, load_case
 from epcontact.harness.gates import FALLS_SHORT
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.verdict.verification import verify
@@ -43,7 +43,7 @@ class Fault:
     status: str = FALLS_SHORT  # of the gate, or REFUSED if verify withdraws the verdict
 
     @property
-    def seen_by(self) -> str:
+    def seen_by(self):
         """Name what shows the fault: a bare "verify", "cases" (pytest cases) or a "test"."""
         if self.test:
             return "test"
@@ -51,7 +51,7 @@ class Fault:
 
 
 @functools.cache
-def honest_case(name: str) -> Case:
+def honest_case(name):
     """The case of an id, which may be that of its file as well."""
     return load_case(next(case for case in find_named(name) if case.id == name))
 
@@ -60,7 +60,7 @@ def honest_case(name: str) -> Case:
 REFUSED = "refused"
 
 
-def status_under(fault: Fault, output: Path) -> str:
+def status_under(fault, output):
     """Judge the fault's gate alone, with the methods that it needs; the first if there are several.
 
     With the fault's patch in place this is what `epcontact verify` finds under the fault.
@@ -84,11 +84,11 @@ def status_under(fault: Fault, output: Path) -> str:
 # --- patches -------------------------------------------------------------------------------------
 
 
-def changed(path: str, change: Callable[[Any], Any]) -> Patch:
+def changed(path, change):
     """Patch `module.attribute`, or `module.Class.attribute`, by `change(original)`."""
     above, _, attribute = path.rpartition(".")
 
-    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+    def patch(monkeypatch):
         try:
             owner: Any = importlib.import_module(above)
         except ModuleNotFoundError:
@@ -99,50 +99,50 @@ def changed(path: str, change: Callable[[Any], Any]) -> Patch:
     return patch
 
 
-def at(path: str, value: Any) -> Patch:
+def at(path, value):
     """Patch `module.attribute` with a value."""
     return changed(path, lambda original: value)
 
 
-def scaled(path: str, factor: float) -> Patch:
+def scaled(path, factor):
     """The result of a function multiplied by a factor."""
     return on_result(path, lambda result: result * factor)
 
 
-def on_result(path: str, wrong: Callable[[Any], Any]) -> Patch:
+def on_result(path, wrong):
     """What a function returns, passed through `wrong`."""
     return changed(path, lambda f: functools.wraps(f)(lambda *a, **k: wrong(f(*a, **k))))
 
 
-def given(path: str, wrong: Callable[..., Any]) -> Patch:
+def given(path, wrong):
     """A function called with the arguments (a tuple) that `wrong` makes of its own."""
     return changed(path, lambda f: functools.wraps(f)(lambda *a, **k: f(*wrong(*a), **k)))
 
 
-def both(*patches: Patch) -> Patch:
+def both(*patches):
     """Several patches at once."""
 
-    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+    def patch(monkeypatch):
         for each in patches:
             each(monkeypatch)
 
     return patch
 
 
-def solver(wrong: Callable[[Any], Any]) -> Patch:
+def solver(wrong):
     """A solver in the place of the boundary elements."""
 
-    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+    def patch(monkeypatch):
         answer = replace(METHODS["bem"], solve=lambda scene, options, threads: wrong(scene))
         monkeypatch.setitem(METHODS, "bem", answer)
 
     return patch
 
 
-def quantity(path: str, name: str, change: Callable[[float], float]) -> Patch:
+def quantity(path, name, change):
     """A quantity of a solver's last step, changed."""
 
-    def wrong(result: Any) -> Any:
+    def wrong(result):
         last = result.final
         values = dict(last.quantities) | {name: change(last.quantities[name])}
         return replace(result, steps=(*result.steps[:-1], replace(last, quantities=values)))
@@ -153,7 +153,7 @@ def quantity(path: str, name: str, change: Callable[[float], float]) -> Patch:
 # --- faults that a test sees ---------------------------------------------------------------------
 
 
-def fails_under(fault: Fault, folder: Path) -> bool:
+def fails_under(fault, folder):
     """True if the fault's test fails while the patch is in place.
 
     The test's module is imported anew, so that its own names are those of the patched package.

@@ -10,18 +10,16 @@ period.  The study `resolution` has the errors on resolved roughness.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from epcontact.studies.areas import FINER, Maker, Member, Random, roughness
+from epcontact.studies.areas import FINER, Member, roughness
 
 
-def _posts(patch: Member, rng: Random, count: int, width: float, slope: float) -> Any:
+def _posts(patch, rng, count, width, slope):
     """Square posts, as wide as a cell of the coarse grid, on roughness of a slope."""
     heights = slope * roughness(patch, rng, 0.8, 0.8)
     for _ in range(count):
@@ -32,18 +30,18 @@ def _posts(patch: Member, rng: Random, count: int, width: float, slope: float) -
     return heights
 
 
-def _disc(patch: Member, rng: Random, slope: float) -> Any:
+def _disc(patch, rng, slope):
     """A plateau of radius 1/4, with flanks of a slope or, if it is infinite, a step of 1/2."""
     beyond = np.hypot(*patch.offsets((0.503, 0.4988))) - 0.25
     return -slope * np.maximum(beyond, 0) if slope < np.inf else -0.5 * (beyond > 0)
 
 
-def _strip(patch: Member, rng: Random) -> Any:
+def _strip(patch, rng):
     x, y = patch.offsets((0.5, 0.5))
     return np.where(np.abs(y) < 0.201, 0.0, -1.0) + 0 * x
 
 
-def _worn(patch: Member, rng: Random) -> Any:
+def _worn(patch, rng):
     rough = roughness(patch, rng, 0.8, 0.8)
     return np.minimum(rough, 0.4 * rough.std())
 
@@ -58,9 +56,7 @@ class Scene:
     finer: int = FINER
 
 
-def _member(
-    maker: Maker, points: Any, load: float, hardness: float = math.inf, high: int = 16
-) -> Member:
+def _member(maker, points, load, hardness=math.inf, high=16):
     shape = points if isinstance(points, tuple) else (points, points)
     return Member(shape, (1.0, 1.0), load, hardness, high, maker, drawn=1)
 
@@ -88,7 +84,7 @@ SCENES = (
 )
 
 
-def judged(scenes: Iterable[Scene], seeds: Iterable[int] = range(1, 6)) -> pd.DataFrame:
+def judged(scenes, seeds=range(1, 6)):
     """Mean errors of the parts that were off, in % of the exact area, over seeds of the surface.
 
     Returns a row for each scene and part: was, now (mean signed error), claimed (median), times
@@ -112,7 +108,7 @@ def judged(scenes: Iterable[Scene], seeds: Iterable[int] = range(1, 6)) -> pd.Da
     return pd.DataFrame(rows)
 
 
-def main() -> None:
+def main():
     """Print the table of the scenes, in %."""
     print(judged(SCENES).round(3).to_string(index=False))
 

@@ -14,9 +14,7 @@ for another.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -25,7 +23,7 @@ from epcontact.bem.areas import rim_correction as rim
 from epcontact.bem.areas.grid import Sums
 from epcontact.bem.areas.rim_correction import ERRORS, TIP, ErrorConstants
 from epcontact.results import Areas, FloatArray
-from epcontact.studies.areas import FINER, Member, Random, member, named
+from epcontact.studies.areas import FINER, member, named
 from epcontact.studies.paper_scene import PARTS
 
 #: The share of errors that are to lie within their claim.
@@ -34,7 +32,7 @@ COVERED = 0.9
 _CELLS = 0.02
 
 
-def _waves(patch: Member, rng: Random, count: int = 60) -> Any:
+def _waves(patch, rng, count=60):
     """Random waves of half to all of the highest wave number, of rms slope 1."""
     (nx, ny), (x, y) = patch.shape, patch.offsets()
     heights, slope = np.zeros((nx, ny)), 0.0
@@ -46,13 +44,13 @@ def _waves(patch: Member, rng: Random, count: int = 60) -> Any:
     return heights / math.sqrt(slope)
 
 
-def _terraces(patch: Member, rng: Random) -> Any:
+def _terraces(patch, rng):
     coarse = replace(patch, high=3)
     above = _waves(coarse, rng) > rng.uniform(-0.05, 0.05)
     return rng.uniform(0.1, 0.5) * _waves(patch, rng) + rng.uniform(0.01, 0.1) * above
 
 
-def _ripples(patch: Member, rng: Random) -> Any:
+def _ripples(patch, rng):
     x, y = patch.offsets()
     heights = np.zeros(patch.shape)
     for slope in (1.0, rng.choice([0.0, 0.3, 1.0])):
@@ -62,7 +60,7 @@ def _ripples(patch: Member, rng: Random) -> Any:
     return heights
 
 
-def _ellipsoids(patch: Member, rng: Random) -> Any:
+def _ellipsoids(patch, rng):
     heights = np.full(patch.shape, -np.inf)
     for _ in range(int(rng.integers(2, 7))):
         along, across = _turned(patch, rng)
@@ -71,7 +69,7 @@ def _ellipsoids(patch: Member, rng: Random) -> Any:
     return heights
 
 
-def _rings(patch: Member, rng: Random) -> Any:
+def _rings(patch, rng):
     heights = np.zeros(patch.shape)
     for _ in range(int(rng.integers(1, 3))):
         along, across = _turned(patch, rng)
@@ -82,13 +80,13 @@ def _rings(patch: Member, rng: Random) -> Any:
     return heights
 
 
-def _pyramids(patch: Member, rng: Random) -> Any:
+def _pyramids(patch, rng):
     along, across = _turned(patch, rng)
     away = np.maximum(np.abs(along), np.abs(across) * rng.uniform(0.7, 1.5))
     return -rng.uniform(0.1, 0.8) * np.maximum(away - rng.uniform(0.05, 0.3), 0)
 
 
-def _grooves(patch: Member, rng: Random) -> Any:
+def _grooves(patch, rng):
     (a, b), (x, y) = rng.choice([[2, 0], [1, 2], [3, 3], [0, 4]]), patch.offsets()
     across = np.abs((a * x + b * y + rng.uniform()) % 1 - 0.5)
     width = rng.uniform(0.1, 0.4)
@@ -96,7 +94,7 @@ def _grooves(patch: Member, rng: Random) -> Any:
     return 0.1 * _waves(patch, rng) - depth
 
 
-def _spikes(patch: Member, rng: Random) -> Any:
+def _spikes(patch, rng):
     heights = _waves(patch, rng)
     for _ in range(int(rng.integers(3, 30))):
         along, across = _turned(patch, rng)
@@ -105,14 +103,14 @@ def _spikes(patch: Member, rng: Random) -> Any:
     return heights
 
 
-def _lapped(patch: Member, rng: Random) -> Any:
+def _lapped(patch, rng):
     """Waves whose heights above a level are pressed together, so that the level is an edge."""
     heights = _waves(patch, rng)
     level = rng.uniform(0, 1.5) * heights.std()
     return np.minimum(heights, level + rng.uniform() * (heights - level))
 
 
-def _turned(patch: Member, rng: Random) -> tuple[FloatArray, FloatArray]:
+def _turned(patch, rng):
     """Distances (nx, ny) from a random centre along two random directions at right angles."""
     (x, y), turn = patch.offsets(rng.uniform(size=2)), rng.uniform(0, np.pi)
     cosine, sine = math.cos(turn), math.sin(turn)
@@ -135,7 +133,7 @@ class Lesson:
     exact: Areas
 
 
-def lessons(seeds: Iterable[int], points: int) -> list[Lesson]:
+def lessons(seeds, points):
     """Solve every kind with every seed on the coarse and on the fine grid."""
     out = []
     for seed in seeds:
@@ -152,7 +150,7 @@ def lessons(seeds: Iterable[int], points: int) -> list[Lesson]:
     return out
 
 
-def fitted_tip(known: Sequence[Lesson]) -> float:
+def fitted_tip(known):
     """Cells that each tip needs: the median over surfaces, those with more tips counting more."""
     needs, weights = [], []
     for one in known:
@@ -168,7 +166,7 @@ def fitted_tip(known: Sequence[Lesson]) -> float:
     return float(np.array(needs)[order][np.searchsorted(share, share[-1] / 2)])
 
 
-def errors_and_claims(known: Sequence[Lesson], constants: ErrorConstants) -> FloatArray:
+def errors_and_claims(known, constants):
     """(areas, 2): error and claim in cells of each part of the area of each surface."""
     out = []
     for one in known:
@@ -179,16 +177,16 @@ def errors_and_claims(known: Sequence[Lesson], constants: ErrorConstants) -> Flo
     return np.maximum(np.array(out), _CELLS)
 
 
-def loss(known: Sequence[Lesson], constants: ErrorConstants) -> float:
+def loss(known, constants):
     """The mean of ln(claim) + max(0, ln(error/claim))/(1 - COVERED)."""
     error, claim = np.log(errors_and_claims(known, constants)).T
     return float(np.mean(claim + np.maximum(error - claim, 0) / (1 - COVERED)))
 
 
-def fitted(known: Sequence[Lesson], start: ErrorConstants = ERRORS) -> ErrorConstants:
+def fitted(known, start=ERRORS):
     """The constants with the least loss, sought from `start` in factors."""
 
-    def cost(logarithms: FloatArray) -> float:
+    def cost(logarithms):
         return loss(known, ErrorConstants(*np.exp(logarithms).tolist()))
 
     at = np.log(astuple(start))
@@ -205,7 +203,7 @@ def fitted(known: Sequence[Lesson], start: ErrorConstants = ERRORS) -> ErrorCons
 ENSEMBLE = ((range(1000, 1100), 64), (range(2000, 2008), 160))
 
 
-def main() -> None:
+def main():
     """Print the constants in use, those that the ensemble gives, and those of its halves."""
     known = [one for seeds, points in ENSEMBLE for one in lessons(seeds, points)]
     fits = [fitted(part) for part in (known, known[::2], known[1::2])]

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -26,13 +25,13 @@ import pandas as pd
 
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.files import whole_file
-from epcontact.harness.answers.store import Task, kept
+from epcontact.harness.answers.store import kept
 from epcontact.harness.case_files.text import case_name, package_files, read_cases
 from epcontact.harness.quantities.model_difference import capped_body, elements_compliance
 from epcontact.harness.sweep import read_sweep, run_sweep
 from epcontact.materials.hardness_map import PARTS, fit, terms
 from epcontact.materials.moduli import effective_modulus
-from epcontact.results import ContactResult, FloatArray, package_versions
+from epcontact.results import FloatArray, package_versions
 from epcontact.scene import Load
 
 #: Columns that name a place of the map, and those in which a check may differ from it: nodes a
@@ -51,7 +50,7 @@ HEADER = """\
 """
 
 
-def make_map(size: str, output: Path, jobs: int | None = None) -> tuple[pd.DataFrame, Path]:
+def make_map(size, output, jobs=None):
     """Solve the load paths of the map that are not kept in `output`; return the map and its file.
 
     Raises EpcontactError if a path has no result; the paths that have one are kept.
@@ -77,7 +76,7 @@ def make_map(size: str, output: Path, jobs: int | None = None) -> tuple[pd.DataF
     return made, path
 
 
-def measured_areas(task: Task, j2: ContactResult) -> pd.DataFrame:
+def measured_areas(task, j2):
     """The raw areas of the J2 body of a load path, and of capped bodies on the same compliance."""
     scene = task.case.scene(task.recipe)
     material, surface = scene.material, scene.surface
@@ -108,7 +107,7 @@ def measured_areas(task: Task, j2: ContactResult) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-def _short(value: float) -> float:
+def _short(value):
     """A value as the case gives it, without the rounding of a quotient."""
     return float(f"{value:.9g}")
 
@@ -118,7 +117,7 @@ def _short(value: float) -> float:
 Known = tuple[pd.DataFrame, pd.DataFrame]
 
 
-def inverse_hardness(areas: pd.DataFrame) -> Known:
+def inverse_hardness(areas):
     """Find sigma_Y/hardness at which an ensemble under a cap has the area of its J2 bodies.
 
     `areas` are `measured_areas` of one kind of body.  Returns for each place surfaces, area (of the
@@ -137,7 +136,7 @@ def inverse_hardness(areas: pd.DataFrame) -> Known:
     return pd.DataFrame(rows, index), pd.DataFrame(shifts, index).fillna(0.0)
 
 
-def _inverse(bodies: pd.DataFrame, nodes: int) -> float:
+def _inverse(bodies, nodes):
     """The inverse cap under which the mean area of the capped bodies is that of the J2 bodies."""
     surfaces = [surface.sort_values("cap")[::-1] for _, surface in bodies.groupby("seed")]
     # A cap as large as the load needs the whole area.
@@ -152,7 +151,7 @@ def _inverse(bodies: pd.DataFrame, nodes: int) -> float:
     return float(edges.mean())
 
 
-def changes(usual: pd.DataFrame, other: pd.DataFrame, *, paired: bool = True) -> Known:
+def changes(usual, other, *, paired=True):
     """Compare the inverse hardness of two kinds of bodies, on the surfaces of both if `paired`.
 
     Returns for each place that both have surfaces (of the fewer), area (of the usual) and change,
@@ -170,7 +169,7 @@ def changes(usual: pd.DataFrame, other: pd.DataFrame, *, paired: bool = True) ->
     return one[["area"]].assign(surfaces=fewer, change=ratio - 1), moved
 
 
-def mapped(areas: pd.DataFrame) -> pd.DataFrame:
+def mapped(areas):
     """Make the map from the areas of its bodies and of those that differ from them in one thing.
 
     Errors are relative and at 95 %.  The scatter of the few surfaces is pooled over all places of a
@@ -207,7 +206,7 @@ def mapped(areas: pd.DataFrame) -> pd.DataFrame:
     return made.sort_values(["poisson_ratio", "severity", "load"], ignore_index=True)
 
 
-def _kinds(areas: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, list[pd.DataFrame]]]:
+def _kinds(areas):
     """The bodies of the map, and the others by the one field of VARIED that differs.
 
     The key is "" for another spectrum, and "finer" for one with more nodes to the shortest wave.
@@ -226,12 +225,7 @@ def _kinds(areas: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, list[pd.DataFra
     return kinds.pop("usual")[0], kinds
 
 
-def off_the_grid(
-    areas: pd.DataFrame,
-    finer: Sequence[pd.DataFrame],
-    places: pd.DataFrame,
-    others: Sequence[pd.DataFrame] = (),
-) -> tuple[FloatArray, FloatArray]:
+def off_the_grid(areas, finer, places, others=()):
     """Extrapolate the inverse hardness to a grid of vanishing spacing.
 
     The change by each halving of the spacing is fitted by (1 - area) area^-1/4 (k + l/(1 +
@@ -262,12 +256,12 @@ def off_the_grid(
     return whole - 1, np.sqrt((doubt * change) ** 2 + by_surfaces)
 
 
-def _weight(shifts: pd.DataFrame) -> FloatArray:
+def _weight(shifts):
     """One over the error by the surfaces; a few that happen to agree do not make a place exact."""
     return 1 / np.hypot(np.sqrt((shifts**2).sum(axis=1)).to_numpy(), LEAST_SCATTER)
 
 
-def _share_left(finest: pd.DataFrame, others: Sequence[pd.DataFrame]) -> tuple[float, float]:
+def _share_left(finest, others):
     """The error that the last halving of the spacing leaves, over its change, and the doubt of it.
 
     It is 1/3 if the error is of second order in the spacing and 1 if it is of first order: the
@@ -289,12 +283,10 @@ def _share_left(finest: pd.DataFrame, others: Sequence[pd.DataFrame]) -> tuple[f
     return share * 5 / 3, math.hypot(share / 3, error * 5 / 3)
 
 
-def _fit_at(
-    known: pd.DataFrame, weight: FloatArray, change: pd.Series, places: pd.DataFrame
-) -> FloatArray:
+def _fit_at(known, weight, change, places):
     """A change at the places, by the fit of `off_the_grid` to that of known places."""
 
-    def columns(at: pd.DataFrame) -> FloatArray:
+    def columns(at):
         spots = ((1 - at["area"]) * at["area"] ** -0.25).to_numpy()
         return np.column_stack([spots, spots / (1 + at.index.get_level_values(0) / 8)])
 
@@ -302,7 +294,7 @@ def _fit_at(
     return np.asarray(columns(places) @ found)
 
 
-def _error_of_the_fit(made: pd.DataFrame, shifts: pd.DataFrame) -> FloatArray:
+def _error_of_the_fit(made, shifts):
     """Twice the relative standard error of the formula, as a surface shifts many places at once."""
     columns = {name: made[name].to_numpy() for name in made}
     at, inverse = terms(*(columns[name] for name in PLACE)), columns["inverse_hardness"]
@@ -314,7 +306,7 @@ def _error_of_the_fit(made: pd.DataFrame, shifts: pd.DataFrame) -> FloatArray:
     return np.asarray(2 * np.sqrt(np.sum(np.square(moved), axis=0)) / ratio)
 
 
-def main() -> None:
+def main():
     """Make the map of a size and print the largest parts of its error."""
     parser = argparse.ArgumentParser(prog="python -m laboratory.hardness_map")
     parser.add_argument("--size", choices=["fast", "large"], default="fast")

@@ -22,7 +22,6 @@ as a function of u = hardness/|grad v|, which is known in each cell.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -34,7 +33,6 @@ from epcontact.bem.areas.hidden import CORNER
 from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, LOCATED, OBLONG, sums_of_fronts
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
-from epcontact.results import FloatArray
 from epcontact.studies.areas import solution
 
 #: Lattice directions of the fronts over an eighth of the circle; symmetry gives the rest.
@@ -50,12 +48,12 @@ HARDNESSES = (
 SMOOTHING = 0.003
 
 
-def fold(x: FloatArray) -> FloatArray:
+def fold(x):
     """Return x minus the multiple of 2 pi that brings it into [-pi, pi)."""
     return np.asarray((x + np.pi) % (2 * np.pi) - np.pi)
 
 
-def front_offset(angle: float, limit: float = 400 * math.pi, points: int = 2_000_000) -> float:
+def front_offset(angle, limit=400 * math.pi, points=2_000_000):
     """delta/dx of a counted front with its normal at `angle` (rad) to a row, by the integral.
 
     Beyond `limit` ln|q| is replaced by its mean over the zone, ln pi + ln(2)/2 - 3/2 + pi/4.
@@ -69,12 +67,12 @@ def front_offset(angle: float, limit: float = 400 * math.pi, points: int = 2_000
     return -(integral + (mean - math.log(limit) - 1) / limit) / math.pi
 
 
-def wave(points: int, phase: float = 0.0) -> FloatArray:
+def wave(points, phase=0.0):
     """One period of a cosine, shifted by `phase` points."""
     return np.cos(2 * np.pi * (np.arange(points) + phase) / points)
 
 
-def row_period(direction: tuple[int, int], period: float) -> tuple[int, float]:
+def row_period(direction, period):
     """(rows, their length in dx) nearest to a period; columns of the grid meet every row."""
     norm = math.hypot(*direction)
     rows = 2 * round(period * norm / 2)
@@ -83,9 +81,7 @@ def row_period(direction: tuple[int, int], period: float) -> tuple[int, float]:
     return rows, rows / norm
 
 
-def front_sums(
-    direction: tuple[int, int], period: float, phase: float, load: float, hardness: float = math.inf
-) -> tuple[FloatArray, FloatArray]:
+def front_sums(direction, period, phase, load, hardness=math.inf):
     """Sums of `grid.sweep` for one front per dx of it, across a lattice direction.
 
     The heights are a cosine of a period as of `row_period`, with E* = dx = 1.  Returns the sums
@@ -109,7 +105,7 @@ def front_sums(
     return out[0].sum(axis=-1) * scale, offsets.sum(axis=-1) * scale
 
 
-def exact_fronts(hardness: float, period: float, points: int = 1 << 16) -> tuple[float, float]:
+def exact_fronts(hardness, period, points=1 << 16):
     """Half-widths of contact and of the plastic part (dx) of one wave, on a very fine line."""
     spacing = period / points
     p, g, *_ = solution(wave(points, 0.3), hardness / 2, hardness, (period,))
@@ -119,7 +115,7 @@ def exact_fronts(hardness: float, period: float, points: int = 1 << 16) -> tuple
     return (contact, plastic) if contact > plastic else (period / 4, period / 4)
 
 
-def _length(field: FloatArray) -> float:
+def _length(field):
     """Length (in points) where a line's p - c g is positive, its crossings interpolated."""
     after = np.roll(field, -1)
     crossing = (field > 0) != (after > 0)
@@ -133,7 +129,7 @@ def _length(field: FloatArray) -> float:
 Fronts = list[tuple[tuple[int, int], float, list[float]]]
 
 
-def all_directions(along: int = 40, across: int = 2) -> Fronts:
+def all_directions(along=40, across=2):
     """Return fronts of all directions; those along the grid or its diagonal need many phases."""
     angles = np.array([math.atan2(b, a) for a, b in DIRECTIONS])
     weights = np.diff(np.r_[angles[0], (angles[1:] + angles[:-1]) / 2, angles[-1]])
@@ -145,7 +141,7 @@ def all_directions(along: int = 40, across: int = 2) -> Fronts:
     ]
 
 
-def calibrate_directions() -> tuple[float, float, float]:
+def calibrate_directions():
     """(mean over all angles, amplitude of cos 4 theta, scatter) of the offset of one front, in dx.
 
     The scatter is the largest rms distance of all directions, over the positions of the front.
@@ -167,7 +163,7 @@ def calibrate_directions() -> tuple[float, float, float]:
     return float(mean), float(amplitude), float(scatter)
 
 
-def calibrate_strips(fronts: Fronts) -> tuple[FloatArray, float]:
+def calibrate_strips(fronts):
     """(offsets at U_NODES, largest misfit), in dx, of a front with another one beside it.
 
     Least squares over the widths of the strip, each the mean over directions and positions.
@@ -190,7 +186,7 @@ def calibrate_strips(fronts: Fronts) -> tuple[FloatArray, float]:
     return table, float(np.abs(np.array(features) @ table - biases).max())
 
 
-def _fit(features: FloatArray, biases: FloatArray) -> FloatArray:
+def _fit(features, biases):
     """Table with small second differences, 0 where a strip has no width."""
     nodes = grid.U_NODES
     smooth = np.zeros((len(nodes) - 1, len(nodes)))
@@ -202,9 +198,7 @@ def _fit(features: FloatArray, biases: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq(np.r_[features, smooth], target, rcond=None)[0])
 
 
-def spheres(
-    shape: tuple[int, int], radius: float, seed: int, shifts: int
-) -> Iterator[tuple[grid.Sums, float]]:
+def spheres(shape, radius, seed, shifts):
     """The sums over the fronts of spheres at random places on a square of side 1, and the area of
     each in cells, exact by Hertz."""
     force = 4 / 3 * radius**3
@@ -215,7 +209,7 @@ def spheres(
         yield grid.Sums(*sums[:, 0].sum(axis=-1)), exact * shape[0] * shape[1]
 
 
-def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, float]:
+def calibrate_corner(radius=5.0, shifts=24):
     """(cells that a spot lacks by its curvature, standard error)."""
     n = 2 * round(radius / 0.3)
     out = [
@@ -225,7 +219,7 @@ def calibrate_corner(radius: float = 5.0, shifts: int = 24) -> tuple[float, floa
     return float(np.mean(out)), float(np.std(out) / math.sqrt(shifts))
 
 
-def calibrate_oblong(aspect: float = 2.0, points: int = 30, shifts: int = 24) -> float:
+def calibrate_oblong(aspect=2.0, points=30, shifts=24):
     """OBLONG: by how much of ln^2(dx/dy) the mean offset grows."""
     nx, ny = (2 * round(points * aspect**power) for power in (-0.5, 0.5))
     lacking = offset = 0.0
@@ -236,7 +230,7 @@ def calibrate_oblong(aspect: float = 2.0, points: int = 30, shifts: int = 24) ->
     return lacking / offset / math.log(aspect) ** 2
 
 
-def calibrate_kink(points: int = 96, finer: int = 32) -> tuple[float, float]:
+def calibrate_kink(points=96, finer=32):
     """(KINK, standard deviation in dx of the places with it), where a flat top ends at a kink.
 
     Its flanks have slopes from .3 to 30 and are straight or bent either way, and the loads differ
@@ -263,7 +257,7 @@ def calibrate_kink(points: int = 96, finer: int = 32) -> tuple[float, float]:
     return float(pull), float(np.std(surplus - pull * np.array(shares)))
 
 
-def main() -> None:
+def main():
     """Print the constants and the table of `bem.areas`."""
     print("offset of a counted front along an axis", round(front_offset(0.0), 5))
     angles = (np.arange(16) + 0.5) * math.pi / 64

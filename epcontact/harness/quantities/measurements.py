@@ -141,10 +141,10 @@ def stiffness(a: Answered, branch: interface.Branch) -> float:
     return interface.interface_stiffness(a.scene, a.result, branch)
 
 
-@quantity("1/m", name="conductance_{}", each=_BRANCHES)
-def conductance(a: Answered, branch: interface.Branch) -> float:
-    """contact conductance per nominal area times the sum of the bodies' resistivities, {}."""
-    return interface.contact_conductance(a.scene, stiffness(a, branch), resistivity=1.0)
+@quantity("1/m")
+def conductance(a: Answered) -> float:
+    """contact conductance per nominal area times the sum of the bodies' resistivities."""
+    return interface.contact_conductance(a.scene, a.result, resistivity=1.0)
 
 
 def _patches(a: Answered, part: str) -> Any:
