@@ -45,8 +45,8 @@ class Sums(NamedTuple):
     """Sums over the fronts around the contact and around its plastic part: (..., 2 fronts, 2).
 
     A front of u < 1 spacings, the width hardness/|grad v| of the elastic strip beside it, moves
-    with the other front there: it belongs by u^2 to the first of the last two parts, else to the
-    second.  Lengths are in spacings, "free" ones are those that no edge of the surface holds.
+    with the other front there.  The share u^2 of it is summed in the first place of the last axis,
+    the rest in the second.  Lengths are in spacings; no edge of the surface holds "free" ones.
     """
 
     area: FloatArray  # inside the located front, in cells

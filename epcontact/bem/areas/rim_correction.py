@@ -8,15 +8,16 @@ plastic part as it overestimates the contact.  `perimeter_areas` is the publishe
 they enclose.  In cells, with a front's length L in spacings, the contact is
 
     A = A_located - (integral of offset(u) + HARMONIC cos 4 theta along the front)
-        + CORNER * (Euler number) - TIP * (number of tips)
+        + CORNER * (Euler number) - TIP * (number of tips) - (zones hidden at edges, softness)
 
-and for the plastic part the offset and the tips have the opposite sign.
+and for the plastic part all terms but that of CORNER have the opposite sign (`located_areas`).
+Then the load corrects both areas (`_balanced`), and `_possible` cuts off what cannot carry it.
 
 * First order: the offset of a located front is that of the discrete problem at a straight one, of
   any direction theta, with an elastic strip of any width u beside it.
-* Second order: of a smooth front's two local lengths, the polynomial of `front` takes care of that
-  over which the pressure departs from its square root.  The radius of its curvature integrates to
-  the Euler number of its inside, so that CORNER, measured on a sphere, holds for any shape.
+* Second order: a smooth front has two local lengths.  The polynomial of `front` corrects for that
+  over which the pressure departs from its square root.  The other is the radius of its curvature,
+  whose inverse integrates to the Euler number: CORNER, measured on a sphere, holds for any shape.
 * Not resolved: chance decides whether a gap (or plastic spot) narrower than a spacing contains a
   grid point.  If it does, it shows as tips.
 * Held by an edge: a front rests on a step of the surface, somewhere between two points, so that the
@@ -218,6 +219,7 @@ def _areas(total: float, plastic: float) -> Areas:
 def located_areas(array: FloatArray, oblong: float) -> FloatArray:
     """(2,) areas in cells of the contact and its plastic part; oblong: OBLONG ln^2(dx/dy)."""
     sums, whole = Sums(*array), Sums(*array.sum(axis=2))
+    # A zone hidden behind one front belongs to the other side, so the fronts are exchanged.
     outward = (1 + oblong) * whole.offset + HARMONIC * whole.harmonic
     outward += TIP * sums.tips[:, 0] + whole.hidden[::-1] + _softness(sums)
     return np.asarray(whole.area + (-1, 1) * outward + CORNER * whole.turn)
@@ -273,8 +275,8 @@ def _balanced(
 
     All in cells, the load by the hardness; unseen: variances of what may be hidden.  The
     elastic area carries the share phi of its hardness, load = A_pl + phi (A - A_pl).  The counted
-    points have this exactly with a phi of their own, which is as wrong as the counts are, but not
-    in narrow strips between apart and plastic points, where the pressure rises antisymmetrically.
+    points have exactly this, with a phi of their own that is as wrong as the counts are.  In narrow
+    strips between apart and plastic points it is right, as the pressure rises antisymmetrically.
     Other fronts count COUNTED too much for each spacing, by chance of POINTS, or in common where
     they run along the grid, and TIP for each tip.  What plastic points carry too much at edges, the
     elastic ones carry too little, so that a lightly loaded front moves far.

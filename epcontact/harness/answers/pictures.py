@@ -71,7 +71,7 @@ def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> l
 
 
 def draw_answers(results: Results, folder: Path) -> list[str]:
-    """Draw the pictures that need the answers alone and the fields in the folder, as above."""
+    """Draw the pictures that need nothing but the answers and the fields in the folder."""
     for path in itertools.chain(*map(folder.glob, _OF_ANSWERS)):  # of an earlier run
         path.unlink()
     found = {method: each for method, each in results.items() if each}
