@@ -24,7 +24,7 @@ FLOORS = (
 LINES = {
     "epcontact": 100,
     "epcontact.bem": 4030,
-    "epcontact.cli": 1080,
+    "epcontact.cli": 1090,
     "epcontact.errors": 80,
     "epcontact.files": 140,
     "epcontact.harness": 5700,

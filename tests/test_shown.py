@@ -256,7 +256,8 @@ def test_the_table_of_gates_shows_the_verdict():
     judged = [g for case in verdict().cases for g in case.gates]
     for row, g in zip(cells_of(verdict_table(verdict().cases, width=400)), judged, strict=True):
         _, quantity, of, against, *texts, status = row
-        assert (quantity, of, against, status) == (g.quantity, g.of, g.against, g.status)
+        named = g.quantity + {"relative": "", "absolute": ""}.get(g.norm, f" ({g.norm})")
+        assert (quantity, of, against, status) == (named, g.of, g.against, g.status)
         if g.value is None or g.reference is None or g.difference is None:
             assert texts == [""] * 4
             continue

@@ -22,6 +22,8 @@ def answers_table(answers: Mapping[str, Answer]) -> Table:
     table = table_of(("method", "areas"), (*parts, "surfaces", "reused"))
     for method, answer in answers.items():
         areas = [result.final.areas for result in answer.results]
+        if any(len(result.steps) > 1 for result in answer.results):
+            table.caption = "at the last load"
         for kind in ("raw", "corrected", "error"):
             if not areas or kind not in areas[0]:
                 continue
@@ -63,7 +65,8 @@ def _styled(status: str) -> str:
 
 def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
     against = gate.against if isinstance(gate.against, str) else "number"
-    names = (gate.quantity, gate.of, against)
+    norm = "" if gate.norm in ("relative", "absolute") else f" ({gate.norm})"
+    names = (gate.quantity + norm, gate.of, against)
     if gate.value is None or gate.reference is None or gate.difference is None:
         return (*names, "", "", "", "", _styled(gate.status))
     percent = gate.norm == "relative" and max(abs(gate.low), abs(gate.high)) >= 1e-4
@@ -100,7 +103,7 @@ def gamma_sentence(cases: Sequence[Case]) -> str:
 
 def shown_estimate(estimate: Estimate) -> str:
     """Return a mean, with the half-width of its interval if it has one."""
-    half = f" ± {estimate.half_width:.1g}" if estimate.half_width else ""
+    half = f" ± {estimate.half_width:.2g}" if estimate.half_width else ""
     return f"{estimate.mean:.5g}{half}"
 
 
