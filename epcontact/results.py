@@ -88,7 +88,7 @@ class Provenance:
     scene: str
     seed: int | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
-    versions: Mapping[str, str] = field(default_factory=package_versions)
+    versions: Mapping[str, str] = field(default_factory=lambda: dict(package_versions()))
     about: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.persson.elastoplastic import areas, boundary_slopes
 from epcontact.results import FloatArray
-from epcontact.scene import array, number, settle
+from epcontact.scene import array, number, require_one_of, settle
 
 Rule = Literal["constant", "persson", "wang_muser", "xu"]
 
@@ -57,11 +57,7 @@ class EnergyReduction:
     rule: Rule = "constant"
 
     def __post_init__(self) -> None:
-        rules = get_args(Rule)
-        if self.rule not in rules:
-            raise InvalidScene(
-                f"energy reduction rule is {self.rule!r}, but must be one of {', '.join(rules)}"
-            )
+        require_one_of("energy reduction rule", self.rule, Rule)
         least = 0.011 if self.rule == "wang_muser" else 0.0
         right = f"a number between {least:g} (excluded) and 1"
         gamma = number("energy_reduction", self.gamma, right, lambda v: least < v <= 1)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import SelfAffineSpectrum, Surface, require_kind, whole
+from epcontact.scene import SelfAffineSpectrum, Surface, require_kind, require_one_of, whole
 from epcontact.surfaces.power_spectrum import cumulative_slope_variance, radial_spectrum
 from epcontact.surfaces.spectrum import slope_variance_up_to, spectral_moment
 
@@ -100,8 +100,7 @@ def roughness_of(surface: Surface, spectrum: SpectrumKind = "analytic") -> Rough
             "the surface is a line, but the theory is defined for isotropic surfaces: its "
             "pressure diffuses with roughness of every direction"
         )
-    if spectrum not in ("analytic", "surface"):
-        raise InvalidScene(f"spectrum is {spectrum!r}, but must be 'analytic' or 'surface'")
+    require_one_of("spectrum", spectrum, SpectrumKind)
     if spectrum == "analytic":
         if surface.spectrum is None:
             raise InvalidScene(

@@ -92,7 +92,7 @@ def mean_separation(
 ) -> float:
     """Mean separation ubar in m, the mean of the open gap.  Raises InvalidScene."""
     areas(0.0, mean_pressure, theory.hardness)  # checks the pressure
-    theory = _flattened(theory, mean_pressure)
+    theory = flattened(theory, mean_pressure)
     # Above this pressure every band is in full contact to 1e-17.
     variance = theory.roughness.slope_variance.sum()
     top = 6.1 * 2 * math.sqrt(full_contact_diffusion(theory.effective_modulus, variance))
@@ -109,7 +109,7 @@ def mean_separation(
     return fine + (fine - coarse) / 3
 
 
-def _flattened(theory: Theory, mean_pressure: float) -> Theory:
+def flattened(theory: Theory, mean_pressure: float) -> Theory:
     """The elastic theory of the surface that an elastoplastic contact has flattened."""
     if math.isinf(theory.hardness):
         return theory
@@ -141,7 +141,7 @@ def gap_distribution(
 ) -> tuple[FloatArray, FloatArray]:
     """Density (1/m) and cumulative share of the open gap; at 0 that is the share in contact."""
     u = np.asarray(gap, dtype=np.float64)
-    share, lost, beyond = _levels(_flattened(theory, mean_pressure), mean_pressure)
+    share, lost, beyond = _levels(flattened(theory, mean_pressure), mean_pressure)
     density, cumulative = np.zeros_like(u), np.full_like(u, share[-1])
     for part, mean, spread in zip(-np.diff(share), lost, beyond, strict=True):
         near, image = (u - mean) / spread, (u + mean) / spread

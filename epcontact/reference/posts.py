@@ -53,29 +53,32 @@ def _post(scene: Scene, form: ClosedForm) -> tuple[float, float]:
 FLAT_PUNCH.gives("area.total")(lambda scene: _post(scene, FLAT_PUNCH)[0])
 
 
-@FLAT_PUNCH.gives("quantity.elastic_energy")
-def _post_energy(scene: Scene) -> float:
-    """Elastic energy per nominal area: half of the load times the sinking u of the punch.
+def _stiffness(half_width: float, scene: Scene) -> float:
+    """Of a row of elastic strips, pi E*/(2 L ln(1/sin(pi a/L))), in Pa/m."""
+    E, period = effective_modulus(scene.material), scene.surface.periods[0]
+    return -math.pi * E / (2 * period * math.log(math.sin(math.pi * half_width / period)))
 
-    Strip: the potential of a row of strips, u = -(2 p0 L/(pi E*)) ln sin(pi a/L).
-    Disc: F/(2 a E*) + F/(pi E* L) [-3.9003 + (S_3/3)(a/L)^2]: the images act on the disc and
-    are discs themselves, each with <r^2> = 2 a^2/3 under the punch's pressure.
+
+def _post_stiffness(scene: Scene) -> float:
+    """Of the row of strips; of discs 1/(L^2/(2 a E*) + L/(pi E*) [-3.9003 + (S_3/3)(a/L)^2]), whose
+    images act on the disc and are discs themselves, each with <r^2> = 2 a^2/3 under its pressure.
     """
     (_, a), E = _post(scene, FLAT_PUNCH), FLAT_PUNCH.elastic_half_space(scene)
-    p0, period = scene.load.final, scene.surface.periods[0]
     if scene.surface.heights.ndim == 1:
-        sinking = -2 * p0 * period / (math.pi * E) * math.log(math.sin(math.pi * a / period))
-        return p0 * sinking / 2
+        return _stiffness(a, scene)
+    period = scene.surface.periods[0]
     images = -MADELUNG + LATTICE_SUM_3 / 3 * (a / period) ** 2
-    force = p0 * period**2
-    sinking = force / (2 * a * E) + force / (math.pi * E * period) * images
-    return p0 * sinking / 2
+    return E / (period**2 / (2 * a) + period / math.pi * images)
 
 
-@FLAT_PUNCH.gives("quantity.conductance")
-def _post_conductance(scene: Scene) -> float:
-    """Conductance per nominal area times the sum of the resistivities, 2 p0/(E* u), in 1/m."""
-    return scene.load.final**2 / (FLAT_PUNCH.elastic_half_space(scene) * _post_energy(scene))
+# Half of the load times the sinking of the punch, per nominal area.
+FLAT_PUNCH.gives("quantity.elastic_energy")(
+    lambda scene: scene.load.final**2 / (2 * _post_stiffness(scene))
+)
+# Times the sum of the resistivities, in 1/m.
+FLAT_PUNCH.gives("quantity.conductance")(
+    lambda scene: 2 * _post_stiffness(scene) / effective_modulus(scene.material)
+)
 
 
 @FLAT_PUNCH.gives("quantity.smallest_contact_pressure")
@@ -110,12 +113,6 @@ CAPPED_STRIP.gives("area.total")(lambda scene: _post(scene, CAPPED_STRIP)[0])
 CAPPED_STRIP.gives("area.elastic")(
     lambda scene: _post(scene, CAPPED_STRIP)[0] - _yielded_rim(scene)
 )
-
-
-def _stiffness(half_width: float, scene: Scene) -> float:
-    """Of a row of elastic strips, pi E*/(2 L ln(1/sin(pi a/L))), in Pa/m."""
-    E, period = effective_modulus(scene.material), scene.surface.periods[0]
-    return -math.pi * E / (2 * period * math.log(math.sin(math.pi * half_width / period)))
 
 
 # The yielded rim carries no more of a growing load; all of the strip is elastic as soon as the load

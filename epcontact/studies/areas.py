@@ -19,10 +19,10 @@ import pandas as pd
 
 from epcontact import bem
 from epcontact.bem.areas.rim_correction import estimate_areas
-from epcontact.bem.kernel import rfft_wavenumbers
+from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.output.charts.plot import Plot
 from epcontact.results import Areas, FloatArray
-from epcontact.scene import SelfAffineSpectrum
+from epcontact.scene import Body, Material, SelfAffineSpectrum
 from epcontact.studies.frame import Charts, Ints, Say, listed, study
 from epcontact.studies.paper_scene import PARTS
 from epcontact.surfaces import SelfAffine
@@ -196,9 +196,9 @@ def solution(
     """Arguments of `estimate_areas` with E* = 1, on periods of 1 unless they are given."""
     periods = periods or (1.0,) * heights.ndim
     q = rfft_wavenumbers(heights.shape, periods)
-    q.flat[0] = np.inf
+    compliance = surface_compliance(q, Body(), Material(1.0, 0.0))
     options = bem.Options(tolerance=1e-7)
-    found = bem.solve_pressure(heights, 2 / q, load, hardness, options=options)
+    found = bem.solve_pressure(heights, compliance, load, hardness, options=options)
     spacing = [length / n for length, n in zip(periods, heights.shape, strict=True)]
     return found.pressure, found.gap(heights), hardness, spacing, 1.0
 

@@ -22,6 +22,7 @@ from epcontact.scene import Load, Material, Scene, Surface
 from epcontact.studies import paper_scene as paper
 from epcontact.studies.cost import pair_times, timed
 from epcontact.studies.frame import Charts, Ints, Say, listed, root_mean_square, rows, study
+from epcontact.surfaces.power_spectrum import surface_moments
 from fem_check.driver import problem_of
 from fem_check.element import elastic_stiffness
 from fem_check.limit_load import STRIP_LIMIT, assembled, strip_punch
@@ -218,8 +219,7 @@ def speed_scene(nodes: int, *, load: float = 0.05, seed: int = 5) -> Scene:
     power = np.where(inside, np.where(inside, q, 1.0) ** -1.8, 0.0)
     noise = np.random.default_rng(seed).standard_normal(q.shape)
     heights = np.fft.ifftn(power * np.fft.fftn(noise)).real
-    spectrum = np.abs(np.fft.fftn(heights)) / heights.size
-    slope = np.sqrt(np.sum((2 * np.pi * q * spectrum) ** 2))
+    slope = surface_moments(Surface(heights, (1.0, 1.0))).rms_slope
     surface = Surface(heights * 0.05 / slope, (1.0, 1.0), seed=seed)
     return Scene(surface, Material((1 - 0.3**2) / 0.05, 0.3, yield_stress=0.2), Load(load))
 

@@ -22,7 +22,12 @@ from epcontact import bem
 from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import CYCLE
 from epcontact.persson.elastoplastic import areas
-from epcontact.persson.separation import flattened_roughness, gap_distribution, mean_separation
+from epcontact.persson.separation import (
+    flattened,
+    flattened_roughness,
+    gap_distribution,
+    mean_separation,
+)
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Load, Scene, Surface
 from epcontact.studies import paper_scene as paper
@@ -281,7 +286,7 @@ def cycle(model: str, seed: int, points: int, bandwidth: int) -> list[dict[str, 
     peak, found = scene.load.final, []
     if model == "theory":
         up = theory_of(scene)
-        down = replace(up, roughness=flattened_roughness(up, peak), hardness=math.inf)
+        down = flattened(up, peak)
         for branch, share in _PATH:
             body, p = up if branch == "up" else down, share * peak
             area = float(areas(body.diffusion(p), p, body.hardness).total)

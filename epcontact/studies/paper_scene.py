@@ -40,11 +40,16 @@ by_theory = partial(persson.solve, energy_reduction=GAMMA, spectrum="surface")
 theory_of = partial(persson.Theory.of_scene, energy_reduction=GAMMA, spectrum="surface")
 
 
+def rough_spectrum(bandwidth: int = 256) -> SelfAffineSpectrum:
+    """The paper's spectrum, with a band of another width."""
+    return SelfAffineSpectrum(0.8, LOWEST, 4 * LOWEST, bandwidth * LOWEST, 1.0)
+
+
 def rough_scene(
     points_per_wavelength: float, seed: int, bandwidth: int = 256, hardness: float = HARDNESS
 ) -> Scene:
     """A square period of the paper's roughness with so many points per shortest wavelength."""
-    spectrum = SelfAffineSpectrum(0.8, LOWEST, 4 * LOWEST, bandwidth * LOWEST, 1.0)
+    spectrum = rough_spectrum(bandwidth)
     periods, points = (2 * math.pi / LOWEST,) * 2, round(points_per_wavelength * bandwidth)
     surface = SelfAffine(spectrum, periods, (points, points), seed).build()
     return Scene(surface, Material(MODULUS, 0.0, hardness), Load(MEAN_PRESSURE))

@@ -18,7 +18,7 @@ from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import CYCLE, PART_COLOURS
 from epcontact.persson.series import SWITCH
 from epcontact.results import ContactResult, FloatArray, PressureDistribution
-from epcontact.scene import Scene, SelfAffineSpectrum
+from epcontact.scene import Scene
 from epcontact.studies import paper_scene as paper
 from epcontact.studies.frame import Charts, Ints, Say, listed, mean_with_interval, rows, study
 from epcontact.studies.paper_scene import (
@@ -80,8 +80,8 @@ def terms_needed(errors: pd.DataFrame) -> pd.DataFrame:
 
 def finite_volume_error(cells: int) -> dict[str, float]:
     """Relative error of the plastic area of the paper's scene on so many cells and steps."""
-    spectrum = SelfAffineSpectrum(0.8, paper.LOWEST, 4 * paper.LOWEST, 256 * paper.LOWEST, 1.0)
-    roughness, reduction = persson.analytic_roughness(spectrum), persson.EnergyReduction(GAMMA)
+    roughness = persson.analytic_roughness(paper.rough_spectrum())
+    reduction = persson.EnergyReduction(GAMMA)
     curve = persson.hardness_curve(
         persson.Theory(roughness, MODULUS, reduction),
         MEAN_PRESSURE,
