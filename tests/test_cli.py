@@ -120,6 +120,27 @@ def test_run_writes_results_and_fields_once(write_case, tmp_path):
     assert "(reused)" not in invoke(*run, "--fresh").stderr
 
 
+def test_a_case_without_a_gate_is_run_and_passes_for_no_verified_one(
+    write_case, tmp_path, monkeypatch
+):
+    path = write_case(ONE)
+    path.write_text(path.read_text().partition("[[gate]]")[0])
+    done = invoke("run", path, "--method", "persson", "--output", tmp_path)
+    assert (done.returncode, "persson" in done.stdout) == (0, True), done
+    (tmp_path / "cases").mkdir()
+    path = path.rename(tmp_path / "cases" / path.name)
+    monkeypatch.chdir(tmp_path)
+    missing = "small has no gate to judge; add a table [[gate]]"
+    refused(invoke("verify"), missing)
+    refused(invoke("verify", path), missing)
+    (tmp_path / "pytest.ini").write_text("[pytest]\nepcontact_cases = *.toml\n")
+    plugin = ("-p", "epcontact.harness.pytest_plugin")
+    done = python("-m", "pytest", "-q", *plugin, "cases", cwd=tmp_path)
+    assert (done.returncode, missing in done.stdout) == (2, True), done
+    path.write_text(path.read_text().replace("[case]", "[case]\nverify = false"))
+    assert "no gate" not in invoke("verify").stderr
+
+
 def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path):
     methods = ('methods = ["persson", "bem"]', 'methods = ["bem", "fem"]')
     fem = ("[load]", '[fem]\nlaw = "elastic"\nlayers = 2\n\n[load]')

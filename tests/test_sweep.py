@@ -203,11 +203,8 @@ def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path):
     text, _, rest = path.read_text().partition("[[gate]]")
     path.write_text(text + rest[rest.index("[sweep]") :])
     assert len(sweep.read_sweep(path).tasks) == 6
-    with pytest.raises(InvalidCase, match="has no gate to judge; `epcontact sweep` solves"):
+    with pytest.raises(InvalidCase, match=r"has no gate to judge; .*`epcontact sweep`"):
         verify(path, output=tmp_path)
-    path.write_text(text)
-    with pytest.raises(InvalidCase, match="gate is missing"):
-        load_case(path)
 
 
 def test_what_holds_no_sweep_is_refused(swept, tmp_path):

@@ -144,8 +144,6 @@ def _gate_mistakes(case: Case, sizes: tuple[str, ...]) -> Iterator[str]:
     for number, gate in enumerate(case.gate, start=1):
         for wrong in _unanswerable(gate, case, sizes):
             yield f"gate {number}: {wrong}"
-    if not case.gate and case.sweep is None:
-        yield "gate is missing; add it (a table [[gate]])"
     own = Counter(g.gate.name for g in case.gate if g.sizes is None or case.size in g.sizes)
     if case.gate and not own:
         yield f"no gate applies to size {case.size!r}, which the case offers"

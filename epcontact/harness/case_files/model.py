@@ -220,7 +220,7 @@ class Case(Table):
     solid: MaterialTable = Field(alias="material")
     load: Annotated[Load, _part(Load, LoadTable)]
     body: Annotated[Body, _part(Body, BodyTable)] = Field(default_factory=Body)
-    gate: list[GateTable] = key("comparisons; only a case with a sweep may have none", [])
+    gate: list[GateTable] = key("comparisons, which `epcontact verify` needs", [])
     omit: list[OmitTable] = key("default gates that do not apply", [])
     sweep: SweepTable | None = key("values that a sweep gives to keys", None)
     theory: TheoryTable | None = None
@@ -317,7 +317,7 @@ class Case(Table):
         """The gates at this size: the case's own, and the default gates of its methods.
 
         A gate of the case replaces the default gate on the same quantity of the same method, and a
-        table [[omit]] removes one.  A case that is there for its sweep has no gate at all.
+        table [[omit]] removes one.  A case that is there to be run or swept has no gate at all.
         """
         own = [gate for gate in self.gate if gate.sizes is None or self.size in gate.sizes]
         replaced = {(g.of, g.quantity) for g in own} | {(o.of, o.quantity) for o in self.omit}

@@ -18,7 +18,7 @@ import pytest
 from epcontact.errors import EpcontactError
 from epcontact.harness.case_files.case import Case, find_named, load_case
 from epcontact.harness.verdict.judgement import CaseVerdict
-from epcontact.harness.verdict.verification import verify
+from epcontact.harness.verdict.verification import require_gate, verify
 
 
 class GateFellShort(Exception):
@@ -33,7 +33,10 @@ class CaseModule(pytest.File):
         size = self.config.getoption("--case-size")
         for text in find_named(self.path):
             if size in text.sizes:
-                yield CaseGates.from_parent(self, name=text.id, case=load_case(text, size))
+                case = load_case(text, size)
+                if case.sweep is None:
+                    require_gate(case)
+                yield CaseGates.from_parent(self, name=text.id, case=case)
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         """Return the one sentence of an unreadable case file instead of a traceback."""

@@ -100,11 +100,18 @@ def _loaded(cases: Iterable[str | Path | CaseText | Case], size: str) -> list[Ca
         named += find_named(case) if isinstance(case, str | Path) else [case]
     loaded = load_cases(named, size)
     for given, one in zip(named, loaded, strict=True):
-        if given is not one and not one.gates and not one.skip:
-            raise InvalidCase(
-                f"{one.path}: {one.id} has no gate to judge; `epcontact sweep` solves its sweep"
-            )
+        if given is not one:
+            require_gate(one)
     return loaded
+
+
+def require_gate(case: Case) -> None:
+    """Raise InvalidCase if a case has no gate to judge, which would pass for one that holds."""
+    if not case.gates and not case.skip:
+        raise InvalidCase(
+            f"{case.path}: {case.id} has no gate to judge; add a table [[gate]], or verify = false "
+            f"to [case], and solve it by `epcontact {'run' if case.sweep is None else 'sweep'}`"
+        )
 
 
 def cases_to_verify(size: str) -> list[CaseText]:
@@ -115,7 +122,9 @@ def cases_to_verify(size: str) -> list[CaseText]:
     if not cases:
         raise InvalidCase("no cases found, neither in ./cases nor in the installed package")
     offered = [case for case in cases if size in case.sizes]
-    loaded = zip(offered, load_cases(offered, size), strict=True)
+    loaded = [*zip(offered, load_cases(offered, size), strict=True)]
+    for case in (case for _, case in loaded if case.head.verify and case.sweep is None):
+        require_gate(case)
     return [text for text, case in loaded if case.head.verify and (case.gates or case.skip)]
 
 
