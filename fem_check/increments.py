@@ -190,7 +190,7 @@ def _touching(problem: Problem, along: Along, tolerance: float) -> SolvedIncreme
 
 
 def _elastic_state(problem: Problem, control: Control) -> State:
-    """The contact of the flat elastic block, from which every path starts."""
+    """The contact of the flat elastic block."""
     factor, heights = problem.factor, problem.heights
     solved = rigid_contact(factor.surface, heights, control.load, control.approach, problem.cap)
     spectrum = eliminate(factor, np.zeros(problem.block.field_shape))
@@ -199,9 +199,10 @@ def _elastic_state(problem: Problem, control: Control) -> State:
 
 
 def _guess(problem: Problem, states: tuple[State, ...], control: Control) -> State:
-    """The first guess of a state: on the secant through the last two or, as in unloading, after
-    an increment much longer than the last and with capped forces, the last one."""
-    if not states:
+    """The first guess of a state: that of the flat elastic block at the path's begin and, as they
+    have no memory, under capped forces; else on the secant through the last two states or, as in
+    unloading and after an increment much longer than the last, the last one."""
+    if not states or problem.capped:
         return _elastic_state(problem, control)
     state, load = states[-1], control.load
     if load is None:
@@ -212,7 +213,7 @@ def _guess(problem: Problem, states: tuple[State, ...], control: Control) -> Sta
     earlier = states[-2] if len(states) > 1 else none
     grown = forces - float(earlier.forces.sum())
     ratio = (load - forces) / grown if grown > 0 else 0.0
-    if 0 < ratio <= 2.01 and not problem.capped:
+    if 0 < ratio <= 2.01:
         return _on_secant(problem, state, earlier, -ratio)
     if forces > 0:
         return state

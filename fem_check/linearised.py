@@ -20,7 +20,6 @@ from functools import cached_property
 
 import numpy as np
 
-from epcontact.errors import NotConverged
 from epcontact.results import APART, ELASTIC, FloatArray
 from fem_check import plasticity
 from fem_check.contact import States, predicted_states, solve_contact_forces
@@ -122,7 +121,7 @@ def linear_contact(
         goal = forcing * scale * (5 if sweep < 8 else 1)
         spent = _solve_on_set(state, linear, tangent, control, goal)
         counts += Counts(cg=spent, most_cg=spent, sweeps=1)
-        changed = _predict_states(problem, state, linear)
+        changed = _predict_states(problem, state, linear, control)
         if changed <= UNSETTLED * forcing * int((linear.states != APART).sum()):
             break
     linear.step = _to_base(problem, linear.step)
@@ -231,13 +230,7 @@ def _conjugate_gradients(
             xpay(p, beta, z, workers)
             xpay(Kp, beta, Kz, workers)
             p_approach = d + beta * p_approach
-        curvature = dot(p, Kp, workers)
-        if curvature == 0:
-            raise NotConverged(
-                f"every contact node is at the cap, and none can take {missing:.2g} N of the load: "
-                "the elastic part of the contact is narrower than a node; refine the grid"
-            )
-        alpha = rho / curvature
+        alpha = rho / dot(p, Kp, workers)
         axpy(step, alpha, p, workers)
         axpy(R, -alpha, Kp, workers)
         linear.approach += alpha * p_approach
@@ -249,13 +242,16 @@ def _conjugate_gradients(
     return spent
 
 
-def _predict_states(problem: Problem, state: State, linear: LinearSolution) -> int:
+def _predict_states(
+    problem: Problem, state: State, linear: LinearSolution, control: Control
+) -> int:
     """Give the solution the contact states that it asks for; the number of those that change."""
     R, states = linear.reaction, linear.states
     forces = problem.contact_forces(states, R[0, ..., 2])
     g = problem.gap(state.displacement[:1] + linear.step[:1], linear.approach)
     g[states == ELASTIC] = 0
     stiffness = 1.0 / float(problem.factor.surface.min())
-    new = linear.states = predicted_states(forces, g, problem.cap, stiffness)
+    load = control.load if problem.capped else None
+    new = linear.states = predicted_states(forces, g, problem.cap, stiffness, load)
     R[0, ..., 2] += problem.capped_forces(states) - problem.capped_forces(new)
     return int((new != states).sum())

@@ -13,6 +13,7 @@ from epcontact.results import APART, ELASTIC, PLASTIC
 from epcontact.studies.fem import speed_scene
 from fem_check import driver, linearised, plasticity, solve_path
 from fem_check.contact import rigid_contact
+from fem_check.driver import problem_of
 from fem_check.limit_load import assembled, tangents
 from fem_check.linear_solver import (
     eliminate,
@@ -24,6 +25,7 @@ from fem_check.linear_solver import (
 )
 from fem_check.linearised import Tangent, linear_contact
 from fem_check.mesh import PeriodicBlock, flat_elements, graded_layers
+from fem_check.options import FemOptions
 from fem_check.problem import Control
 from fem_check.smoother import Smoother, assemble
 from fem_check.workers import Workers
@@ -82,11 +84,28 @@ def test_the_solution_meets_every_condition(highest, share, cap):
     block = PeriodicBlock((32, 32), (1 / 32, 1 / 32), graded_layers(0.9, 1 / 32))
     rule = plasticity.law(1.0, 0.3, math.inf)
     symbol = factorise(block, flat_elements(block), rule).surface
-    heights, nodal_cap = rough_heights(32, highest), cap / 32**2
-    load = share * (cap if math.isfinite(cap) else 0.3)
+    heights, load = rough_heights(32, highest), share * (cap if math.isfinite(cap) else 0.3)
+    meets_every_condition(symbol, heights, load, cap / 32**2)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "hardness", "seed", "share"),
+    [(512, 0.3, 0, 0.2), (512, 0.3, 2, 0.5), (1024, 1.0, 3, 0.99), (32, 0.03, 0, 0.5)],
+)
+def test_lines_where_full_steps_cycle_or_whole_nodes_carry_the_load(nodes, hardness, seed, share):
+    scene = rough_scene(
+        nodes, nodes // 8, hardness=hardness, pressure=share * hardness, dimensions=1, seed=seed
+    )
+    problem = problem_of(scene, FemOptions(law="capped"), 1)
+    load = share * problem.cap * nodes
+    meets_every_condition(problem.factor.surface, problem.heights, load, problem.cap)
+
+
+def meets_every_condition(symbol, heights, load, nodal_cap):
     solved = rigid_contact(symbol, heights, load=load, cap=nodal_cap)
     forces, states = solved.forces, solved.states
-    gap = (inverse(symbol * transform(forces), 32) - heights - solved.approach) / heights.std()
+    gap = inverse(symbol * transform(forces), len(heights)) - heights - solved.approach
+    gap /= heights.std()
     assert forces.sum() == pytest.approx(load, rel=1e-12)
     assert np.abs(gap[states == ELASTIC]).max(initial=0) < 1e-9
     assert gap[states == APART].min(initial=0) > -1e-9

@@ -195,13 +195,25 @@ def test_increments_that_fail_are_halved(monkeypatch):
 
 
 def test_what_does_not_converge_raises_with_its_residuals(monkeypatch):
-    with pytest.raises(NotConverged, match="narrower than a node"):
-        solved(rough_scene(16, 4, hardness=1e-5, pressure=2e-6), law="capped")
     monkeypatch.setattr(newton, "MOST_NEWTON", 1)
     with pytest.raises(NotConverged, match="did not converge in 1 Newton") as caught:
         solved(rough_scene(16, 3))
     assert len(caught.value.history) == 2
     assert caught.value.residuals["balance"] > 1e-8
+
+
+@pytest.mark.parametrize(("dimensions", "hardness"), [(1, 0.03), (1, 0.1), (2, 1e-5), (2, 0.3)])
+def test_capped_paths_are_answered_at_every_load(dimensions, hardness):
+    """A path upward is its single loads; what has flowed keeps more in contact on the way down."""
+    shares = (0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 0.5, 0.1, 0.0, 0.6)
+    scene = rough_scene(32, 4, hardness=hardness, pressure=hardness / 2, dimensions=dimensions)
+    path = solved(replace(scene, load=Load(tuple(s * hardness for s in shares))), law="capped")
+    for share, step in zip(shares[:6], path.steps, strict=False):
+        alone = solved(replace(scene, load=Load(share * hardness)), law="capped").final
+        assert step.areas["raw"] == alone.areas["raw"]
+        assert step.quantities["mean_gap"] == pytest.approx(alone.quantities["mean_gap"], rel=1e-9)
+    assert [step.areas["raw"].total for step in path.steps][8] <= 1 / 32**dimensions
+    assert path.steps[6].areas["raw"].total > path.steps[2].areas["raw"].total
 
 
 # Warnings and refusals -----------------------------------------------------------------------
