@@ -6,18 +6,21 @@ import pickle
 import sys
 import types
 import warnings
+import zipfile
 from dataclasses import replace
 from typing import Any
 
 import meshio
 import numpy as np
 import pytest
+from laboratory.trial_map import trial_map
 
 from epcontact.errors import InvalidScene, SurfaceWarning
 from epcontact.planning.grids import one_directional
 from epcontact.scene import SelfAffineSpectrum, Surface, rms_slope
-from epcontact.surfaces import HeightsFromArray, HeightsFromFile, SelfAffine
-from epcontact.surfaces.treatment import edge_jumps, filled, form_removed, windowed
+from epcontact.studies.areas import KINDS, member
+from epcontact.surfaces import HeightsFromArray, HeightsFromFile, SelfAffine, readers
+from epcontact.surfaces.treatment import edge_jumps, filled, form_removed, outliers, windowed
 
 # The heights are about as large as the period, which changes nothing of what is tested here.
 pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
@@ -36,13 +39,15 @@ HUGE = "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000, 100000000
 
 @pytest.fixture
 def write(tmp_path):
-    """Write bytes, or heights in the format of the name's ending."""
+    """Write bytes, or heights [x, y] as a picture in the format of the name's ending."""
 
     def write(name, content):
         path = tmp_path / name
         if isinstance(content, bytes):
             path.write_bytes(content)
-        elif path.suffix == ".npy":
+            return path
+        content = np.transpose(content)
+        if path.suffix == ".npy":
             np.save(path, content)
         else:
             delimiter = {".csv": ",", ".dat": ";"}.get(path.suffix, " ")
@@ -67,7 +72,7 @@ def test_every_format_holds_the_same_heights(write, name, kind):
     assert np.array_equal(surface.heights, heights * 1e-6)
     assert surface.periods == (L, 2 * L)
     line = MAP[3]
-    for written in (line, line[None, :]):  # one column, one row
+    for written in (line, line[:, None]):  # one column, one row
         path = write(name, written.squeeze() if name.endswith("npy") else written)
         assert np.array_equal(HeightsFromFile(path, (3.0,), unit=1.0).build().heights, line)
 
@@ -86,8 +91,8 @@ def test_every_format_holds_the_same_heights(write, name, kind):
 )
 def test_tables_as_programs_write_them(write, name, content, notes):
     surface = HeightsFromFile(write(name, content), (100.0, 100.0), 1.0, "periodic").build()
-    assert np.array_equal(surface.heights, [[1.5, 2.5], [3.5, 4.5]])
-    assert len(surface.notes) == len(notes) + 1
+    assert np.array_equal(surface.heights, [[1.5, 3.5], [2.5, 4.5]])
+    assert "x runs along the lines of the file" in surface.notes[len(notes)]
     assert all(any(words in note for note in surface.notes) for words in notes)
 
 
@@ -121,6 +126,96 @@ def test_meshes_on_a_grid_are_height_maps(tmp_path, name):
             read(wrong)
 
 
+def test_a_picture_in_a_file_is_read_as_the_instrument_shows_it(write):
+    """x is along its lines, as in SurfaceTopography, whose heights are [x, y]."""
+    lines = b"0 0 0 9\n0 0 0 0\n5 0 0 0\n"
+    found = HeightsFromFile(write("a.txt", lines), (4.0, 3.0), 1.0, "periodic").build()
+    assert (found.heights[3, 0], found.heights[0, 2], found.spacing) == (9, 5, (1, 1))
+
+
+def test_lists_of_points_are_maps_with_or_without_missing_points(write):
+    """As an instrument writes them: points without a height are left out, or marked."""
+    x, y = np.meshgrid(2.0 + 0.4 * np.arange(12), 0.8 * np.arange(9), indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel(), MAP[:12, :9].ravel()])
+    rng = np.random.default_rng(3)
+    for name, gone in (("whole.xyz", 0), ("map.csv", 0), ("gaps.xyz", 30), ("gaps.txt", 30)):
+        left = rng.permutation(points)[gone:]
+        text = "X, Y, Z\n" + "\n".join(",".join(map(repr, row)) for row in left.tolist())
+        path = write(name, text.encode() + b"\n2.4, 0.8, No Data" * (name == "marked"))
+        recipe = HeightsFromFile(path, unit=1e-6, treatment="periodic", missing="nearest")
+        assert recipe.shape == (12, 9)
+        assert recipe.periods == pytest.approx((4.8e-6, 7.2e-6), rel=1e-12)
+        surface, told = recipe.build(), f"{gone} of 108 heights missing"
+        there = np.isin(MAP[:12, :9], left[:, 2])
+        assert surface.heights[there] == pytest.approx(1e-6 * MAP[:12, :9][there], rel=1e-14)
+        assert any(told in note for note in surface.notes) == (gone > 0)
+        assert "its columns are x, y and height, all in one unit" in surface.notes
+    marked = write("marked.xyz", b"0 0 No Data\n0 1 2\n1 0 3\n1 1 4\n")
+    assert HeightsFromFile(marked, unit=1.0, missing="nearest").shape == (2, 2)
+
+
+def test_a_zip_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
+    monkeypatch.setattr(readers, "_UNPACKED", 2**20)
+    monkeypatch.setitem(sys.modules, "SurfaceTopography", types.SimpleNamespace(open_topography=0))
+    path = tmp_path / "bomb.x3p"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr("data.bin", bytes(2**21))
+    with refused("bomb.x3p: unpacks from 0.00.* MiB to 2 MiB"):
+        HeightsFromFile(path, (1.0, 1.0))
+
+
+@pytest.mark.parametrize("spikes", [1, 25])
+def test_outliers_are_told_with_their_places_and_removed_on_demand(spikes):
+    clean, given = 1e-6 * trial_map(0), 1e-6 * trial_map(spikes)
+    moved = np.nan_to_num(np.abs(given - clean)) > 1e-7
+    steps: Any = {"missing": "harmonic", "form": 1}
+    with pytest.warns(SurfaceWarning, match=f"{spikes} of 120000 heights are outliers"):
+        HeightsFromArray(given, (320e-6, 240e-6), "periodic", **steps).build()
+    kept, removed = (
+        HeightsFromArray(given, (320e-6, 240e-6), "periodic", outliers=word, **steps).build()
+        for word in ("keep", "remove")
+    )
+    (told,) = (note for note in kept.notes if "outliers" in note)
+    x, y = 0.8e-6 * np.argwhere(moved)[0]
+    assert f"at ({x:.3g}, {y:.3g})" in told
+    assert 'set outliers to "remove"' in told
+    assert ("and 19 more" in told) == (spikes == 25)
+    (told,) = (note for note in removed.notes if "outliers" in note)
+    assert "all around: removed, at (" in told
+    truth = HeightsFromArray(clean, (320e-6, 240e-6), "periodic", **steps).build()
+    # In the place of a spike is the mean of its neighbours, whose waves have four points or more.
+    assert np.abs(removed.heights - truth.heights)[moved].max() < 0.3e-6
+    assert np.abs(removed.heights - truth.heights)[~moved].max() < 0.01e-6
+    assert kept.rms_slope > 1.02 * truth.rms_slope
+    assert removed.rms_slope == pytest.approx(truth.rms_slope, rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"outliers"}))
+def test_what_a_real_surface_does_is_no_outlier(kind):
+    for seed in (21, 22):
+        heights = KINDS[kind](member(KINDS, kind, seed, 96), np.random.default_rng(seed))
+        assert not outliers(heights).any()
+        assert not outliers(np.round(heights / np.ptp(heights) * 60)).any()
+
+
+def test_a_plane_or_constant_is_flat_to_the_last_digit():
+    x, y = np.meshgrid(np.arange(40.0), np.arange(31.0), indexing="ij")
+    for order, heights in ((1, 0.1 + 0.3 * x - 0.7 * y), (1, 0 * x + 0.1), (2, 5 + x * x - x * y)):
+        for form in (1, 2):
+            surface = HeightsFromArray(1e-6 * heights, (1e-3, 1e-3), "periodic", form=form).build()
+            assert (np.ptp(surface.heights) == 0) == (form >= order)
+            assert ("what is left is rounding" in str(surface.notes)) == (form >= order)
+    rough = HeightsFromArray(1e-9 * HILLS + 1.0, (1.0, 1.0), "periodic", form=1).build()
+    assert rough.rms_height > 1e-10
+
+
+def test_both_rms_slopes_are_named_with_that_of_effective_hardness():
+    surface = HeightsFromArray(MAP / 10, (L, L)).build()
+    by_waves = SelfAffine(SPECTRUM, (L, L), (48, 50), seed=1).build().spectrum.rms_slope / 10
+    told = f"rms slope {by_waves:.4g} of the spectrum, which an effective hardness takes, and "
+    assert surface.notes[-1] == f"{told}{surface.rms_slope:.4g} from differences of neighbours"
+
+
 def test_periods_by_one_length_or_by_the_pixel(write):
     square, oblong = write("square.npy", MAP[:, :48]), write("oblong.npy", MAP)
     assert HeightsFromFile(square, (2.0,), unit=1.0).periods == (2.0, 2.0)
@@ -138,7 +233,7 @@ def test_periods_by_one_length_or_by_the_pixel(write):
         with refused(message):
             HeightsFromFile(**{"path": oblong, "unit": 1.0} | arguments)
     swapped = HeightsFromFile(oblong, (1.0, 5.0), unit=1e-9).build()
-    assert any("wide along x, over 48 lines" in note for note in swapped.notes)
+    assert any("over the 48 heights of a line of the file" in note for note in swapped.notes)
 
 
 def test_the_content_and_its_treatment_are_the_identity_not_the_place(write):
@@ -148,11 +243,12 @@ def test_the_content_and_its_treatment_are_the_identity_not_the_place(write):
         *({"path": write("changed.npy", MAP + 1e-12)}, {"unit": 1e-6}),
         *({"treatment": "periodic"}, window, window | {"taper": 0.2}),
         *({"form": 1}, {"form": 2}, {"missing": "nearest"}, {"missing": "harmonic"}),
+        {"outliers": "remove"},
         *({"longest_wavelength": 1.0}, {"shortest_wavelength": 0.1}),
     ]
     recipe = HeightsFromFile(path, (L, L), unit=1.0)
     assert replace(recipe, path=other).fingerprint == recipe.fingerprint
-    assert len({r.fingerprint for r in [recipe, *(replace(recipe, **c) for c in changes)]}) == 12
+    assert len({r.fingerprint for r in [recipe, *(replace(recipe, **c) for c in changes)]}) == 13
     # It travels to another process without its heights.
     sent = pickle.dumps(recipe)
     arrived = pickle.loads(sent)
@@ -243,12 +339,12 @@ def test_slopes_beyond_one_are_said_once():
     recipe = HeightsFromArray(MAP * 1e3, (L, L))
     with pytest.warns(SurfaceWarning, match="beyond the small slopes") as warned:
         steep = recipe.build()
-    assert [(str(one.message), one.filename) for one in warned] == [(steep.notes[-1], __file__)]
+    assert [(str(one.message), one.filename) for one in warned] == [(steep.notes[-2], __file__)]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert replace(steep).notes == pickle.loads(pickle.dumps(steep)).notes == steep.notes
         assert one_directional(recipe) is None  # the package builds it and shows the notes itself
-        assert HeightsFromArray(MAP / 10, (L, L)).build().notes[1:] == ()
+        assert len(HeightsFromArray(MAP / 10, (L, L)).build().notes) == 2
 
 
 @pytest.mark.parametrize(
@@ -314,7 +410,7 @@ def test_what_is_no_height_map_is_refused(change, message):
         ("middle.csv", b"1,2\nsome words,4\n3,4\n", "line 2 holds 'some words'"),
         ("inf.txt", b"1 1e999\n3 4\n", "1 of 4 heights"),
         ("date.txt", b"2026-01-02 12:00\n1 2\n3 4\n", "begin the lines of a header with #"),
-        ("xyz.txt", b"X Y Z\n0 0 5\n0 1 7\n1 0 6\n1 1 5\n", "columns are x, y and height"),
+        ("off.xyz", b"0 0 5\n0 1 7\n1 .3 6\n1 1 5\n", "lie on no regular grid .* export the heig"),
         ("junk.vti", b"<VTKFile", "no whole .vti file"),
         *((f"junk.{kind}", b"junk\xff\n", "meshio cannot read") for kind in ("stl", "ply", "vtu")),
     ],
@@ -358,7 +454,7 @@ def test_instrument_files_know_their_size_and_unit(write, monkeypatch):
         (lambda: topography(None), {"unit": 1e-9}, "does not say how large"),
         (lambda: topography(hole=MAP > 0), {}, "of 2400 heights are NaN or masked"),
         (lambda: topography(even=False), {}, "no regular grid"),
-        (lambda: {}["block 3\nof 4"], {}, r"SurfaceTopography cannot read it \('block 3"),
+        (lambda: {}["tried XYZReader:\n no grid"], {}, r"tried XYZReader:.*no grid.*; export the"),
     ):
         with refused(sentence):
             read(make, **options).build()

@@ -82,14 +82,15 @@ def _beside_the_case(value: Any, info: ValidationInfo) -> Any:
 class HeightsFromFile(Preparation):
     """Heights from a file; also the table [surface] of kind file.
 
-    .npy files are numpy's; .txt, .dat, .csv and .tsv are plain tables of numbers with one row of
-    the grid in each line; .vti files are results; meshio reads .stl, .ply and .vtu meshes whose
-    points lie on a grid, and SurfaceTopography (`epcontact[instruments]`) all other files.  The
-    recipe opens the file and `build` reads it.  Its content identifies it, not its path.
+    .npy files are numpy's; .txt, .dat, .csv and .tsv are plain tables of numbers, and like them
+    pictures: x runs along a line, y from line to line.  Tables, .xyz files too, may also list x, y
+    and height of points on a grid, as .stl, .ply and .vtu meshes do, which meshio reads; .vti files
+    are results, and SurfaceTopography (`epcontact[instruments]`) reads all other files.  The recipe
+    opens the file and `build` reads it.  Its content identifies it, not its path.
 
-    One period is enough for a square map, none is needed if the file gives it.  The first belongs
-    to the lines of a text file, the second to the heights in a line.  An absent file raises
-    SurfaceAbsent if it is `optional`, so that a case is skipped.
+    One period is enough for a square map, none is needed if the file gives it.  The first is the
+    length along x.  An absent file raises SurfaceAbsent if it is `optional`, so that a case is
+    skipped.
     """
 
     path: Annotated[
@@ -166,7 +167,7 @@ class HeightsFromFile(Preparation):
     @cached_property
     def fingerprint(self) -> str:
         """The SHA-256 of the file's content, the unit, and the treatment of the heights."""
-        return f"file/1 {file_digest(Path(self.path))} unit={self.unit or 1.0!r} {self.steps}"
+        return f"file/2 {file_digest(Path(self.path))} unit={self.unit or 1.0!r} {self.steps}"
 
     def build(self) -> Surface:
         """Read the heights and treat them.  Raises InvalidScene if they are refused."""
@@ -177,8 +178,8 @@ class HeightsFromFile(Preparation):
         if stored.periods is None and not math.isclose(x, y, rel_tol=0.01):
             # Periods given in the wrong order show in spacings that differ.
             notes.append(
-                f"the periods make the grid {x:.3g} m wide along x, over {self.shape[0]} lines of "
-                f"the file, and {y:.3g} m along y, over {self.shape[1]} heights in each"
+                f"the periods make the grid {x:.3g} m wide along x, over the {self.shape[0]} "
+                f"heights of a line of the file, and {y:.3g} m along y, over {self.shape[1]} lines"
             )
         return prepared(stored.heights, self, str(self.path), notes, self.unit or 1.0)
 

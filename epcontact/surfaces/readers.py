@@ -7,7 +7,8 @@ A table of numbers is one as instruments and spreadsheets write it.  Its separat
 tabulator, a comma or white space.  With any but the comma, numbers may have a decimal comma.  Lines
 above the table that do not begin with a number are its header, and # begins a comment.  Empty cells
 and NaN are points without a height.  Text that is not UTF-8 is read as UTF-16 if it begins like it,
-otherwise as Latin-1.  A list of x, y and height is refused.
+otherwise as Latin-1.  The heights of a table or .npy file are as in a picture: x runs along its
+lines.  Three columns of x, y and height on a grid are a map, whose missing points have no height.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +27,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import InvalidScene, OutputError
+from epcontact.machine import available_memory
 from epcontact.output.vtk import read_fields
 from epcontact.results import FloatArray
 
 #: Words for a point without a height.
 MISSING = {"", "nan", "na", "n/a", "bad", "---", "--", "-"}
+_AS_PICTURE = "x runs along the lines of the file and y from line to line, as in its picture"
+#: Bytes that a zip file (.x3p) may unpack to, unless they are few for its size: heights shrink
+#: ten times or so, zeros a thousand times.  A reader holds three times as much (measured, 1.27).
+_UNPACKED, _SHRUNK, _HELD = 2**28, 100, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +77,16 @@ def _refusing(path: Path, words: str = "") -> Iterator[None]:
     except (Exception, SystemExit) as error:  # each parser has errors of its own
         if not words:
             raise
-        lines = str(error).strip().splitlines() or [type(error).__name__]
-        said = " ".join(lines[0].split("; use")[0].split()).rstrip(".")
-        said = said if len(said) <= 100 else said[:99] + "…"
-        raise InvalidScene(f"{path}: {words} ({said})") from None
+        said = " ".join(str(error).split("; use")[0].split()).rstrip(".") or type(error).__name__
+        said = said if len(said) <= 160 else said[:159] + "…"
+        what, semicolon, remedy = words.partition(";")
+        raise InvalidScene(f"{path}: {what} ({said}){semicolon}{remedy}") from None
 
 
 def _read_npy(path: Path) -> HeightMap:
     with _refusing(path, "is no complete .npy file of numbers"):
-        return HeightMap(np.lib.format.open_memmap(path, mode="r"))
+        heights = np.lib.format.open_memmap(path, mode="r")
+    return HeightMap(heights.T, notes=(_AS_PICTURE,) if heights.ndim == 2 else ())
 
 
 def _read_fields(path: Path) -> HeightMap:
@@ -105,18 +113,22 @@ def _read_mesh(path: Path) -> HeightMap:
     # Text that meshio tries as numbers may overflow.
     with _refusing(path, "meshio cannot read it"), np.errstate(all="ignore"):
         mesh = getattr(meshio, path.suffix.lower()[1:]).read(path)
-    points = np.asarray(mesh.points, np.float64)
-    if points.shape[1:] == (3,) and len(points) >= 4 and np.isfinite(points).all():
+    return _gridded(np.asarray(mesh.points, np.float64), path)
+
+
+def _gridded(points: FloatArray, path: Path) -> HeightMap:
+    """The map of points (n, 3), x, y and height on a regular grid; NaN where no point is."""
+    if points.shape[1:] == (3,) and len(points) >= 4 and np.isfinite(points[:, :2]).all():
         (x, dx), (y, dy) = map(_even_places, points.T[:2])
         nx, ny = int(x.max()) + 1, int(y.max()) + 1
         if min(nx, ny) >= 2 and nx * ny <= 2 * len(points) and dx * dy > 0:
             heights = np.full((nx, ny), np.nan)
             heights[x, y] = points[:, 2]
-            if np.array_equal(heights[x, y], points[:, 2]):  # no two points at one place
+            if np.array_equal(heights[x, y], points[:, 2], equal_nan=True):  # none above another
                 return HeightMap(heights, periods=(nx * dx, ny * dy))
     raise InvalidScene(
         f"{path}: its points are no height map: they lie on no regular grid in x and y, or above "
-        "each other; sample the mesh on a grid first"
+        "each other; sample them on a grid first, or export the heights alone, line by line"
     )
 
 
@@ -140,7 +152,21 @@ def _read_instrument(path: Path) -> HeightMap:
             f"{path}: reading {path.suffix or 'such'} files needs SurfaceTopography; "
             "pip install 'epcontact[instruments]', or convert it to .npy or text"
         ) from None
-    with _refusing(path, "SurfaceTopography cannot read it"), open_topography(str(path)) as reader:
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as packed:
+            size = sum(part.file_size for part in packed.infolist())
+        shrunk = size > max(_UNPACKED, _SHRUNK * path.stat().st_size)
+        if shrunk or size > max(_UNPACKED, available_memory() / _HELD):
+            raise InvalidScene(
+                f"{path}: unpacks from {path.stat().st_size / 2**20:.3g} MiB to "
+                f"{size / 2**20:.3g} MiB, more than a map of heights does or memory holds; export "
+                "it again"
+            )
+    words = (
+        "SurfaceTopography cannot read it; export the map from the instrument's software as .x3p, "
+        ".sur or .nc, which know their units, or as text, one line of heights after the other"
+    )
+    with _refusing(path, words), open_topography(str(path)) as reader:
         topography = reader.topography()
         if in_metres := topography.unit is not None:
             topography = topography.to_unit("m")
@@ -156,8 +182,9 @@ def _read_instrument(path: Path) -> HeightMap:
 
 
 def _read_table(path: Path) -> HeightMap:
-    """The heights of a table: a line is a row of the grid, a single row or column a line."""
+    """The heights of a table: its lines are those of a picture, a single row or column a line."""
     text, encoding = _text(path.read_bytes())
+    text = re.sub("no data", "nan", text, flags=re.IGNORECASE)
     stripped = (line.partition("#")[0].strip(" \r\n\ufeff") for line in text.splitlines())
     lines = {number: line for number, line in enumerate(stripped, 1) if line}
     if not lines or "\0" in text:
@@ -170,20 +197,21 @@ def _read_table(path: Path) -> HeightMap:
     header = len(lines) - len(table)
     if table.shape[1] > 1 and separator and np.isnan(table[:, -1]).all():
         table = table[:, :-1]  # each line ends with a separator
-    if _is_list_of_points(table):
-        raise InvalidScene(
-            f"{path}: its three columns are x, y and height; write the heights alone, one row of "
-            "the grid in each line"
-        )
+    points = _is_list_of_points(table) or path.suffix.lower() == ".xyz"
     notes = [
         f"the first {part} of the file has even steps; if these are coordinates, leave them out"
         for part, grid in (("column", table), ("line", table.T))
-        if _looks_like_coordinates(grid)
+        if not points and _looks_like_coordinates(grid)
     ]
     notes += [f"lines skipped above the table of heights: {header}"] * bool(header)
     notes += ["the commas of the file were read as decimal commas"] * (decimal == ",")
     notes += [f"the file is no UTF-8 and was read as {encoding}"] * (encoding != "utf-8")
-    return HeightMap(table.ravel() if 1 in table.shape else table, notes=tuple(notes))
+    if points:
+        notes.append("its columns are x, y and height, all in one unit")
+        return replace(_gridded(table, path), notes=tuple(notes))
+    if 1 in table.shape:
+        return HeightMap(table.ravel(), notes=tuple(notes))
+    return HeightMap(table.T, notes=(*notes, _AS_PICTURE))
 
 
 def _text(content: bytes) -> tuple[str, str]:
@@ -255,6 +283,6 @@ def _looks_like_coordinates(table: FloatArray) -> bool:
 READERS: dict[str, Callable[[Path], HeightMap]] = {
     ".npy": _read_npy,
     ".vti": _read_fields,
-    **dict.fromkeys((".txt", ".dat", ".csv", ".tsv"), _read_table),
+    **dict.fromkeys((".txt", ".dat", ".csv", ".tsv", ".xyz"), _read_table),
     **dict.fromkeys((".stl", ".ply", ".vtu"), _read_mesh),
 }

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from breaking.fault import Fault, changed, given, on_result, scaled
+from breaking.fault import Fault, at, changed, given, on_result, scaled
 
 S = "epcontact.surfaces."
+FILES = "tests/test_surface_files.py::test_"
 
 
 def _spectrum(**changes):
@@ -104,4 +105,12 @@ FAULTS = (
     _shape("heights turned round along y",
         on_result(S + "self_affine.grid_heights", lambda h: np.ascontiguousarray(h[:, ::-1])),
         "path-elastic", "quantity.surface_summit_y"),
+    _shape("outliers kept where they were to be removed",
+        on_result(S + "treatment.outliers", np.zeros_like),
+        test=FILES + "outliers_are_told_with_their_places_and_removed_on_demand"),
+    _shape("a picture turned from x to y",
+        on_result(S + "measured.read_heights", lambda m: replace(m, heights=m.heights.T)),
+        test=FILES + "a_picture_in_a_file_is_read_as_the_instrument_shows_it"),
+    _shape("the rounding of a plane taken for roughness", at(S + "treatment.ROUNDING", 0.0),
+        test=FILES + "a_plane_or_constant_is_flat_to_the_last_digit"),
 )  # fmt: skip
