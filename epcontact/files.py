@@ -29,13 +29,12 @@ _BEGIN = f".epcontact-{platform.node()}-"
 @contextlib.contextmanager
 def whole_file(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path, whose file replaces `path` if the block ends without an error.
-    Missing folders are made, and a symbolic link keeps its target.  Raises OutputError if the
-    system refuses; what else the block raises passes."""
-    if not Path(path).name:
+    Missing folders are made, and a symbolic link is replaced, not followed.  Raises OutputError if
+    the system refuses; what else the block raises passes."""
+    if not Path(path).name or "\0" in str(path):
         raise OutputError(f"cannot write {str(path)!r}: it names no file")
+    final = Path(path)
     try:
-        # A dangling symbolic link is refused here: the link exists, its target does not.
-        final = Path(os.path.realpath(path, strict=os.path.lexists(path)))
         final.parent.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise refusal("write", path, error) from error

@@ -37,6 +37,9 @@ _OBJECTS = 100_000  # made between two searches for cycles while a kernel compil
 LINEAR_ALGEBRA = "OPENBLAS_NUM_THREADS"
 #: ducc0 starts its threads when it first transforms, unless it may have only one.
 TRANSFORMS = "DUCC0_NUM_THREADS"
+for _name in (TRANSFORMS, "OMP_NUM_THREADS"):  # ducc0 would fail on what is no number
+    if not os.environ.get(_name, "0").strip().isdecimal():
+        del os.environ[_name]
 _PACKAGES = ("epcontact", "fem_check")  # whose kernels are watched; a user's are left to numba
 
 
@@ -188,6 +191,9 @@ def provide_kernel_cache() -> None:
             context.refresh = functools.partial(rtsys.initialize, context)
             try:
                 return super().load_overload(signature, context)
+            except Exception:  # of a damaged file: what is kept of this kernel is made anew
+                self.flush()
+                return None
             finally:
                 del context.refresh
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from epcontact import results
 from epcontact.results import ELASTIC, Areas, ContactResult, LoadStep, Provenance
 
 
@@ -46,7 +47,16 @@ has_no_memory = lambda _: np.empty(1 << 50)
 returns_a_table = lambda _: {"area": 0.1}
 returns_another_grid = lambda s: replace(full_contact(s), fields={"pressure": np.zeros(3)})
 has_no_steps = lambda scene: replace(full_contact(scene), steps=())
+leaves_no_name = lambda s: replace(full_contact(s), fields={"": np.zeros(32)})
 returns_words = lambda s: replace(full_contact(s), cost={"seconds": "words"})
+
+
+def invents_its_headlines(scene):
+    """Pressures of full contact, under areas, an error and a distribution of another contact."""
+    other = results.PressureDistribution([0.0, 2 * scene.load.final], [0.0, 0.3])
+    areas = dict.fromkeys(("raw", "corrected", "error"), Areas(0.3, 0.3, 0.0))
+    step = LoadStep(scene.load.final, areas)
+    return replace(full_contact(scene), steps=(step,), distribution=other)
 
 
 def changes_its_scene(scene):

@@ -107,6 +107,8 @@ def test_what_is_no_case_file_is_refused(tmp_path):
         (b"\xff\xfe[case]", no_text),
         (b"x = " + b"[" * 100_000, no_text),
         (b"#" * (2 << 20), "is larger than"),
+        (b"x = 0x" + b"f" * 5000, "has 300 digits"),
+        (b"x = { " + b"a." * 50_000 + b"a = 1 }", "a key as many parts"),
         (b"variant = 3", r"variant is 3, but must be tables \[\[variant\]\]"),
     ):
         path.write_bytes(content)

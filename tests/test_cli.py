@@ -336,6 +336,9 @@ def test_closed_pipe_is_no_verdict_and_changes_none(tmp_path, words, code, says)
             check=False, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
     told = [line for line in done.stderr.splitlines() if "epcontact:" in line]
+    shut = ["sh", "-c", 'exec "$@" >&- <&-', "sh", *COMMAND, *words.split()]
+    closed = subprocess.run(shut, check=False, cwd=tmp_path, capture_output=True, text=True)
+    assert (closed.returncode, "Traceback" in closed.stderr) == (0, False)
     assert (done.returncode, told) == (code, [says] if says else [])
 
 

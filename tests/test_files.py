@@ -75,8 +75,6 @@ REFUSED = [
 ]
 if POSIX:
     REFUSED += [
-        (lambda here: files.write_text(here / "broken", ""), OutputError, "no such file.*gone"),
-        (lambda here: files.write_text(here / "circle", ""), OutputError, "too many levels"),
         (lambda here: files.write_text("/dev/null", ""), OutputError, "device"),
     ]
 
@@ -86,9 +84,6 @@ def test_a_refusal_is_one_sentence_and_leaves_no_trace(tmp_path, call, error, wo
     for name in ("file", "file.vti"):
         (tmp_path / name).write_text("keep")
     (tmp_path / "folder").mkdir()
-    if POSIX:
-        (tmp_path / "broken").symlink_to(tmp_path / "gone")
-        (tmp_path / "circle").symlink_to(tmp_path / "circle")
     before = sorted(os.listdir(tmp_path))
     with pytest.raises(error, match=words) as refused:
         call(tmp_path)
@@ -99,19 +94,20 @@ def test_a_refusal_is_one_sentence_and_leaves_no_trace(tmp_path, call, error, wo
 
 
 @pytest.mark.skipif(not POSIX, reason="needs POSIX links")
-def test_links_keep_pointing_and_a_full_disk_keeps_the_old_file(tmp_path, monkeypatch):
+def test_links_are_not_followed_and_a_full_disk_keeps_the_old_file(tmp_path, monkeypatch):
     def full(_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     real, link = tmp_path / "real", tmp_path / "link"
     real.write_text("old")
-    link.symlink_to(real)
-    files.write_text(link, "new")
+    for target in (real, tmp_path / "gone", link):
+        link.unlink(missing_ok=True)
+        link.symlink_to(target)
+        files.write_text(link, "new")
     monkeypatch.setattr(os, "fsync", full)  # after the block
     with pytest.raises(OutputError, match="no space left"):
         files.write_text(link, "newer")
-    assert link.is_symlink()
-    assert real.read_text() == "new"
+    assert (link.is_symlink(), link.read_text(), real.read_text()) == (False, "new", "old")
     assert sorted(os.listdir(tmp_path)) == ["link", "real"]
 
 

@@ -23,10 +23,12 @@ from conftest import SMALL_CASE
 
 from epcontact import planning
 from epcontact.cli.plans import plan
-from epcontact.errors import InvalidCase
+from epcontact.errors import InvalidCase, NotConverged
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
+from epcontact.harness.gates import carried_pressure
 from epcontact.harness.methods import foreign
+from epcontact.harness.methods.peers import result_of
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.processes import Child, ChildDied, Processes, spread
 from epcontact.harness.verdict.judgement import judge_case
@@ -148,15 +150,38 @@ def scene():
         (f"pressure {32 * '1 '}", "without 'converged'"),
         ("pressure 1 converged 1", "fewer than 32 numbers after 'pressure'"),
         (f"pressure {32 * '1 '} 3 converged 1", "'3' in the place of one of"),
+        (f"pressure {32 * '1 '} pressure {32 * '1 '} converged 1", "'pressure' twice"),
+        (f"pressure {32 * '1 '} converged 2", "converged 2 and residual 0, but must have 0 or 1"),
+        (f"pressure {32 * '1 '} converged nan", "converged nan and"),
+        (f"residual 1e300 pressure {32 * '1 '} converged 1", "residual 1e+300, but"),
+        ("hostile:leaves_no_name", "a field named ''"),
     ],
 )
 def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(scene, solver, sentence):
-    if solver.startswith(("converged", "pressure")):  # a command that writes this as its result
+    if solver.startswith(
+        ("converged", "pressure", "residual")
+    ):  # a command that writes this as its result
         solver = f"sh -c 'echo epcontact-result 1 {solver} > {{result}} # {{scene}}'"
     with pytest.raises(InvalidCase) as refused:
         foreign.solve("mine", solver, scene, limit=60)
     assert sentence in str(refused.value)
     assert f"solver {solver} " in str(refused.value)
+
+
+def test_headlines_and_numbers_of_a_solver_are_those_of_its_pressures(scene):
+    """Whatever areas and errors it reports, and however Fortran writes its exponents."""
+    found = foreign.solve("mine", "hostile:invents_its_headlines", scene)
+    assert found.final.areas["corrected"] == found.final.areas["raw"] == Areas(1.0, 1.0, 0.0)
+    assert 0 <= found.final.areas["error"].total < 1e-6
+    assert found.distribution.cumulative[-1] == 1
+    assert carried_pressure(found.distribution) == pytest.approx(1e9, rel=1e-3)
+    text = f"epcontact-result 1 converged 1 residual 1d-9 pressure {32 * ' 0.1D+10'}"
+    assert np.all(foreign.result_of_text(text, (32,))["pressure"] == 1e9)
+    heights = 1e-6 * np.random.default_rng(0).normal(size=(6, 4))
+    springs = np.where(heights >= np.sort(heights, axis=None)[-3], 1e9, 0.0)  # all contact flows
+    rough = Scene(Surface(heights, (1e-3, 1e-3)), Material(2e11, 0.3, 1e9), Load(springs.mean()))
+    with pytest.raises(NotConverged, match="those of springs solve no contact problem"):
+        result_of(rough, springs, "springs")
 
 
 def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene):

@@ -7,6 +7,7 @@ import sys
 import time
 
 import pytest
+from command_line import python
 from numba.core import event
 
 from epcontact import machine
@@ -76,6 +77,26 @@ assert Path(os.environ["NUMBA_CACHE_DIR"]).is_dir()
     done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
     assert done.stdout.startswith(str(tmp_path / "epcontact-kernels-"))
     assert [path.name for path in tmp_path.iterdir()] == ["file"]  # gone with the process
+
+
+def test_a_damaged_kernel_is_made_anew_and_no_number_of_threads_is_ignored(tmp_path):
+    """Numba alone raises UnpicklingError for ever, ducc0 an assertion of C++."""
+    program = (
+        "from epcontact.machine import provide_kernel_cache as p; p()\n"
+        "from fem_check import kernel; import ducc0, numpy\n"
+        "ducc0.fft.c2c(numpy.ones(4), nthreads=0)\nprint(kernel.one(2))"
+    )
+    (tmp_path / "fem_check").mkdir()
+    (tmp_path / "fem_check" / "__init__.py").touch()
+    text = "from numba import njit\n@njit(cache=True)\ndef one(x):\n    return x + 1\n"
+    (tmp_path / "fem_check" / "kernel.py").write_text(text)
+    kernels = tmp_path / "kernels"
+    told = {"NUMBA_CACHE_DIR": str(kernels), "PYTHONPATH": str(tmp_path), "OMP_NUM_THREADS": ""}
+    for end in ("", "nbi", "nbc"):
+        for path in kernels.rglob(f"*.{end}") if end else ():
+            path.write_bytes(b"spoilt")
+        done = python("-c", program, cwd=tmp_path, env=os.environ | told)
+        assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr
 
 
 def test_time_limit_leaves_the_compilation_of_kernels_out():

@@ -102,6 +102,9 @@ def test_coordinates_beside_the_heights_are_told(write):
     recipe = HeightsFromFile(path, (L, L), 1.0, "periodic", missing="nearest")
     told = [note.split()[2] for note in recipe.build().notes if "even steps" in note]
     assert told == ["column", "line"]
+    huge = np.array([-9.24e307, 9.24e307])[np.arange(12 * 9).reshape(12, 9) % 2]
+    with refused("heights"):  # whose steps a number cannot hold
+        HeightsFromFile(write("huge.csv", huge), (L, L), 1.0, "periodic").build()
 
 
 @pytest.mark.parametrize("name", ["binary.stl", "map.ply", "map.vtu"])

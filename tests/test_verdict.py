@@ -14,6 +14,7 @@ from statistics import fmean
 import conftest
 import numpy as np
 import pytest
+from command_line import invoke
 
 from epcontact.errors import InvalidCase, OutputError
 from epcontact.harness.answers.run import Run, run_cases
@@ -21,8 +22,8 @@ from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import Gate, distance, judge, judge_distance, unjudged
 from epcontact.harness.verdict.judgement import Verdict, judge_case
-from epcontact.harness.verdict.read_back import require_faithful
-from epcontact.harness.verdict.verification import verify, write_verdict
+from epcontact.harness.verdict.read_back import require_faithful, require_untouched
+from epcontact.harness.verdict.verification import only_writer, verify, write_verdict
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
 
@@ -185,6 +186,12 @@ def test_areas_less_sure_than_the_band_do_not_hold(case):
         judged = judge_case(gates, given)
         assert [gate.status for gate in judged.gates] == [status, status]
     assert "± 0.3 (of which 0.3 by the grid)" in str(judged.gates[1])
+    # Two solvers on the same points share the error of their grid.
+    for claim, status in ((0.03, "holds"), (0.005, "falls short"), (math.nan, "falls short")):
+        told = of_bem(0.1, claim=claim)["bem"].results[0]
+        theirs = replace(told, provenance=replace(told.provenance, options={"solver": "x"}))
+        given = of_bem(0.1, claim=0.03, fem=Answer((theirs,), ("a",)))
+        assert judge_case(gates, given).gates[1].status == status
 
 
 def test_files_say_what_the_verdict_says(case, tmp_path):
@@ -194,7 +201,7 @@ def test_files_say_what_the_verdict_says(case, tmp_path):
     judged = Verdict.on([judge_case(case, of_bem(bem=older))], "fast")
     write_verdict(judged, tmp_path)
     written = Verdict.model_validate_json((tmp_path / "verdict.json").read_text())
-    assert written.model_dump() == judged.model_dump()
+    assert written.model_dump(exclude={"digest"}) == judged.model_dump(exclude={"digest"})
     assert written.versions["numpy"] == f"1.0, {np.__version__}"
     assert written.cases[0].gates[0].difference.mean == pytest.approx(0.21)
     suites = ET.parse(tmp_path / "junit.xml").getroot()
@@ -229,6 +236,11 @@ def test_the_last_verdict_survives_a_full_disk(tmp_path, monkeypatch):
             # Under its own name it would pass for the verdict of the run that has failed.
             assert not [name for name in last if (tmp_path / name).exists()]
             assert {name: (tmp_path / f"earlier-{name}").read_bytes() for name in last} == last
+    with only_writer(tmp_path), pytest.raises(OutputError, match="another run is writing"):
+        verify("bearing-area", output=tmp_path, jobs=1)
+    with pytest.raises(ZeroDivisionError):  # in what is drawn of a verdict that passed
+        verify("bearing-area", output=tmp_path, jobs=1, finish=lambda verdict: 1 / 0)
+    assert not [*tmp_path.glob("*.json"), *tmp_path.glob("*.xml")]
     assert verify("bearing-area", output=tmp_path, jobs=1).passed
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == sorted(last)
 
@@ -285,12 +297,31 @@ JSON, BEM = "verdict.json", "small/fast/bem.json"
 def test_what_contradicts_another_file_is_withdrawn(written, tmp_path, file, place, value, words):
     folder = Path(shutil.copytree(written, tmp_path / "out"))
     require_faithful(folder)
+    require_untouched(folder)
     part = data = json.loads((folder / file).read_text())
     *path, last = (int(key) if key.isdecimal() else key for key in place.split())
     for key in path:
         part = part[key]
     part[last] = value
     (folder / file).write_text(json.dumps(data))
+    assert "was changed after" in invoke("report", folder).stderr
     with pytest.raises(OutputError, match=words):
         require_faithful(folder)
     assert not [name for name in ("verdict.json", "junit.xml") if (folder / name).exists()]
+
+
+def test_a_damaged_file_is_one_sentence(written, tmp_path):
+    """Whatever of a verdict or an answer is gone, cut off, or of another type."""
+    folder = Path(shutil.copytree(written, tmp_path / "out"))
+    for path in (folder / JSON, folder / BEM):
+        whole = path.read_bytes()
+        for content in (b"", b"{", b"[1]", b"3", b"null", b'{"digest": 1}', b"\xff", 9999 * b"[",
+                        whole[:-9], whole.replace(b'"case', b'"cace'),
+                        whole.replace(b"0.1", b"0.2", 1)):  # fmt: skip
+            assert content != whole
+            path.write_bytes(content)
+            done = invoke("report", folder)
+            assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+            assert "was changed after verify wrote them" in done.stderr
+        path.write_bytes(whole)
+    assert invoke("report", folder).returncode == 0

@@ -19,7 +19,7 @@ from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case, CaseText, find_case, find_named, load_case
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.verdict.judgement import Verdict
-from epcontact.harness.verdict.verification import cases_to_verify, set_verdict_aside
+from epcontact.harness.verdict.verification import cases_to_verify, only_writer, set_verdict_aside
 from epcontact.harness.verdict.verification import verify as run_gates
 from epcontact.output.view import animate, load_steps
 from epcontact.surfaces import HeightsFromFile
@@ -95,16 +95,16 @@ def verify(
     `python -m pydoc epcontact.harness.methods.foreign` describes them line by line.
     """
     output = run.folder
-    set_verdict_aside(output)
     given: Sequence[str | Case] = cases
     fields = fields or ("first" if with_report else "none")
     if size == "auto":
+        with only_writer(output):
+            set_verdict_aside(output)
         named = [case for name in cases for case in find_named(name)]
         given = [_load(case, size) for case in named or cases_to_verify("fast")]
     run = replace(run, fields="steps" if fields == "film" else fields)
-    with options.shown_progress(run) as shown:
-        verdict = run_gates(given, shown, size=size, solver=solver)
-    try:
+
+    def draw(verdict: Verdict) -> None:
         if fields == "film":
             for judged in verdict.cases:
                 _draw_films(judged.case, output)
@@ -114,9 +114,9 @@ def verify(
             answered = [case for case in verdict.cases if not case.skipped_because]
             notes = [s for case in answered for s in _draw(case.case, case.answers, output)]
             report_folder(output, notes=notes)
-    except Exception:
-        set_verdict_aside(output)  # the exit code is 2 now, and the verdict would not say so
-        raise
+
+    with options.shown_progress(run) as shown:
+        verdict = run_gates(given, shown, size=size, solver=solver, finish=draw)
     try:
         _show(verdict, output)
     except (BrokenPipeError, SystemExit):  # nobody reads on; the verdict is the exit code

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from epcontact.harness.answers.pictures import draw_answers
+from epcontact.harness.verdict.read_back import require_untouched
 from epcontact.output import view as viewing
 from epcontact.output.charts.maps import save_map
 from epcontact.output.report import report_folder
@@ -19,6 +20,7 @@ _file = click.Path(path_type=Path, dir_okay=False)
 @click.option("--output", type=_file, help="Page to write; else report.html in the folder.")
 def report(folder: Path, output: Path | None) -> None:
     """Make one self-contained page of a verification run, with pictures, from its output FOLDER."""
+    require_untouched(folder)
     click.echo(f"report in {report_folder(folder, output, draw=draw_answers)}")
 
 

@@ -90,6 +90,8 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a code page without a symbol shows "?" for it
             stream.reconfigure(errors="replace")
+    if sys.stdout is None:  # closed: the files that are opened next must not get its number
+        sys.stdout = os.fdopen(_nothing(), "w")
     out, code, sentences = sys.stdout, 2, tuple[object, ...]()
     try:
         sys.exit(cli.main(prog_name="epcontact", standalone_mode=False))
@@ -133,6 +135,12 @@ def forget_output() -> None:
     """Discard further output: the pipe is closed, and exit would flush into it again."""
     with contextlib.suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _nothing() -> int:
+    """Open the device that keeps nothing; its number is 1 or more, so that 0 and 1 are taken."""
+    opened = os.open(os.devnull, os.O_RDWR)
+    return opened or _nothing()
 
 
 def _ended(number: int, _: object) -> None:

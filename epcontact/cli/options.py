@@ -114,7 +114,10 @@ def shown_progress(run: Run) -> Iterator[Run]:
         row = bar.add_task("solving", total=None)
 
         def show(done: float, total: int, words: str) -> None:
-            if words.endswith("(reused)"):  # says nothing about the time of a solve
+            # What is reused says nothing about the time of a solve, and the first solves compile:
+            # the estimate is that of the last half of them or more.
+            first = words and not int(done) & (int(done) - 1)
+            if words.endswith("(reused)") or first:
                 bar.reset(row, completed=int(done), total=total, description=words)
             else:
                 bar.update(row, completed=done, total=total, description=words or None)

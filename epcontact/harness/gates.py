@@ -15,9 +15,10 @@ are compared pair by pair.  A single surface has an interval of width 0.
 
 A corrected area is an estimate with a claimed error, which widens the interval as well, so that a
 gate does not hold if its answers are less sure than its band is wide.  Of two estimates of the same
-area the smaller claim counts, because the better estimate bounds the error of the other.  A theory
-and a published number claim no error, so that the claim of the other side counts.  A closed form
-shows the true error, and no claim counts.
+area the smaller claim counts, because the better estimate bounds the error of the other; if both
+come from pressures at the same points, they share their error, and the difference of the claims
+counts.  A theory and a published number claim no error, so that the claim of the other side counts.
+A closed form shows the true error, and no claim counts.
 """
 
 from __future__ import annotations

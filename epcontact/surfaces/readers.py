@@ -272,7 +272,7 @@ def _is_list_of_points(table: FloatArray) -> bool:
 def _looks_like_coordinates(table: FloatArray) -> bool:
     """Return whether the first column alone has even steps, which heights may have as well."""
     # The corner between the coordinates of both axes may be empty.
-    steps = np.diff(table[1:, :2], axis=0)
+    steps = np.diff(table[1:, :2] / 4, axis=0)  # a quarter, as the largest numbers would overflow
     if steps.shape[0] < 8 or steps.shape[1] < 2:
         return False
     even, beside = np.ptp(steps, axis=0) < 0.01 * np.abs(steps[0])

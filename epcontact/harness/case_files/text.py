@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from epcontact.errors import InvalidCase, nearest
 
 SIZES = ("fast", "full", "large")
 LARGEST_FILE = 1 << 20  # bytes; a case is a page of text
+LONGEST = 300  # digits of a number; parts of a key, which take the square of their number to read
 
 
 @dataclass(frozen=True)
@@ -173,7 +175,11 @@ def _read(path: Path) -> dict[str, Any]:
             raise InvalidCase(f"{path}: is no regular file")
         if path.stat().st_size > LARGEST_FILE:
             raise InvalidCase(f"{path}: is larger than a case file can be (1 MiB)")
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        text = path.read_bytes().decode("utf-8-sig")
+        dots = max(re.sub(r"\d\.\d", "", line).count(".") for line in text.split("\n"))
+        if dots > LONGEST or re.search(rf"[\da-fA-F_]{{{LONGEST}}}", text):
+            raise ValueError(f"a number has {LONGEST} digits, or a key as many parts")
+        return tomllib.loads(text)
     except OSError as error:
         raise InvalidCase(f"{path}: cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:  # of TOML, of UTF-8, and of too many brackets

@@ -28,13 +28,14 @@ The scene is a text of one item a line, always in this order:
 The result is a text of words and numbers, separated by blanks or line ends, in any order:
 
     epcontact-result 1
-    converged 1                  0 is an error: the result is not judged
-    residual 1e-9                optional: what decided it, dimensionless
+    converged 1                  or 0, which is an error: the result is not judged
+    residual 1e-9                optional: what decided it, dimensionless, from 0 up to 1
     pressure                     and then nx*ny numbers at the last load, ordered as the heights
     gap                          optional, the same; or displacement
 
-The package computes the areas and everything else of the result from the pressure and, where it is
-given, the gap.
+Fortran's exponents are read, too (5.0D+08).  The package computes the areas and everything else of
+the result from the pressure and, where it is given, the gap; of a function that gives a pressure it
+computes the areas of the last load, their errors and the distribution.
 """
 
 from __future__ import annotations
@@ -59,11 +60,12 @@ import numpy as np
 
 from epcontact.errors import InvalidCase, NotConverged, sentence_of
 from epcontact.harness.processes import Child, ChildDied, death_of
-from epcontact.results import ContactResult, FloatArray, plain
+from epcontact.results import PLASTIC, Areas, ContactResult, FloatArray, plain
 from epcontact.scene import Scene
 
 #: What a command has in the place of the files.
 PLACEHOLDER = re.compile(r"\{(scene|result)\}")
+_EXPONENT = re.compile(r"(\d\.?)[dD]")  # of Fortran's double precision
 _ARRAYS, _NUMBERS = ("pressure", "gap", "displacement"), ("converged", "residual")
 
 
@@ -146,22 +148,43 @@ def _checked(result: Any, scene: Scene) -> tuple[str, dict[str, Any]]:
     """Return a result as plain data.  Raises InvalidCase if gates could not read it."""
     if not isinstance(result, ContactResult):
         raise InvalidCase(f"no epcontact.ContactResult but {type(result).__name__!r}")
-    for kind in ("raw", "corrected"):
-        if kind not in result.final.areas:
-            raise InvalidCase(f"no areas[{kind!r}] of its last load step")
     fields = {name: np.array(values) for name, values in result.fields.items()}
     for name, values in fields.items():
+        if not re.fullmatch(r"[\w .-]+", name):
+            raise InvalidCase(f"a field named {name!r}, but names are letters, digits, '.' and '-'")
         if values.shape != scene.surface.shape:
             wrong = f"the field {name} of shape {values.shape}"
             raise InvalidCase(f"{wrong}, but the scene's grid is {scene.surface.shape}")
         if values.dtype.kind not in "biuf":
             raise InvalidCase(f"the field {name} of type {values.dtype}, but numbers are needed")
+    if "pressure" in fields:
+        result = _by_its_pressures(result, scene, fields)
+    elif missing := sorted({"raw", "corrected"} - result.final.areas.keys()):
+        raise InvalidCase(f"no pressure and no areas[{missing[0]!r}] of its last load step")
+    else:  # an error that nothing here can check is no claim
+        areas = {kind: area for kind, area in result.final.areas.items() if kind != "error"}
+        result = replace(result, steps=(*result.steps[:-1], replace(result.final, areas=areas)))
     try:
         data = plain(replace(result, fields={}).to_json())
         ContactResult.from_json(data)
         return json.dumps(data, allow_nan=False), fields
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidCase(f"a ContactResult that cannot be read ({sentence_of(error)})") from None
+
+
+def _by_its_pressures(result: ContactResult, scene: Scene, fields: dict[str, Any]) -> ContactResult:
+    """Return a result with the areas, errors and distribution that follow from its pressures."""
+    from epcontact.harness.methods.peers import result_of  # loads solvers
+
+    if flows := result.provenance.options.get("law") == "j2":  # no cap bounds its pressures
+        scene = replace(scene, material=replace(scene.material, hardness=math.inf))
+    found = result_of(scene, fields["pressure"], result.method, gap=fields.get("gap"))
+    areas, steps = dict(found.final.areas), result.steps
+    if flows and "state" in fields:  # the pressures do not show which of the contact has flowed
+        kept = 1 - float((fields["state"] == PLASTIC).mean()) / (areas["raw"].total or 1.0)
+        areas = {k: Areas(a.total, kept * a.total, a.total * (1 - kept)) for k, a in areas.items()}
+    steps = (*steps[:-1], replace(result.final, areas=areas))
+    return replace(result, steps=steps, distribution=found.distribution)
 
 
 # --- commands ------------------------------------------------------------------------------------
@@ -189,7 +212,7 @@ def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
         text = written.read_text(encoding="utf-8", errors="replace")
     found = result_of_text(text, scene.surface.shape)
     if found["converged"] != 1:
-        raise NotConverged(f"a result that has not converged (converged {found['converged']:g})")
+        raise NotConverged("a result that has not converged")
     gap, displacement = found.get("gap"), found.get("displacement")
     return result_of(scene, found["pressure"], words[0], seconds, gap, displacement)
 
@@ -227,12 +250,20 @@ def result_of_text(text: str, shape: tuple[int, ...]) -> dict[str, FloatArray]:
             raise InvalidCase(f"a file with {name!r:.40} in the place of one of {known}")
         form = shape if name in _ARRAYS else ()
         count = int(np.prod(form))
+        if name in found:
+            raise InvalidCase(f"a file with {name!r} twice")
         try:
-            found[name] = np.array(words[at + 1 : at + 1 + count], dtype=np.float64).reshape(form)
+            numbers = [_EXPONENT.sub(r"\1e", word) for word in words[at + 1 : at + 1 + count]]
+            found[name] = np.array(numbers, dtype=np.float64).reshape(form)
         except ValueError:
             raise InvalidCase(f"a file with fewer than {count} numbers after {name!r}") from None
         at += 1 + count
     for name in ("converged", "pressure"):
         if name not in found:
             raise InvalidCase(f"a file without {name!r}")
+    if found["converged"] not in (0, 1) or not 0 <= found.get("residual", 0) < 1:
+        raise InvalidCase(
+            f"a file with converged {found['converged']:g} and residual "
+            f"{found.get('residual', 0):g}, but must have 0 or 1, and a number from 0 up to 1"
+        )
     return found

@@ -246,12 +246,17 @@ def result_of(
     capped = np.where(state == results.PLASTIC, hardness, np.maximum(pressure, 0))
     modulus, rms = effective_modulus(scene.material), float(np.std(surface.heights)) or 1.0
     areas = estimate_areas(capped, gap, hardness, surface.spacing, modulus)
+    if math.isnan(areas[1].total):
+        raise NotConverged(
+            "pressures of which no contact area follows: with the gaps that they cause, those of "
+            f"{name} solve no contact problem"
+        )
     residuals = {
         "gap_elastic": float(np.abs(gap[touching]).max(initial=0.0)) / rms,
         "force": abs(float(pressure.mean()) / scene.load.final - 1),
     }
     quantities = {
-        "mean_gap": float(np.maximum(gap, 0).mean()),
+        "mean_gap": float(np.maximum(np.where(state == results.PLASTIC, 0.0, gap), 0).mean()),
         "mean_separation": float(gap.mean()),
         "elastic_energy": float(np.vdot(pressure, displacement)) / pressure.size / 2,
         "largest_pressure": float(pressure.max()),

@@ -95,6 +95,7 @@ class Verdict(Record):
         description="of the packages that made the results; several, if results were reused"
     )
     cases: list[CaseVerdict]
+    digest: str = Field(default="", description="SHA-256 of the verdict and of its answers")
 
     @classmethod
     def on(cls, cases: Sequence[CaseVerdict], size: str) -> Verdict:
@@ -193,7 +194,16 @@ def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
         if all("error" in result.final.areas for result in side.results)
     ]
     # A theory has no grid and reports 0, which is no claim; NaN counts as an infinite one.
-    return min((math.inf if math.isnan(c) else c for c in claims if c != 0), default=None)
+    found = [math.inf if math.isnan(c) else c for c in claims if c != 0]
+    if len(found) == 2 and math.inf not in found and all(map(_counts_points, sides)):
+        return abs(found[0] - found[1])
+    return min(found, default=None)
+
+
+def _counts_points(side: Answer) -> bool:
+    """True if the areas follow from pressures at the surface's points: with boundary elements and
+    all solvers from outside their errors are those of one grid, and not independent."""
+    return all(r.method == "bem" or "solver" in r.provenance.options for r in side.results)
 
 
 def _joined(sentences: Sequence[str]) -> str:

@@ -3,11 +3,14 @@
 `require_faithful` reads verdict.json and the answers of the methods as a user's script would: every
 gate is judged again from the figures beside its status, every case and the whole from their gates,
 every value, difference and interval from the members of the answers.  It shares no code with what
-judged the gates and wrote the files.
+judged the gates and wrote the files.  Their digest is in the verdict: `require_untouched` compares
+it before anything is shown of them later.
 """
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,12 +18,16 @@ from pathlib import Path
 from statistics import fmean, stdev
 from typing import Any
 
+from pydantic_core import to_json
+
 from epcontact.errors import OutputError
 from epcontact.files import read_bytes
 
 Data = Mapping[str, Any]  # the content of a JSON file
 
 _ROUNDING = 1e-12
+#: The files that say what a run found.
+FILES = ("verdict.json", "junit.xml", "report.html")
 
 
 def require_faithful(folder: Path) -> None:
@@ -30,10 +37,38 @@ def require_faithful(folder: Path) -> None:
     except (KeyError, TypeError, ValueError) as error:
         wrong = [f"a part is missing or no number ({error!r})"]
     if wrong:
-        for name in ("verdict.json", "junit.xml"):
-            (folder / name).unlink(missing_ok=True)
+        withdraw(folder)
         said = f"what was written in {folder} contradicts itself, so the verdict is withdrawn"
         raise OutputError(f"{said}: {'; '.join(wrong[:3])}")
+
+
+def withdraw(folder: Path) -> None:
+    """Remove the verdict of a run that ends in an error."""
+    for name in FILES:
+        (folder / name).unlink(missing_ok=True)
+
+
+def digest_of(verdict: Data, folder: Path) -> str:
+    """Return the SHA-256 of a verdict and of the answers on which it rests."""
+    found = hashlib.sha256(to_json({k: part for k, part in verdict.items() if k != "digest"}))
+    for case in verdict["cases"]:
+        here = folder / case["id"] / case["size"]
+        for path in (here / f"{name}.json" for name, m in case["methods"].items() if m["surfaces"]):
+            found.update(path.read_bytes() if path.is_file() else b"")
+    return found.hexdigest()
+
+
+def require_untouched(folder: Path) -> None:
+    """Raise OutputError if a verdict or its answers are not those that `verify` wrote together."""
+    content, same = read_bytes(folder / "verdict.json"), False
+    with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError, RecursionError):
+        verdict = json.loads(content)
+        same = verdict["digest"] == digest_of(verdict, folder)
+    if not same:
+        raise OutputError(
+            f"cannot show {folder / 'verdict.json'}: it or an answer beside it was changed after "
+            "verify wrote them; run verify again"
+        )
 
 
 def _contradictions(folder: Path) -> Iterator[str]:

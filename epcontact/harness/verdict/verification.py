@@ -6,14 +6,15 @@ It writes verdict.json, and junit.xml for front ends of continuous integration.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+import os
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 
-from epcontact.errors import InvalidCase, nearest, printable
+from epcontact.errors import InvalidCase, OutputError, nearest, printable
 from epcontact.files import refusal, whole_file, write_json
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.case_files.case import (
@@ -25,13 +26,17 @@ from epcontact.harness.case_files.case import (
     load_cases,
 )
 from epcontact.harness.gates import ERROR, FALLS_SHORT
-from epcontact.harness.methods.registry import METHODS, REPLACED, solver_named
+from epcontact.harness.methods.registry import METHODS, REPLACED, Method, solver_named
 from epcontact.harness.verdict.judgement import SKIPPED, CaseVerdict, Verdict, judge_case
-from epcontact.harness.verdict.read_back import require_faithful
+from epcontact.harness.verdict.read_back import FILES, digest_of, require_faithful, withdraw
 from epcontact.scene import listed
 
-#: The files that say what a run found.  An earlier run's have `EARLIER` before their names.
-FILES, EARLIER = ("verdict.json", "junit.xml", "report.html"), "earlier-"
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+EARLIER = "earlier-"  # before the names of the files of an earlier run
 
 
 def verify(
@@ -40,6 +45,7 @@ def verify(
     *,
     size: str = "fast",
     solver: str = "",
+    finish: Callable[[Verdict], None] = lambda verdict: None,
     **options: Any,
 ) -> Verdict:
     """Solve cases, judge their gates, and write verdict.json and junit.xml.
@@ -53,6 +59,8 @@ def verify(
         solver: a registered method, `[NAME=]MODULE:FUNCTION` or `[NAME=]COMMAND` (see
             `harness.methods.foreign`), which replaces the boundary elements in every gate, under
             its own name.
+        finish: called with the verdict while no other run may write into the folder; an error of
+            it withdraws the verdict.
 
     Returns:
         The verdict.  `verdict.cases[i].answers` holds the results in memory.
@@ -69,7 +77,26 @@ def verify(
         (True, 'holds')
     """
     run = replace(run or Run(), **options)
-    set_verdict_aside(run.folder)
+    with only_writer(run.folder):
+        set_verdict_aside(run.folder)
+        loaded, methods = _with_solver(cases, size, solver)
+        answers = run_cases(loaded, run, methods)
+        verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size)
+        write_verdict(verdict, run.folder)
+        require_faithful(run.folder)
+        for name in FILES:  # there is a new verdict
+            with contextlib.suppress(OSError):
+                (run.folder / f"{EARLIER}{name}").unlink()
+        try:
+            finish(verdict)
+        except BaseException:  # the caller ends in an error, and the verdict would not say so
+            withdraw(run.folder)
+            raise
+    return verdict
+
+
+def _with_solver(cases: Any, size: str, solver: str) -> tuple[list[Case], dict[str, Method]]:
+    """Return loaded cases, with a solver in the place of the boundary elements, and all methods."""
     methods = dict(METHODS)
     named = [cases] if isinstance(cases, Case) else [] if cases is None else listed(cases)
     loaded = _loaded(named or cases_to_verify(size), size)
@@ -82,14 +109,7 @@ def verify(
                 f"--solver {solver} would judge nothing: it takes the place of {REPLACED}, which "
                 "none of the cases names"
             )
-    answers = run_cases(loaded, run, methods)
-    verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size)
-    write_verdict(verdict, run.folder)
-    require_faithful(run.folder)
-    for name in FILES:  # there is a new verdict
-        with contextlib.suppress(OSError):
-            (run.folder / f"{EARLIER}{name}").unlink()
-    return verdict
+    return loaded, methods
 
 
 def _loaded(cases: Iterable[str | Path | CaseText | Case], size: str) -> list[Case]:
@@ -145,6 +165,31 @@ def _in_place(case: Case, name: str) -> Case:
 # --- the files -----------------------------------------------------------------------------------
 
 
+@contextlib.contextmanager
+def only_writer(folder: Path) -> Iterator[None]:
+    """Keep others of this machine out of a folder, which is made, and removed if it stays empty."""
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
+    with contextlib.ExitStack() as stack:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if fcntl is not None:
+                held = os.open(folder, os.O_RDONLY)
+                stack.callback(os.close, held)
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError(
+                f"cannot write {folder}: another run is writing its verdict"
+            ) from None
+        except OSError as error:
+            raise refusal("write", folder, error) from None
+        try:
+            yield
+        finally:
+            for place in made:
+                with contextlib.suppress(OSError):  # not empty
+                    place.rmdir()
+
+
 def set_verdict_aside(folder: Path) -> None:
     """Rename the verdict of an earlier run, which would pass for that of a run that breaks off.  It
     stays, with `EARLIER` before its name, until there is a new one."""
@@ -159,7 +204,7 @@ def set_verdict_aside(folder: Path) -> None:
 def write_verdict(verdict: Verdict, folder: Path) -> None:
     """Write verdict.json and junit.xml into `folder`, whole or not at all."""
     content = verdict.model_dump(mode="json", by_alias=True, exclude_none=True)
-    write_json(folder / "verdict.json", content)
+    write_json(folder / "verdict.json", content | {"digest": digest_of(content, folder)})
     xml = JUnitXml("epcontact")
     for case in verdict.cases:
         xml.add_testsuite(_suite(case))
