@@ -13,12 +13,12 @@ Student's at 95 %.  A gate holds only if the *whole* interval of the difference 
 band, so an ensemble that is too small to decide does not pass.  Two ensembles over the same seeds
 are compared pair by pair.  A single surface has an interval of width 0.
 
-A corrected area is an estimate with a claimed error, which widens the interval as well, so that a
-gate does not hold if its answers are less sure than its band is wide.  Of two estimates of the same
-area the smaller claim counts, because the better estimate bounds the error of the other; if both
-come from pressures at the same points, they share their error, and the difference of the claims
-counts.  A theory and a published number claim no error, so that the claim of the other side counts.
-A closed form shows the true error, and no claim counts.
+A corrected area, a stiffness and a conductance are estimates of a limit with a claimed error, which
+widens the interval as well, so that a gate does not hold if its answers are less sure than its band
+is wide.  Of two estimates of the same limit the smaller claim counts, because the better estimate
+bounds the error of the other; if both come from pressures at the same points, they share their
+error, and the difference of the claims counts.  A theory and a published number claim no error, so
+that the claim of the other side counts.  A closed form shows the true error, and no claim counts.
 """
 
 from __future__ import annotations
@@ -216,8 +216,7 @@ class GateVerdict(Record):
     difference: Estimate | None = None
     grid_error: Number | None = Field(
         default=None,
-        description="claimed error of the corrected areas in the difference, which widens its "
-        "interval",
+        description="claimed error of the limits in the difference, which widens its interval",
     )
     error: str | None = Field(default=None, description="why the gate could not be judged")
 
@@ -264,7 +263,7 @@ def judge(
 ) -> GateVerdict:
     """Compare the values of a scalar, one for each surface, with those of its reference.  `paired`
     values come from the same surfaces in the same order; others are independent.  `claim` is the
-    claimed error of corrected areas that counts."""
+    claimed error of limits that counts."""
     a, b = estimate(value), estimate(reference)
     relative = gate.norm == "relative"
     scale = (abs(b.mean) or math.inf) if relative else 1.0

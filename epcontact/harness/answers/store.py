@@ -27,7 +27,7 @@ from epcontact.files import write_json
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates import estimate, standard_deviation
 from epcontact.harness.methods.registry import Method, bytes_of_task
-from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.quantities.registry import QUANTITIES, claim_of
 from epcontact.materials.moduli import effective_modulus
 from epcontact.output.vtk import Precision
 from epcontact.results import ContactResult, package_versions
@@ -64,7 +64,7 @@ class Task:
             if gate.norm == "l2":
                 names.add(f"l2.{gate.against}.{gate.quantity.removeprefix('field.')}")
             elif gate.quantity in QUANTITIES and QUANTITIES[gate.quantity].measure:
-                names.add(gate.quantity)
+                names |= {gate.quantity, claim_of(gate.quantity)} - {""}
         return tuple(sorted(names))
 
     @property

@@ -131,20 +131,48 @@ def smallest_contact_pressure(a: Answered) -> float:
 
 # --- the interface under load --------------------------------------------------------------------
 
+_KINDS = {
+    "": "in the limit of a vanishing grid spacing",
+    ".raw": "of the grid's own points",
+    ".error": "estimated absolute error of the limit",
+}
 _BRANCHES = {"loading": "if the load grows next", "unloading": "if the load falls next"}
+_STIFFNESSES = {
+    branch + kind: f"{when}, {what}"
+    for branch, when in _BRANCHES.items()
+    for kind, what in _KINDS.items()
+}
 _CONTACTS = {part: part for part in ("total", "elastic", "plastic")}
 
 
-@quantity("Pa/m", name="stiffness_{}", each=_BRANCHES)
-def stiffness(a: Answered, branch: interface.Branch) -> float:
-    """d(mean pressure)/d(approach of the mean planes), {}."""
-    return interface.interface_stiffness(a.scene, a.result, branch)
+def _kind(limit: interface.Limit, kind: str) -> float:
+    return float(getattr(limit, kind.removeprefix(".") or "corrected"))
 
 
-@quantity("1/m")
-def conductance(a: Answered) -> float:
-    """contact conductance per nominal area times the sum of the bodies' resistivities."""
+def _stiffness_loading(a: Answered) -> interface.Limit:
+    return interface.interface_stiffness(a.scene, a.result, "loading")
+
+
+def _stiffness_unloading(a: Answered) -> interface.Limit:
+    return interface.interface_stiffness(a.scene, a.result, "unloading")
+
+
+def _conductance(a: Answered) -> interface.Limit:
     return interface.contact_conductance(a.scene, a.result, resistivity=1.0)
+
+
+@quantity("Pa/m", name="stiffness_{}", each=_STIFFNESSES)
+def stiffness(a: Answered, of: str) -> float:
+    """d(mean pressure)/d(approach of the mean planes), {}."""
+    branch, dot, kind = of.partition(".")
+    limit = a.once(_stiffness_loading if branch == "loading" else _stiffness_unloading)
+    return _kind(limit, dot + kind)
+
+
+@quantity("1/m", name="conductance{}", each=_KINDS)
+def conductance(a: Answered, kind: str) -> float:
+    """contact conductance per nominal area times the sum of the bodies' resistivities, {}."""
+    return _kind(a.once(_conductance), kind)
 
 
 def _patches(a: Answered, part: str) -> Any:

@@ -73,6 +73,13 @@ def quantity(
     return add
 
 
+def claim_of(name: str) -> str:
+    """Return the name of the error that a quantity claims, such as "area.total.error" for
+    "area.total.corrected", or "" if it claims none."""
+    error = f"{name.removesuffix('.corrected')}.error"
+    return error if error in QUANTITIES else ""
+
+
 # --- reading -------------------------------------------------------------------------------------
 
 

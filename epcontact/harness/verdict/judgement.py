@@ -33,7 +33,7 @@ from epcontact.harness.gates import (
     judge_distance,
     unjudged,
 )
-from epcontact.harness.quantities.registry import read_quantity
+from epcontact.harness.quantities.registry import claim_of, read_quantity, scalar_quantities
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution, package_versions
 
@@ -183,15 +183,15 @@ def _references(case: Case, gate: Gate, against: Answer | None) -> list[float]:
 
 
 def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
-    """Return the claimed error that counts in a difference of corrected areas; see `gate`."""
-    group, _, kind = gate.quantity.rpartition(".")
+    """Return the claimed error that counts in a difference of limits; see `gates`."""
+    error = claim_of(gate.quantity)
     sides = [answers[str(name)] for name in (gate.of, gate.against) if name in answers]
-    if kind != "corrected" or (isinstance(gate.against, str) and len(sides) == 1):
+    if not error or (isinstance(gate.against, str) and len(sides) == 1):
         return None
     claims = [
-        fmean(_read(side, f"{group}.error"))
+        fmean(_read(side, error))
         for side in sides
-        if all("error" in result.final.areas for result in side.results)
+        if all(error in scalar_quantities(result) for result in side.results)
     ]
     # A theory has no grid and reports 0, which is no claim; NaN counts as an infinite one.
     found = [math.inf if math.isnan(c) else c for c in claims if c != 0]
