@@ -27,7 +27,7 @@ LINES = {
     "epcontact.cli": 1150,
     "epcontact.errors": 80,
     "epcontact.files": 140,
-    "epcontact.harness": 5950,
+    "epcontact.harness": 6060,
     "epcontact.machine": 220,
     "epcontact.materials": 320,
     "epcontact.output": 1690,
