@@ -18,7 +18,7 @@ from epcontact import bem, persson
 from epcontact.errors import StudyUnavailable
 from epcontact.harness.processes import Child, ChildDied
 from epcontact.persson.series import SWITCH
-from epcontact.studies import STUDIES, cost, fem, gap, hardness, peers, save_charts, theory
+from epcontact.studies import STUDIES, cost, fem, gap, hardness, peers, save_charts, theory, walls
 from epcontact.studies import paper_scene as scenes
 from epcontact.studies.frame import mean_with_interval, rows
 
@@ -46,6 +46,8 @@ SMALL: dict[str, dict[str, Any]] = {
     "resolution": {"bandwidth": 16, "surfaces": 3, "points": (4, 6, 8, 16)},
     "speed": {"sides": (64, 128), "threads": 1, "solves": (1, 1)},
     "theory": {"cells": (64, 128)},
+    "walls": {"bandwidths": (16,), "seeds": (1, 2, 3), "points": 8}
+    | {"places": ((0.1, 0.6), (0.1, math.inf)), "shares": (1.0, 1 / 16)},
 }
 
 
@@ -424,3 +426,35 @@ def test_a_process_that_has_timed_a_peer_has_no_limit_left():
 def test_installed_peers_find_the_same_areas(law):
     pytest.importorskip("tamaas")
     assert peers.race(8, 8, law, peers.installed(), Child().call)["agrees"].all()
+
+
+# --- walls ---------------------------------------------------------------------------------------
+
+
+def test_in_full_contact_pressures_diffuse_at_the_full_rate_without_drift():
+    flows, table = walls.steps(1, 16, (5.0, math.inf), 4, (1.0, 0.25))
+    assert flows.empty
+    assert table["diffusion"].to_numpy() == pytest.approx(1, rel=1e-9)
+    assert table["drift"].to_numpy() == pytest.approx(0, abs=1e-6)
+
+
+def test_fewer_points_stay_beyond_a_wall_the_smaller_the_step():
+    """Fronts that move to and fro as the root of the step: the weaker the ring, the more return."""
+    parts = [walls.steps(seed, 16, (0.3, 0.6), 16, (1.0, 1 / 16)) for seed in range(1, 5)]
+    flows = pd.concat([flow for flow, _ in parts]).groupby(["wall", "w"])["returned"].mean()
+    for wall in ("zero", "hardness"):
+        assert flows[wall, 1 / 16] > flows[wall, 1.0] + 0.05
+    # Weak rings change the distribution as if the pressures hardly moved next to the walls.
+    table = pd.concat([rows for _, rows in parts])
+    table = table[table["w"] == 1].groupby("relative_pressure")["reduction"].mean()
+    assert table.iloc[0] < 0.1
+    assert 0.2 < table.iloc[len(table) // 2] < 0.536
+
+
+def test_limits_of_the_returning_share_are_those_of_a_straight_line_in_the_root_of_the_step():
+    told = [(seed, w, 1.02 - seed / 100 - 0.3 * w**0.5) for seed in (1, 3) for w in (1, 0.25)]
+    flows = pd.DataFrame(told, columns=["seed", "w", "returned"])
+    flows = flows.assign(hardness=0.6, p0=0.1, bandwidth=16, wall="zero")
+    (found,) = walls.limits(flows).to_dict("records")
+    assert found["limit"] == pytest.approx(1.0)
+    assert found["half_width"] == pytest.approx(12.7062 * 0.01, rel=1e-4)

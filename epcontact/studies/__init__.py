@@ -5,7 +5,7 @@ in a chart come from one run on one machine, so only their ratios are comparable
 """
 
 # Each of the first line registers its studies.
-from epcontact.studies import areas, cost, fem, gap, hardness, peers, theory  # noqa: F401
+from epcontact.studies import areas, cost, fem, gap, hardness, peers, theory, walls  # noqa: F401
 from epcontact.studies.frame import STUDIES, save_charts
 
 __all__ = ["STUDIES", "save_charts"]
