@@ -229,7 +229,7 @@ def test_films_and_blocks_show_each_load_in_one_scale(tmp_path):
     for sources, count in (([path], 3), (surfaces, 2)):
         view.animate(sources, tmp_path / "x.gif", size=(400, 200))
         with Image.open(tmp_path / "x.gif") as film:
-            assert (film.n_frames, film.info["loop"]) == (count, 0)
+            assert (film.n_frames, film.info["loop"], film.info["duration"]) == (count, 0, 330)
             frames = [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(film)]
         assert all(np.any(a != b) for a, b in itertools.pairwise(frames))
     for factor in (1.0, 300.0):

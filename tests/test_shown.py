@@ -9,11 +9,14 @@ import io
 import json
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+import pyvista as pv
 from command_line import invoke
 from conftest import SMALL_CASE
 from rich.console import Console
@@ -23,64 +26,162 @@ from epcontact.errors import OutputError
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import Estimate, GateVerdict
+from epcontact.harness.quantities.registry import scalar_quantities
 from epcontact.harness.verdict.judgement import CaseVerdict, MethodEntry, Verdict
+from epcontact.output import drawing
+from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.style import STATE_NAMES
 from epcontact.output.report import report_folder, write_report
+from epcontact.output.view import load_steps
 from epcontact.output.vtk import read_fields
 from epcontact.results import APART, ELASTIC, PLASTIC, Areas, ContactResult, LoadStep, Provenance
 
 PARTS, KINDS = ("total", "elastic", "plastic"), ("raw", "corrected", "error")
-#: What makes the small case one of an oblong layer that is unloaded, for two methods.
+#: What makes the small case one of an oblong rubber block that is unloaded, for two methods.
 CHANGES = {
     '"small"': '"shown"', '"persson", "bem"': '"bem", "fem"', "[3, 5, 7]": "[5]",
-    "period = 1.0e-3": "period = [1.0e-3, 1.25e-3]\nshape = [16, 20]",
+    "period = 1.0e-3": "period = [1.0e-3, 1.25e-3]\nshape = [16, 24]",
     "wavenumber_high = 5.026548245743669e4\nrms_slope = 0.1":
         "wavenumber_high = 2.0e4\nrms_slope = 0.02",
     "points_per_shortest_wavelength = { fast = 4, full = 8 }\n": "",
-    "young_modulus = 100.0e9": "young_modulus = 210.0e9", "hardness = 6.0e9": "hardness = 1.5e9",
-    "[theory]\nenergy_reduction = 0.536":
-        '[body]\nkind = "bonded_layer"\ndepth = 1e-3\n[fem]\nlaw = "capped"\nlayers = 2',
-    "mean_pressure = 5.0e8": "mean_pressure = [2.0e8, 5.0e8, 3.0e8]",
+    "young_modulus = 100.0e9": "young_modulus = 2.1e6", "hardness = 6.0e9": "hardness = 15.0e3",
+    "poisson_ratio = 0.3": "poisson_ratio = 0.4",
+    "[theory]\nenergy_reduction = 0.536": '[fem]\nlaw = "capped"\nlayers = 2',
+    "mean_pressure = 5.0e8": "mean_pressure = [2.0e3, 5.0e3, 3.0e3]",
     "area.total.corrected": "area.total.raw", 'of = "bem"\nagainst = "persson"':
         'of = "fem"\nagainst = "bem"',
 }  # fmt: skip
+MODULUS, CAP = 2.1e6 / (1 - 0.4**2), 15.0e3
+SWEEP = """
+[sweep]
+load.mean_pressure = [2.0e3, 4.0e3]
+quantities = ["quantity.total_patches_largest"]
+"""
 
 
 @pytest.fixture(scope="session")
 def ran(tmp_path_factory):
-    """The folder in which `epcontact verify` and `report` leave the scene."""
-    home = tmp_path_factory.mktemp("shown")
+    """Where `verify`, `run`, `sweep`, `report` and `view` leave the scene, with what they said.
+
+    The attributes are the charts by the names of their files, the views in three dimensions, each
+    a list of the calls that drew it, and what was said by command.
+    """
+    home, charts, views = tmp_path_factory.mktemp("shown"), {}, []
     text = SMALL_CASE
     for old, new in CHANGES.items():
         assert old in text, old
         text = text.replace(old, new)
     (home / "shown.toml").write_text(text)
-    options = ("--fields", "first", "--precision", "double", "--jobs", 1, "--output", home)
-    assert invoke("verify", home / "shown.toml", *options).returncode == 0
-    assert invoke("report", home).returncode == 0
-    return home / "shown" / "fast"
+    (home / "swept.toml").write_text(text.replace('"shown"', '"swept"') + SWEEP)
+    save, plotter = Chart.save, drawing._plotter
+
+    def watched(size):
+        made, calls = plotter(size), []
+        views.append(calls)
+        for name in ("add_mesh", "add_text", "show_bounds"):
+            draw = getattr(made, name)
+            record = lambda *a, d=draw, n=name, **k: (calls.append((n, a, k)), d(*a, **k))[1]  # noqa: E731
+            setattr(made, name, record)
+        return made
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Chart, "save", lambda c, at: (charts.update({at.name: c}), save(c, at))[1])
+        patch.setattr(drawing, "_plotter", watched)
+        out, folder = ("--jobs", 1, "--output", home), home / "shown" / "fast"
+        precise = ("--fields", "steps", "--precision", "double")
+        said = {
+            name: invoke(name, *rest)
+            for name, *rest in (
+                ("verify", home / "shown.toml", *precise, "--report", *out),
+                ("run", home / "shown.toml", *precise, *out),
+                ("sweep", home / "swept.toml", *out),
+                ("report", home),
+                ("view", folder / "bem-seed5.vti", "--screenshot", home / "x.png"),
+            )
+        }
+    assert [done.returncode for done in said.values()][:4] == [0, 0, 0, 0], said
+    return SimpleNamespace(folder=folder, home=home, charts=charts, views=views, said=said)
 
 
 def shown(ran, method):
-    data = json.loads((ran / f"{method}.json").read_text())
-    return read_fields(ran / f"{method}-seed5.vti"), ContactResult.from_json(data["members"][0])
+    data = json.loads((ran.folder / f"{method}.json").read_text())
+    return read_fields(ran.folder / f"{method}-seed5.vti"), ContactResult.from_json(
+        data["members"][0]
+    )
+
+
+def pressed(ran, heights, steps):
+    """The figures of each load by numpy alone, from its pressures and the surface."""
+    q = np.hypot(
+        *np.ix_(*(2 * np.pi * np.fft.fftfreq(n, d) for n, d in zip(*steps[0][:2], strict=True)))
+    )
+    q[0, 0], found, sunk = np.inf, [], np.zeros_like(heights)
+    for _, _, pressure in steps:
+        moved = np.fft.ifft2(2 / (MODULUS * q) * np.fft.fft2(pressure)).real
+        touching, flowing = pressure > 0, pressure >= CAP * (1 - 1e-12)
+        gap = moved - heights + sunk
+        gap -= gap[touching & ~flowing].mean()
+        sunk = sunk + np.where(flowing, np.maximum(-gap, 0), 0)
+        gap = moved - heights + sunk
+        gap -= gap[touching].mean()
+        found.append({
+            "area.total.raw": touching.mean(), "area.plastic.raw": flowing.mean(),
+            "area.elastic.raw": (touching & ~flowing).mean(), "mean_pressure": pressure.mean(),
+            "quantity.mean_gap": np.maximum(gap, 0).mean(),
+            "quantity.mean_separation": (gap - sunk).mean(),
+            "quantity.mean_plastic_displacement": sunk.mean(),
+            "quantity.plastic_work": CAP * sunk.mean(),
+            "quantity.elastic_energy": (pressure * moved).mean() / 2,
+            "quantity.largest_pressure": pressure.max(),
+            "cost.unknowns": pressure.size,
+        })  # fmt: skip
+    return found, gap - sunk, moved
+
+
+def loads_of(ran, method):
+    files = [
+        read_fields(step) for step in load_steps(ran.folder / f"{method}-seed5-steps" / "path.pvd")
+    ]
+    return [(file.shape, file.spacing, file.fields["pressure"]) for file in files], files
+
+
+def test_every_figure_of_an_answer_follows_from_the_pressures(ran):
+    """At each load of a path that unloads, of the fields, and of the file of the last load."""
+    (file, answer), (steps, files) = shown(ran, "bem"), loads_of(ran, "bem")
+    case = load_case(ran.home / "shown.toml")
+    heights = case.scene(case.recipes[0]).surface.heights
+    found, gap, moved = pressed(ran, heights, steps)
+    assert [round(each["mean_pressure"], 6) for each in found] == [2e3, 5e3, 3e3]
+    for step, expected, one in zip(answer.steps, found, files, strict=True):
+        told = scalar_quantities(replace(answer, steps=(step,)))
+        for name, value in expected.items():
+            assert told[name] == pytest.approx(value, rel=1e-6, abs=1e-15), name
+        for name in ("area.total.raw", "mean_pressure", "quantity.mean_gap"):
+            assert one.attributes[name] == told[name]
+    assert file.fields["heights"] == pytest.approx(heights, abs=1e-18)
+    assert file.fields["gap"] == pytest.approx(gap, abs=1e-7 * np.ptp(heights))
+    assert file.fields["displacement"] == pytest.approx(moved, abs=1e-7 * np.ptp(heights))
+    pvd = ET.parse(ran.folder / "bem-seed5-steps" / "path.pvd").iter("DataSet")
+    rows = [(e.get("timestep"), e.get("name"), e.get("file")) for e in pvd]
+    assert rows == [(f"{k}", f"mean pressure {p!r} Pa", f"step-000{k}.vti")
+                    for k, p in enumerate((2000.0, 5000.0, 3000.0))]  # fmt: skip
 
 
 @pytest.mark.parametrize("method", ["bem", "fem"])
 def test_a_field_file_is_that_of_the_last_load(ran, method):
     file, answer = shown(ran, method)
-    case = load_case(ran.parent.parent / "shown.toml")
+    case = load_case(ran.home / "shown.toml")
     first, *_, last = answer.steps
     assert first.areas["raw"] != last.areas["raw"]
-    assert (file.shape, file.periods) == ((16, 20), pytest.approx((1.0e-3, 1.25e-3), rel=1e-14))
+    assert (file.shape, file.periods) == ((16, 24), pytest.approx((1.0e-3, 1.25e-3), rel=1e-14))
     assert np.array_equal(file.fields["heights"], case.scene(case.recipes[0]).surface.heights)
     pressure, state = file.fields["pressure"], file.fields["state"]
-    assert pressure.mean() == pytest.approx(3e8, rel=1e-7)
-    assert pressure.max() <= 1.5e9 * (1 + 1e-12)
+    assert pressure.mean() == pytest.approx(3e3, rel=1e-7)
+    assert pressure.max() <= CAP * (1 + 1e-12)
     assert np.array_equal(state != APART, pressure > 0)
     shares, raw = [np.mean(state == kind) for kind in (ELASTIC, PLASTIC)], last.areas["raw"]
     assert shares == pytest.approx([raw.elastic, raw.plastic], abs=1e-12)
-    told = {"case": "shown", "size": "fast", "seed": 5, "mean_pressure": 3e8, "hardness": 1.5e9}
+    told = {"case": "shown", "size": "fast", "seed": 5, "mean_pressure": 3e3, "hardness": CAP}
     told |= {f"quantity.{n}": v for n, v in last.quantities.items() if not n.startswith("measured")}
     assert told.items() <= file.attributes.items()
 
@@ -106,31 +207,213 @@ def page_of(path):
     return "".join(page.itertext()), {image.get("alt") for image in page.iter("img")}, cells
 
 
-def test_the_charts_and_the_page_are_those_of_the_answers_and_their_fields(ran):
+def test_a_chart_shows_the_fields_and_the_figures(ran):
+    """Arrays, limits, extents, titles, units and rows, in kPa and mm."""
     (bem, answer), (fem, other) = shown(ran, "bem"), shown(ran, "fem")
-    tables = {path.stem: pd.read_csv(path) for path in ran.glob("*.csv")}
+    extent = [-0.5 / 16, 15.5 / 16, -0.625 / 24, 23.5 / 24 * 1.25]
+    p, q = (1e-3 * file.fields["pressure"] for file in (bem, fem))
+    low = max(p.max(), q.max())
+    for name, images in {
+        "contact-bem": [(bem.fields["state"], 0, 2), (p, 0, 15)],
+        "contact-fem": [(fem.fields["state"], 0, 2), (q, 0, 15)],
+        "pressure-difference-bem-fem":
+            [(p, 0, low), (q, 0, low), (p - q, -abs(p - q).max(), abs(p - q).max())],
+    }.items():  # fmt: skip
+        axes = [each for each in ran.charts[name].figure.axes if each.images]
+        for (field, *limits), each in zip(images, axes, strict=True):
+            (image,) = each.images
+            assert np.ma.filled(image.get_array(), 0.0) == pytest.approx(
+                field.T, rel=1e-6, abs=1e-9
+            )
+            assert (image.origin, [*image.get_clim()]) == ("lower", pytest.approx(limits, rel=1e-6))
+            assert image.get_extent() == pytest.approx(extent, rel=1e-9)
+            assert (each.get_xlabel(), each.get_ylabel()) == ("x (mm)", "y (mm)")
+    texts = {
+        name: [[a.get_title() or a.get_ylabel() for a in chart.figure.axes], chart.caption]
+        for name, chart in ran.charts.items()
+    }
+    contact = ["contact state (shares of grid points)", "contact pressure",
+               "pressure (kPa), white: none"]  # fmt: skip
+    titles = ["bem", "fem", "bem minus fem", "pressure (kPa)", "difference (kPa)"]
+    said = "Contact state and pressure by {0}, {0}-seed5.vti."
+    assert texts["contact-bem"] == [contact, said.format("bem")]
+    assert texts["contact-fem"] == [contact, said.format("fem")]
+    assert texts["pressure-difference-bem-fem"][0] == titles
+    rows = dict(ran.charts["pressure-difference-bem-fem"].rows)
+    assert rows == pytest.approx({
+        "largest_pressure_Pa": 1e3 * low, "largest_difference_Pa": 1e3 * abs(p - q).max(),
+        "rms_difference_Pa": 1e3 * np.sqrt(((p - q) ** 2).mean()),
+        "mean_pressure_first_Pa": 1e3 * p.mean(), "mean_pressure_second_Pa": 1e3 * q.mean(),
+    })  # fmt: skip
     for name, file in (("bem", bem), ("fem", fem)):
-        rows = dict(tables[f"contact-{name}"].itertuples(index=False))
-        for kind, word in STATE_NAMES.items():
-            assert rows[word] == pytest.approx(np.mean(file.fields["state"] == kind), rel=1e-14)
-    rows = dict(tables["pressure-difference-bem-fem"].itertuples(index=False))
-    difference = bem.fields["pressure"] - fem.fields["pressure"]
-    assert rows["rms_difference_Pa"] == pytest.approx(np.sqrt(np.mean(difference**2)), rel=1e-14)
-    rows = tables["pressure-distribution"].query("series == 'bem'")
-    pressure, density = rows["pressure_Pa"].to_numpy(), rows["density_per_Pa"].to_numpy()
-    width, elastic = np.diff(pressure)[0], answer.final.areas["raw"].elastic
-    assert density.sum() * width == pytest.approx(elastic, rel=0.02)
-    assert (pressure * density).sum() * width == pytest.approx(3e8, rel=0.05)
-    residuals = tables["residuals"].query("series == 'fem'")["residual"]
-    assert residuals.tolist() == pytest.approx(other.history, rel=1e-14)
-    _, pictures, cells = page_of(ran.parent.parent / "report.html")
+        shares = {w: np.mean(file.fields["state"] == kind) for kind, w in STATE_NAMES.items()}
+        rows = dict(ran.charts[f"contact-{name}"].rows)
+        assert rows == pytest.approx(shares | {"mean_pressure_Pa": 3e3})
+        (legend,) = ran.charts[f"contact-{name}"].figure.legends
+        words = ("elastic", "plastic", "apart")
+        assert [t.get_text() for t in legend.texts] == [
+            f"{w} {100 * shares[w]:.2f} %" for w in words
+        ]
+    (axes,) = ran.charts["pressure-distribution"].figure.axes
+    assert [axes.get_xlabel(), axes.get_ylabel()] == [r"contact pressure $\sigma$ (kPa)",
+                                                     r"density $P(\sigma)$ (1/kPa)"]  # fmt: skip
+    lines = {line.get_label(): line.get_xydata() for line in axes.lines}
+    for name, file in (("bem", p), ("fem", q)):
+        width = np.diff(lines[name][:, 0])[0]
+        counted = [
+            np.mean((file > x - width / 2) & (file <= x + width / 2)) for x, _ in lines[name]
+        ]
+        # A table between two of its pressures is linear, so that a point may be in the next one.
+        assert np.cumsum(lines[name][:, 1] * width) == pytest.approx(np.cumsum(counted), abs=0.015)
+    places = sorted(line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2)
+    assert places == [3.0, 15.0]
+    (axes,) = ran.charts["residuals"].figure.axes
+    lines = {line.get_label(): line.get_ydata() for line in axes.lines}
+    for name, one in (("bem", answer), ("fem", other)):
+        positive = [value for value in one.history if value > 0]
+        assert lines[name].tolist() == pytest.approx(positive, rel=1e-12)
+    heights = bem.fields["heights"]
+    (axes,) = ran.charts["power-spectrum"].figure.axes
+    drawn = {line.get_label(): line.get_xydata() for line in axes.lines}
+    shown_waves = drawn["analytic"]
+    flat = shown_waves[shown_waves[:, 0] < 12566][:, 1]
+    falling = shown_waves[shown_waves[:, 0] > 12567]
+    assert flat == pytest.approx(flat[0], rel=1e-12)
+    slope = np.polyfit(*np.log(falling).T, 1)[0]
+    assert slope == pytest.approx(-2 * (1 + 0.8), rel=1e-9)
+    assert falling[-1, 0] == pytest.approx(2.0e4)
+    assert heights.var() == pytest.approx(answer.provenance.about["rms_height"]["value"] ** 2)
+
+
+def test_a_view_shows_the_fields(ran):
+    """What VTK is asked to draw: pressures and shares of the surface, stresses of the body."""
+    if len(ran.views) != 3:
+        pytest.skip("nothing can be drawn in three dimensions here")
+    file = read_fields(ran.folder / "bem-seed5.vti")
+    calls = ran.views[-1]
+    titles = [a[0] for name, a, _ in calls if name == "add_text"]
+    assert titles == ["Contact: 1 × 1.25 mm, heights × 20", "Contact pressure, mean 3 kPa"]
+    meshes = [(a[0], k) for name, a, k in calls if name == "add_mesh" and "scalars" in k]
+    (state, look), (pressure, other) = meshes
+    assert (look["scalars"], look["clim"], other["clim"]) == ("state", (-0.5, 2.5), (0.0, 15.0))
+    assert look["annotations"] == {1: f"elastic {100 * np.mean(file.field('state') == 1):.2f} %",
+                                   2: "plastic 0.00 %"}  # fmt: skip
+    assert other["scalar_bar_args"]["title"] == "pressure (kPa), white: none\n"
+    x, y, z = (np.reshape(c, (17, 25), order="F") for c in state.points.T)
+    assert (x[-1, 0], y[0, -1]) == pytest.approx((1.0, 1.25), rel=1e-6)  # mm, a whole period
+    gap = np.pad(np.maximum(file.field("gap"), 0), (0, 1), mode="wrap")
+    assert z == pytest.approx(-20e3 * gap, abs=1e-6)
+    p = np.pad(file.field("pressure"), (0, 1), mode="wrap")
+    drawn = np.nan_to_num(np.reshape(pressure["pressure"], (17, 25), order="F"))
+    assert drawn == pytest.approx(1e-3 * p, rel=1e-6)
+    ends = [k["axes_ranges"][:4] for name, _, k in calls if name == "show_bounds"]
+    assert ends == [pytest.approx([0, 1, 0, 1.25], rel=1e-9)] * 2
+    units = {(k["xtitle"], k["ytitle"]) for name, _, k in calls if name == "show_bounds"}
+    assert units == {("x (mm)", "y (mm)")}
+    body = next(ran.folder.glob("fem-seed5-steps/*0002.vtu"))
+    mesh, block = pv.read(body), ran.views[0]
+    stress, strain = (k for name, _, k in block if name == "add_mesh")
+    assert stress["scalar_bar_args"]["title"] == "von Mises stress (kPa)\n"
+    mises = mesh.get_array("von_mises", preference="point")
+    assert stress["clim"] == pytest.approx((0, 1e-3 * mises.max()), rel=1e-6)
+    assert stress["scalars"].max() <= 1e-3 * mises.max() * (1 + 1e-6)
+    assert strain["scalar_bar_args"]["title"] == "equivalent plastic strain (-)\n"
+    assert mesh.bounds[1] == pytest.approx(1e-3)
+    assert mesh.bounds[3] == pytest.approx(1.25e-3)
+
+
+def rows_of(done, *first):
+    """The lines of a command's output that begin with any of these words, as words."""
+    return [line.split() for line in done.stdout.splitlines() if line.strip().startswith(first)]
+
+
+def test_the_terminal_shows_the_figures(ran):
+    (bem, answer), (fem, other) = shown(ran, "bem"), shown(ran, "fem")
+    raw = [np.mean(file.fields["pressure"] > 0) for file in (fem, bem)]
+    (row,) = rows_of(ran.said["verify"], "shown")
+    apart = f"{100 * (raw[0] / raw[1] - 1):+.2f}"
+    assert row == ["shown", "area.total.raw", "fem", "bem", f"{raw[0]:.5g}", f"{raw[1]:.5g}",
+                   apart, "%", "±", "50.00", "%", "holds"]  # fmt: skip
+    rows = rows_of(ran.said["run"], "bem", "fem")
+    assert len(rows) == 6
+    for method, kind, *areas, surfaces, reused in rows:
+        found = {"bem": answer, "fem": other}[method].final.areas[kind]
+        digits = ".2g" if kind == "error" else ".5g"
+        assert areas == [f"{getattr(found, part):{digits}}" for part in PARTS]
+        assert (surfaces, reused) == ("1", "1")
+    assert "at the last load" in ran.said["run"].stdout
+    table = pd.read_csv(ran.home / "swept" / "fast" / "sweep.csv").set_index(
+        ["load.mean_pressure", "method"]
+    )
+    rows = rows_of(ran.said["sweep"], "mean_pressure", "2000", "4000")
+    assert rows[0] == ["mean_pressure", "method", "surfaces", "total", "area",
+                       "total_patches_largest"]  # fmt: skip
+    assert [row[:3] for row in rows[1:]] == [
+        [p, m, "1"] for p in ("2000", "4000") for m in ("bem", "fem")
+    ]
+    for load, method, _, area, patch in rows[1:]:
+        point = table.loc[(float(load), method)]
+        assert (area, patch) == (f"{point['area.total.corrected']:.5g}",
+                                 f"{point['quantity.total_patches_largest']:.5g}")  # fmt: skip
+        assert point["mean_pressure"] == pytest.approx(float(load))
+        assert point["quantity.total_patches_largest"] <= point["area.total.raw"]
+    rising = table.xs("bem", level="method")["area.total.corrected"].to_numpy()
+    first = answer.steps[0].areas["corrected"].total
+    assert rising[0] == pytest.approx(first, rel=1e-9)
+    assert rising[1] > rising[0]
+    assert "4 of 4 tasks are solved, 0 of them earlier" in ran.said["sweep"].stdout
+
+
+#: The scene as the page tells it: the value by hand, and the words.
+SCENE = {
+    "surface": (None, "self-affine roughness: Hurst exponent 0.8, flat spectrum from 6283.2 to "
+                      "12566 rad/m, power law up to 20000 rad/m, rms slope 0.02, seed 5"),
+    "points": ([16, 24], "16 × 24"), "periods": ([1e-3, 1.25e-3], "1 × 1.25 mm"),
+    "spacing": ([62.5e-6, 1.25e-3 / 24], "62.5 × 52.08 µm"),
+    "resolution": (2 * np.pi / 2e4 / 62.5e-6, "5.027"), "rms_slope": (0.02, "0.02"),
+    "young_modulus": (2.1e6, "2.1 MPa"), "poisson_ratio": (0.4, "0.4"),
+    "effective_modulus": (2.5e6, "2.5 MPa"), "hardness": (CAP, "15 kPa"),
+    "yield_stress": (np.inf, "none"), "body": (None, "half-space"),
+    "load_path": ([2e3, 5e3, 3e3], "2, 5, 3 kPa"), "load_group": (0.06, "0.06"),
+    "hardness_group": (0.3, "0.3"),
+}  # fmt: skip
+
+
+def test_the_page_tells_the_scene_and_the_areas(ran):
+    text, pictures, cells = page_of(ran.home / "report.html")
+    (file, answer), (_, other) = shown(ran, "bem"), shown(ran, "fem")
     values = {c["quantity"]: (json.loads(c["value"]), text) for c, text in cells if "value" in c}
-    about = answer.provenance.about
-    assert {n: v for n, (v, _) in values.items()} == {n: e["value"] for n, e in about.items()}
-    told = {"points": "16 × 20", "hardness": "1.5 GPa", "load_path": "200, 500, 300 MPa"}
-    assert {name: values[name][1] for name in told} == told
-    assert pictures == {path.read_text().strip() for path in ran.glob("*.txt")}
-    assert len(pictures) == 5  # distribution, residuals, two maps, their difference
+    height, words = values.pop("rms_height")
+    assert height == pytest.approx(file.fields["heights"].std(), rel=1e-9)
+    assert words == f"{1e6 * height:.4g} µm"
+    assert {name: told for name, (_, told) in values.items()} == {
+        n: w for n, (_, w) in SCENE.items()
+    }
+    for name, (value, _) in SCENE.items():
+        if value is not None:
+            found = [float(v) for v in np.ravel(values[name][0])]
+            assert found == pytest.approx(np.ravel(value).tolist(), rel=1e-12), name
+    told = " ".join(text.split())
+    head = "method area / nominal raw corrected correction its error 95 % half-width surfaces"
+    assert head.replace(" ", "") in told.replace(" ", "")
+    page = ET.fromstring(
+        re.sub(r"<((?:meta|link|img)\b[^>]*)>", r"<\1/>",
+               (ran.home / "report.html").read_text("utf-8").partition("\n")[2])
+    )  # fmt: skip
+    lines = [["".join(td.itertext()) for td in tr.iter("td")] for tr in page.iter("tr")]
+    rows = [line for line in lines if line[:1] in (["bem"], ["fem"]) and line[1] in PARTS]
+    assert [row[0] for row in rows] == ["bem"] * 3 + ["fem"] * 2
+    for method, part, *figures, half_width, surfaces in rows:
+        areas = {"bem": answer, "fem": other}[method].final.areas
+        raw, corrected, error = (getattr(areas[kind], part) for kind in KINDS)
+        shown_figures = [f"{raw:.4g}", f"{corrected:.5g}", f"{corrected - raw:.2g}", f"{error:.2g}"]
+        assert (figures, half_width, surfaces) == (shown_figures, "", "1")
+    costs = [line for line in lines if line[:2] in (["bem", "yes"], ["fem", "yes"])]
+    assert [(row[4], row[3]) for row in costs] == [
+        (f"{one.cost['unknowns']:.8g}", f"{one.cost['seconds']:.3g}") for one in (answer, other)
+    ]
+    assert pictures == {path.read_text().strip() for path in ran.folder.glob("*.txt")}
+    assert len(pictures) in (6, 7)  # a body, where it can be drawn, and all charts
 
 
 # --- made-up numbers, no two alike ----------------------------------------------------------------

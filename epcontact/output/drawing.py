@@ -141,7 +141,11 @@ def _surface(file: FieldFile, factor: float, scale: float, top_scale: float) -> 
         np.asarray(file.field(name)[::step, ::step], dtype=kind)
         for name, kind in (("gap", np.float64), ("state", np.intp), ("pressure", np.float64))
     )
-    axes = [np.arange(n) * (d * step) / scale for n, d in zip(gap.shape, file.spacing, strict=True)]
+    axes = [
+        np.append(np.arange(n) * (d * step), period) / scale  # the first points follow once more
+        for n, d, period in zip(gap.shape, file.spacing, file.periods, strict=True)
+    ]
+    gap, state, pressure = (np.pad(field, (0, 1), mode="wrap") for field in (gap, state, pressure))
     # Points in contact touch the flat, also where flow has cut off the peaks.
     height = -np.maximum(gap, 0.0) / scale
     mesh = pv.StructuredGrid(*np.meshgrid(*axes, indexing="ij"), height * factor)
@@ -256,7 +260,7 @@ def _mark_lengths(plotter: Any, bounds: Any, unit: str, axes: str) -> None:
     # Not an empty title, of which VTK would complain.
     titles = {f"{axis}title": f"{axis} ({unit})" if axis in axes else " " for axis in "xyz"}
     labels = {f"n_{axis}labels": 3 for axis in "xyz"} | {"fmt": "%.3g", "font_size": 11}
-    ends = [round(end / largest, 2) * largest + 0.0 for end in bounds]
+    ends = [round(end / largest, 3) * largest + 0.0 for end in bounds]
     look = {"location": "outer", "ticks": "outside", "color": "#303030"} | shown | titles | labels
     plotter.show_bounds(bounds=bounds, axes_ranges=ends, **look)
 
