@@ -73,6 +73,18 @@ def test_what_can_carry_nothing_or_everything_and_what_is_refused():
             function(*arguments)
 
 
+@pytest.mark.parametrize("touching", [[3], [3, 4], [3, 19]], ids=str)
+def test_a_punch_of_uniform_pressure_sinks_by_its_compliance(touching):
+    """Rows of points that are all alike need no other pressure, and no iteration."""
+    state = np.full((32, 16), APART)
+    state[touching] = ELASTIC
+    scene = Scene(Surface(np.zeros((32, 16)), (1.0, 1.0)), Material(1.0, 0.0), Load(0.01))
+    found = replace(bem.solve(scene), fields={"state": state})
+    modes = np.abs(np.fft.rfft(state[:, 0] / state[:, 0].mean()) / 32) ** 2
+    sinking = 2 * modes[1:-1] @ (1 / (np.pi * np.arange(1, 16))) + modes[16] / (np.pi * 16)
+    assert interface_stiffness(scene, found, "loading").raw == pytest.approx(1 / sinking, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("rows", "areas", "spans"),
     [
@@ -92,6 +104,15 @@ def test_patches_join_over_the_period(rows, areas, spans):
         assert found.spans == spans
 
 
+def test_patches_that_join_over_their_corners_leave_no_way_around_them():
+    """What joins over sides and corners percolates where the rest, over its sides, does not."""
+    for seed in range(20):
+        mask = np.random.default_rng(seed).uniform(size=(6, 8)) < 0.45
+        apart = patches(~mask)
+        assert patches(mask, diagonals=True).spans or apart.spans
+        assert patches(mask, diagonals=True).areas.size <= patches(mask).areas.size
+
+
 def test_what_has_flowed_percolates_in_the_order_of_its_depth():
     """An unloaded contact percolates like the elastic one on the surface that it has left."""
     scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.03), Load((0.008, 0.001)))
@@ -106,9 +127,13 @@ def test_what_has_flowed_percolates_in_the_order_of_its_depth():
 
 
 def test_percolation_shares_of_a_line_and_of_noise():
-    """On independent sites of a square lattice joined over their sides the threshold is .5927."""
-    assert percolation_share(np.arange(8.0)) == 1.0  # a line connects only if all of it touches
+    """On independent sites of a square lattice joined over their sides the threshold is .5927, and
+    over their corners as well it is 1 - .5927, so that no limit is nearer than .5 is to both."""
+    line = np.arange(8.0)  # connects only if all of it touches
+    assert percolation_share(line) == (1, 1, 0)
     assert not patches(np.arange(8) > 0).spans
     field = np.random.default_rng(4).normal(size=(128, 128))
-    assert percolation_share(field) == pytest.approx(0.5927, abs=0.02)
-    assert percolation_share(-field) == pytest.approx(0.5927, abs=0.02)
+    for one in map(percolation_share, (field, -field)):
+        assert one.raw == pytest.approx(0.5927, abs=0.02)
+        assert one.corrected == pytest.approx(0.5, abs=0.02)
+        assert one.error == pytest.approx(0.0927, abs=0.03)

@@ -38,8 +38,8 @@ the elastic contact is bounded by smooth fronts, whose offset is that of the pun
 from __future__ import annotations
 
 import bisect
+import itertools
 import math
-from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -58,21 +58,21 @@ _REDUCTION = 1e-12  # of the residual of the linear solve
 
 
 class Constants(NamedTuple):
-    """Constants of the limit of a vanishing spacing; the errors are in claims, at 1.645 sigma."""
+    """Constants of the limit of a vanishing spacing."""
 
     sharp: float
-    offset: float  # d, in spacings
-    chance: float  # of a link's own place, in spacings times `sharp`
-    area: float  # how much of the release the error that areas claim moves
-    common: float  # of all links, in spacings times `sharp`
+    short: float  # d, in spacings
+    chance: float  # claimed for the place of each link, in spacings
+    area: float  # claimed for the place of all links, over the error that areas claim
+    common: float  # claimed for it besides, in spacings
 
 
-#: Of a straight rim along the grid: a strip punch's last pressures, and Yastrebov et al. (2017).
-_STRAIGHT = (2 * math.e / math.pi, 0.190009)
+#: sharp and d of a straight rim along the grid; d is that of lines, `bem.areas.front`.
+STRAIGHT = (2 * math.e / math.pi, 0.190009)
 #: By `python -m laboratory.interface`.
-CONSTANTS = Constants(sharp=1.04, offset=0.104, chance=0.2, area=1.95, common=0.031)
-#: Of the loading branch with points that flow, where nothing is moved.
-SMOOTH = Constants(sharp=0.0, offset=0.104, chance=0.9, area=1.0, common=0.0)
+CONSTANTS = Constants(sharp=1.04, short=0.104, chance=0.2, area=1.95, common=0.031)
+#: Of elastic contact beside points that flow, where only what is straight is moved.
+SMOOTH = Constants(sharp=0.0, short=0.104, chance=0.9, area=1.0, common=0.0)
 
 
 class Limit(NamedTuple):
@@ -127,61 +127,53 @@ def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> 
     if mask.all() or not mask.any():
         value = math.inf if mask.all() else 0.0
         return Limit(value, value, 0.0)
+    stiffness = limit_of(*sinking_and_rim(scene, result, branch))
+    modulus = effective_modulus(scene.material)
+    return Limit(*(modulus * value for value in stiffness))
+
+
+class Rim(NamedTuple):
+    """What the limit needs to know of the rim of a contact; see the module."""
+
+    release: float  # in m
+    scatter: float  # root of the sum of the squares of its terms
+    straight: float  # 0 for a rim of all directions, 1 for one along the grid
+    offset: float  # in spacings
+    doubt: float  # its error, as areas claim it
+    flows: bool  # True if points that flow bound it
+
+
+def sinking_and_rim(scene: Scene, result: ContactResult, branch: Branch) -> tuple[float, Rim]:
+    """Return E* u in m of a flat punch on the points that carry, and the rim of these points."""
+    mask = carrying(result, branch)
     sinking, pressure = _punch(scene, mask)
-    flows = bool((result.fields["state"] == PLASTIC).any()) and branch == "loading"
-    release, links = front_sums(mask, pressure, scene.surface.spacing)
+    terms = []
+    for axis, h in enumerate(scene.surface.spacing):
+        beside = (mask & ~np.roll(mask, step, axis) for step in (1, -1))
+        terms.append(np.concatenate([pressure[last] ** 2 * h / mask.size for last in beside]))
+    # The stretch of rim across links of each axis carries so much of K^2; on a line there is one.
+    shares = [each.sum() / h for each, h in zip(terms, scene.surface.spacing, strict=True)]
+    straight = (shares[0] - sum(shares[1:])) / sum(shares)
+    every = np.concatenate(terms)
+    flows = branch == "loading" and bool((result.fields["state"] == PLASTIC).any())
     areas, part = result.final.areas, "elastic" if flows else "total"
     raw, corrected = (getattr(areas[kind], part) for kind in ("raw", "corrected"))
     doubt = getattr(areas["error"], part) if "error" in areas else abs(corrected - raw)
-    per_link = mask.size / links
-    moved, error = moved_sinking(
-        release, (corrected - raw) * per_link, doubt * per_link, SMOOTH if flows else CONSTANTS
-    )
-    scale = effective_modulus(scene.material) * sinking
-    limit = math.exp(moved / scale) / sinking  # to first order, and positive on any grid
-    return Limit(limit, 1 / sinking, limit * error / scale)
+    offset, doubt = (share * mask.size / every.size for share in (corrected - raw, doubt))
+    scatter = float(np.linalg.norm(every))
+    rim = Rim(float(every.sum()), scatter, float(straight) ** 2, offset, doubt, flows)
+    return sinking * effective_modulus(scene.material), rim
 
 
-class Release(NamedTuple):
-    """Of a punch's rim: the sum of p^2 h over links and points, its anisotropy, and the root of
-    the sum of the squares of its terms."""
-
-    total: float
-    anisotropy: float  # 0 for rims of all directions, 1 for a straight one along the grid
-    scatter: float
-
-
-def front_sums(mask: Mask, pressure: FloatArray, spacing: Sequence[float]) -> tuple[Release, int]:
-    """Return the release of the rim of a mask, and the number of its links."""
-    terms = []
-    for axis, h in enumerate(spacing):
-        beside = (mask & ~np.roll(mask, step, axis) for step in (1, -1))
-        terms.append(np.concatenate([pressure[last] ** 2 * h / mask.size for last in beside]))
-    across = np.zeros(2)  # energy across links of each axis; a line has those of one
-    across[: len(terms)] = [each.sum() / h for each, h in zip(terms, spacing, strict=True)]
-    every = np.concatenate(terms)
-    anisotropy = float((across[0] - across[1]) / across.sum()) ** 2
-    return Release(float(every.sum()), anisotropy, float(np.linalg.norm(every))), every.size
-
-
-def moved_sinking(
-    release: Release, offset: float, doubt: float, constants: Constants
-) -> tuple[float, float]:
-    """Return by how much E* u falls to its limit, and the error of that.
-
-    Args:
-        release: of the rim.
-        offset, doubt: the correction of the area and its error, in points a link.
-        constants: those of the rim.
-    """
-    straight = release.anisotropy
-    sharp = constants.sharp + (_STRAIGHT[0] - constants.sharp) * straight
-    short = constants.offset + (_STRAIGHT[1] - constants.offset) * straight
-    common = release.total * math.hypot(constants.area * doubt, constants.common)
-    return (
-        sharp * (offset + short) * release.total,
-        math.hypot(constants.chance * release.scatter, common),
-    )
+def limit_of(sinking: float, rim: Rim, constants: Constants | None = None) -> Limit:
+    """Return k/E* of a punch that sinks by E* u = `sinking`, by its rim."""
+    c = constants or (SMOOTH if rim.flows else CONSTANTS)
+    sharp = c.sharp + (STRAIGHT[0] - c.sharp) * rim.straight
+    short = c.short + (STRAIGHT[1] - c.short) * rim.straight
+    moved = sharp * (rim.offset + short) * rim.release / sinking
+    common = rim.release * math.hypot(c.area * rim.doubt, c.common)
+    limit = math.exp(moved) / sinking  # to first order, and positive on any grid
+    return Limit(limit, 1 / sinking, limit * math.hypot(c.chance * rim.scatter, common) / sinking)
 
 
 def _punch(scene: Scene, mask: Mask) -> tuple[float, FloatArray]:
@@ -212,7 +204,9 @@ def _punch(scene: Scene, mask: Mask) -> tuple[float, FloatArray]:
     sunk = displaced(C, uniform)
     right = sunk.mean() - sunk
     S, M = of_zero_mean(C), of_zero_mean(inverse)
-    x, failed = cg(S, right, rtol=_REDUCTION, atol=0.0, maxiter=2000, M=M)
+    # Where a uniform pressure is the answer, what is right of it is noise.
+    noise = _REDUCTION * float(np.linalg.norm(sunk))
+    x, failed = cg(S, right, rtol=_REDUCTION, atol=noise, maxiter=2000, M=M)
     if failed:
         raise NotConverged("the stiffness of the interface did not converge in 2000 iterations")
     pressure = np.zeros(mask.shape)
@@ -262,52 +256,73 @@ class Patches(NamedTuple):
     spans: bool
 
 
-def patches(mask: Mask) -> Patches:
+def patches(mask: Mask, diagonals: bool = False) -> Patches:
     """Find the patches of a mask; points join over their four sides, periodically.
 
     Args:
         mask: (nx, ny) or (nx,).
+        diagonals: True if points join over their corners as well.
 
     Example:
         >>> found = patches(np.array([True, False, True, True]))
         >>> found.areas.tolist(), found.spans
         ([0.75], False)
     """
-    areas = np.sort(np.bincount(_patch_of_points(mask)))[::-1] / mask.size
+    areas = np.sort(np.bincount(_patch_of_points(mask, diagonals)))[::-1] / mask.size
     # A patch that is connected with its own image is one patch of two periods; others are two.
     doubled = (np.concatenate([mask, mask], axis) for axis in range(mask.ndim))
-    spans = any(np.unique(_patch_of_points(twice)).size < 2 * areas.size for twice in doubled)
+    spans = any(
+        np.unique(_patch_of_points(twice, diagonals)).size < 2 * areas.size for twice in doubled
+    )
     return Patches(areas, spans)
 
 
-def percolation_share(closeness: NDArray[np.floating]) -> float:
+def percolation_share(closeness: NDArray[np.floating]) -> Limit:
     """Return the smallest share of the nominal area, the closest points first, that percolates.
+
+    A neck of the contact between two points that touch at a corner is there or not: points that
+    join over their sides only percolate too late, and over their corners too early.  The limit is
+    the mean of the two, and its error half of their difference together with the root mean square
+    of what the limits from every second point are off, which covers some 94 of 100.
 
     Args:
         closeness: (nx, ny), larger where the surfaces are closer: for example minus the gap.  With
             its sign changed, the same function gives the share at which the open gap percolates.
 
+    Returns:
+        The limit; its `raw` value is of points that join over their sides.
+
     Example:
-        >>> percolation_share(np.array([[3.0, 2.0, 1.0], [0.0, -1.0, -2.0]]))
+        >>> percolation_share(np.array([[3.0, 2.0, 1.0], [0.0, -1.0, -2.0]])).raw
         0.5
     """
+    raw, both = _share(closeness, False), _share(closeness, True)
+    limit = (raw + both) / 2
+    places = itertools.product((slice(0, None, 2), slice(1, None, 2)), repeat=closeness.ndim)
+    fewer = (closeness[place] for place in places)
+    off = [(_share(few, False) + _share(few, True)) / 2 - limit for few in fewer]
+    return Limit(limit, raw, math.hypot((raw - both) / 2, math.sqrt(np.mean(np.square(off)))))
+
+
+def _share(closeness: NDArray[np.floating], diagonals: bool) -> float:
     rank = np.empty(closeness.shape, dtype=np.intp)
     rank.flat[np.argsort(-closeness, axis=None, kind="stable")] = np.arange(closeness.size)
     fewer = range(1, closeness.size)  # than all, which percolate
-    first = bisect.bisect_left(fewer, True, key=lambda n: patches(rank < n).spans)
+    first = bisect.bisect_left(fewer, True, key=lambda n: patches(rank < n, diagonals).spans)
     return (first + 1) / closeness.size
 
 
-def _patch_of_points(mask: Mask) -> NDArray[np.intp]:
+def _patch_of_points(mask: Mask, diagonals: bool = False) -> NDArray[np.intp]:
     """Return the number of the periodic patch of each point of the mask, from 0 on."""
     from scipy.ndimage import label
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    labels, number = label(mask)
-    ends = [np.take(labels, (0, -1), axis).swapaxes(0, axis) for axis in range(mask.ndim)]
-    met = np.hstack([each.reshape(2, -1) for each in ends])  # over the period
-    met = met[:, met.all(axis=0)] - 1
+    frame, middle = np.pad(mask, 1, mode="wrap"), (slice(1, -1),) * mask.ndim
+    labels, number = label(frame, np.ones((3,) * mask.ndim) if diagonals else None)
+    inside = labels[middle]
+    frame[middle] = False  # a point of the frame is one over the period
+    met = np.stack([labels[frame], np.pad(inside, 1, mode="wrap")[frame]]) - 1
     seams = coo_array((np.ones(met.shape[1]), tuple(met)), shape=(number, number))
     patch_of_label = connected_components(seams, directed=False)[1]
-    return np.asarray(patch_of_label[labels[mask] - 1])
+    return np.asarray(patch_of_label[inside[mask] - 1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -133,46 +134,43 @@ def smallest_contact_pressure(a: Answered) -> float:
 
 _KINDS = {
     "": "in the limit of a vanishing grid spacing",
-    ".raw": "of the grid's own points",
-    ".error": "estimated absolute error of the limit",
-}
-_BRANCHES = {"loading": "if the load grows next", "unloading": "if the load falls next"}
-_STIFFNESSES = {
-    branch + kind: f"{when}, {what}"
-    for branch, when in _BRANCHES.items()
-    for kind, what in _KINDS.items()
+    ".raw": "as the grid's own points have it",
+    ".error": "the estimated absolute error of the limit",
 }
 _CONTACTS = {part: part for part in ("total", "elastic", "plastic")}
+Limit = Callable[[Answered], interface.Limit]
 
 
-def _kind(limit: interface.Limit, kind: str) -> float:
-    return float(getattr(limit, kind.removeprefix(".") or "corrected"))
+def _limit(unit: str) -> Callable[[Limit], Limit]:
+    """Add three quantities: what a function of an answered scene returns, raw, and its error."""
+
+    def add(measure: Limit) -> Limit:
+        def of_kind(a: Answered, kind: str) -> float:
+            return float(getattr(a.once(measure), kind.removeprefix(".") or "corrected"))
+
+        of_kind.__doc__ = f"{(measure.__doc__ or '').removesuffix('.')}, {{}}."
+        quantity(unit, name=f"{measure.__name__}{{}}", each=_KINDS)(of_kind)
+        return measure
+
+    return add
 
 
-def _stiffness_loading(a: Answered) -> interface.Limit:
+@_limit("Pa/m")
+def stiffness_loading(a: Answered) -> interface.Limit:
+    """d(mean pressure)/d(approach of the mean planes) if the load grows next."""
     return interface.interface_stiffness(a.scene, a.result, "loading")
 
 
-def _stiffness_unloading(a: Answered) -> interface.Limit:
+@_limit("Pa/m")
+def stiffness_unloading(a: Answered) -> interface.Limit:
+    """d(mean pressure)/d(approach of the mean planes) if the load falls next."""
     return interface.interface_stiffness(a.scene, a.result, "unloading")
 
 
-def _conductance(a: Answered) -> interface.Limit:
+@_limit("1/m")
+def conductance(a: Answered) -> interface.Limit:
+    """contact conductance per nominal area times the sum of the bodies' resistivities."""
     return interface.contact_conductance(a.scene, a.result, resistivity=1.0)
-
-
-@quantity("Pa/m", name="stiffness_{}", each=_STIFFNESSES)
-def stiffness(a: Answered, of: str) -> float:
-    """d(mean pressure)/d(approach of the mean planes), {}."""
-    branch, dot, kind = of.partition(".")
-    limit = a.once(_stiffness_loading if branch == "loading" else _stiffness_unloading)
-    return _kind(limit, dot + kind)
-
-
-@quantity("1/m", name="conductance{}", each=_KINDS)
-def conductance(a: Answered, kind: str) -> float:
-    """contact conductance per nominal area times the sum of the bodies' resistivities, {}."""
-    return _kind(a.once(_conductance), kind)
 
 
 def _patches(a: Answered, part: str) -> Any:
@@ -193,13 +191,22 @@ def largest_patch(a: Answered, part: str) -> float:
     return float(_patches(a, part).max(initial=0.0))
 
 
-@quantity("–", name="{}_percolation", each={"contact": "closest points", "gap": "widest gaps"})
-def percolation(a: Answered, of: str) -> float:
-    """share of the nominal area, the {} first, that first connects across a period."""
+def _closeness(a: Answered) -> Any:
     p, gap, height = a.pressure, a.field("gap"), np.ptp(a.scene.surface.heights)
     if "plastic_displacement" in a.result.fields and not a.flows:
         gap = gap + np.where(a.at_the_cap, 0.0, a.field("plastic_displacement"))
     # At the hardness all pressures are equal, and the points that have flowed furthest are closest.
     loose = (p <= 0) | (a.at_the_cap & (not a.flows))
-    closeness = p / (p.max() or 1.0) - np.where(loose, gap / height, 0.0)
-    return interface.percolation_share(closeness if of == "contact" else -closeness)
+    return p / (p.max() or 1.0) - np.where(loose, gap / height, 0.0)
+
+
+@_limit("–")
+def contact_percolation(a: Answered) -> interface.Limit:
+    """share of the nominal area, the closest points first, that first connects across a period."""
+    return interface.percolation_share(_closeness(a))
+
+
+@_limit("–")
+def gap_percolation(a: Answered) -> interface.Limit:
+    """share of the nominal area, the widest gaps first, that first connects across a period."""
+    return interface.percolation_share(-_closeness(a))

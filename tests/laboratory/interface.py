@@ -1,0 +1,150 @@
+"""Measure the constants of stiffness and conductance in the limit of a vanishing spacing.
+
+They are `interface.CONSTANTS` and `SMOOTH`.  They are fitted to the kinds of surfaces of
+`laboratory.error_bars`, and judged on those of `epcontact.studies.areas`, on roughness with its
+ridges along the grid and on unloaded contacts, each on grids of 3 to 16 points a shortest
+wavelength.  The truth is the limit from a grid FINER times as fine.
+
+`sharp` and `short` minimise the mean logarithm of the error.  The claims minimise the mean of
+ln(claim) + max(0, ln(error/claim))/(1 - COVERED), as those of areas do.
+
+`python -m laboratory.interface` prints the constants in use, those that the ensemble gives and its
+halves, and the table of the kinds on which they are judged, in some ten minutes of one core.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import minimize
+
+from epcontact import EpcontactError, Load, Material, Scene, Surface, bem
+from epcontact.harness.interface import CONSTANTS, SMOOTH, carrying, limit_of, sinking_and_rim
+from epcontact.studies.areas import FINER, KINDS, member, roughness
+from laboratory.error_bars import KINDS as TAUGHT
+
+#: The share of errors that are to lie within their claim.
+COVERED = 0.94
+#: Relative errors and claims below this count as this.
+_LEAST = 3e-4
+_QUANTITIES = {"unloading": "conductance", "loading": "stiffness_loading"}
+
+
+def _along_the_grid(patch, rng):
+    """Self-affine roughness of ridges five times as long as wide, along x or y."""
+    n, high = patch.shape[0], patch.high
+    k = np.fft.fftfreq(n, 1 / n)
+    across, along = np.meshgrid(k, k, indexing="ij")
+    stretched = np.hypot(across, 5 * along)
+    power = np.where(np.hypot(across, along) <= high, (1 + stretched) ** -1.8, 0.0)
+    waves = np.zeros((n, n), complex)
+    few = np.r_[0 : high + 1, -high:0]  # the same waves on every grid
+    waves[np.ix_(few, few)] = rng.normal(size=(2 * high + 1,) * 2 + (2,)) @ (1, 1j)
+    heights = np.fft.ifft2(waves * power).real
+    slope = 2 * np.pi * np.abs(waves * power) * np.hypot(across, along) / n**2
+    heights /= math.sqrt((slope**2).sum() / 2)
+    return heights if rng.uniform() < 0.5 else heights.T
+
+
+_hurst = partial(roughness, low=0.2, high=0.95)
+#: What the constants are judged on.
+JUDGED = KINDS | {"along the grid": _along_the_grid, "unloaded": _hurst}
+
+
+def scene_of(makers, kind, seed, points, finer):
+    """A member of the ensemble of areas, at loads below .3 E*, as a scene of a period of 1."""
+    one = member(makers, kind, seed, points)
+    path = (one.load if one.load < 0.3 else one.load / 10,)
+    if kind == "unloaded":
+        random = np.random.default_rng([seed, 1])
+        path = (path[0], path[0] * 10 ** random.uniform(-1.5, -0.05))
+    fine = replace(one, shape=(finer * one.shape[0], finer * one.shape[1]))
+    heights = one.maker(fine, np.random.default_rng(one.drawn))
+    hardness = min(one.hardness, 1.2) if kind == "unloaded" else one.hardness
+    return Scene(Surface(heights, one.periods), Material(1.0, 0.0, hardness), Load(path))
+
+
+def lessons(makers, seeds, points=48):
+    """(kind, branch, coarse, fine) of all that touches and parts, with sinking and rim of each."""
+    out = []
+    for kind in makers:
+        for seed in seeds:
+            scenes = [scene_of(makers, kind, seed, points, finer) for finer in (1, FINER)]
+            try:
+                results = [bem.solve(scene, tolerance=1e-7, threads=1) for scene in scenes]
+                for branch in _QUANTITIES:
+                    masks = [carrying(result, branch) for result in results]
+                    if all(0 < mask.mean() < 0.9 for mask in masks):
+                        pair = [
+                            sinking_and_rim(s, r, branch)
+                            for s, r in zip(scenes, results, strict=True)
+                        ]
+                        if branch == "unloading" or all(rim.flows for _, rim in pair):
+                            out.append((kind, branch, *pair))
+            except EpcontactError as error:
+                print(f"{kind} {seed}: {error}", file=sys.stderr)
+    return out
+
+
+def judged(known, constants=None):
+    """A row for each lesson: kind, quantity, and raw error, error and claim over the truth."""
+    rows = []
+    for kind, branch, coarse, fine in known:
+        found, truth = limit_of(*coarse, constants), limit_of(*fine, constants).corrected
+        errors = [abs(math.log(k / truth)) for k in (found.raw, found.corrected)]
+        rows.append((kind, _QUANTITIES[branch], *errors, found.error / found.corrected))
+    return pd.DataFrame(rows, columns=["kind", "quantity", "raw", "error", "claim"])
+
+
+def fitted(known, start):
+    """The constants with the least loss; where `sharp` is 0 it is kept, and `common`, too."""
+
+    def off(centre):
+        return np.log(
+            judged(known, start._replace(sharp=centre[0], short=centre[1]))["error"] + 0.002
+        )
+
+    def loss(logarithms):
+        claims = dict(zip(("chance", "area", "common"), np.exp(logarithms), strict=False))
+        claim, error = np.log(
+            judged(known, start._replace(**claims))[["claim", "error"]] + _LEAST
+        ).T.values
+        return np.mean(claim + np.maximum(error - claim, 0) / (1 - COVERED))
+
+    if start.sharp:
+        centre = minimize(lambda x: off(x).mean(), start[:2], method="Nelder-Mead").x
+        start = start._replace(sharp=centre[0], short=centre[1])
+    at = np.log(start[2:] if start.common else start[2:4])
+    for _ in range(2):  # a second simplex leaves where the first one has collapsed
+        options = {"initial_simplex": np.vstack([at, at + 0.7 * np.eye(at.size)]), "xatol": 0.02}
+        at = minimize(loss, at, method="Nelder-Mead", options=options).x
+    return start._replace(**dict(zip(start._fields[2:], np.exp(at).tolist(), strict=False)))
+
+
+def table(known):
+    """Medians in % and the share within the claim, by quantity and kind, and of all kinds."""
+    found = judged(known)
+    found["within"] = found["error"] <= found["claim"]
+    rows = pd.concat([found, found.assign(kind="~ all")]).groupby(["quantity", "kind"])
+    medians = 100 * rows[["raw", "error", "claim"]].median()
+    return medians.join(rows["within"].agg(["mean", "size"])).round(2)
+
+
+def main(taught=range(1000, 1030), seeds=range(100, 125)):
+    """Print the constants in use, those fitted, and the table of the kinds that taught nothing."""
+    known = lessons(TAUGHT, taught)
+    for start, branch in ((CONSTANTS, "unloading"), (SMOOTH, "loading")):
+        mine = [one for one in known if one[1] == branch]
+        print(branch, len(mine), "in use", start)
+        for part in (mine, mine[::2], mine[1::2]):
+            print("  fitted", np.round(fitted(part, start), 3))
+    print(table(lessons(JUDGED, seeds)).to_string())
+
+
+if __name__ == "__main__":
+    main()
