@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     )
     from epcontact.harness.verdict import Verdict, verify
     from epcontact.materials.hardness_map import MappedHardness, effective_hardness
+    from epcontact.reference.conductance import joint_conductance
     from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
     from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 
@@ -71,16 +72,17 @@ __all__ = [
     "SurfaceWarning",
     "Verdict",
     "effective_hardness",
+    "joint_conductance",
     "verify",
 ]
 
-#: The modules that define these names; the last one brings the solvers, so it is asked last.
-_HOMES = ("scene", "results", "errors", "materials.hardness_map", "harness.verdict")
+#: The modules that define these names; one more brings the solvers, so it is asked last.
+_HOMES = ("scene", "results", "errors", "materials.hardness_map", "reference.conductance")
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for, so that `import epcontact` costs nothing."""
-    for home in _HOMES if name in __all__ else ():
+    for home in (*_HOMES, "harness.verdict") if name in __all__ else ():
         module = importlib.import_module(f"epcontact.{home}")
         if hasattr(module, name):
             return getattr(module, name)

@@ -31,6 +31,7 @@ COMMANDS = {
     "crosscheck": "plans",
     "gates": "show",
     "hardness": "plans",
+    "joint": "plans",
     "keys": "show",
     "list": "listing",
     "plan": "plans",

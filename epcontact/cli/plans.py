@@ -1,10 +1,11 @@
-"""The commands beyond one run of a case: plan, crosscheck, hardness and sweep."""
+"""The commands beyond one run of a case: plan, crosscheck, hardness, joint and sweep."""
 
 from __future__ import annotations
 
 import re
 import sys
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import click
 import pandas as pd
@@ -22,6 +23,7 @@ from epcontact.harness.gates import estimate
 from epcontact.harness.sweep import Swept, digest, in_words, run_sweep
 from epcontact.harness.verdict.verification import verify
 from epcontact.materials.hardness_map import effective_hardness
+from epcontact.reference.conductance import joint_conductance
 
 
 @click.command()
@@ -165,6 +167,35 @@ def hardness(**scene: float) -> None:
     found = effective_hardness(**scene)
     click.echo(str(found))
     click.echo(found.rests_on)
+
+
+@click.command()
+@click.option(
+    "--conductivities", type=float, nargs=2, required=True, help="Of both bodies, in W/(m K)."
+)
+@click.option("--rms-height", type=float, required=True, help="Of both surfaces together, in m.")
+@click.option(
+    "--rms-slope",
+    type=float,
+    required=True,
+    help="Of both together: 1.77 times the mean absolute slope of a profile.",
+)
+@click.option("--hardness", type=float, required=True, help="Of the softer body, in Pa.")
+@click.option("--effective-modulus", type=float, required=True, help="E* of both bodies, in Pa.")
+@click.option("--mean-pressure", type=float, required=True, help="Force over nominal area, in Pa.")
+@click.option(
+    "--breadth",
+    type=float,
+    default=None,
+    help="Longest (roll-off) over shortest wavelength of the roughness; else any from 2 to 32.",
+)
+def joint(**given: Any) -> None:
+    """Print what a rough joint conducts, with its interval, and what textbooks say of it.
+
+    Vacuum, clean metals and a joint much larger than its longest waves are assumed.  The exact
+    route is a case of this surface with a gate on quantity.conductance.
+    """
+    click.echo(str(joint_conductance(**given)))
 
 
 #: Rows that a terminal shows; the CSV file has all.

@@ -1,14 +1,15 @@
 """Exact solutions: formulas, and the closed forms that gates use.
 
-Each file holds one theme: `waves`, `bumps`, `posts`, `layers` and `roughness`.  Its formulas work
-on plain numbers; its closed forms apply them to a scene's own heights, material and load.  A closed
-form refuses a scene that it does not describe.  It measures an amplitude or a radius on the
-heights, so that it shares nothing with the recipe that made them.
+Each file holds one theme: `waves`, `bumps`, `posts`, `layers`, `roughness`; `conductance` holds
+laws.  Its formulas work on plain numbers; its closed forms apply them to a scene's own
+heights, material and load.  A closed form refuses a scene that it does not describe.  It measures
+an amplitude or a radius on the heights, so that it shares nothing with the recipe that made them.
 """
 
 from __future__ import annotations
 
 from epcontact.reference.bumps import HERTZ
+from epcontact.reference.conductance import COOPER_MIKIC_YOVANOVICH, MIKIC
 from epcontact.reference.form import ClosedForm
 from epcontact.reference.layers import FLAT, FULL_CONTACT
 from epcontact.reference.posts import CAPPED_STRIP, FLAT_PUNCH
@@ -21,6 +22,7 @@ _FORMS = (
     *(WESTERGAARD, WAVINESS_LIGHT, WAVINESS_HEAVY),
     *(HERTZ, FLAT_PUNCH, CAPPED_STRIP),
     *(FULL_CONTACT, FLAT, BEARING_AREA, HEIGHTS, LIGHT_LOAD),
+    *(COOPER_MIKIC_YOVANOVICH, MIKIC),
 )
 #: The closed forms by the names that gates use.
 CLOSED_FORMS: dict[str, ClosedForm] = {form.name: form for form in _FORMS}

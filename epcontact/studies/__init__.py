@@ -4,8 +4,18 @@ A study is a function with the decorator `study` of `frame`, in one of the modul
 in a chart come from one run on one machine, so only their ratios are comparable.
 """
 
-# Each of the first line registers its studies.
-from epcontact.studies import areas, cost, fem, gap, hardness, peers, theory, walls  # noqa: F401
+# Each of the first block registers its studies.
+from epcontact.studies import (  # noqa: F401
+    areas,
+    conductance,
+    cost,
+    fem,
+    gap,
+    hardness,
+    peers,
+    theory,
+    walls,
+)
 from epcontact.studies.frame import STUDIES, save_charts
 
 __all__ = ["STUDIES", "save_charts"]

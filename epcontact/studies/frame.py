@@ -24,8 +24,10 @@ from epcontact.output.charts.plot import Plot, draw_table
 Ints = Sequence[int]
 #: Called with a sentence before each longer piece of work.
 Say = Callable[[str], None]
+#: The look of a chart, or what draws it of its rows and its caption.
+Look = Plot | Callable[[pd.DataFrame, str], Chart]
 #: What a study yields, a chart each: its look, its rows and its title.
-Charts = Iterator[tuple[Plot, pd.DataFrame, str]]
+Charts = Iterator[tuple[Look, pd.DataFrame, str]]
 
 #: Every study by its name, in the order in which their modules are imported.
 STUDIES: dict[str, Study] = {}
@@ -120,7 +122,9 @@ def _shown(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _drawn(plot: Plot, table: pd.DataFrame, caption: str) -> Chart:
+def _drawn(plot: Look, table: pd.DataFrame, caption: str) -> Chart:
+    if not isinstance(plot, Plot):
+        return plot(table, caption)
     if "seed" in table:
         named = [*plot.series, plot.x[0], *([plot.colour] if plot.colour else [])]
         caption += f" Means of {table['seed'].nunique()} surfaces with their 95 % intervals."

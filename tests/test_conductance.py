@@ -1,0 +1,147 @@
+"""What rough joints conduct: the laws, the fitted formula and its interval, and who uses them."""
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from command_line import invoke
+from laboratory import conductance as laboratory
+from scipy.special import erfc, erfcinv
+
+from epcontact import joint_conductance
+from epcontact.errors import InvalidCase, InvalidScene
+from epcontact.reference import CLOSED_FORMS
+from epcontact.reference import conductance as laws
+from epcontact.reference.roughness import rms_slope
+from epcontact.scene import Body
+from epcontact.studies import conductance as study
+
+#: Stainless steel on aluminium, lapped, where both flow and spring back matter.
+USUAL = {"conductivities": (16.0, 200.0), "rms_height": 1e-6, "rms_slope": 0.15, "breadth": 8.0}
+USUAL |= {"hardness": 3e9, "effective_modulus": 60e9, "mean_pressure": 10e6}
+
+
+MIKIC = laws.LAWS["Mikic, elastic"]
+
+
+def joint(**changed):
+    return joint_conductance(**(USUAL | changed))
+
+
+# --- the laws ------------------------------------------------------------------------------------
+
+
+def test_the_laws_are_homogeneous():
+    """Twice the conductivities or half the height: twice the conductance; a unit of pressure
+    and the order of the bodies are nothing."""
+    one = joint()
+    twice = joint(conductivities=(400.0, 32.0))
+    pressures = {name: 1e-6 * USUAL[name] for name in ("hardness", "effective_modulus")}
+    for other in (twice, joint(rms_height=0.5e-6)):
+        assert other.value == pytest.approx(2 * one.value, rel=1e-12)
+        assert [*other.laws.values()] == pytest.approx([2 * h for h in one.laws.values()])
+    assert joint(**pressures, mean_pressure=10.0).value == pytest.approx(one.value, rel=1e-12)
+    # A perfect conductor leaves the resistance of the other body: k_s = 2 k.
+    assert joint(conductivities=(16.0, 1e12)).value == pytest.approx(
+        joint(conductivities=(32.0, 32.0)).value, rel=1e-9
+    )
+
+
+def test_the_law_for_flow_is_that_of_round_spots_of_a_cut_gaussian_surface():
+    """Cooper, Mikic and Yovanovich's own integral, of which the power law is a fit."""
+    load = np.geomspace(1e-5, 0.02, 9)
+    height = math.sqrt(2) * erfcinv(2 * load)
+    assert erfc(height / math.sqrt(2)) / 2 == pytest.approx(load)
+    spots = np.exp(-(height**2) / 2) / (2 * math.sqrt(2 * math.pi)) / (1 - np.sqrt(load)) ** 1.5
+    assert laws.LAWS["Cooper-Mikic-Yovanovich"](load, 1.0) == pytest.approx(spots, rel=0.02)
+
+
+def test_the_slope_of_a_profile_is_that_of_the_surface_over_the_root_of_pi():
+    scene = study.joint_scene(8, 0.6, 0.1, 0.1, 3, 8)
+    heights, n = scene.surface.heights, scene.surface.shape[0]
+    waves = 2j * np.pi * np.fft.fftfreq(n, 1 / n)
+    along = [
+        np.fft.ifft(np.fft.fft(h, axis=0) * waves[:, None], axis=0) for h in (heights, heights.T)
+    ]
+    mean = np.mean([np.abs(slopes.real).mean() for slopes in along])
+    assert rms_slope(scene) / mean == pytest.approx(laws.PROFILE, rel=3e-3)
+    # Mikic's law by the slope itself; E* is 1, and the load over the hardness a tenth.
+    mikic = 1.55 * (math.sqrt(2) * scene.load.final / mean) ** 0.94
+    assert MIKIC(0.1, 0.1) == pytest.approx(mikic, rel=3e-3)
+
+
+def test_the_formula_goes_from_flow_to_elasticity():
+    load = np.geomspace(1e-3, 0.1, 5)
+    # What is left where nothing springs back, and at light loads a power of the load.
+    flow = laws.FACTOR * (load / (1 + 8 / laws.CLUSTER)) ** 0.875 / (1 - load) ** 1.5
+    assert laws.fitted(load, 1e-6, 8.0) == pytest.approx(flow)
+    assert laws.fitted(1e-9, 0.3, 8.0) / laws.fitted(2e-9, 0.3, 8.0) == pytest.approx(2**-0.875)
+    # An elastic joint knows neither its hardness nor its breadth.
+    one, other = (laws.fitted(load / hardness, hardness, 8.0) for hardness in (30.0, 60.0))
+    assert one == pytest.approx(other, rel=2e-3)
+    assert laws.fitted(load / 30, 30.0, 32.0) == pytest.approx(one, rel=2e-3)
+    # A softer body conducts more.
+    assert (
+        np.diff(laws.fitted(0.01 / np.geomspace(0.03, 1), np.geomspace(0.03, 1), 8.0)) < 0
+    ).all()
+
+
+def test_the_laboratory_knows_spots():
+    """Greenwood's sum on one round spot is Holm's with the images of the period."""
+    n, C = 64, laboratory.compliance(study.joint_scene(2, 0.6, 0.1, 0.1, 1, 8))
+    C.flat[0] = 0.0
+    x, y = np.meshgrid(*[(np.arange(n) + 0.5) / n - 0.5] * 2, indexing="ij")
+    mask = np.roll(np.hypot(x, y) < 0.2, (40, 11), (0, 1))
+    holm, greenwood = laboratory.by_spots(mask, C)
+    assert holm == pytest.approx(1 / (2 * 0.2), rel=0.01)
+    assert greenwood - holm == pytest.approx(-laboratory.MADELUNG / math.pi, rel=1e-6)
+
+
+# --- refusals and users --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"mean_pressure": 1e6}, r"P/H is 0.000333, .* from 0.001 to 0.3; solve a case"),
+        ({"hardness": 0.2e9}, r"H/\(E\* xi\) is 0.0222"),
+        ({"breadth": 100.0}, "the breadth is 100"),
+        ({"mean_pressure": 1.6e9, "hardness": 6e9}, "the contact area is"),
+        ({"rms_height": -1.0}, "rms_height is -1.0, but must be a positive number in m"),
+        ({"conductivities": (16.0, 0.0)}, "conductivities is 0.0"),
+    ],
+)
+def test_what_was_not_judged_is_refused(changed, words):
+    with pytest.raises(InvalidScene, match=words):
+        joint(**changed)
+
+
+def test_without_a_breadth_the_interval_holds_that_of_every_breadth():
+    found = joint(breadth=None)
+    ends = [joint(breadth=end).interval for end in laws.BREADTHS]
+    assert found.interval[0] == pytest.approx(min(low for low, _ in ends))
+    assert found.interval[1] == pytest.approx(max(high for _, high in ends))
+
+
+def test_the_command_prints_the_conductance_with_its_interval():
+    options = [word for name, value in USUAL.items() if name != "conductivities"
+               for word in (f"--{name.replace('_', '-')}", value)]  # fmt: skip
+    done = invoke("joint", "--conductivities", *USUAL["conductivities"], *options)
+    assert done.returncode == 0, done
+    assert re.match(r"conductance \S+, 95 % interval \S+ to \S+ W/\(m² K\)\n", done.stdout)
+    assert f"{joint().value:.3g}" in done.stdout
+    assert "Mikic, elastic" in done.stdout
+
+
+def test_a_law_describes_a_rough_half_space_with_a_hardness():
+    form, scene = CLOSED_FORMS["mikic"], study.joint_scene(2, 0.6, 0.1, 0.1, 1, 8)
+    y = form.scalar("quantity.conductance", scene) * scene.surface.rms_height * laws.PROFILE / 2
+    assert y == pytest.approx(float(MIKIC(0.1, 0.1)), rel=1e-9)
+    for other in (
+        replace(scene, body=Body("bonded_layer", 1.0)),
+        replace(scene, material=replace(scene.material, hardness=math.inf)),
+    ):
+        with pytest.raises(InvalidCase, match="a rough half-space with a hardness"):
+            form.scalar("quantity.conductance", other)
