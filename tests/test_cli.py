@@ -188,7 +188,7 @@ def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path):
     assert (done.returncode, "map.csv" in done.stdout) == (0, True)
     refused(verified("unit = 1e-6"), "map.csv")
     np.savetxt(tmp_path / "map.csv", np.where(np.eye(8) > 0, np.nan, 1.0), delimiter=";")
-    done = verified('unit = 1e-6\ntreatment = "detrend_and_window"')
+    done = verified('unit = 1e-6\ntreatment = "mirrored"')
     assert done.returncode == 2
     assert done.stdout.count("8 of 64 heights are NaN") == 2  # of one method, and of both
     refused(verified(""), "map.csv", "give unit = 1e-6")

@@ -141,6 +141,7 @@ def test_a_measured_map_has_the_hardness_of_its_own_slope(write_case, tmp_path):
     given = write_case(EFFECTIVE, spectrum)
     before, _, rest = given.read_text(encoding="utf-8").partition("[surface]")
     recipe = '[surface]\nkind = "file"\npath = "map.npy"\nunit = 1.0\npixel_size = 1e-6\n'
+    recipe += 'treatment = "refuse"\n'
     text = before + recipe + "optional = true\n\n" + rest[rest.index("[material]") :]
     given.write_text(text, encoding="utf-8")
     assert "map.npy is not here" in load_case(given).skip

@@ -40,7 +40,7 @@ NUMBERS: list[tuple[Callable[..., Any], dict[str, Any]]] = [
     (Load, {"mean_pressure": (1.0, 2.0)}),
     (partial(Sinusoid, shape=(8,)), {"periods": (1.0,), "amplitude": 0.5, "waves": 2}),
     (partial(Sphere, (1.0,), (8,)), {"radius": 0.5, "centre": (0.5,)}),
-    (MAP, {"periods": (1.0,), "taper": 0.25, "longest_wavelength": 0.5}),
+    (MAP, {"periods": (1.0,), "longest_wavelength": 0.5}),
     (partial(SelfAffine, SPECTRUM, (1.0,)), {"shape": (16,), "seed": 3}),
     (partial(SelfAffineEnsemble, **GRID), {"seeds": (3,)}),
     (bem.Options, {"tolerance": 0.5, "area_tolerance": 0.5, "threads": 2, "max_steps": 2}),

@@ -128,7 +128,7 @@ def test_a_measured_map_as_the_readme_says(home, monkeypatch):
     monkeypatch.chdir(home)
     done = invoke("run", "measured.toml", "--jobs", 1)
     assert done.returncode == 0, done
-    assert re.search("2 of 1920 heights missing.*to keep the rms slope", done.stdout, re.S)
+    assert re.search("2 of 1920 heights missing.*mirrored at its edges", done.stdout, re.S)
 
 
 def test_the_main_job_is_a_function(home, monkeypatch, capsys):

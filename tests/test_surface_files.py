@@ -1,6 +1,7 @@
 """Heights from arrays and files: formats, units, periodicity, and every way to be wrong."""
 
 import contextlib
+import itertools
 import math
 import pickle
 import sys
@@ -15,12 +16,20 @@ import numpy as np
 import pytest
 from laboratory.trial_map import trial_map
 
+from epcontact import bem, persson
 from epcontact.errors import InvalidScene, SurfaceWarning
 from epcontact.planning.grids import one_directional
-from epcontact.scene import SelfAffineSpectrum, Surface, rms_slope
+from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.studies.areas import KINDS, member
-from epcontact.surfaces import HeightsFromArray, HeightsFromFile, SelfAffine, readers
-from epcontact.surfaces.treatment import edge_jumps, filled, form_removed, outliers, windowed
+from epcontact.surfaces import (
+    HeightsFromArray,
+    HeightsFromFile,
+    SelfAffine,
+    readers,
+    recipes_of,
+)
+from epcontact.surfaces.power_spectrum import even_moments, surface_moments
+from epcontact.surfaces.treatment import EDGE_ERRORS, edge_jumps, filled, form_removed, outliers
 
 # The heights are about as large as the period, which changes nothing of what is tested here.
 pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
@@ -67,14 +76,14 @@ def refused(words):
 )
 def test_every_format_holds_the_same_heights(write, name, kind):
     heights = np.asfortranarray((1e3 * MAP).astype(kind))
-    surface = HeightsFromFile(write(name, heights), (L, 2 * L), unit=1e-6).build()
+    surface = HeightsFromFile(write(name, heights), (L, 2 * L), 1e-6, "refuse").build()
     # savetxt writes 19 digits; the unit costs a rounding.
     assert np.array_equal(surface.heights, heights * 1e-6)
     assert surface.periods == (L, 2 * L)
     line = MAP[3]
     for written in (line, line[:, None]):  # one column, one row
         path = write(name, written.squeeze() if name.endswith("npy") else written)
-        assert np.array_equal(HeightsFromFile(path, (3.0,), unit=1.0).build().heights, line)
+        assert np.array_equal(HeightsFromFile(path, (3.0,), 1.0, "refuse").build().heights, line)
 
 
 @pytest.mark.parametrize(
@@ -241,17 +250,16 @@ def test_periods_by_one_length_or_by_the_pixel(write):
 
 def test_the_content_and_its_treatment_are_the_identity_not_the_place(write):
     path, other = write("one.npy", MAP), write("other.npy", MAP)
-    window = {"treatment": "detrend_and_window"}
     changes: list[dict[str, Any]] = [
         *({"path": write("changed.npy", MAP + 1e-12)}, {"unit": 1e-6}),
-        *({"treatment": "periodic"}, window, window | {"taper": 0.2}),
+        *({"treatment": "periodic"}, {"treatment": "mirrored"}),
         *({"form": 1}, {"form": 2}, {"missing": "nearest"}, {"missing": "harmonic"}),
         {"outliers": "remove"},
         *({"longest_wavelength": 1.0}, {"shortest_wavelength": 0.1}),
     ]
-    recipe = HeightsFromFile(path, (L, L), unit=1.0)
+    recipe = HeightsFromFile(path, (L, L), 1.0, "refuse")
     assert replace(recipe, path=other).fingerprint == recipe.fingerprint
-    assert len({r.fingerprint for r in [recipe, *(replace(recipe, **c) for c in changes)]}) == 13
+    assert len({r.fingerprint for r in [recipe, *(replace(recipe, **c) for c in changes)]}) == 12
     # It travels to another process without its heights.
     sent = pickle.dumps(recipe)
     arrived = pickle.loads(sent)
@@ -322,19 +330,54 @@ def test_waves_outside_a_band_are_removed():
     assert "waves longer than 3.14 m and shorter than 1.26 m removed" in surface.notes
 
 
-@pytest.mark.parametrize("taper", [0.1, 0.5])
-def test_the_window_keeps_the_rms_slope_and_closes_the_edge(taper):
-    surface = HeightsFromArray(CUT_OUT, (1.0, 1.0), "detrend_and_window", taper).build()
-    slope = rms_slope(form_removed(CUT_OUT, 1), (1 / 40, 1 / 31))
-    assert surface.rms_slope == pytest.approx(slope, rel=1e-12)
-    assert surface.heights.mean() == pytest.approx(0, abs=1e-14)
-    assert all(edge < 0.2 * inner for edge, inner in edge_jumps(surface.heights))
-    assert surface.notes[0] == "least-squares plane removed"
-    assert f"tapered over {taper:g} of the period" in surface.notes[1]
-    # mean(w^2) = 1 - 5/4 taper each way of white noise, whose 160,000 samples scatter by 1e-2.
-    noise = np.random.default_rng(1).standard_normal((400, 400))
-    factor = windowed(noise, taper, (1.0, 1.0))[1]
-    assert factor == pytest.approx(1 / (1 - 1.25 * taper), rel=3e-2 * taper)
+def test_a_file_is_mirrored_so_that_no_edge_is_left(write):
+    """A map that is even about its edges is periodic, and has the map's slopes and its areas."""
+    recipe = HeightsFromFile(write("cut.npy", CUT_OUT), pixel_size=0.5, unit=1.0)
+    (of_all,) = recipes_of(recipe)
+    surface, inside = of_all.build(), form_removed(CUT_OUT, 1)
+    assert surface.shape == of_all.shape == (80, 62)
+    assert surface.periods == of_all.periods == (40.0, 31.0)
+    assert surface.heights[:40, :31] == pytest.approx(inside, abs=1e-12)
+    for turned in (surface.heights[::-1], surface.heights[:, ::-1]):
+        assert np.array_equal(turned, surface.heights)
+    assert all(edge == 0 for edge, _ in edge_jumps(surface.heights))
+    moments = surface_moments(surface)
+    assert even_moments(inside, (0.5, 0.5)) == pytest.approx(moments, rel=1e-12)
+    assert "mirrored at its edges" in str(surface.notes)
+
+
+def test_edges_have_an_error_of_their_own_that_is_told_and_falls_with_the_size():
+    """It is in the claimed error of areas of both theory and numerics, as a part of its own."""
+    spectrum = SelfAffineSpectrum(0.8, L / 64, L / 16, L / 4, 0.05)
+    large = SelfAffine(spectrum, (256.0, 256.0), (256, 256), seed=3).build().heights
+    shares = {}
+    for n, treatment in itertools.product((48, 96), ("mirrored", "periodic")):
+        surface = HeightsFromArray(large[:n, :n], (n, n), treatment, form=1).build()
+        found = even_moments(form_removed(large[:n, :n], 1), (1.0, 1.0))
+        share = EDGE_ERRORS[treatment] * found.rms_slope / found.rms_curvature / n
+        assert surface.treatment_error == pytest.approx(share, rel=1e-9)
+        told = f"edges, {treatment}, changes areas by up to {100 * share:.2g} %"
+        assert told in str(surface.notes)
+        shares[treatment, n] = share
+        assert ("rms slope of the spectrum" in str(surface.notes)) == (treatment == "periodic")
+    assert shares["mirrored", 96] < 0.6 * shares["mirrored", 48] < 0.6 * shares["periodic", 48]
+    scene = Scene(surface, Material(1.0, 0.0, hardness=0.01), Load(5e-4))
+    for answer in (bem.solve(scene), persson.solve(scene, energy_reduction=1, spectrum="surface")):
+        areas = answer.final.areas
+        expected = share * areas["corrected"].total
+        assert areas["treatment_error"].total == pytest.approx(expected, rel=1e-12)
+    whole = HeightsFromArray(large, (256, 256)).build()
+    assert whole.treatment_error == 0
+    assert "treatment_error" not in bem.solve(replace(scene, surface=whole)).final.areas
+
+
+def test_the_slope_of_an_effective_hardness_does_not_see_the_jumps_at_the_edges():
+    spectrum = SelfAffineSpectrum(0.8, L / 256, L / 64, L / 4, 0.05)
+    large = SelfAffine(spectrum, (256.0, 256.0), (256, 256), seed=4).build()
+    cut = form_removed(large.heights[:64, :64], 1)
+    seen = surface_moments(Surface(cut, (64.0, 64.0))).rms_slope
+    assert even_moments(cut, (1.0, 1.0)).rms_slope == pytest.approx(0.05, rel=0.05)
+    assert seen > 1.1 * 0.05
 
 
 def test_slopes_beyond_one_are_said_once():
@@ -383,8 +426,7 @@ def test_what_a_user_should_doubt_is_noted(heights, periods, doubts):
         ({"heights": np.ma.masked_greater(HILLS, 1)}, 'NaN or masked; .*set missing to "harmonic"'),
         ({"heights": HILLS * 1e41}, "heights reach .*; check their unit"),
         ({"heights": HILLS * 1e-300}, "heights span .* less than 1e-40 m; check their unit"),
-        ({"treatment": "window"}, "treatment is 'window', but must be one of refuse, periodic"),
-        ({"taper": 0.6}, "taper is 0.6"),
+        ({"treatment": "window"}, "treatment is 'window', but must be one of mirrored, periodic"),
         ({"periods": (L,)}, "2 positive lengths"),
         ({"form": 3}, "form is 3"),
         ({"longest_wavelength": 0.1, "shortest_wavelength": 1}, "must be below longest_wavelength"),
@@ -444,7 +486,7 @@ def test_instrument_files_know_their_size_and_unit(write, monkeypatch):
         opened = contextlib.nullcontext(types.SimpleNamespace(topography=make))
         module: Any = types.SimpleNamespace(open_topography=lambda _: opened)
         monkeypatch.setitem(sys.modules, "SurfaceTopography", module)
-        return HeightsFromFile(path, **options)
+        return HeightsFromFile(path, **{"treatment": "refuse"} | options)
 
     assert read(topography).periods == pytest.approx((2.0, 3.0))
     assert read(topography).build().heights == pytest.approx(MAP, rel=1e-14)

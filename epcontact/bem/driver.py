@@ -268,6 +268,7 @@ def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
         "largest_pressure": float(pressure.max()),
     }
     areas = dict(zip(("raw", "corrected", "error"), step_areas, strict=True))
+    areas |= scene.surface.areas_error(areas["corrected"].total)
     counts = {name: int(count) for name, count in solution.counts.items()}
     return LoadStep(problem.mean_pressure, areas, dict(solution.residuals), counts, quantities)
 

@@ -22,7 +22,7 @@ from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.verification import cases_to_verify, only_writer, set_verdict_aside
 from epcontact.harness.verdict.verification import verify as run_gates
 from epcontact.output.view import animate, load_steps
-from epcontact.surfaces import HeightsFromFile
+from epcontact.surfaces import HeightsFromFile, Mirrored
 
 
 @click.command()
@@ -134,7 +134,7 @@ def _show(verdict: Verdict, output: Path) -> None:
     if sentence := tables.gamma_sentence([case.case for case in verdict.cases]):
         click.echo(sentence)
     for case in verdict.cases:
-        if isinstance(next(iter(case.case.recipes), None), HeightsFromFile):
+        if isinstance(next(iter(case.case.recipes), None), HeightsFromFile | Mirrored):
             tables.print_surface_notes(console, case.case, case.answers)
         if case.case.mapped_hardness:
             click.echo(f"{case.id}: {case.case.mapped_hardness}")

@@ -11,7 +11,7 @@ from epcontact.persson.roughness import SpectrumKind
 from epcontact.persson.separation import elastic_energy, mean_separation
 from epcontact.persson.theory import Theory, pressure_curve
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
-from epcontact.scene import Scene
+from epcontact.scene import Scene, Surface
 
 
 def solve(
@@ -48,7 +48,7 @@ def solve(
     theory = Theory.of_scene(
         scene, energy_reduction=energy_reduction, spectrum=spectrum, reduction=reduction
     )
-    steps = tuple(_step(theory, p) for p in scene.load.path)
+    steps = tuple(_step(theory, p, scene.surface) for p in scene.load.path)
     diffusion = steps[-1].quantities["diffusion"]
     curve = pressure_curve(diffusion, scene.load.final, theory.hardness, points)
     gamma = theory.reduction.gamma
@@ -68,7 +68,7 @@ def solve(
     )
 
 
-def _step(theory: Theory, mean_pressure: float) -> LoadStep:
+def _step(theory: Theory, mean_pressure: float, surface: Surface) -> LoadStep:
     hardness = theory.hardness
     diffusion = float(theory.diffusion(mean_pressure))
     shares = areas(diffusion, mean_pressure, hardness)
@@ -78,7 +78,8 @@ def _step(theory: Theory, mean_pressure: float) -> LoadStep:
     plastic = hardness * exact.plastic if math.isfinite(hardness) else 0.0
     return LoadStep(
         mean_pressure=mean_pressure,
-        areas={"raw": exact, "corrected": exact, "error": Areas(0.0, 0.0, 0.0)},
+        areas={"raw": exact, "corrected": exact, "error": Areas(0.0, 0.0, 0.0)}
+        | surface.areas_error(exact.total),
         residuals={
             "area": abs(exact.total + float(shares.separated) - 1),
             "force": abs((elastic + plastic) / mean_pressure - 1),

@@ -14,6 +14,7 @@ from epcontact.studies import (  # noqa: F401
     hardness,
     peers,
     theory,
+    treatment,
     walls,
 )
 from epcontact.studies.frame import STUDIES, save_charts

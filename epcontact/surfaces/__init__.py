@@ -13,7 +13,12 @@ the table [surface] of a case file, which selects one by its `kind`.
     power_spectrum  spectrum, moments and statistics of any surface's heights, and filters
 """
 
-from epcontact.surfaces.measured import HeightsFromArray, HeightsFromFile, residual_surface
+from epcontact.surfaces.measured import (
+    HeightsFromArray,
+    HeightsFromFile,
+    Mirrored,
+    residual_surface,
+)
 from epcontact.surfaces.power_spectrum import Topography, filtered, power_by_octave, topography
 from epcontact.surfaces.recipe import Recipe, SurfaceAbsent, require_room, unit_of
 from epcontact.surfaces.self_affine import SelfAffine, SelfAffineEnsemble, grid_shape
@@ -31,7 +36,11 @@ def recipes_of(surface: CaseSurface) -> tuple[Recipe, ...]:
         >>> len(recipes_of(Paraboloid((1e-3,), (8,), radius=1e-2)))
         1
     """
-    return surface.recipes() if isinstance(surface, SelfAffineEnsemble) else (surface,)
+    if isinstance(surface, SelfAffineEnsemble):
+        return surface.recipes()
+    if isinstance(surface, HeightsFromFile) and surface.treatment == "mirrored":
+        return (Mirrored(surface),)
+    return (surface,)
 
 
 __all__ = [
@@ -39,6 +48,7 @@ __all__ = [
     "FlatPunch",
     "HeightsFromArray",
     "HeightsFromFile",
+    "Mirrored",
     "Paraboloid",
     "Recipe",
     "SelfAffine",

@@ -25,7 +25,7 @@ from epcontact.surfaces.recipe import (
     entry,
     require_room,
 )
-from epcontact.surfaces.treatment import EdgeField, Preparation, TaperField, prepared
+from epcontact.surfaces.treatment import EdgeField, Preparation, prepared
 
 #: A path counts as unloaded if it ends below this share of its largest mean pressure.
 UNLOADED = 1e-2
@@ -46,7 +46,6 @@ class HeightsFromArray(Preparation):
     ]
     periods: Annotated[tuple[float, ...], entry("m", "(Lx, Ly) or (L,)")]
     treatment: EdgeField = "refuse"
-    taper: TaperField = 0.1
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -89,8 +88,9 @@ class HeightsFromFile(Preparation):
     opens the file and `build` reads it.  Its content identifies it, not its path.
 
     One period is enough for a square map, none is needed if the file gives it.  The first is the
-    length along x.  An absent file raises SurfaceAbsent if it is `optional`, so that a case is
-    skipped.
+    length along x.  A map is mirrored, unless it is a .vti or another `treatment` is given; its
+    `shape` and `periods` are then a quarter of its surface, and `Mirrored` has those of all.  An
+    absent file raises SurfaceAbsent if it is `optional`, so that a case is skipped.
     """
 
     path: Annotated[
@@ -105,8 +105,7 @@ class HeightsFromFile(Preparation):
     unit: Annotated[
         Real | None, entry("m", "of the heights, 1e-6 for µm; unless the file gives it", gt=0)
     ] = None
-    treatment: EdgeField = "refuse"
-    taper: TaperField = 0.1
+    treatment: EdgeField | None = None
     pixel_size: Annotated[
         Real | None, entry("m", "spacing of the grid, in the place of period", gt=0)
     ] = None
@@ -120,6 +119,8 @@ class HeightsFromFile(Preparation):
         if not isinstance(self.path, str | Path):
             raise InvalidScene(f"path is {self.path!r:.60}, but must be the path of a file")
         settle(self, path=Path(self.path))
+        if self.treatment is None:  # a result is periodic
+            settle(self, treatment="refuse" if Path(self.path).suffix == ".vti" else "mirrored")
         if self.optional and not Path(self.path).exists():
             raise SurfaceAbsent(
                 f"its surface {self.path} is not here; put the file there to run it"
@@ -171,7 +172,7 @@ class HeightsFromFile(Preparation):
 
     def build(self) -> Surface:
         """Read the heights and treat them.  Raises InvalidScene if they are refused."""
-        require_room(self.shape)
+        require_room(Mirrored(self).shape if self.treatment == "mirrored" else self.shape)
         stored = self._map
         notes = [*stored.notes]
         x, y = self.periods[0] / self.shape[0], self.periods[-1] / self.shape[-1]
@@ -182,6 +183,37 @@ class HeightsFromFile(Preparation):
                 f"heights of a line of the file, and {y:.3g} m along y, over {self.shape[1]} lines"
             )
         return prepared(stored.heights, self, str(self.path), notes, self.unit or 1.0)
+
+
+@dataclass(frozen=True)
+class Mirrored:
+    """The recipe of a map that is mirrored, with the shape and periods of its surface.
+
+    Example:
+        >>> Mirrored(HeightsFromArray([0.0, 1e-6, 3e-6], (1e-3,), "mirrored")).shape
+        (6,)
+    """
+
+    map: HeightsFromFile | HeightsFromArray  #: A recipe whose treatment is "mirrored".
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Grid points along each direction."""
+        return tuple(2 * n for n in self.map.shape)
+
+    @property
+    def periods(self) -> tuple[float, ...]:
+        """Lengths of the period along each direction, in m."""
+        return tuple(2 * p for p in self.map.periods)
+
+    @property
+    def fingerprint(self) -> str:
+        """That of the map, which names the treatment."""
+        return self.map.fingerprint
+
+    def build(self) -> Surface:
+        """Make the surface."""
+        return self.map.build()
 
 
 def residual_surface(surface: Surface, result: ContactResult) -> Surface:

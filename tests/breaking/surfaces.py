@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from breaking.fault import Fault, at, changed, given, on_result, scaled
+from epcontact.surfaces.power_spectrum import surface_moments
 
 S = "epcontact.surfaces."
 FILES = "tests/test_surface_files.py::test_"
@@ -111,6 +112,12 @@ FAULTS = (
     _shape("a picture turned from x to y",
         on_result(S + "measured.read_heights", lambda m: replace(m, heights=m.heights.T)),
         test=FILES + "a_picture_in_a_file_is_read_as_the_instrument_shows_it"),
+    _shape("the treatment of edges silent on its error",
+        at(S + "treatment.EDGE_ERRORS", {"mirrored": 0.0, "periodic": 0.0}),
+        test=FILES + "edges_have_an_error_of_their_own_that_is_told_and_falls_with_the_size"),
+    _shape("jumps at the edges taken for slope",
+        changed(S + "treatment.inner_moments", lambda f: surface_moments),
+        test=FILES + "edges_have_an_error_of_their_own_that_is_told_and_falls_with_the_size"),
     _shape("the rounding of a plane taken for roughness", at(S + "treatment.ROUNDING", 0.0),
         test=FILES + "a_plane_or_constant_is_flat_to_the_last_digit"),
 )  # fmt: skip

@@ -43,7 +43,7 @@ def row(spikes: int, outliers: str) -> dict[str, object]:
     """The hardness of the trial and its areas at 400 MPa, with so many spikes kept or removed."""
     periods = (400 * PIXEL * 1e-6, 300 * PIXEL * 1e-6)
     steps = {"missing": "harmonic", "form": 1, "outliers": outliers}
-    surface = HeightsFromArray(1e-6 * trial_map(spikes), periods, "periodic", **steps).build()
+    surface = HeightsFromArray(1e-6 * trial_map(spikes), periods, "mirrored", **steps).build()
     slope = surface_moments(surface).rms_slope
     cap = effective_hardness(
         yield_stress=YIELD, rms_slope=slope, mean_pressure=PRESSURE, **STEEL

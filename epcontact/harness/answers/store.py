@@ -312,6 +312,7 @@ def _surface_in_words(surface: Surface, recipe: Recipe) -> str:
             f"up to {spectrum.wavenumber_high:.5g} rad/m, rms slope {spectrum.rms_slope:g}, "
             f"seed {surface.seed}"
         )
+    recipe = getattr(recipe, "map", recipe)  # of one that is mirrored
     kind = str(getattr(recipe, "kind", type(recipe).__name__)).replace("_", " ")
     return f"{kind}: {', '.join(_parameters(recipe))}"
 

@@ -36,7 +36,7 @@ from epcontact.harness.quantities.registry import QUANTITIES, REPORTED_GROUPS
 from epcontact.materials.hardness_map import MappedHardness, effective_hardness
 from epcontact.reference import CLOSED_FORMS
 from epcontact.scene import Body, Load, Material, Scene, scene_digest
-from epcontact.surfaces.power_spectrum import surface_moments
+from epcontact.surfaces.power_spectrum import inner_moments
 
 Size = Literal["fast", "full", "large"]
 
@@ -282,7 +282,7 @@ class Case(Table):
             )
         if isinstance(surface, surfaces.HeightsFromFile):  # as it is after its treatment
             surfaces.require_room(surface.shape)
-            slope = surface_moments(surface.build()).rms_slope
+            slope = inner_moments(surface.build()).rms_slope
         else:
             slope = surface.rms_slope
         return self.cap_at(slope)
