@@ -110,6 +110,14 @@ def shown(ran, method):
     )
 
 
+#: What `pressed` computes again.
+FIGURES = {
+    "area.total.raw", "area.plastic.raw", "area.elastic.raw", "mean_pressure", "cost.unknowns",
+    "quantity.mean_gap", "quantity.mean_separation", "quantity.mean_plastic_displacement",
+    "quantity.plastic_work", "quantity.elastic_energy", "quantity.largest_pressure",
+}  # fmt: skip
+
+
 def pressed(ran, heights, steps):
     """The figures of each load by numpy alone, from its pressures and the surface."""
     q = np.hypot(
@@ -154,6 +162,7 @@ def test_every_figure_of_an_answer_follows_from_the_pressures(ran):
     assert [round(each["mean_pressure"], 6) for each in found] == [2e3, 5e3, 3e3]
     for step, expected, one in zip(answer.steps, found, files, strict=True):
         told = scalar_quantities(replace(answer, steps=(step,)))
+        assert expected.keys() == FIGURES
         for name, value in expected.items():
             assert told[name] == pytest.approx(value, rel=1e-6, abs=1e-15), name
         for name in ("area.total.raw", "mean_pressure", "quantity.mean_gap"):

@@ -1,0 +1,159 @@
+"""Every quantity has a value that is known: by a gate of a case, or by a scene here or elsewhere.
+
+Posts: three unequal ones stand out of a surface so rough that no more touches; the highest is
+capped.  Strain: a flat layer hardens under uniaxial strain and is unloaded (closed form).  Order: a
+made-up contact after unloading, of which the order of the points is known.  Counts: parts of a sum.
+"""
+
+import csv
+import functools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_shown import FIGURES
+
+import fem_check
+from epcontact import Body, Load, Material, Scene, SelfAffineSpectrum, Surface, bem, persson
+from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.quantities.registry import QUANTITIES, measure, scalar_quantities
+from epcontact.results import Areas, ContactResult, LoadStep, Provenance
+from epcontact.surfaces import SelfAffine
+
+METAL = Material(210e9, 0.3, hardness=3e9, yield_stress=1e9)
+pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
+
+
+@functools.cache
+def posts():
+    heights = np.full((24, 20), -50e-6)
+    heights[2:4, 3:6], heights[8:12, 10:14], heights[16:21, 2:5] = 3e-6, 0.0, 0.0
+    scene = Scene(Surface(heights, (1.2e-3, 0.8e-3)), METAL, Load(60e6))
+    return scene, bem.solve(scene, threads=1)
+
+
+@functools.cache
+def strain():
+    scene = Scene(
+        Surface(1e-12 * np.cos(np.arange(6) * np.pi / 3), (1e-3,)),
+        Material(210e9, 0.3, yield_stress=1e9), Load((0.5e9, 3.0e9, 1.0e9)),
+        Body("bonded_layer", 2e-3),
+    )  # fmt: skip
+    return scene, fem_check.solve(scene, law="j2", layers=3, hardening=40e9)
+
+
+def hardened(peak=3e9, left=1e9, depth=2e-3, H=40e9):
+    """2 mu (e - 3a/2) = q = Y + H a and p = K e + 2q/3 up to the peak; then elastic."""
+    E, nu, Y = METAL.young_modulus, METAL.poisson_ratio, METAL.yield_stress
+    mu, K = E / 2 / (1 + nu), E / 3 / (1 - 2 * nu)
+    share = H / (3 * mu + H)
+    e = (peak - 2 / 3 * Y * (1 - share)) / (K + 4 / 3 * mu * share)
+    a = (2 * mu * e - Y) / (3 * mu + H)
+    e -= (peak - left) / (K + 4 / 3 * mu)
+    q = 2 * mu * (e - 1.5 * a)
+    energy = (left - 2 / 3 * q) ** 2 / (2 * K) + q**2 / (6 * mu)
+    return {
+        "quantity.approach": e * depth, "quantity.largest_plastic_strain": a,
+        "quantity.plastic_work": (Y * a + H * a**2 / 2) * depth,
+        "quantity.stored_energy": energy * depth, "quantity.elastic_energy": energy * depth,
+        "quantity.plastic_volume": 1.0, "quantity.plastic_depth": depth,
+    }  # fmt: skip
+
+
+@functools.cache
+def order():
+    """Column 1 is closest, though row 2 was before it flowed; column 2 is the widest."""
+    gap, sunk = np.full((6, 4), 5.0), np.zeros((6, 4))
+    gap[:, 1], gap[:, 2], gap[2, :], sunk[2, :] = 1.0, 8.0, 0.5, 3.0
+    gap[2, 1:3], sunk[2, 1:3] = (0.4, 8.0), (0.6, 0.0)
+    scene = Scene(Surface(np.eye(6, 4), (1.0, 1.0)), METAL, Load((2e6, 1e6)))
+    step = LoadStep(1e6, {"raw": Areas(0.0, 0.0, 0.0)})
+    fields = {"pressure": np.zeros((6, 4)), "gap": gap, "plastic_displacement": sunk}
+    return scene, ContactResult("bem", (step,), Provenance("x"), fields=fields)
+
+
+@functools.cache
+def theory():
+    spectrum = SelfAffineSpectrum(0.7, 2e4, 4e4, 8e4, rms_slope=0.07)
+    surface = SelfAffine(spectrum, (1e-3, 1e-3), (32, 32), seed=1).build()
+    scene = Scene(surface, METAL, Load(1e8))
+    return scene, persson.solve(scene, energy_reduction=0.41)
+
+
+def counts(found, of_cost, of_step):
+    """A figure of the whole path, and the sum of it over the steps."""
+    return found.cost[of_cost], sum(step.iterations[of_step] for step in found.steps)
+
+
+POSTS = {
+    "area.total.raw": 37 / 480, "area.plastic.raw": 6 / 480, "area.elastic.raw": 31 / 480,
+    "quantity.total_patches": 3, "quantity.total_patches_largest": 16 / 480,
+    "quantity.elastic_patches": 2, "quantity.elastic_patches_largest": 16 / 480,
+    "quantity.plastic_patches": 1, "quantity.plastic_patches_largest": 6 / 480,
+    "quantity.largest_pressure": 3e9, "mean_pressure": 60e6, "cost.unknowns": 480,
+    # What is no area of the posts' own has no front at which an area could be wrong by more.
+    "quantity.measured_raw_total": 0.0, "quantity.measured_raw_plastic": 0.0,
+}  # fmt: skip
+ORDER = {"quantity.contact_percolation": 0.25, "quantity.gap_percolation": 0.25}
+CASES = [(posts, POSTS), (strain, hardened()), (order, ORDER),
+         (theory, {"quantity.energy_reduction": 0.41, "quantity.rms_slope": 0.07})]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("made", "name", "value"), [(m, name, v) for m, known in CASES for name, v in known.items()]
+)
+def test_value(made, name, value):
+    scene, found = made()
+    told = scalar_quantities(found)
+    result = told[name] if name in told else measure(name, scene, found)
+    assert result == pytest.approx(value, rel=2e-6, abs=1e-12)
+
+
+SUMS = {
+    "bem": {"fft_pairs": "fft_pairs", "equivalent_fft_pairs": "equivalent_fft_pairs"},
+    "fem": {"newton_steps": "newton", "cg_iterations": "cg", "contact_sweeps": "contact_sweeps",
+            "increments": "increments"},
+}  # fmt: skip
+
+
+def test_counts_are_those_of_the_steps_and_residuals_those_of_the_tolerance():
+    (_, one), (_, flow) = posts(), strain()
+    for part in ("total", "elastic", "plastic"):  # the claims of areas cover those of the posts
+        corrected, error = (getattr(one.final.areas[kind], part) for kind in ("corrected", "error"))
+        assert 0 < abs(corrected - POSTS[f"area.{part}.raw"]) <= error < 0.015
+    for found in (one, flow):
+        for cost, step in SUMS[found.method].items():
+            total, parts = counts(found, cost, step)
+            assert total == parts > 0
+        assert 0 < found.cost["seconds"] < 600
+        assert found.final.iterations["newton"] >= 1
+        assert found.final.iterations["cg"] >= found.final.iterations["newton"]
+        assert 0 <= max(found.final.residuals.values()) <= 1e-8
+    assert (one.final.iterations["levels"], one.final.iterations["gradient"]) >= (1, 0)
+    assert flow.cost["most_newton_steps"] <= flow.cost["newton_steps"]
+    assert flow.cost["unknowns"] == 3 * 6 * 3
+    assert 0 <= flow.final.iterations["line_searches"] <= flow.final.iterations["newton"]
+    rough = 1e-7 * np.random.default_rng(5).normal(size=(8, 6))
+    scene = Scene(Surface(rough, (1e-3, 0.6e-3)), METAL, Load(2e8))
+    loose = bem.solve(scene, tolerance=0.1, threads=1)
+    gap = loose.fields["gap"] / rough.std()
+    touching = loose.fields["state"] == 1
+    assert math.isclose(
+        loose.final.residuals["gap_elastic"], np.abs(gap[touching]).max(initial=0), rel_tol=1e-9
+    )
+
+
+def test_no_quantity_is_without_a_value():
+    """Of the method and its errors only: a gate of two methods proves that they agree."""
+    with (Path(__file__).parent / "bands.csv").open(encoding="utf-8") as file:
+        gates = [row["gate"].split(" ") for row in csv.DictReader(file)]
+    known = {quantity for quantity, *_, against, _ in gates if against not in METHODS}
+    known |= {name for _, values in CASES for name in values} | FIGURES
+    for found in (posts()[1], strain()[1]):  # judged by their sums and their tolerance
+        counted = ("residual.", "iterations.", "cost.")
+        known |= {name for name in scalar_quantities(found) if name.startswith(counted)}
+    known |= {"field.heights", "field.displacement"}  # by test_shown
+    known |= {f"area.{part}.error" for part in ("total", "elastic", "plastic")}
+    known |= {name for name in QUANTITIES if name.rpartition(".")[0] in known}  # of a known limit
+    assert sorted(QUANTITIES.keys() - known) == []
