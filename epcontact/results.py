@@ -7,21 +7,33 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import math
 import os
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FloatArray = NDArray[np.float64]
 
 #: The contact states of a grid point, in every field and picture.
 APART, ELASTIC, PLASTIC = 0, 1, 2
+
+#: What a table of loads shows, with its unit: corrected areas over the nominal area, what follows
+#: from the fields of a load, and the hardness that the load was solved with.
+COLUMNS: Mapping[str, str] = {
+    "mean_pressure": "Pa", "total_area": "", "elastic_area": "", "plastic_area": "",
+    "mean_gap": "m", "stiffness_loading": "Pa/m", "stiffness_unloading": "Pa/m",
+    "conductance": "1/m", "contact_percolation": "", "gap_percolation": "", "hardness": "Pa",
+}  # fmt: skip
 
 
 @functools.cache  # reading package metadata takes longer than a solve of the theory
@@ -44,7 +56,7 @@ class Areas:
     plastic: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PressureDistribution:
     """The distribution of the nominal area over the contact pressures."""
 
@@ -59,13 +71,21 @@ class PressureDistribution:
             object.__setattr__(self, name, array)
         object.__setattr__(self, "plastic", float(self.plastic))
 
+    def __eq__(self, other: object) -> bool:
+        """Whether both hold the same numbers."""
+        return isinstance(other, PressureDistribution) and plain(self) == plain(other)
+
+    def __hash__(self) -> int:
+        return hash((self.plastic, self.pressure.size))
+
 
 @dataclass(frozen=True)
 class LoadStep:
     """The answer at one mean pressure (Pa) of the load path.
 
     Areas are "raw" (share of the grid points; the exact areas of a method without a grid),
-    "corrected" (continuum limit) and "error" (estimated error of the corrected areas).
+    "corrected" (continuum limit) and "error" (their estimated error by the grid).  Other sources of
+    error are such as "hardness_error", which the interval of an effective hardness makes.
     """
 
     mean_pressure: float
@@ -75,6 +95,22 @@ class LoadStep:
     )  #: Those that decide, over a scale.
     iterations: Mapping[str, int] = field(default_factory=dict)  #: newton, cg, fft_pairs, ...
     quantities: Mapping[str, float] = field(default_factory=dict)  #: Others, such as mean_gap; SI.
+
+    @property
+    def row(self) -> dict[str, float]:
+        """What is known of COLUMNS, each with "<name>_error" and "<name>_error_by_<source>"."""
+        found = {"mean_pressure": self.mean_pressure}
+        known = {n.replace(".error", "_error_by_grid"): v for n, v in self.quantities.items()}
+        for kind, areas in self.areas.items():
+            source = kind.removesuffix("error").rstrip("_") or "grid"
+            end = f"_error_by_{source}" if kind.endswith("error") else ""
+            if end or kind == ("corrected" if "corrected" in self.areas else "raw"):
+                known |= {f"{part}_area{end}": area for part, area in vars(areas).items()}
+        for name in COLUMNS:
+            parts = {n: v for n, v in known.items() if n.startswith(f"{name}_error_by_") and v}
+            whole = {f"{name}_error": math.hypot(*parts.values())} if parts else {}
+            found |= {n: v for n, v in known.items() if n == name} | whole | parts
+        return found
 
 
 @dataclass(frozen=True)
@@ -92,15 +128,16 @@ class Provenance:
     about: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ContactResult:
     """One scene answered by one method.
 
-    There is a step for each mean pressure, and gates read the last one.  Its `distribution` is that
-    of the pressures; `fields` are arrays on the surface's grid: heights, pressure, gap,
-    displacement (SI units) and state (APART, ELASTIC, PLASTIC), or none.  `cost` has seconds,
-    unknowns, peak_memory_bytes and the method's own counts over the path; `history` the residual
-    that decides convergence, for each iteration of the last step.
+    Results are equal if their answers are, with fields, whatever they cost.  A notebook shows the
+    table of loads.  There is a step for each mean pressure, and gates read the last one.  Its
+    `distribution` is that of the pressures; `fields` are arrays on the surface's grid: heights,
+    pressure, gap, displacement (SI units) and state (APART, ELASTIC, PLASTIC), or none.  `cost` has
+    seconds, unknowns, peak_memory_bytes and the method's own counts over the path; `history` the
+    residual that decides convergence, for each iteration of the last step.
 
     Raises:
         ValueError: There is no load step.
@@ -125,6 +162,55 @@ class ContactResult:
     def final(self) -> LoadStep:
         """The last load step."""
         return self.steps[-1]
+
+    @property
+    def branches(self) -> tuple[str, ...]:
+        """The branch of each load: "loading" if no load before it was larger, else "unloading", or
+        "reloading" if the load grows again."""
+        loads = [0.0, *(step.mean_pressure for step in self.steps)]
+        most = itertools.accumulate(loads, max)
+        return tuple(
+            "loading" if after >= peak else "unloading" if after <= before else "reloading"
+            for peak, (before, after) in zip(most, itertools.pairwise(loads), strict=False)
+        )
+
+    def table(self) -> pd.DataFrame:
+        """Return a pandas table with a row a load; its columns end with their SI units, such as
+        mean_pressure_Pa, total_area, total_area_error and total_area_error_by_grid."""
+        import pandas as pd
+
+        def titled(name: str) -> str:
+            unit = COLUMNS[name.partition("_error")[0]].replace("1/", "per_").replace("/", "_per_")
+            return f"{name}_{unit}".rstrip("_")
+
+        rows = [{titled(name): value for name, value in step.row.items()} for step in self.steps]
+        return pd.DataFrame([{"branch": b} | r for b, r in zip(self.branches, rows, strict=True)])
+
+    def __repr__(self) -> str:
+        row = self.final.row
+        area, error = row["total_area"], row.get("total_area_error")
+        loads = f"{len(self.steps)} load" + "s" * (len(self.steps) > 1)
+        sure = "" if error is None else f" ± {error:.2g}"
+        last = f"{area:.4g}{sure} at {row['mean_pressure']:.4g} Pa"
+        return f"<ContactResult of {self.method}: {loads}, contact area {last}>"
+
+    def _repr_html_(self) -> str:
+        return str(self.table().to_html(float_format=lambda value: f"{value:.4g}", index=False))
+
+    def _answer(self) -> Any:
+        return self.to_json() | {"cost": 0, "history": 0}
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both give the same answer to the same scene."""
+        return (
+            isinstance(other, ContactResult)
+            and self._answer() == other._answer()
+            and self.fields.keys() == other.fields.keys()
+            and all(np.array_equal(f, other.fields[name]) for name, f in self.fields.items())
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.method, self.provenance.scene, len(self.steps)))
 
     def to_json(self) -> dict[str, Any]:
         """Return everything except the fields in JSON types; infinities become strings."""

@@ -111,6 +111,17 @@ class Surface:
         new = cautioned(tuple(note for note in doubts if note not in self.notes))
         settle(self, notes=(*listed(self.notes), *new))
 
+    def __eq__(self, other: object) -> bool:
+        """Whether both are the same heights over the same periods, drawn from the same spectrum."""
+        return self is other or (
+            isinstance(other, Surface)
+            and (self.periods, self.spectrum) == (other.periods, other.spectrum)
+            and np.array_equal(self.heights, other.heights)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.shape, self.periods))
+
     @property
     def shape(self) -> tuple[int, ...]:
         """Grid points along each direction."""

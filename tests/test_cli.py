@@ -201,14 +201,14 @@ def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys):
     for width in (60, 80, 200):
         console = Console(width=width)
         console.print(verdict_table([outcome], console.width))
-        console.print(answers_table(answers))
+        console.print(answers_table(answers, width))
         print_rows(console, ("key", "default", "meaning"), [("longest_key", "–", "[m] " * 20)])
         shown = capsys.readouterr().out
         assert max(map(len, shown.splitlines())) <= width
         assert f"{100 * gate.difference.mean:+.2f} %" in shown
         assert "+11.11110 %" in shown  # with the digits that tell the ends apart
         assert "+11.11112 %" in shown
-        assert f"{answers['bem'].results[0].final.areas['corrected'].elastic:.5g}"[:5] in shown
+        assert f"{answers['bem'].results[0].final.areas['corrected'].plastic:.4g}" in shown
         assert shown.count("…") == 1  # of the band; no figure is cut off
         assert shown.count("[m]") == 20
     case = load_case(write_case())

@@ -344,13 +344,17 @@ def test_the_terminal_shows_the_figures(ran):
     assert row == ["shown", "area.total.raw", "fem", "bem", f"{raw[0]:.5g}", f"{raw[1]:.5g}",
                    apart, "%", "±", "50.00", "%", "holds"]  # fmt: skip
     rows = rows_of(ran.said["run"], "bem", "fem")
-    assert len(rows) == 6
-    for method, kind, *areas, surfaces, reused in rows:
-        found = {"bem": answer, "fem": other}[method].final.areas[kind]
-        digits = ".2g" if kind == "error" else ".5g"
-        assert areas == [f"{getattr(found, part):{digits}}" for part in PARTS]
-        assert (surfaces, reused) == ("1", "1")
-    assert "at the last load" in ran.said["run"].stdout
+    assert [row[0] for row in rows] == ["bem"] * 3 + ["fem"] * 3
+    for number, (_, branch, load, total, plastic, *_, hardness, _, _, surfaces) in enumerate(rows):
+        step = (answer, other)[number // 3].steps[number % 3]
+        assert branch == ("loading", "loading", "unloading")[number % 3]
+        assert (float(load), float(hardness), surfaces) == (
+            round(step.mean_pressure / 1e3, 9),
+            15.0,
+            "1",
+        )
+        found = vars(step.areas["corrected"])
+        assert [total, plastic] == [f"{found[part]:.4g}" for part in ("total", "plastic")]
     table = pd.read_csv(ran.home / "swept" / "fast" / "sweep.csv").set_index(
         ["load.mean_pressure", "method"]
     )
@@ -422,7 +426,7 @@ def test_the_page_tells_the_scene_and_the_areas(ran):
         (f"{one.cost['unknowns']:.8g}", f"{one.cost['seconds']:.3g}") for one in (answer, other)
     ]
     assert pictures == {path.read_text().strip() for path in ran.folder.glob("*.txt")}
-    assert len(pictures) in (6, 7)  # a body, where it can be drawn, and all charts
+    assert len(pictures) in (14, 15)  # a body, where it can be drawn, and all charts
 
 
 # --- made-up numbers, no two alike ----------------------------------------------------------------
@@ -470,7 +474,9 @@ def result(number):
     }
     cost = {"seconds": 1.0, "unknowns": 4096.0, "peak_memory_bytes": 2.0**28, "fft_pairs": 90.0}
     made = Provenance("0123abcd", number)
-    return ContactResult("bem", (LoadStep(1.25e10, areas, {"gap": 2e-9}),), made, cost=cost)
+    return ContactResult(
+        "bem", (LoadStep(1.25e10, areas, {"gap": 2e-9}, {}, {"mean_gap": 3e-9}),), made, cost=cost
+    )
 
 
 def answers():
@@ -562,11 +568,28 @@ def test_the_table_of_gates_shows_the_verdict():
         assert numbers(texts[3]) == pytest.approx([per_cent * g.low, per_cent * g.high], rel=5e-2)
 
 
-def test_the_table_of_areas_shows_the_answers():
+def test_the_table_of_loads_shows_the_answers():
     both = (result(1), result(2))
-    rows = cells_of(answers_table({"bem": Answer(both, ("seed1", "seed2"), reused=1)}))
-    assert [row[:2] + row[5:] for row in rows] == [["bem", kind, "2", "1"] for kind in KINDS]
-    for _, kind, *parts, _, _ in rows:
-        for text, part in zip(parts, PARTS, strict=True):
-            mean = np.mean([getattr(r.final.areas[kind], part) for r in both])
-            assert numbers(text)[0] == pytest.approx(mean, rel=0.05 if kind == "error" else 1e-4)
+    answers = {"bem": Answer(both, ("seed1", "seed2"), reused=1)}
+    means = {
+        (kind, part): np.mean([getattr(r.final.areas[kind], part) for r in both])
+        for kind in KINDS for part in PARTS
+    }  # fmt: skip
+    scatter = 12.706204736 * np.std([r.final.areas["corrected"].total for r in both])
+    ((method, branch, load, total, plastic, gap, parts, surfaces),) = cells_of(
+        answers_table(answers, 400)
+    )
+    assert (method, branch, load, surfaces) == ("bem", "loading", "12.5", "2")
+    errors = [means["error", "total"], scatter]
+    assert numbers(total) == pytest.approx(
+        [means["corrected", "total"], np.hypot(*errors)], rel=0.05
+    )
+    assert numbers(plastic)[0] == pytest.approx(means["corrected", "plastic"], rel=1e-3)
+    assert numbers(gap) == [3.0]  # nm
+    assert [line.split()[0] for line in parts.splitlines()] == ["grid", "scatter"]
+    assert [float(line.split()[1]) for line in parts.splitlines()] == pytest.approx(
+        errors, rel=0.05
+    )
+    (narrow,) = cells_of(answers_table(answers, 80))[3:4]
+    assert narrow[0] == "total area"
+    assert numbers(narrow[1]) == numbers(total)

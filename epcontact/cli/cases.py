@@ -50,11 +50,12 @@ def run(
     if loaded.skip:
         raise EpcontactError(f"{loaded.path}: {loaded.skip}")
     chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
-    run = replace(run, fields="steps" if fields == "film" else fields or "first")
+    run = replace(run, fields="steps" if fields == "film" else fields or "first", rows=True)
     with options.shown_progress(run) as shown:
         answers = run_cases([chosen], shown)[loaded.id]
-    open_console().print(tables.answers_table(answers))
-    tables.print_surface_notes(open_console(), chosen, answers)
+    console = open_console()
+    console.print(tables.answers_table(answers, console.width))
+    tables.print_surface_notes(console, chosen, answers)
     for sentence in (tables.gamma_sentence([chosen]), chosen.mapped_hardness):
         if sentence:
             click.echo(str(sentence))
@@ -136,6 +137,9 @@ def _show(verdict: Verdict, output: Path) -> None:
     for case in verdict.cases:
         if isinstance(next(iter(case.case.recipes), None), HeightsFromFile | Mirrored):
             tables.print_surface_notes(console, case.case, case.answers)
+        if case.case.lists_loads and any(answer.results for answer in case.answers.values()):
+            console.print(f"\nloads of {case.id}")
+            console.print(tables.answers_table(case.answers, console.width))
         if case.case.mapped_hardness:
             click.echo(f"{case.id}: {case.case.mapped_hardness}")
         tables.print_shortfalls(console, case)

@@ -8,33 +8,43 @@ from rich.console import Console
 from rich.table import Table
 
 from epcontact.cli.listing import WIDE, table_of
-from epcontact.harness.answers.store import Answer
+from epcontact.harness.answers.store import Answer, load_rows
 from epcontact.harness.case_files.case import Case
-from epcontact.harness.gates import Estimate, GateVerdict, estimate
+from epcontact.harness.gates import Estimate, GateVerdict
 from epcontact.harness.verdict.judgement import CaseVerdict
+from epcontact.output.loads import Row, load_cells
+from epcontact.results import COLUMNS
 
 STYLES = {"holds": "green", "falls short": "bold red", "error": "bold red", "skipped": "yellow"}
 
 
-def answers_table(answers: Mapping[str, Answer]) -> Table:
-    """Tabulate the areas of each method with the interval of their mean, and their mean error."""
-    parts = ("total", "elastic", "plastic")
-    table = table_of(("method", "areas"), (*parts, "surfaces", "reused"))
-    for method, answer in answers.items():
-        areas = [result.final.areas for result in answer.results]
-        if any(len(result.steps) > 1 for result in answer.results):
-            table.caption = "at the last load"
-        for kind in ("raw", "corrected", "error"):
-            if not areas or kind not in areas[0]:
-                continue
-            means = [estimate([getattr(one[kind], part) for one in areas]) for part in parts]
-            shown = [shown_estimate(mean) for mean in means]
-            if kind == "error":
-                if not any(mean.mean for mean in means):  # a theory has no grid, so no error
-                    continue
-                shown = [f"{mean.mean:.2g}" for mean in means]
-            table.add_row(method, kind, *shown, str(len(areas)), str(answer.reused))
+def loads_table(
+    found: Mapping[str, tuple[Sequence[Row], str]], of: str, width: int = WIDE, **units: str
+) -> Table:
+    """Tabulate rows of loads by what they are `of`, such as a method, each with a last remark; in
+    fewer columns than WIDE a line for each figure.  The elastic area is left to the files."""
+    rows = [row for each, _ in found.values() for row in each]
+    names = [(name, said) for name, (each, said) in found.items() for _ in each]
+    shown = {name: unit for name, unit in COLUMNS.items() if name != "elastic_area"}
+    titles, *cells = load_cells(rows, {**shown, **units})
+    titles = [of, *titles, "surfaces"]
+    table = (
+        table_of(titles[:2], titles[2:]) if width >= WIDE else Table(box=None, show_header=False)
+    )
+    for (name, said), texts in zip(names, cells, strict=True):
+        line = (name, *texts, said)
+        if width >= WIDE:
+            table.add_row(*(text.replace(", ", "\n").replace(" ±", "\n±") for text in line))
+        for title, text in zip(titles, line, strict=True) if width < WIDE else ():
+            table.add_row(title, text)
     return table
+
+
+def answers_table(answers: Mapping[str, Answer], width: int = WIDE) -> Table:
+    """Tabulate each load of each method: what is known of it, and how sure that is."""
+    found = {name: answer for name, answer in answers.items() if answer.results}
+    rows = {m: (load_rows(a.results), f"{len(a.results)}") for m, a in found.items()}
+    return loads_table(rows, "method", width)
 
 
 def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:

@@ -22,6 +22,7 @@ import jinja2
 from epcontact.errors import OutputError
 from epcontact.files import read_bytes, write_text
 from epcontact.output.charts.style import unit_for
+from epcontact.output.loads import load_cells
 from epcontact.results import ContactResult
 
 Data = Mapping[str, Any]  # the content of a JSON file
@@ -87,6 +88,7 @@ def write_report(
         "counts": _counts,
         "listed": lambda values: ", ".join(f"{name} {value}" for name, value in values.items()),
         "area_rows": _area_rows,
+        "load_cells": load_cells,
         "computed": _computed,
         "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('. ')}.",
         "notes": _notes,

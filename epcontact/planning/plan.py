@@ -181,7 +181,7 @@ def methods_on_grids(case: Case) -> list[str]:
 def _cap_instead(case: Case, rms_slope: float, tolerance: float) -> str:
     """The sentence that says whether a pressure cap can stand for the J2 body of a case."""
     try:
-        found = case.cap_at(rms_slope)
+        found = case.cap_at(rms_slope, max(case.load.path))
     except InvalidScene as error:
         return f"no pressure cap is known to stand for the J2 body: {error}"
     can = "can" if found.error <= tolerance else "cannot"

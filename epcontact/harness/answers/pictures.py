@@ -5,7 +5,9 @@
     persson-pressure          P(sigma) of the theory as a table
     pressure-distribution     P(sigma) of every method on one axis
     residuals                 against the iterations of every method
-    contact-METHOD            state and pressure of the first surface from above
+    loads-QUANTITY            what each method found at every load of a path
+    contact-METHOD            state and pressure of the first surface from above, and, as
+                              contact-METHOD-step-NUMBER, of every load whose fields are kept
     pressure-difference-A-B   the pressures of two methods on one grid, and their difference
     body-METHOD               the finite-element body, cut open
 
@@ -27,7 +29,7 @@ import pandas as pd
 from epcontact import persson
 from epcontact.errors import OutputError
 from epcontact.files import write_json, write_text
-from epcontact.harness.answers.store import Answer
+from epcontact.harness.answers.store import Answer, load_rows
 from epcontact.harness.case_files.case import Case
 from epcontact.output.charts.curves import (
     DENSITY,
@@ -39,6 +41,7 @@ from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.maps import map_of_file, pressure_difference
 from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import PART_COLOURS
+from epcontact.output.loads import load_charts
 from epcontact.output.view import load_steps, screenshot
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
@@ -47,7 +50,7 @@ from epcontact.surfaces.power_spectrum import radial_spectrum
 from epcontact.surfaces.spectrum import density
 
 _FEWEST_RINGS = 4  # of wave numbers, that make a spectrum
-_OF_ANSWERS = ("residuals.*", "contact-*", "pressure-di*", "body-*")
+_OF_ANSWERS = ("residuals.*", "loads-*", "contact-*", "pressure-di*", "body-*")
 
 Results = Mapping[str, Sequence[ContactResult]]
 
@@ -86,6 +89,9 @@ def draw_answers(results: Results, folder: Path) -> list[str]:
     if any(np.any(np.isfinite(h) & (h > 0)) for h in longest.values()):
         chart = residual_history({m: h for m, h in longest.items() if h.size})
         chart.save(folder / "residuals")
+    paths = {m: load_rows(each) for m, each in found.items() if len(each[0].steps) > 1}
+    for name, chart in load_charts(paths).items() if paths else ():
+        chart.save(folder / name)
     _draw_maps(folder, list(found))
     return [sentence for method in found if (sentence := _draw_body(folder, method))]
 
@@ -98,6 +104,10 @@ def _draw_maps(folder: Path, methods: Sequence[str]) -> None:
             fields[method] = read_fields(path)
             caption = f"Contact state and pressure by {method}, {path.name}."
             map_of_file(path, caption).save(folder / f"contact-{method}")
+            for step in sorted(path.with_name(f"{path.stem}-steps").glob("*.vti")):
+                load = f"mean pressure {read_fields(step).attributes['mean_pressure']:.4g} Pa"
+                chart = map_of_file(step, f"Contact state and pressure by {method}, {load}.")
+                chart.save(folder / f"contact-{method}-{step.stem}")
     for names in itertools.combinations(sorted(fields), 2):
         one, two = (fields[name] for name in names)
         if len(one.shape) == 2 and one.shape == two.shape and one.spacing == two.spacing:

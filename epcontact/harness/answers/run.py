@@ -13,7 +13,6 @@ import logging
 import math
 import os
 import platform
-import shutil
 import signal
 import tempfile
 import threading
@@ -23,34 +22,25 @@ from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Real
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
-from epcontact.errors import InvalidCase, NotConverged, sentence_of
-from epcontact.files import (
-    remove_leftovers,
-    require_writable,
-    step_name,
-    write_bytes,
-    write_collection,
-    write_json,
-)
-from epcontact.harness.answers.store import Answer, Task, basis, described, keep, kept, summary
+from epcontact.errors import InvalidCase, sentence_of
+from epcontact.files import remove_leftovers, require_writable, write_bytes, write_json
+from epcontact.harness.answers.loads import TimeUp, solve_path, told, write
+from epcontact.harness.answers.store import ROW, Answer, Task, basis, keep, kept, summary
 from epcontact.harness.case_files.case import Case
-from epcontact.harness.methods import foreign
 from epcontact.harness.methods.registry import METHODS, Method
 from epcontact.harness.processes import Child, ChildDied, Factory, Processes, made, spread
 from epcontact.harness.quantities.answered import Answered
-from epcontact.harness.quantities.registry import QUANTITIES, measured
+from epcontact.harness.quantities.registry import measured
 from epcontact.machine import available_cores, available_memory, compile_seconds, compiling
-from epcontact.output.vtk import Precision, write_fields
+from epcontact.output.vtk import Precision
 from epcontact.results import ContactResult
 from epcontact.scene import Scene, whole
 
 Outcome = ContactResult | str  # the result of a task, or the sentence that says why there is none
 Files = Mapping[Path, bytes]  # the content of files by their paths
 
-#: The unit of each quantity in the field data of a .vti.
-_UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
 _MOMENT = 0.05  # seconds after which an alarm that came at a wrong moment comes again
 
 #: The values of two attributes of `Run`.
@@ -77,6 +67,7 @@ class Run:
         fields: write the fields (.vti) of the "first" surface of each case, of "all" or of "none";
             "steps": those of the first one at every load, and the bodies of the finite elements.
         precision: of the numbers in the .vti files: "single", seven digits, or "double".
+        rows: measure for every case what a table of loads shows; else for paths and measured maps.
         progress: see `Progress`.
     """
 
@@ -86,6 +77,7 @@ class Run:
     fresh: bool = False
     fields: str = "none"
     precision: Precision = "single"
+    rows: bool = False
     progress: Progress = lambda done, total, words: None
 
     def __post_init__(self) -> None:
@@ -230,7 +222,8 @@ def tasks_of(case: Case, run: Run, methods: Mapping[str, Method] = METHODS) -> I
         for member, recipe in enumerate(case.recipes[:1] if single else case.recipes):
             seed = None if single else getattr(recipe, "seed", None)
             label = "single" if seed is None else f"seed{seed}"
-            task = Task(case, method, member, label, precision=run.precision)
+            rows = (run.rows or case.lists_loads) and method.has_fields
+            task = Task(case, method, member, label, precision=run.precision, rows=rows)
             written = run.fields == "all" or (member == 0 and run.fields != "none")
             if method.has_fields and written:
                 task = replace(task, fields=task.fields_path(run.folder))
@@ -245,60 +238,24 @@ def solve_task(task: Task, threads: int, moving: Callable[[float], None] | None 
         case, method = task.case, task.method
         with contextlib.nullcontext() if method.source else _limited(case.head.time_limit):
             scene = case.scene(task.recipe)
-            if method.source:  # its limit is enforced from outside its process
-                result = foreign.solve(method.name, method.source, scene, case.head.time_limit)
-            else:
-                options = {**case.options[method.name], **_step_options(task, scene)}
-                if moving is not None and method.steps:
-                    options["progress"] = lambda share, _: moving(share)
-                result = method.solve(scene, options, threads)
-        if not result.converged:
-            raise NotConverged("the result says that it has not converged")
-        result = _with_measurements(task, scene, _told(task, scene, result))
+            result = solve_path(task, scene, threads, moving)
+        result = _with_measurements(task, scene, told(task, scene, result))
         if task.fields is not None and result.fields:
-            _write(task, scene, result, task.fields)
+            write(task, scene, result, task.fields)
         return replace(result, fields={})
     except Exception as error:
         logging.getLogger("epcontact").debug("%s failed", task.label, exc_info=error)
         return sentence_of(error)
 
 
-def _told(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
-    """Add to a result what was computed, in words and figures."""
-    about = described(scene, task.recipe, task.case.hardness_source)
-    return replace(result, provenance=replace(result.provenance, about=about))
-
-
-def _write(task: Task, scene: Scene, result: ContactResult, path: Path) -> None:
-    attributes = {"case": task.case.id, "size": task.case.size}
-    write_fields(path, result, scene.surface, attributes, precision=task.precision, units=_UNITS)
-
-
-def _step_options(task: Task, scene: Scene) -> dict[str, Any]:
-    """Return the options by which the method writes the files of every load."""
-    folder = task.steps
-    if folder is None:
-        return {}
-    shutil.rmtree(folder, ignore_errors=True)  # a longer path may have been there
-    if task.method.steps == "output":
-        return {"output": folder}
-
-    def on_step(result: ContactResult) -> None:
-        number = len(result.steps) - 1
-        _write(task, scene, _told(task, scene, result), folder / step_name(number, ".vti"))
-        write_collection(folder / "path.pvd", [step.mean_pressure for step in result.steps])
-
-    return {"on_step": on_step}
-
-
 def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
     """Add what is measured, while the fields are in memory; what only a sweep asks for is nan where
     it is not defined, and a note says why."""
-    if not task.measured:
-        return result
     answered, notes = Answered(scene, result), list(result.notes)
     values = dict(result.final.quantities)
     for name in task.measured:
+        if name in ROW and name.removeprefix("quantity.") in values:
+            continue
         try:
             value = measured(name, answered)
         except InvalidCase as error:
@@ -325,7 +282,7 @@ def _limited(seconds: float) -> Iterator[None]:
         if more > 0 or compiling():
             signal.setitimer(signal.ITIMER_REAL, max(more, _MOMENT))
             return
-        raise NotConverged(f"not finished within the case's time limit of {seconds:g} s")
+        raise TimeUp(f"not finished within the case's time limit of {seconds:g} s")
 
     previous = signal.signal(signal.SIGALRM, expire)
     signal.setitimer(signal.ITIMER_REAL, min(seconds, 1e8))

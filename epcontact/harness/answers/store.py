@@ -19,6 +19,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 from pydantic_core import to_json
@@ -30,9 +31,17 @@ from epcontact.harness.methods.registry import Method, bytes_of_task
 from epcontact.harness.quantities.registry import QUANTITIES, claim_of
 from epcontact.materials.moduli import effective_modulus
 from epcontact.output.vtk import Precision
-from epcontact.results import ContactResult, package_versions
+from epcontact.results import COLUMNS, ContactResult, package_versions
 from epcontact.scene import Scene, Surface
 from epcontact.surfaces import Recipe, unit_of
+
+#: What the harness measures for a table of loads.
+ROW = tuple(
+    name
+    for column in COLUMNS
+    for name in (f"quantity.{column}", f"quantity.{column}.error")
+    if name in QUANTITIES and QUANTITIES[name].measure
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +57,7 @@ class Task:
     quantities: tuple[str, ...] = ()  # what is measured beside the quantities of gates
     words: str = ""  # what a reader calls it; the label where it is empty
     precision: Precision = "single"  # of the numbers in the files of fields, at least
+    rows: bool = False  # whether ROW is measured at every load
 
     @property
     def recipe(self) -> Recipe:
@@ -119,7 +129,7 @@ class Answer:
 _SHOWS = {"cli", "planning", "studies", "output", "harness"}
 _MAKES = (
     *("output/vtk.py", "harness/methods", "harness/quantities", "harness/interface.py"),
-    *("harness/answers/run.py", "harness/answers/store.py"),
+    *(f"harness/answers/{name}.py" for name in ("loads", "run", "store")),
 )
 _LIBRARIES = ("epcontact", "numpy", "scipy", "ducc0", "numba", "scikit-fem")
 
@@ -148,7 +158,7 @@ def key_of(task: Task) -> str:
         "size": task.case.size,
         "method": task.method.name,
         "options": repr(sorted(task.case.options[task.method.name].items())),
-        "measured": task.measured,
+        "mapped": repr(task.case.mapped),
         "basis": basis(),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
@@ -159,7 +169,7 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
     removed, because they would pass for this one's."""
     about: dict[str, Any] = {"case": task.case.id, "size": task.case.size, "key": key_of(task)}
     about |= {"fields_digest": _digest(task.fields), "steps_kept": task.steps is not None}
-    about |= {"precision": task.precision}
+    about |= {"precision": task.precision, "measured": task.measured, "rows": task.rows}
     earlier = read_member(task.result_path(output))
     same = earlier.get("key") == about["key"]
     if task.fields is None and same:
@@ -180,8 +190,10 @@ def kept(task: Task, output: Path) -> ContactResult | None:
     data = {} if task.method.foreign else read_member(task.result_path(output))
     precise = data.get("precision") in (task.precision, "double")
     written = data.get("steps_kept") is True and (task.steps_path(output) / "path.pvd").is_file()
+    asked = set(task.measured) <= set(data.get("measured", ())) and task.rows <= data.get("rows", 0)
     if (
         data.get("key") != key_of(task)
+        or not asked
         or (task.fields and not (precise and data.get("fields_digest") == _digest(task.fields)))
         or (task.steps and not written)
     ):
@@ -239,6 +251,7 @@ def summary(case: Case, answer: Answer) -> dict[str, Any]:
         },
         "ensemble": {"surfaces": list(answer.labels), "areas": ensemble},
         "mean_pressure": finals[0].mean_pressure,
+        "loads": load_rows(answer.results),
         "cost": {
             key: (max if key == "peak_memory_bytes" else sum)(cost[key] for cost in costs)
             for key in costs[0]
@@ -246,6 +259,29 @@ def summary(case: Case, answer: Answer) -> dict[str, Any]:
         "provenance": members[0]["provenance"],
         "members": members,
     }
+
+
+def load_rows(results: Sequence[ContactResult]) -> list[dict[str, Any]]:
+    """Return a row a load: its branch, and the columns that are known of it, each with the mean
+    over the surfaces, its `error` at 95 % and the `parts` of that by their sources."""
+    rows = []
+    for branch, *steps in zip(results[0].branches, *(r.steps for r in results), strict=True):
+        each = [step.row for step in steps]
+        row: dict[str, Any] = {"branch": branch}
+        for name in COLUMNS:
+            found = estimate([one.get(name, math.nan) for one in each])
+            start = f"{name}_error_by_"
+            parts = {
+                source.removeprefix(start): fmean(one.get(source, 0.0) for one in each)
+                for source in each[0]
+                if source.startswith(start)
+            }
+            parts |= {"scatter": found.half_width} if found.half_width else {}
+            if not math.isnan(found.mean):
+                row[name] = {"mean": found.mean, "error": math.hypot(*parts.values())}
+                row[name]["parts"] = parts
+        rows.append(row)
+    return rows
 
 
 def _spread(values: Sequence[float]) -> dict[str, float]:

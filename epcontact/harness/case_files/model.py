@@ -7,6 +7,7 @@ Those of [surface] are the recipes of `epcontact.surfaces`, those of methods are
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -263,11 +264,15 @@ class Case(Table):
         return () if self.skip else surfaces.recipes_of(self.surface)
 
     @cached_property
-    def mapped_hardness(self) -> MappedHardness | None:
-        """The map's hardness at the largest mean pressure, where the file calls it effective."""
+    def mapped(self) -> tuple[MappedHardness, ...]:
+        """The map's hardness of each load, where the file calls it effective, else none.
+
+        The map knows the hardness of a load that has grown to its value.  A load below an earlier
+        one meets the surface that the largest has left, so that it keeps the hardness of that one.
+        """
         given, surface = self.solid, self.surface
         if given.hardness != "effective" or isinstance(surface, surfaces.SurfaceAbsent):
-            return None
+            return ()
         if not isinstance(surface, surfaces.SelfAffineEnsemble | surfaces.HeightsFromFile) or (
             len(surfaces.recipes_of(surface)[0].shape) == 1
         ):
@@ -285,17 +290,27 @@ class Case(Table):
             slope = inner_moments(surface.build()).rms_slope
         else:
             slope = surface.rms_slope
-        return self.cap_at(slope)
+        return tuple(self.cap_at(slope, p) for p in itertools.accumulate(self.load.path, max))
 
-    def cap_at(self, rms_slope: float) -> MappedHardness:
+    @property
+    def mapped_hardness(self) -> MappedHardness | None:
+        """The map's hardness at the largest mean pressure."""
+        return max(self.mapped, key=lambda found: found.load, default=None)
+
+    def cap_at(self, rms_slope: float, mean_pressure: float) -> MappedHardness:
         """Return the map's hardness at an rms slope.  Raises InvalidScene outside the map."""
         return effective_hardness(
             yield_stress=self.solid.yield_stress,
             young_modulus=self.solid.young_modulus,
             poisson_ratio=self.solid.poisson_ratio,
             rms_slope=rms_slope,
-            mean_pressure=max(self.load.path),
+            mean_pressure=mean_pressure,
         )
+
+    @property
+    def lists_loads(self) -> bool:
+        """Whether a verification measures and prints each load: of a path, or a measured map."""
+        return len(self.load.path) > 1 or isinstance(self.surface, surfaces.HeightsFromFile)
 
     @cached_property
     def material(self) -> Material:

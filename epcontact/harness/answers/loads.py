@@ -1,0 +1,184 @@
+"""A load path, solved: each load with its own hardness, and with what a table of loads shows of it.
+
+An effective hardness depends on the load.  While a load grows, the capped problem has no memory:
+each load beyond all before it is solved on the surface as it was made, with its own hardness.
+Smaller loads after it meet what it has left behind, and keep its hardness.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from epcontact.errors import InvalidCase, NotConverged
+from epcontact.files import step_name, write_collection
+from epcontact.harness.answers.store import ROW, Task, described
+from epcontact.harness.methods import foreign
+from epcontact.harness.quantities.answered import Answered
+from epcontact.harness.quantities.registry import QUANTITIES, measured
+from epcontact.materials.hardness_map import MappedHardness
+from epcontact.output.vtk import write_fields
+from epcontact.results import Areas, ContactResult, LoadStep
+from epcontact.scene import Load, Scene
+
+#: The unit of each quantity in the field data of a .vti.
+_UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
+#: Most points of a grid on which a row has what takes a linear solve on the contact.
+_MOST_POINTS = 2**22
+
+#: Called at a load with the scene up to it and the result, which it returns with more quantities.
+AtLoad = Callable[[Scene, ContactResult], ContactResult]
+Moving = Callable[[float], None]
+
+
+class TimeUp(NotConverged):
+    """The time limit of a case has passed."""
+
+
+def solve_path(
+    task: Task, scene: Scene, threads: int, moving: Moving | None = None
+) -> ContactResult:
+    """Solve a load path; measure and write of every load what the task asks for."""
+    j2 = task.case.options[task.method.name].get("law") == "j2"
+    mapped, path = () if j2 else task.case.mapped, scene.load.path
+    if task.steps is not None:
+        shutil.rmtree(task.steps, ignore_errors=True)  # a longer path may have been there
+    at_load = partial(_shown, task) if task.rows or task.steps else None
+    own = [found.value for found in mapped] or [scene.material.hardness] * len(path)
+    result = _walked(task, scene, own, threads, at_load, moving)
+    known = [{} if math.isinf(cap) or j2 else {"hardness": cap} for cap in own]
+    steps = [
+        replace(step, quantities={**step.quantities, **more})
+        for step, more in zip(result.steps, known, strict=True)
+    ]
+    if mapped:
+        peaks = itertools.accumulate(path, max)
+        low = [max(found.interval[0], 1.001 * p) for found, p in zip(mapped, peaks, strict=True)]
+        high = [found.interval[1] for found in mapped]
+        soft, hard = (_walked(task, scene, end, threads, quick=True).steps for end in (low, high))
+        steps = list(map(_with_hardness_error, steps, soft, hard, mapped))
+    return replace(result, steps=tuple(steps))
+
+
+def _walked(
+    task: Task, scene: Scene, own: Sequence[float], threads: int, at_load: AtLoad | None = None,
+    moving: Moving | None = None, *, quick: bool = False,
+) -> ContactResult:  # fmt: skip
+    """Solve the parts of a path that have one of their `own` hardnesses each; join the results."""
+    path, result = scene.load.path, None
+    costs, done = list[Mapping[str, float]](), list[LoadStep]()
+    for hardness, group in itertools.groupby(zip(own, path, strict=True), key=lambda pair: pair[0]):
+        loads = tuple(load for _, load in group)
+        material = replace(scene.material, hardness=hardness)
+        there = replace(scene, material=material, load=Load(loads))
+        if there.load != scene.load and task.method.steps == "output":
+            raise InvalidCase(
+                "hardness is 'effective' and differs from load to load, but fem follows a path "
+                "with one; give one load, a hardness in Pa, or a sweep over load.mean_pressure"
+            )
+        places = (len(done) / len(path), len(loads) / len(path))
+        share = None if moving is None else partial(_share, moving, *places)
+        result = _part(task, there, threads, tuple(done), at_load, share, quick)
+        done += result.steps
+        costs.append(result.cost)
+    assert result is not None, "a path has a load"
+    cost = {
+        name: (max if name in ("unknowns", "peak_memory_bytes") else sum)(c[name] for c in costs)
+        for name in costs[0]
+    }
+    about = replace(result.provenance, scene=scene.digest)
+    return replace(result, steps=tuple(done), provenance=about, cost=cost)
+
+
+def _share(moving: Moving, before: float, part: float, share: float) -> None:
+    moving(before + part * share)
+
+
+def _part(
+    task: Task, scene: Scene, threads: int, before: tuple[LoadStep, ...],
+    at_load: AtLoad | None, moving: Moving | None, quick: bool,
+) -> ContactResult:  # fmt: skip
+    """Solve a path of one hardness, which other loads may come before."""
+    method, options = task.method, dict(task.case.options[task.method.name])
+    steps, spent = list[LoadStep](), 0.0
+
+    def show(now: ContactResult) -> None:
+        nonlocal spent
+        started = time.perf_counter()
+        if at_load is not None:
+            there = replace(scene, load=Load(scene.load.path[: len(now.steps)]))
+            steps.append(at_load(there, replace(now, steps=(*before, *now.steps))).final)
+        spent += time.perf_counter() - started
+
+    if quick and method.name == "bem":
+        options["area_tolerance"] = 1e-4
+    if at_load is not None and method.steps == "on_step":
+        options["on_step"] = show
+    if task.steps is not None and method.steps == "output":
+        options["output"] = task.steps
+    if moving is not None and method.steps:
+        options["progress"] = lambda share, _: moving(share)
+    if method.source:  # its limit is enforced from outside its process
+        result = foreign.solve(method.name, method.source, scene, task.case.head.time_limit)
+    else:
+        result = method.solve(scene, options, threads)
+    if not result.converged:
+        raise NotConverged("the result says that it has not converged")
+    if "on_step" not in options:
+        show(result)  # of its last load alone are there fields
+    cost = dict(result.cost)
+    if "on_step" in options:
+        cost["seconds"] -= spent
+    return replace(result, steps=(*result.steps[: -len(steps) or None], *steps), cost=cost)
+
+
+def _shown(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
+    """Add what a table of loads shows, as far as it is defined; write the fields of a load."""
+    if task.rows and scene.surface.heights.size <= _MOST_POINTS:
+        answered, values = Answered(scene, result), dict(result.final.quantities)
+        for name in ROW:
+            try:
+                values[name.removeprefix("quantity.")] = measured(name, answered)
+            except TimeUp:
+                raise
+            except (InvalidCase, NotConverged):  # such as the conductance of a layer
+                continue
+        final = replace(result.final, quantities=values)
+        result = replace(result, steps=(*result.steps[:-1], final))
+    if task.steps is not None and task.method.steps == "on_step":
+        number = len(result.steps) - 1
+        write(task, scene, told(task, scene, result), task.steps / step_name(number, ".vti"))
+        write_collection(task.steps / "path.pvd", [step.mean_pressure for step in result.steps])
+    return result
+
+
+def _with_hardness_error(
+    step: LoadStep, soft: LoadStep, hard: LoadStep, mapped: MappedHardness
+) -> LoadStep:
+    """Add what the interval of a hardness is worth: half of what the answers at its ends differ."""
+    kind = "corrected" if "corrected" in step.areas else "raw"
+    a, b = (vars(one.areas[kind]) for one in (soft, hard))
+    areas = {**step.areas, "hardness_error": Areas(**{k: abs(a[k] - b[k]) / 2 for k in a})}
+    more = {"hardness_error_by_map": mapped.value * mapped.error}
+    if "mean_gap" in step.quantities:
+        ends = (one.quantities["mean_gap"] for one in (soft, hard))
+        more["mean_gap_error_by_hardness"] = abs(next(ends) - next(ends)) / 2
+    return replace(step, areas=areas, quantities={**step.quantities, **more})
+
+
+def told(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
+    """Add to a result what was computed, in words and figures."""
+    about = described(scene, task.recipe, task.case.hardness_source)
+    return replace(result, provenance=replace(result.provenance, about=about))
+
+
+def write(task: Task, scene: Scene, result: ContactResult, path: Any) -> None:
+    """Write the fields of a result."""
+    attributes = {"case": task.case.id, "size": task.case.size}
+    write_fields(path, result, scene.surface, attributes, precision=task.precision, units=_UNITS)

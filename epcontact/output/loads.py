@@ -1,0 +1,85 @@
+"""The loads of a path as texts of a table and as curves, from the rows of a method's JSON file.
+
+A row has a branch and, by the names of COLUMNS, a mean over the surfaces, its error and the parts
+of the error by their sources.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.plot import Plot, draw_table
+from epcontact.output.charts.style import unit_for
+from epcontact.results import COLUMNS
+
+Row = Mapping[str, Any]
+
+
+def load_cells(rows: Sequence[Row], units: Mapping[str, str] = COLUMNS) -> list[list[str]]:
+    """Return headings and rows of texts, in units that suit the largest value of each column.  The
+    last texts say what the error of the total area is made of."""
+    known = {name: unit for name, unit in units.items() if any(name in row for row in rows)}
+    scales = {name: _scale([r[name] for r in rows if name in r], u) for name, u in known.items()}
+    titles = (f"{n.replace('_', ' ')}{f' ({u})' if u else ''}" for n, (_, u) in scales.items())
+    cells = [["branch", *titles, "error of the total area by"]]
+    for row in rows:
+        texts = (_cell(row.get(name), scale) for name, (scale, _) in scales.items())
+        parts = row.get("total_area", {}).get("parts", {})
+        made = ", ".join(f"{source} {float(part):.2g}" for source, part in parts.items())
+        cells.append([row.get("branch", ""), *texts, made])
+    return cells
+
+
+def _scale(entries: Sequence[Row], unit: str) -> tuple[float, str]:
+    sizes = (abs(float(entry["mean"])) for entry in entries)
+    largest = max(filter(math.isfinite, sizes), default=0.0)
+    return (1.0, unit) if unit in ("", "1/m") else unit_for(largest, unit)
+
+
+def _cell(entry: Row | None, scale: float) -> str:
+    if entry is None:
+        return "–"
+    mean, error = (float(entry[key]) / scale for key in ("mean", "error"))
+    return f"{mean:.4g}" + (f" ± {error:.2g}" if error else "")
+
+
+#: The charts of the loads: which quantities share one, and the label of their axis.
+_CHARTS = {
+    "areas": ("_area", "contact area / nominal area (–)"),
+    "gap": ("mean_gap", "mean gap (m)"),
+    "stiffness": ("stiffness_", "stiffness (Pa/m)"),
+    "conductance": ("conductance", "conductance times resistivity (1/m)"),
+    "percolation": ("_percolation", "share of the area that percolates (–)"),
+}
+
+
+def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
+    """Draw the rows of each method against the mean pressure, by the names of the charts; loads
+    after a larger one have open marks."""
+    points = [
+        {"method": method, "quantity": name.replace("_", " "), "branch": row["branch"],
+         "mean_pressure_Pa": float(row["mean_pressure"]["mean"]), "value": mean,
+         "value_low": mean - error, "value_high": mean + error, "chart": chart,
+         "style": "points" if row["branch"] == "loading" else "open"}
+        for method, rows in paths.items() for row in rows
+        for name in COLUMNS for chart, (part, _) in _CHARTS.items() if part in name and name in row
+        for mean, error in [(float(row[name]["mean"]), float(row[name]["error"]))]
+        if math.isfinite(mean)
+    ]  # fmt: skip
+    charts = {}
+    for chart, table in pd.DataFrame(points).groupby("chart", sort=False):
+        scale, unit = unit_for(float(table["mean_pressure_Pa"].max()), "Pa")
+        plot = Plot(
+            ("mean_pressure_Pa", f"mean pressure ({unit})"),
+            ("value", _CHARTS[str(chart)][1]),
+            series=("method", "quantity", "branch"),
+            scale=(scale, 1.0),
+        )
+        said = f"{str(chart).capitalize()} at each load; marks are open after a larger load."
+        charts[f"loads-{chart}"] = draw_table(table, plot, said)
+    return charts

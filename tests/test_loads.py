@@ -1,0 +1,134 @@
+"""Every load of a path is a row of its own: figures, errors and units, computed a second time."""
+
+import json
+import pickle
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import invoke
+
+from epcontact import bem
+from epcontact.harness.case_files.case import load_case
+from epcontact.harness.interface import interface_stiffness, patches, percolation_share
+from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.output.loads import load_cells
+from epcontact.results import COLUMNS, ContactResult
+from epcontact.scene import Load, Scene
+
+PATH = ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8, 1.0e8, 3.0e8]")
+BEM = ('["persson", "bem"]', '["bem"]')
+AREA = ('against = "persson"\ntolerance = 0.5', 'against = 0.1\nsource = "none"\ntolerance = 5.0')
+
+
+@pytest.fixture
+def ran(write_case, tmp_path):
+    """A case of two surfaces along a path, run from the command line, and its JSON file."""
+    path = write_case(BEM, AREA, PATH, ("[3, 5, 7]", "[3, 5]"))
+    done = invoke("run", path, "--output", tmp_path, "--jobs", 1, "--fields", "steps", "--charts")
+    assert done.returncode == 0, done
+    folder = tmp_path / "small" / "fast"
+    return load_case(path), done.stdout, folder, json.loads((folder / "bem.json").read_text())
+
+
+def alone(case, number, recipe):
+    """The answer to a path that ends at the load of a number."""
+    scene = case.scene(recipe)
+    there = Scene(scene.surface, scene.material, Load(scene.load.path[: number + 1]), scene.body)
+    return there, bem.solve(there)
+
+
+def test_every_load_has_its_own_figures_and_fields(ran):
+    case, told, folder, data = ran
+    branches = ["loading", "loading", "unloading", "reloading"]
+    assert [row["branch"] for row in data["loads"]] == branches
+    assert re.findall(r"^bem +(\w+)", told, re.MULTILINE) == branches
+    for number, (load, row) in enumerate(zip(case.load.path, data["loads"], strict=True)):
+        answers = [alone(case, number, recipe) for recipe in case.recipes]
+        ways = ("loading", "unloading")
+        stiff = [[interface_stiffness(*answer, way) for answer in answers] for way in ways]
+        found = {
+            "mean_pressure": [load, load],
+            "hardness": [6e9, 6e9],
+            "total_area": [a.final.areas["corrected"].total for _, a in answers],
+            "plastic_area": [a.final.areas["corrected"].plastic for _, a in answers],
+            "mean_gap": [a.final.quantities["mean_gap"] for _, a in answers],
+            "stiffness_loading": [x.corrected for x in stiff[0]],
+            "stiffness_unloading": [x.corrected for x in stiff[1]],
+        }
+        for name, values in found.items():
+            assert row[name]["mean"] == pytest.approx(np.mean(values), rel=1e-6), (number, name)
+            scatter = 12.706204736 * np.std(values)  # of two surfaces: Student's t over sqrt(2)
+            assert row[name]["parts"].get("scatter", 0) == pytest.approx(
+                scatter, rel=1e-4, abs=1e-9
+            )
+        sure = np.mean([x.error for x in stiff[0]])
+        assert row["stiffness_loading"]["parts"]["grid"] == pytest.approx(sure, rel=1e-4)
+        grid = np.mean([a.final.areas["error"].total for _, a in answers])
+        parts = row["total_area"]["parts"]
+        assert parts.keys() == {"grid", "scatter"}
+        assert parts["grid"] == pytest.approx(grid, rel=1e-4)
+        assert row["total_area"]["error"] == pytest.approx(
+            np.hypot(grid, parts["scatter"]), rel=1e-4
+        )
+    # A share that percolates: so many of the closest points, and not one less, join across.
+    scene, answer = alone(case, 1, case.recipes[0])
+    p, gap = answer.fields["pressure"], answer.fields["gap"]
+    loose = answer.fields["state"] != 1
+    closest = p / p.max() - np.where(loose, gap / np.ptp(scene.surface.heights), 0.0)
+    share = data["members"][0]["steps"][1]["quantities"]["contact_percolation"]
+    limit = percolation_share(closest)
+    assert share == limit.corrected
+    rank = np.argsort(np.argsort(-closest, axis=None)).reshape(closest.shape)
+    assert [patches(rank < limit.raw * rank.size - less).spans for less in (0, 1)] == [True, False]
+    pressures = pd.read_csv(folder / "loads-areas.csv")["mean_pressure_Pa"].unique()
+    assert sorted(pressures) == sorted(case.load.path)
+    assert len(list(folder.glob("contact-bem-step-*.png"))) == 4
+
+
+def test_units_are_those_of_the_quantities_and_suit_the_figures():
+    for name, unit in COLUMNS.items():
+        if (known := QUANTITIES.get(f"quantity.{name}")) is not None:
+            assert (known.unit == "–" and unit == "") or known.unit == unit, name
+    entry = {"mean": 2.5e-7, "error": 3e-9, "parts": {"grid": 3e-9}}
+    rows = [
+        {"branch": "loading", "mean_gap": entry, "hardness": {"mean": 2e9, "error": 0, "parts": {}}}
+    ]
+    assert load_cells(rows) == [
+        ["branch", "mean gap (nm)", "hardness (GPa)", "error of the total area by"],
+        ["loading", "250 ± 3", "2", ""],
+    ]
+
+
+def test_a_result_shows_itself(ran):
+    data = ran[-1]
+    result = ContactResult.from_json(data["members"][0])
+    table = result.table()
+    assert table["mean_pressure_Pa"].tolist() == [2e8, 5e8, 1e8, 3e8]
+    assert table["branch"].tolist() == list(result.branches)
+    assert table["mean_gap_m"].tolist() == [s.quantities["mean_gap"] for s in result.steps]
+    assert table["total_area"].tolist() == [s.areas["corrected"].total for s in result.steps]
+    assert {"stiffness_loading_Pa_per_m", "conductance_per_m", "total_area_error_by_grid"} <= {
+        *table
+    }
+    area, error = (vars(result.final.areas[kind])["total"] for kind in ("corrected", "error"))
+    assert (
+        repr(result)
+        == f"<ContactResult of bem: 4 loads, contact area {area:.4g} ± {error:.2g} at 3e+08 Pa>"
+    )
+    assert all(f"<td>{gap:.4g}</td>" in result._repr_html_() for gap in table["mean_gap_m"])
+
+
+def test_results_and_scenes_compare_by_what_they_hold(write_case):
+    case = load_case(write_case(BEM, AREA))
+    scene, other = (case.scene(recipe) for recipe in case.recipes[:2])
+    first, second = bem.solve(scene), bem.solve(scene)
+    for one, same in ((scene, pickle.loads(pickle.dumps(scene))), (first, second)):
+        assert one == same
+        assert hash(one) == hash(same)
+    assert first == pickle.loads(pickle.dumps(first))
+    assert len({scene, other, first, second, bem.solve(other)}) == 4
+    assert first != ContactResult.from_json(first.to_json())  # which has no fields
+    assert first.distribution == second.distribution != bem.solve(other).distribution
+    assert scene != first
