@@ -188,6 +188,16 @@ def test_the_theory_stands_in_only_where_it_is_near_enough(write_case):
     assert achieved_error(loose, Answer((object(),), ("x",))) <= 0.9
 
 
+def test_the_map_of_its_error_decides_where_the_theory_stands_in():
+    """Where it misses a tenth of the area it misses three quarters of the plastic spots."""
+    spots = load_case("where-spots")
+    area, plastic = (plan(spots, 0.2, parts=(part,), threads=1) for part in ("total", "plastic"))
+    assert (area.method, plastic.method) == ("persson", "bem")
+    assert 0.1 < area.expected_error < 0.2
+    assert any("off by 0.74 here" in reason for reason in plastic.reasons)
+    assert "by the map of its error" in area.reasons[0]
+
+
 J2 = (
     ('methods = ["persson", "bem"]', 'methods = ["bem", "fem"]'),
     ('of = "bem"\nagainst = "persson"', 'of = "fem"\nagainst = 0.1\nsource = "made"'),

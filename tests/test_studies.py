@@ -48,6 +48,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "speed": {"sides": (64, 128), "threads": 1, "solves": (1, 1)},
     "theory": {"cells": (64, 128)},
     "treatment": {"points": (24,), "seeds": (2,), "tiles": 2} | {"kinds": ("rolled off", "turned")},
+    "validity": {"points": (6, 8)},
     "walls": {"bandwidths": (16,), "seeds": (1, 2, 3), "points": 8}
     | {"places": ((0.1, 0.6), (0.1, math.inf)), "shares": (1.0, 1 / 16)},
 }

@@ -10,6 +10,7 @@ from epcontact.persson.reduction import Rule
 from epcontact.persson.roughness import SpectrumKind
 from epcontact.persson.separation import elastic_energy, mean_separation
 from epcontact.persson.theory import Theory, pressure_curve
+from epcontact.persson.validity import expectation
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 from epcontact.scene import Scene, Surface
 
@@ -63,7 +64,8 @@ def solve(
             *scene.surface.notes,
             f"energy reduction gamma = {gamma:g}, rule {reduction!r}, {spectrum} spectrum",
             "the areas solve the theory's equations to a relative error of 1e-10, without a grid "
-            "to correct for; the error of the theory itself is not included",
+            "to correct for",
+            expectation(theory, scene.load.final),
         ),
     )
 

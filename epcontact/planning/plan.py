@@ -11,8 +11,8 @@ e < tolerance the plan takes the one with the least cost times number n of surfa
 with Student's 97.5 % quantile t.  s is an upper 80 % bound, because the pilots are few.  A case
 with one surface asks for the area of that surface, so n = 1 and there is no scatter.
 
-The theory is chosen if its difference from the pilots' mean and their uncertainty together are
-within the tolerance.
+The theory is chosen if its error by the map of `persson.validity` is within the tolerance or, where
+that map does not reach, its difference from the pilots' mean and their uncertainty together.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case, CaseText, load_case
 from epcontact.harness.gates import Gate, standard_deviation, student_half_width
 from epcontact.harness.methods.registry import METHODS
+from epcontact.persson.theory import Theory
+from epcontact.persson.validity import expected_errors
 from epcontact.planning.grids import Section, on_grid, one_directional, points_per_wavelength
 from epcontact.planning.pilots import (
     PILOT_SURFACES,
@@ -44,6 +46,7 @@ from epcontact.planning.pilots import (
     finite_element_options,
     solve_pilot,
 )
+from epcontact.scene import Scene
 from epcontact.surfaces import Recipe, SelfAffine
 
 
@@ -223,22 +226,15 @@ def _chosen_recipes(given: Sequence[Recipe], chosen: Candidate) -> tuple[Recipe,
 
 def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical: Plan) -> Plan:
     """Return the plan with the theory as its method if that is close enough to the pilots."""
-    parts = numerical.parts
     scene = case.scene(on_grid(case.recipes[0], pilots[0].shape) or case.recipes[0])
-    theory = METHODS[method].solve(scene, case.options[method], 1).final.areas["raw"]
-    sample, finest = coarsest(pilots), max(pilots, key=lambda p: math.prod(p.shape))
-    off = []
-    for part in parts:
-        mean = float(np.mean([getattr(p.areas, part) for p in sample]))
-        # A finer grid is assumed to change all surfaces as it changed the first.
-        mean *= getattr(finest.areas, part) / getattr(pilots[0].areas, part)
-        off.append(abs(getattr(theory, part) / mean - 1))
-    doubt = math.hypot(finest.error, student_half_width(deviation_of(pilots, parts), len(sample)))
-    error = max(off) + doubt
-    distance = (
-        f"the theory differs from the pilot solves by {max(off):.2g}, and they are uncertain by "
-        f"{doubt:.2g}: together this"
-    )
+    if known := _mapped_error(case, method, scene, numerical.parts):
+        error, middle = known
+        distance = (
+            f"the theory is off by {middle:.2g} here, and by at most {error:.2g} at 95 %, by the "
+            "map of its error against boundary elements: this"
+        )
+    else:
+        error, distance = _off_the_pilots(case, method, scene, pilots, numerical.parts)
     if error > numerical.tolerance:
         why = f"{distance} exceeds the tolerance, so the theory will not do"
         return replace(numerical, reasons=(*numerical.reasons, why))
@@ -252,6 +248,45 @@ def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical:
         work=0.0,
         reasons=(f"{distance} is within the tolerance, and the theory costs nothing",),
     )
+
+
+def _mapped_error(
+    case: Case, method: str, scene: Scene, parts: Sequence[str]
+) -> tuple[float, float] | None:
+    """Return the largest relative error of the theory's areas and its middle, by the kept map for
+    the case's number of surfaces; None where that does not know it."""
+    if method != "persson" or not isinstance(case.recipes[0], SelfAffine):
+        return None
+    try:
+        theory = Theory.of_scene(scene, **case.options[method])
+        known = expected_errors(theory, scene.load.final, len(case.recipes))
+    except InvalidScene:
+        return None
+    found = [known[part] for part in parts if part in known]
+    if len(found) < len(parts):
+        return None
+    worst = max(found, key=lambda error: max(-error.low, error.high))
+    return max(-worst.low, worst.high), abs(worst.middle)
+
+
+def _off_the_pilots(
+    case: Case, method: str, scene: Scene, pilots: Sequence[Pilot], parts: Sequence[str]
+) -> tuple[float, str]:
+    """Return how far the theory is off the pilots, with their uncertainty, and a sentence on it."""
+    theory = METHODS[method].solve(scene, case.options[method], 1).final.areas["raw"]
+    sample, finest = coarsest(pilots), max(pilots, key=lambda p: math.prod(p.shape))
+    off = []
+    for part in parts:
+        mean = float(np.mean([getattr(p.areas, part) for p in sample]))
+        # A finer grid is assumed to change all surfaces as it changed the first.
+        mean *= getattr(finest.areas, part) / getattr(pilots[0].areas, part)
+        off.append(abs(getattr(theory, part) / mean - 1))
+    doubt = math.hypot(finest.error, student_half_width(deviation_of(pilots, parts), len(sample)))
+    distance = (
+        f"the theory differs from the pilot solves by {max(off):.2g}, and they are uncertain by "
+        f"{doubt:.2g}: together this"
+    )
+    return max(off) + doubt, distance
 
 
 def planned_case(case: Case, chosen: Plan) -> Case:

@@ -15,6 +15,7 @@ from epcontact.studies import (  # noqa: F401
     peers,
     theory,
     treatment,
+    validity,
     walls,
 )
 from epcontact.studies.frame import STUDIES, save_charts

@@ -8,8 +8,11 @@ from scipy.special import erf
 
 from breaking.fault import Fault, at, changed, given, on_result, scaled
 from epcontact.persson.elastoplastic import ContactAreas
+from epcontact.persson.validity import ExpectedError
 
 P = "epcontact.persson."
+MAP = "tests/test_theory_map.py::"
+NONE = ExpectedError(0.0, 0.0, 0.0)
 
 
 def _without_hardness(G, p0, hardness=np.inf):
@@ -142,4 +145,20 @@ FAULTS = (
     Fault("the magnification counted twice", "persson",
         given(P + "theory.Theory.diffusion", _twice_as_fine),
         test="tests/test_persson_solve.py::test_the_magnification_curve_begins_and_ends_right"),
+    Fault("a fifth less diffusion, away from the paper's scene", "persson",
+        scaled(P + "theory.full_contact_diffusion", 0.8), "where-spots", "area.total.corrected"),
+    Fault("the map of the theory's error upside down", "persson",
+        on_result(P + "validity._fits", lambda found: (found[0], *(a[::-1] for a in found[1:]))),
+        test=MAP + "test_at_its_places_the_map_has_the_errors_that_were_measured"),
+    Fault("a note with the error at another load", "persson",
+        given(P + "driver.expectation", lambda theory, p0: (theory, 3 * p0)),
+        test=MAP + "test_a_result_of_the_theory_tells_its_error_or_that_it_is_not_known"),
+    Fault(
+        "a plan that believes the theory where the map says no", "planning",
+        at(
+            "epcontact.planning.plan.expected_errors",
+            lambda *scene: dict.fromkeys(("total", "elastic", "plastic"), NONE),
+        ),
+        test="tests/test_plan.py::test_the_map_of_its_error_decides_where_the_theory_stands_in",
+    ),
 )  # fmt: skip

@@ -1,0 +1,113 @@
+"""The study of where the theory holds: its error over the plane of load and hardness."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from epcontact import persson
+from epcontact.output.charts.figures import Chart, logarithmic, new_figure, styled
+from epcontact.output.charts.style import DIFFERENCE_MAP, typeset
+from epcontact.persson import validity
+from epcontact.scene import SelfAffineSpectrum
+from epcontact.studies.frame import Charts, Ints, Say, study
+from epcontact.studies.paper_scene import GAMMA, LOWEST, MODULUS
+
+#: Relative errors between the colours; the outermost colours have no end.
+LEVELS = (-0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2)
+#: The height at which the strip of a body without hardness is drawn, as hardness/(E* xi).
+_STRIP = (3.8, 5.2)
+_X, _Y = "pressure_over_slope_modulus", "hardness_over_slope_modulus"
+_TITLES = {
+    "total": "contact area",
+    "elastic": "elastic area",
+    "plastic": "plastic area",
+    "mean_gap": "mean gap",
+    "wasserstein": "distance of the pressures' distributions",
+    "slope_at_zero": "slope of P(σ) at σ = 0",
+}
+
+
+@study("validity", points=(64, 64))
+def where_the_theory_holds(
+    say: Say,
+    points: Ints = (24, 32),
+    hurst: float = 0.8,
+    wide: float = 256.0,
+    roll_off: float = 4.0,
+) -> Charts:
+    """Error of the theory over the plane of load and hardness, by the kept map.
+
+    Errors are those of the theory (constant gamma, 0.536) against boundary elements on eight random
+    self-affine surfaces a place and spectrum, with areas corrected for the grid, interpolated
+    between places and spectra.  The strip at the top is a body without a hardness, the dot is the
+    scene of Almqvist and Persson; grey: not resolved by the grid.  Distances are Wasserstein's over
+    the hardness (in the strip over the mean contact pressure), slopes are means within a fifth of
+    the smaller of hardness and E* xi.
+    """
+    spectrum = SelfAffineSpectrum(hurst, LOWEST, roll_off * LOWEST, wide * LOWEST, 1.0)
+    rough = persson.analytic_roughness(spectrum)
+    reach, tables = validity.map_reach(), []
+    hardnesses = np.geomspace(*reach["hardness/(E*ξ)"], num=points[0])
+    low, high = (math.log(s / (1 - s)) for s in reach["p0/hardness"])
+    shares = 1 / (1 + np.exp(-np.linspace(low, high, points[1])))
+    loads = np.geomspace(*reach["p0/(E*ξ)"], num=points[1])
+    for hardness in (*hardnesses, math.inf):
+        for load in loads if math.isinf(hardness) else hardness * shares:
+            body = persson.Theory(
+                rough, MODULUS, persson.EnergyReduction(GAMMA), hardness * MODULUS
+            )
+            found = validity.expected_errors(body, load * MODULUS)
+            none = validity.ExpectedError(*(math.nan,) * 3)
+            tables += [
+                (name, hardness, error.middle, error.low, error.high, load)
+                for name in _TITLES
+                for error in [found.get(name, none)]
+            ]
+    columns = ["series", _Y, "relative_error", "low", "high", _X]
+    table = pd.DataFrame(sorted(tables, key=lambda row: [*_TITLES].index(row[0])), columns=columns)
+    alpha = validity.nayak(rough)[0]
+    yield _drawn, table, f"The theory's error for Nayak's parameter {alpha:.3g}"
+
+
+def _drawn(table: pd.DataFrame, caption: str) -> Chart:
+    """Six panels of the plane, in bands of colour between LEVELS."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import BoundaryNorm
+
+    levels, rows = [-1.001, *LEVELS, 1.0], table[_Y].nunique()
+    look: Any = {"cmap": DIFFERENCE_MAP, "norm": BoundaryNorm(levels, 256), "levels": levels}
+    with styled():
+        figure, _ = new_figure(7.6, 5.6)
+        figure.clear()
+        panels = figure.subplots(2, 3, sharex=True, sharey=True)
+        for axes, (name, known) in zip(
+            panels.flat, table.groupby("series", sort=False), strict=True
+        ):
+            x, y, e = (known[c].to_numpy().reshape(rows, -1) for c in (_X, _Y, "relative_error"))
+            e = np.minimum(e, 0.999)
+            axes.contourf(x[:-1], y[:-1], e[:-1], **look)
+            strip = np.broadcast_to(np.transpose([_STRIP]), (2, x.shape[1]))
+            axes.contourf(np.tile(x[-1], (2, 1)), strip, np.tile(e[-1], (2, 1)), **look)
+            axes.plot(0.05, 0.6, "o", color="black", markersize=4)
+            axes.set(facecolor="#bbbbbb", ylim=(y.min(), _STRIP[1]), title=_TITLES[str(name)])
+            for axis in "xy":
+                logarithmic(axes, axis)
+            axes.set_yticks(
+                [0.1, 0.2, 0.5, 1, 2, sum(_STRIP) / 2], [*"", ".1", ".2", ".5", "1", "2", "none"]
+            )
+        for axes in panels[-1]:
+            axes.set_xlabel(typeset("load p0 / (E* xi) (–)"))
+        for axes in panels[:, 0]:
+            axes.set_ylabel(typeset("hardness / (E* xi) (–)"))
+        bar = figure.colorbar(
+            ScalarMappable(look["norm"], look["cmap"]), ax=panels, location="bottom",
+            ticks=LEVELS, format=lambda v, _: f"{100 * v:+g}", aspect=50, shrink=0.8,
+        )  # fmt: skip
+        bar.set_label("relative error of the theory (%)")
+    return Chart(
+        figure, tuple(table.columns), table.to_numpy().tolist(), typeset(caption, mathtext=False)
+    )

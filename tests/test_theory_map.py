@@ -1,0 +1,98 @@
+"""The map of the theory's error: its places, its intervals elsewhere, and what it refuses."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from laboratory.theory_map import judged, random_scene
+
+from epcontact import Load, Material, Scene, SelfAffineSpectrum, persson
+from epcontact.errors import InvalidScene
+from epcontact.persson import EnergyReduction, Theory, analytic_roughness, validity
+from epcontact.surfaces import SelfAffine
+
+LOWEST, MODULUS = 1e4, 100e9
+
+
+def spectrum(hurst=0.8, wide=64.0, roll_off=4.0):
+    return SelfAffineSpectrum(hurst, LOWEST, roll_off * LOWEST, wide * LOWEST, 0.1)
+
+
+def theory(hardness=0.6, gamma=validity.GAMMA, **of_spectrum):
+    """The theory of a body whose hardness is given over E* xi."""
+    rough = analytic_roughness(spectrum(**of_spectrum))
+    return Theory(rough, MODULUS, EnergyReduction(gamma), hardness * 0.1 * MODULUS)
+
+
+def expected(hardness=0.6, load=0.05, surfaces=1, **more):
+    """The expected errors at a load over E* xi."""
+    return validity.expected_errors(theory(hardness, **more), load * 0.1 * MODULUS, surfaces)
+
+
+def test_at_its_places_the_map_has_the_errors_that_were_measured():
+    known, held = validity.theory_map(), []
+    for k in range(known["load"].size):
+        place = {name: float(known[name][k]) for name in ("hurst", "roll_off")}
+        capped = math.isfinite(known["hardness"][k])
+        load = known["load"][k] * (known["hardness"][k] if capped else 1.0)
+        found = expected(
+            float(known["hardness"][k]), load, 8, wide=known["wavelength_ratio"][k], **place
+        )
+        for name in ("total", "elastic", "plastic", "mean_gap"):
+            if name in found and not math.isnan(measured := known[f"{name}_theory"][k]):
+                held.append(found[name].low - 1e-3 <= measured <= found[name].high + 1e-3)
+    assert len(held) > 2000
+    assert 0.9 < np.mean(held) < 0.999
+
+
+def test_intervals_hold_the_errors_on_other_surfaces_spectra_and_places():
+    """Spectra, surfaces and places at random, on which no constant of the map was chosen."""
+    held = [row["held"] for k in range(1000, 1024) for row in judged(random_scene(k, widest=32))]
+    assert len(held) > 60
+    assert np.mean(held) > 0.85
+
+
+def test_more_surfaces_and_larger_ones_scatter_less():
+    def width(error):
+        return error.high - error.low
+
+    one, eight = (expected(surfaces=n)["total"] for n in (1, 8))
+    assert width(eight) < 0.7 * width(one)
+    assert eight.middle == one.middle
+    wave_by_wave = expected(wide=16.0, roll_off=1.0)["total"]
+    assert width(expected(wide=64.0, roll_off=4.0)["total"]) < 0.8 * width(wave_by_wave)
+
+
+def test_a_body_harder_than_the_map_is_elastic_under_light_loads():
+    hard, elastic = expected(10.0, 0.1), expected(math.inf, 0.1)
+    assert hard["total"] == pytest.approx(elastic["total"], abs=2e-3)
+    with pytest.raises(InvalidScene, match=r"ξ\) is 10, but .* from 0\.0599 to 3"):
+        expected(10.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("scene", "said"),
+    [
+        ({"gamma": 0.45}, "a constant gamma of 0.536"),
+        ({"hardness": 0.03, "load": 0.01}, "ξ. is 0.03"),
+        ({"load": 1e-4}, "p0/hardness is 0.000167"),
+        ({"hardness": math.inf, "load": 2.0}, "ξ. is 2"),
+        ({"wide": 4.0}, "Nayak's parameter is 1.2"),
+    ],
+)
+def test_outside_the_map_nothing_is_claimed(scene, said):
+    with pytest.raises(InvalidScene, match=said):
+        expected(**scene)
+
+
+def test_a_result_of_the_theory_tells_its_error_or_that_it_is_not_known():
+    shape = spectrum(wide=16.0)
+    surface = SelfAffine(shape, (2 * math.pi / LOWEST,) * 2, (64, 64), 1).build()
+    scene = Scene(surface, Material(MODULUS, 0.0, 0.3 * 0.1 * MODULUS), Load(0.05 * 0.1 * MODULUS))
+    *_, note = persson.solve(scene, energy_reduction=0.536).notes
+    low, high = (100 * end for end in expected(0.3, wide=16.0)["elastic"][::2])
+    assert f"elastic area {low:+.2g} to {high:+.2g} %" in note
+    far = replace(scene, load=Load(1e-6 * MODULUS))
+    *_, note = persson.solve(far, energy_reduction=0.536).notes
+    assert "is not known here: p0/hardness" in note
