@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from rich.console import Console
+from rich.padding import Padding
 from rich.table import Table
+from rich.text import Text
 
 from epcontact.cli.listing import WIDE, table_of
 from epcontact.harness.answers.store import Answer, load_rows
@@ -65,7 +67,8 @@ def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:
                 table.add_row("" if number else case.id, *row)
             else:
                 quantity, of, against, _, _, *judged = row
-                table.add_row(f"  {quantity} of {of} against {against}", *judged)
+                gate_of = Padding(f"{quantity} of {of} against {against}", (0, 0, 0, 2))
+                table.add_row(gate_of, *judged)
     return table
 
 
@@ -131,4 +134,6 @@ def print_shortfalls(console: Console, case: CaseVerdict) -> None:
     failed = [g for g in case.gates if not g.holds and first[g.error or g.name] is g]
     skipped = [case.skipped_because] if case.skipped_because else []
     for sentence in (*skipped, *failed, *case.unread_errors):
-        console.print(f"{case.id}: {sentence}", markup=False)
+        begin, *rest = Text(f"{case.id}: {sentence}").wrap(console, console.width - 2)
+        for line in (begin, *(Text("  ") + each for each in rest)):
+            console.print(line, soft_wrap=True)

@@ -112,7 +112,7 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         "interpolate_before_map": False,
         "annotations": {k: f"{STATE_NAMES[k]} {100 * share:.2f} %" for k, share in shares.items()},
         "scalar_bar_args": _bar("contact state (shares of grid points), white: apart")
-        | {"n_labels": 0, "position_y": 0.06},
+        | {"n_labels": 0, "position_y": 0.11},
     }
     pressure: dict[str, Any] = {
         "cmap": style.PRESSURE_MAP,
@@ -161,6 +161,7 @@ def _look_down(plotter: Any, mesh: Any) -> None:
     corners = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0], [x0, y0, 0]])
     plotter.add_mesh(pv.lines_from_points(corners), color="#555555", line_width=2)
     _frame_view(plotter, mesh.bounds, (-0.3, -1.25, 1.5), 0.9)
+    plotter.camera.SetWindowCenter(0.0, -0.25)
     plotter.remove_all_lights()
     direction = np.array([-1.0, -0.5, 1.0])
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])

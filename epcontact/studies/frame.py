@@ -8,6 +8,7 @@ caption is the title, the docstring of the study and its options.
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -90,7 +91,10 @@ def mean_with_interval(
     half_width = groups[value].agg(lambda values: estimate(values.to_numpy()).half_width)
     if shared_error:
         half_width = np.hypot(half_width, groups[shared_error].mean())
-    bounds = {f"{value}_low": mean - half_width, f"{value}_high": mean + half_width}
+    low, high = mean - half_width, mean + half_width
+    if re.search("share|fraction|overlap", value) and table[value].between(0, 1).all():
+        low, high = low.clip(lower=0), high.clip(upper=1)
+    bounds = {f"{value}_low": low, f"{value}_high": high}
     return pd.DataFrame({value: mean} | bounds).reset_index()
 
 

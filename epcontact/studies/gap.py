@@ -176,7 +176,8 @@ def distribution(
 
     x = ("gap_over_rms_height", "gap over rms height (–)")
     y = ("cumulative_area", "share of the area with a smaller gap (–)")
-    plot = Plot(x, y, ("method", "hardness"), style="curve", limits={"ylim": (0, 1)})
+    looks: dict[str, Any] = {"style": "curve", "colour": "hardness"}  # dashes tell methods apart
+    plot = Plot(x, y, ("hardness", "method"), limits={"ylim": (0, 1)}, **looks)
     form = "{distance:.3f} [{distance_low:.3f}, {distance_high:.3f}] at {ratio:g}"
     for grid, band, others in ((points, narrow, ("fem", "persson")), (4, wide, ("persson",))):
         axes = {"ratio": HARDNESSES, "seed": seeds, "method": ("bem", *others)}

@@ -177,7 +177,9 @@ def _draw_zeros(axes: Any, lines: Sequence[_Line], looks: Sequence[dict[str, Any
         x = one.x[one.y == 0]
         if one.style == "points" and x.size:
             hollow = look | {"linestyle": "none", "fillstyle": "none", "clip_on": False}
-            axes.plot(x, np.full(x.size, floor), **hollow)
+            known = "open, on the axis: 0" in axes.get_legend_handles_labels()[1]
+            label = "_" if known else "open, on the axis: 0"
+            axes.plot(x, np.full(x.size, floor), label=label, **hollow)
             axes.set_ylim(bottom=floor)
 
 
