@@ -241,11 +241,11 @@ def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
     problem, solution = now.problem, now.solution
     shape, pressure, gap = scene.surface.shape, solution.pressure, now.gap()
     open_gap = float(np.sum(gap, where=gap > 0)) / gap.size
-    separation, flow = float(gap.mean()), 0.0
+    separation, flow, flowed = float(gap.mean()), 0.0, 0.0
     if now.before is not None:
         separation -= float(now.before.mean())
     if now.after is not None:
-        flow = float(now.after.mean())
+        flow, flowed = float(now.after.mean()), np.count_nonzero(now.after) / gap.size
         # Fronts of plastic flow are placed by the whole depth of the flow.
         np.negative(now.after, out=gap, where=pressure >= problem.hardness)
     step_areas = estimate_areas(
@@ -255,6 +255,7 @@ def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
         scene.surface.spacing,
         effective_modulus(scene.material),
         threads,
+        flowed=None if now.before is None else now.before.reshape(shape),
     )
     compression = _compression(scene, problem.mean_pressure)
     # Unlike a product of a linear algebra library, this starts no threads.
@@ -262,6 +263,7 @@ def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
     quantities = {
         "mean_gap": open_gap,
         "mean_plastic_displacement": flow,
+        "flowed_share": flowed,
         "plastic_work": problem.hardness * flow if math.isfinite(problem.hardness) else 0.0,
         "mean_separation": separation,
         "elastic_energy": (fluctuation + compression * problem.mean_pressure) / 2,

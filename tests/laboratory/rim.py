@@ -96,10 +96,13 @@ def front_sums(direction, period, phase, load, hardness=math.inf):
     p, g = found.pressure, found.gap(heights)
     column = (a * np.arange(n)[:, None] + b * (np.arange(6) - 2)) % n  # this strip meets every row
     fields, stiffness = (p[column], g[column], hardness * (1 - 1e-12)), (STIFFNESS, STIFFNESS)
+    flow = np.zeros((0, 0)), hardness
     # Cells whose last corner is in the fourth of the six columns have all that they need.
     block = np.array([[0, n, 3, 4]])
     tables = np.eye(len(grid.U_NODES))
-    out = [grid.sweep(grid.Solution(*fields, stiffness, table), block)[0] for table in tables]
+    out = [
+        grid.sweep(grid.Solution(*fields, stiffness, table, *flow), block)[0] for table in tables
+    ]
     scale = length / 2 / n
     offsets = np.array([grid.Sums(*sums).offset for sums in out])
     return out[0].sum(axis=-1) * scale, offsets.sum(axis=-1) * scale
@@ -247,7 +250,7 @@ def calibrate_kink(points=96, finer=32):
                 last = next(i for i in range(round(centre * n), 2 * n) if p[(i + 1) % n] <= 0)
                 link, nearby = empty_links(1), np.arange(last - 2, last + 4) % n
                 link.values[:, 0] = v = p[nearby] - STIFFNESS * n * g[nearby]
-                locate(link, 1, math.inf)
+                locate(link, 1, math.inf, math.inf)
                 place, held, kinked = (float(a[0]) for a in (link.place, link.held, link.kinked))
                 places.append((last + place - (0 if held else AXIS_OFFSET)) / n)
             if kinked and v[2] > v[1]:  # the coarse line's; not where a kink is behind the front

@@ -42,6 +42,12 @@ EQUAL = 8 / 3
 FAR = 0.1
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
+#: Mean over directions of a front's release by that of one along the grid.
+RELEASE = 0.75
+#: An edge of a flattened spot is one where the strip beside it was below this width.
+EDGE = 0.75
+#: Doubt of the place of a front at the edge of a flattened spot.
+RELEASED = 0.05
 #: A gap that changes between two points by more than this multiple of its changes beside them has
 #: a step there (fit of `error_bars`, which tells little between 3 and 12).
 STEP = 6.0
@@ -69,17 +75,23 @@ class Links(NamedTuple):
     #: positive: the front may be elsewhere by as much.
     doubt: FloatArray
     kinked: FloatArray  # 1 where the surface has a kink at the front or close behind it
+    #: c w where a flattened spot ends at the front: w is what flow has lowered the third point by,
+    #: and the fourth has never flowed; else 0.
+    depth: FloatArray
+    released: FloatArray  # what the pressure of the third point has lost since, by the hardness
 
 
 @compiled
 def empty_links(n: int) -> Links:
     """Memory for n links."""
-    found = np.empty((5, n))
-    return Links(np.empty((6, n)), found[0], found[1], found[2], found[3], found[4])
+    found = np.zeros((7, n))
+    return Links(
+        np.empty((6, n)), found[0], found[1], found[2], found[3], found[4], found[5], found[6]
+    )
 
 
 @compiled
-def locate(links: Links, count: int, hardness: float) -> None:
+def locate(links: Links, count: int, hardness: float, yielded: float) -> None:
     """Find where the first `count` links are crossed.  Where a kink is behind the front, the
     pressure has its peak at the last point but one, and the value before that is left out.  Without
     branches, a processor does several links at a time."""
@@ -96,6 +108,7 @@ def locate(links: Links, count: int, hardness: float) -> None:
         q_1, q_2, q_4 = before + mix * last - less, last - less, end - mix * after + outer * out
         q, inside = (q_0, q_1, q_2, out, q_3, q_4), one * (1 + two)
         outside, slope = (after <= 0) * (1 + (end <= 0)), out - q_2
+        outside *= links.depth[n] >= 0
         free = elastic & ((inside == 2) | (max(first, before, last) <= FAR * hardness))
         second, third, fourth, fifth, term, left = _differences(q, inside, outside, free)
         terms[0, n], terms[1, n], terms[2, n] = q_2, slope, second / 2
@@ -109,7 +122,14 @@ def locate(links: Links, count: int, hardness: float) -> None:
         shift = roots[n] + terms[0, n] / terms[1, n]  # to the root from that of a straight line
         root = v[2, n] / (v[2, n] - v[3, n]) + shift
         links.place[n], links.hidden[n] = min(max(root, 0.0), 1.0), 0.0
-        if links.held[n] > 0:
+        links.released[n], slope = 0.0, v[2, n] + links.depth[n] - v[3, n]
+        links.depth[n] *= (EDGE * slope > yielded) | (links.depth[n] < 0)
+        if links.depth[n] > 0:
+            links.place[n] = min((yielded + links.depth[n]) / slope, 1.0)
+            links.released[n] = 1 - v[2, n] / yielded
+            links.held[n] = links.kinked[n] = 0.0
+            links.doubt[n] = RELEASED
+        elif links.held[n] > 0:
             _place_at_edge(links, n, hardness)
 
 
@@ -211,6 +231,22 @@ def _place_at_edge(links: Links, n: int, hardness: float) -> None:
     elif kink:
         root = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
         links.place[n], links.doubt[n], links.kinked[n] = min(max(root, 0.0), 1.0), 0.0, 1.0
+
+
+@compiled
+def release(fallen: float, u: float) -> float:
+    """How far a front has come off the edge of a flattened spot, in spacings.
+
+    fallen: what the pressure of the last point has lost since it flowed, by the hardness; u: width
+    of the strip between flow and open gap at the peak of the load, as of `grid`, below 1.  In the
+    continuum this strip has the width d and the pressure H (2/pi) arcsin sqrt(s/d).  Unloading
+    takes K/sqrt(s) off, or all of it up to a front at x, where K is the integral over the strip of
+    (2/pi) sqrt(x - a) dp(a): Dugdale's x = (pi K/2 H)^2 for a step, and d/2 more for a narrow
+    strip, of which little is left at first.  By the factorisation, K is fallen sqrt(e)/pi.
+    """
+    strip, k = 2 * math.exp(-1 - math.e * (1 / u - 1)), fallen * math.sqrt(math.e) / math.pi
+    far = strip / 2 + (math.pi * k / 2) ** 2
+    return RELEASE * float(min(math.pi * k * math.sqrt(strip), far) if k * k < strip / 4 else far)
 
 
 @compiled

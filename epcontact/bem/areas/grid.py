@@ -12,13 +12,13 @@ runs from corner k to the next.
 
 from __future__ import annotations
 
-from math import sqrt
+from math import hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.areas.front import Links, compiled, empty_links, inlined, locate
+from epcontact.bem.areas.front import Links, compiled, empty_links, inlined, locate, release
 from epcontact.bem.areas.hidden import Bytes, Columns, add_hidden, add_tips
 from epcontact.results import FloatArray
 
@@ -39,6 +39,8 @@ class Solution(NamedTuple):
     hardness: float  # the least pressure of a plastic point
     stiffness: tuple[float, float]  # c of `front` for links along x and along y
     offsets: FloatArray  # of a front, at U_NODES
+    flowed: FloatArray  # (nx, ny) what earlier flow has lowered the surface by, or (0, 0)
+    yielded: float  # the hardness of that flow
 
 
 class Sums(NamedTuple):
@@ -63,6 +65,8 @@ class Sums(NamedTuple):
     held: FloatArray  # length held at edges
     aligned: FloatArray  # length held at edges times cos 4 theta
     hidden: FloatArray  # length times the width of the zone hidden at edges
+    released: FloatArray  # length times the width that has come off flattened spots
+    edges: FloatArray  # length of the front at edges of flattened spots
     kinked: FloatArray  # length where the surface has a kink
     points: FloatArray  # inside the front
     #: Points apart (or plastic) with at most two of their eight neighbours in the same state, but
@@ -81,10 +85,11 @@ class Block(NamedTuple):
     inside: Bytes  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
     #: For each cell of a row a bit for each corner inside front 0, and the next four for front 1.
     codes: Bytes
+    depth: FloatArray  # (rows, columns) c w, or (0, 0) where nothing has flowed before
 
 
 def sweep(solution: Solution, blocks: NDArray[np.int64]) -> FloatArray:
-    """The `Sums` over blocks of the cells of a periodic grid, as an array (n, 17, 2, 2).
+    """The `Sums` over blocks of the cells of a periodic grid, as an array (n, 19, 2, 2).
 
     blocks: (n, 4) the first row and the row after the last of the cells, and so their columns.
     """
@@ -101,12 +106,12 @@ def _sweep(solution: Solution, blocks: NDArray[np.int64], sums: Sums) -> None:
         rows, width = block.inside.shape
         # By front and column, what was found on the link along x, and on those along y of even and
         # of odd rows, that end in the column.
-        of = np.empty((5, 2, 3, width))
-        found = Links(np.empty((0, 0)), of[0], of[1], of[2], of[3], of[4])
+        of = np.empty((7, 2, 3, width))
+        found = Links(np.empty((0, 0)), of[0], of[1], of[2], of[3], of[4], of[5], of[6])
         # The row and the column before have links of the first cells.
         for i in range(PAD - 1, rows - PAD):
             busy = _busy_cells(block, i)
-            _locate(block, found, i, busy, hardness)
+            _locate(block, found, i, busy, solution)
             if i < PAD:
                 continue
             busy = busy[int(len(busy) > 0 and busy[0] < PAD) :]
@@ -123,11 +128,12 @@ def _sweep(solution: Solution, blocks: NDArray[np.int64], sums: Sums) -> None:
 
 @compiled
 def _block(solution: Solution, place: NDArray[np.int64]) -> Block:
-    (pressure, gap, hardness, stiffness, _), (first, last, left, right) = solution, place
+    (pressure, gap, hardness, stiffness, _, flowed, _), (first, last, left, right) = solution, place
     nx, ny = pressure.shape
     rows, columns = last - first + 2 * PAD, right - left + 2 * PAD
     v = np.empty((1 if stiffness[0] == stiffness[1] else 2, rows, columns))
     inside = np.empty((rows, columns), np.uint8)
+    depth = np.zeros((rows, columns) if flowed.size else (0, 0))
     for i in range(rows):
         row, done, start = (first - PAD + i) % nx, 0, (left - PAD) % ny
         while done < columns:  # from one end of the period to the next
@@ -140,8 +146,12 @@ def _block(solution: Solution, place: NDArray[np.int64]) -> Block:
                 for j in range(len(p)):
                     outside, plastic = -c * max(g[j], 0.0), hardness - c * min(g[j], 0.0)
                     fields[j] = outside if p[j] <= 0 else plastic if p[j] >= hardness else p[j]
+            if flowed.size:
+                w, sunk = flowed[row, start:stop], depth[i, done:]
+                for j in range(len(p)):  # points that flow again are as on a first loading
+                    sunk[j] = stiffness[0] * w[j] if p[j] < hardness else 0.0
             done, start = done + len(p), 0
-    return Block(v, inside, np.empty(columns, np.uint8))
+    return Block(v, inside, np.empty(columns, np.uint8), depth)
 
 
 @compiled
@@ -158,15 +168,16 @@ def _busy_cells(block: Block, i: int) -> Columns:
 
 
 @inlined
-def _locate(block: Block, found: Links, i: int, columns: Columns, hardness: float) -> None:
+def _locate(block: Block, found: Links, i: int, columns: Columns, solution: Solution) -> None:
     """Locate fronts on the links along x and y that end in row i and in `columns`."""
-    v, codes = block.v, block.codes
+    v, codes, hardness = block.v, block.codes, solution.hardness
     links = empty_links(4 * len(columns))
     crossed, ends, count = np.empty(4 * len(columns), np.uint32), np.zeros((2, 2), np.int64), 0
     for front in range(2):
         cap, sign = (hardness, -1.0) if front else (0.0, 1.0)
         for y in range(2):
             begin, layer = count, len(v) - 1 if y else 0
+            aspect = solution.stiffness[y] / solution.stiffness[0]
             for j in columns:  # between corners 2 and 3 along x, and 1 and 2 along y
                 crossed[count] = j
                 count += ((codes[j] ^ codes[j] >> 1) >> (4 * front + 2 - y)) & 1
@@ -178,7 +189,17 @@ def _locate(block: Block, found: Links, i: int, columns: Columns, hardness: floa
                     way = 2 - k if turned else k - 3
                     p = v[layer, i, j + way] if y else v[layer, i + way, j]
                     links.values[k, n] = cap + sign * p
-    locate(links, count, hardness)
+                links.depth[n] = 0.0
+                if block.depth.size and front == 0:
+                    last, out = (-1, 0) if not turned else (0, -1)
+                    w = block.depth[i, j + last] if y else block.depth[i + last, j]
+                    beyond = block.depth[i, j + out] if y else block.depth[i + out, j]
+                    links.depth[n] = w * aspect if beyond == 0 else 0.0
+                    next_ = 2 * out - last
+                    after = block.depth[i, j + next_] if y else block.depth[i + next_, j]
+                    if w > 0 and beyond > 0:
+                        links.depth[n] = -1.0 if after == 0 else -2.0
+    locate(links, count, hardness, solution.yielded)
     begin = 0
     for front in range(2):
         for y in range(2):
@@ -190,6 +211,8 @@ def _locate(block: Block, found: Links, i: int, columns: Columns, hardness: floa
                 found.hidden[at] = links.hidden[n]
                 found.doubt[at] = links.doubt[n]
                 found.kinked[at] = links.kinked[n]
+                found.released[at] = links.released[n]
+                found.depth[at] = links.depth[n] > 0
             begin = ends[front, y]
 
 
@@ -204,6 +227,7 @@ class _Cell(NamedTuple):
 
     dx: float  # changes of v along x and y
     dy: float
+    steep: float  # |grad v|; at edges of flattened spots that at the peak of the load
     sign: float  # 1 if the corner that is cut off, or the first of two, is inside, else -1
     corner: bool  # whether the front cuts off a corner
     flows: bool  # whether plastic points are next to points apart
@@ -211,6 +235,8 @@ class _Cell(NamedTuple):
     hidden: float
     doubt: float
     kinked: float
+    released: float
+    edge: float
 
 
 @inlined
@@ -226,6 +252,7 @@ def _add_segments(
     """Add the segments of a front in a row's cells to the sums of `place`: block and front."""
     v, codes, (n, front) = block.v, block.codes, place
     x_0, x_1, y_0, y_1 = v[0, i - 1], v[0, i], v[-1, i - 1], v[-1, i]
+    deep = block.depth
     for j in columns:
         code = (codes[j] >> (4 * front)) & 15
         if code % 15 == 0:  # all of its corners are inside, or none
@@ -237,18 +264,41 @@ def _add_segments(
             if middle > (8 * solution.hardness if front else 0.0):  # the inside is connected
                 cut ^= 1
         inside, held, hidden, doubt, kinked = float((code >> cut) & 1), 0.0, 0.0, 0.0, 0.0
+        released = edge = 0.0
         sums.area[n, front, 0] += 1 - inside - ((code >> 2) & 1)  # which was counted as a point
         crossings = 4 if opposite else 2
         for k in range(crossings):  # of the front and the sides
             at = _link(front, i, j, (cut + (straight, 3, 1, 2)[k]) & 3)
             held, hidden = held + found.held[at], hidden + found.hidden[at]
             doubt, kinked = doubt + found.doubt[at], kinked + found.kinked[at]
+            released, edge = released + found.released[at], edge + found.depth[at]
         held, hidden = held / crossings, hidden / crossings
         doubt, kinked = doubt / crossings, kinked / crossings
+        released, edge = released / crossings, edge / crossings
         dx = (x_1[j - 1] + x_1[j] - x_0[j - 1] - x_0[j]) / 2
         dy = (y_0[j] + y_1[j] - y_0[j - 1] - y_1[j - 1]) / 2
+        steep = hypot(dx, dy)
+        if deep.size:
+            a, b, c, d = deep[i - 1, j - 1], deep[i, j - 1], deep[i, j], deep[i - 1, j]
+            if min(a, b, c, d) > 0 and front == 0:  # inside a flattened spot nothing moves along
+                steep = 0.0
+            elif edge > 0:  # at the peak of the load
+                steep = hypot(dx + (b + c - a - d) / 2, dy + (d + c - a - b) / 2)
         flows = codes[j] == 17 * (codes[j] & 15)
-        cell = _Cell(dx, dy, 2 * inside - 1, not straight, flows, held, hidden, doubt, kinked)
+        cell = _Cell(
+            dx,
+            dy,
+            steep,
+            2 * inside - 1,
+            not straight,
+            flows,
+            held,
+            hidden,
+            doubt,
+            kinked,
+            released,
+            edge,
+        )
         for corner in range(cut, cut + (4 if opposite else 1), 2):
             first = _way(found, front, i, j, corner + straight)
             second = 1 - _way(found, front, i, j, corner + 3)
@@ -276,14 +326,16 @@ def _add(
 ) -> None:
     """Add a segment to the sums of a block and front.  x, y: the ways to its ends from the corner
     that it cuts off, or from the two on one side of it."""
-    dx, dy, sign, corner, flows, held, hidden, doubt, kinked = cell
+    dx, dy, steep, sign, corner, flows, held, hidden, doubt, kinked, released, edge = cell
     square, cos4, sin4 = dx * dx + dy * dy, 0.0, 0.0
     if square > 0:
         cos4 = 1 - 8 * (dx * dy / square) ** 2
         sin4 = 4 * dx * dy * (dx - dy) * (dx + dy) / square**2
     length = sqrt(x * x + y * y) if corner else sqrt(1 + (x - y) * (x - y))
-    u, stuck, free = solution.hardness / sqrt(square), held * length, (1 - held) * length
-    own = max(min(u, 1.0) ** 2, held)
+    u = solution.yielded / steep if steep > 0 else np.inf
+    stuck, free = held * length, (1 - held) * length
+    own = max(min(solution.hardness / sqrt(square), 1.0) ** 2, held)
+    released = edge * release(released / edge, u) if edge > 0 else 0.0
     block, front = place
     sums.area[block, front, 0] += sign * (x * y if corner else x + y) / 2
     sums.offset[block, front, 0] += _interpolated(u, solution.offsets) * free
@@ -300,6 +352,8 @@ def _add(
         sums.aligned[block, front, part] += share * cos4 * stuck
         sums.hidden[block, front, part] += share * hidden * length
         sums.kinked[block, front, part] += share * kinked * length
+        sums.released[block, front, part] += share * released * length
+        sums.edges[block, front, part] += share * edge * length
 
 
 @compiled

@@ -78,6 +78,8 @@ class ErrorConstants:
 
 #: Of `laboratory.error_bars`, which finds (2.19, 0.191, 0.307) with the same loss to 0.001.
 ERRORS = ErrorConstants(2.25, 0.176, 0.317)
+#: Standard deviation in spacings of the place of fronts at edges of flattened spots, in common.
+RELEASED = 0.02
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: Systematic error of OFFSETS on capped rough surfaces, in spacings for each spacing of the shorter
@@ -116,12 +118,15 @@ def estimate_areas(
     spacing: Sequence[float],
     effective_modulus: float,
     threads: int = 1,
+    flowed: FloatArray | None = None,
 ) -> tuple[Areas, Areas, Areas]:
     """(raw, corrected, error) areas as fractions of the nominal area, from one converged solution.
 
     pressure, gap: (nx, ny) or (nx,), in Pa and m; hardness: in Pa, may be infinite; spacing:
     (dx, dy) or (dx,), in m; effective_modulus: E* in Pa, also for a layer, because short waves
-    determine a rim; threads: the sums have the same bits on any number of them.
+    determine a rim; threads: the sums have the same bits on any number of them; flowed: of the
+    pressure's shape, what earlier flow has lowered the surface by, in m, where a load is no longer
+    the largest.  Where no point flows then, nothing does, and the plastic area is 0.
 
     The error is meant to cover nine out of ten absolute errors of the corrected areas.  Oblong
     cells are right on average over directions up to dx/dy = 2; beyond, and for fronts of one
@@ -147,8 +152,13 @@ def estimate_areas(
             )
     if pressure.ndim == 1:  # a grid of one column, whose fronts are all straight
         pressure, gap, spacing = pressure[:, None], gap[:, None], [spacing[0], spacing[0]]
+    yielded = hardness
+    if flowed is not None:
+        flowed = array("flowed", flowed).reshape(pressure.shape)
+        hardness = hardness if pressure.max() >= hardness * _ROUNDING else math.inf
     share, n, alike = float(pressure.mean()) / hardness, pressure.size, copies(pressure)
-    sums = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads)
+    before = None if flowed is None or not math.isfinite(yielded) else (flowed, yielded)
+    sums = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads, before)
     raw = _areas(*(Sums(*sums).points[:, 0] / n))
     return raw, *areas_of_sums(sums / alike, share, n / alike, spacing[0] / spacing[1])
 
@@ -160,13 +170,15 @@ def sums_of_fronts(
     spacing: Sequence[float],
     effective_modulus: float,
     threads: int = 1,
+    before: tuple[FloatArray, float] | None = None,
 ) -> FloatArray:
-    """The `Sums` over a solution on a grid, (17, 2, 2); arguments as of `estimate_areas`."""
+    """The `Sums` over a solution on a grid, (19, 2, 2); arguments as of `estimate_areas`."""
     (dx, dy), (nx, ny) = spacing, pressure.shape
     stiffness = STIFFNESS * effective_modulus / dx, STIFFNESS * effective_modulus / dy
     # The fronts of a line run along one axis, for which the offset is known exactly.
     offsets = OFFSETS * ((AXIS_OFFSET - HARMONIC) / OFFSETS[-1]) if ny == 1 else OFFSETS
-    solution = Solution(pressure, gap, hardness * _ROUNDING, stiffness, offsets)
+    earlier = before or (np.zeros((0, 0)), hardness * _ROUNDING)
+    solution = Solution(pressure, gap, hardness * _ROUNDING, stiffness, offsets, *earlier)
     rows, columns = ranges(nx, _ROWS), ranges(ny, _COLUMNS)
     blocks = np.array([(r.start, r.stop, c.start, c.stop) for c in columns for r in rows])
     # Each call makes its own memory, which takes longer than to sweep a few rows.
@@ -221,7 +233,7 @@ def located_areas(array: FloatArray, oblong: float) -> FloatArray:
     sums, whole = Sums(*array), Sums(*array.sum(axis=2))
     # A zone hidden behind one front belongs to the other side, so the fronts are exchanged.
     outward = (1 + oblong) * whole.offset + HARMONIC * whole.harmonic
-    outward += TIP * sums.tips[:, 0] + whole.hidden[::-1] + _softness(sums)
+    outward += TIP * sums.tips[:, 0] + whole.hidden[::-1] + _softness(sums) + whole.released
     return np.asarray(whole.area + (-1, 1) * outward + CORNER * whole.turn)
 
 
@@ -256,6 +268,8 @@ def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray
         TWO_EDGES * sums.aligned * _share(sums.aligned, held),
         CORNER / SURE * turn * _share(held, length),
         errors.kink * kinked * _share(kinked, length),
+        RELEASED * sums.edges,
+        0.15 * sums.released,
         STRIPS * length.sum(axis=1).min() * np.array([(1, 0), (1, 0)]),
         _softness(sums)[:, None] * (1, 0),
     ]

@@ -1,0 +1,249 @@
+"""The bank: scenes of many kinds on nested grids, with which the area estimate is judged.
+
+Each scene is a surface of one of KINDS with a load, a hardness and 3 to 16 points per shortest
+wavelength, all drawn by its seed, on grids of 64, 128 and 256 points a side, and on a reference
+of 1024.  The unit of pressure is E*, slopes are of order 1.  "unloaded"
+kinds are solved at a peak load first, and judged at a part of it on the surface that is left.
+
+`python -m laboratory.area_bank [--seeds 5000:5012] [--keep FOLDER] [KIND ...]` prints the coverage,
+the median error and the ratio of claim to error, by kind, in some five minutes of one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from epcontact import bem
+from epcontact.bem.areas.rim_correction import estimate_areas
+from epcontact.bem.kernel import rfft_wavenumbers
+from epcontact.errors import NotConverged
+from epcontact.results import FloatArray
+from epcontact.studies import areas as study
+from epcontact.studies.areas import Maker, Member, named, roughness
+
+PARTS = ("total", "plastic", "elastic")
+FACTORS, REFERENCE = (1, 2, 4), 16
+#: Areas below this share of the nominal area are not judged.
+SMALLEST = 1e-3
+
+
+def _turned(patch, rng):
+    """Feed marks: cusps between circular grooves, with roughness."""
+    a, b = rng.choice([[3, 0], [0, 4], [2, 3], [5, 1]])
+    x, y = patch.offsets()
+    across = (a * x + b * y + rng.uniform()) % 1 - 0.5
+    cusps = across**2 / (2 * (a * a + b * b)) * rng.uniform(2, 8) * math.hypot(a, b)
+    return cusps + rng.uniform(0.02, 0.2) * roughness(patch, rng, 0.8, 0.8)
+
+
+def _blasted(patch, rng):
+    """Overlapping dimples: ridges between them."""
+    heights, radius = np.zeros(patch.shape), rng.uniform(0.1, 0.25)
+    for _ in range(int(rng.integers(40, 120))):
+        x, y = patch.offsets(rng.uniform(size=2))
+        depth = rng.uniform(0.005, 0.03)
+        heights = np.minimum(heights, (x**2 + y**2) / (2 * radius) - depth)
+    return heights + rng.uniform(0, 0.1) * roughness(patch, rng, 0.8, 0.8)
+
+
+def _ground(patch, rng):
+    """Roughness whose waves are many times longer along one direction."""
+    rough = replace(patch, shape=patch.shape[::-1]).shape == patch.shape
+    modes = np.fft.rfft2(roughness(patch, rng, 0.5, 0.95))
+    n = patch.shape[0]
+    q = np.fft.fftfreq(n, 1 / n)[:, None] if rough else 0.0
+    return np.fft.irfft2(modes / (1 + (q / rng.uniform(1, 3)) ** 2), patch.shape) * 3
+
+
+def _copies(patch, rng):
+    """A texture of equal bumps, with little roughness."""
+    (x, y), count, shape = patch.offsets(), int(rng.integers(4, 9)), rng.uniform(size=2)
+    u, v = ((count * s + o) % 1 - 0.5 for s, o in zip((x, y), shape, strict=True))
+    bump = u**2 + v**2 * rng.uniform(1, 3)
+    heights = -(bump if rng.uniform() < 0.6 else np.sqrt(bump) / 2) / count
+    return heights + rng.choice([0.0, 0.01]) * roughness(patch, rng, 0.8, 0.8)
+
+
+def _noisy(patch, rng):
+    fine = Member(patch.shape, (1.0, 1.0), 0, 0, max(int(1.25 * patch.high), 2), patch.maker, 0)
+    return roughness(patch, rng, 0.8, 0.8) + 0.2 * roughness(fine, rng, 0.1, 0.1)
+
+
+def _wear(patch, rng):
+    return np.minimum(roughness(patch, rng, 0.5, 0.95), rng.uniform(-0.5, 1.0) * 0.06)
+
+
+def _rough(patch, rng):
+    return roughness(patch, rng, 0.2, 0.95)
+
+
+def _line(patch, rng):
+    """Random waves, of self-affine or of equal heights."""
+    x = np.arange(patch.shape[0]) / patch.shape[0]
+    k = np.arange(1, patch.high + 1)
+    heights = k ** -rng.uniform(0.7, 1.5) / 10
+    return np.cos(2 * np.pi * (np.outer(x, k) + rng.uniform(size=len(k)))) @ heights
+
+
+KINDS: dict[str, Maker] = {"self-affine": _rough, "oblong cells": _rough, "layers": _rough}
+KINDS |= named(_noisy, _ground, _turned, _blasted, _copies) | {"worn": _wear}
+KINDS |= {kind: study.KINDS[kind] for kind in ("skewed", "spheres", "cylinders", "punches")}
+KINDS |= {kind: study.KINDS[kind] for kind in ("outliers", "sharp cones", "quantised")}
+KINDS |= {"lines": _line, "unloaded": _rough, "unloaded spheres": study.KINDS["spheres"]}
+KINDS |= {"unloaded worn": _wear, "unloaded lines": _line}
+SHARP = ("turned", "blasted", "copies", "worn", "punches", "quantised", "unloaded worn")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One scene of the bank.  depth: of a sliding layer; after: the load after unloading by that
+    before, 1 where it only grows."""
+
+    kind: str
+    seed: int
+    member: Member
+    depth: float
+    after: float
+
+    def solved(self, factor):
+        """(pressure, gap, hardness, spacing, 1, flowed) on a grid `factor` times as fine."""
+        one = self.member
+        if self.kind.endswith("lines"):
+            shape, periods = (factor * one.shape[0],), one.periods[:1]
+        else:
+            shape, periods = tuple(factor * n for n in one.shape), one.periods
+        heights = one.maker(replace(one, shape=shape), np.random.default_rng(one.drawn))
+        heights = np.ascontiguousarray(np.broadcast_to(heights, shape))
+        q = rfft_wavenumbers(shape, periods)
+        q.flat[0] = np.inf
+        compliance, depth = 2 / q, np.minimum(2 * q * self.depth, 300.0)
+        compliance *= (np.cosh(depth) - 1) / (np.sinh(depth) + depth)
+        options = bem.Options(tolerance=1e-8)
+        found = bem.solve_pressure(heights, compliance, one.load, one.hardness, options=options)
+        gap, flowed = found.gap(heights), None
+        if self.after < 1:
+            flowed = np.where(found.pressure >= one.hardness, np.maximum(-gap, 0), 0)
+            left = heights - flowed
+            load = self.after * one.load
+            found = bem.solve_pressure(left, compliance, load, one.hardness, options=options)
+            gap = found.gap(left)
+        spacing = [length / n for length, n in zip(periods, shape, strict=True)]
+        return found.pressure, gap, one.hardness, spacing, 1.0, flowed
+
+
+def scene(kind, seed, points=64):
+    """Draw a scene of a kind."""
+    rng = np.random.default_rng([seed, *kind.encode()])
+    per_wave = rng.choice([3, 4, 4, 4, 6, 8, 16])
+    shape = (3 * points // 4, 3 * points // 2) if kind == "oblong cells" else (points, points)
+    hardness = 10 ** rng.uniform(-1.0, 0.1) if rng.uniform() < 0.6 else math.inf
+    load, after = 10 ** rng.uniform(-2.2, 0.0), 1.0
+    if kind.startswith("unloaded"):
+        hardness, after = 10 ** rng.uniform(-1.0, 0.08), 10 ** rng.uniform(-1.7, 0.0)
+        load = hardness * 10 ** rng.uniform(-2, -0.3)
+    load = min(load, 0.7 * hardness)
+    depth = 10 ** rng.uniform(-1.5, -0.5) if kind == "layers" else 1e3
+    high, drawn = max(int(min(shape) // per_wave), 2), int(rng.integers(1 << 31))
+    one = Member(shape, (1.0, 1.0), load, hardness, high, KINDS[kind], drawn)
+    return Scene(kind, seed, one, depth, after)
+
+
+def kept(folder: Path | None, one: Scene, factor: int):
+    """The solution, from the folder if it is there."""
+    path = folder and folder / f"{one.kind.replace(' ', '-')}-{one.seed}-{factor}.npz"
+    if path and path.exists():
+        with np.load(path) as found:
+            arrays = [found[name] for name in ("pressure", "gap", "flowed")]
+            hardness, spacing = float(found["hardness"]), found["spacing"].tolist()
+        return (*arrays[:2], hardness, spacing, 1.0, arrays[2] if arrays[2].size else None)
+    solved = p, g, hardness, spacing, _, flowed = one.solved(factor)
+    if path:
+        w = np.zeros(0) if flowed is None else flowed
+        np.savez(path, pressure=p, gap=g, hardness=hardness, spacing=spacing, flowed=w)
+    return solved
+
+
+def reference(folder: Path | None, one: Scene) -> FloatArray:
+    """(total, plastic, elastic) on the reference grid."""
+    path = folder and folder / f"{one.kind.replace(' ', '-')}-{one.seed}.txt"
+    if path and path.exists():
+        return np.loadtxt(path)
+    found = estimated(*one.solved(REFERENCE * (4 if one.kind.endswith("lines") else 1)))[1]
+    exact = np.array([getattr(found, part) for part in PARTS])
+    if path:
+        np.savetxt(path, exact)
+    return exact
+
+
+def estimated(pressure, gap, hardness, spacing, modulus, flowed):
+    """(raw, corrected, error) of a solution of a scene."""
+    return estimate_areas(pressure, gap, hardness, spacing, modulus, flowed=flowed)
+
+
+def judged(kinds, seeds, folder=None, factors=FACTORS):
+    """A row for each scene, grid and part of the area: exact, raw, found and claimed areas."""
+    rows = []
+    for kind in kinds:
+        for seed in seeds:
+            one = scene(kind, seed)
+            try:
+                exact = reference(folder, one)
+                grids = [(factor, kept(folder, one, factor)) for factor in factors]
+            except NotConverged as why:
+                print(kind, seed, why)
+                continue
+            for factor, solution in grids:
+                raw, found, error = estimated(*solution)
+                finite = math.isfinite(one.member.hardness) and one.after == 1
+                for part, truth in zip(PARTS, exact, strict=True):
+                    if part != "total" and not finite:
+                        continue
+                    areas = (getattr(a, part) for a in (raw, found, error))
+                    row = dict(zip(("raw", "found", "claimed"), areas, strict=True))
+                    load, hardness = one.member.load, one.member.hardness
+                    row |= {"kind": kind, "seed": seed, "grid": factor, "part": part}
+                    rows.append(row | {"exact": truth, "load": load, "hardness": hardness})
+    table = pd.DataFrame(rows)
+    table["error"] = (table.found - table.exact).abs()
+    table["within"] = table.error <= table.claimed + 1e-7
+    return table
+
+
+def summary(table):
+    """By kind: coverage, medians in % of the exact area, and the factor that would cover 90 %."""
+    large = table[table.exact > SMALLEST].copy()
+    for name in ("error", "claimed"):
+        large[name] *= 100 / large.exact
+    large["times"] = large.error / large.claimed.clip(1e-5)
+    large["signed"] = (100 * (large.found / large.exact - 1)).clip(-50, 50)
+    groups = large.groupby("kind", sort=False)
+    out = pd.DataFrame({"n": groups.size(), "cover": 100 * groups.within.mean()})
+    out = out.join(groups[["error", "claimed"]].median())
+    out["ratio"], out["need"] = out.claimed / out.error, groups.times.quantile(0.9)
+    return out.assign(mean=groups.signed.mean())
+
+
+def main():
+    """Print the tables by kind: of the coarsest grid, and the coverage of each grid."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("kinds", nargs="*", default=list(KINDS))
+    parser.add_argument("--seeds", default="5000:5012")
+    parser.add_argument("--keep", type=Path)
+    given = parser.parse_args()
+    if given.keep:
+        given.keep.mkdir(parents=True, exist_ok=True)
+    seeds = range(*map(int, given.seeds.split(":")))
+    table = judged(given.kinds or list(KINDS), seeds, given.keep)
+    print(summary(table[table.grid == 1]).round(2).to_string())
+    cover = table[table.exact > SMALLEST].pivot_table("within", "kind", "grid", sort=False)
+    print((100 * cover).round(1).to_string())
+
+
+if __name__ == "__main__":
+    main()
