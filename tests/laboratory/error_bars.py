@@ -140,11 +140,8 @@ def lessons(seeds, points):
         for kind in KINDS:
             one = member(KINDS, kind, seed, points)
             solution = pressure, _, _, (dx, dy), _ = one.solved(1)
-            share, exact, alike = (
-                one.load / one.hardness,
-                one.areas(FINER)[1],
-                rim.copies(pressure),
-            )
+            share, exact = one.load / one.hardness, one.areas(FINER)[1]
+            alike = rim.copies(pressure)
             sums, cells = rim.sums_of_fronts(*solution) / alike, pressure.size / alike
             out.append(Lesson(sums, share, cells, dx / dy, exact))
     return out

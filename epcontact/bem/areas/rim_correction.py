@@ -8,7 +8,7 @@ plastic part as it overestimates the contact.  `perimeter_areas` is the publishe
 they enclose.  In cells, with a front's length L in spacings, the contact is
 
     A = A_located - (integral of offset(u) + HARMONIC cos 4 theta along the front)
-        + CORNER * (Euler number) - TIP * (number of tips) - (zones hidden at edges, softness)
+        + CORNER * (Euler number) - TIP * (number of tips) - (zones hidden at edges)
 
 and for the plastic part all terms but that of CORNER have the opposite sign (`located_areas`).
 Then the load corrects both areas (`_balanced`), and `_possible` cuts off what cannot carry it.
@@ -82,13 +82,9 @@ ERRORS = ErrorConstants(2.25, 0.176, 0.317)
 RELEASED = 0.02
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
-#: Systematic error of OFFSETS on capped rough surfaces, in spacings for each spacing of the shorter
-#: front (areas of the paper's surface on 2048 x 2048 to 16384 x 16384 points).
-STRIPS = 0.001
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
 SURE = 1.645
-#: Pressures that differ by less than this share of their range are taken for copies.  Of a texture
-#: with a roughness of up to a hundredth of its height they do, and the errors are alike.
+#: Pressures that differ by less than this share of their range are taken for copies.
 CLOSE = 0.2
 # A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
@@ -191,10 +187,8 @@ def sums_of_fronts(
 def areas_of_sums(
     array: FloatArray, share: float, cells: float, aspect: float, errors: ErrorConstants = ERRORS
 ) -> tuple[Areas, Areas]:
-    """(corrected, error) from the sums and cells of one of the `copies`, which err alike.
-
-    share: p0/hardness; aspect: dx/dy.
-    """
+    """(corrected, error) from the sums over the cells of one of the `copies`, which err alike.
+    share: p0/hardness; aspect: dx/dy."""
     oblong, sums = OBLONG * math.log(aspect) ** 2, Sums(*array)
     located = located_areas(array, oblong)
     # What may be hidden between points: zones at edges, lone spots, gaps.  All are bounds, but a
@@ -233,18 +227,8 @@ def located_areas(array: FloatArray, oblong: float) -> FloatArray:
     sums, whole = Sums(*array), Sums(*array.sum(axis=2))
     # A zone hidden behind one front belongs to the other side, so the fronts are exchanged.
     outward = (1 + oblong) * whole.offset + HARMONIC * whole.harmonic
-    outward += TIP * sums.tips[:, 0] + whole.hidden[::-1] + _softness(sums) + whole.released
+    outward += TIP * sums.tips[:, 0] + whole.hidden[::-1] + whole.released
     return np.asarray(whole.area + (-1, 1) * outward + CORNER * whole.turn)
-
-
-def _softness(sums: Sums) -> FloatArray:
-    """Cells (2,) by which other fronts are too far out where steps hold a part of them.  The body
-    is softer than its surface at steps, because the pressure of the points beside them ends
-    AXIS_OFFSET short of the cells' edge: in proportion to the share of the load that steps carry,
-    for which that of the fronts' length stands.  Plastic points carry the hardness anyway."""
-    length, held = sums.length.sum(axis=1), sums.held.sum(axis=1)
-    share = held / np.maximum(length, 1.0)
-    return np.asarray(2 * AXIS_OFFSET * (held - sums.flowing[:, 0]) * share * (1 - share))
 
 
 def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray:
@@ -270,8 +254,6 @@ def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray
         errors.kink * kinked * _share(kinked, length),
         RELEASED * sums.edges,
         0.15 * sums.released,
-        STRIPS * length.sum(axis=1).min() * np.array([(1, 0), (1, 0)]),
-        _softness(sums)[:, None] * (1, 0),
     ]
     alone, together = (chance + np.sum(np.square(common), axis=0)).T
     return np.asarray(np.diag(alone) + together.mean())
@@ -312,57 +294,21 @@ def _balanced(
 
 def copies(pressure: FloatArray) -> int:
     """Count the copies of one cell that a periodic grid (nx, ny) holds, whole points apart."""
-    row, column = np.unravel_index(pressure.argmax(), pressure.shape)
-    close = CLOSE * float(pressure[row, column] - pressure.min())
-    along_x, along_y = _times(pressure, int(row), close), _times(pressure.T, int(column), close)
-    cell = pressure[: pressure.shape[0] // along_x, : pressure.shape[1] // along_y]
-    place = int(row) % cell.shape[0], int(column) % cell.shape[1]
-    return along_x * along_y * _oblique(cell, place, close)
-
-
-def _oblique(cell: FloatArray, highest: tuple[int, int], close: float) -> int:
-    """Count the copies in a cell that are one step along both axes apart, as in a hexagon."""
-    (nx, ny), (row, column) = cell.shape, highest
-    # Points from the highest on, one and more, rule out the steps of most surfaces without copies.
-    some = (column + np.arange(0, ny, max(ny // 16, 1))) % ny
-    for count in range(math.gcd(nx, ny), 1, -1):
-        if nx % count == ny % count == 0:
-            steps, moved = np.arange(1, count) * (ny // count), cell[(row + nx // count) % nx]
-            for part in (some[:1], some):
-                off = np.abs(moved[(part + steps[:, None]) % ny] - cell[row, part])
-                steps = steps[(off <= close).all(axis=1)]
-            if any(_repeats(cell, row, count, (nx // count, int(step)), close) for step in steps):
-                return count
-    return 1
-
-
-def _times(values: FloatArray, first: int, close: float) -> int:
-    """Count how often the rows of a periodic grid repeat, one prime factor after another."""
-    n, rest, factor = len(values), len(values), 2
-    while rest > 1:
-        if rest % factor:
-            factor += 1
-        elif _repeats(values[:n], first % n, factor, (n // factor, 0), close):
-            n, rest = n // factor, rest // factor
-        else:
-            while rest % factor == 0:
-                rest //= factor
-    return len(values) // n
-
-
-def _repeats(
-    values: FloatArray, first: int, count: int, step: tuple[int, int], close: float
-) -> bool:
-    """True if values on a periodic grid are `count` copies, to `close`, one step from the next.
-
-    first: a row of the highest values, where surfaces without copies differ at once, at least in
-    several steps.
-    """
-    n, few = len(values), 8
-    steps = sorted({count // part for part in range(2, count + 1)}, reverse=True)
-    return all(
-        np.abs(values[i % n] - np.roll(values[(i + k * step[0]) % n], -k * step[1], 1)).max()
-        <= close
-        for k in steps
-        for i in (first + np.arange(start, min(start + few, n)) for start in range(0, n, few))
-    )
+    highest, count = np.unravel_index(pressure.argmax(), pressure.shape), 1
+    close = CLOSE * float(pressure[highest] - pressure.min())
+    for rows, first in ((pressure, highest[0]), (pressure.T, highest[1])):
+        n = len(rows)
+        order = [
+            (first + i) % n for i in range(n)
+        ]  # the highest rows differ at once, or not at all
+        for times in range(n, 1, -1):
+            steps = {
+                n // times,
+                n // times * (times // 2),
+            }  # what hardly changes in one does in half
+            if n % times == 0 and all(
+                np.abs(rows[i] - rows[i - step]).max() <= close for i in order for step in steps
+            ):
+                count *= times
+                break
+    return count
