@@ -2,10 +2,11 @@
 
 import math
 import re
+from dataclasses import replace
 
 import pytest
 from command_line import invoke
-from conftest import VARIANTS
+from conftest import ROUGH, VARIANTS
 
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import find_case, find_cases, find_named, load_case
@@ -99,6 +100,37 @@ def test_every_shipped_case_reads_at_every_size_and_cites_papers():
     assert all(re.fullmatch(r"10\.\d{4,9}/\S+", doi) for doi in identifiers)
     own = {name for name, method in METHODS.items() if not method.foreign}
     assert {name for paper in PAPERS for name in paper.methods} == own
+
+
+COUNTERFACE = "\n[counterface]\nyoung_modulus = 100.0e9\npoisson_ratio = 0.3\n"
+
+
+def test_a_counterface_makes_one_scene_of_two_bodies(write_case):
+    """Two equal bodies are half as stiff, and two rough ones have sqrt(2) the rms slope."""
+    alone, twin = (load_case(write_case(more=m)) for m in ("", COUNTERFACE))
+    half = replace(twin.material, young_modulus=2 * twin.material.young_modulus)
+    assert half.young_modulus == pytest.approx(alone.material.young_modulus, rel=1e-15)
+    assert replace(half, young_modulus=100e9) == alone.material
+    assert twin.recipes == alone.recipes
+    rough = COUNTERFACE + "[counterface.surface]\n" + ROUGH.replace("seeds = [3", "seeds = [13")
+    spectrum = ("energy_reduction = 0.536", 'energy_reduction = 0.536\nspectrum = "surface"')
+    both = load_case(write_case(spectrum, more=rough))
+    surface = both.scene(both.recipes[0]).surface
+    assert surface.rms_slope == pytest.approx(
+        math.hypot(*(r.build().rms_slope for r in (both.recipes[0].first, both.recipes[0].second))),
+        rel=0.1,
+    )
+    assert both.digest(both.recipes[0]) == both.scene(both.recipes[0]).digest
+    assert "rough elastic half-space, E = 1e+11 Pa" in both.two_bodies["counterface"]["value"]
+    coarse = rough.replace("period = 1", "period = 2")
+    for edits, more, words in (
+        ((), rough, "drawn from none; write spectrum = 'surface'"),
+        ((spectrum,), coarse, "face each other on one grid"),
+        ((), COUNTERFACE + '\n[body]\nkind = "bonded_layer"\ndepth = 1e-3\n', "is a half-space"),
+        ((), COUNTERFACE.replace("young", "yuong"), "counterface.yuong_modulus is no key"),
+    ):
+        with pytest.raises(InvalidCase, match=words):
+            load_case(write_case(*edits, more=more))
 
 
 def test_a_citation_holds_sources_papers_and_versions(write_case):

@@ -37,7 +37,7 @@ LINES = {
     "epcontact.results": 280,
     "epcontact.scene": 540,
     "epcontact.studies": 3060,
-    "epcontact.surfaces": 1920,
+    "epcontact.surfaces": 1950,
     "fem_check": 3750,
     "tests": 14250,
 }

@@ -10,8 +10,10 @@ import pytest
 from scipy.signal import resample
 
 from epcontact.errors import EpcontactError, InvalidScene
+from epcontact.materials.moduli import effective_modulus, of_both
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface, scene_digest
 from epcontact.surfaces import (
+    Facing,
     FlatPunch,
     Paraboloid,
     SelfAffine,
@@ -275,3 +277,33 @@ def test_a_cut_off_takes_its_spectrum_along():
     assert flat.spectrum is None
     assert np.abs(flat.heights).max() < 1e-15
     assert filtered(surface, 100.0).shortest_wavelength == surface.shortest_wavelength
+
+
+# --- two bodies ----------------------------------------------------------------------------------
+
+
+def test_two_surfaces_touch_as_the_sum_of_their_heights():
+    """Two spheres have the sum of their curvatures: R = R1 R2 / (R1 + R2)."""
+    grid: Any = {"periods": (1.0, 2.0), "shape": (16, 32), "centre": (0.3, 0.6)}
+    both = Facing(Paraboloid(**grid, radius=6.0), Paraboloid(**grid, radius=3.0))
+    one = Paraboloid(**grid, radius=2.0)
+    assert (both.shape, both.periods) == (one.shape, one.periods)
+    assert both.build().heights == pytest.approx(one.build().heights, abs=1e-15)
+    assert both.build().fingerprint == both.fingerprint
+    assert both.fingerprint != Facing(both.second, both.first).fingerprint
+    for other in ({"shape": (16, 16)}, {"periods": (1.0, 1.9)}):
+        with pytest.raises(InvalidScene, match="face each other on one grid and period"):
+            Facing(both.first, replace(one, **other))
+
+
+def test_two_bodies_have_the_modulus_of_springs_in_series():
+    steel, glass = Material(210e9, 0.3, hardness=2e9), Material(70e9, 0.2)
+    assert effective_modulus(of_both(steel, steel)) == pytest.approx(
+        effective_modulus(steel) / 2, rel=1e-15
+    )
+    expected = 1 / (0.91 / 210e9 + 0.96 / 70e9)
+    for first, second in ((steel, glass), (glass, steel)):
+        assert effective_modulus(of_both(first, second)) == pytest.approx(expected, rel=1e-15)
+        assert of_both(first, second).hardness == first.hardness
+    rigid = of_both(steel, Material(1e30, 0.0))
+    assert rigid.young_modulus == pytest.approx(steel.young_modulus, rel=1e-15)

@@ -5,12 +5,21 @@ The finite elements do not use this module: they are an independent check and ha
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from epcontact.scene import Material
 
 
 def effective_modulus(material: Material) -> float:
     """The effective modulus E* = E / (1 - nu^2) in Pa, against a rigid counterface."""
     return material.young_modulus / (1 - material.poisson_ratio**2)
+
+
+def of_both(material: Material, counterface: Material) -> Material:
+    """The one body that has, against a rigid flat, the E* of two half-spaces, 1/E* = the sum of
+    (1 - nu^2)/E.  Its strengths are those of the first, which is to be the softer: it flows."""
+    compliance = sum(1 / effective_modulus(body) for body in (material, counterface))
+    return replace(material, young_modulus=(1 - material.poisson_ratio**2) / compliance)
 
 
 def oedometric_modulus(material: Material) -> float:

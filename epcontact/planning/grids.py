@@ -12,7 +12,14 @@ import numpy as np
 
 from epcontact.errors import InvalidScene
 from epcontact.scene import Surface
-from epcontact.surfaces import HeightsFromArray, HeightsFromFile, Mirrored, Recipe, SelfAffine
+from epcontact.surfaces import (
+    Facing,
+    HeightsFromArray,
+    HeightsFromFile,
+    Mirrored,
+    Recipe,
+    SelfAffine,
+)
 
 #: Grid points per shortest wavelength of self-affine roughness; fewer than 3 lose its phases.
 WAVELENGTH_LADDER = (3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 48, 64)
@@ -92,7 +99,7 @@ def on_grid(recipe: Recipe, shape: tuple[int, ...]) -> Recipe | None:
         across = recipe.whole.shape[1 - recipe.axis]
         whole = on_grid(recipe.whole, (*shape, across) if recipe.axis == 0 else (across, *shape))
         return whole and Section(whole, recipe.axis)
-    if isinstance(recipe, HeightsFromArray | HeightsFromFile | Mirrored):
+    if isinstance(recipe, HeightsFromArray | HeightsFromFile | Mirrored | Facing):
         return None
     try:
         changed: Recipe = replace(recipe, shape=shape)  # type: ignore[type-var]

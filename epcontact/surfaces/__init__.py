@@ -14,6 +14,7 @@ the table [surface] of a case file, which selects one by its `kind`.
 """
 
 from epcontact.surfaces.measured import (
+    Facing,
     HeightsFromArray,
     HeightsFromFile,
     Mirrored,
@@ -45,6 +46,7 @@ def recipes_of(surface: CaseSurface) -> tuple[Recipe, ...]:
 
 __all__ = [
     "CaseSurface",
+    "Facing",
     "FlatPunch",
     "HeightsFromArray",
     "HeightsFromFile",

@@ -20,6 +20,7 @@ from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
 from epcontact.surfaces.recipe import (
     Lengths,
     Real,
+    Recipe,
     SurfaceAbsent,
     checked_grid,
     entry,
@@ -195,25 +196,59 @@ class Mirrored:
     """
 
     map: HeightsFromFile | HeightsFromArray  #: A recipe whose treatment is "mirrored".
+    shape: tuple[int, ...] = field(init=False)
+    periods: tuple[float, ...] = field(init=False)
+    fingerprint: str = field(init=False)  #: That of the map, which names the treatment.
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Grid points along each direction."""
-        return tuple(2 * n for n in self.map.shape)
-
-    @property
-    def periods(self) -> tuple[float, ...]:
-        """Lengths of the period along each direction, in m."""
-        return tuple(2 * p for p in self.map.periods)
-
-    @property
-    def fingerprint(self) -> str:
-        """That of the map, which names the treatment."""
-        return self.map.fingerprint
+    def __post_init__(self) -> None:
+        shape, periods = (tuple(2 * n for n in of) for of in (self.map.shape, self.map.periods))
+        settle(self, shape=shape, periods=periods, fingerprint=self.map.fingerprint)
 
     def build(self) -> Surface:
         """Make the surface."""
         return self.map.build()
+
+
+@dataclass(frozen=True)
+class Facing:
+    """The recipe of two rough surfaces face to face, on one grid: their composite roughness.
+
+    Each has its heights out of its own body, and point (x, y) of the second lies over point (x, y)
+    of the first.  In one frame the heights of the second count downward, so that the difference of
+    both, on which alone contact depends, is their sum.
+
+    Raises:
+        InvalidScene: the grids or the periods differ.
+    """
+
+    first: Recipe  #: That of the lower body.
+    second: Recipe  #: That of the counterface.
+    shape: tuple[int, ...] = field(init=False)
+    periods: tuple[float, ...] = field(init=False)
+    fingerprint: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        a, b = self.first, self.second
+        if a.shape != b.shape or not np.allclose(a.periods, b.periods, rtol=1e-9, atol=0):
+            raise InvalidScene(
+                f"surface has {a.shape} points over {a.periods} m and the counterface's {b.shape} "
+                f"over {b.periods} m, but two surfaces face each other on one grid and period"
+            )
+        words = f"facing/1 {a.fingerprint} on {b.fingerprint}"
+        settle(self, shape=a.shape, periods=a.periods, fingerprint=words)
+
+    def build(self) -> Surface:
+        """Make both, and their composite roughness."""
+        a, b = self.first.build(), self.second.build()
+        known = [s.shortest_wavelength for s in (a, b) if s.shortest_wavelength is not None]
+        return Surface(
+            a.heights + b.heights,
+            a.periods,
+            shortest_wavelength=min(known) if len(known) == 2 else None,
+            recipe=self.fingerprint,
+            notes=(*a.notes, *(f"counterface: {n}" for n in b.notes), "heights are of both bodies"),
+            treatment_error=math.hypot(a.treatment_error, b.treatment_error),
+        )
 
 
 def residual_surface(surface: Surface, result: ContactResult) -> Surface:

@@ -174,7 +174,7 @@ def _with_hardness_error(
 
 def told(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
     """Add to a result what was computed, in words and figures."""
-    about = described(scene, task.recipe, task.case.hardness_source)
+    about = described(scene, task.recipe, task.case.hardness_source) | task.case.two_bodies
     return replace(result, provenance=replace(result.provenance, about=about))
 
 

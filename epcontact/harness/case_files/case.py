@@ -112,12 +112,36 @@ def _mistakes(case: Case, text: CaseText) -> Iterator[str]:
                 f"{table}.spectrum is 'analytic', but a surface of kind {kind} is not drawn from "
                 "one; write spectrum = 'surface', which takes that of the heights"
             )
+    yield from _counterface_mistakes(case)
     if case.sweep is None and not isinstance(case.surface, SurfaceAbsent):
         yield from _strength_mistakes(case)  # a sweep may give what its case lacks
     try:
         check_load(case.material, case.load)
         if not all(METHODS[name].steps for name in case.methods):
             check_loading(case.material, case.load)
+    except EpcontactError as error:
+        yield str(error)
+
+
+def _counterface_mistakes(case: Case) -> Iterator[str]:
+    """Yield why two bodies cannot be taken for one of their E*."""
+    if case.counterface is None:
+        return
+    if case.body.kind != "half_space":
+        yield f"[counterface] is a half-space, but [body] kind is {case.body.kind}; leave one out"
+    if "fem" in case.methods and case.fem.law == "j2":
+        yield (
+            "[counterface] deforms, but J2 flow of fem is against a rigid flat; take fem.law = "
+            "'capped', or leave [counterface] out"
+        )
+    analytic = case.theory is not None and case.theory.spectrum == "analytic"
+    if case.counterface.surface is not None and "persson" in case.methods and analytic:
+        yield (
+            "theory.spectrum is 'analytic', but the roughness of two surfaces is drawn from none; "
+            "write spectrum = 'surface', which takes that of the heights"
+        )
+    try:
+        _ = case.recipes
     except EpcontactError as error:
         yield str(error)
 

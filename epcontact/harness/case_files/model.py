@@ -35,9 +35,11 @@ from epcontact.harness.gates import DISTRIBUTION_NORMS, Gate, Norm
 from epcontact.harness.methods.registry import METHODS, BemTable, FemTable, Table, TheoryTable
 from epcontact.harness.quantities.registry import QUANTITIES, REPORTED_GROUPS
 from epcontact.materials.hardness_map import MappedHardness, effective_hardness
+from epcontact.materials.moduli import of_both
 from epcontact.reference import CLOSED_FORMS
 from epcontact.scene import Body, Load, Material, Scene, scene_digest
 from epcontact.surfaces.power_spectrum import inner_moments
+from epcontact.surfaces.recipe import Real
 
 Size = Literal["fast", "full", "large"]
 
@@ -94,6 +96,18 @@ class MaterialTable(Table):
         if value != "effective":  # each key by itself, so that the mistakes of all are told
             Material(**{"young_modulus": 1.0, "poisson_ratio": 0.0, str(info.field_name): value})
         return value
+
+
+class CounterfaceTable(Table):
+    """[counterface]: an elastic half-space, in the place of the rigid flat; [material] flows."""
+
+    model_config = ConfigDict(strict=False)  # as that of Case
+
+    young_modulus: Real = key("Pa")
+    poisson_ratio: Real = key("between -1 and 0.5")
+    surface: Annotated[surfaces.CaseSurface, Field(discriminator="kind")] | None = key(
+        "a second rough surface, with the keys of [surface] and heights out of its own body", None
+    )
 
 
 class BodyTable(Table):
@@ -219,6 +233,7 @@ class Case(Table):
     head: CaseTable = Field(alias="case")
     surface: Annotated[surfaces.CaseSurface, Field(discriminator="kind"), WrapValidator(_or_absent)]
     solid: MaterialTable = Field(alias="material")
+    counterface: CounterfaceTable | None = None
     load: Annotated[Load, _part(Load, LoadTable)]
     body: Annotated[Body, _part(Body, BodyTable)] = Field(default_factory=Body)
     gate: list[GateTable] = key("comparisons, which `epcontact verify` needs", [])
@@ -261,7 +276,44 @@ class Case(Table):
     @cached_property
     def recipes(self) -> tuple[surfaces.Recipe, ...]:
         """The recipes of the surfaces; none if the case is skipped."""
-        return () if self.skip else surfaces.recipes_of(self.surface)
+        found = () if self.skip else surfaces.recipes_of(self.surface)
+        above = self.counterface.surface if self.counterface else None
+        if not found or above is None:
+            return found
+        others = surfaces.recipes_of(above)
+        others = others * len(found) if len(others) == 1 else others
+        if len(others) != len(found):
+            raise InvalidScene(
+                f"[surface] has {len(found)} seeds and [counterface.surface] {len(others)}; give "
+                "as many, or one to the counterface"
+            )
+        return tuple(map(surfaces.Facing, found, others))
+
+    @cached_property
+    def both(self) -> Material:
+        """The elastic body that stands for that of [material] and the counterface, if any."""
+        body = Material(self.solid.young_modulus, self.solid.poisson_ratio)
+        if (other := self.counterface) is None:
+            return body
+        return of_both(body, Material(other.young_modulus, other.poisson_ratio))
+
+    @property
+    def two_bodies(self) -> dict[str, Any]:
+        """What a result says of its two bodies in the place of the one that stands for them."""
+        if (other := self.counterface) is None:
+            return {}
+        rough = "rough" if other.surface is not None else "flat"
+        told = (
+            f"{rough} elastic half-space, E = {other.young_modulus:g} Pa, "
+            f"nu = {other.poisson_ratio:g}; the hardness is that of the first body"
+            + ", of J2 bodies that touch a rigid flat at the E* of both"
+            * (self.solid.hardness == "effective")
+        )
+        name = "Young's modulus E of the first body; E* is that of both"
+        return {
+            "young_modulus": {"value": self.solid.young_modulus, "unit": "Pa", "meaning": name},
+            "counterface": {"value": told, "unit": "", "meaning": "counterface"},
+        }
 
     @cached_property
     def mapped(self) -> tuple[MappedHardness, ...]:
@@ -285,7 +337,9 @@ class Case(Table):
                 f"hardness is 'effective', which is known for deep bodies, but [body] depth is "
                 f"{self.body.depth:g} m and the period {min(surface.periods):g} m; give it in Pa"
             )
-        if isinstance(surface, surfaces.HeightsFromFile):  # as it is after its treatment
+        if self.counterface is not None and self.counterface.surface is not None:
+            slope = inner_moments(self.recipes[0].build()).rms_slope
+        elif isinstance(surface, surfaces.HeightsFromFile):  # as it is after its treatment
             surfaces.require_room(surface.shape)
             slope = inner_moments(surface.build()).rms_slope
         else:
@@ -301,7 +355,7 @@ class Case(Table):
         """Return the map's hardness at an rms slope.  Raises InvalidScene outside the map."""
         return effective_hardness(
             yield_stress=self.solid.yield_stress,
-            young_modulus=self.solid.young_modulus,
+            young_modulus=self.both.young_modulus,
             poisson_ratio=self.solid.poisson_ratio,
             rms_slope=rms_slope,
             mean_pressure=mean_pressure,
@@ -319,7 +373,7 @@ class Case(Table):
         if given["hardness"] == "effective":
             # A case without its surface is skipped, and nothing asks for its cap.
             given["hardness"] = getattr(self.mapped_hardness, "value", math.inf)
-        return Material(**given)
+        return Material(**given | {"young_modulus": self.both.young_modulus})
 
     @cached_property
     def hardness_source(self) -> str:
