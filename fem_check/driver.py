@@ -14,7 +14,7 @@ from skfem import Basis, ElementHex1, LinearForm, MeshHex
 
 from epcontact.errors import NotConverged
 from epcontact.files import write_collection
-from epcontact.machine import available_cores
+from epcontact.machine import available_cores, forget_peak
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Scene, require_kind, whole
 from fem_check import plasticity
@@ -99,6 +99,7 @@ def solve_path(
     require_kind("scene", scene, Scene)
     options = replace(options or FemOptions(), **changes)
     begin = time.perf_counter()
+    forget_peak()
     problem = problem_of(scene, options, threads)
     targets = path_targets(scene, problem, options)
     points: list[PathPoint] = []

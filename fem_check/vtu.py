@@ -40,7 +40,13 @@ ENDS = (".vtu", "-surface.vtu")
 _CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
 
 
-def mesh_of(problem: Problem, state: State | None = None, history: History | None = None) -> Any:
+def mesh_of(
+    problem: Problem,
+    state: State | None = None,
+    history: History | None = None,
+    *,
+    reference: bool = False,
+) -> Any:
     """The block of a problem as a `meshio.Mesh`, which other finite-element codes can read.
 
     Args:
@@ -49,6 +55,9 @@ def mesh_of(problem: Problem, state: State | None = None, history: History | Non
             volume-weighted, as xx, yy, zz, xy, yz, zx), von Mises norm and equivalent plastic
             strain are added to the points, and their means over an element to the cells.
         history: of the material at that state, if it can flow.
+        reference: whether the points are those of the block in which the elements are solved, whose
+            top is flat in a gap geometry, with the "gap" (m) that its top nodes then have to a flat
+            on the highest of them as data of the points, and 0 elsewhere.
 
     Returns:
         Hexahedra over one period, with the sets of nodes "top" and "base".  The points are those of
@@ -69,7 +78,7 @@ def mesh_of(problem: Problem, state: State | None = None, history: History | Non
     block = problem.block
     nz, (nx, ny) = len(block.layers), block.shape
     where = block.positions()
-    if block.moved is None:
+    if block.moved is None and not reference:
         fade = 1 + block.levels / block.depth
         where[..., 2] += fade[:, None, None] * (problem.heights - problem.heights.mean())
     nodes = closed(np.arange(where[..., 0].size).reshape(where.shape[:3])).ravel()
@@ -79,6 +88,10 @@ def mesh_of(problem: Problem, state: State | None = None, history: History | Non
     points[:, :, -1, 1] += ny * block.spacing[1]
     corners = [number[1 - z : nz + 1 - z, x : nx + x, y : ny + y].ravel() for x, y, z in _CORNERS]
     on_points, on_cells = ({}, {}) if state is None else _data(problem, state, history)
+    if reference:
+        gap = np.zeros(block.field_shape[:3])
+        gap[0] = problem.heights.max() - problem.heights
+        on_points["gap"] = gap.ravel()
     return meshio.Mesh(
         points.reshape(-1, 3),
         [("hexahedron", np.stack(corners, axis=1))],

@@ -30,7 +30,7 @@ from epcontact.bem.problem import (
     checked_symbol,
 )
 from epcontact.bem.transforms import KEPT_POINTS, Symbol
-from epcontact.machine import available_cores, compile_seconds, peak_memory
+from epcontact.machine import available_cores, compile_seconds, forget_peak, peak_memory
 from epcontact.materials.moduli import effective_modulus, oedometric_modulus
 from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Scene, require_kind
@@ -99,6 +99,7 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     cores = available_cores() if threads is None else threads
     options = Options(tolerance, area_tolerance, cores, method, max_steps)
     started, compiled = time.perf_counter(), compile_seconds()
+    forget_peak()
     require_memory(scene.surface, scene.load, scene.material)
     symbol, shape = _symbol(scene, compliance), scene.surface.shape
     if start is not None:

@@ -29,6 +29,7 @@ COMMANDS = {
     "chart": "studies",
     "cite": "show",
     "crosscheck": "plans",
+    "export": "plans",
     "gates": "show",
     "hardness": "plans",
     "joint": "plans",

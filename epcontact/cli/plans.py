@@ -1,9 +1,10 @@
-"""The commands beyond one run of a case: plan, crosscheck, hardness, joint and sweep."""
+"""The commands beyond one run of a case: plan, crosscheck, export, hardness, joint and sweep."""
 
 from __future__ import annotations
 
 import re
 import sys
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -20,6 +21,7 @@ from epcontact.harness.answers.run import Run
 from epcontact.harness.case_files.case import SIZES, Case, find_case, load_case
 from epcontact.harness.crosscheck import crosscheck as check_models
 from epcontact.harness.gates import estimate
+from epcontact.harness.methods import calculix
 from epcontact.harness.sweep import Swept, digest, in_words, run_sweep
 from epcontact.harness.verdict.verification import verify
 from epcontact.materials.hardness_map import effective_hardness
@@ -148,6 +150,24 @@ def _seeds(text: str) -> range:
             f"{text!r:.60} is no range of at most {_MOST_SEEDS} seeds; give such as 101-112"
         )
     return seeds
+
+
+@click.command()
+@click.argument("case")
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
+@own_size
+def export(case: str, file: Path, size: str) -> None:
+    """Write the finite-element block of CASE, with its first surface, for another code.
+
+    FILE.inp is a whole input file of CalculiX, which `ccx FILE` runs without its ending.  .vtu,
+    .vtk, .msh, .med and .xdmf (these two with the package h5py) have the bricks, the nodes of "top"
+    and "base", and the gap (m) of each top node to the rigid flat on the highest of them.
+    """
+    loaded = load_case(find_case(case), size)
+    if loaded.skip:
+        raise InvalidCase(f"{loaded.path}: {loaded.skip}")
+    options = loaded.fem.model_dump(exclude_none=True)
+    click.echo(calculix.export(loaded.scene(loaded.recipes[0]), file, options))
 
 
 @click.command()

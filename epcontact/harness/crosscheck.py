@@ -31,6 +31,7 @@ from epcontact import bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates import Difference, difference, estimate, standard_deviation
+from epcontact.harness.methods import calculix
 from epcontact.harness.methods.registry import EITHER_WAY
 from epcontact.harness.quantities.model_difference import (
     EffectiveHardness,
@@ -181,6 +182,10 @@ def _checked(
     parts = {name: f"{name}: {part}" for name, part in budget.items()}
     parts["solver"] += f" ({budget['solver'].nodes} nodes)"
     lines = [f"fem {law} against bem: {'; '.join(parts.values())}"]
+    if "calculix" in case.methods and law != "capped":
+        moved = calculix.differences(scene, case.options["fem"])
+        told = ", ".join(f"{name} {share:.2%}" for name, share in moved.items())
+        lines.append(f"pressures of calculix are moved by: {told}")
     row = {"discretisation, area": budget["discretisation"].area}
     if j2 is None:
         return lines, row

@@ -4,7 +4,7 @@
 what the rest of the package needs to know about it.  Entries come from three sources:
 
     the package's own   persson, bem and fem, below
-    other codes         contact_mechanics and tamaas, with the extra `peers`
+    other codes         contact_mechanics and tamaas, with the extra `peers`; CalculiX, a program
     the user's          entry points of the group `epcontact.methods`, and `--solver`
 """
 
@@ -13,6 +13,7 @@ from __future__ import annotations
 import importlib.util
 import math
 import re
+import shutil
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -166,6 +167,7 @@ class Method:
         memory: estimates the bytes of a solve, beside the process and its libraries.
         load: loads the modules and the compiled kernels of a solve, by a solve that takes no time.
         requires: a module of the extra `peers` that the method needs.
+        program: on the PATH that the method needs.
         source: `module:function` or command of a solver from outside the package.
     """
 
@@ -179,6 +181,7 @@ class Method:
     memory: MemoryEstimate = _surface_bytes
     load: Callable[[], None] = _nothing
     requires: str = ""
+    program: str = ""
     source: str = ""
 
     @property
@@ -189,11 +192,13 @@ class Method:
     @property
     def foreign(self) -> bool:
         """True if its code is not the package's: no kept result is used, as it may have changed."""
-        return bool(self.source or self.requires)
+        return bool(self.source or self.requires or self.program)
 
     @property
     def missing(self) -> str:
         """The sentence that says why the method cannot run here; empty if it can."""
+        if self.program and not shutil.which(self.program):
+            return f"there is no program {self.program}; {_PROGRAMS[self.program]}"
         if not self.requires or importlib.util.find_spec(self.requires):
             return ""
         return f"{self.requires} is not installed; pip install 'epcontact[peers]' brings it"
@@ -227,6 +232,12 @@ def _peer(name: str, scene: Scene, *_: Any) -> ContactResult:
 
     answer: ContactResult = getattr(peers, name)(scene)
     return answer
+
+
+def _calculix(scene: Scene, options: Mapping[str, Any], _: int | None) -> ContactResult:
+    from epcontact.harness.methods import calculix
+
+    return calculix.solve(scene, options)
 
 
 def _foreign(name: str, source: str, scene: Scene, *_: Any) -> ContactResult:
@@ -276,10 +287,19 @@ _PEERS = tuple(
         ("tamaas_j2", "tamaas", "with J2 flow by volume integrals"),
     )
 )
+_CALCULIX = Method(
+    "calculix", "the public code CalculiX, on the block of fem", _calculix, "fem",
+    has_model_measures=True, memory=_block_bytes, program="ccx",
+)  # fmt: skip
 _USERS = tuple(_of_user(e.name, e.value) for e in entry_points(group="epcontact.methods"))
 
 #: Every method by its name.
-METHODS: dict[str, Method] = {method.name: method for method in (*_USERS, *_OWN, *_PEERS)}
+METHODS: dict[str, Method] = {
+    method.name: method for method in (*_USERS, *_OWN, *_PEERS, _CALCULIX)
+}
+
+#: Where programs come from that methods need.
+_PROGRAMS = {"ccx": "Debian's package calculix-ccx, or calculix.de, brings it"}
 
 #: The method that `--solver` replaces in the gates.
 REPLACED = "bem"
