@@ -27,7 +27,7 @@ LINES = {
     "epcontact.cli": 1170,
     "epcontact.errors": 80,
     "epcontact.files": 140,
-    "epcontact.harness": 6530,
+    "epcontact.harness": 6700,
     "epcontact.machine": 230,
     "epcontact.materials": 320,
     "epcontact.output": 1740,
@@ -39,7 +39,7 @@ LINES = {
     "epcontact.studies": 3060,
     "epcontact.surfaces": 1950,
     "fem_check": 3750,
-    "tests": 14400,
+    "tests": 14800,
 }
 #: Imports of the project inside functions, each with its reason beside it; fewer is better.
 DEFERRED = 15
