@@ -13,7 +13,8 @@ from epcontact.harness.interface import (
     patches,
     percolation_share,
 )
-from epcontact.harness.quantities.registry import measure
+from epcontact.harness.quantities.registry import measure, measure_all
+from epcontact.reference.posts import CAPPED_STRIP
 from epcontact.results import APART, ELASTIC
 from epcontact.surfaces import SelfAffine, residual_surface
 
@@ -52,6 +53,77 @@ def test_a_contact_conducts_as_an_elastic_punch_of_its_shape_sinks(hardness):
     sinking = 2 * solved.final.quantities["elastic_energy"] / 1e-5
     expected = 2 * 1e-5 / sinking * (1 - 0.3**2) / 0.7  # 2 k/(E* rho)
     assert contact_conductance(scene, found, 0.7).raw == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_straight_rim_is_corrected_to_the_second_order(turned):
+    """On cells of any shape; what is left is .6 (dx over the strip's width)^2."""
+    off = []
+    for n in (32, 128, 512):
+        heights = np.repeat(np.where(np.arange(n) < 0.6 * n, 0.0, -1e-3)[:, None], n // 2, 1)
+        surface = Surface(heights.T if turned else heights, (1.0, 1.0))
+        scene = Scene(surface, Material(1.0, 0.0), Load(1e-5))
+        exact = -math.pi / 2 / math.log(math.sin(math.pi / 2 * (heights == 0).mean()))
+        found = interface_stiffness(scene, bem.solve(scene, threads=1), "loading")
+        off.append((found.raw / exact - 1, found.corrected / exact - 1))
+    raw, corrected = np.abs(off).T
+    np.testing.assert_allclose(np.log2(raw[:-1] / raw[1:]) / 2, 1, atol=0.05)
+    np.testing.assert_allclose(np.log2(corrected[:-1] / corrected[1:]) / 2, 2, atol=0.1)
+    assert corrected[-1] < 3e-5
+    assert raw[-1] > 1e-3
+
+
+def test_the_elastic_middle_of_a_capped_strip_is_corrected():
+    """Where the plastic rim ends is known to a fraction of a point, as is the strip's own end."""
+    off = []
+    for half_width in (0.21, 0.25, 0.29, 0.33):
+        heights = np.where(np.abs(np.arange(2048) / 2048 - 0.5) < half_width, 0.0, -5e-3)
+        scene = Scene(Surface(heights, (1.0,)), Material(1.0, 0.0, 1e-3), Load(3e-4))
+        found = bem.solve(scene)
+        for branch in ("loading", "unloading"):
+            exact = CAPPED_STRIP.scalar(f"quantity.stiffness_{branch}", scene)
+            off.append(np.array(interface_stiffness(scene, found, branch)) / exact - (1, 1, 0))
+    corrected, raw, claimed = np.abs(off).T
+    assert np.abs(corrected).max() < 0.4 * raw.max()
+    assert (corrected < claimed).all()
+
+
+def test_limits_know_no_units_and_no_axes():
+    heights, hard = ROUGH.heights[:, ::2], Material(1.0, 0.3, hardness=0.06)
+    scene = Scene(Surface(heights, (1.0, 1.0)), hard, Load(0.005))
+    scaled = Material(2.0e11, 0.3, hardness=0.06 * 2.0e11)
+    others = {
+        2e11 / 3e-4: Scene(Surface(3e-4 * heights, (3e-4, 3e-4)), scaled, Load(1e9)),
+        1: Scene(Surface(heights.T, (1.0, 1.0)), hard, Load(0.005)),
+    }
+    for branch in ("loading", "unloading"):
+        here = np.array(interface_stiffness(scene, bem.solve(scene), branch))
+        for factor, other in others.items():
+            there = interface_stiffness(other, bem.solve(other), branch)
+            np.testing.assert_allclose(there, factor * here, rtol=1e-6)
+
+
+def test_claims_cover_the_errors_of_limits():
+    """At four points a shortest wave, on seeds that no constant has seen; a tenth would not."""
+    rows = []
+    for seed in range(500, 512):
+        hardness = (0.02, 0.05, math.inf)[seed % 3]
+        results = []
+        for n in (48, 192):
+            surface = SelfAffine(
+                replace(SPECTRUM, wavenumber_high=24 * math.pi), (1.0, 1.0), (n, n), seed
+            )
+            scene = Scene(surface.build(), Material(1.0, 0.3, hardness), Load(0.004))
+            result = bem.solve(scene, threads=1)
+            names = ("conductance", "stiffness_loading", "contact_percolation")
+            kinds = [f"quantity.{name}{kind}" for name in names for kind in ("", ".raw", ".error")]
+            results.append(measure_all(kinds, scene, result))
+        coarse, fine = (np.array([*each.values()]).reshape(3, 3) for each in results)
+        rows.append(np.column_stack([abs(coarse[:, :2].T - fine[:, 0]).T, coarse[:, 2]]))
+    error, raw, claimed = np.array(rows).transpose(2, 1, 0)
+    assert ((error <= claimed).mean(1) >= 0.8).all()
+    assert ((error <= claimed / 10).mean(1) <= 0.5).all()
+    assert np.median(error[0]) < 0.7 * np.median(raw[0])
 
 
 def test_what_can_carry_nothing_or_everything_and_what_is_refused():

@@ -31,7 +31,9 @@ where d is how much less than half a spacing the rim of the discrete punch is be
 points, and `offset` how far the true rim is from half a spacing beyond them: by the correction of
 the area, on average over the links.  For a straight rim along the grid sharp = 2 e/pi and d is the
 exact offset of lines; for rims of all directions both are measured (`laboratory.interface`), and
-the anisotropy of the release leads from one to the other.  If the load grows and some points flow,
+the anisotropy of the release leads from one to the other.  Where the contact presses as a punch
+does, its rim is a step of the surface, and not a front that has found its points: d of such a
+staircase is larger by STEP, and less certain.  If the load grows and some points flow,
 the elastic contact is bounded by smooth fronts, whose offset is that of the punch itself.
 """
 
@@ -64,15 +66,16 @@ class Constants(NamedTuple):
     short: float  # d, in spacings
     chance: float  # claimed for the place of each link, in spacings
     area: float  # claimed for the place of all links, over the error that areas claim
-    common: float  # claimed for it besides, in spacings
 
 
 #: sharp and d of a straight rim along the grid; d is that of lines, `bem.areas.front`.
 STRAIGHT = (2 * math.e / math.pi, 0.190009)
+#: What a step of the surface adds to d, and to the claim.
+STEP = (0.047, 0.068)
 #: By `python -m laboratory.interface`.
-CONSTANTS = Constants(sharp=1.04, short=0.104, chance=0.2, area=1.95, common=0.031)
+CONSTANTS = Constants(sharp=0.94, short=0.103, chance=0.54, area=1.75)
 #: Of elastic contact beside points that flow, where only what is straight is moved.
-SMOOTH = Constants(sharp=0.0, short=0.104, chance=0.9, area=1.0, common=0.0)
+SMOOTH = Constants(sharp=0.0, short=0.103, chance=0.82, area=1.08)
 
 
 class Limit(NamedTuple):
@@ -140,6 +143,7 @@ class Rim(NamedTuple):
     straight: float  # 0 for a rim of all directions, 1 for one along the grid
     offset: float  # in spacings
     doubt: float  # its error, as areas claim it
+    stepped: float  # 1 if the contact presses as a punch does there, 0 if a quarter less
     flows: bool  # True if points that flow bound it
 
 
@@ -147,10 +151,13 @@ def sinking_and_rim(scene: Scene, result: ContactResult, branch: Branch) -> tupl
     """Return E* u in m of a flat punch on the points that carry, and the rim of these points."""
     mask = carrying(result, branch)
     sinking, pressure = _punch(scene, mask)
-    terms = []
+    # Over the mean pressure, as the punch's are.
+    pressed = result.fields.get("pressure", 0 * pressure) / result.final.mean_pressure
+    terms, press = [], 0.0
     for axis, h in enumerate(scene.surface.spacing):
-        beside = (mask & ~np.roll(mask, step, axis) for step in (1, -1))
+        beside = [mask & ~np.roll(mask, step, axis) for step in (1, -1)]
         terms.append(np.concatenate([pressure[last] ** 2 * h / mask.size for last in beside]))
+        press += sum(float(pressed[last] @ pressure[last]) * h / mask.size for last in beside)
     # The stretch of rim across links of each axis carries so much of K^2; on a line there is one.
     shares = [each.sum() / h for each, h in zip(terms, scene.surface.spacing, strict=True)]
     straight = (shares[0] - sum(shares[1:])) / sum(shares)
@@ -160,8 +167,10 @@ def sinking_and_rim(scene: Scene, result: ContactResult, branch: Branch) -> tupl
     raw, corrected = (getattr(areas[kind], part) for kind in ("raw", "corrected"))
     doubt = getattr(areas["error"], part) if "error" in areas else abs(corrected - raw)
     offset, doubt = (share * mask.size / every.size for share in (corrected - raw, doubt))
-    scatter = float(np.linalg.norm(every))
-    rim = Rim(float(every.sum()), scatter, float(straight) ** 2, offset, doubt, flows)
+    release, scatter = float(every.sum()), float(np.linalg.norm(every))
+    stepped = 0.0 if (result.fields["state"] == PLASTIC).any() else 4 * press / release - 3
+    stepped = min(max(stepped, 0.0), 1.0)
+    rim = Rim(release, scatter, float(straight) ** 2, offset, doubt, stepped, flows)
     return sinking * effective_modulus(scene.material), rim
 
 
@@ -169,9 +178,10 @@ def limit_of(sinking: float, rim: Rim, constants: Constants | None = None) -> Li
     """Return k/E* of a punch that sinks by E* u = `sinking`, by its rim."""
     c = constants or (SMOOTH if rim.flows else CONSTANTS)
     sharp = c.sharp + (STRAIGHT[0] - c.sharp) * rim.straight
-    short = c.short + (STRAIGHT[1] - c.short) * rim.straight
+    short = c.short + STEP[0] * rim.stepped
+    short += (STRAIGHT[1] - short) * rim.straight
     moved = sharp * (rim.offset + short) * rim.release / sinking
-    common = rim.release * math.hypot(c.area * rim.doubt, c.common)
+    common = rim.release * math.hypot(c.area * rim.doubt, STEP[1] * rim.stepped)
     limit = math.exp(moved) / sinking  # to first order, and positive on any grid
     return Limit(limit, 1 / sinking, limit * math.hypot(c.chance * rim.scatter, common) / sinking)
 

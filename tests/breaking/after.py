@@ -2,10 +2,13 @@
 
 import numpy as np
 from scipy.ndimage import label
+from scipy.special import itj0y0
 
 from breaking.fault import Fault, at, changed, given, on_result, quantity, scaled
+from epcontact.harness.interface import Limit
+from epcontact.materials.moduli import effective_modulus
 
-FLOWED = "epcontact.bem.flow.flowed"
+FLOWED, INTERFACE = "epcontact.bem.flow.flowed", "epcontact.harness.interface."
 
 
 def _deepest(w):
@@ -24,6 +27,17 @@ def _other_branch(result, branch):
     return result, {"loading": "unloading", "unloading": "loading"}[branch]
 
 
+def _alone(original):
+    """The displacement within half a period of a force, and none beyond: int_0^(qR) J_0 of it."""
+
+    def wrong(scene):
+        modes, modulus = original(scene), effective_modulus(scene.material)
+        reach = scene.surface.periods[0] / modulus / np.where(modes > 0, modes, np.inf)  # q R
+        return modes * itj0y0(reach)[0]
+
+    return wrong
+
+
 FAULTS = (
     Fault("the residual surface from half of the points that flowed", "bem",
         on_result(FLOWED, _deepest), "cycle-unloaded", "quantity.path_work"),
@@ -37,13 +51,21 @@ FAULTS = (
         quantity("epcontact.bem.solve", "plastic_work", lambda work: work / 2),
         "cycle-capped", "quantity.measured_figures"),
     Fault("a factor of 2 in the conductance", "harness",
-        scaled("epcontact.harness.interface.contact_conductance", 0.5),
+        on_result(INTERFACE + "contact_conductance", lambda k: Limit(*(v / 2 for v in k))),
+        "rough-interface", "quantity.conductance"),
+    Fault("a correction of the conductance of the wrong sign", "harness",
+        on_result(INTERFACE + "limit_of", lambda k: k._replace(corrected=k.raw**2 / k.corrected)),
         "punch-strip", "quantity.conductance"),
+    Fault("a contact without its periodic images", "harness",
+        changed(INTERFACE + "compliance", _alone), "rough-interface", "quantity.conductance"),
+    Fault("a conductance that claims a tenth of its error", "harness",
+        on_result(INTERFACE + "limit_of", lambda k: k._replace(error=k.error / 10)),
+        test="tests/test_interface.py::test_claims_cover_the_errors_of_limits"),
     Fault("a conductance of insulating plastic spots", "harness",
-        given("epcontact.harness.interface.carrying", _other_branch),
-        "punch-capped", "quantity.conductance"),
+        given(INTERFACE + "carrying", _other_branch),
+        "rough-interface", "quantity.conductance"),
     Fault("the stiffness of the other branch", "harness",
-        given("epcontact.harness.interface.carrying", _other_branch),
+        given(INTERFACE + "carrying", _other_branch),
         "punch-capped", "quantity.stiffness_loading"),
     Fault("the plastic work of J2 10 % too low", "fem_check",
         quantity("fem_check.solve", "plastic_work", lambda work: 0.9 * work),
@@ -51,6 +73,6 @@ FAULTS = (
     Fault("capped nodes that rise again when the load falls", "fem_check",
         scaled("fem_check.path._sunk", 0.0), "cycle-fem-capped", "area.total.corrected"),
     Fault("patches that do not join over the period", "harness",
-        at("epcontact.harness.interface._patch_of_points", lambda mask: label(mask)[0][mask] - 1),
+        at(INTERFACE + "_patch_of_points", lambda mask, _: label(mask)[0][mask] - 1),
         test="tests/test_interface.py::test_patches_join_over_the_period"),
 )  # fmt: skip

@@ -137,7 +137,18 @@ _KINDS = {
     ".raw": "as the grid's own points have it",
     ".error": "the estimated absolute error of the limit",
 }
-_CONTACTS = {part: part for part in ("total", "elastic", "plastic")}
+#: How far a grid of four points a shortest wave was off one of 32: the median, and nine in ten, of
+#: 48 rough surfaces.
+_NUMBERS = {
+    "total": "total contact; no claim: 4 points a shortest wave are off by 8 %, one in ten by 18 %",
+    "elastic": "elastic contact; no claim: a coarse grid breaks its seams, or does not see them",
+    "plastic": "plastic contact; no claim: 4 points are off by 13 %, or see few where little flows",
+}
+_LARGEST = {
+    "total": "total contact; no claim: 4 points a shortest wave are off by 4 %, one in ten by 12 %",
+    "elastic": "elastic contact; no claim: 4 points are off by 12 %, one in ten by several times",
+    "plastic": "plastic contact; no claim: 4 points are off by 12 %, one in ten by 70 %",
+}
 Limit = Callable[[Answered], interface.Limit]
 
 
@@ -179,15 +190,15 @@ def _patches(a: Answered, part: str) -> Any:
     return interface.patches(masks[part]).areas
 
 
-@quantity("–", name="{}_patches", each=_CONTACTS)
+@quantity("–", name="{}_patches", each=_NUMBERS)
 def patches(a: Answered, part: str) -> float:
-    """number of connected patches of {} contact."""
+    """number of connected patches of {}."""
     return float(_patches(a, part).size)
 
 
-@quantity("–", name="{}_patches_largest", each=_CONTACTS)
+@quantity("–", name="{}_patches_largest", each=_LARGEST)
 def largest_patch(a: Answered, part: str) -> float:
-    """share of the nominal area in the largest patch of {} contact."""
+    """share of the nominal area in the largest patch of {}."""
     return float(_patches(a, part).max(initial=0.0))
 
 
