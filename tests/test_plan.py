@@ -254,3 +254,27 @@ def test_what_can_have_no_plan_is_refused():
             plan(load_case("rough-capped"), tolerance)
     with pytest.raises(InvalidCase, match="needs no plan"):
         plan(load_case("theory-elastic"))
+
+
+def test_a_path_is_planned_for_the_load_that_is_the_hardest_to_answer(write_case):
+    path = ("mean_pressure = 5.0e8", "mean_pressure = [5.0e8, 1.0e9, 1.0e8, 0]")
+    case = load_case(
+        write_case(
+            ('"persson", "bem"', '"bem"'),
+            ('against = "persson"', 'against = 0.1\nsource = "made"'),
+            path,
+        )
+    )
+    case = case.changed(recipes=case.recipes[:1], gates=())
+    chosen = plan(case, 0.05, threads=1)
+    first = case.recipes[0]
+    coarse = grids.on_grid(first, grids.ladder(first, beyond=False)[0])
+    steps = bem.solve(case.scene(coarse), area_tolerance=1e-4).steps
+    claims = [s.areas["error"].total / (s.areas["corrected"].total or np.inf) for s in steps]
+    assert chosen.step == np.argmax(claims) == 2
+    assert chosen.reasons[0].startswith("the plan is for the load of 1e+08 Pa, number 3 of the")
+    answer = solved(planned(case, chosen))
+    areas = answer.results[0].steps[2].areas
+    error = areas["error"].total / areas["corrected"].total
+    assert achieved_error(chosen, answer) == pytest.approx(error, rel=1e-6)
+    assert error <= 0.05

@@ -43,6 +43,7 @@ class Pilot(NamedTuple):
     raw_error: float  # the same of raw areas
     work: float  # FFT pairs, or sweeps over the unknowns, times points
     notes: tuple[str, ...] = ()
+    step: int = -1  # number of the load whose areas these are
 
 
 class Candidate(NamedTuple):
@@ -66,13 +67,18 @@ _QUICK: dict[str, dict[str, Any]] = {"bem": {"area_tolerance": 1e-4}}
 
 def solve_pilot(
     case: Case, recipe: Recipe, method: str, parts: Sequence[str], threads: int | None,
-    **options: Any,
+    step: int | None = None, **options: Any,
 ) -> Pilot:  # fmt: skip
-    """Solve the case on one surface, no more exactly than a pilot of the method needs."""
+    """Solve the case on one surface, no more exactly than a pilot of the method needs.  Without the
+    number of a `step` it is that of the load whose area is the hardest to find."""
     given = _QUICK.get(method, {}) | dict(case.options.get(method, {})) | options
     scene = case.scene(recipe)
     result = METHODS[method].solve(scene, given, threads or available_cores())
-    areas, counts = result.final.areas, result.final.iterations
+    if step is None:
+        claims = [one.areas["error"].total / (one.areas["corrected"].total or math.inf)
+                  for one in result.steps]  # fmt: skip
+        step = int(np.argmax(claims))
+    areas, counts = result.steps[step].areas, result.final.iterations
     best, errors, raw_errors = areas["corrected"], [math.nan], [math.nan]
     for part in parts:
         if area := getattr(best, part):  # a part that does not exist has no relative error
@@ -83,7 +89,7 @@ def solve_pilot(
     )
     largest, raw = float(np.fmax.reduce(errors)), float(np.fmax.reduce(raw_errors))
     work = sweeps * result.cost["unknowns"]
-    return Pilot(recipe.shape, best, largest, raw, work, scene.surface.notes)
+    return Pilot(recipe.shape, best, largest, raw, work, scene.surface.notes, step)
 
 
 def carried_error(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:

@@ -68,6 +68,7 @@ class Plan:
     reasons: tuple[str, ...]  # sentences
     notes: tuple[str, ...]  # of the surface that the finest pilot solved
     recipes: tuple[Recipe, ...] = field(repr=False)  # of the surfaces on the chosen grid
+    step: int = -1  # number of the load that is the hardest to answer, which the plan is for
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -133,8 +134,12 @@ def plan(
     def solve(recipe: Recipe, **options: Any) -> Pilot:
         if progress is not None:
             progress(f"plan: pilot by {method} on {' x '.join(map(str, recipe.shape))} points")
-        return solve_pilot(case, recipe, method, parts, threads, **options)
+        found = solve_pilot(case, recipe, method, parts, threads, steps[-1], **options)
+        steps.append(found.step)
+        return found
 
+    # Gates, which an automatic size is for, read the last load; a single load is the last one.
+    steps: list[int | None] = [-1 if capped or len(case.load.path) == 1 else None]
     options: dict[str, Any] = {}
     if method == "fem":
         options, reasons = finite_element_options(case, recipes[0], solve, tolerance)
@@ -152,6 +157,11 @@ def plan(
     missed = (
         f"the tolerance of {tolerance:.2g} is not met: with {limit} the error is {chosen.error:.2g}"
     )
+    if len(case.load.path) > 1:
+        hardest = (
+            f"{case.load.path[pilots[0].step]:.4g} Pa, number {pilots[0].step + 1} of the path"
+        )
+        why.append(f"the plan is for the load of {hardest}: its area is the hardest to find")
     solved = chosen.shape in [pilot.shape for pilot in pilots]
     why += _reasons(recipes[0], len(recipes) > 1, chosen, solved, raw, deviation)
     across = math.prod(case.recipes[0].shape) / math.prod(recipes[0].shape)  # above 1 for a line
@@ -170,6 +180,7 @@ def plan(
         reasons=(*why, missed) if chosen.error > tolerance else tuple(why),
         notes=max(pilots, key=lambda pilot: math.prod(pilot.shape)).notes,
         recipes=_chosen_recipes(recipes, chosen),
+        step=pilots[0].step,
     )
     theories = [m for m in case.methods if not METHODS[m].has_fields]
     return _theory_instead(case, theories[0], pilots, result) if theories else result
@@ -227,7 +238,7 @@ def _chosen_recipes(given: Sequence[Recipe], chosen: Candidate) -> tuple[Recipe,
 def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical: Plan) -> Plan:
     """Return the plan with the theory as its method if that is close enough to the pilots."""
     scene = case.scene(on_grid(case.recipes[0], pilots[0].shape) or case.recipes[0])
-    if known := _mapped_error(case, method, scene, numerical.parts):
+    if known := _mapped_error(case, method, scene, numerical):
         error, middle = known
         distance = (
             f"the theory is off by {middle:.2g} here, and by at most {error:.2g} at 95 %, by the "
@@ -251,7 +262,7 @@ def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical:
 
 
 def _mapped_error(
-    case: Case, method: str, scene: Scene, parts: Sequence[str]
+    case: Case, method: str, scene: Scene, numerical: Plan
 ) -> tuple[float, float] | None:
     """Return the largest relative error of the theory's areas and its middle, by the kept map for
     the case's number of surfaces; None where that does not know it."""
@@ -259,11 +270,11 @@ def _mapped_error(
         return None
     try:
         theory = Theory.of_scene(scene, **case.options[method])
-        known = expected_errors(theory, scene.load.final, len(case.recipes))
+        known = expected_errors(theory, scene.load.path[numerical.step], len(case.recipes))
     except InvalidScene:
         return None
-    found = [known[part] for part in parts if part in known]
-    if len(found) < len(parts):
+    found = [known[part] for part in numerical.parts if part in known]
+    if len(found) < len(numerical.parts):
         return None
     worst = max(found, key=lambda error: max(-error.low, error.high))
     return max(-worst.low, worst.high), abs(worst.middle)
@@ -273,7 +284,8 @@ def _off_the_pilots(
     case: Case, method: str, scene: Scene, pilots: Sequence[Pilot], parts: Sequence[str]
 ) -> tuple[float, str]:
     """Return how far the theory is off the pilots, with their uncertainty, and a sentence on it."""
-    theory = METHODS[method].solve(scene, case.options[method], 1).final.areas["raw"]
+    steps = METHODS[method].solve(scene, case.options[method], 1).steps
+    theory = steps[pilots[0].step].areas["raw"]
     sample, finest = coarsest(pilots), max(pilots, key=lambda p: math.prod(p.shape))
     off = []
     for part in parts:
@@ -336,7 +348,7 @@ def achieved_error(chosen: Plan, answer: Answer, finer: Answer | None = None) ->
     sample = answer if chosen.on_grid else best
 
     def areas(of: Answer, kind: str, part: str) -> list[float]:
-        return [getattr(result.final.areas[kind], part) for result in of.results]
+        return [getattr(r.steps[chosen.step].areas[kind], part) for r in of.results]
 
     errors = []
     for part in chosen.parts:
