@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import sys
 from pathlib import Path
@@ -10,19 +11,18 @@ from typing import Any
 
 import click
 import pandas as pd
-from rich.table import Table
 
 from epcontact import planning
-from epcontact.cli.listing import open_console, table_of
+from epcontact.cli.listing import open_console
 from epcontact.cli.options import of_run, own_size, shown_progress, tell
-from epcontact.cli.tables import shown_estimate
+from epcontact.cli.tables import loads_table
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.answers.run import Run
 from epcontact.harness.case_files.case import SIZES, Case, find_case, load_case
 from epcontact.harness.crosscheck import crosscheck as check_models
-from epcontact.harness.gates import estimate
 from epcontact.harness.methods import calculix
-from epcontact.harness.sweep import Swept, digest, in_words, run_sweep
+from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.sweep import digest, run_sweep
 from epcontact.harness.verdict.verification import verify
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.reference.conductance import joint_conductance
@@ -218,7 +218,7 @@ def joint(**given: Any) -> None:
     click.echo(str(joint_conductance(**given)))
 
 
-#: Rows that a terminal shows; the CSV file has all.
+#: Points that a terminal shows; the CSV file has all.
 _ROWS = 40
 
 
@@ -234,10 +234,17 @@ def sweep(case: str, size: str, run: Run) -> None:
     """
     with shown_progress(run) as shown:
         swept = run_sweep(case, shown, size=size)
-    open_console().print(_points_table(swept))
-    solved = int(swept.table["solved"].sum())
+    console = open_console()
+    shown_points = dict(itertools.islice(swept.loads.items(), _ROWS))
+    units = {n.removeprefix("quantity."): QUANTITIES[n].unit.strip("–") for n in swept.quantities}
+    console.print(loads_table(shown_points, "point", console.width, **units))
+    if (left := len(swept.loads) - len(shown_points)) > 0:
+        click.echo(f"and {left} more")
+    for note, count in swept.notes.items():
+        click.echo(f"note of {count} tasks: {note}")
+    tasks = swept.table.loc[swept.table["load"] == 0, "solved"]
     click.echo(
-        f"{solved} of {len(swept.table)} tasks are solved, {swept.reused} of them earlier; "
+        f"{tasks.sum()} of {len(tasks)} tasks are solved, {swept.reused} of them earlier; "
         f"table in {swept.folder / 'sweep.csv'}, digest {digest(swept.table)[:12]}"
     )
     if swept.failures:
@@ -246,19 +253,3 @@ def sweep(case: str, size: str, run: Run) -> None:
         raise EpcontactError(
             f"{len(swept.failures)} tasks failed, which the next run tries again: {told}"
         )
-
-
-def _points_table(swept: Swept) -> Table:
-    """Tabulate the mean total area at each point with its interval, and what the sweep measures."""
-    found, quantities = swept.table, ("area.total.corrected", *swept.quantities)
-    keys = [*found.columns[: found.columns.get_loc("solved")].difference(["seed"], sort=False)]
-    names = [name.removeprefix("quantity.") for name in swept.quantities]
-    shown = table_of([*(key.rpartition(".")[2] for key in keys), "surfaces", "total area", *names])
-    groups = found.reindex(columns=[*keys, *quantities]).groupby(keys, sort=False)
-    for values, rows in list(groups)[:_ROWS]:
-        columns = [rows[name].dropna().to_numpy() for name in quantities]
-        figures = [shown_estimate(estimate(c)) if len(c) else "" for c in columns]
-        shown.add_row(*map(in_words, values), str(len(columns[0])), *figures)
-    if len(groups) > _ROWS:
-        shown.add_row(f"and {len(groups) - _ROWS} more")
-    return shown

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,7 +22,7 @@ import pandas as pd
 from epcontact.errors import InvalidCase, OutputError, nearest
 from epcontact.files import read_bytes, whole_file, write_json
 from epcontact.harness.answers.run import Run, run_tasks, tasks_of
-from epcontact.harness.answers.store import Task, key_of, read_member
+from epcontact.harness.answers.store import Task, key_of, load_rows, read_member
 from epcontact.harness.case_files.axes import MOST_TASKS, Point, Scalar
 from epcontact.harness.case_files.case import Case, CaseText, case_at, find_case, load_case
 from epcontact.harness.methods.registry import METHODS, Method
@@ -38,7 +39,7 @@ class Sweep(NamedTuple):
 
     tasks: list[Task]
     points: list[Point]
-    quantities: list[str]
+    quantities: list[str] | None
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,10 @@ class Swept:
     table: pd.DataFrame
     failures: Mapping[str, str]  # the sentence of each task without a result, by its name in files
     reused: int  # the number of tasks whose kept result was used again
+    #: For each point and method in words its rows, see `load_rows`, and the number of surfaces.
+    loads: Mapping[str, tuple[list[dict[str, Any]], str]]
     quantities: Sequence[str]  # measured beside what the methods report
+    notes: Mapping[str, int]  # of surfaces and solves, with the number of tasks that told them
 
 
 def read_sweep(case: CaseText | Path | str, size: str = "fast") -> Sweep:
@@ -74,9 +78,10 @@ def read_sweep(case: CaseText | Path | str, size: str = "fast") -> Sweep:
     return sweep
 
 
-def _tasks_at(point: Point, case: Case, quantities: Sequence[str]) -> Iterator[Task]:
+def _tasks_at(point: Point, case: Case, asked: Sequence[str] | None) -> Iterator[Task]:
     if case.skip:
         raise InvalidCase(f"{case.path}: {case.skip}")
+    quantities = asked or ()
     for quantity in quantities:
         if not any(_answers(METHODS[method], quantity) for method in case.methods):
             known = "" if quantity in QUANTITIES else nearest(quantity, QUANTITIES)
@@ -85,7 +90,7 @@ def _tasks_at(point: Point, case: Case, quantities: Sequence[str]) -> Iterator[T
             )
     name = hashlib.sha256(json.dumps(point, sort_keys=True).encode()).hexdigest()[:10]
     values = ", ".join(f"{key.partition('.')[2]} {in_words(value)}" for key, value in point.items())
-    for task in tasks_of(case, Run()):
+    for task in tasks_of(case, Run(rows=asked is None)):
         yield replace(
             task,
             label=f"{name}-{task.label}",
@@ -140,10 +145,19 @@ def run_sweep(
         for task, outcome in outcomes.items()
         if isinstance(outcome, str)
     }
+    groups: dict[str, list[ContactResult]] = {}
+    notes: Counter[str] = Counter()
+    for task, point in zip(tasks, points, strict=True):
+        if isinstance(outcome := outcomes[task], ContactResult):
+            values = (f"{key.partition('.')[2]} {in_words(v)}" for key, v in point.items())
+            groups.setdefault(", ".join((*values, task.method.name)), []).append(outcome)
+            notes.update(outcome.notes)
+    names = [name.removeprefix("quantity.") for name in quantities or ()]
+    loads = {name: (load_rows(each, names), str(len(each))) for name, each in groups.items()}
     found = table(folder)
     with whole_file(folder / "sweep.csv") as temporary:
         found.to_csv(temporary, index=False)
-    return Swept(folder, found, failures, len(reused), quantities)
+    return Swept(folder, found, failures, len(reused), loads, quantities or (), notes)
 
 
 def table(folder: str | Path) -> pd.DataFrame:
@@ -153,9 +167,10 @@ def table(folder: str | Path) -> pd.DataFrame:
         folder: `<output>/<case>/<size>`.
 
     Returns:
-        One row for each task of the sweep, with a column for each swept key ("material.hardness"),
-        `method`, `seed` (where the surfaces have seeds), `solved`, and one for each quantity of a
-        result by its name in gates ("area.total.corrected"), in SI units; nan where there is none.
+        One row for each task of the sweep and each load of its path, with a column for each swept
+        key ("material.hardness"), `method`, `seed` (where the surfaces have seeds), `solved`,
+        `load` (its number), and one for each quantity of a result by its name in gates
+        ("area.total.corrected"), in SI units; nan where there is none.
 
     Raises:
         OutputError: if there is no sweep in the folder.
@@ -168,9 +183,11 @@ def table(folder: str | Path) -> pd.DataFrame:
         for task in data["tasks"]:
             member = read_member(Path(folder) / task["file"])
             solved = member.get("key") == task["key"]
-            found = scalar_quantities(ContactResult.from_json(member)) if solved else {}
             about = {"method": task["method"], "seed": task["seed"], "solved": solved}
-            rows.append(task["point"] | about | found)
+            result = ContactResult.from_json(member) if solved else None
+            for number, step in enumerate(result.steps if result else [None]):
+                found = scalar_quantities(replace(result, steps=(step,))) if result and step else {}
+                rows.append(task["point"] | about | {"load": number} | found)
     except (ValueError, KeyError, TypeError):
         raise OutputError(f"{path} is no list of a sweep; run `epcontact sweep` again") from None
     return pd.DataFrame(rows).dropna(axis="columns", how="all")

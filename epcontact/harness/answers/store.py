@@ -261,14 +261,15 @@ def summary(case: Case, answer: Answer) -> dict[str, Any]:
     }
 
 
-def load_rows(results: Sequence[ContactResult]) -> list[dict[str, Any]]:
-    """Return a row a load: its branch, and the columns that are known of it, each with the mean
-    over the surfaces, its `error` at 95 % and the `parts` of that by their sources."""
+def load_rows(results: Sequence[ContactResult], more: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """Return a row a load: its branch, and what is known of COLUMNS and of `more` quantities, each
+    with the mean over the surfaces, its `error` at 95 % and the `parts` of that by their sources.
+    """
     rows = []
     for branch, *steps in zip(results[0].branches, *(r.steps for r in results), strict=True):
-        each = [step.row for step in steps]
+        each = [{n: step.quantities.get(n, math.nan) for n in more} | step.row for step in steps]
         row: dict[str, Any] = {"branch": branch}
-        for name in COLUMNS:
+        for name in (*COLUMNS, *more):
             found = estimate([one.get(name, math.nan) for one in each])
             start = f"{name}_error_by_"
             parts = {

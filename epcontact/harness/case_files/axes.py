@@ -83,7 +83,10 @@ class SweepTable(Table):
         "points of a Latin hypercube of the ranges without points", None, ge=1
     )
     seed: int = key("of the Latin hypercube", 0, ge=0)
-    quantities: list[str] = key("quantities that are measured at every point, as for a gate", [])
+    quantities: list[str] | None = key(
+        "quantities that are measured at every point, as for a gate; else those of `epcontact run`",
+        None,
+    )
     point: list[dict[str, dict[str, Scalar]]] = key(
         "values of keys that change together, one table for each point", []
     )
