@@ -2,6 +2,7 @@
 
 import doctest
 import importlib
+import json
 import os
 import re
 import subprocess
@@ -14,6 +15,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 from command_line import invoke
+from laboratory.trial_map import trial_map
 
 from epcontact.cli.main import COMMANDS
 from epcontact.harness.processes import made
@@ -129,6 +131,44 @@ def test_a_measured_map_as_the_readme_says(home, monkeypatch):
     done = invoke("run", "measured.toml", "--jobs", 1)
     assert done.returncode == 0, done
     assert re.search("2 of 1920 heights missing.*mirrored at its edges", done.stdout, re.S)
+
+
+@pytest.mark.slow
+def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_path):
+    """On a map with tilt, holes and spikes it finds the areas of the map without any of them."""
+    guide = (ROOT / ".docs/tutorial.md").read_text(encoding="utf-8")
+    case, python, *commands = (
+        re.findall(rf"^```{language}\n(.*?)^```", guide, re.M | re.S)
+        for language in ("toml", "python", "bash")
+    )
+    lines = [line for text in commands[0] for line in text.splitlines()]
+    assert len(lines) <= 10
+    clean, faulty = (trial_map(n, holes=n > 0)[:120, :90] for n in (0, 25))
+    told = {}
+    for name, heights in (("clean", clean), ("faulty", faulty)):
+        (folder := tmp_path / name).mkdir()
+        np.savetxt(folder / "joint.csv", heights.T, delimiter=";", fmt="%.5f")
+        (folder / "joint.toml").write_text(case[0])
+        told[name] = run(["bash", "-ec", lines[0]], folder)
+    for line in lines[1:]:
+        assert run(["bash", "-ec", line], folder)
+    assert (folder / "contact.png").stat().st_size > 10_000
+    table = run([sys.executable, "-c", python[0]], folder)
+    assert table.count(" Pa: 0.") == 4
+    assert re.search(r"heights are outliers.*: removed, at \(", " ".join(told["faulty"].split()))
+    assert "outliers" not in told["clean"]
+    rows, truth = (
+        json.loads((tmp_path / name / "results/joint/fast/bem.json").read_text())["loads"]
+        for name in ("faulty", "clean")
+    )
+    for row, true in zip(rows, truth, strict=True):
+        area = row["total_area"]
+        assert {"grid", "treatment", "hardness"} == area["parts"].keys()
+        off = abs(area["mean"] - true["total_area"]["mean"])
+        assert off < min(area["error"], 0.01 * area["mean"])
+        assert row["mean_gap"]["mean"] == pytest.approx(true["mean_gap"]["mean"], rel=0.01)
+    assert [row["branch"] for row in rows] == ["loading"] * 3 + ["unloading"]
+    assert rows[3]["total_area"]["mean"] > 2 * rows[0]["total_area"]["mean"]
 
 
 def test_the_main_job_is_a_function(home, monkeypatch, capsys):
