@@ -194,6 +194,18 @@ def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path):
     refused(verified(""), "map.csv", "give unit = 1e-6")
 
 
+def test_a_plane_is_flat_and_every_gate_holds(write_case, tmp_path):
+    x, y = np.meshgrid(np.arange(16), np.arange(12), indexing="ij")
+    np.save(tmp_path / "plane.npy", 0.1 + 0.3 * x - 0.7 * y)
+    recipe = 'kind = "file"\npath = "plane.npy"\nunit = 1e-6\npixel_size = 1e-6\n'
+    edits = (('"persson", "bem"', '"bem"'), ('"persson"', '1.0\nsource = "a flat touches"'))
+    for treatment in ("mirrored", "periodic"):
+        path = write_case((ROUGH, f'{recipe}form = 1\ntreatment = "{treatment}"'), *edits)
+        done = invoke("verify", path, "--output", tmp_path / "out", "--jobs", 1)
+        assert done.returncode == 0, done
+        assert "the surface is flat" in done.stdout
+
+
 def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys):
     band = ("tolerance = 0.5", "between = [0.111111, 0.1111112]")
     (outcome,) = verify(write_case(ONE, band), output=tmp_path, jobs=1).cases

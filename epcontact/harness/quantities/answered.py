@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from epcontact.errors import InvalidCase
+from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.layers import compliance
 from epcontact.results import ContactResult, FloatArray, PressureDistribution
 from epcontact.scene import Scene
@@ -60,6 +61,13 @@ class Answered:
         if self.result.distribution is None:
             raise InvalidCase(f"{self.result.method} gives no pressure distribution for a gate")
         return self.result.distribution
+
+    @property
+    def height_scale(self) -> float:
+        """The rms height in m, or what p0 sinks a cell of the grid by if the surface is flat."""
+        surface = self.scene.surface
+        sunk = self.load_scale * max(surface.spacing) / effective_modulus(self.scene.material)
+        return surface.rms_height or sunk
 
     @property
     def load_scale(self) -> float:

@@ -50,7 +50,7 @@ def measured_figures(a: Answered) -> float:
     Lengths are divided by the rms height, pressures by p0 and energies by p0 times the rms height
     or by the energy itself, whichever is larger.  J2 flow has no elastic energy at the surface.
     """
-    p, height, p0 = a.pressure, a.scene.surface.rms_height, a.load_scale
+    p, height, p0 = a.pressure, a.height_scale, a.load_scale
     expected = {"largest_pressure": (float(p.max()), p0)}
     if (touching := p > 0).any():
         expected["mean_contact_pressure"] = (float(p[touching].mean()), p0)
@@ -85,7 +85,7 @@ def measured_fields(a: Answered) -> float:
 
     They follow from the pressures and the heights alone; a point in a wrong state counts as 1.
     """
-    p, fields, height = a.pressure, a.result.fields, a.scene.surface.rms_height
+    p, fields, height = a.pressure, a.result.fields, a.height_scale
     wrong = [0.0]
     if "heights" in fields:
         wrong.append(np.abs(a.field("heights") - a.scene.surface.heights).max() / height)
@@ -124,7 +124,7 @@ def measured_residuals(a: Answered) -> float:
 
     It is for a loose solve, whose residuals are far above rounding.
     """
-    (gap, touching), height = a.open_gap, a.scene.surface.rms_height
+    (gap, touching), height = a.open_gap, a.height_scale
     wrong_sign = np.where(a.pressure <= 0, -gap, gap)
     own = {
         "gap_elastic": float(np.abs(gap[touching]).max(initial=0.0)) / height,

@@ -99,7 +99,7 @@ def measured_gap(a: Answered) -> float:
         -gap[p <= 0].min(initial=0.0),
         gap[a.at_the_cap & ~touching].max(initial=0.0),
     ]
-    return float(np.max(wrong)) / a.scene.surface.rms_height
+    return float(np.max(wrong)) / a.height_scale
 
 
 @quantity("–")
@@ -203,7 +203,7 @@ def largest_patch(a: Answered, part: str) -> float:
 
 
 def _closeness(a: Answered) -> Any:
-    p, gap, height = a.pressure, a.field("gap"), np.ptp(a.scene.surface.heights)
+    p, gap, height = a.pressure, a.field("gap"), np.ptp(a.scene.surface.heights) or a.height_scale
     if "plastic_displacement" in a.result.fields and not a.flows:
         gap = gap + np.where(a.at_the_cap, 0.0, a.field("plastic_displacement"))
     # At the hardness all pressures are equal, and the points that have flowed furthest are closest.
