@@ -56,7 +56,12 @@ def run(
     console = open_console()
     console.print(tables.answers_table(answers, console.width))
     tables.print_surface_notes(console, chosen, answers)
-    for sentence in (tables.gamma_sentence([chosen]), chosen.mapped_hardness):
+    theories = [
+        a.results[0].notes[-1]
+        for m, a in answers.items()
+        if m == "persson" and a.results[:1] and answers.keys() - {m}
+    ]
+    for sentence in (tables.gamma_sentence([chosen]), *theories, chosen.mapped_hardness):
         if sentence:
             click.echo(str(sentence))
     if errors := [sentence for answer in answers.values() for sentence in answer.errors]:

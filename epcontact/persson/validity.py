@@ -99,7 +99,7 @@ def _interpolated(
     unit, reach = theory.effective_modulus * theory.roughness.rms_slope, map_reach()
     load = mean_pressure / theory.hardness
     place = {_HARDNESS: theory.hardness / unit, "p0/hardness": load}
-    if place[_HARDNESS] > reach[_HARDNESS][1] and load <= HARD_LOAD:
+    if place[_HARDNESS] > 1.01 * reach[_HARDNESS][1] and load <= HARD_LOAD:
         place = {_LOAD: mean_pressure / unit}
     alpha, waves = nayak(theory.roughness)
     for name, value in (place | {"Nayak's parameter": alpha}).items():

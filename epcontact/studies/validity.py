@@ -26,7 +26,7 @@ _TITLES = {
     "elastic": "elastic area",
     "plastic": "plastic area",
     "mean_gap": "mean gap",
-    "wasserstein": "distance of the pressures' distributions",
+    "wasserstein": "distance of P(σ)",
     "slope_at_zero": "slope of P(σ) at σ = 0",
 }
 
