@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from epcontact.materials.moduli import effective_modulus
-from epcontact.reference.bumps import LATTICE_SUM_3, MADELUNG
+from epcontact.reference.bumps import LATTICE_SUM_3, LATTICE_SUM_5, MADELUNG
 from epcontact.reference.form import ClosedForm
 from epcontact.results import FloatArray
 from epcontact.scene import Scene
@@ -67,7 +67,9 @@ def _post_stiffness(scene: Scene) -> float:
     if scene.surface.heights.ndim == 1:
         return _stiffness(a, scene)
     period = scene.surface.periods[0]
-    images = -MADELUNG + LATTICE_SUM_3 / 3 * (a / period) ** 2
+    b = a / period
+    images = -MADELUNG + LATTICE_SUM_3 / 3 * b**2 + 2 / 5 * LATTICE_SUM_5 * b**4
+    images -= 2 / (45 * math.pi) * LATTICE_SUM_3**2 * b**5
     return E / (period**2 / (2 * a) + period / math.pi * images)
 
 
