@@ -26,6 +26,7 @@ from epcontact.harness.methods.registry import METHODS  # noqa: E402
 from epcontact.harness.quantities.registry import QUANTITIES  # noqa: E402
 from epcontact.reference import CLOSED_FORMS  # noqa: E402
 from epcontact.results import package_versions  # noqa: E402
+from epcontact.studies import conductance  # noqa: E402
 
 project = "epcontact"
 author = "The epcontact developers"
@@ -84,7 +85,7 @@ def _cell(words: object) -> str:
 
 
 def _generate(app: Any) -> None:
-    """Write the pages of the cases and the tables of the registries."""
+    """Write the pages of the cases, the tables of the registries, and the map of the laws."""
     del app
     folder = HERE / "generated"
     folder.mkdir(exist_ok=True)
@@ -110,6 +111,8 @@ def _generate(app: Any) -> None:
     }
     written = pages.get_template("registries.md.jinja").render(registries)
     (folder / "registries.md").write_text(written)
+    laws = conductance.ratios(conductance.kept().query("breadth == 8"))
+    conductance.law_map(laws, "").save(folder / "conductance")
 
 
 def _as_written(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:

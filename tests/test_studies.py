@@ -27,7 +27,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "areas": {"seeds": (100,), "points": 16, "kinds": ("self-affine", "worn", "spheres")},
     "bem": {"bandwidth": 16, "points": 4, "max_steps": 100, "tolerances": (1e-2, 1e-4, 1e-6)}
     | {"methods": ("newton", "projected_gradient", "relaxation")},
-    "conductance": {"breadths": (2, 3), "loads": (0.03, 0.1), "seeds": (1, 2), "waves": 4},
+    "conductance": {"breadths": (2, 3), "loads": (0.03, 0.1), "seeds": (1, 2)},
     "fem": {"elements": (2,), "nodes": (3, 4, 6), "steps": (1, 2, 4), "sample": (4, (7,))}
     | {"blocks": (8,), "paths": ([(8, 4), (16, 8)], (5, 6))},
     "gamma": {"points": 4, "bandwidth": 64},

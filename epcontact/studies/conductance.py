@@ -26,6 +26,7 @@ from epcontact.surfaces import SelfAffine
 
 HARDNESSES, LOADS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0), (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)
 POINTS = 4  # of the grid per shortest wave
+FEWEST = 10  # patches of a joint, on average, that count as many
 PLACE = ["breadth", "hurst", "hardness", "load"]
 FORMULA, RATIO = "epcontact", "law_over_boundary_elements"
 _BANDS = (0.5, 0.8, 0.9, 1.1, 1.2, 1.5)
@@ -65,7 +66,8 @@ def kept() -> pd.DataFrame:
 
 
 def ratios(table: pd.DataFrame) -> pd.DataFrame:
-    """Every law over the measured y, a row for each law and place, with bounds."""
+    """Every law over the measured y, a row for each law and place of many patches, with bounds."""
+    table = table[table["patches"] >= FEWEST]
     at = {name: table[name].to_numpy() for name in PLACE}
     said = {name: law(at["load"], at["hardness"]) for name, law in laws.LAWS.items()}
     said[FORMULA] = laws.fitted(at["load"], at["hardness"], at["breadth"])

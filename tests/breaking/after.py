@@ -7,6 +7,7 @@ from scipy.special import itj0y0
 from breaking.fault import Fault, at, changed, given, on_result, quantity, scaled
 from epcontact.harness.interface import Limit
 from epcontact.materials.moduli import effective_modulus
+from epcontact.reference.conductance import LAWS
 
 FLOWED, INTERFACE = "epcontact.bem.flow.flowed", "epcontact.harness.interface."
 
@@ -36,6 +37,11 @@ def _alone(original):
         return modes * itj0y0(reach)[0]
 
     return wrong
+
+
+def _law(name, wrong):
+    """A law of conductance in the place of its own."""
+    return lambda monkeypatch: monkeypatch.setitem(LAWS, name, wrong)
 
 
 FAULTS = (
@@ -75,4 +81,16 @@ FAULTS = (
     Fault("patches that do not join over the period", "harness",
         at(INTERFACE + "_patch_of_points", lambda mask, _: label(mask)[0][mask] - 1),
         test="tests/test_interface.py::test_patches_join_over_the_period"),
+    Fault("the exponent of the law for flow 0.85", "reference",
+        _law("Cooper-Mikic-Yovanovich", lambda load, hardness: 1.25 * load**0.85),
+        "conductance-plastic", "quantity.conductance", "cooper_mikic_yovanovich"),
+    Fault("the rms slope in the place of a profile's mean slope", "reference",
+        at("epcontact.reference.conductance.PROFILE", 1.0),
+        "conductance-plastic", "quantity.conductance", "cooper_mikic_yovanovich"),
+    Fault("the height in the place of the slope", "reference",
+        at("epcontact.reference.conductance.slope_of", lambda scene: scene.surface.rms_height),
+        "conductance-elastic", "quantity.conductance", "mikic"),
+    Fault("the sum of the conductivities in the place of twice their half", "reference",
+        scaled("epcontact.reference.conductance.harmonic_mean", 0.5),
+        test="tests/test_conductance.py::test_the_laws_are_homogeneous"),
 )  # fmt: skip
