@@ -10,6 +10,7 @@ plastic) at the magnification:
     wang_muser   S = gamma - (2/9) A^2 + (11/9 - gamma) A^4   Wang and Mueser (2017): 5/9
     xu           G = [gamma + (1 - gamma) A] tau, with the area at the end of the range:
                  one implicit equation instead of a differential one; Xu et al. (2024): 0.42
+    local        S depends on the pressure, too, so that no G describes the stress: see `local`
 
 A depends on the spectrum through G alone, so the differential equation separates:
 tau(G) = int_0^G dG' / S(A(G')).  It is integrated in steps of constant ratio of G by Gauss's
@@ -32,7 +33,7 @@ from epcontact.persson.elastoplastic import areas, boundary_slopes
 from epcontact.results import FloatArray
 from epcontact.scene import array, number, require_one_of, settle
 
-Rule = Literal["constant", "persson", "wang_muser", "xu"]
+Rule = Literal["constant", "persson", "wang_muser", "xu", "local"]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 _NODES, _WEIGHTS = 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
@@ -47,7 +48,7 @@ class EnergyReduction:
     Attributes:
         gamma: Between 0 (wang_muser: 0.011, below which its polynomial is negative at some area),
             excluded, and 1.
-        rule: One of the rules of this module.
+        rule: One of the rules of this module; "local" is that of `persson.local`.
 
     Raises:
         InvalidScene: The rule is unknown or gamma is out of range.
@@ -64,7 +65,8 @@ class EnergyReduction:
         settle(self, gamma=gamma)
 
     def factor(self, contact_area: ArrayLike) -> FloatArray:
-        """S at a relative contact area A in [0, 1] of any shape; for "xu", the factor G / tau."""
+        """S at a relative contact area A in [0, 1] of any shape; for "xu", the factor G / tau.
+        Raises InvalidScene for "local"."""
         A = np.asarray(contact_area, dtype=np.float64)
         g = self.gamma
         match self.rule:
@@ -76,6 +78,11 @@ class EnergyReduction:
                 return g - 2 / 9 * A**2 + (11 / 9 - g) * A**4
             case "xu":
                 return g + (1 - g) * A
+            case "local":
+                raise InvalidScene(
+                    "the rule 'local' has an S for each pressure: its areas and pressures are at "
+                    "hand, but no diffusion G, elastic energy, gap or moving hardness"
+                )
 
 
 def full_contact_diffusion(effective_modulus: float, slope_variance: ArrayLike) -> FloatArray:
@@ -108,8 +115,8 @@ def reduced_diffusion(
     if not (np.isfinite(tau).all() and (tau >= 0).all()):
         raise InvalidScene("full_contact_diffusion must hold finite numbers >= 0 in Pa^2")
     areas(0.0, mean_pressure, hardness)  # checks the pressures
-    if reduction.rule == "constant":
-        return reduction.gamma * tau
+    if reduction.rule in ("constant", "local"):  # of which the second refuses
+        return reduction.factor(1.0) * tau
 
     def factor(G: FloatArray) -> FloatArray:
         return reduction.factor(areas(G, mean_pressure, hardness).total)

@@ -127,7 +127,7 @@ def _band_diffusion(theory: Theory) -> FloatArray:
 def _energy(theory: Theory, contact: FloatArray, elastic: FloatArray) -> FloatArray:
     """U_el for the contact area and its elastic part at each band, (..., bands)."""
     reduction = theory.reduction
-    if reduction.rule not in ("persson", "wang_muser"):
+    if reduction.rule in ("constant", "xu"):
         reduction = EnergyReduction(reduction.gamma, "persson")
     stored = (reduction.factor(contact) * elastic) @ theory.roughness.first_moment
     return np.asarray(0.25 * theory.effective_modulus * stored)

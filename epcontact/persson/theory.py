@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from epcontact.errors import InvalidScene
 from epcontact.materials.moduli import effective_modulus
 from epcontact.persson.elastoplastic import areas, pressure_cumulative, pressure_density
+from epcontact.persson.local import CONSTANTS, RESOLUTION, LocalState, breadths, march
 from epcontact.persson.reduction import (
     EnergyReduction,
     Rule,
@@ -154,7 +155,8 @@ class Theory:
         )
 
     def diffusion(self, mean_pressure: float, magnification: ArrayLike | None = None) -> FloatArray:
-        """G in Pa^2 at magnifications of any shape (at least 1); by default of all roughness."""
+        """G in Pa^2 at magnifications of any shape (at least 1); by default of all roughness.  With
+        the rule "local", which has no G, it is the diffusion of full contact."""
         variance: ArrayLike = self.roughness.rms_slope**2
         if magnification is not None:
             zeta = array("magnification", magnification)
@@ -165,6 +167,9 @@ class Theory:
                 )
             variance = self.roughness.slope_variance_up_to(zeta * self.roughness.lowest)
         tau = full_contact_diffusion(self.effective_modulus, variance)
+        if self.reduction.rule == "local":
+            areas(0.0, mean_pressure, self.hardness)  # checks the pressure
+            return tau
         return reduced_diffusion(self.reduction, tau, mean_pressure, self.hardness)
 
     def magnification_curve(
@@ -180,12 +185,40 @@ class Theory:
         if zeta.ndim != 1:
             raise InvalidScene("magnifications must be a list of numbers, not a table")
         G, q = self.diffusion(mean_pressure, zeta), zeta * self.roughness.lowest
-        found = areas(G, mean_pressure, self.hardness)
+        if self.reduction.rule == "local":
+            # Linear interpolation between so many steps is right to 1e-4.
+            state = self.local_state(mean_pressure, resolution=(RESOLUTION[0], 4 * RESOLUTION[1]))
+            found = state.at(G)
+        else:
+            found = areas(G, mean_pressure, self.hardness)
         return MagnificationCurve(zeta, q, G, found.elastic, found.plastic, found.total)
 
     def pressure_curve(
         self, mean_pressure: float, magnification: float | None = None
     ) -> PressureCurve:
-        """The distribution of the pressure at a magnification, by default of all roughness."""
+        """The distribution of the pressure at a magnification, by default of all roughness; by the
+        rule "local" at the pressures of its own grid."""
         G = float(self.diffusion(mean_pressure, magnification))
-        return pressure_curve(G, mean_pressure, self.hardness)
+        if self.reduction.rule != "local" or G == 0:
+            return pressure_curve(G, mean_pressure, self.hardness)
+        state = self.local_state(mean_pressure, G)
+        return PressureCurve(
+            state.pressure, state.density, state.cumulative, float(state.plastic[-1])
+        )
+
+    def local_state(
+        self,
+        mean_pressure: float,
+        end: float = math.inf,
+        resolution: tuple[int, int] = RESOLUTION,
+    ) -> LocalState:
+        """The stress by the rule "local" up to a diffusion of full contact in Pa^2, by default of
+        all roughness."""
+        if self.roughness.rms_slope == 0:
+            raise InvalidScene("the surface is flat, but the rule 'local' needs slopes")
+        variance, breadth = breadths(self.roughness)
+        tau = full_contact_diffusion(self.effective_modulus, variance)
+        last = int(np.searchsorted(tau, end)) + 1
+        path = np.minimum(tau, end)[:last], breadth[:last]
+        constants = (self.reduction.gamma, *CONSTANTS[1:])
+        return march(*path, mean_pressure, self.hardness, constants, resolution)

@@ -103,7 +103,7 @@ def limits(flows: pd.DataFrame) -> pd.DataFrame:
 @study("walls", bandwidths=(16, 32, 64), seeds=range(1, 17))
 def walls(
     say: Say,
-    bandwidths: Ints = (32,),
+    bandwidths: Ints = (16,),
     seeds: Ints = range(1, 5),
     points: int = 8,
     places: Sequence[tuple[float, float]] = PLACES,

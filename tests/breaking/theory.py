@@ -13,6 +13,7 @@ from epcontact.persson.validity import ExpectedError
 P = "epcontact.persson."
 MAP = "tests/test_theory_map.py::"
 NONE = ExpectedError(0.0, 0.0, 0.0)
+LOCAL = "tests/test_persson_local.py::"
 
 
 def _without_hardness(G, p0, hardness=np.inf):
@@ -161,4 +162,22 @@ FAULTS = (
         ),
         test="tests/test_plan.py::test_the_map_of_its_error_decides_where_the_theory_stands_in",
     ),
+    Fault("full contact's S by the local rule", "persson",
+        at(P + "local.local_reduction", lambda pressure, *rest: np.ones_like(pressure)),
+        "theory-local-hard", "area.total.corrected"),
+    Fault("the second wall forgotten by the local rule", "persson",
+        given(P + "local.local_reduction", lambda p, hardness, *rest: (p, np.inf, *rest)),
+        "theory-local-soft", "area.elastic.corrected"),
+    Fault("the breadth of the roughness forgotten by the local rule", "persson",
+        on_result(P + "theory.breadths", lambda found: (found[0], np.ones_like(found[1]))),
+        "theory-local-hard", "area.total.corrected"),
+    Fault("the paper's rule for the local one", "persson",
+        at(P + "local.local_reduction", lambda pressure, *rest: np.full_like(pressure, 0.536)),
+        "theory-local-soft", "area.elastic.corrected"),
+    Fault("steps of first order by the local rule", "persson", at(P + "local._GAMMA", 1.0),
+        test=LOCAL + "test_cells_and_steps_are_of_second_order_and_the_default_is_right"),
+    Fault("the walls of the local rule swapped", "persson",
+        given(P + "local.local_reduction",
+            lambda p, hardness, *rest: (hardness - 0.9 * p, hardness, *rest)),
+        test=LOCAL + "test_areas_sum_to_one_carry_the_load_and_are_those_of_the_mirror_image"),
 )  # fmt: skip

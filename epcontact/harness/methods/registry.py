@@ -53,7 +53,7 @@ class TheoryTable(Table):
     """[theory]: the parameters of Persson's theory that the scene does not hold."""
 
     energy_reduction: float = Field(gt=0, le=1, description="gamma, elastic energy reduction")
-    reduction: Literal["constant", "persson", "wang_muser", "xu"] = Field(
+    reduction: Literal["constant", "persson", "wang_muser", "xu", "local"] = Field(
         default="constant", description="how gamma turns into S(q) as the contact fills"
     )
     spectrum: Literal["analytic", "surface"] = Field(

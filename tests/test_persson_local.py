@@ -1,0 +1,159 @@
+"""The rule "local" of the theory: its identities, limits, orders of convergence and refusals."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from epcontact import persson
+from epcontact.errors import InvalidScene
+from epcontact.persson import EnergyReduction, Theory, analytic_roughness, areas, local
+from epcontact.persson.local import CONSTANTS, breadths, march
+from epcontact.persson.separation import elastic_energy, gap_distribution, mean_separation
+from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
+from epcontact.surfaces import SelfAffine
+
+SPECTRUM = SelfAffineSpectrum(0.8, 1e5, 4e5, 64e5, 1.0)
+ROUGH = analytic_roughness(SPECTRUM)
+VARIANCE, BREADTH = breadths(ROUGH)
+PATH = VARIANCE / 8, BREADTH  # E* xi = 1
+PLACES = [(0.05, 0.6), (0.02, 0.16), (0.3, 1.2), (0.05, math.inf)]
+
+
+def shares(state):
+    return np.array([state.elastic[-1], state.plastic[-1], state.separated[-1]])
+
+
+def body(hardness=math.inf):
+    return Theory(ROUGH, 1.0, EnergyReduction(CONSTANTS[0], "local"), hardness)
+
+
+@settings(max_examples=25)
+@given(st.floats(1e-3, 0.999), st.floats(0.05, 4.0))
+def test_areas_sum_to_one_carry_the_load_and_are_those_of_the_mirror_image(share, hardness):
+    state = march(*PATH, share * hardness, hardness, resolution=(25, 4))
+    assert_allclose(state.elastic + state.plastic + state.separated, 1, rtol=1e-11)
+    carried = state.weights @ (state.pressure * state.density) + hardness * state.plastic[-1]
+    assert_allclose(carried, share * hardness, rtol=1e-10)
+    assert_allclose(state.cumulative[-1], state.elastic[-1], rtol=1e-10)
+    mirror = march(*PATH, (1 - share) * hardness, hardness, resolution=(25, 4))
+    assert_allclose(shares(mirror), shares(state)[[0, 2, 1]], rtol=1e-6, atol=1e-12)
+    assert (np.diff(state.elastic) < 1e-12).all()
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_cells_and_steps_are_of_second_order_and_the_default_is_right(place):
+    finest = shares(march(*PATH, *place, resolution=(400, 64)))
+    for vary in ((1, 0), (0, 1), (1, 1)):
+        sizes = [
+            tuple(f * (2**k if v else 8) for f, v in zip((50, 8), vary, strict=True))
+            for k in (0, 1, 2)
+        ]
+        off = [abs(shares(march(*PATH, *place, resolution=n)) - finest).max() for n in sizes]
+        if vary == (1, 1):
+            assert off[0] < 2e-4
+            assert math.log2(off[0] / off[1]) > 1.6
+        assert off[2] < off[0]
+    usual = shares(march(*PATH, *place))
+    assert_allclose(usual[usual > 0], finest[usual > 0], rtol=8e-3)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_one_reduction_for_all_pressures_gives_the_closed_form(place, monkeypatch):
+    """Full contact until the start of the march, and S = 0.6 from there."""
+    monkeypatch.setattr(local, "local_reduction", lambda p, *rest: np.full_like(p, 0.6))
+    state = march(*PATH, *place, resolution=(200, 32))
+    G = state.diffusion[0] + 0.6 * (state.diffusion - state.diffusion[0])
+    for found, exact in (("elastic", "elastic"), ("plastic", "plastic")):
+        assert_allclose(getattr(state, found), getattr(areas(G, *place), exact), atol=2e-4)
+    exact = persson.pressure_density(state.pressure, G[-1], *place)
+    assert_allclose(state.density, exact, atol=2e-3 * exact.max() + 1e-8)
+
+
+def test_the_reduction_is_that_of_its_formula():
+    gamma, _, c = CONSTANTS
+    alone = local.local_reduction(np.array([0.0]), math.inf, 0.5, 1.0, 0.0)
+    assert_allclose(alone, gamma)  # at a wall, all contact lost, one wave length
+    assert_allclose(local.local_reduction(np.array([0.1]), math.inf, 0.5, 0.4, 1.0), 1)
+    assert_allclose(local.local_reduction(np.array([9.0]), math.inf, 0.5, 1.0, 0.0), 2)
+    narrow = local.local_reduction(np.array([0.5e-3]), 1e-3, 0.5, 0.3, 0.0)
+    assert_allclose(narrow, (c * 1e-3 / 0.5 * 0.3 ** (-3 / 8)) ** 1.6, rtol=1e-6)
+    sigma = np.linspace(0, 0.6, 7)
+    S = local.local_reduction(sigma, 0.6, 0.5, 0.4, 0.1)
+    assert_allclose(S, S[::-1], rtol=1e-12)
+    assert (np.diff(S[:4]) > 0).all()
+
+
+def test_limits_of_the_hardness_and_of_the_load():
+    elastic = shares(march(*PATH, 0.05))
+    assert_allclose(shares(march(*PATH, 0.05, 20.0)), elastic, atol=2e-4)
+    # Full contact stores all energy: the pressures have the variance 2 tau.
+    full = march(*PATH, 5.0, resolution=(200, 8))
+    assert_allclose(shares(full), [1, 0, 0], atol=1e-8)
+    assert_allclose(full.weights @ (full.density * (full.pressure - 5) ** 2), 1 / 4, rtol=1e-3)
+    # At light loads the area is proportional to the load.
+    light = [march(*PATH, p).elastic[-1] / p for p in (1e-4, 1e-3)]
+    assert_allclose(light[0], light[1], rtol=0.03)
+    # The elastic area falls as a power of the hardness, where one gamma lets it vanish.
+    soft = [march(*PATH, 0.1 * h, h).elastic[-1] for h in (0.08, 0.16)]
+    assert 0.5**5 < soft[0] / soft[1] < 0.5**2
+    assert float(areas(0.536 / 8, 0.008, 0.08).elastic) < 1e-20 < soft[0]
+
+
+def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
+    surface = SelfAffine(SPECTRUM, (2 * math.pi / 1e5,) * 2, (256, 256), 3).build()
+    scene = Scene(surface, Material(250e9, 0.0, 150e9), Load((5e9, 12.5e9)))
+    rule = {"energy_reduction": CONSTANTS[0], "reduction": "local"}
+    result = persson.solve(scene, **rule)
+    exact = shares(march(*PATH, 0.05, 0.6))
+    assert_allclose(result.final.areas["raw"].elastic, exact[0], rtol=1e-9)
+    assert_allclose(result.final.areas["raw"].plastic, exact[1], rtol=1e-9)
+    for step in result.steps:
+        assert max(step.residuals.values()) < 1e-11
+        assert {"mean_gap", "elastic_energy", "diffusion"}.isdisjoint(step.quantities)
+    assert result.distribution.cumulative[-1] == pytest.approx(exact[0], rel=1e-9)
+    own = persson.solve(scene, spectrum="surface", **rule).final.areas["raw"]
+    assert own.total == pytest.approx(result.final.areas["raw"].total, rel=0.03)
+    theory = Theory.of_scene(scene, **rule)
+    curve = theory.magnification_curve(12.5e9, [1, 4, 64])
+    assert curve.total[0] == 1
+    assert curve.elastic[2] == pytest.approx(exact[0], rel=1e-3)
+    at_four = theory.pressure_curve(12.5e9, 4.0)
+    assert at_four.cumulative[-1] == pytest.approx(curve.elastic[1], rel=1e-3)
+    assert theory.pressure_curve(12.5e9, 1.0).cumulative[-1] == 1
+    other = persson.solve(scene, energy_reduction=0.3, reduction="local").final.areas["raw"]
+    assert other.total < result.final.areas["raw"].total
+
+
+def test_what_the_rule_does_not_have_is_refused():
+    theory = body(0.6)
+    for refused in (
+        lambda: elastic_energy(theory, 0.05),
+        lambda: mean_separation(theory, 0.05),
+        lambda: gap_distribution(theory, 0.05, [0.0]),
+        lambda: mean_separation(body(), 0.05),
+        lambda: theory.reduction.factor(0.5),
+    ):
+        with pytest.raises(InvalidScene, match="no diffusion G, elastic energy, gap"):
+            refused()
+    with pytest.raises(InvalidScene, match="must be constant"):
+        persson.hardness_curve(theory, 0.05, np.ones_like)
+    with pytest.raises(InvalidScene, match="between 0 and the hardness"):
+        theory.magnification_curve(0.7)
+    flat = persson.roughness_of(Surface(np.zeros((8, 8)), (1.0, 1.0)), "surface")
+    with pytest.raises(InvalidScene, match="flat"):
+        replace(theory, roughness=flat).local_state(0.05)
+
+
+def test_light_roughness_leaves_full_contact_and_the_breadth_is_a_mean_wave_number():
+    state = march(np.array([1e-8]), np.array([1.0]), 0.05, 0.6)
+    assert_allclose(shares(state), [1, 0, 0], atol=1e-12)
+    assert_allclose(BREADTH[0], 1, rtol=1e-4)
+    q = np.linspace(1e5, 64e5, 200001)
+    C = np.where(q < 4e5, 1.0, (q / 4e5) ** -3.6)
+    weights = q**3 * C
+    assert_allclose(BREADTH[-1], (weights @ q) / weights.sum() / 64e5, rtol=1e-4)
