@@ -31,7 +31,7 @@ LINES = {
     "epcontact.machine": 230,
     "epcontact.materials": 340,
     "epcontact.output": 1740,
-    "epcontact.persson": 1790,
+    "epcontact.persson": 2030,
     "epcontact.planning": 750,
     "epcontact.reference": 1100,
     "epcontact.results": 280,
