@@ -99,10 +99,9 @@ def _drawn(table: pd.DataFrame, caption: str) -> Chart:
             axes.set_yticks(
                 [0.1, 0.2, 0.5, 1, 2, sum(_STRIP) / 2], [*"", ".1", ".2", ".5", "1", "2", "none"]
             )
-        for axes in panels[-1]:
-            axes.set_xlabel(typeset("load p0 / (E* xi) (–)"))
-        for axes in panels[:, 0]:
-            axes.set_ylabel(typeset("hardness / (E* xi) (–)"))
+        for axes in panels.flat:
+            axes.set_xlabel(typeset("load p0 / (E* xi) (–)"), visible=axes in panels[-1])
+            axes.set_ylabel(typeset("hardness / (E* xi) (–)"), visible=axes in panels[:, 0])
         bar = figure.colorbar(
             ScalarMappable(look["norm"], look["cmap"]), ax=panels, location="bottom",
             ticks=LEVELS, format=lambda v, _: f"{100 * v:+g}", aspect=50, shrink=0.8,
