@@ -14,10 +14,17 @@ from breaking.fault import REFUSED
 
 from epcontact.harness.gates import HOLDS
 
+#: Tests whose scene is run once for all of them, and for a fault once more.
+SCENE = {f"tests/test_shown.py::test_{name}" for name in (
+    "every_figure_of_an_answer_follows_from_the_pressures", "a_view_shows_the_fields",
+    "a_field_file_is_that_of_the_last_load", "a_chart_shows_the_fields_and_the_figures",
+    "the_terminal_shows_the_figures", "the_page_tells_the_scene_and_the_areas",
+)}  # fmt: skip
+
 
 def dear(fault):
     """True if the case of a fault takes seconds, even with one surface."""
-    return fault.case.startswith(("fem-model", "paper"))
+    return fault.case.startswith(("fem-model", "paper")) or fault.test in SCENE
 
 
 def as_parameters(faults):

@@ -33,6 +33,7 @@ def at(**changed):
 
 
 def test_the_map_covers_what_it_says_and_is_smooth():
+    assert kept.map_digest() == "cdb7986748da"  # a map that was made anew has another one
     known = hardness_map()
     assert known["load"].size == np.prod([np.unique(known[name]).size for name in kept.SYMBOLS])
     inside = known["area"] <= kept.FULL

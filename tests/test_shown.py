@@ -29,7 +29,9 @@ from epcontact.harness.gates import Estimate, GateVerdict
 from epcontact.harness.quantities.registry import scalar_quantities
 from epcontact.harness.verdict.judgement import CaseVerdict, MethodEntry, Verdict
 from epcontact.output import drawing
+from epcontact.output.charts import maps
 from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import STATE_NAMES
 from epcontact.output.report import report_folder, write_report
 from epcontact.output.view import load_steps
@@ -115,6 +117,7 @@ FIGURES = {
     "area.total.raw", "area.plastic.raw", "area.elastic.raw", "mean_pressure", "cost.unknowns",
     "quantity.mean_gap", "quantity.mean_separation", "quantity.mean_plastic_displacement",
     "quantity.plastic_work", "quantity.elastic_energy", "quantity.largest_pressure",
+    "quantity.hardness",
 }  # fmt: skip
 
 
@@ -141,7 +144,7 @@ def pressed(ran, heights, steps):
             "quantity.plastic_work": CAP * sunk.mean(),
             "quantity.elastic_energy": (pressure * moved).mean() / 2,
             "quantity.largest_pressure": pressure.max(),
-            "cost.unknowns": pressure.size,
+            "cost.unknowns": pressure.size, "quantity.hardness": CAP,
         })  # fmt: skip
     return found, gap - sunk, moved
 
@@ -422,6 +425,33 @@ def test_the_page_tells_the_scene_and_the_areas(ran):
     ]
     assert pictures == {path.read_text().strip() for path in ran.folder.glob("*.txt")}
     assert len(pictures) in (14, 15)  # a body, where it can be drawn, and all charts
+
+
+def test_a_profile_is_that_of_the_fields():
+    pressure = np.array([0.0, 3e3, 5e3, 0.0, 0.0, 1e3])
+    state, gap = np.array([0, 1, 2, 0, 0, 1]), np.array([4e-6, 0.0, -1e-6, 2e-6, 1e-6, 0.0])
+    chart = maps.contact_profile(state, pressure, gap, (2e-3,))
+    columns = [list(column) for column in zip(*chart.rows, strict=True)]
+    assert chart.header == ("x_m", "state", "pressure_Pa", "gap_m")
+    assert columns == [pytest.approx(2e-3 * np.arange(6)), [*state], [*pressure], [*gap]]
+    left, right = chart.figure.axes
+    labels = [(axes.get_xlabel(), axes.get_ylabel(), axes.get_title()) for axes in (left, right)]
+    assert labels == [("x (mm)", "height below the flat (µm)", "profile in contact"),
+                      ("x (mm)", "pressure (kPa)", "contact pressure")]  # fmt: skip
+    body, *contact = (each.get_paths()[0].vertices for each in left.collections)
+    assert body[:, 1].max() == 0
+    assert {*np.round(body[:, 1], 9)} >= {0.0, -1.0, -2.0, -4.0}
+    assert [part[:, 1].max() > 0 for part in contact] == [True, True]
+    (drawn,) = right.collections
+    assert drawn.get_paths()[0].vertices[:, 1].max() == 5.0
+
+
+def test_bounds_are_drawn_where_they_are():
+    table = pd.DataFrame({"series": "a", "x": [1.0, 2.0], "y": [3.0, 5.0],
+                          "y_low": [2.0, 4.5], "y_high": [3.5, 7.0]})  # fmt: skip
+    (axes,) = draw_table(table, Plot(("x", "x (–)"), ("y", "y (–)")), "A.").figure.axes
+    (bars,) = axes.collections
+    assert [bar.tolist() for bar in bars.get_segments()] == [[[1, 2], [1, 3.5]], [[2, 4.5], [2, 7]]]
 
 
 # --- made-up numbers, no two alike ----------------------------------------------------------------

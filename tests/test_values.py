@@ -16,8 +16,10 @@ from test_shown import FIGURES
 
 import fem_check
 from epcontact import Body, Load, Material, Scene, SelfAffineSpectrum, Surface, bem, persson
+from epcontact.harness.answers import loads
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES, measure, scalar_quantities
+from epcontact.materials.hardness_map import effective_hardness
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
 from epcontact.surfaces import SelfAffine
 
@@ -81,6 +83,22 @@ def theory():
     return scene, persson.solve(scene, energy_reduction=0.41)
 
 
+METALLIC = effective_hardness(
+    yield_stress=1e9, mean_pressure=0.25e9, young_modulus=210e9, poisson_ratio=0.3, rms_slope=0.1
+)
+
+
+@functools.cache
+def by_hardness():
+    """Answers at the ends of the interval of an effective hardness, of which half a difference."""
+    step, soft, hard = (
+        LoadStep(2.5e8, {"corrected": Areas(t, t - p, p)}, quantities={"mean_gap": g})
+        for t, p, g in ((0.12, 0.05, 3e-6), (0.14, 0.08, 2.6e-6), (0.1, 0.03, 3.5e-6))
+    )
+    told = loads._with_hardness_error(step, soft, hard, METALLIC)
+    return posts()[0], ContactResult("bem", (told,), Provenance("x"))
+
+
 def counts(found, of_cost, of_step):
     """A figure of the whole path, and the sum of it over the steps."""
     return found.cost[of_cost], sum(step.iterations[of_step] for step in found.steps)
@@ -96,7 +114,12 @@ POSTS = {
     "quantity.measured_raw_total": 0.0, "quantity.measured_raw_plastic": 0.0,
 }  # fmt: skip
 ORDER = {"quantity.contact_percolation": 0.25, "quantity.gap_percolation": 0.25}
-CASES = [(posts, POSTS), (strain, hardened()), (order, ORDER),
+BY_HARDNESS = {
+    "area.total.hardness_error": 0.02, "area.plastic.hardness_error": 0.025,
+    "area.elastic.hardness_error": 0.005, "quantity.mean_gap_error_by_hardness": 0.45e-6,
+    "quantity.hardness_error_by_map": METALLIC.value * (METALLIC.value / METALLIC.interval[0] - 1),
+}  # fmt: skip
+CASES = [(posts, POSTS), (by_hardness, BY_HARDNESS), (strain, hardened()), (order, ORDER),
          (theory, {"quantity.energy_reduction": 0.41, "quantity.rms_slope": 0.07})]  # fmt: skip
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import functools
 import importlib
+import inspect
 import io
 import sys
+import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -117,6 +119,22 @@ def on_result(path, wrong):
 def given(path, wrong):
     """A function called with the arguments (a tuple) that `wrong` makes of its own."""
     return changed(path, lambda f: functools.wraps(f)(lambda *a, **k: f(*wrong(*a), **k)))
+
+
+def edited(path, old, new):
+    """A function with one text in the place of another in its source, wherever it is known."""
+    above, _, attribute = path.rpartition(".")
+
+    def patch(monkeypatch):
+        function = inspect.unwrap(getattr(importlib.import_module(above), attribute))
+        text = textwrap.dedent(inspect.getsource(function))
+        assert old in text, f"{path} does not hold {old}"
+        made: dict[str, Any] = {}
+        text = text[text.index(f"def {attribute}(") :].replace(old, new)
+        exec(f"from __future__ import annotations\n{text}", function.__globals__, made)
+        monkeypatch.setattr(function, "__code__", made[attribute].__code__)
+
+    return patch
 
 
 def both(*patches):
