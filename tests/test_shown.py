@@ -119,7 +119,7 @@ FIGURES = {
     "area.total.raw", "area.plastic.raw", "area.elastic.raw", "mean_pressure", "cost.unknowns",
     "quantity.mean_gap", "quantity.mean_separation", "quantity.mean_plastic_displacement",
     "quantity.plastic_work", "quantity.elastic_energy", "quantity.largest_pressure",
-    "quantity.hardness",
+    "quantity.hardness", "quantity.flowed_share",
 }  # fmt: skip
 
 
@@ -128,10 +128,11 @@ def pressed(ran, heights, steps):
     q = np.hypot(
         *np.ix_(*(2 * np.pi * np.fft.fftfreq(n, d) for n, d in zip(*steps[0][:2], strict=True)))
     )
-    q[0, 0], found, sunk = np.inf, [], np.zeros_like(heights)
+    q[0, 0], found, sunk, flowed = np.inf, [], np.zeros_like(heights), False
     for _, _, pressure in steps:
         moved = np.fft.ifft2(2 / (MODULUS * q) * np.fft.fft2(pressure)).real
         touching, flowing = pressure > 0, pressure >= CAP * (1 - 1e-12)
+        flowed = flowed | flowing
         gap = moved - heights + sunk
         gap -= gap[touching & ~flowing].mean()
         sunk = sunk + np.where(flowing, np.maximum(-gap, 0), 0)
@@ -147,6 +148,7 @@ def pressed(ran, heights, steps):
             "quantity.elastic_energy": (pressure * moved).mean() / 2,
             "quantity.largest_pressure": pressure.max(),
             "cost.unknowns": pressure.size, "quantity.hardness": CAP,
+            "quantity.flowed_share": flowed.mean(),
         })  # fmt: skip
     return found, gap - sunk, moved
 
