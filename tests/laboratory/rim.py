@@ -21,6 +21,7 @@ as a function of u = hardness/|grad v|, which is known in each cell.
 
 from __future__ import annotations
 
+import itertools
 import math
 from itertools import pairwise
 
@@ -28,9 +29,16 @@ import numpy as np
 
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import AXIS_OFFSET, KINK, STIFFNESS, empty_links, locate
+from epcontact.bem.areas.front import AXIS_OFFSET, KINK, RELEASE, STIFFNESS, empty_links, locate
 from epcontact.bem.areas.hidden import CORNER
-from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, LOCATED, OBLONG, sums_of_fronts
+from epcontact.bem.areas.rim_correction import (
+    COUNTED,
+    HARMONIC,
+    LOCATED,
+    OBLONG,
+    OFFSETS,
+    sums_of_fronts,
+)
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
 from epcontact.studies.areas import solution
@@ -260,6 +268,47 @@ def calibrate_kink(points=96, finer=32):
     return float(pull), float(np.std(surplus - pull * np.array(shares)))
 
 
+def released(heights, compliance, load, hardness, after):
+    """Pressure, gap and flow of a line after unloading from a load to a share of it."""
+    options = Options(tolerance=1e-8)
+    peak = solve_pressure(heights, compliance, load, hardness, options=options)
+    flow = np.where(peak.pressure >= hardness, np.maximum(-peak.gap(heights), 0), 0)
+    left = heights - flow
+    found = solve_pressure(left, compliance, after * load, hardness, options=options)
+    return found.pressure, found.gap(left), flow
+
+
+def calibrate_release(phases=16, points=1 << 15):
+    """RELEASE for straight fronts: by what part of `front.release` fronts have come off the edges
+    of flattened spots, the mean over directions, positions, strips below .7 dx and loads."""
+    q, spacing, need, release = (
+        2 * np.pi * np.arange(points // 2 + 1) / PERIOD,
+        PERIOD / points,
+        0,
+        0,
+    )
+    q[0] = np.inf
+    for hardness, after in itertools.product((0.01, 0.02, 0.03), (0.95, 0.85, 0.7)):
+        p, g, _ = released(wave(points, 0.3), 2 / q, hardness / 2, hardness, after)
+        exact = _length(p - STIFFNESS / spacing * g) / 2 * spacing
+        for (a, b), weight, places in all_directions(phases, 2):
+            n, length = row_period((a, b), PERIOD)
+            across = 2 * np.pi * np.arange(n // 2 + 1) / n
+            folded = np.hypot(fold(across * a), fold(across * b))
+            folded[0] = np.inf
+            column = (a * np.arange(n)[:, None] + b * (np.arange(6) - 2)) % n
+            cap = hardness * PERIOD / length
+            for phase in places:
+                fields = released(wave(n, phase), 2 / folded, cap / 2, cap, after)
+                p, g, flow = (field[column] for field in fields)
+                solution = (p, g, np.inf, (STIFFNESS, STIFFNESS), OFFSETS, flow, cap)
+                sums = grid.Sums(*grid.sweep(grid.Solution(*solution), np.array([[0, n, 3, 4]]))[0])
+                area = sums.area - sums.offset - HARMONIC * sums.harmonic
+                need += weight * (area[0].sum() * length / 2 / n - exact * length / PERIOD)
+                release += weight * sums.released[0].sum() * length / 2 / n
+    return float(need / release * RELEASE)
+
+
 def main():
     """Print the constants and the table of `bem.areas`."""
     print("offset of a counted front along an axis", round(front_offset(0.0), 5))
@@ -274,6 +323,7 @@ def main():
     print("offset", np.round(table, 4), " largest misfit", round(misfit, 4))
     print("corner", "{:.3f} +- {:.3f}".format(*calibrate_corner()), "in use", CORNER)
     print("oblong", round(calibrate_oblong(), 3), "in use", OBLONG)
+    print("release", round(calibrate_release(), 3), "of straight fronts, in use", RELEASE)
     print("kink", "{:.3f} (places +- {:.3f})".format(*calibrate_kink()), "in use", KINK)
 
 

@@ -42,11 +42,12 @@ EQUAL = 8 / 3
 FAR = 0.1
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
-#: Mean over directions of a front's release by that of one along the grid.
+#: Release of a front by that of a straight one along the grid: .87 for straight ones of all
+#: directions (`rim.calibrate_release`), .5 to .8 on rough surfaces (`area_bank`).
 RELEASE = 0.75
 #: An edge of a flattened spot is one where the strip beside it was below this width.
 EDGE = 0.75
-#: Doubt of the place of a front at the edge of a flattened spot.
+#: Doubt of the place of a front at the edge of a flattened spot (`area_bank`).
 RELEASED = 0.05
 #: A gap that changes between two points by more than this multiple of its changes beside them has
 #: a step there (fit of `error_bars`, which tells little between 3 and 12).

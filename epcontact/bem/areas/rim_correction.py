@@ -78,8 +78,9 @@ class ErrorConstants:
 
 #: Of `laboratory.error_bars`, which finds (2.19, 0.191, 0.307) with the same loss to 0.001.
 ERRORS = ErrorConstants(2.25, 0.176, 0.317)
-#: Standard deviation in spacings of the place of fronts at edges of flattened spots, in common.
-RELEASED = 0.02
+#: Standard deviation of the place of fronts at edges of flattened spots, in common: in spacings,
+#: and in units of what they have been released by (`area_bank`).
+RELEASED, RELEASE = 0.02, 0.15
 #: Standard deviation of the mean of the places of two edges.
 TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
@@ -253,7 +254,7 @@ def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray
         CORNER / SURE * turn * _share(held, length),
         errors.kink * kinked * _share(kinked, length),
         RELEASED * sums.edges,
-        0.15 * sums.released,
+        RELEASE * sums.released,
     ]
     alone, together = (chance + np.sum(np.square(common), axis=0)).T
     return np.asarray(np.diag(alone) + together.mean())
