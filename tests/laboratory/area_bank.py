@@ -54,10 +54,8 @@ def _blasted(patch, rng):
 
 def _ground(patch, rng):
     """Roughness whose waves are many times longer along one direction."""
-    rough = replace(patch, shape=patch.shape[::-1]).shape == patch.shape
-    modes = np.fft.rfft2(roughness(patch, rng, 0.5, 0.95))
-    n = patch.shape[0]
-    q = np.fft.fftfreq(n, 1 / n)[:, None] if rough else 0.0
+    modes, n = np.fft.rfft2(roughness(patch, rng, 0.5, 0.95)), patch.shape[0]
+    q = np.fft.fftfreq(n, 1 / n)[:, None]
     return np.fft.irfft2(modes / (1 + (q / rng.uniform(1, 3)) ** 2), patch.shape) * 3
 
 
@@ -97,7 +95,6 @@ KINDS |= {kind: study.KINDS[kind] for kind in ("skewed", "spheres", "cylinders",
 KINDS |= {kind: study.KINDS[kind] for kind in ("outliers", "sharp cones", "quantised")}
 KINDS |= {"lines": _line, "unloaded": _rough, "unloaded spheres": study.KINDS["spheres"]}
 KINDS |= {"unloaded worn": _wear, "unloaded lines": _line}
-SHARP = ("turned", "blasted", "copies", "worn", "punches", "quantised", "unloaded worn")
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,4 @@
-"""Draw the fronts of a small contact on its grid: `.readme/fronts.png` of the guide.
-
-`python -m laboratory.front_picture FILE` takes some seconds.
-"""
+"""Draw the fronts of a small contact on its grid: `.readme/fronts.png` of the guide."""
 
 import sys
 from functools import partial
@@ -13,8 +10,7 @@ from matplotlib.figure import Figure
 from epcontact.bem.areas.front import STIFFNESS
 from epcontact.studies.areas import Member, roughness
 
-ROUGH = partial(roughness, low=0.8, high=0.8)
-SCENE = Member((64, 64), (1.0, 1.0), 0.1, 0.6, 16, ROUGH, 4)
+SCENE = Member((64, 64), (1.0, 1.0), 0.1, 0.6, 16, partial(roughness, low=0.8, high=0.8), 4)
 FINER, CENTRE, HALF = 16, (0.39, 0.65), 0.1
 
 
@@ -27,7 +23,6 @@ def field(factor):
 
 
 def main(path):
-    """Write the picture."""
     figure = Figure(figsize=(6.4, 6.0), layout="constrained")
     axes = figure.add_subplot(xlabel="x (periods)", ylabel="y (periods)")
     (x, y), v = field(1)
