@@ -3,16 +3,20 @@
 import json
 import pickle
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 from command_line import invoke
 
-from epcontact import bem
+from epcontact import bem, effective_hardness
+from epcontact.harness.answers.run import Run, run_cases
+from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.interface import interface_stiffness, patches, percolation_share
 from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.verdict.judgement import judge_case
 from epcontact.output.loads import load_cells
 from epcontact.results import COLUMNS, ContactResult
 from epcontact.scene import Load, Scene
@@ -132,3 +136,59 @@ def test_results_and_scenes_compare_by_what_they_hold(write_case):
     assert first != ContactResult.from_json(first.to_json())  # which has no fields
     assert first.distribution == second.distribution != bem.solve(other).distribution
     assert scene != first
+
+
+EFFECTIVE = ("hardness = 6.0e9", 'hardness = "effective"\nyield_stress = 2.0e9')
+LOADS = (2e8, 5e8, 1e8, 6e8)
+
+
+@pytest.fixture
+def metal(write_case, tmp_path):
+    """A metal along a path, its answer, and the effective hardness at each mean pressure."""
+    path = ("mean_pressure = 5.0e8", f"mean_pressure = {[*LOADS]}")
+    case = load_case(write_case(BEM, AREA, path, EFFECTIVE, ("[3, 5, 7]", "[3]")))
+    (answer,) = run_cases([case], Run(tmp_path, jobs=1))["small"]["bem"].results
+    given = {"yield_stress": 2e9, "young_modulus": 100e9, "poisson_ratio": 0.3, "rms_slope": 0.1}
+    return case, answer, lambda p: effective_hardness(**given, mean_pressure=p)
+
+
+def with_cap(case, hardness, *loads):
+    scene = case.scene(case.recipes[0])
+    material = replace(scene.material, hardness=hardness)
+    return bem.solve(Scene(scene.surface, material, Load(loads))).final
+
+
+def test_every_load_has_its_own_hardness_and_what_its_interval_is_worth(metal):
+    """A load beyond all before it is that of a fresh surface; one below keeps the peak's cap."""
+    case, answer, known = metal
+    paths = [(2e8,), (5e8,), (5e8, 1e8), (6e8,)]
+    for step, path in zip(answer.steps, paths, strict=True):
+        mapped = known(path[0])
+        assert step.row["hardness"] == mapped.value
+        assert step.row["hardness_error"] == pytest.approx(mapped.value * mapped.error)
+        alone = with_cap(case, mapped.value, *path)
+        for kind in ("raw", "corrected", "error"):
+            assert vars(step.areas[kind]) == pytest.approx(vars(alone.areas[kind]), abs=1e-6)
+        soft, hard = (with_cap(case, end, *path).areas["corrected"] for end in mapped.interval)
+        error = abs(soft.total - hard.total) / 2
+        assert step.areas["hardness_error"].total == pytest.approx(error, rel=5e-3)
+        parts = [step.row[f"total_area_error_by_{source}"] for source in ("grid", "hardness")]
+        assert parts[1] == step.areas["hardness_error"].total
+        assert step.row["total_area_error"] == pytest.approx(np.hypot(*parts))
+    assert answer.steps[2].row["hardness"] > answer.steps[0].row["hardness"]
+
+
+def test_a_gate_against_a_number_counts_the_interval_of_the_hardness(metal):
+    case, answer, _ = metal
+    judged = judge_case(case, {"bem": Answer((answer,), ("seed3",))}).gates[0]
+    areas = answer.final.areas
+    claim = np.hypot(areas["error"].total, areas["hardness_error"].total) / 0.1
+    assert judged.grid_error == pytest.approx(claim)
+    other = Answer((replace(answer, method="other"),), ("seed3",))
+    shared = replace(case.gates[0], against="persson")
+    both = judge_case(
+        case.changed(gates=(shared,), methods=("bem", "persson")),
+        {"bem": Answer((answer,), ("seed3",)), "persson": other},
+    ).gates[0]
+    assert both.grid_error == pytest.approx(areas["error"].total / areas["corrected"].total)
+    # Two answers under one cap share its error.

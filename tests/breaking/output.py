@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from breaking.fault import Fault, changed, given, scaled
-from epcontact.results import ELASTIC, PLASTIC
+from epcontact.results import COLUMNS, ELASTIC, PLASTIC
 
 SHOWN = "tests/test_shown.py::test_"
 CHARTS = "tests/test_output_charts.py::test_"
@@ -14,6 +14,8 @@ GATES = SHOWN + "the_table_of_gates_shows_the_verdict"
 FILE = SHOWN + "a_field_file_is_that_of_the_last_load"
 CURVE = CHARTS + "a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula"
 LEGEND = CHARTS + "the_legend_has_the_colours_of_the_map"
+LOADS = "tests/test_loads.py::test_"
+HARDNESS = LOADS + "every_load_has_its_own_hardness_and_what_its_interval_is_worth"
 C = "epcontact.output.charts."
 
 
@@ -84,26 +86,26 @@ FAULTS = (
         "raw areas shown as corrected on a terminal",
         given(
             "epcontact.cli.tables.answers_table",
-            lambda found: ({
+            lambda found, *rest: ({
                 name: replace(a, results=tuple(
                     replace(r,
                         steps=(replace(r.final,
                             areas=dict(r.final.areas) | {"corrected": r.final.areas["raw"]}),))
                     for r in a.results)) for name, a in found.items()
-            },),
+            }, *rest),
         ),
-        SHOWN + "the_table_of_areas_shows_the_answers",
+        SHOWN + "the_table_of_loads_shows_the_answers",
     ),
     _shown(
         "the first load step in a field file",
-        given("epcontact.harness.answers.run.write_fields", lambda path, r,
+        given("epcontact.harness.answers.loads.write_fields", lambda path, r,
             *rest: (path, replace(r, steps=r.steps[:1]), *rest)),
         FILE,
     ),
     _shown(
         "elastic and plastic exchanged in a field file",
         given(
-            "epcontact.harness.answers.run.write_fields",
+            "epcontact.harness.answers.loads.write_fields",
             lambda path, r,
             *rest: (path,
                 replace(r, fields=dict(r.fields) | {"state": _turned(r.fields["state"])}),
@@ -127,4 +129,19 @@ FAULTS = (
     _shown("densities in the wrong unit", scaled("epcontact.persson.pressure_density", 1e9), CURVE),
     _shown("pressures of a curve in MPa",
         changed(C + "curves.unit_for", lambda f: lambda largest, unit: (1e6, "MPa")), CURVE),
+    _shown("a row of figures beside another load",
+        changed("epcontact.harness.answers.store.load_rows",
+            lambda f: lambda *given: (rows := f(*given))[1:] + rows[:1]),
+        LOADS + "every_load_has_its_own_figures_and_fields"),
+    _shown("an area that leaves out what the interval of its hardness is worth",
+        changed("epcontact.harness.answers.loads._with_hardness_error",
+            lambda f: lambda step, *_: step),
+        HARDNESS),
+    _shown("the hardness of the last load at every load",
+        changed("epcontact.harness.answers.loads._walked",
+            lambda f: lambda task, scene, own, *rest, **k:
+                f(task, scene, [own[-1]] * len(own), *rest, **k)),
+        HARDNESS),
+    _shown("a gap in Pa", lambda patch: patch.setitem(COLUMNS, "mean_gap", "Pa"),
+        LOADS + "units_are_those_of_the_quantities_and_suit_the_figures"),
 )  # fmt: skip

@@ -135,7 +135,13 @@ def _part(
     cost = dict(result.cost)
     if "on_step" in options:
         cost["seconds"] -= spent
-    return replace(result, steps=(*result.steps[: -len(steps) or None], *steps), cost=cost)
+    # What the method reports at the end stands, and what was measured at each load is added to it.
+    rows = [*result.steps[: len(result.steps) - len(steps)], *steps]
+    joined = [
+        replace(step, quantities={**row.quantities, **step.quantities})
+        for step, row in zip(result.steps, rows, strict=True)
+    ]
+    return replace(result, steps=tuple(joined), cost=cost)
 
 
 def _shown(task: Task, scene: Scene, result: ContactResult) -> ContactResult:

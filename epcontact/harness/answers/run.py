@@ -251,6 +251,8 @@ def solve_task(task: Task, threads: int, moving: Callable[[float], None] | None 
 def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
     """Add what is measured, while the fields are in memory; what only a sweep asks for is nan where
     it is not defined, and a note says why."""
+    if not task.measured:
+        return result
     answered, notes = Answered(scene, result), list(result.notes)
     values = dict(result.final.quantities)
     for name in task.measured:

@@ -195,9 +195,14 @@ def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
     ]
     # A theory has no grid and reports 0, which is no claim; NaN counts as an infinite one.
     found = [math.inf if math.isnan(c) else c for c in claims if c != 0]
+    claim = min(found, default=None)
     if len(found) == 2 and math.inf not in found and all(map(_counts_points, sides)):
-        return abs(found[0] - found[1])
-    return min(found, default=None)
+        claim = abs(found[0] - found[1])
+    cap = error.replace(".error", ".hardness_error")
+    mapped = [side for side in sides if all(cap in scalar_quantities(r) for r in side.results)]
+    if len(mapped) != 1:  # two answers under one effective hardness share its error
+        return claim
+    return math.hypot(claim or 0.0, fmean(_read(mapped[0], cap)))
 
 
 def _counts_points(side: Answer) -> bool:

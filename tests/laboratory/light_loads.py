@@ -1,0 +1,59 @@
+"""The effective hardness below the loads of its map, by the map's own J2 bodies on finer grids.
+
+`python -m laboratory.light_loads`, run in tests, prints c = hardness/sigma_Y at each load and its
+ratio to that at the lightest load of the map, and how the area of the capped body depends on c; the
+whole takes a quarter of an hour of one core.  A contact of few spots is resolved the worse the
+lighter it is: from 12 to 24 nodes a wave, and from 4 waves in a period to 8, the ratio rises.
+"""
+
+import numpy as np
+import pandas as pd
+
+from epcontact.harness.answers.run import Run, tasks_of
+from epcontact.harness.case_files.case import case_at, find_named
+from epcontact.harness.methods.registry import METHODS
+from laboratory.hardness_map import inverse_hardness, measured_areas
+
+LOADS, WAVE = (0.003, 0.01, 0.03, 0.1), 6283.185307179586  # of sigma_Y; rad/m
+#: Nodes a wave, waves in a period, E* xi/sigma_Y and seeds.
+RUNS = [
+    *((nodes, 4, s, range(101, 109)) for nodes in (12, 24) for s in (5, 15, 50)),
+    (24, 4, 30, range(111, 117)),  # other surfaces, to check by
+    (12, 8, 15, range(101, 107)),
+]
+
+
+def areas(nodes, waves, severity, seeds):
+    """The areas of J2 bodies at light loads, and of capped ones on the same compliance."""
+    (text,) = find_named("hardness-map-30")
+    point = {
+        "surface.points_per_shortest_wavelength": nodes, "surface.wavenumber_high": WAVE * waves,
+        "surface.rms_slope": severity / 1000, "surface.seeds": list(seeds),
+        "load.mean_pressure": [load * 2e8 for load in LOADS],
+    }  # fmt: skip
+    case = case_at(text, point, "large")
+    solve, options = METHODS["fem"].solve, case.options["fem"]
+    return pd.concat(
+        measured_areas(task, solve(case.scene(task.recipe), options, 1))
+        for task in tasks_of(case, Run())
+    )
+
+
+def main():
+    for nodes, waves, severity, seeds in RUNS:
+        found = areas(nodes, waves, severity, seeds)
+        inverse = inverse_hardness(found)[0]["inverse"].to_numpy()
+        for load, c in zip(LOADS, 1 / inverse, strict=True):
+            capped = found[np.isclose(found["load"], load) & np.isfinite(found["cap"])]
+            means = capped.groupby("cap")["cap_area"].mean()
+            near = means[(means.index > c / 1.2) & (means.index < c * 1.2)]
+            slope = np.polyfit(np.log(near.index), np.log(near), 1)[0] if len(near) > 1 else np.nan
+            print(
+                f"{nodes} nodes, {waves} waves, E*xi/sigma_Y {severity}, load {load}: c {c:.3f}, "
+                f"ratio {c * inverse[-1]:.3f}, d ln A/d ln c {slope:.2f}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
