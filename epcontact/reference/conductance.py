@@ -125,7 +125,7 @@ def joint_conductance(
         >>> found = joint_conductance(conductivities=(16, 200), rms_height=1e-6, rms_slope=0.15,
         ...     hardness=3e9, effective_modulus=60e9, mean_pressure=10e6, breadth=16)
         >>> round(found.value, -2), [round(end, -2) for end in found.interval]
-        (10200.0, [9100.0, 11400.0])
+        (16700.0, [15200.0, 18400.0])
     """
     k1, k2 = (positive("conductivities", k, "W/(m K)") for k in conductivities)
     sigma, xi = positive("rms_height", rms_height, "m"), positive("rms_slope", rms_slope, "m/m")
