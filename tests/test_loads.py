@@ -11,6 +11,7 @@ import pytest
 from command_line import invoke
 
 from epcontact import bem, effective_hardness
+from epcontact.harness.answers.pictures import charts_of
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
@@ -121,6 +122,11 @@ def test_a_result_shows_itself(ran):
         repr(result)
         == f"<ContactResult of bem: 4 loads, contact area {area:.4g} ± {error:.2g} at 3e+08 Pa>"
     )
+    charts = charts_of({"bem": [result]})
+    assert {"pressure-distribution", "residuals", "loads-areas", "loads-gap"} <= charts.keys()
+    gaps = [row[2] for row in charts["loads-gap"].rows]
+    assert sorted(gaps) == sorted(table["mean_gap_m"])
+    assert charts["loads-gap"]._repr_png_()[1:4] == b"PNG"
     assert all(f"<td>{gap:.4g}</td>" in result._repr_html_() for gap in table["mean_gap_m"])
 
 

@@ -78,22 +78,27 @@ def draw_answers(results: Results, folder: Path) -> list[str]:
     for path in itertools.chain(*map(folder.glob, _OF_ANSWERS)):  # of an earlier run
         path.unlink()
     found = {method: each for method, each in results.items() if each}
+    for name, chart in charts_of(found).items():
+        chart.save(folder / name)
+    _draw_maps(folder, list(found))
+    return [sentence for method in found if (sentence := _draw_body(folder, method))]
+
+
+def charts_of(found: Results) -> dict[str, Chart]:
+    """Draw results by method, one a surface, as charts by name, which a notebook shows."""
+    charts: dict[str, Chart] = {}
     if any(result.distribution for each in found.values() for result in each):
         about = next(iter(found.values()))[0].provenance.about
         hardness = float(about["hardness"]["value"]) if "hardness" in about else math.inf
         theory = theory_densities(found, hardness)
         chart = pressure_distribution(found, hardness=hardness, theory=theory)
-        chart.save(folder / "pressure-distribution")
+        charts["pressure-distribution"] = chart
     # Only the longest history of each method is drawn; all of them would hide each other.
     longest = {m: np.array(max((r.history for r in each), key=len)) for m, each in found.items()}
     if any(np.any(np.isfinite(h) & (h > 0)) for h in longest.values()):
-        chart = residual_history({m: h for m, h in longest.items() if h.size})
-        chart.save(folder / "residuals")
+        charts["residuals"] = residual_history({m: h for m, h in longest.items() if h.size})
     paths = {m: load_rows(each) for m, each in found.items() if len(each[0].steps) > 1}
-    for name, chart in load_charts(paths).items() if paths else ():
-        chart.save(folder / name)
-    _draw_maps(folder, list(found))
-    return [sentence for method in found if (sentence := _draw_body(folder, method))]
+    return charts | (load_charts(paths) if paths else {})
 
 
 def _draw_maps(folder: Path, methods: Sequence[str]) -> None:

@@ -45,6 +45,8 @@ class Chart:
         """The picture as PNG."""
         return self._bytes("png", {"Software": None})
 
+    _repr_png_ = png  # for notebooks
+
     def svg(self) -> bytes:
         """The picture as SVG: the same bytes for the same data."""
         return self._bytes("svg", {"Date": None, "Creator": None})
