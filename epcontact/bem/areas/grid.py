@@ -12,7 +12,7 @@ runs from corner k to the next.
 
 from __future__ import annotations
 
-from math import hypot, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -277,13 +277,14 @@ def _add_segments(
         released, edge = released / crossings, edge / crossings
         dx = (x_1[j - 1] + x_1[j] - x_0[j - 1] - x_0[j]) / 2
         dy = (y_0[j] + y_1[j] - y_0[j - 1] - y_1[j - 1]) / 2
-        steep = hypot(dx, dy)
+        steep = sqrt(dx * dx + dy * dy)
         if deep.size:
             a, b, c, d = deep[i - 1, j - 1], deep[i, j - 1], deep[i, j], deep[i - 1, j]
             if min(a, b, c, d) > 0 and front == 0:  # inside a flattened spot nothing moves along
                 steep = 0.0
             elif edge > 0:  # at the peak of the load
-                steep = hypot(dx + (b + c - a - d) / 2, dy + (d + c - a - b) / 2)
+                along_x, along_y = dx + (b + c - a - d) / 2, dy + (d + c - a - b) / 2
+                steep = sqrt(along_x * along_x + along_y * along_y)
         flows = codes[j] == 17 * (codes[j] & 15)
         cell = _Cell(
             dx,
