@@ -20,7 +20,6 @@ import pyvista as pv
 from command_line import invoke
 from conftest import SMALL_CASE
 from rich.console import Console
-from second_judge import require_faithful
 
 from epcontact.cli.tables import answers_table, verdict_table
 from epcontact.errors import OutputError
@@ -103,7 +102,6 @@ def ran(tmp_path_factory):
             )
         }
     assert [done.returncode for done in said.values()][:4] == [0, 0, 0, 0], said
-    require_faithful(home)
     return SimpleNamespace(folder=folder, home=home, charts=charts, views=views, said=said)
 
 
@@ -566,6 +564,10 @@ def test_nothing_a_case_says_becomes_html(tmp_path):
 def test_what_cannot_be_reported(tmp_path):
     with pytest.raises(OutputError, match=r"verdict\.json: no such file"):
         report_folder(tmp_path)
+    for text in ("{", "{}", "[1]", "3", '{"cases": [1]}', '{"cases": [{"id": "a"}]}'):
+        (tmp_path / "verdict.json").write_text(text)
+        with pytest.raises(OutputError, match="it is no JSON" if text == "{" else "no verdict"):
+            report_folder(tmp_path)
 
 
 def cells_of(table):

@@ -15,7 +15,6 @@ import conftest
 import numpy as np
 import pytest
 from command_line import invoke
-from second_judge import require_faithful
 
 from epcontact.errors import InvalidCase, OutputError
 from epcontact.harness.answers.run import Run, run_cases
@@ -23,7 +22,7 @@ from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import Gate, distance, judge, judge_distance, unjudged
 from epcontact.harness.verdict.judgement import Verdict, judge_case
-from epcontact.harness.verdict.read_back import require_untouched
+from epcontact.harness.verdict.read_back import require_faithful, require_untouched
 from epcontact.harness.verdict.verification import only_writer, verify, write_verdict
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
@@ -295,7 +294,7 @@ JSON, BEM = "verdict.json", "small/fast/bem.json"
         (BEM, "members 0 steps", [{}], "a part is missing"),
     ],
 )
-def test_what_contradicts_another_file_is_seen(written, tmp_path, file, place, value, words):
+def test_what_contradicts_another_file_is_withdrawn(written, tmp_path, file, place, value, words):
     folder = Path(shutil.copytree(written, tmp_path / "out"))
     require_faithful(folder)
     require_untouched(folder)
@@ -308,6 +307,7 @@ def test_what_contradicts_another_file_is_seen(written, tmp_path, file, place, v
     assert "was changed after" in invoke("report", folder).stderr
     with pytest.raises(OutputError, match=words):
         require_faithful(folder)
+    assert not [name for name in ("verdict.json", "junit.xml") if (folder / name).exists()]
 
 
 def test_a_damaged_file_is_one_sentence(written, tmp_path):

@@ -39,16 +39,22 @@ def report_folder(
     draw: Draw | None = None,
     notes: Sequence[str] = (),
 ) -> Path:
-    """Make the page of an output folder, whose files are as `verify` wrote them; return its path.
-    The page shows every picture in a case's folder that has a caption (.txt) beside it.  `draw`
-    draws some there first, from the results.  `notes` are sentences for the top of the page.
-    Raises OutputError if there is no verdict in the folder or the page cannot be written."""
+    """Make the page of an output folder, and return its path.  The page shows every picture in a
+    case's folder that has a caption (.txt) beside it.  `draw` draws some there first, from the
+    results.  `notes` are sentences for the top of the page.  Raises OutputError if there is no
+    verdict in the folder or the page cannot be written."""
     home = Path(folder)
     verdict = _read_json(home / "verdict.json")
+    cases: Any = verdict.get("cases") if isinstance(verdict, dict) else None
+    needed = {"id", "size", "methods", "gates"}
+    if not isinstance(cases, list) or not all(
+        isinstance(case, dict) and needed <= case.keys() for case in cases
+    ):
+        raise OutputError(f"cannot read {home / 'verdict.json'}: it is no verdict of this program")
     results: dict[str, dict[str, Data]] = {}
     pictures: dict[str, list[dict[str, str]]] = {}
     sentences = list(notes)
-    for case in verdict["cases"]:
+    for case in cases:
         here = home / case["id"] / case["size"]
         files = {method: here / f"{method}.json" for method in case["methods"]}
         answers = {method: _read_json(file) for method, file in files.items() if file.is_file()}

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from second_judge import require_faithful
 
 from epcontact.errors import OutputError
 from epcontact.harness.case_files.case import find_named, load_case
@@ -43,7 +42,7 @@ class Fault:
     #: So many of the case's surfaces are solved; None: all.  One surface has no interval, but a
     #: band that holds eight of them also holds any one within 2.5 standard deviations.
     surfaces: int | None = None
-    status: str = FALLS_SHORT  # of the gate, or REFUSED by a second judge
+    status: str = FALLS_SHORT  # of the gate, or REFUSED if verify withdraws the verdict
 
     @property
     def seen_by(self):
@@ -59,7 +58,7 @@ def honest_case(name):
     return load_case(next(case for case in find_named(name) if case.id == name))
 
 
-#: The status under a fault that contradicts what was written (see `second_judge`).
+#: The status under a fault that contradicts what was written (see `harness.read_back`).
 REFUSED = "refused"
 
 
@@ -78,12 +77,10 @@ def status_under(fault, output):
     needed = {gates[0].of, gates[0].against}
     methods = tuple(name for name in case.methods if name in needed)
     case = case.changed(gates=gates[:1], methods=methods, recipes=case.recipes[: fault.surfaces])
-    status = verify(case, jobs=1, output=output, fresh=True).cases[0].gates[0].status
     try:
-        require_faithful(output)
+        return verify(case, jobs=1, output=output, fresh=True).cases[0].gates[0].status
     except OutputError:
         return REFUSED
-    return status
 
 
 # --- patches -------------------------------------------------------------------------------------

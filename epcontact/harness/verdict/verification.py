@@ -28,7 +28,7 @@ from epcontact.harness.case_files.case import (
 from epcontact.harness.gates import ERROR, FALLS_SHORT
 from epcontact.harness.methods.registry import METHODS, REPLACED, Method, solver_named
 from epcontact.harness.verdict.judgement import SKIPPED, CaseVerdict, Verdict, judge_case
-from epcontact.harness.verdict.read_back import FILES, digest_of, withdraw
+from epcontact.harness.verdict.read_back import FILES, digest_of, require_faithful, withdraw
 from epcontact.scene import listed
 
 try:
@@ -67,7 +67,7 @@ def verify(
 
     Raises:
         InvalidCase, InvalidScene: if a case or the solver cannot be read, or an option is none.
-        OutputError: if a file cannot be written.
+        OutputError: if a file cannot be written, or does not say what was judged.
 
     Example:
         >>> import tempfile
@@ -83,6 +83,7 @@ def verify(
         answers = run_cases(loaded, run, methods)
         verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size)
         write_verdict(verdict, run.folder)
+        require_faithful(run.folder)
         for name in FILES:  # there is a new verdict
             with contextlib.suppress(OSError):
                 (run.folder / f"{EARLIER}{name}").unlink()
