@@ -223,7 +223,7 @@ def _logs(shares: ContactAreas, load: Any) -> FloatArray:
     return np.array(
         [
             np.log(np.maximum(getattr(shares, part) + low, 1e-300))
-            - bounded * np.log(1 - getattr(shares, part) + high)
+            - bounded * np.log(np.maximum(1 - getattr(shares, part) + high, 1e-300))
             for part, bounded, low, high in both
         ]
     )
