@@ -56,15 +56,13 @@ def available_memory() -> int:
 
 
 def forget_peak() -> None:
-    """Let the peak of the memory begin anew, so that a solve is not charged with those before it;
-    only Linux can."""
+    """Let the peak of the memory begin anew for the next solve, which only Linux can."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
 def peak_memory() -> int:
-    """Return the largest resident memory of this process since `forget_peak`, in bytes, or since
-    its begin where that does nothing."""
+    """Return the largest resident memory (bytes) since `forget_peak`, or the process began."""
     if sys.platform == "win32":
         return int(psutil.Process().memory_info().peak_wset)
     with contextlib.suppress(OSError, StopIteration):

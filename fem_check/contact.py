@@ -113,8 +113,7 @@ def carrying(forces: FloatArray, cap: float, load: float | None) -> FloatArray:
 def predicted_states(
     forces: FloatArray, gap: FloatArray, cap: float, stiffness: float, load: float | None = None
 ) -> States:
-    """The state of each node that its force and its gap ask for (see `PREDICTION`), so that all of
-    them can carry a `load`."""
+    """The states by `PREDICTION` that forces and gaps ask for, of which some carry a `load`."""
     predicted = carrying(forces - PREDICTION * stiffness * gap, cap, load)
     states = np.full(forces.shape, ELASTIC, dtype=np.int8)
     states[predicted <= 0] = APART

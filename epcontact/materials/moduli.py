@@ -16,8 +16,7 @@ def effective_modulus(material: Material) -> float:
 
 
 def of_both(material: Material, counterface: Material) -> Material:
-    """The one body that has, against a rigid flat, the E* of two half-spaces, 1/E* = the sum of
-    (1 - nu^2)/E.  Its strengths are those of the first, which is to be the softer: it flows."""
+    """The body that has the E* of two half-spaces, and the strengths of the first, which flows."""
     compliance = sum(1 / effective_modulus(body) for body in (material, counterface))
     return replace(material, young_modulus=(1 - material.poisson_ratio**2) / compliance)
 

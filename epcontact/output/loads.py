@@ -21,8 +21,7 @@ Row = Mapping[str, Any]
 
 
 def load_cells(rows: Sequence[Row], units: Mapping[str, str] = COLUMNS) -> list[list[str]]:
-    """Return headings and rows of texts, in units that suit the largest value of each column.  The
-    last texts say what the error of the total area is made of."""
+    """Return headings and rows of texts, in units that suit the largest value of each column."""
     known = {name: unit for name, unit in units.items() if any(name in row for row in rows)}
     scales = {name: _scale([r[name] for r in rows if name in r], u) for name, u in known.items()}
     titles = (f"{n.replace('_', ' ')}{f' ({u})' if u else ''}" for n, (_, u) in scales.items())
@@ -59,8 +58,7 @@ _CHARTS = {
 
 
 def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
-    """Draw the rows of each method against the mean pressure, by the names of the charts; loads
-    after a larger one have open marks."""
+    """Draw the rows of each method against the mean pressure; unloaded ones have open marks."""
     points = [
         {"method": method, "quantity": name.replace("_", " "), "branch": row["branch"],
          "mean_pressure_Pa": float(row["mean_pressure"]["mean"]), "value": mean,
@@ -74,12 +72,8 @@ def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
     charts = {}
     for chart, table in pd.DataFrame(points).groupby("chart", sort=False):
         scale, unit = unit_for(float(table["mean_pressure_Pa"].max()), "Pa")
-        plot = Plot(
-            ("mean_pressure_Pa", f"mean pressure ({unit})"),
-            ("value", _CHARTS[str(chart)][1]),
-            series=("method", "quantity", "branch"),
-            scale=(scale, 1.0),
-        )
+        x, y = ("mean_pressure_Pa", f"mean pressure ({unit})"), ("value", _CHARTS[str(chart)][1])
+        plot = Plot(x, y, series=("method", "quantity", "branch"), scale=(scale, 1.0))
         said = f"{str(chart).capitalize()} at each load; marks are open after a larger load."
         charts[f"loads-{chart}"] = draw_table(table, plot, said)
     return charts

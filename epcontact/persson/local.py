@@ -43,8 +43,7 @@ _GAMMA = 1 - math.sqrt(0.5)
 
 @dataclass(frozen=True)
 class LocalState:
-    """Areas (n,) along tau (n,) in Pa^2, and the density (m,) in 1/Pa at pressures in Pa at its
-    end."""
+    """Areas (n,) along tau (n,) in Pa^2; density (m,) in 1/Pa at pressures in Pa at its end."""
 
     diffusion: FloatArray
     elastic: FloatArray
@@ -109,8 +108,7 @@ def local_reduction(
 
 
 def breadths(roughness: Roughness) -> tuple[FloatArray, FloatArray]:
-    """xi^2 (n,) up to the end of each band with slopes, and r, its mean wave number over that
-    end."""
+    """xi^2 (n,) up to the end of each band with slopes, and r, its mean wave number over it."""
     filled = roughness.slope_variance > 0
     added, edge = roughness.slope_variance[filled], roughness.upper_edge[filled]
     wavenumber = np.minimum(added / roughness.first_moment[filled], edge)

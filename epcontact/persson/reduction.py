@@ -65,8 +65,7 @@ class EnergyReduction:
         settle(self, gamma=gamma)
 
     def factor(self, contact_area: ArrayLike) -> FloatArray:
-        """S at a relative contact area A in [0, 1] of any shape; for "xu", the factor G / tau.
-        Raises InvalidScene for "local"."""
+        """S at a relative contact area A in [0, 1] of any shape; for "xu", the factor G / tau."""
         A = np.asarray(contact_area, dtype=np.float64)
         g = self.gamma
         match self.rule:

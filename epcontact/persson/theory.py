@@ -196,24 +196,19 @@ class Theory:
     def pressure_curve(
         self, mean_pressure: float, magnification: float | None = None
     ) -> PressureCurve:
-        """The distribution of the pressure at a magnification, by default of all roughness; by the
-        rule "local" at the pressures of its own grid."""
+        """The distribution of the pressure at a magnification, by default of all roughness."""
         G = float(self.diffusion(mean_pressure, magnification))
         if self.reduction.rule != "local" or G == 0:
             return pressure_curve(G, mean_pressure, self.hardness)
         state = self.local_state(mean_pressure, G)
-        return PressureCurve(
-            state.pressure, state.density, state.cumulative, float(state.plastic[-1])
-        )
+        plastic = float(state.plastic[-1])
+        return PressureCurve(state.pressure, state.density, state.cumulative, plastic)
 
     def local_state(
-        self,
-        mean_pressure: float,
-        end: float = math.inf,
+        self, mean_pressure: float, end: float = math.inf,
         resolution: tuple[int, int] = RESOLUTION,
-    ) -> LocalState:
-        """The stress by the rule "local" up to a diffusion of full contact in Pa^2, by default of
-        all roughness."""
+    ) -> LocalState:  # fmt: skip
+        """The stress by the rule "local" up to a diffusion of full contact (default: the last)."""
         if self.roughness.rms_slope == 0:
             raise InvalidScene("the surface is flat, but the rule 'local' needs slopes")
         variance, breadth = breadths(self.roughness)

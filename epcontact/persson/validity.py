@@ -134,9 +134,8 @@ def expectation(theory: Theory, mean_pressure: float) -> str:
         for name, words in TOLD.items()
         if name in found
     )
-    return (
-        f"the theory itself is off by {told} (95 % of Gaussian surfaces, against boundary elements)"
-    )
+    surfaces = "95 % of Gaussian surfaces, against boundary elements"
+    return f"the theory itself is off by {told} ({surfaces})"
 
 
 def nayak(roughness: Roughness) -> tuple[float, float]:
@@ -155,10 +154,8 @@ def theory_map() -> Mapping[str, FloatArray]:
     table = np.genfromtxt(told, delimiter=",", names=True)
     known = {str(name): table[name] for name in table.dtype.names or ()}
     spectra = [*zip(*(known[n] for n in ("hurst", "roll_off", "wavelength_ratio")), strict=True)]
-    shape = {
-        (H, roll, wide): nayak(analytic_roughness(SelfAffineSpectrum(H, 1.0, roll, wide, 1.0)))
-        for H, roll, wide in set(spectra)
-    }
+    of = {s: SelfAffineSpectrum(s[0], 1.0, s[1], s[2], 1.0) for s in set(spectra)}
+    shape = {s: nayak(analytic_roughness(spectrum)) for s, spectrum in of.items()}
     alpha, waves = np.transpose([shape[spectrum] for spectrum in spectra])
     return known | {"nayak": alpha, "waves": waves}
 
@@ -175,8 +172,7 @@ def map_reach() -> dict[str, tuple[float, float]]:
 
 @functools.cache
 def _fits(names: tuple[str, ...]) -> tuple[list[FloatArray], FloatArray, FloatArray]:
-    """The scaled axes of a map, and at each place and figure the coefficients of 1, ln alpha and
-    ln n with the variances that they miss and of one surface of one wave, and their covariance."""
+    """The scaled axes of a map, and of each figure the coefficients, variances and covariance."""
     known = theory_map()
     inside = np.isfinite(known["hardness"]) == (len(names) == 2)
     rows = {name: column[inside] for name, column in known.items()}
@@ -215,18 +211,15 @@ def _figures(rows: Mapping[str, FloatArray]) -> Iterator[tuple[FloatArray, Float
 
 
 def _logs(shares: ContactAreas, load: Any) -> FloatArray:
-    """The logits of the theory's areas (of the elastic one the logarithm) at a load over the
-    hardness, with floors under areas and what is beside them, which fall less with the hardness."""
+    """The logits of the theory's areas (of the elastic one the logarithm), with floors."""
     least = (0.0 * load, _FLOORS[1] * load * (1 - load), _FLOORS[2] * load)
     beside = (_FLOORS[0] * (1 - load), 0.0, _FLOORS[2])
-    both = zip(_AREAS, _BOUNDED, least, beside, strict=True)
-    return np.array(
-        [
-            np.log(np.maximum(getattr(shares, part) + low, 1e-300))
-            - bounded * np.log(np.maximum(1 - getattr(shares, part) + high, 1e-300))
-            for part, bounded, low, high in both
-        ]
-    )
+    logs = []
+    for part, bounded, low, high in zip(_AREAS, _BOUNDED, least, beside, strict=True):
+        area = getattr(shares, part)
+        here, rest = (np.log(np.maximum(a, 1e-300)) for a in (area + low, 1 - area + high))
+        logs.append(here - bounded * rest)
+    return np.array(logs)
 
 
 def _scaled(name: str, value: Any) -> Any:

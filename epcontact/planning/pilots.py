@@ -69,8 +69,7 @@ def solve_pilot(
     case: Case, recipe: Recipe, method: str, parts: Sequence[str], threads: int | None,
     step: int | None = None, **options: Any,
 ) -> Pilot:  # fmt: skip
-    """Solve the case on one surface, no more exactly than a pilot of the method needs.  Without the
-    number of a `step` it is that of the load whose area is the hardest to find."""
+    """Solve the case on one surface roughly; None: the step whose area is the hardest to find."""
     given = _QUICK.get(method, {}) | dict(case.options.get(method, {})) | options
     scene = case.scene(recipe)
     result = METHODS[method].solve(scene, given, threads or available_cores())

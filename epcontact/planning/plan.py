@@ -158,9 +158,8 @@ def plan(
         f"the tolerance of {tolerance:.2g} is not met: with {limit} the error is {chosen.error:.2g}"
     )
     if len(case.load.path) > 1:
-        hardest = (
-            f"{case.load.path[pilots[0].step]:.4g} Pa, number {pilots[0].step + 1} of the path"
-        )
+        step = pilots[0].step
+        hardest = f"{case.load.path[step]:.4g} Pa, number {step + 1} of the path"
         why.append(f"the plan is for the load of {hardest}: its area is the hardest to find")
     solved = chosen.shape in [pilot.shape for pilot in pilots]
     why += _reasons(recipes[0], len(recipes) > 1, chosen, solved, raw, deviation)
@@ -264,8 +263,7 @@ def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical:
 def _mapped_error(
     case: Case, method: str, scene: Scene, numerical: Plan
 ) -> tuple[float, float] | None:
-    """Return the largest relative error of the theory's areas and its middle, by the kept map for
-    the case's number of surfaces; None where that does not know it."""
+    """Return the largest relative error of the theory's areas and its middle, if a map knows it."""
     if method != "persson" or not isinstance(case.recipes[0], SelfAffine):
         return None
     try:

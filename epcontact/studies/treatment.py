@@ -144,8 +144,7 @@ def controls(kind: str, n: int, seed: int) -> list[dict[str, Any]]:
 
 
 def crops(kind: str, n: int, seed: int, tiles: int) -> list[dict[str, Any]]:
-    """Errors of raw areas, over the total area, on crops of a larger surface under the load that
-    each of them carries in it, and on its grid."""
+    """Errors of raw areas, over the total, of crops under the load that each carries there."""
     whole, rows = _scaled(kind, n * tiles, seed), []
     for load in LOADS:
         fields = _solved(Surface(whole, (float(n * tiles),) * 2), load)[1].fields

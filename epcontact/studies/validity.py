@@ -33,12 +33,9 @@ _TITLES = {
 
 @study("validity", points=(64, 64))
 def where_the_theory_holds(
-    say: Say,
-    points: Ints = (24, 32),
-    hurst: float = 0.8,
-    wide: float = 256.0,
+    say: Say, points: Ints = (24, 32), hurst: float = 0.8, wide: float = 256.0,
     roll_off: float = 4.0,
-) -> Charts:
+) -> Charts:  # fmt: skip
     """Error of the theory over the plane of load and hardness, by the kept map.
 
     Errors are those of the theory (constant gamma, 0.536) against boundary elements on eight random
@@ -50,23 +47,18 @@ def where_the_theory_holds(
     """
     spectrum = SelfAffineSpectrum(hurst, LOWEST, roll_off * LOWEST, wide * LOWEST, 1.0)
     rough = persson.analytic_roughness(spectrum)
-    reach, tables = validity.map_reach(), []
+    reach, tables, reduction = validity.map_reach(), [], persson.EnergyReduction(GAMMA)
     hardnesses = np.geomspace(*reach["hardness/(E*ξ)"], num=points[0])
     low, high = (math.log(s / (1 - s)) for s in reach["p0/hardness"])
     shares = 1 / (1 + np.exp(-np.linspace(low, high, points[1])))
     loads = np.geomspace(*reach["p0/(E*ξ)"], num=points[1])
     for hardness in (*hardnesses, math.inf):
         for load in loads if math.isinf(hardness) else hardness * shares:
-            body = persson.Theory(
-                rough, MODULUS, persson.EnergyReduction(GAMMA), hardness * MODULUS
-            )
+            body = persson.Theory(rough, MODULUS, reduction, hardness * MODULUS)
             found = validity.expected_errors(body, load * MODULUS)
-            none = validity.ExpectedError(*(math.nan,) * 3)
-            tables += [
-                (name, hardness, error.middle, error.low, error.high, load)
-                for name in _TITLES
-                for error in [found.get(name, none)]
-            ]
+            for name in _TITLES:
+                low, middle, high = found.get(name, (math.nan,) * 3)
+                tables.append((name, hardness, middle, low, high, load))
     columns = ["series", _Y, "relative_error", "low", "high", _X]
     table = pd.DataFrame(sorted(tables, key=lambda row: [*_TITLES].index(row[0])), columns=columns)
     alpha = validity.nayak(rough)[0]

@@ -47,8 +47,7 @@ _ROOT = ("root_of_step", r"root of the step, $\sqrt{\Delta G / G}$ (–)")
 def steps(
     seed: int, bandwidth: int, place: tuple[float, float], points: int, shares: Sequence[float]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Add the ring to a surface: the share of the points that return through each wall and the
-    net flow (a share of the nominal area over dG), and what the points of each pressure do."""
+    """Add the ring to a surface: the flows through each wall, and what each pressure does."""
     whole = paper.rough_scene(points, seed, bandwidth).surface
     base = filtered(whole, (1 - 1 / PARTS) * bandwidth * paper.LOWEST)
     before, after = (persson.roughness_of(s, "surface").rms_slope ** 2 for s in (base, whole))
@@ -88,8 +87,7 @@ def steps(
 
 
 def limits(flows: pd.DataFrame) -> pd.DataFrame:
-    """The returned share at a vanishing step, by a straight line in its root for each surface, with
-    the interval over the surfaces: columns of the place, wall, bandwidth, limit and half_width."""
+    """The returned share at a vanishing step, by a line in its root for each surface."""
     found, keys = [], ["hardness", "p0", "bandwidth", "wall"]
     for place, group in flows.groupby(keys, sort=False):
         table = group.pivot(index="seed", columns="w", values="returned").dropna()

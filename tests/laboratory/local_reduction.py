@@ -25,13 +25,14 @@ from scipy.optimize import least_squares
 from epcontact import bem, persson
 from epcontact.persson.local import CONSTANTS, breadths, march
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
+from epcontact.studies.paper_scene import GAMMA, LOWEST, MODULUS
 from epcontact.surfaces import SelfAffine
 
 HALVES = {
     "fitted": {"hurst": (0.3, 0.8), "bandwidth": (32, 128), "seed": (1, 2, 3, 4)},
     "judged": {"hurst": (0.5, 0.95), "bandwidth": (64, 256), "seed": (5, 6, 7, 8)},
 }
-ROLL_OFFS, MODULUS, LOWEST, GAMMA = (1, 4), 250e9, 2.5e4, 0.536
+ROLL_OFFS = (1, 4)
 PLACES = [
     (p, h)
     for h in (0.1, 0.16, 0.3, 0.6, 1.2, math.inf)

@@ -82,8 +82,8 @@ def _walked(
                 "hardness is 'effective' and differs from load to load, but fem follows a path "
                 "with one; give one load, a hardness in Pa, or a sweep over load.mean_pressure"
             )
-        places = (len(done) / len(path), len(loads) / len(path))
-        share = None if moving is None else partial(_share, moving, *places)
+        before, part = len(done) / len(path), len(loads) / len(path)
+        share = None if moving is None else lambda s, b=before, p=part: moving(b + p * s)
         result = _part(task, there, threads, tuple(done), at_load, share, quick)
         done += result.steps
         costs.append(result.cost)
@@ -94,10 +94,6 @@ def _walked(
     }
     about = replace(result.provenance, scene=scene.digest)
     return replace(result, steps=tuple(done), provenance=about, cost=cost)
-
-
-def _share(moving: Moving, before: float, part: float, share: float) -> None:
-    moving(before + part * share)
 
 
 def _part(

@@ -262,9 +262,7 @@ def summary(case: Case, answer: Answer) -> dict[str, Any]:
 
 
 def load_rows(results: Sequence[ContactResult], more: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """Return a row a load: its branch, and what is known of COLUMNS and of `more` quantities, each
-    with the mean over the surfaces, its `error` at 95 % and the `parts` of that by their sources.
-    """
+    """Return a row a load: its branch, and means, errors at 95 % and their parts by sources."""
     rows = []
     for branch, *steps in zip(results[0].branches, *(r.steps for r in results), strict=True):
         each = [{n: step.quantities.get(n, math.nan) for n in more} | step.row for step in steps]
@@ -272,15 +270,12 @@ def load_rows(results: Sequence[ContactResult], more: Sequence[str] = ()) -> lis
         for name in (*COLUMNS, *more):
             found = estimate([one.get(name, math.nan) for one in each])
             start = f"{name}_error_by_"
-            parts = {
-                source.removeprefix(start): fmean(one.get(source, 0.0) for one in each)
-                for source in each[0]
-                if source.startswith(start)
-            }
+            known = [source for source in each[0] if source.startswith(start)]
+            parts = {s.removeprefix(start): fmean(one.get(s, 0.0) for one in each) for s in known}
             parts |= {"scatter": found.half_width} if found.half_width else {}
             if not math.isnan(found.mean):
-                row[name] = {"mean": found.mean, "error": math.hypot(*parts.values())}
-                row[name]["parts"] = parts
+                error = math.hypot(*parts.values())
+                row[name] = {"mean": found.mean, "error": error, "parts": parts}
         rows.append(row)
     return rows
 

@@ -57,12 +57,9 @@ INCREMENTS = 10
 
 
 def deck(
-    problem: Problem,
-    scene: Scene,
-    options: FemOptions,
-    element: str = ELEMENT,
-    penalty: float = PENALTY,
-) -> str:
+    problem: Problem, scene: Scene, options: FemOptions,
+    element: str = ELEMENT, penalty: float = PENALTY,
+) -> str:  # fmt: skip
     """The input file of a scene: block, springs, equations, and a step for each mean pressure."""
     import meshio
 
@@ -86,10 +83,8 @@ def deck(
     for spot, (a, b, gap) in enumerate(zip(top, flat, clearance, strict=True), bricks + 1):
         lines += [f"*ELEMENT, TYPE=GAPUNI, ELSET=gap{spot}", f"{spot}, {a}, {b}"]
         numbers = [gap, 0.0, 0.0, 1.0, None, spring, pull]
-        lines += [
-            f"*GAP, ELSET=gap{spot}",
-            ", ".join("" if x is None else _number(x) for x in numbers),
-        ]
+        lines += [f"*GAP, ELSET=gap{spot}"]
+        lines += [", ".join("" if x is None else _number(x) for x in numbers)]
     lines += ["*EQUATION"]
     source = np.pad(number[:-1, :-1, :-1], [(0, 0), (0, 1), (0, 1)], mode="wrap")
     tied = source != number[:-1]
@@ -105,8 +100,7 @@ def deck(
         limit, slope = material.yield_stress, options.hardening
         lines += ["*PLASTIC", f"{_number(limit)}, 0.", f"{_number(limit + slope)}, 1."]
     lines += ["*SOLID SECTION, ELSET=block, MATERIAL=solid"]
-    upper = f"*ELSET, ELSET=upper, GENERATE\n1, {nx * ny}, 1"
-    lines += [upper]
+    lines += ["*ELSET, ELSET=upper, GENERATE", f"1, {nx * ny}, 1"]
     for pressure in scene.load.path:
         force = -pressure * block.node_area * nx * ny
         lines += ["*STEP, NLGEOM, INC=10000", "*CONTROLS, PARAMETERS=FIELD"]
@@ -114,9 +108,8 @@ def deck(
         share = 1 / (options.steps or INCREMENTS) if options.law == "j2" else 1.0
         lines += [f"{_number(share)}, 1., 1e-6, {_number(share)}"]
         lines += ["*CLOAD", f"whole, 3, {_number(force)}"]
-        lines += ["*NODE PRINT, NSET=flat, FREQUENCY=10000", "RF"]
-        lines += ["*NODE PRINT, NSET=top, FREQUENCY=10000", "U"]
-        lines += ["*NODE PRINT, NSET=whole, FREQUENCY=10000", "U"]
+        for nodes, printed in (("flat", "RF"), ("top", "U"), ("whole", "U")):
+            lines += [f"*NODE PRINT, NSET={nodes}, FREQUENCY=10000", printed]
         lines += ["*EL PRINT, ELSET=upper, FREQUENCY=10000", "PEEQ"] * (options.law == "j2")
         lines += ["*END STEP"]
     return "\n".join(lines) + "\n"
@@ -153,18 +146,10 @@ def _ran(text: str, folder: Path) -> list[FloatArray]:
 
 
 def solve(
-    scene: Scene,
-    options: Mapping[str, Any] | None = None,
-    *,
-    element: str = ELEMENT,
-    penalty: float = PENALTY,
-) -> ContactResult:
-    """Answer a scene by CalculiX on the block of `fem_check`.
-
-    Raises:
-        InvalidScene: the law is "capped", or the top nodes are to be moved.
-        NotConverged: CalculiX failed; the error says what it printed.
-    """
+    scene: Scene, options: Mapping[str, Any] | None = None, *,
+    element: str = ELEMENT, penalty: float = PENALTY,
+) -> ContactResult:  # fmt: skip
+    """Answer a scene on the block of `fem_check`.  Raises InvalidScene, NotConverged."""
     given = FemOptions(**(options or {}))
     if given.law == "capped" or given.geometry == "moved":
         raise InvalidScene("calculix answers the laws elastic and j2 over the geometry gap alone")
@@ -186,8 +171,8 @@ def solve(
         # An open spring pulls a little; a closed one presses with far more.
         state = _states(forces > 100 * PULL * max(scene.load.path) * block.node_area, flowed)
         pressure = np.where(state == results.APART, 0.0, forces) / block.node_area
-        gap = np.where(state == results.APART, problem.heights.max() - problem.heights, 0.0)
-        gap += np.where(state == results.APART, down - approach, 0.0)
+        clearance = problem.heights.max() - problem.heights + down - approach
+        gap = np.where(state == results.APART, clearance, 0.0)
         kinds = areas(state, scene.material.poisson_ratio, capped=False)
         measured = {
             "mean_gap": float(np.maximum(gap, 0).mean()),
@@ -200,30 +185,22 @@ def solve(
         steps.append(LoadStep(load, named, {"force": missing}, quantities=measured))
     layers = {"layers": len(block.layers), "first_layer": float(block.layers[0])}
     told = asdict(given) | {"depth": block.depth, "element": element, **layers}
-    shape = scene.surface.shape
     fields = {"pressure": pressure, "gap": gap, "displacement": down, "state": state}
+    fields = {name: values.reshape(scene.surface.shape) for name, values in fields.items()}
+    seconds = time.perf_counter() - started
     return ContactResult(
         method="calculix",
         steps=tuple(steps),
         provenance=Provenance(scene.digest, scene.surface.seed, told | {"solver": PROGRAM}),
         distribution=distribution(pressure, state, np.inf),
-        fields={"heights": scene.surface.heights}
-        | {name: values.reshape(shape) for name, values in fields.items()},
-        cost={
-            "seconds": time.perf_counter() - started,
-            "unknowns": 3 * nx * ny * len(block.layers),
-        },
+        fields={"heights": scene.surface.heights} | fields,
+        cost={"seconds": seconds, "unknowns": 3 * nx * ny * len(block.layers)},
         notes=scene.surface.notes,
     )
 
 
 def export(scene: Scene, file: Path, options: Mapping[str, Any]) -> str:
-    """Write the block of a scene for another code; what was written, in a sentence.
-
-    Raises:
-        InvalidScene: meshio does not know the ending of the file.
-        OutputError: the file could not be written.
-    """
+    """Write the block of a scene for another code; what was written, in a sentence."""
     given = FemOptions(**options)
     problem = problem_of(scene, given, 1)
     mesh, material = mesh_of(problem, reference=True), scene.material
@@ -257,8 +234,7 @@ def export(scene: Scene, file: Path, options: Mapping[str, Any]) -> str:
 
 
 def differences(scene: Scene, options: Mapping[str, Any]) -> dict[str, float]:
-    """By what moves them, the changes of CalculiX's pressures over their sum, and their distance
-    from those of `fem_check`.  Raises as `solve` does."""
+    """The changes of CalculiX's pressures over their sum by what moves them."""
     gentle = replace(
         scene,
         surface=replace(scene.surface, heights=0.1 * scene.surface.heights),

@@ -74,8 +74,7 @@ def quantity(
 
 
 def claim_of(name: str) -> str:
-    """Return the name of the error that a quantity claims, such as "area.total.error" for
-    "area.total.corrected", or "" if it claims none."""
+    """Return the name of the error that a quantity claims (area.total.error), or ""."""
     error = f"{name.removesuffix('.corrected')}.error"
     return error if error in QUANTITIES else ""
 
