@@ -45,38 +45,33 @@ def alone(case, number, recipe):
 
 
 def test_every_load_has_its_own_figures_and_fields(ran):
-    case, told, folder, data = ran
+    case, printed, folder, data = ran
     branches = ["loading", "loading", "unloading", "reloading"]
     assert [row["branch"] for row in data["loads"]] == branches
-    assert re.findall(r"^bem +(\w+)", told, re.MULTILINE) == branches
+    assert re.findall(r"^bem +(\w+)", printed, re.MULTILINE) == branches
     for number, (load, row) in enumerate(zip(case.load.path, data["loads"], strict=True)):
         answers = [alone(case, number, recipe) for recipe in case.recipes]
         ways = ("loading", "unloading")
         stiff = [[interface_stiffness(*answer, way) for answer in answers] for way in ways]
-        found = {
-            "mean_pressure": [load, load],
-            "hardness": [6e9, 6e9],
-            "total_area": [a.final.areas["corrected"].total for _, a in answers],
-            "plastic_area": [a.final.areas["corrected"].plastic for _, a in answers],
-            "mean_gap": [a.final.quantities["mean_gap"] for _, a in answers],
-            "stiffness_loading": [x.corrected for x in stiff[0]],
-            "stiffness_unloading": [x.corrected for x in stiff[1]],
-        }
+        found = {"mean_pressure": [load, load], "hardness": [6e9, 6e9]}
+        found["mean_gap"] = [a.final.quantities["mean_gap"] for _, a in answers]
+        for part in ("total", "plastic"):
+            found[f"{part}_area"] = [vars(a.final.areas["corrected"])[part] for _, a in answers]
+        for way, each in zip(ways, stiff, strict=True):
+            found[f"stiffness_{way}"] = [x.corrected for x in each]
         for name, values in found.items():
             assert row[name]["mean"] == pytest.approx(np.mean(values), rel=1e-6), (number, name)
             scatter = 12.706204736 * np.std(values)  # of two surfaces: Student's t over sqrt(2)
-            assert row[name]["parts"].get("scatter", 0) == pytest.approx(
-                scatter, rel=1e-4, abs=1e-9
-            )
+            told = row[name]["parts"].get("scatter", 0)
+            assert told == pytest.approx(scatter, rel=1e-4, abs=1e-9)
         sure = np.mean([x.error for x in stiff[0]])
         assert row["stiffness_loading"]["parts"]["grid"] == pytest.approx(sure, rel=1e-4)
         grid = np.mean([a.final.areas["error"].total for _, a in answers])
         parts = row["total_area"]["parts"]
         assert parts.keys() == {"grid", "scatter"}
         assert parts["grid"] == pytest.approx(grid, rel=1e-4)
-        assert row["total_area"]["error"] == pytest.approx(
-            np.hypot(grid, parts["scatter"]), rel=1e-4
-        )
+        error = np.hypot(grid, parts["scatter"])
+        assert row["total_area"]["error"] == pytest.approx(error, rel=1e-4)
     # A share that percolates: so many of the closest points, and not one less, join across.
     scene, answer = alone(case, 1, case.recipes[0])
     p, gap = answer.fields["pressure"], answer.fields["gap"]
@@ -97,10 +92,8 @@ def test_units_are_those_of_the_quantities_and_suit_the_figures():
         if (known := QUANTITIES.get(f"quantity.{name}")) is not None:
             assert (known.unit == "–" and unit == "") or known.unit == unit, name
     entry = {"mean": 2.5e-7, "error": 3e-9, "parts": {"grid": 3e-9}}
-    rows = [
-        {"branch": "loading", "mean_gap": entry, "hardness": {"mean": 2e9, "error": 0, "parts": {}}}
-    ]
-    assert load_cells(rows) == [
+    cap = {"mean": 2e9, "error": 0, "parts": {}}
+    assert load_cells([{"branch": "loading", "mean_gap": entry, "hardness": cap}]) == [
         ["branch", "mean gap (nm)", "hardness (GPa)", "error of the total area by"],
         ["loading", "250 ± 3", "2", ""],
     ]
@@ -114,14 +107,10 @@ def test_a_result_shows_itself(ran):
     assert table["branch"].tolist() == list(result.branches)
     assert table["mean_gap_m"].tolist() == [s.quantities["mean_gap"] for s in result.steps]
     assert table["total_area"].tolist() == [s.areas["corrected"].total for s in result.steps]
-    assert {"stiffness_loading_Pa_per_m", "conductance_per_m", "total_area_error_by_grid"} <= {
-        *table
-    }
-    area, error = (vars(result.final.areas[kind])["total"] for kind in ("corrected", "error"))
-    assert (
-        repr(result)
-        == f"<ContactResult of bem: 4 loads, contact area {area:.4g} ± {error:.2g} at 3e+08 Pa>"
-    )
+    assert {"stiffness_loading_Pa_per_m", "conductance_per_m"} <= {*table}
+    areas = result.final.areas
+    shown = f"contact area {areas['corrected'].total:.4g} ± {areas['error'].total:.2g} at 3e+08 Pa"
+    assert repr(result) == f"<ContactResult of bem: 4 loads, {shown}>"
     charts = charts_of({"bem": [result]})
     assert {"pressure-distribution", "residuals", "loads-areas", "loads-gap"} <= charts.keys()
     gaps = [row[2] for row in charts["loads-gap"].rows]
@@ -190,11 +179,9 @@ def test_a_gate_against_a_number_counts_the_interval_of_the_hardness(metal):
     areas = answer.final.areas
     claim = np.hypot(areas["error"].total, areas["hardness_error"].total) / 0.1
     assert judged.grid_error == pytest.approx(claim)
-    other = Answer((replace(answer, method="other"),), ("seed3",))
+    mine, other = (Answer((replace(answer, method=m),), ("seed3",)) for m in ("bem", "other"))
     shared = replace(case.gates[0], against="persson")
-    both = judge_case(
-        case.changed(gates=(shared,), methods=("bem", "persson")),
-        {"bem": Answer((answer,), ("seed3",)), "persson": other},
-    ).gates[0]
+    against = case.changed(gates=(shared,), methods=("bem", "persson"))
+    both = judge_case(against, {"bem": mine, "persson": other}).gates[0]
     assert both.grid_error == pytest.approx(areas["error"].total / areas["corrected"].total)
     # Two answers under one cap share its error.

@@ -63,11 +63,7 @@ quantities = ["quantity.total_patches_largest"]
 
 @pytest.fixture(scope="session")
 def ran(tmp_path_factory):
-    """Where `verify`, `run`, `sweep`, `report` and `view` leave the scene, with what they said.
-
-    The attributes are the charts by the names of their files, the views in three dimensions, each
-    a list of the calls that drew it, and what was said by command.
-    """
+    """Where commands leave the scene, what they said, the charts, and the calls of each view."""
     home, charts, views = tmp_path_factory.mktemp("shown"), {}, []
     text = SMALL_CASE
     for old, new in CHANGES.items():
@@ -91,25 +87,21 @@ def ran(tmp_path_factory):
         patch.setattr(drawing, "_plotter", watched)
         out, folder = ("--jobs", 1, "--output", home), home / "shown" / "fast"
         precise = ("--fields", "steps", "--precision", "double")
-        said = {
-            name: invoke(name, *rest)
-            for name, *rest in (
-                ("verify", home / "shown.toml", *precise, "--report", *out),
-                ("run", home / "shown.toml", *precise, *out),
-                ("sweep", home / "swept.toml", *out),
-                ("report", home),
-                ("view", folder / "bem-seed5.vti", "--screenshot", home / "x.png"),
-            )
-        }
+        commands = (
+            ("verify", home / "shown.toml", *precise, "--report", *out),
+            ("run", home / "shown.toml", *precise, *out),
+            ("sweep", home / "swept.toml", *out),
+            ("report", home),
+            ("view", folder / "bem-seed5.vti", "--screenshot", home / "x.png"),
+        )
+        said = {name: invoke(name, *rest) for name, *rest in commands}
     assert [done.returncode for done in said.values()][:4] == [0, 0, 0, 0], said
     return SimpleNamespace(folder=folder, home=home, charts=charts, views=views, said=said)
 
 
 def shown(ran, method):
-    data = json.loads((ran.folder / f"{method}.json").read_text())
-    return read_fields(ran.folder / f"{method}-seed5.vti"), ContactResult.from_json(
-        data["members"][0]
-    )
+    (member,) = json.loads((ran.folder / f"{method}.json").read_text())["members"]
+    return read_fields(ran.folder / f"{method}-seed5.vti"), ContactResult.from_json(member)
 
 
 #: What `pressed` computes again.
@@ -123,9 +115,8 @@ FIGURES = {
 
 def pressed(ran, heights, steps):
     """The figures of each load by numpy alone, from its pressures and the surface."""
-    q = np.hypot(
-        *np.ix_(*(2 * np.pi * np.fft.fftfreq(n, d) for n, d in zip(*steps[0][:2], strict=True)))
-    )
+    waves = (2 * np.pi * np.fft.fftfreq(n, d) for n, d in zip(*steps[0][:2], strict=True))
+    q = np.hypot(*np.ix_(*waves))
     q[0, 0], found, sunk, flowed = np.inf, [], np.zeros_like(heights), False
     for _, _, pressure in steps:
         moved = np.fft.ifft2(2 / (MODULUS * q) * np.fft.fft2(pressure)).real
@@ -152,9 +143,8 @@ def pressed(ran, heights, steps):
 
 
 def loads_of(ran, method):
-    files = [
-        read_fields(step) for step in load_steps(ran.folder / f"{method}-seed5-steps" / "path.pvd")
-    ]
+    path = ran.folder / f"{method}-seed5-steps" / "path.pvd"
+    files = [read_fields(step) for step in load_steps(path)]
     return [(file.shape, file.spacing, file.fields["pressure"]) for file in files], files
 
 
@@ -200,13 +190,14 @@ def test_a_field_file_is_that_of_the_last_load(ran, method):
     assert told.items() <= file.attributes.items()
 
 
-def page_of(path):
-    """The text and the pictures of a page, and its cells with data.
-
-    A page is balanced, self-contained and without scripts.
-    """
+def tree_of(path):
     text = path.read_text("utf-8").partition("\n")[2]
-    page = ET.fromstring(re.sub(r"<((?:meta|link|img)\b[^>]*)>", r"<\1/>", text))
+    return ET.fromstring(re.sub(r"<((?:meta|link|img)\b[^>]*)>", r"<\1/>", text))
+
+
+def page_of(path):
+    """The text, pictures and cells with data of a balanced, self-contained page without scripts."""
+    page = tree_of(path)
     ids = [each.get("id") for each in page.iter()]
     for each in page.iter():
         references = [each.get(name, "data:") for name in ("src", "href", "srcset", "action")]
@@ -236,9 +227,8 @@ def test_a_chart_shows_the_fields_and_the_figures(ran):
         axes = [each for each in ran.charts[name].figure.axes if each.images]
         for (field, *limits), each in zip(images, axes, strict=True):
             (image,) = each.images
-            assert np.ma.filled(image.get_array(), 0.0) == pytest.approx(
-                field.T, rel=1e-6, abs=1e-9
-            )
+            drawn = np.ma.filled(image.get_array(), 0.0)
+            assert drawn == pytest.approx(field.T, rel=1e-6, abs=1e-9)
             assert (image.origin, [*image.get_clim()]) == ("lower", pytest.approx(limits, rel=1e-6))
             assert image.get_extent() == pytest.approx(extent, rel=1e-9)
             assert (each.get_xlabel(), each.get_ylabel()) == ("x (mm)", "y (mm)")
@@ -265,18 +255,16 @@ def test_a_chart_shows_the_fields_and_the_figures(ran):
         assert rows == pytest.approx(shares | {"mean_pressure_Pa": 3e3})
         (legend,) = ran.charts[f"contact-{name}"].figure.legends
         words = ("elastic", "plastic", "apart")
-        assert [t.get_text() for t in legend.texts] == [
-            f"{w} {100 * shares[w]:.2f} %" for w in words
-        ]
+        told = [f"{word} {100 * shares[word]:.2f} %" for word in words]
+        assert [text.get_text() for text in legend.texts] == told
     (axes,) = ran.charts["pressure-distribution"].figure.axes
     assert [axes.get_xlabel(), axes.get_ylabel()] == [r"contact pressure $\sigma$ (kPa)",
                                                      r"density $P(\sigma)$ (1/kPa)"]  # fmt: skip
     lines = {line.get_label(): line.get_xydata() for line in axes.lines}
     for name, file in (("bem", p), ("fem", q)):
         width = np.diff(lines[name][:, 0])[0]
-        counted = [
-            np.mean((file > x - width / 2) & (file <= x + width / 2)) for x, _ in lines[name]
-        ]
+        ends = lines[name][:, 0, None] + width * np.array([-0.5, 0.5])
+        counted = [np.mean((file > low) & (file <= high)) for low, high in ends]
         # A table between two of its pressures is linear, so that a point may be in the next one.
         assert np.cumsum(lines[name][:, 1] * width) == pytest.approx(np.cumsum(counted), abs=0.015)
     places = sorted(line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2)
@@ -286,17 +274,15 @@ def test_a_chart_shows_the_fields_and_the_figures(ran):
     for name, one in (("bem", answer), ("fem", other)):
         positive = [value for value in one.history if value > 0]
         assert lines[name].tolist() == pytest.approx(positive, rel=1e-12)
-    heights = bem.fields["heights"]
     (axes,) = ran.charts["power-spectrum"].figure.axes
-    drawn = {line.get_label(): line.get_xydata() for line in axes.lines}
-    shown_waves = drawn["analytic"]
-    flat = shown_waves[shown_waves[:, 0] < 12566][:, 1]
-    falling = shown_waves[shown_waves[:, 0] > 12567]
+    power = {line.get_label(): line.get_xydata() for line in axes.lines}["analytic"]
+    flat, falling = power[power[:, 0] < 12566][:, 1], power[power[:, 0] > 12567]
     assert flat == pytest.approx(flat[0], rel=1e-12)
     slope = np.polyfit(*np.log(falling).T, 1)[0]
     assert slope == pytest.approx(-2 * (1 + 0.8), rel=1e-9)
     assert falling[-1, 0] == pytest.approx(2.0e4)
-    assert heights.var() == pytest.approx(answer.provenance.about["rms_height"]["value"] ** 2)
+    height = answer.provenance.about["rms_height"]["value"]
+    assert bem.fields["heights"].std() == pytest.approx(height, rel=1e-6)
 
 
 def test_a_view_shows_the_fields(ran):
@@ -353,16 +339,12 @@ def test_the_terminal_shows_the_figures(ran):
     for number, (_, branch, load, total, plastic, *_, hardness, _, _, surfaces) in enumerate(rows):
         step = (answer, other)[number // 3].steps[number % 3]
         assert branch == ("loading", "loading", "unloading")[number % 3]
-        assert (float(load), float(hardness), surfaces) == (
-            round(step.mean_pressure / 1e3, 9),
-            15.0,
-            "1",
-        )
+        p = round(step.mean_pressure / 1e3, 9)
+        assert (float(load), float(hardness), surfaces) == (p, 15.0, "1")
         found = vars(step.areas["corrected"])
         assert [total, plastic] == [f"{found[part]:.4g}" for part in ("total", "plastic")]
-    table = pd.read_csv(ran.home / "swept" / "fast" / "sweep.csv").set_index(
-        ["load.mean_pressure", "method"]
-    )
+    table = pd.read_csv(ran.home / "swept" / "fast" / "sweep.csv")
+    table = table.set_index(["load.mean_pressure", "method"])
     words = ran.said["sweep"].stdout.split()
     for (load, method), point in table.iterrows():
         assert point["mean_pressure"] == pytest.approx(load)
@@ -399,21 +381,17 @@ def test_the_page_tells_the_scene_and_the_areas(ran):
     height, words = values.pop("rms_height")
     assert height == pytest.approx(file.fields["heights"].std(), rel=1e-9)
     assert words == f"{1e6 * height:.4g} µm"
-    assert {name: told for name, (_, told) in values.items()} == {
-        n: w for n, (_, w) in SCENE.items()
-    }
-    for name, (value, _) in SCENE.items():
+    assert values.keys() == SCENE.keys()
+    for name, (value, words) in SCENE.items():
+        assert values[name][1] == words
         if value is not None:
             found = [float(v) for v in np.ravel(values[name][0])]
             assert found == pytest.approx(np.ravel(value).tolist(), rel=1e-12), name
     told = " ".join(text.split())
     head = "method area / nominal raw corrected correction its error 95 % half-width surfaces"
     assert head.replace(" ", "") in told.replace(" ", "")
-    page = ET.fromstring(
-        re.sub(r"<((?:meta|link|img)\b[^>]*)>", r"<\1/>",
-               (ran.home / "report.html").read_text("utf-8").partition("\n")[2])
-    )  # fmt: skip
-    lines = [["".join(td.itertext()) for td in tr.iter("td")] for tr in page.iter("tr")]
+    trs = tree_of(ran.home / "report.html").iter("tr")
+    lines = [["".join(td.itertext()) for td in tr.iter("td")] for tr in trs]
     rows = [line for line in lines if line[:1] in (["bem"], ["fem"]) and line[1] in PARTS]
     # Nothing flows in boundary elements that are being unloaded.
     assert [row[:2] for row in rows] == [[m, p] for m in ("bem", "fem") for p in PARTS[:2]]
@@ -423,9 +401,8 @@ def test_the_page_tells_the_scene_and_the_areas(ran):
         shown_figures = [f"{raw:.4g}", f"{corrected:.5g}", f"{corrected - raw:.2g}", f"{error:.2g}"]
         assert (figures, half_width, surfaces) == (shown_figures, "", "1")
     costs = [line for line in lines if line[:2] in (["bem", "yes"], ["fem", "yes"])]
-    assert [(row[4], row[3]) for row in costs] == [
-        (f"{one.cost['unknowns']:.8g}", f"{one.cost['seconds']:.3g}") for one in (answer, other)
-    ]
+    for row, one in zip(costs, (answer, other), strict=True):
+        assert row[3:5] == [f"{one.cost['seconds']:.3g}", f"{one.cost['unknowns']:.8g}"]
     assert pictures == {path.read_text().strip() for path in ran.folder.glob("*.txt")}
     assert len(pictures) in (14, 15)  # a body, where it can be drawn, and all charts
 
@@ -480,14 +457,11 @@ def gate(number, status):
 def verdict():
     """One case for each status, with gates of every status in the worst of them."""
     methods = {"bem": MethodEntry(surfaces=2, reused=0, errors=[])}
-    cases = [
-        CaseVerdict(
-            id=f"case-{i}", size="fast", status=status, requirement="It holds.", source="here",
-            skipped_because="", gates=[gate(3 * i + k, STATUSES[k]) for k in range(i + 1)],
-            methods=methods,
-        )
-        for i, status in enumerate(STATUSES)
-    ]  # fmt: skip
+    said: dict[str, Any] = {"requirement": "It holds.", "source": "here", "skipped_because": ""}
+    said |= {"size": "fast", "methods": methods}
+    gates = [[gate(3 * i + k, STATUSES[k]) for k in range(i + 1)] for i in range(3)]
+    cases = [CaseVerdict(id=f"case-{i}", status=STATUSES[i], gates=gates[i], **said)
+             for i in range(3)]  # fmt: skip
     return Verdict.on(cases, "fast")
 
 
@@ -496,15 +470,12 @@ def content():
 
 
 def result(number):
-    areas = {
-        kind: Areas(*((0.3 - 0.047 * i) / (1 + 0.37 * k) / 1.13**number for k in range(3)))
-        for i, kind in enumerate(KINDS)
-    }
+    size = lambda i, k: (0.3 - 0.047 * i) / (1 + 0.37 * k) / 1.13**number  # noqa: E731
+    areas = {kind: Areas(*(size(i, k) for k in range(3))) for i, kind in enumerate(KINDS)}
     cost = {"seconds": 1.0, "unknowns": 4096.0, "peak_memory_bytes": 2.0**28, "fft_pairs": 90.0}
     made = Provenance("0123abcd", number)
-    return ContactResult(
-        "bem", (LoadStep(1.25e10, areas, {"gap": 2e-9}, {}, {"mean_gap": 3e-9}),), made, cost=cost
-    )
+    step = LoadStep(1.25e10, areas, {"gap": 2e-9}, {}, {"mean_gap": 3e-9})
+    return ContactResult("bem", (step,), made, cost=cost)
 
 
 def answers():
@@ -516,9 +487,8 @@ def answers():
 
 
 def numbers(text):
-    return [
-        float(part) for part in re.split(r"[±,…]", re.sub(r"[\[\]%]", "", text)) if part.strip()
-    ]
+    parts = re.split(r"[±,…]", re.sub(r"[\[\]%]", "", text))
+    return [float(part) for part in parts if part.strip()]
 
 
 def test_the_page_shows_the_verdict_and_the_answers(tmp_path):
@@ -604,20 +574,17 @@ def test_the_table_of_loads_shows_the_answers():
         for kind in KINDS for part in PARTS
     }  # fmt: skip
     scatter = 12.706204736 * np.std([r.final.areas["corrected"].total for r in both])
-    ((method, branch, load, total, plastic, gap, parts, surfaces),) = cells_of(
-        answers_table(answers, 400)
-    )
+    (row,) = cells_of(answers_table(answers, 400))
+    method, branch, load, total, plastic, gap, parts, surfaces = row
     assert (method, branch, load, surfaces) == ("bem", "loading", "12.5", "2")
     errors = [means["error", "total"], scatter]
-    assert numbers(total) == pytest.approx(
-        [means["corrected", "total"], np.hypot(*errors)], rel=0.05
-    )
+    expected = [means["corrected", "total"], np.hypot(*errors)]
+    assert numbers(total) == pytest.approx(expected, rel=0.05)
     assert numbers(plastic)[0] == pytest.approx(means["corrected", "plastic"], rel=1e-3)
     assert numbers(gap) == [3.0]  # nm
-    assert [line.split()[0] for line in parts.splitlines()] == ["grid", "scatter"]
-    assert [float(line.split()[1]) for line in parts.splitlines()] == pytest.approx(
-        errors, rel=0.05
-    )
+    sources, sizes = zip(*map(str.split, parts.splitlines()), strict=True)
+    assert sources == ("grid", "scatter")
+    assert [*map(float, sizes)] == pytest.approx(errors, rel=0.05)
     (narrow,) = cells_of(answers_table(answers, 80))[3:4]
     assert narrow[0] == "total area"
     assert numbers(narrow[1]) == numbers(total)

@@ -113,6 +113,6 @@ def _step(theory: Theory, mean_pressure: float, surface: Surface) -> LoadStep:
             "density_slope_at_zero": at_zero,
             "density_slope_at_hardness": at_hardness,
             "plastic_force_share": plastic / mean_pressure,
-        }
-        | more,
+            **more,
+        },
     )

@@ -80,9 +80,8 @@ def expected_errors(
     errors = 2 / (1 / np.clip(ends, -1, 0.999) - 1)
     if 2 * mean_pressure > theory.hardness:
         # Upside down, what flows is out of contact, and the map has more places.
-        _, (total, elastic, plastic) = _interpolated(
-            theory, theory.hardness - mean_pressure, surfaces
-        )
+        other = theory.hardness - mean_pressure
+        _, (total, elastic, plastic) = _interpolated(theory, other, surfaces)
         mirrored = np.array([1 - plastic[::-1], elastic, 1 - total[::-1]])
         true = np.where(np.isnan(mirrored), true, mirrored)
     shares = areas(theory.diffusion(mean_pressure), mean_pressure, theory.hardness)
@@ -105,10 +104,8 @@ def _interpolated(
     for name, value in (place | {"Nayak's parameter": alpha}).items():
         low, high = reach[name]
         if not low * 0.99 <= value <= high * 1.01:
-            raise InvalidScene(
-                f"{name} is {value:.3g}, but the map of the theory's error reaches from {low:.3g} "
-                f"to {high:.3g}"
-            )
+            reached = f"the map of the theory's error reaches from {low:.3g} to {high:.3g}"
+            raise InvalidScene(f"{name} is {value:.3g}, but {reached}")
     axes, grid, covariance = _fits(tuple(place))
     at = [_scaled(name, value) for name, value in place.items()]
     X = np.array([1.0, math.log(alpha), math.log(waves)])
@@ -129,11 +126,8 @@ def expectation(theory: Theory, mean_pressure: float) -> str:
         found = expected_errors(theory, mean_pressure)
     except InvalidScene as outside:
         return f"the error of the theory itself is not known here: {outside}"
-    told = ", ".join(
-        f"{words} {100 * found[name].low:+.2g} to {100 * found[name].high:+.2g} %"
-        for name, words in TOLD.items()
-        if name in found
-    )
+    known = ((words, found[name]) for name, words in TOLD.items() if name in found)
+    told = ", ".join(f"{w} {100 * e.low:+.2g} to {100 * e.high:+.2g} %" for w, e in known)
     surfaces = "95 % of Gaussian surfaces, against boundary elements"
     return f"the theory itself is off by {told} ({surfaces})"
 

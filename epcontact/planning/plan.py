@@ -292,11 +292,8 @@ def _off_the_pilots(
         mean *= getattr(finest.areas, part) / getattr(pilots[0].areas, part)
         off.append(abs(getattr(theory, part) / mean - 1))
     doubt = math.hypot(finest.error, student_half_width(deviation_of(pilots, parts), len(sample)))
-    distance = (
-        f"the theory differs from the pilot solves by {max(off):.2g}, and they are uncertain by "
-        f"{doubt:.2g}: together this"
-    )
-    return max(off) + doubt, distance
+    differs = f"the theory differs from the pilot solves by {max(off):.2g}"
+    return max(off) + doubt, f"{differs}, and they are uncertain by {doubt:.2g}: together this"
 
 
 def planned_case(case: Case, chosen: Plan) -> Case:

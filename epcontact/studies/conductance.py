@@ -106,14 +106,10 @@ def law_map(table: pd.DataFrame, caption: str) -> Chart:
 @study("conductance", hursts=(0.3, 0.6, 0.8, 0.9), breadths=(2, 4, 8, 16, 32), seeds=range(1, 17),
        hardnesses=HARDNESSES, loads=LOADS, waves=8)  # fmt: skip
 def conductance(
-    say: Say,
-    hursts: Sequence[float] = (0.8,),
-    breadths: Sequence[float] = (2, 8),
-    hardnesses: Sequence[float] = HARDNESSES[::2],
-    loads: Sequence[float] = LOADS[1::2],
-    seeds: Ints = range(1, 5),
-    waves: int = 8,
-) -> Charts:
+    say: Say, hursts: Sequence[float] = (0.8,), breadths: Sequence[float] = (2, 8),
+    hardnesses: Sequence[float] = HARDNESSES[::2], loads: Sequence[float] = LOADS[1::2],
+    seeds: Ints = range(1, 5), waves: int = 8,
+) -> Charts:  # fmt: skip
     """The laws of contact conductance over boundary elements, and where they hold.
 
     Laws are Cooper, Mikic and Yovanovich's for flow, Mikic's and Persson's for elastic joints, and

@@ -76,9 +76,8 @@ def _drawn(table: pd.DataFrame, caption: str) -> Chart:
         figure, _ = new_figure(7.6, 5.6)
         figure.clear()
         panels = figure.subplots(2, 3, sharex=True, sharey=True)
-        for axes, (name, known) in zip(
-            panels.flat, table.groupby("series", sort=False), strict=True
-        ):
+        figures = table.groupby("series", sort=False)
+        for axes, (name, known) in zip(panels.flat, figures, strict=True):
             x, y, e = (known[c].to_numpy().reshape(rows, -1) for c in (_X, _Y, "relative_error"))
             e = np.minimum(e, 0.999)
             axes.contourf(x[:-1], y[:-1], e[:-1], **look)
@@ -88,9 +87,8 @@ def _drawn(table: pd.DataFrame, caption: str) -> Chart:
             axes.set(facecolor="#bbbbbb", ylim=(y.min(), _STRIP[1]), title=_TITLES[str(name)])
             for axis in "xy":
                 logarithmic(axes, axis)
-            axes.set_yticks(
-                [0.1, 0.2, 0.5, 1, 2, sum(_STRIP) / 2], [*"", ".1", ".2", ".5", "1", "2", "none"]
-            )
+            marks = [".1", ".2", ".5", "1", "2", "none"]
+            axes.set_yticks([0.1, 0.2, 0.5, 1, 2, sum(_STRIP) / 2], marks)
         for axes in panels.flat:
             axes.set_xlabel(typeset("load p0 / (E* xi) (–)"), visible=axes in panels[-1])
             axes.set_ylabel(typeset("hardness / (E* xi) (–)"), visible=axes in panels[:, 0])
@@ -99,6 +97,5 @@ def _drawn(table: pd.DataFrame, caption: str) -> Chart:
             ticks=LEVELS, format=lambda v, _: f"{100 * v:+g}", aspect=50, shrink=0.8,
         )  # fmt: skip
         bar.set_label("relative error of the theory (%)")
-    return Chart(
-        figure, tuple(table.columns), table.to_numpy().tolist(), typeset(caption, mathtext=False)
-    )
+    told = typeset(caption, mathtext=False)
+    return Chart(figure, tuple(table.columns), table.to_numpy().tolist(), told)

@@ -100,13 +100,9 @@ def limits(flows: pd.DataFrame) -> pd.DataFrame:
 
 @study("walls", bandwidths=(16, 32, 64), seeds=range(1, 17))
 def walls(
-    say: Say,
-    bandwidths: Ints = (16,),
-    seeds: Ints = range(1, 5),
-    points: int = 8,
-    places: Sequence[tuple[float, float]] = PLACES,
-    shares: Sequence[float] = SHARES,
-) -> Charts:
+    say: Say, bandwidths: Ints = (16,), seeds: Ints = range(1, 5), points: int = 8,
+    places: Sequence[tuple[float, float]] = PLACES, shares: Sequence[float] = SHARES,
+) -> Charts:  # fmt: skip
     """Flow through both walls, diffusion and drift of the pressures as waves are added.
 
     The same surfaces without and with their last sixteenth of the wave numbers, weakened to shares

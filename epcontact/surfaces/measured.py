@@ -179,10 +179,9 @@ class HeightsFromFile(Preparation):
         x, y = self.periods[0] / self.shape[0], self.periods[-1] / self.shape[-1]
         if stored.periods is None and not math.isclose(x, y, rel_tol=0.01):
             # Periods given in the wrong order show in spacings that differ.
-            notes.append(
-                f"the periods make the grid {x:.3g} m wide along x, over the {self.shape[0]} "
-                f"heights of a line of the file, and {y:.3g} m along y, over {self.shape[1]} lines"
-            )
+            along_x = f"{x:.3g} m wide along x, over the {self.shape[0]} heights of a line"
+            along_y = f"{y:.3g} m along y, over {self.shape[1]} lines"
+            notes.append(f"the periods make the grid {along_x} of the file, and {along_y}")
         return prepared(stored.heights, self, str(self.path), notes, self.unit or 1.0)
 
 

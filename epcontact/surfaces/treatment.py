@@ -111,8 +111,7 @@ class Preparation(Fields):
 def prepared(
     given: NDArray[Any], recipe: Any, where: str, notes: Iterable[str] = (), unit: float = 1.0
 ) -> Surface:
-    """Treat a recipe's heights, NaN where missing and in `unit` of metres; return the surface.
-    Raises InvalidScene if heights are missing, or jump at the edges, and no remedy is chosen."""
+    """Treat a recipe's heights, NaN where missing and in `unit` of metres.  Raises InvalidScene."""
     heights = np.multiply(given, unit, dtype=np.float64, order="C")
     require_known(heights, where, recipe.missing)
     said = [*cautioned(levels_note(given.dtype)), *notes, *_mark_notes(heights, unit)]
@@ -130,18 +129,16 @@ def prepared(
         said.append("what is left is rounding, so that the surface is flat")
     if absent := int(np.count_nonzero(np.isnan(heights))):
         method = "harmonic" if recipe.missing == "refuse" else recipe.missing
-        heights = filled(heights, method)
-        said.append(
-            f"{absent} of {heights.size} heights missing ({100 * absent / heights.size:.2g} %), "
-            f"filled by the method {method}"
-        )
+        share, heights = absent / heights.size, filled(heights, method)
+        missing = f"{absent} of {heights.size} heights missing ({100 * share:.2g} %)"
+        said.append(f"{missing}, filled by the method {method}")
     jumps = edge_jumps(heights)
     said.append(f"rms jump at the edges: {_jump_words(jumps)}")
     if recipe.treatment == "refuse" and _jumping(jumps):
-        raise InvalidScene(
-            f'{where}: not periodic, {said[-1]}; set treatment to "mirrored", which mirrors the '
-            'map at its edges, or to "periodic" to take it as it is'
+        remedy = (
+            '"mirrored", which mirrors the map at its edges, or to "periodic" to take it as it is'
         )
+        raise InvalidScene(f"{where}: not periodic, {said[-1]}; set treatment to {remedy}")
     periods = recipe.periods
     treated = recipe.treatment == "mirrored" or _jumping(jumps)
     if recipe.treatment == "mirrored":
@@ -184,18 +181,14 @@ def _slope_notes(surface: Surface, slope: float) -> Iterator[str]:
 
 
 def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
-    """Yield a warning of a lowest or highest height that looks like the mark of missing ones.
-    Instruments write -9999, say (in their `unit`, in m): one value, several times, apart from the
-    others by more than all they span."""
+    """Yield a warning of a height, far from all others, that may mark missing ones (-9999)."""
     for mark in (np.nanmin(heights), np.nanmax(heights)):
         marked = heights == mark
         rest = heights[~marked & ~np.isnan(heights)]
         count = int(np.count_nonzero(marked))
         if count >= 2 and rest.size and 0 < np.ptp(rest) < np.abs(rest - mark).min():
-            yield (
-                f"{count} heights are {mark / unit:.6g}, far from all others; if this marks points "
-                "without a height, write NaN in its place"
-            )
+            told = f"{count} heights are {mark / unit:.6g}, far from all others"
+            yield f"{told}; if this marks points without a height, write NaN in its place"
 
 
 def outliers(heights: FloatArray) -> NDArray[np.bool_]:
@@ -220,11 +213,9 @@ def outliers(heights: FloatArray) -> NDArray[np.bool_]:
 
 def _spike_notes(heights: FloatArray, spikes: NDArray[np.bool_], recipe: Any) -> Iterator[str]:
     """Yield how many outliers there are, where, and what becomes of them; warn if they stay."""
-    spacing = [p / n for p, n in zip(recipe.periods, heights.shape, strict=True)]
-    places = [
-        "(" + ", ".join(f"{i * d:.3g}" for i, d in zip(place, spacing, strict=True)) + ")"
-        for place in np.argwhere(spikes)[:6]
-    ]
+    spacing = np.divide(recipe.periods, heights.shape)
+    first = (np.argwhere(spikes)[:6] * spacing).tolist()
+    places = [f"({', '.join(f'{x:.3g}' for x in place)})" for place in first]
     count = int(spikes.sum())
     where = f"{', '.join(places)}{f' and {count - 6} more' if count > 6 else ''}"
     what = f"{count} of {heights.size} heights are outliers, spikes far above or below all around: "
@@ -236,8 +227,7 @@ def _spike_notes(heights: FloatArray, spikes: NDArray[np.bool_], recipe: Any) ->
 
 
 def form_removed(heights: FloatArray, order: int) -> FloatArray:
-    """Subtract the least-squares polynomial of total order 0, 1 or 2; NaN are left out of the fit.
-    Products of Legendre's polynomials are nearly orthogonal on the map."""
+    """Subtract the least-squares polynomial of total order 0, 1 or 2, to which NaN do not count."""
     left = heights.reshape(len(heights), -1).copy()
     known = ~np.isnan(left)
     x, y = (np.polynomial.legendre.legvander(np.linspace(-1, 1, n), order) for n in left.shape)
@@ -253,9 +243,7 @@ def form_removed(heights: FloatArray, order: int) -> FloatArray:
 
 
 def filled(heights: FloatArray, method: str) -> FloatArray:
-    """Give every NaN a height by the method "nearest" or "harmonic"; at least one is no NaN.  A
-    harmonic film has at each hole the mean of its neighbours in the map, which are fewer at the
-    edge: there the film meets the edge at a right angle."""
+    """Give every NaN a height by the method "nearest" or "harmonic", the mean of its neighbours."""
     from scipy import ndimage, sparse
 
     absent = np.isnan(heights)

@@ -93,10 +93,8 @@ def lessons(makers, seeds, points, finer):
                 for branch in _QUANTITIES:
                     masks = [carrying(result, branch) for result in results]
                     if all(0 < mask.mean() < 0.9 for mask in masks):
-                        pair = [
-                            sinking_and_rim(s, r, branch)
-                            for s, r in zip(scenes, results, strict=True)
-                        ]
+                        both = zip(scenes, results, strict=True)
+                        pair = [sinking_and_rim(*one, branch) for one in both]
                         if branch == "unloading" or all(rim.flows for _, rim in pair):
                             out.append((kind, branch, *pair))
             except EpcontactError as error:

@@ -32,11 +32,8 @@ def areas(nodes, waves, severity, seeds):
         "load.mean_pressure": [load * 2e8 for load in LOADS],
     }  # fmt: skip
     case = case_at(text, point, "large")
-    solve, options = METHODS["fem"].solve, case.options["fem"]
-    return pd.concat(
-        measured_areas(task, solve(case.scene(task.recipe), options, 1))
-        for task in tasks_of(case, Run())
-    )
+    solve, options, tasks = METHODS["fem"].solve, case.options["fem"], tasks_of(case, Run())
+    return pd.concat(measured_areas(t, solve(case.scene(t.recipe), options, 1)) for t in tasks)
 
 
 def main():
@@ -48,11 +45,9 @@ def main():
             means = capped.groupby("cap")["cap_area"].mean()
             near = means[(means.index > c / 1.2) & (means.index < c * 1.2)]
             slope = np.polyfit(np.log(near.index), np.log(near), 1)[0] if len(near) > 1 else np.nan
-            print(
-                f"{nodes} nodes, {waves} waves, E*xi/sigma_Y {severity}, load {load}: c {c:.3f}, "
-                f"ratio {c * inverse[-1]:.3f}, d ln A/d ln c {slope:.2f}",
-                flush=True,
-            )
+            place = f"{nodes} nodes, {waves} waves, E*xi/sigma_Y {severity}, load {load}"
+            figures = f"c {c:.3f}, ratio {c * inverse[-1]:.3f}, d ln A/d ln c {slope:.2f}"
+            print(f"{place}: {figures}", flush=True)
 
 
 if __name__ == "__main__":

@@ -33,12 +33,8 @@ HALVES = {
     "judged": {"hurst": (0.5, 0.95), "bandwidth": (64, 256), "seed": (5, 6, 7, 8)},
 }
 ROLL_OFFS = (1, 4)
-PLACES = [
-    (p, h)
-    for h in (0.1, 0.16, 0.3, 0.6, 1.2, math.inf)
-    for p in (0.005, 0.02, 0.05, 0.1, 0.2, 0.4)
-    if p < 0.85 * h
-]
+LOADS, HARDNESSES = (0.005, 0.02, 0.05, 0.1, 0.2, 0.4), (0.1, 0.16, 0.3, 0.6, 1.2, math.inf)
+PLACES = [(p, h) for h, p in product(HARDNESSES, LOADS) if p < 0.85 * h]
 AIMS, LEAST = {"total": 0.02, "elastic": 0.05, "plastic": 0.05}, 1e-3
 SPECTRUM = ["half", "hurst", "bandwidth", "roll_off"]
 
@@ -63,16 +59,16 @@ def solved(hurst, bandwidth, roll_off, seed):
 def measured(kept):
     """Means over the seeds of every place and spectrum, with the error of each mean."""
     lines = kept.read_text().splitlines() if kept and kept.exists() else []
-    rows = [json.loads(line) for line in lines]
-    keys = ("half", "hurst", "bandwidth", "roll_off", "seed")
+    rows, keys = [json.loads(line) for line in lines], (*SPECTRUM, "seed")
     there = {tuple(row[key] for key in keys) for row in rows}
     for half, axes in HALVES.items():
         for hurst, bandwidth, seed, roll_off in product(*axes.values(), ROLL_OFFS):
-            name = dict(zip(keys, (half, hurst, bandwidth, roll_off, seed), strict=True))
+            place = (hurst, bandwidth, roll_off, seed)
             # Two wide surfaces average as much as many narrow ones.
-            if tuple(name.values()) in there or (bandwidth > 200 and seed > 6):
+            if (half, *place) in there or (bandwidth > 200 and seed > 6):
                 continue
-            new = [name | row for row in solved(hurst, bandwidth, roll_off, seed)]
+            name = dict(zip(keys, (half, *place), strict=True))
+            new = [name | row for row in solved(*place)]
             rows += new
             if kept:
                 with kept.open("a") as file:
@@ -137,10 +133,8 @@ def report(name, found, table):
         off = 100 * (found[used[:, i], i] / area[used[:, i], i] - 1)
         within = 100 * np.mean(abs(off) < 100 * aim)
         figures = math.sqrt(np.mean(off**2)), np.median(abs(off)), abs(off).max(), within
-        print(
-            f"{name:28}{part:9}"
-            + "rms {:.1f} median {:.1f} most {:.0f} within {:.0f}".format(*figures)
-        )
+        said = "rms {:.1f} median {:.1f} most {:.0f} within {:.0f}".format(*figures)
+        print(f"{name:28}{part:9}{said}")
 
 
 def main():

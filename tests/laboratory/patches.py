@@ -20,11 +20,8 @@ from epcontact.studies.areas import KINDS, member
 
 SEEDS, COARSE, FINE = range(200, 216), (1, 2), 8
 SHARES = [f"quantity.{of}_percolation" for of in ("contact", "gap")]
-PATCHES = [
-    f"quantity.{part}_patches{of}"
-    for part in ("total", "plastic", "elastic")
-    for of in ("", "_largest")
-]
+PARTS = ("total", "plastic", "elastic")
+PATCHES = [f"quantity.{part}_patches{of}" for part in PARTS for of in ("", "_largest")]
 
 
 def measured(kind, seed, finer):

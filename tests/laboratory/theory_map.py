@@ -84,14 +84,10 @@ def place_row(tasks, output):
     case, spectrum = tasks[0].case, tasks[0].recipe.spectrum
     unit, hardness = effective_modulus(case.material) * spectrum.rms_slope, case.material.hardness
     scale = hardness if math.isfinite(hardness) else unit
-    row = {
-        "hurst": spectrum.hurst,
-        "wavelength_ratio": spectrum.wavenumber_high / spectrum.wavenumber_low,
-        "roll_off": spectrum.wavenumber_roll_off / spectrum.wavenumber_low,
-        "hardness": hardness / unit,
-        "load": theory.final.mean_pressure / scale,
-        "surfaces": len(found),
-    }
+    low, mid, high = (getattr(spectrum, f"wavenumber_{k}") for k in ("low", "roll_off", "high"))
+    place = (spectrum.hurst, high / low, mid / low, hardness / unit)
+    row = dict(zip(PLACE, (*place, theory.final.mean_pressure / scale), strict=True))
+    row["surfaces"] = len(found)
     for part in PARTS:
         exact = getattr(theory.final.areas["raw"], part)
         values = [getattr(result.final.areas["corrected"], part) for result in found]
@@ -134,10 +130,8 @@ def figures(name, exact, values):
 
 def corrected(result):
     """The distribution of the pressures without what the correction takes from its ends."""
-    raw, areas, known = (
-        *(result.final.areas[k] for k in ("raw", "corrected")),
-        result.distribution,
-    )
+    raw, areas = (result.final.areas[kind] for kind in ("raw", "corrected"))
+    known = result.distribution
     share = np.clip(known.cumulative - (raw.total - areas.total), 0, areas.elastic)
     return PressureDistribution(known.pressure, share, areas.plastic)
 
@@ -183,8 +177,7 @@ def random_scene(number, widest=128):
 
 
 def judged(scene):
-    """Whether the expected errors hold the theory's in a scene, by figure: a row for each figure
-    that the map tells and that the boundary elements resolve."""
+    """A row for each known figure of a scene: whether the expected errors hold the theory's."""
     theory = Theory.of_scene(scene, energy_reduction=validity.GAMMA)
     try:
         found = validity.expected_errors(theory, scene.load.final)
@@ -192,10 +185,8 @@ def judged(scene):
         return []
     solved = bem.solve(scene, area_tolerance=1e-5, threads=1).final
     told = persson.solve(scene, energy_reduction=validity.GAMMA, spectrum="surface").final
-    (exact, mine) = (
-        vars(step.areas["corrected"]) | {"mean_gap": step.quantities["mean_gap"]}
-        for step in (solved, told)
-    )
+    both = ((step.areas["corrected"], step.quantities["mean_gap"]) for step in (solved, told))
+    exact, mine = (vars(areas) | {"mean_gap": gap} for areas, gap in both)
     rows = []
     for figure in validity.TOLD.keys() & found.keys():
         if exact[figure] > 0:
@@ -219,9 +210,7 @@ def main():
     parser.add_argument("--size", choices=["fast", "large"], default="fast")
     parser.add_argument("--output", type=Path, default=Path("results"))
     parser.add_argument("--jobs", type=int)
-    parser.add_argument(
-        "--judge", type=int, nargs=2, help="random scenes from one number to another"
-    )
+    parser.add_argument("--judge", type=int, nargs=2, help="random scenes, from one to another")
     given = parser.parse_args()
     if given.judge:
         return judge(*given.judge)

@@ -58,18 +58,12 @@ def row(spikes: int, outliers: str) -> dict[str, object]:
 
 
 def false_alarms(seeds=range(5, 15), points=192):
-    """Points of clean maps of each kind that count as outliers, in so many maps.  Of the kinds
-    outliers has real ones, and punches is bare steps."""
-    return pd.DataFrame(
-        {
-            "kind": kind,
-            "found": sum(
-                int(outliers(maker(member(KINDS, kind, s, points), np.random.default_rng(s))).sum())
-                for s in seeds
-            ),
-        }
-        for kind, maker in KINDS.items()
-    )
+    """Points of clean maps that count as outliers, by kind, of which "outliers" has real ones."""
+    found = {}
+    for kind, maker in KINDS.items():
+        maps = (maker(member(KINDS, kind, s, points), np.random.default_rng(s)) for s in seeds)
+        found[kind] = sum(int(outliers(heights).sum()) for heights in maps)
+    return pd.DataFrame(found.items(), columns=["kind", "found"])
 
 
 def main():

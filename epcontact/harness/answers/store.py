@@ -36,12 +36,8 @@ from epcontact.scene import Scene, Surface
 from epcontact.surfaces import Recipe, unit_of
 
 #: What the harness measures for a table of loads.
-ROW = tuple(
-    name
-    for column in COLUMNS
-    for name in (f"quantity.{column}", f"quantity.{column}.error")
-    if name in QUANTITIES and QUANTITIES[name].measure
-)
+_NAMES = (f"quantity.{column}{kind}" for column in COLUMNS for kind in ("", ".error"))
+ROW = tuple(name for name in _NAMES if name in QUANTITIES and QUANTITIES[name].measure)
 
 
 @dataclass(frozen=True, eq=False)

@@ -303,12 +303,10 @@ class Case(Table):
         if (other := self.counterface) is None:
             return {}
         rough = "rough" if other.surface is not None else "flat"
-        told = (
-            f"{rough} elastic half-space, E = {other.young_modulus:g} Pa, "
-            f"nu = {other.poisson_ratio:g}; the hardness is that of the first body"
-            + ", of J2 bodies that touch a rigid flat at the E* of both"
-            * (self.solid.hardness == "effective")
-        )
+        moduli = f"E = {other.young_modulus:g} Pa, nu = {other.poisson_ratio:g}"
+        told = f"{rough} elastic half-space, {moduli}; the hardness is that of the first body"
+        if self.solid.hardness == "effective":
+            told += ", of J2 bodies that touch a rigid flat at the E* of both"
         name = "Young's modulus E of the first body; E* is that of both"
         return {
             "young_modulus": {"value": self.solid.young_modulus, "unit": "Pa", "meaning": name},
@@ -317,11 +315,7 @@ class Case(Table):
 
     @cached_property
     def mapped(self) -> tuple[MappedHardness, ...]:
-        """The map's hardness of each load, where the file calls it effective, else none.
-
-        The map knows the hardness of a load that has grown to its value.  A load below an earlier
-        one meets the surface that the largest has left, so that it keeps the hardness of that one.
-        """
+        """The map's hardness of each load, or of the largest before it, where it is effective."""
         given, surface = self.solid, self.surface
         if given.hardness != "effective" or isinstance(surface, surfaces.SurfaceAbsent):
             return ()
@@ -403,11 +397,9 @@ class Case(Table):
     def not_judged(self) -> tuple[str, ...]:
         """A sentence for each gate that the case has or omits and that this size leaves out."""
         elsewhere = [g for g in self.gate if g.sizes and self.size not in g.sizes]
+        sizes = [(g.gate.name, " and ".join(g.sizes or ())) for g in elsewhere]
         return (
-            *(
-                f"{g.gate.name} applies to size {' and '.join(g.sizes or ())} only"
-                for g in elsewhere
-            ),
+            *(f"{name} applies to size {those} only" for name, those in sizes),
             *(f"default gate {o.quantity} of {o.of} is omitted: {o.because}" for o in self.omit),
         )
 
