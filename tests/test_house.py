@@ -27,7 +27,7 @@ LINES = {
     "epcontact.cli": 1170,
     "epcontact.errors": 80,
     "epcontact.files": 140,
-    "epcontact.harness": 6700,
+    "epcontact.harness": 6740,
     "epcontact.machine": 230,
     "epcontact.materials": 340,
     "epcontact.output": 1740,

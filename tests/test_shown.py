@@ -513,7 +513,15 @@ def test_the_page_shows_the_verdict_and_the_answers(tmp_path):
     assert len(found) == 18
     for (_, part, kind), area in found:
         assert float(area) == pytest.approx(getattr(result(1).final.areas[kind], part), rel=5e-4)
-    said = ("0123abcd", "seed7, seed8", "256 MiB", "fft pairs 90", "0.012", "no such thing")
+    said = (
+        "0123abcd",
+        "seed7, seed8",
+        "256 MiB",
+        "fft pairs 90",
+        "0.012",
+        "no such thing",
+        f"cores {verdict().made.cores}",
+    )
     for words in ("Verification report falls short", *said):
         assert words in text, words
 

@@ -4,10 +4,15 @@ import errno
 import json
 import math
 import os
+import platform
 import re
 import shutil
+import subprocess
 import xml.etree.ElementTree as ET
+from collections import namedtuple
 from dataclasses import replace
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from statistics import fmean
 
@@ -22,8 +27,10 @@ from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import Gate, distance, judge, judge_distance, unjudged
 from epcontact.harness.verdict.judgement import Verdict, judge_case
+from epcontact.harness.verdict.made import commit_of
 from epcontact.harness.verdict.read_back import require_faithful, require_untouched
 from epcontact.harness.verdict.verification import only_writer, verify, write_verdict
+from epcontact.machine import available_cores
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
 
@@ -207,6 +214,69 @@ def test_files_say_what_the_verdict_says(case, tmp_path):
     suites = ET.parse(tmp_path / "junit.xml").getroot()
     assert suites.attrib["failures"] == "1"
     assert "only a smoke test" in suites.find("testsuite/testcase/failure").attrib["message"]
+
+
+def test_a_verdict_says_when_where_and_by_which_sources(written, tmp_path, monkeypatch):
+    """And what it judges is what another run of the same sources judges."""
+    first = Verdict.model_validate_json((written / JSON).read_text())
+    names = ["system", "node", "release", "version", "machine"]
+    monkeypatch.setattr(
+        platform, "uname", lambda: namedtuple("U", names)(*map("my-{}".format, names))
+    )
+    before = datetime.now(UTC).replace(microsecond=0)
+    again = verify(written / "small.toml", jobs=1, output=tmp_path)
+    made = again.made
+    assert made.version == version("epcontact")
+    assert before <= datetime.fromisoformat(made.date) <= datetime.now(UTC)
+    assert (made.cores, made.system) == (available_cores(), "my-system my-machine")
+    assert "my-node" not in (tmp_path / JSON).read_text() + (tmp_path / "junit.xml").read_text()
+    assert [case.gates for case in again.cases] == [case.gates for case in first.cases]
+
+
+def git(folder, *words):
+    about = ("-c", "user.name=x", "-c", "user.email=x", "-c", "commit.gpgsign=false")
+    done = subprocess.run(
+        ("git", *about, *words), cwd=folder, check=True, capture_output=True, text=True
+    )
+    return done.stdout.strip()
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
+def test_the_commit_is_that_of_the_package_and_of_no_repository_around_it(tmp_path, monkeypatch):
+    inner = tmp_path / "site-packages"
+    for home in (tmp_path, inner):
+        (home / "epcontact").mkdir(parents=True)
+        (home / "epcontact" / "__init__.py").write_text("")
+    git(tmp_path, "init")
+    assert commit_of(tmp_path) == (None, None)  # nothing is tracked yet
+    git(tmp_path, "add", "epcontact")
+    git(tmp_path, "commit", "-m", "x")
+    commit = git(tmp_path, "rev-parse", "HEAD")
+    (tmp_path / "results").write_text("nothing that is judged")
+    monkeypatch.setenv("GIT_DIR", str(tmp_path / "elsewhere"))  # as a hook has it
+    assert commit_of(tmp_path) == (commit, False)
+    assert commit_of(inner) == (None, None)
+    (tmp_path / "epcontact" / "new.py").write_text("")
+    assert commit_of(tmp_path) == (commit, True)
+    monkeypatch.setenv("PATH", str(tmp_path))  # without git
+    assert commit_of(tmp_path) == (None, None)
+
+
+def test_seconds_are_those_of_the_solves(written):
+    """In the verdict by surface, in junit.xml at the first gate that reads a method."""
+    (judged,) = json.loads((written / JSON).read_text())["cases"]
+    spent = {}
+    for name, method in judged["methods"].items():
+        members = json.loads((written / f"small/fast/{name}.json").read_text())["members"]
+        seconds = [member["cost"]["seconds"] for member in members]
+        assert [*method["seconds"].values()] == seconds
+        assert [*method["seconds"]] == [f"seed{m['provenance']['seed']}" for m in members]
+        spent[name] = sum(seconds)
+    suite = ET.parse(written / "junit.xml").getroot().find("testsuite")
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", suite.attrib["timestamp"])
+    times = [float(test.attrib["time"]) for test in suite.iter("testcase")]
+    assert sum(times) == pytest.approx(sum(spent.values()), abs=2e-3 * len(times))
+    assert times[0] == pytest.approx(spent["bem"] + spent["persson"], abs=2e-3)
 
 
 def test_the_answer_of_a_method_sums_up_its_members(write_case, tmp_path):

@@ -7,7 +7,18 @@ import faults
 import numpy as np
 from junitparser import Skipped
 
-from breaking.fault import REFUSED, Fault, at, both, changed, given, on_result, scaled, solver
+from breaking.fault import (
+    REFUSED,
+    Fault,
+    at,
+    both,
+    changed,
+    edited,
+    given,
+    on_result,
+    scaled,
+    solver,
+)
 from epcontact.harness.quantities.registry import QUANTITIES
 
 H = "epcontact.harness."
@@ -85,6 +96,7 @@ PAIRED = ("fem-ensemble", "quantity.mean_gap")
 DISTANCE, DEVIATION = VERDICT + "judgement.distance", GATE + "deviation"
 L2 = QUANTITY + "l2_distance"
 TESTS = "tests/test_verdict.py::"
+COMMIT = TESTS + "test_the_commit_is_that_of_the_package_and_of_no_repository_around_it"
 SUMMED = "test_the_answer_of_a_method_sums_up_its_members"
 DISTANCES = TESTS + "test_distances_of_known_distributions"
 MEASURES = "tests/test_identities.py::test_wrong_answers_get_their_known_scores"
@@ -201,6 +213,14 @@ FAULTS = (
         )
         for what, judged in (("case", "verification.judge_case"), ("gate", "judgement.judge"))
     ),
+    _fault("a changed checkout for its commit",
+        on_result(VERDICT + "made.commit_of", lambda found: (found[0], False)), test=COMMIT),
+    _fault("the commit of a repository around the package",
+        edited(VERDICT + "made.commit_of", '"ls-files", "--error-unmatch"', '"rev-parse", "--"'),
+        test=COMMIT),
+    _fault("the seconds of the longest solve for those of all in junit.xml",
+        edited(VERDICT + "verification._suite", "fsum(entry", "max(entry"),
+        test=TESTS + "test_seconds_are_those_of_the_solves"),
     _fault("no failure in junit.xml", at(VERDICT + "verification.Failure", Skipped),
         test=TESTS + "test_files_say_what_the_verdict_says"),
     _fault("the exit code of an error for a shortfall",

@@ -27,6 +27,7 @@ from epcontact.harness.gates import (
     HOLDS,
     Gate,
     GateVerdict,
+    Number,
     Record,
     distance,
     judge,
@@ -34,6 +35,7 @@ from epcontact.harness.gates import (
     unjudged,
 )
 from epcontact.harness.quantities.registry import claim_of, read_quantity, scalar_quantities
+from epcontact.harness.verdict.made import Made
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution, package_versions
 
@@ -46,6 +48,9 @@ class MethodEntry(Record):
     surfaces: int
     reused: int
     errors: list[str]
+    seconds: dict[str, Number] = Field(
+        default={}, description="of each solve, by surface; of one that is reused, when it was made"
+    )
 
 
 class CaseVerdict(Record):
@@ -94,26 +99,28 @@ class Verdict(Record):
     versions: dict[str, str] = Field(
         description="of the packages that made the results; several, if results were reused"
     )
+    made: Made | None = Field(default=None, description="when, where and by which sources")
     cases: list[CaseVerdict]
     digest: str = Field(default="", description="SHA-256 of the verdict and of its answers")
 
     @classmethod
-    def on(cls, cases: Sequence[CaseVerdict], size: str) -> Verdict:
+    def on(cls, cases: Sequence[CaseVerdict], size: str, made: Made | None = None) -> Verdict:
         """Make the verdict: exit code 0 if all gates hold, 1 if one falls short, 2 on an error."""
         statuses = {case.status for case in cases}
         exit_code: Any = 2 if ERROR in statuses else 1 if FALLS_SHORT in statuses else 0
-        made: dict[str, set[str]] = defaultdict(set)  # maybe by older versions than this run's
+        used: dict[str, set[str]] = defaultdict(set)  # maybe by older versions than this run's
         answers = (answer for case in cases for answer in case.answers.values())
         for result in (result for answer in answers for result in answer.results):
             for name, version in result.provenance.versions.items():
-                made[name].add(str(version))
-        versions = {name: ", ".join(sorted(found)) for name, found in made.items()}
+                used[name].add(str(version))
+        versions = {name: ", ".join(sorted(found)) for name, found in used.items()}
         return cls(
             schema="epcontact-verdict-1",
             passed=exit_code == 0,
             exit_code=exit_code,
             size=size,
             versions=versions or package_versions(),
+            made=made or Made.here(),
             cases=list(cases),
         )
 
@@ -134,7 +141,16 @@ def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
         source=case.head.source,
         skipped_because=case.skip,
         methods={
-            name: MethodEntry(surfaces=len(a.results), reused=a.reused, errors=list(a.errors))
+            name: MethodEntry(
+                surfaces=len(a.results),
+                reused=a.reused,
+                errors=list(a.errors),
+                seconds={
+                    label: result.cost["seconds"]
+                    for label, result in zip(a.labels, a.results, strict=True)
+                    if "seconds" in result.cost
+                },
+            )
             for name, a in answers.items()
         },
         gates=gates,

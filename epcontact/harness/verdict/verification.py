@@ -9,6 +9,8 @@ import contextlib
 import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from itertools import chain, repeat
+from math import fsum
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,7 @@ from epcontact.harness.case_files.case import (
 from epcontact.harness.gates import ERROR, FALLS_SHORT
 from epcontact.harness.methods.registry import METHODS, REPLACED, Method, solver_named
 from epcontact.harness.verdict.judgement import SKIPPED, CaseVerdict, Verdict, judge_case
+from epcontact.harness.verdict.made import Made
 from epcontact.harness.verdict.read_back import FILES, digest_of, require_faithful, withdraw
 from epcontact.scene import listed
 
@@ -76,12 +79,12 @@ def verify(
         >>> verdict.passed, verdict.cases[0].gates[0].status
         (True, 'holds')
     """
-    run = replace(run or Run(), **options)
+    run, made = replace(run or Run(), **options), Made.here()
     with only_writer(run.folder):
         set_verdict_aside(run.folder)
         loaded, methods = _with_solver(cases, size, solver)
         answers = run_cases(loaded, run, methods)
-        verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size)
+        verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size, made)
         write_verdict(verdict, run.folder)
         require_faithful(run.folder)
         for name in FILES:  # there is a new verdict
@@ -207,7 +210,10 @@ def write_verdict(verdict: Verdict, folder: Path) -> None:
     write_json(folder / "verdict.json", content | {"digest": digest_of(content, folder)})
     xml = JUnitXml("epcontact")
     for case in verdict.cases:
-        xml.add_testsuite(_suite(case))
+        suite = _suite(case)
+        if verdict.made:
+            suite.timestamp = verdict.made.date
+        xml.add_testsuite(suite)
     xml.update_statistics()  # type: ignore[no-untyped-call]
     with whole_file(folder / "junit.xml") as path:
         xml.write(str(path), pretty=True)
@@ -222,9 +228,13 @@ def _suite(case: CaseVerdict) -> TestSuite:
     tests += [("a method that no gate reads", Error, words) for words in case.unread_errors]
     if case.status == SKIPPED:
         tests = [(case.requirement, Skipped, case.skipped_because)]
-    for name, kind, words in tests:
+    # As in pytest, the first gate that reads a method waits for its solves.
+    left = {name: fsum(entry.seconds.values()) for name, entry in case.methods.items()}
+    waits = [fsum(left.pop(str(m), 0.0) for m in (g.of, g.against)) for g in case.gates] or [0.0]
+    waits[0] += fsum(left.values())
+    for (name, kind, words), wait in zip(tests, chain(waits, repeat(0.0)), strict=False):
         # XML has no word for most control characters: names and messages show them as escapes.
-        test = TestCase(printable(name), classname=case.id)
+        test = TestCase(printable(name), classname=case.id, time=wait)
         test.result = [kind(printable(words))] if kind else []
         suite.add_testcase(test)
     return suite
