@@ -9,6 +9,7 @@ import sys
 import time
 import types
 import xml.etree.ElementTree as ET
+from collections import Counter
 from pathlib import Path
 
 import click
@@ -26,7 +27,8 @@ from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
 from epcontact.harness.answers.run import Run, run_cases, tasks_of
 from epcontact.harness.answers.store import kept
 from epcontact.harness.case_files.case import load_case
-from epcontact.harness.verdict.verification import verify
+from epcontact.harness.case_files.text import case_files, case_name, find_cases
+from epcontact.harness.verdict.verification import cases_to_verify, verify
 from epcontact.output.view import load_steps
 from epcontact.output.vtk import read_fields
 from epcontact.scene import Load
@@ -75,6 +77,29 @@ def test_lists_load_no_solver(argument):
         "from epcontact.cli.main import main; main()"
     )
     assert python("-c", program).stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("width", [80, 200])
+def test_the_list_has_each_family_once_and_says_what_a_bare_verify_leaves_out(width, monkeypatch):
+    monkeypatch.setattr(listing, "open_console", lambda: Console(width=width))
+    left_out = "not in a bare verify"
+
+    def listed(*words):
+        said = invoke("list", *words).stdout
+        return [line for line in said.splitlines() if line[:1].strip()][width == 200 :]
+
+    rows, cases = listed("--all"), find_cases()
+    assert [row.split()[0] for row in rows] == [case.id for case in cases]
+    run = {case.id for case in cases_to_verify("fast")}
+    assert {row.split()[0] for row in rows if left_out not in row} == run
+    families = {row.split()[0]: row for row in listed()}
+    assert [*families] == [case_name(path) for path in case_files()]
+    counts = Counter(case_name(case.path) for case in cases)
+    for name, row in families.items():
+        verified = sum(case.id in run for case in cases if case_name(case.path) == name)
+        few = re.search(r"(\d+) of (\d+) in a bare", row)
+        told = int(few[1]) if few else 0 if left_out in row else counts[name]
+        assert (told, f"{counts[name]} cases" in row) == (verified, counts[name] > 1), row
 
 
 # --- run and verify ------------------------------------------------------------------------------

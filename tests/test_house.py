@@ -24,7 +24,7 @@ FLOORS = (
 LINES = {
     "epcontact": 100,
     "epcontact.bem": 4130,
-    "epcontact.cli": 1170,
+    "epcontact.cli": 1230,
     "epcontact.errors": 80,
     "epcontact.files": 140,
     "epcontact.harness": 6740,

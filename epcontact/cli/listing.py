@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import click
 from rich.console import Console
@@ -11,7 +12,14 @@ from rich.table import Table
 from rich.text import Text
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.case_files.text import CaseText, at_size, case_files, read_cases
+from epcontact.harness.case_files.text import (
+    SIZES,
+    CaseText,
+    at_size,
+    case_files,
+    case_name,
+    read_cases,
+)
 
 #: Smallest terminal width, in columns, at which rows of long texts are a table.
 WIDE = 150
@@ -34,10 +42,14 @@ def table_of(texts: Sequence[str], figures: Sequence[str] = ()) -> Table:
 
 
 @click.command()
-def list() -> None:
-    """List the cases, one line each."""
-    rows = (_row(case) for path in case_files() for case in read_cases(path))
-    print_rows(open_console(), ("case", "sizes", "methods", "requirement"), rows)
+@click.option("--all", "each", is_flag=True, help="Each case of a family, one line each.")
+def list(each: bool) -> None:
+    """List the families of cases, one line each: of a file that holds several, or of one case."""
+    families = ((case_name(path), read_cases(path)) for path in case_files())
+    if each:
+        families = ((case.id, (case,)) for _, cases in families for case in cases)
+    headings = ("case" if each else "family", "cases", "sizes", "methods", "requirement")
+    print_rows(open_console(), headings, (_row(*family) for family in families))
 
 
 def print_rows(console: Console, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -49,16 +61,34 @@ def print_rows(console: Console, headings: Sequence[str], rows: Iterable[Sequenc
         console.print(table)
         return
     for name, *others, last in rows:
-        console.print(Text(name, "bold"), Text("  ".join(others)))
+        console.print(Text(name, "bold"), Text("  ".join(filter(None, others))))
         console.print(Padding(Text(last), (0, 0, 0, 2)))
 
 
-def _row(case: CaseText) -> tuple[str, str, str, str]:
+def _row(name: str, cases: Sequence[CaseText]) -> tuple[str, ...]:
+    heads = [_head(case) for case in cases]
+    sizes = [size for size in SIZES if any(size in case.sizes for case in cases)]
+    methods = dict.fromkeys(method for head in heads for method in head["methods"])
+    first, *others = dict.fromkeys(str(head["requirement"]) for head in heads)
+    verified = sum(map(_verified, cases, heads))
+    few = f"{verified} of {len(cases)}" if verified else "not"
+    count = f"{len(cases)} cases" * (len(cases) > 1)
+    told = ", ".join(filter(None, (count, f"{few} in a bare verify" * (verified < len(cases)))))
+    said = f"{first} (the first of {len(others) + 1})" if others else first
+    return name, told, " ".join(sizes), " ".join(methods), said
+
+
+def _verified(case: CaseText, head: Mapping[str, Any]) -> bool:
+    """Whether a bare `epcontact verify` runs the case, which is always at the size "fast"."""
+    return "fast" in case.sizes and "sweep" not in case.tables and bool(head.get("verify", True))
+
+
+def _head(case: CaseText) -> Mapping[str, Any]:
     try:
-        head = at_size(case.tables, case.sizes[0])["case"]
-        methods = " ".join(head["methods"])
-        return case.id, " ".join(case.sizes), methods, str(head["requirement"])
+        head: Mapping[str, Any] = at_size(case.tables, case.sizes[0])["case"]
+        _ = (*head["methods"], head["requirement"])
     except (KeyError, TypeError):
         raise InvalidCase(
             f"{case.where}: needs a table [case] with a requirement and methods"
         ) from None
+    return head

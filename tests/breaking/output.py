@@ -69,6 +69,10 @@ FAULTS = (
         _template('(("value", 4), ("reference", 4)', '(("reference", 4), ("value", 4)'), PAGE),
     _shown("the difference shown as the value", _template("gate[key].mean", "gate.value.mean"),
         PAGE),
+    _shown("a list in which a bare verify leaves nothing out",
+        changed("epcontact.cli.listing._verified", lambda _: lambda *_: True),
+        "tests/test_cli.py::"
+        "test_the_list_has_each_family_once_and_says_what_a_bare_verify_leaves_out[200]"),
     _shown("a heading that always holds", _template("if verdict.passed", "if true"), PAGE),
     _shown("a badge that always holds", _template("badge(gate.status)", 'badge("holds")'), PAGE),
     _shown("the ends of a band exchanged on the page",
