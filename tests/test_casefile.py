@@ -116,10 +116,8 @@ def test_a_counterface_makes_one_scene_of_two_bodies(write_case):
     spectrum = ("energy_reduction = 0.536", 'energy_reduction = 0.536\nspectrum = "surface"')
     both = load_case(write_case(spectrum, more=rough))
     surface = both.scene(both.recipes[0]).surface
-    assert surface.rms_slope == pytest.approx(
-        math.hypot(*(r.build().rms_slope for r in (both.recipes[0].first, both.recipes[0].second))),
-        rel=0.1,
-    )
+    each = (recipe.build().rms_slope for recipe in (both.recipes[0].first, both.recipes[0].second))
+    assert surface.rms_slope == pytest.approx(math.hypot(*each), rel=0.1)
     assert both.digest(both.recipes[0]) == both.scene(both.recipes[0]).digest
     assert "rough elastic half-space, E = 1e+11 Pa" in both.two_bodies["counterface"]["value"]
     coarse = rough.replace("period = 1", "period = 2")

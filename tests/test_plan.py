@@ -258,13 +258,8 @@ def test_what_can_have_no_plan_is_refused():
 
 def test_a_path_is_planned_for_the_load_that_is_the_hardest_to_answer(write_case):
     path = ("mean_pressure = 5.0e8", "mean_pressure = [5.0e8, 1.0e9, 1.0e8, 0]")
-    case = load_case(
-        write_case(
-            ('"persson", "bem"', '"bem"'),
-            ('against = "persson"', 'against = 0.1\nsource = "made"'),
-            path,
-        )
-    )
+    gate = ('against = "persson"', 'against = 0.1\nsource = "made"')
+    case = load_case(write_case(('"persson", "bem"', '"bem"'), gate, path))
     case = case.changed(recipes=case.recipes[:1], gates=())
     chosen = plan(case, 0.05, threads=1)
     first = case.recipes[0]

@@ -577,18 +577,15 @@ def test_the_table_of_gates_shows_the_verdict():
 def test_the_table_of_loads_shows_the_answers():
     both = (result(1), result(2))
     answers = {"bem": Answer(both, ("seed1", "seed2"), reused=1)}
-    means = {
-        (kind, part): np.mean([getattr(r.final.areas[kind], part) for r in both])
-        for kind in KINDS for part in PARTS
-    }  # fmt: skip
+    mean = lambda kind, part: np.mean([vars(r.final.areas[kind])[part] for r in both])  # noqa: E731
     scatter = 12.706204736 * np.std([r.final.areas["corrected"].total for r in both])
     (row,) = cells_of(answers_table(answers, 400))
     method, branch, load, total, plastic, gap, parts, surfaces = row
     assert (method, branch, load, surfaces) == ("bem", "loading", "12.5", "2")
-    errors = [means["error", "total"], scatter]
-    expected = [means["corrected", "total"], np.hypot(*errors)]
+    errors = [mean("error", "total"), scatter]
+    expected = [mean("corrected", "total"), np.hypot(*errors)]
     assert numbers(total) == pytest.approx(expected, rel=0.05)
-    assert numbers(plastic)[0] == pytest.approx(means["corrected", "plastic"], rel=1e-3)
+    assert numbers(plastic)[0] == pytest.approx(mean("corrected", "plastic"), rel=1e-3)
     assert numbers(gap) == [3.0]  # nm
     sources, sizes = zip(*map(str.split, parts.splitlines()), strict=True)
     assert sources == ("grid", "scatter")

@@ -298,9 +298,8 @@ def test_two_surfaces_touch_as_the_sum_of_their_heights():
 
 def test_two_bodies_have_the_modulus_of_springs_in_series():
     steel, glass = Material(210e9, 0.3, hardness=2e9), Material(70e9, 0.2)
-    assert effective_modulus(of_both(steel, steel)) == pytest.approx(
-        effective_modulus(steel) / 2, rel=1e-15
-    )
+    half = effective_modulus(steel) / 2
+    assert effective_modulus(of_both(steel, steel)) == pytest.approx(half, rel=1e-15)
     expected = 1 / (0.91 / 210e9 + 0.96 / 70e9)
     for first, second in ((steel, glass), (glass, steel)):
         assert effective_modulus(of_both(first, second)) == pytest.approx(expected, rel=1e-15)

@@ -36,9 +36,8 @@ def test_at_its_places_the_map_has_the_errors_that_were_measured():
         place = {name: float(known[name][k]) for name in ("hurst", "roll_off")}
         capped = math.isfinite(known["hardness"][k])
         load = known["load"][k] * (known["hardness"][k] if capped else 1.0)
-        found = expected(
-            float(known["hardness"][k]), load, 8, wide=known["wavelength_ratio"][k], **place
-        )
+        hardness, wide = float(known["hardness"][k]), known["wavelength_ratio"][k]
+        found = expected(hardness, load, 8, wide=wide, **place)
         for name in ("total", "elastic", "plastic", "mean_gap"):
             if name in found and not math.isnan(measured := known[f"{name}_theory"][k]):
                 held.append(found[name].low - 1e-3 <= measured <= found[name].high + 1e-3)

@@ -21,14 +21,9 @@ LEVELS = (-0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2)
 #: The height at which the strip of a body without hardness is drawn, as hardness/(E* xi).
 _STRIP = (3.8, 5.2)
 _X, _Y = "pressure_over_slope_modulus", "hardness_over_slope_modulus"
-_TITLES = {
-    "total": "contact area",
-    "elastic": "elastic area",
-    "plastic": "plastic area",
-    "mean_gap": "mean gap",
-    "wasserstein": "distance of P(σ)",
-    "slope_at_zero": "slope of P(σ) at σ = 0",
-}
+_TITLES = {"total": "contact area", "elastic": "elastic area", "plastic": "plastic area"}
+_TITLES |= {"mean_gap": "mean gap", "wasserstein": "distance of P(σ)"}
+_TITLES |= {"slope_at_zero": "slope of P(σ) at σ = 0"}
 
 
 @study("validity", points=(64, 64))

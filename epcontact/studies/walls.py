@@ -127,12 +127,9 @@ def walls(
         one["ring"] = one["w"].map("w = {:.3g}".format)
     ends, widest = limits(flows), max(bandwidths)
     sure = ends[ends["half_width"] < 0.1]
-    told_limits = (
-        f"for vanishing steps {sure['limit'].min():.2f} to {sure['limit'].max():.2f} at the "
-        f"{len(sure)} walls, places and bandwidths where that is known to 0.1"
-        if len(sure)
-        else "too few surfaces for its limit"
-    )
+    reach = f"for vanishing steps {sure['limit'].min():.2f} to {sure['limit'].max():.2f} at the"
+    known = f"{reach} {len(sure)} walls, places and bandwidths where that is known to 0.1"
+    told_limits = known if len(sure) else "too few surfaces for its limit"
     plot = Plot(_ROOT, ("returned", "points that return over those that go (–)"), level=1.0)
     plot = replace(plot, series=("place",), colour="place", limits={"ylim": (0, 1.2)})
     for wall, rows in flows[flows["bandwidth"] == widest].groupby("wall", sort=False):

@@ -158,10 +158,9 @@ def prepared(
     if treated and inside.rms_curvature > 0:
         length = inside.rms_slope / inside.rms_curvature
         share = EDGE_ERRORS[recipe.treatment] * length / min(recipe.periods)
-        more.append(
-            f"the treatment of the edges, {recipe.treatment}, changes areas by up to "
-            f"{100 * share:.2g} % on nine maps of ten, which is a part of their error"
-        )
+        told = f"the treatment of the edges, {recipe.treatment}, changes areas by up to"
+        maps = "on nine maps of ten, which is a part of their error"
+        more.append(f"{told} {100 * share:.2g} % {maps}")
     return replace(surface, notes=(*surface.notes, *more), treatment_error=share)
 
 
@@ -169,10 +168,8 @@ def _slope_notes(surface: Surface, slope: float) -> Iterator[str]:
     """Yield the rms slopes of a map where they differ, that of its spectrum without jumps first."""
     by_steps, with_edges = surface.rms_slope, surface_moments(surface).rms_slope
     if not math.isclose(slope, by_steps, rel_tol=0.01):
-        yield (
-            f"rms slope {slope:.4g} of the spectrum, which an effective hardness takes, and "
-            f"{by_steps:.4g} from differences of neighbours"
-        )
+        of_waves = f"rms slope {slope:.4g} of the spectrum, which an effective hardness takes"
+        yield f"{of_waves}, and {by_steps:.4g} from differences of neighbours"
     if with_edges != slope:
         yield (
             f"the jumps at the edges make the rms slope of the spectrum {with_edges:.4g}, which a "

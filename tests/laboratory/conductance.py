@@ -189,10 +189,8 @@ def j2(seeds=range(1, 4), nodes=48, waves=6):
                 cap = effective_hardness(rms_slope=0.05, **flat)
                 capped = replace(scene, body=Body(), material=replace(body, hardness=cap.value))
                 one = fem_check.solve(scene, law="j2", steps=8, certified=False)
-                h, by_cap = (
-                    contact_conductance(capped, result, 2.0).corrected
-                    for result in (one, bem.solve(capped, threads=1))
-                )
+                both = one, bem.solve(capped, threads=1)
+                h, by_cap = (contact_conductance(capped, r, 2.0).corrected for r in both)
                 at = load / cap.ratio, cap.value / (effective_modulus(body) * 0.05)
                 unit = 0.05 / math.sqrt(math.pi) / scene.surface.rms_height
                 said = [unit * law(*at) for law in laws.LAWS.values()]

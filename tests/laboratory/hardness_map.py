@@ -13,26 +13,22 @@ one core (`fast`: a small one that shows how), and solves no path again that `--
 
 from __future__ import annotations
 
-import argparse
 import math
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from epcontact.errors import EpcontactError, InvalidCase
-from epcontact.files import whole_file
+from epcontact.errors import InvalidCase
 from epcontact.harness.answers.store import kept
-from epcontact.harness.case_files.text import case_name, package_files, read_cases
 from epcontact.harness.quantities.model_difference import capped_body, elements_compliance
-from epcontact.harness.sweep import read_sweep, run_sweep
 from epcontact.materials.hardness_map import PARTS, fit, terms
 from epcontact.materials.moduli import effective_modulus
-from epcontact.results import FloatArray, package_versions
+from epcontact.results import FloatArray
 from epcontact.scene import Load
+from laboratory import maps
 
 #: Columns that name a place of the map, and those in which a check may differ from it: nodes a
 #: side, shortest waves in a period, Hurst exponent, depth over the period, step tolerance.
@@ -51,28 +47,14 @@ HEADER = """\
 
 
 def make_map(size, output, jobs=None):
-    """Solve the load paths of the map that are not kept in `output`; return the map and its file.
-
-    Raises EpcontactError if a path has no result; the paths that have one are kept.
-    """
+    """Solve the load paths that are not kept in `output`; return the map and its file."""
     areas = []
-    (file,) = (file for file in package_files() if case_name(file) == "hardness-map")
-    for case in read_cases(file):
-        if size not in case.sizes:
-            continue
-        swept = run_sweep(case, size=size, output=output, jobs=jobs)
-        if swept.failures:
-            raise EpcontactError(f"{case.id}: paths have no result, {swept.failures}")
-        tasks = read_sweep(case, size).tasks
-        print(f"{case.id}: {swept.reused} paths reused; the caps of equal area of {len(tasks)}")
-        found = [measured_areas(task, answer) for task in tasks if (answer := kept(task, output))]
-        areas.append(pd.concat(found, ignore_index=True))
-    made = mapped(pd.concat(areas))
+    for sweep in maps.solved("hardness-map", size, output, jobs):
+        answers = ((task, kept(task, output)) for task in sweep.tasks)
+        areas += [measured_areas(task, answer) for task, answer in answers if answer]
+    made = mapped(pd.concat(areas, ignore_index=True))
     path = output / "hardness-map" / size / "hardness_map.csv"
-    versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
-    with whole_file(path) as temporary:
-        text = HEADER.format(size=size, versions=versions) + made.round(6).to_csv(index=False)
-        temporary.write_text(text, encoding="utf-8")
+    maps.write(path, size, HEADER, made.round(6).to_csv(index=False))
     return made, path
 
 
@@ -308,11 +290,7 @@ def _error_of_the_fit(made, shifts):
 
 def main():
     """Make the map of a size and print the largest parts of its error."""
-    parser = argparse.ArgumentParser(prog="python -m laboratory.hardness_map")
-    parser.add_argument("--size", choices=["fast", "large"], default="fast")
-    parser.add_argument("--output", type=Path, default=Path("results"))
-    parser.add_argument("--jobs", type=int)
-    options = parser.parse_args()
+    options = maps.parser("hardness_map").parse_args()
     made, path = make_map(options.size, options.output, options.jobs)
     print(f"{len(made)} places of the map in {path}")
     for part in PARTS:

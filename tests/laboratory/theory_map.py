@@ -16,27 +16,23 @@ other spectra, surfaces and places; its constants were chosen on the scenes 0 to
 
 from __future__ import annotations
 
-import argparse
 import functools
 import math
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from epcontact import Load, Material, Scene, SelfAffineSpectrum, bem, persson
-from epcontact.errors import EpcontactError, InvalidScene
-from epcontact.files import whole_file
+from epcontact.errors import InvalidScene
 from epcontact.harness.answers.store import kept
-from epcontact.harness.case_files.text import case_name, package_files, read_cases
 from epcontact.harness.gates import distance
-from epcontact.harness.sweep import read_sweep, run_sweep
 from epcontact.materials.moduli import effective_modulus
 from epcontact.persson import EnergyReduction, Theory, roughness_of, validity
 from epcontact.persson.separation import mean_separation
-from epcontact.results import PressureDistribution, package_versions
+from epcontact.results import PressureDistribution
 from epcontact.studies.paper_scene import LOWEST, MODULUS
 from epcontact.surfaces import SelfAffine
+from laboratory import maps
 
 PLACE = ["hurst", "wavelength_ratio", "roll_off", "hardness", "load"]
 PARTS = ("total", "elastic", "plastic")
@@ -50,30 +46,15 @@ HEADER = """\
 
 
 def make_map(size, output, jobs=None):
-    """Solve the scenes of the map that are not kept in `output`; return the map and its file.
-
-    Raises EpcontactError if a scene has no result; the scenes that have one are kept.
-    """
+    """Solve the scenes of the map that are not kept in `output`; return the map and its file."""
     rows = []
-    (file,) = (file for file in package_files() if case_name(file) == "theory-map")
-    for case in read_cases(file):
-        if size not in case.sizes:
-            continue
-        swept = run_sweep(case, size=size, output=output, jobs=jobs)
-        if swept.failures:
-            raise EpcontactError(f"{case.id}: scenes have no result, {swept.failures}")
+    for sweep in maps.solved("theory-map", size, output, jobs):
         places = {}
-        for task, point in zip(*read_sweep(case, size)[:2], strict=True):
+        for task, point in zip(sweep.tasks, sweep.points, strict=True):
             places.setdefault(str(point), []).append(task)
-        print(f"{case.id}: {swept.reused} results reused; the errors of {len(places)} places")
         rows += [place_row(tasks, output) for tasks in places.values()]
-    made = pd.DataFrame(rows)
-    path = output / "theory-map" / size / "theory_map.csv"
-    versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
-    with whole_file(path) as temporary:
-        shown = made.to_csv(index=False, float_format="%.5g")
-        text = HEADER.format(size=size, versions=versions) + shown
-        temporary.write_text(text, encoding="utf-8")
+    made, path = pd.DataFrame(rows), output / "theory-map" / size / "theory_map.csv"
+    maps.write(path, size, HEADER, made.to_csv(index=False, float_format="%.5g"))
     return made, path
 
 
@@ -206,10 +187,7 @@ def judge(first, last):
 
 def main():
     """Make the map of a size, or judge the one of the package."""
-    parser = argparse.ArgumentParser(prog="python -m laboratory.theory_map")
-    parser.add_argument("--size", choices=["fast", "large"], default="fast")
-    parser.add_argument("--output", type=Path, default=Path("results"))
-    parser.add_argument("--jobs", type=int)
+    parser = maps.parser("theory_map")
     parser.add_argument("--judge", type=int, nargs=2, help="random scenes, from one to another")
     given = parser.parse_args()
     if given.judge:

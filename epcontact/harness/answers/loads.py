@@ -53,10 +53,8 @@ def solve_path(
     own = [found.value for found in mapped] or [scene.material.hardness] * len(path)
     result = _walked(task, scene, own, threads, at_load, moving)
     known = [{} if math.isinf(cap) or j2 else {"hardness": cap} for cap in own]
-    steps = [
-        replace(step, quantities={**step.quantities, **more})
-        for step, more in zip(result.steps, known, strict=True)
-    ]
+    both = zip(result.steps, known, strict=True)
+    steps = [replace(step, quantities={**step.quantities, **more}) for step, more in both]
     if mapped:
         peaks = itertools.accumulate(path, max)
         low = [max(found.interval[0], 1.001 * p) for found, p in zip(mapped, peaks, strict=True)]
@@ -88,10 +86,8 @@ def _walked(
         done += result.steps
         costs.append(result.cost)
     assert result is not None, "a path has a load"
-    cost = {
-        name: (max if name in ("unknowns", "peak_memory_bytes") else sum)(c[name] for c in costs)
-        for name in costs[0]
-    }
+    most = ("unknowns", "peak_memory_bytes")
+    cost = {n: (max if n in most else sum)(c[n] for c in costs) for n in costs[0]}
     about = replace(result.provenance, scene=scene.digest)
     return replace(result, steps=tuple(done), provenance=about, cost=cost)
 
@@ -133,10 +129,8 @@ def _part(
         cost["seconds"] -= spent
     # What the method reports at the end stands, and what was measured at each load is added to it.
     rows = [*result.steps[: len(result.steps) - len(steps)], *steps]
-    joined = [
-        replace(step, quantities={**row.quantities, **step.quantities})
-        for step, row in zip(result.steps, rows, strict=True)
-    ]
+    both = zip(result.steps, rows, strict=True)
+    joined = [replace(s, quantities={**row.quantities, **s.quantities}) for s, row in both]
     return replace(result, steps=tuple(joined), cost=cost)
 
 

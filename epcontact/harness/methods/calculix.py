@@ -122,14 +122,8 @@ def _number(x: float) -> str:
 def _ran(text: str, folder: Path) -> list[FloatArray]:
     """Run an input file; the tables that it printed, in their order."""
     (folder / "block.inp").write_text(text, encoding="utf-8")
-    done = subprocess.run(
-        [PROGRAM, "block"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        errors="replace",
-        check=False,
-    )
+    how: dict[str, Any] = {"capture_output": True, "text": True, "errors": "replace"}
+    done = subprocess.run([PROGRAM, "block"], cwd=folder, check=False, **how)
     said = [line.strip() for line in done.stdout.splitlines() if "*ERROR" in line]
     printed = folder / "block.dat"
     if done.returncode or said or not printed.is_file():
@@ -235,11 +229,9 @@ def export(scene: Scene, file: Path, options: Mapping[str, Any]) -> str:
 
 def differences(scene: Scene, options: Mapping[str, Any]) -> dict[str, float]:
     """The changes of CalculiX's pressures over their sum by what moves them."""
-    gentle = replace(
-        scene,
-        surface=replace(scene.surface, heights=0.1 * scene.surface.heights),
-        material=replace(scene.material, young_modulus=10 * scene.material.young_modulus),
-    )
+    flatter = replace(scene.surface, heights=0.1 * scene.surface.heights)
+    stiffer = replace(scene.material, young_modulus=10 * scene.material.young_modulus)
+    gentle = replace(scene, surface=flatter, material=stiffer)
     own = fem_check.solve(scene, FemOptions(**options), certified=False)
     base = solve(scene, options).fields["pressure"]
     others = {
@@ -248,10 +240,8 @@ def differences(scene: Scene, options: Mapping[str, Any]) -> dict[str, float]:
         "large displacements (a tenth of the slope)": solve(gentle, options),
         "all, against fem": own,
     }
-    return {
-        name: float(np.abs(other.fields["pressure"] - base).sum() / base.sum())
-        for name, other in others.items()
-    }
+    off = {name: np.abs(other.fields["pressure"] - base) for name, other in others.items()}
+    return {name: float(each.sum() / base.sum()) for name, each in off.items()}
 
 
 def _states(touching: Any, flowed: Any) -> States:
