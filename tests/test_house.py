@@ -24,7 +24,7 @@ FLOORS = (
 LINES = {
     "epcontact": 100,
     "epcontact.bem": 4090,
-    "epcontact.cli": 1200,
+    "epcontact.cli": 1230,
     "epcontact.errors": 80,
     "epcontact.files": 140,
     "epcontact.harness": 6710,
@@ -39,7 +39,7 @@ LINES = {
     "epcontact.studies": 3020,
     "epcontact.surfaces": 1940,
     "fem_check": 3660,
-    "tests": 15510,
+    "tests": 15540,
 }
 #: Imports of the project inside functions, each with its reason beside it; fewer is better.
 DEFERRED = 15

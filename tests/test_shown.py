@@ -21,7 +21,7 @@ from command_line import invoke
 from conftest import SMALL_CASE
 from rich.console import Console
 
-from epcontact.cli.tables import answers_table, verdict_table
+from epcontact.cli.tables import answers_table, cases_table, verdict_table
 from epcontact.errors import OutputError
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
@@ -88,7 +88,7 @@ def ran(tmp_path_factory):
         out, folder = ("--jobs", 1, "--output", home), home / "shown" / "fast"
         precise = ("--fields", "steps", "--precision", "double")
         commands = (
-            ("verify", home / "shown.toml", *precise, "--report", *out),
+            ("verify", home / "shown.toml", *precise, "--report", "--gates", *out),
             ("run", home / "shown.toml", *precise, *out),
             ("sweep", home / "swept.toml", *out),
             ("report", home),
@@ -572,6 +572,19 @@ def test_the_table_of_gates_shows_the_verdict():
             assert mean == pytest.approx(scale * estimate.mean, rel=5e-3)
             assert half_width == pytest.approx(scale * estimate.half_width, rel=0.5)
         assert numbers(texts[3]) == pytest.approx([per_cent * g.low, per_cent * g.high], rel=5e-2)
+
+
+def test_the_table_of_cases_shows_the_gate_nearest_to_the_end_of_its_band():
+    rows = [*cells_of(cases_table(verdict().cases))]
+    for row, case in zip(rows, verdict().cases, strict=True):
+        name, status, gates, margin, nearest = row
+        assert (name, status, gates) == (case.id, case.status, f"{len(case.gates)}")
+        margins = {f"{g.quantity} of {g.of}": g.margin for g in case.gates}
+        if case.status == "error":
+            assert (margin, np.isnan(margins[nearest])) == ("–", True)
+        else:
+            assert margins[nearest] == min(margins.values())
+            assert float(margin) == pytest.approx(margins[nearest], rel=5e-3)
 
 
 def test_the_table_of_loads_shows_the_answers():

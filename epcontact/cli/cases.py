@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -86,11 +87,21 @@ def run(
     "language with the placeholders {scene} and {result}.",
 )
 @click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
+@click.option("--gates", "all_gates", is_flag=True, help="Print each gate of each case.")
 @options.fields
 def verify(
-    cases: tuple[str, ...], size: str, run: Run, solver: str, with_report: bool, fields: str | None
+    cases: tuple[str, ...],
+    size: str,
+    run: Run,
+    solver: str,
+    with_report: bool,
+    all_gates: bool,
+    fields: str | None,
 ) -> None:
     """Run the gates of the cases (all, where none is named) and write the verdict.
+
+    Prints a line for each case with its tightest gate: the margin is the band over the difference
+    with its interval, and 1 or more holds.  Of a case that does not hold, every gate follows.
 
     Writes verdict.json and junit.xml into the output folder.  Until then, those of the last run are
     there as earlier-verdict.json and earlier-junit.xml.
@@ -124,7 +135,7 @@ def verify(
     with options.shown_progress(run) as shown:
         verdict = run_gates(given, shown, size=size, solver=solver, finish=draw)
     try:
-        _show(verdict, output)
+        _show(verdict, output, all_gates, with_report)
     except (BrokenPipeError, SystemExit):  # nobody reads on; the verdict is the exit code
         forget_output()
     sys.exit(verdict.exit_code)
@@ -133,10 +144,14 @@ def verify(
 _PLURAL = {"holds": "hold", "falls short": "fall short", "error": "errors"}
 
 
-def _show(verdict: Verdict, output: Path) -> None:
-    """Print the verdict: a table of gates, what does not hold, and what was not judged."""
+def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) -> None:
+    """Print the verdict: cases, gates, what does not hold, what was not judged, what to do next."""
     console = open_console()
-    console.print(tables.verdict_table(verdict.cases, console.width))
+    shown = [c for c in verdict.cases if all_gates or (c.gates and c.status != "holds")]
+    if not all_gates:
+        console.print(tables.cases_table(verdict.cases))
+    if shown:
+        console.print(tables.verdict_table(shown, console.width))
     if sentence := tables.gamma_sentence([case.case for case in verdict.cases]):
         click.echo(sentence)
     for case in verdict.cases:
@@ -155,6 +170,13 @@ def _show(verdict: Verdict, output: Path) -> None:
     if left_out := sum(len(case.not_judged) for case in verdict.cases):
         plural = "gates are" if left_out > 1 else "gate is"
         console.print(f"{left_out} {plural} left out at this size; verdict.json says which and why")
+    steps = [] if all_gates else ["--gates prints each gate"]
+    if not with_report:
+        steps.append(f"`epcontact report {shlex.quote(str(output))}` draws charts and a page")
+    if not verdict.passed:
+        steps.append("the same command solves again only what has changed")
+    if steps:
+        console.print(f"next: {'; '.join(steps)}", soft_wrap=True, markup=False, highlight=False)
     sys.stdout.flush()
 
 

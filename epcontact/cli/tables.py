@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from rich.console import Console
@@ -47,6 +48,21 @@ def answers_table(answers: Mapping[str, Answer], width: int = WIDE) -> Table:
     found = {name: answer for name, answer in answers.items() if answer.results}
     rows = {m: (load_rows(a.results), f"{len(a.results)}") for m, a in found.items()}
     return loads_table(rows, "method", width)
+
+
+def cases_table(cases: Sequence[CaseVerdict]) -> Table:
+    """Tabulate the cases, one in each row, each with the gate that is nearest to its band's end, or
+    that could not be judged."""
+    table = table_of(("case", "verdict"), ("gates", "margin"))
+    table.add_column("tightest gate", overflow="fold")
+    for case in cases:
+        row: list[str | Text] = [case.id, _styled(case.status), f"{len(case.gates)}"]
+        if case.gates:
+            gate = min(case.gates, key=lambda g: (not math.isnan(g.margin), g.margin))
+            shown = "–" if math.isnan(gate.margin) else f"{gate.margin:.3g}"
+            row += [shown, Text(f"{gate.quantity} of {gate.of}")]
+        table.add_row(*row)
+    return table
 
 
 def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from breaking.fault import Fault, changed, given, scaled
+from breaking.fault import Fault, changed, edited, given, scaled
 from epcontact.results import COLUMNS, ELASTIC, PLASTIC
 
 SHOWN = "tests/test_shown.py::test_"
@@ -69,6 +69,9 @@ FAULTS = (
         _template('(("value", 4), ("reference", 4)', '(("reference", 4), ("value", 4)'), PAGE),
     _shown("the difference shown as the value", _template("gate[key].mean", "gate.value.mean"),
         PAGE),
+    _shown("the widest margin for the tightest",
+        edited("epcontact.cli.tables.cases_table", "min(case", "max(case"),
+        SHOWN + "the_table_of_cases_shows_the_gate_nearest_to_the_end_of_its_band"),
     _shown("a list in which a bare verify leaves nothing out",
         changed("epcontact.cli.listing._verified", lambda _: lambda *_: True),
         "tests/test_cli.py::"
