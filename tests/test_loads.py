@@ -147,10 +147,14 @@ def metal(write_case, tmp_path):
     return case, answer, lambda p: effective_hardness(**given, mean_pressure=p)
 
 
-def with_cap(case, hardness, *loads):
+def solved(case, hardness, *loads):
     scene = case.scene(case.recipes[0])
-    material = replace(scene.material, hardness=hardness)
-    return bem.solve(Scene(scene.surface, material, Load(loads))).final
+    there = replace(scene, material=replace(scene.material, hardness=hardness), load=Load(loads))
+    return there, bem.solve(there)
+
+
+def with_cap(*given):
+    return solved(*given)[1].final
 
 
 def test_every_load_has_its_own_hardness_and_what_its_interval_is_worth(metal):
@@ -170,6 +174,15 @@ def test_every_load_has_its_own_hardness_and_what_its_interval_is_worth(metal):
         parts = [step.row[f"total_area_error_by_{source}"] for source in ("grid", "hardness")]
         assert parts[1] == step.areas["hardness_error"].total
         assert step.row["total_area_error"] == pytest.approx(np.hypot(*parts))
+        ends = (
+            interface_stiffness(*solved(case, end, *path), "unloading") for end in mapped.interval
+        )
+        error = abs(next(ends).corrected - next(ends).corrected) / 2
+        found = step.row["stiffness_unloading_error_by_hardness"]
+        assert found == pytest.approx(error, rel=2e-2)
+        assert step.row["stiffness_unloading_error"] > found > 0
+        ratio = step.row["conductance"] / step.row["stiffness_unloading"]
+        assert step.row["conductance_error_by_hardness"] == pytest.approx(ratio * found)
     assert answer.steps[2].row["hardness"] > answer.steps[0].row["hardness"]
 
 

@@ -61,7 +61,14 @@ def plan(case: str, tolerance: str, size: str | None, check: bool, run: Run) -> 
     click.echo(f"{chosen.case}: {chosen.method}{areas}, {chosen.areas} areas")
     cap = loaded.mapped_hardness
     exact = "the plan takes this hardness as exact; its own uncertainty comes on top"
-    for sentence in (*chosen.reasons, *((cap, exact) if cap else ()), *chosen.notes):
+    edges = any("treatment of the edges" in note for note in chosen.notes)
+    more = "the plan is for the error of the grid; what the edges may change comes on top"
+    for sentence in (
+        *chosen.reasons,
+        *((more,) if edges else ()),
+        *((cap, exact) if cap else ()),
+        *chosen.notes,
+    ):
         click.echo(f"  {sentence}")
     click.echo(
         f"  expected: error {100 * chosen.expected_error:.2g} %, "

@@ -127,11 +127,15 @@ def prepared(
     if 0 < np.nanstd(heights) < ROUNDING * largest:
         heights = np.where(np.isnan(heights), np.nan, 0.0)
         said.append("what is left is rounding, so that the surface is flat")
-    if absent := int(np.count_nonzero(np.isnan(heights))):
+    if np.isnan(heights).any():
         method = "harmonic" if recipe.missing == "refuse" else recipe.missing
-        share, heights = absent / heights.size, filled(heights, method)
-        missing = f"{absent} of {heights.size} heights missing ({100 * share:.2g} %)"
-        said.append(f"{missing}, filled by the method {method}")
+        absent = int(np.count_nonzero(np.isnan(given)))
+        heights = filled(heights, method)
+        if absent:
+            missing = (
+                f"{absent} of {heights.size} heights missing ({100 * absent / heights.size:.2g} %)"
+            )
+            said.append(f"{missing}, filled by the method {method}")
     jumps = edge_jumps(heights)
     said.append(f"rms jump at the edges: {_jump_words(jumps)}")
     if recipe.treatment == "refuse" and _jumping(jumps):
@@ -159,7 +163,11 @@ def prepared(
         length = inside.rms_slope / inside.rms_curvature
         share = EDGE_ERRORS[recipe.treatment] * length / min(recipe.periods)
         told = f"the treatment of the edges, {recipe.treatment}, changes areas by up to"
-        maps = "on nine maps of ten, which is a part of their error"
+        maps = (
+            "in nine of ten maps, which is a part of their error; the errors of gap, stiffness, "
+            "conductance and percolation have no such part, though they move by more (`epcontact "
+            "chart treatment`)"
+        )
         more.append(f"{told} {100 * share:.2g} % {maps}")
     return replace(surface, notes=(*surface.notes, *more), treatment_error=share)
 

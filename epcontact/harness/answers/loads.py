@@ -59,7 +59,10 @@ def solve_path(
         peaks = itertools.accumulate(path, max)
         low = [max(found.interval[0], 1.001 * p) for found, p in zip(mapped, peaks, strict=True)]
         high = [found.interval[1] for found in mapped]
-        soft, hard = (_walked(task, scene, end, threads, quick=True).steps for end in (low, high))
+        again = partial(_shown, replace(task, steps=None)) if task.rows else None
+        soft, hard = (
+            _walked(task, scene, end, threads, again, quick=True).steps for end in (low, high)
+        )
         steps = list(map(_with_hardness_error, steps, soft, hard, mapped))
     return replace(result, steps=tuple(steps))
 
@@ -162,9 +165,10 @@ def _with_hardness_error(
     a, b = (vars(one.areas[kind]) for one in (soft, hard))
     areas = {**step.areas, "hardness_error": Areas(**{k: abs(a[k] - b[k]) / 2 for k in a})}
     more = {"hardness_error_by_map": mapped.value * mapped.error}
-    if "mean_gap" in step.quantities:
-        ends = (one.quantities["mean_gap"] for one in (soft, hard))
-        more["mean_gap_error_by_hardness"] = abs(next(ends) - next(ends)) / 2
+    for name in ("mean_gap", *(row.removeprefix("quantity.") for row in ROW)):
+        if "." not in name and all(name in one.quantities for one in (step, soft, hard)):
+            apart = abs(soft.quantities[name] - hard.quantities[name])
+            more[f"{name}_error_by_hardness"] = apart / 2
     return replace(step, areas=areas, quantities={**step.quantities, **more})
 
 

@@ -67,7 +67,7 @@ class Run:
         fields: write the fields (.vti) of the "first" surface of each case, of "all" or of "none";
             "steps": those of the first one at every load, and the bodies of the finite elements.
         precision: of the numbers in the .vti files: "single", seven digits, or "double".
-        rows: measure for every case what a table of loads shows; else for paths and measured maps.
+        rows: measure for every case what a table of loads shows; else where cases list loads.
         progress: see `Progress`.
     """
 

@@ -357,8 +357,10 @@ class Case(Table):
 
     @property
     def lists_loads(self) -> bool:
-        """Whether a verification measures and prints each load: of a path, or a measured map."""
-        return len(self.load.path) > 1 or isinstance(self.surface, surfaces.HeightsFromFile)
+        """Whether a verification measures and prints each load: of a path, of a measured map, and
+        under an effective hardness, whose interval is a part of each figure's error."""
+        told = isinstance(self.surface, surfaces.HeightsFromFile)
+        return len(self.load.path) > 1 or told or self.solid.hardness == "effective"
 
     @cached_property
     def material(self) -> Material:

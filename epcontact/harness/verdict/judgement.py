@@ -215,6 +215,8 @@ def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
     if len(found) == 2 and math.inf not in found and all(map(_counts_points, sides)):
         claim = abs(found[0] - found[1])
     cap = error.replace(".error", ".hardness_error")
+    if gate.quantity.startswith("quantity."):
+        cap = f"{gate.quantity}_error_by_hardness"
     mapped = [side for side in sides if all(cap in scalar_quantities(r) for r in side.results)]
     if len(mapped) != 1:  # two answers under one effective hardness share its error
         return claim
