@@ -214,13 +214,14 @@ def hardness(**scene: float) -> None:
     "--breadth",
     type=float,
     default=None,
-    help="Longest (roll-off) over shortest wavelength of the roughness; else any from 2 to 32.",
+    help="Longest (roll-off) over shortest wavelength of the roughness; else any from 2 to 12.",
 )
 def joint(**given: Any) -> None:
     """Print what a rough joint conducts, with its interval, and what textbooks say of it.
 
-    Vacuum, clean metals and a joint much larger than its longest waves are assumed.  The exact
-    route is a case of this surface with a gate on quantity.conductance.
+    Gaussian, isotropic roughness, vacuum, clean metals and a joint much larger than its longest
+    waves are assumed.  The exact route is a case of this surface with a gate on
+    quantity.conductance.
     """
     click.echo(str(joint_conductance(**given)))
 

@@ -31,8 +31,9 @@ from epcontact.scene import Scene, positive
 
 # The constants of `fitted` and its relative error at 95 %, by `python -m laboratory.conductance`.
 FACTOR, ELASTIC, CLUSTER, ERROR = 0.853, 2.76, 40.1, 0.1
-#: Where it was judged: P/H, H/(E* xi), the longest over the shortest wave, and the contact area.
-LOADS, HARDNESSES, BREADTHS, FULL = (1e-3, 0.3), (0.03, 1.0), (2.0, 32.0), 0.4
+#: Where the error holds at every place of the table: P/H, H/(E* xi), the longest over the shortest
+#: wave, and the contact area.
+LOADS, HARDNESSES, BREADTHS, FULL = (1e-3, 0.25), (0.03, 1.0), (2.0, 12.0), 0.25
 _GAMMA = 0.48
 #: xi over the mean absolute slope m of a profile, for Gaussian isotropic heights.
 PROFILE = math.sqrt(math.pi)
@@ -90,7 +91,8 @@ class JointConductance:
         textbooks = ", ".join(f"{name} {h:.3g}" for name, h in self.laws.items())
         return (
             f"conductance {self.value:.3g}, 95 % interval {low:.3g} to {high:.3g} W/(m² K)\n"
-            f"at P/H = {self.load:.3g} and H/(E*ξ) = {self.hardness:.3g}; textbooks: {textbooks}"
+            f"at P/H = {self.load:.3g} and H/(E*ξ) = {self.hardness:.3g}, of Gaussian, isotropic "
+            f"roughness; textbooks: {textbooks}"
         )
 
 
@@ -123,10 +125,12 @@ def joint_conductance(
 
     Example:
         >>> found = joint_conductance(conductivities=(16, 200), rms_height=1e-6, rms_slope=0.15,
-        ...     hardness=3e9, effective_modulus=60e9, mean_pressure=10e6, breadth=16)
+        ...     hardness=3e9, effective_modulus=60e9, mean_pressure=10e6, breadth=8)
         >>> round(found.value, -2), [round(end, -2) for end in found.interval]
-        (16700.0, [15200.0, 18400.0])
+        (17700.0, [16100.0, 19500.0])
     """
+    if isinstance(conductivities, Mapping | str) or np.shape(conductivities) != (2,):
+        raise InvalidScene(f"conductivities is {conductivities!r}, but must be those of two bodies")
     k1, k2 = (positive("conductivities", k, "W/(m K)") for k in conductivities)
     sigma, xi = positive("rms_height", rms_height, "m"), positive("rms_slope", rms_slope, "m/m")
     H, P = positive("hardness", hardness, "Pa"), positive("mean_pressure", mean_pressure, "Pa")

@@ -5,6 +5,7 @@ of an hour, and fits the formula; `python -m laboratory.conductance judge` fits 
 constants come from every second Hurst exponent and hardness of the blocks SEEN, the error from the
 rest of them.  The blocks UNSEEN, of other exponents, breadths, hardnesses, loads and surfaces,
 serve neither, and say how many of their places are within the error.
+`python -m laboratory.conductance corners` judges it at the ends of the ranges, in a minute.
 `python -m laboratory.conductance spots` judges laws of spots on the solver's own contacts, Holm's
 (every spot alone) and Greenwood's (with their mutual resistance), Persson's theory of the mean
 separation, and contacts of J2 flow, in five minutes.
@@ -60,10 +61,35 @@ def table_of(blocks, say=print):
     return pd.concat(found, ignore_index=True)
 
 
+#: Contacts fuller than this teach nothing.
+FULL = 0.4
+#: Places at the ends of the accepted ranges, on surfaces of their own.
+CORNERS = [
+    {"breadth": (12,), "hurst": (0.35, 0.85), "hardness": (0.03, 0.1), "load": (0.003, 0.1, 0.24)},
+    {"breadth": (2, 12), "hurst": (0.35, 0.85), "hardness": (0.7, 1.0), "load": (0.003, 0.11)},
+    {"breadth": (2, 5), "hurst": (0.35, 0.85), "hardness": (0.03, 0.3), "load": (0.1, 0.21)},
+]
+
+
 def judged(table):
     """The rows of many patches whose contact is not too full for the formula."""
     area = laws.contact_area(table["load"], table["hardness"])
-    return table[(area <= laws.FULL) & (table["patches"] >= study.FEWEST)]
+    return table[(area <= FULL) & (table["patches"] >= study.FEWEST)]
+
+
+def accepted(table):
+    """The rows that `joint_conductance` accepts."""
+    area = laws.contact_area(table["load"], table["hardness"])
+    kept = (area <= laws.FULL) & (table["patches"] >= study.FEWEST)
+    for name, ends in (("load", laws.LOADS), ("breadth", laws.BREADTHS)):
+        kept &= table[name].between(*ends)
+    return table[kept]
+
+
+def corners(seeds=range(811, 815)):
+    """The formula over fresh surfaces at CORNERS."""
+    table = accepted(table_of([block | {"seed": seeds} for block in CORNERS], lambda _: None))
+    return table.assign(formula=np.exp(misfit(table, (laws.FACTOR, laws.ELASTIC, laws.CLUSTER))))
 
 
 def parts(table):
@@ -102,7 +128,9 @@ def report(table):
     error = 2 * float(np.sqrt(np.mean(misfit(other, constants) ** 2)))
     print("FACTOR, ELASTIC, CLUSTER, ERROR", np.round(constants, 3), f"{error:.3f}")
     print("in use", laws.FACTOR, laws.ELASTIC, laws.CLUSTER, laws.ERROR)
-    for name, rows in (("fitted", fitted), ("error", other), ("unseen", unseen)):
+    named = {"fitted": fitted, "error": other, "unseen": unseen}
+    named |= {f"accepted of {name}": accepted(rows) for name, rows in named.items()}
+    for name, rows in named.items():
         off = np.abs(misfit(rows, constants))
         inside = (off < np.log1p(error)).mean()
         print(f"{name}: {len(off)} places, {inside:.3f} inside, at most {off.max():.3f}")
@@ -206,6 +234,8 @@ if __name__ == "__main__":
     if sys.argv[1:] == ["spots"]:
         theory = by_theory(study.kept().query("breadth == 8 and hurst in (0.3, 0.8)"))
         print(*(each.to_string() for each in (spots(), theory, j2())), sep="\n")
+    elif sys.argv[1:] == ["corners"]:
+        print(corners().round(3).to_string())
     elif sys.argv[1:] == ["judge"]:
         report(study.kept())
     else:
