@@ -138,12 +138,17 @@ def report(table):
 
 
 def ranges(table):
-    """The share of places at which each law is within 10 and 20 %, by hardness and breadth."""
+    """The least and greatest ratio of each law, and the share of places at which it is within 10
+    and 20 %, by hardness and breadth."""
     found = study.ratios(table).dropna(subset=study.RATIO)
     off = np.abs(np.log(found[study.RATIO]))
     found = found.assign(within_10=off < np.log(1.1), within_20=off < np.log(1.2))
-    columns = [study.RATIO, "within_10", "within_20"]
-    return found.groupby(["breadth", "law", "hardness"])[columns].mean().round(2).to_string()
+    found["hardnesses"] = pd.cut(found["hardness"], [0, 0.05, 0.1, 0.2, 0.4, 0.5, 0.7, 1])
+    every = found.assign(breadths="every")
+    found["breadths"] = pd.cut(found["breadth"], [0, 4, 8, 16, 32]).astype(str)
+    groups = pd.concat([every, found]).groupby(["law", "breadths", "hardnesses"], observed=True)
+    shares = groups[["within_10", "within_20"]].mean()
+    return groups[study.RATIO].agg(["min", "max", "size"]).join(shares).round(2).to_string()
 
 
 # --- spots and J2 contacts -----------------------------------------------------------------------
