@@ -14,7 +14,7 @@ give, and the table of the kinds on which they are judged, in some fifteen minut
 
 Errors by chance average out on long rims, and what all links share does not.  On roughness of 16 to
 128 shortest waves on a period, four points each, the limit stays .5 to 1 % below that of 16 points,
-which is `common`: `python -m laboratory.interface waves` judges it, in five minutes of two cores.
+which is `common`: `python -m laboratory.interface waves` judges it, in ten minutes of one core.
 """
 
 from __future__ import annotations
