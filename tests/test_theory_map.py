@@ -78,11 +78,36 @@ def test_a_body_harder_than_the_map_is_elastic_under_light_loads():
         ({"load": 1e-4}, "p0/hardness is 0.000167"),
         ({"hardness": math.inf, "load": 2.0}, "ξ. is 2"),
         ({"wide": 4.0}, "Nayak's parameter is 1.2"),
+        ({"hurst": 0.1, "wide": 512.0}, "waves along a side is 2"),
     ],
 )
 def test_outside_the_map_nothing_is_claimed(scene, said):
     with pytest.raises(InvalidScene, match=said):
         expected(**scene)
+
+
+@pytest.mark.parametrize(
+    ("hardness", "load", "wide", "known"),
+    [
+        (0.18, 0.09, 64.0, True),
+        (0.18, 0.09, 256.0, False),  # wider than any with roll-off that the map has so soft
+        (0.6, 0.09, 256.0, True),
+        (3.0, 2.7, 64.0, False),  # a closed gap is of round-off
+    ],
+)
+def test_a_gap_is_told_only_where_the_map_has_one_of_its_kind(hardness, load, wide, known):
+    found = expected(hardness, load, wide=wide)
+    assert ("mean_gap" in found) is known
+    assert "total" in found
+    told = validity.expectation(theory(hardness, wide=wide), load * 0.1 * MODULUS)
+    assert told.endswith("elements)" if known else "; not resolved: gap")
+
+
+def test_where_nothing_flows_total_and_elastic_area_are_off_alike():
+    """Between the last two hardnesses of the map their intervals would not meet of themselves."""
+    found = expected(2.3, 0.2 * 2.3, wide=256.0)
+    assert found["total"].low < found["elastic"].high
+    assert found["elastic"].low < found["total"].high
 
 
 def test_a_result_of_the_theory_tells_its_error_or_that_it_is_not_known():

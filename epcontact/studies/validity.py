@@ -36,9 +36,11 @@ def where_the_theory_holds(
     Errors are those of the theory (constant gamma, 0.536) against boundary elements on eight random
     self-affine surfaces a place and spectrum, with areas corrected for the grid, interpolated
     between places and spectra.  The strip at the top is a body without a hardness, the dot is the
-    scene of Almqvist and Persson; grey: not resolved by the grid.  Distances are Wasserstein's over
-    the hardness (in the strip over the mean contact pressure), slopes are means within a fifth of
-    the smaller of hardness and E* xi.
+    scene of Almqvist and Persson.  Grey means outside the map or not resolved: elastic and plastic
+    areas too small for the grid, gaps that close, and below a hardness of 0.3 E* xi the gap of a
+    wide spectrum, of which the map has only such as have no roll-off.  Distances are Wasserstein's
+    over the hardness (in the strip over the mean contact pressure), slopes are means within a fifth
+    of the smaller of hardness and E* xi.
     """
     spectrum = SelfAffineSpectrum(hurst, LOWEST, roll_off * LOWEST, wide * LOWEST, 1.0)
     rough = persson.analytic_roughness(spectrum)
@@ -91,6 +93,6 @@ def _drawn(table: pd.DataFrame, caption: str) -> Chart:
             ScalarMappable(look["norm"], look["cmap"]), ax=panels, location="bottom",
             ticks=LEVELS, format=lambda v, _: f"{100 * v:+g}", aspect=50, shrink=0.8,
         )  # fmt: skip
-        bar.set_label("relative error of the theory (%)")
+        bar.set_label("relative error of the theory (%); grey: outside the map, or not resolved")
     told = typeset(caption, mathtext=False)
     return Chart(figure, tuple(table.columns), table.to_numpy().tolist(), told)
