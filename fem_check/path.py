@@ -148,8 +148,12 @@ def _path_point(problem: Problem, pressure: float, along: Along, lowered: FloatA
 
 def _yielded_surface(problem: Problem, history: History) -> NDArray[np.bool_]:
     """(nx, ny) top nodes that touch an element of the top layer which has flowed."""
-    flowed = history.rows[: problem.heights.size].reshape(problem.block.shape) > 0
-    around = flowed | np.roll(flowed, 1, 0)
+    return nodes_of(history.rows[: problem.heights.size].reshape(problem.block.shape) > 0)
+
+
+def nodes_of(some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(nx, ny) top nodes that touch one of some elements (nx, ny) of the top layer."""
+    around = some | np.roll(some, 1, 0)
     return np.asarray(around | np.roll(around, 1, 1))
 
 

@@ -227,12 +227,15 @@ def _punch(scene: Scene, mask: Mask) -> tuple[float, FloatArray]:
     return float(displaced(C, pressure[mask]).mean()), pressure
 
 
-def contact_conductance(scene: Scene, result: ContactResult, resistivity: float) -> Limit:
+def contact_conductance(
+    scene: Scene, result: ContactResult, resistivity: float, stiffness: Limit | None = None
+) -> Limit:
     """Return the conductance of the contact at the last load per nominal area (Barber's analogy).
 
     Args:
         scene, result: a scene of half-spaces and the answer to it, as for the stiffness.
         resistivity: sum of the resistivities of the two bodies, in ohm m or, of heat, in m K/W.
+        stiffness: that of the unloading branch if it is known, in Pa/m; else it is solved for.
 
     Returns:
         In S/m^2 or W/(K m^2).  Zero without contact; infinite in full contact.
@@ -252,7 +255,7 @@ def contact_conductance(scene: Scene, result: ContactResult, resistivity: float)
         raise InvalidCase("Barber's analogy gives the conductance of half-spaces, not of a layer")
     if not 0 < resistivity < math.inf:
         raise InvalidCase(f"resistivity is {resistivity!r}, but must be a positive number")
-    stiffness = interface_stiffness(scene, result, "unloading")
+    stiffness = stiffness or interface_stiffness(scene, result, "unloading")
     scale = 2 / (effective_modulus(scene.material) * resistivity)
     return Limit(*(scale * value for value in stiffness))
 

@@ -37,9 +37,9 @@ from epcontact.files import whole_file
 from epcontact.harness.processes import death_of
 from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Scene
-from fem_check.contact import States
 from fem_check.driver import problem_of
 from fem_check.options import FemOptions
+from fem_check.path import nodes_of
 from fem_check.problem import Problem
 from fem_check.result import areas, distribution
 from fem_check.vtu import mesh_of
@@ -163,7 +163,9 @@ def solve(
         if given.law == "j2":
             flowed = (next(tables)[:, 2].reshape(nx * ny, -1).max(axis=1) > 0).reshape(nx, ny)
         # An open spring pulls a little; a closed one presses with far more.
-        state = _states(forces > 100 * PULL * max(scene.load.path) * block.node_area, flowed)
+        touching = forces > 100 * PULL * max(scene.load.path) * block.node_area
+        reached = np.where(nodes_of(flowed), results.PLASTIC, results.ELASTIC)
+        state = np.where(touching, reached, results.APART).astype(np.int8)
         pressure = np.where(state == results.APART, 0.0, forces) / block.node_area
         clearance = problem.heights.max() - problem.heights + down - approach
         gap = np.where(state == results.APART, clearance, 0.0)
@@ -242,13 +244,3 @@ def differences(scene: Scene, options: Mapping[str, Any]) -> dict[str, float]:
     }
     off = {name: np.abs(other.fields["pressure"] - base) for name, other in others.items()}
     return {name: float(each.sum() / base.sum()) for name, each in off.items()}
-
-
-def _states(touching: Any, flowed: Any) -> States:
-    """The states of the nodes, where an element flows beside a contact node it is plastic."""
-    around = flowed | np.roll(flowed, 1, 0)
-    around = around | np.roll(around, 1, 1)
-    states = np.full(touching.shape, results.APART, dtype=np.int8)
-    states[touching] = results.ELASTIC
-    states[touching & around] = results.PLASTIC
-    return states
