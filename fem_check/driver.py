@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from skfem import Basis, ElementHex1, LinearForm, MeshHex
 
-from epcontact.errors import NotConverged
+from epcontact.errors import InvalidScene, NotConverged
 from epcontact.files import write_collection
 from epcontact.machine import available_cores, forget_peak
 from epcontact.results import ContactResult, FloatArray
@@ -170,7 +170,11 @@ def problem_of(scene: Scene, options: FemOptions, threads: int | None = 1) -> Pr
     )
     flat = flat_elements(block)
     workers = Workers(available_cores() if threads is None else whole("threads", threads, 1))
-    heights = scene.surface.heights.reshape(block.shape)
+    heights, tilt = scene.surface.heights.reshape(block.shape), None
+    if options.geometry == "punch":
+        if block.sliding:
+            raise InvalidScene("geometry is 'punch', which holds no sliding layer in its place")
+        tilt = slopes(heights, block.spacing)
     return Problem(
         block,
         moved_elements(block) if moved else flat,
@@ -178,9 +182,19 @@ def problem_of(scene: Scene, options: FemOptions, threads: int | None = 1) -> Pr
         law,
         heights - heights.mean() if moved else heights,
         material.hardness * block.node_area if options.law == "capped" else math.inf,
-        not moved,
+        options.geometry == "gap",
+        tilt,
         workers,
     )
+
+
+def slopes(heights: FloatArray, spacing: tuple[float, float]) -> FloatArray:
+    """(nx, ny, 2) slopes of periodic heights at the nodes, by differences of fourth order."""
+
+    def apart(steps: int, axis: int) -> FloatArray:
+        return np.asarray(np.roll(heights, -steps, axis) - np.roll(heights, steps, axis))
+
+    return np.stack([(8 * apart(1, k) - apart(2, k)) / (12 * spacing[k]) for k in (0, 1)], axis=-1)
 
 
 # --- an independent check of a converged state by scikit-fem -------------------------------------
@@ -198,6 +212,7 @@ def certify(problem: Problem, state: State, history: History, largest: float) ->
         stress, _ = problem.layer_stresses(state, history, k)
         force[k : k + 2] += _layer_force(problem.block, positions[k : k + 2], stress)
     reaction, pressed = float(force[-1, ..., 2].sum()), float(state.forces.sum())
+    problem.turned_back(force)
     force[0, ..., 2] += state.forces
     total = largest or 1.0  # without any force on the path, all are zero
     return {

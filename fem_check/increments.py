@@ -144,7 +144,7 @@ def _kept(problem: Problem, along: Along, solved: SolvedIncrement, at: float) ->
     """The place after a solved increment, which is committed to the history."""
     history = along.history
     if problem.plastic:
-        u = solved.state.displacement.reshape(-1, 3)
+        u = problem.turned(solved.state.displacement).reshape(-1, 3)
         history = plasticity.commit(u, problem.bricks, problem.law, history, solved.flowing)
     return replace(
         along,

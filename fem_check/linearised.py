@@ -81,13 +81,14 @@ class Tangent:
     def excess(self, v: FloatArray, elastic: FloatArray) -> FloatArray:
         """The stiffness times `v`, less `elastic`, the flat block's elastic product."""
         problem, out = self.problem, np.zeros_like(v)
-        if not problem.flat:
-            out = problem.internal_force(v, None)[0] - elastic
         if self.correction is not None and self.correction.which.size:
             plasticity.add_correction(
-                v.reshape(-1, 3), problem.bricks, self.correction, 1 - self.blend,
+                problem.turned(v).reshape(-1, 3), problem.bricks, self.correction, 1 - self.blend,
                 out.reshape(-1, 3), problem.workers,
             )  # fmt: skip
+            problem.turned_back(out)
+        if not problem.flat:
+            out += problem.internal_force(v, None)[0] - elastic
         return problem.without_base(out)
 
 

@@ -186,12 +186,13 @@ def bytes_needed(
     displacement fields (24 each); ten more end a few levels below the flow.  A layer keeps its
     stiffness (9 matrices).  An element that flows keeps its history and correction (970), and its
     nodes, up to 1.6 times as many, the rows of the tangent (2250).  Without flow seven fields are
-    alive.  In the moved geometry an element keeps its own gradients (2900), all fields reach the
-    base, and no rows are made.  The certificate takes 7000 bytes, or 10000 with flow, for each
-    element of a layer, after most of the fields have been given back.
+    alive.  In the moved geometry an element keeps its own gradients (2900); there and under a punch
+    all fields reach the base, and no rows are made.  The certificate takes 7000 bytes, or 10000
+    with flow, for each element of a layer, after most of the fields have been given back.
     """
     surface, levels = math.prod(block.shape), len(block.layers) + 1
-    moved, flows = block.moved is not None, options.law == "j2"
+    moved, whole = block.moved is not None, options.geometry != "gap"
+    flows = options.law == "j2"
     kept = levels * (44 + 15 * 8 / 2 + (2900 if moved else 0))
     solve = kept + levels * 7 * 24
     if flows:
@@ -201,8 +202,8 @@ def bytes_needed(
         limit = material.yield_stress
         flow = flowing_shares(block, max(scene.load.path), limit, stiff * slope / limit)
         history, upper = 970 * float(flow.sum()), min(levels, int((flow > 0).sum()) + 3)
-        rows = 0.0 if moved else 2250 * float(np.minimum(1.0, 1.6 * flow).sum())
-        fields = 24 * (6 * levels + 10 * (levels if moved else upper))
+        rows = 0.0 if whole else 2250 * float(np.minimum(1.0, 1.6 * flow).sum())
+        fields = 24 * (6 * levels + 10 * (levels if whole else upper))
         solve = kept + fields + history + rows + 9 * 24 * 24 * 8 * len(block.layers) / surface
         kept += history
     certificate = kept + levels * 6 * 24 + (10000 if flows else 7000)

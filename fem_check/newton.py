@@ -80,7 +80,7 @@ def _tangent(
 ) -> Tangent:
     if not problem.plastic:
         return Tangent(problem, None, blend)
-    u = state.displacement.reshape(-1, 3)
+    u = problem.turned(state.displacement).reshape(-1, 3)
     correction = plasticity.tangent_correction(
         u, problem.bricks, problem.law, history, flowing, problem.workers
     )

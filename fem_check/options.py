@@ -12,7 +12,7 @@ from epcontact.errors import InvalidScene
 from epcontact.scene import Scene, listed, number, positive, settle, share, whole
 
 LawName = Literal["elastic", "capped", "j2"]
-Geometry = Literal["gap", "moved"]
+Geometry = Literal["gap", "moved", "punch"]
 
 
 def _option(default: Any, description: str, **bounds: float) -> Any:
@@ -32,7 +32,8 @@ class FemOptions:
     is small-strain plasticity of the solid itself, without any cap on the pressure.
 
     Geometries.  With "gap" the roughness is the initial gap over a flat block, as small slopes
-    allow.  With "moved" the top nodes are moved to the real heights.
+    allow.  With "moved" the top nodes are moved to the real heights.  With "punch" the flat block
+    is met by rigid mirrored heights, which press along their normals, without friction.
 
     Raises:
         InvalidScene: an option is not within its bounds.
@@ -45,7 +46,9 @@ class FemOptions:
     law: LawName = field(default="j2", metadata={"description": "material law"})
     geometry: Geometry = field(
         default="gap",
-        metadata={"description": "roughness as gap over a flat block, or as moved top nodes"},
+        metadata={
+            "description": "roughness as gap, as moved top nodes, or as that of a rigid punch"
+        },
     )
     depth: float | None = _option(None, "m; else chosen from the scene", gt=0)
     layers: int | None = _option(None, "elements over the depth", ge=2)

@@ -79,7 +79,8 @@ class Problem:
     """The data that do not change along a load path.
 
     bricks: the elements of the true geometry, which is the factor's if `flat`.  heights: (nx, ny)
-    of the top, in m.  cap: the largest nodal force, in N.
+    of the top, in m.  cap: the largest nodal force, in N.  tilt: (nx, ny, 2) slopes of a punch, or
+    None; see `turned`.
     """
 
     block: PeriodicBlock
@@ -89,6 +90,7 @@ class Problem:
     heights: FloatArray
     cap: float = np.inf
     flat: bool = True
+    tilt: FloatArray | None = None
     workers: Workers = ALONE
 
     @cached_property
@@ -110,9 +112,24 @@ class Problem:
         self, u: FloatArray, history: History | None
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """The internal force of `u`, and which elements flow; without a history none does."""
-        past, nodal = history if self.plastic else None, u.reshape(-1, 3)
+        past, nodal = history if self.plastic else None, self.turned(u).reshape(-1, 3)
         force, flowing = plasticity.internal_force(nodal, self.bricks, self.law, past, self.workers)
-        return force.reshape(u.shape), flowing
+        return self.turned_back(force.reshape(u.shape)), flowing
+
+    def turned(self, v: FloatArray) -> FloatArray:
+        """The displacement u of the unknowns v.  On top of a block under a punch, which presses
+        along (tilt, 1) and meets what moves sideways at another height, v_z = u_z + tilt . u_xy."""
+        if self.tilt is None:
+            return v
+        u = v.copy()
+        u[0, ..., 2] -= (self.tilt * v[0, ..., :2]).sum(axis=-1)
+        return u
+
+    def turned_back(self, force: FloatArray) -> FloatArray:
+        """The forces on v, in place, of those on u: the transpose of `turned`."""
+        if self.tilt is not None:
+            force[0, ..., :2] -= self.tilt * force[0, ..., 2:]
+        return force
 
     def gap(self, u: FloatArray, approach: float) -> FloatArray:
         """(nx, ny) gap between the top and the flat, in m."""
@@ -134,7 +151,7 @@ class Problem:
             connectivity=bricks.connectivity[part], shape_of=bricks.shape_of[part]
         )
         past = history._replace(rows=history.rows[part]) if self.plastic else None
-        u = state.displacement.reshape(-1, 3)
+        u = self.turned(state.displacement).reshape(-1, 3)
         return plasticity.stresses(u, some, self.law, past), some
 
     def reaction(self, states: States, internal: FloatArray) -> FloatArray:

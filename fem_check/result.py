@@ -106,7 +106,8 @@ def surface_fields(path: SolvedPath, point: PathPoint) -> dict[str, NDArray[Any]
 
 
 def _descent(scene: Scene, point: PathPoint) -> FloatArray:
-    """(nx, ny) downward displacement of the top in m; of a half-space, less its mean."""
+    """(nx, ny) downward displacement of the top in m; of a half-space, less its mean.  Under a
+    punch it is that of what is now at the place of a node, as `Problem.turned` has it."""
     down: FloatArray = -point.state.displacement[0, ..., 2]
     return down - down.mean() if scene.body.kind == "half_space" else down
 

@@ -78,7 +78,7 @@ def mesh_of(
     block = problem.block
     nz, (nx, ny) = len(block.layers), block.shape
     where = block.positions()
-    if block.moved is None and not reference:
+    if block.moved is None and problem.tilt is None and not reference:
         fade = 1 + block.levels / block.depth
         where[..., 2] += fade[:, None, None] * (problem.heights - problem.heights.mean())
     nodes = closed(np.arange(where[..., 0].size).reshape(where.shape[:3])).ravel()
@@ -182,8 +182,8 @@ def _data(
     problem: Problem, state: State, history: History | None
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """The displacement, stresses and strains at the block's nodes and in its elements."""
-    bricks = problem.bricks
-    u, past = state.displacement.reshape(-1, 3), history if problem.plastic else None
+    bricks, past = problem.bricks, history if problem.plastic else None
+    u = problem.turned(state.displacement).reshape(-1, 3)
     stress = plasticity.stresses(u, bricks, problem.law, past)
     weights = bricks.weights[bricks.shape_of]
     volumes = weights.sum(axis=1)

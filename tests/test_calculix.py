@@ -126,7 +126,7 @@ def plain_pressures(scene):
 
 @needs_ccx
 def test_calculix_has_the_pressures_of_a_plain_assembly_in_the_limit_of_small_slopes():
-    """What is left falls as the slope, and then is the springs' part."""
+    """What is left falls as the slope, and then is the springs' part, which falls as they yield."""
     left = []
     for slope in (0.05, 0.005, 0.0005):
         scene = elastic_scene(slope)
@@ -136,15 +136,8 @@ def test_calculix_has_the_pressures_of_a_plain_assembly_in_the_limit_of_small_sl
     assert left[0] < 0.04  # measured .030, .0032 and .00062
     assert left[1] < 0.15 * left[0]
     assert left[2] < 1e-3
-
-
-@needs_ccx
-def test_a_stiffer_penalty_takes_the_rest_away():
-    scene, options = elastic_scene(5e-4), {"law": "elastic"}
-    plain = plain_pressures(scene)
-    found = [calculix.solve(scene, options, element="C3D8", penalty=p) for p in (1e2, 1e3)]
-    left = [np.abs(each.fields["pressure"] - plain).sum() / plain.sum() for each in found]
-    assert left[1] < 0.2 * left[0]
+    soft = calculix.solve(scene, {"law": "elastic"}, element="C3D8", penalty=calculix.PENALTY / 10)
+    assert left[2] < 0.2 * np.abs(soft.fields["pressure"] - plain).sum() / plain.sum()
 
 
 @needs_ccx
@@ -158,10 +151,3 @@ def test_a_path_has_a_step_for_each_load_and_flow_is_read():
     np.testing.assert_allclose(path.fields["pressure"], alone.fields["pressure"], rtol=2e-3)
     assert path.final.areas["raw"].plastic == path.final.areas["raw"].total > 0
     assert path.final.residuals["force"] < 1e-5
-
-
-@needs_ccx
-def test_differences_name_their_parts():
-    parts = calculix.differences(elastic_scene(), {"law": "elastic"})
-    assert parts["penalty (ten times)"] < 1e-3 < parts["large displacements (a tenth of the slope)"]
-    assert 0.01 < parts["all, against fem"] < 0.03  # measured .0165 on two grids a wave

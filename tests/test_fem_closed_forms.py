@@ -38,6 +38,22 @@ def wave(nodes, shift, load, nu=0.3):
     return error, area * nodes, float(found.max() / exact.max() - 1)
 
 
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
+def test_a_rough_body_and_a_rough_punch_in_full_contact_are_mirror_images(nu):
+    """To first order in the slope, p0 turned by the punch's slopes adds its share to the wave, and
+    p0 on the body's own slopes takes as much away: (1 - 2 nu)/(1 - nu) p0/E* (by hand)."""
+    complete = waves.line_complete_pressure(0.004, 1.0, effective(nu))
+    surface = Surface(0.004 * np.cos(2 * np.pi * np.arange(32) / 32), (1.0,))
+    scene = Scene(surface, Material(1.0, nu), Load(1.5 * complete))
+    solved = {
+        name: solve(scene, law="elastic", geometry=name) for name in ("gap", "moved", "punch")
+    }
+    gap, *others = (np.fft.fft(r.fields["pressure"])[1].real for r in solved.values())
+    share = (1 - 2 * nu) / (1 - nu) * scene.load.final / effective(nu)
+    changes = [other / gap - 1 for other in others]
+    np.testing.assert_allclose(changes, [-share, share], rtol=0.03, atol=2e-4)
+
+
 SHIFTS = (np.arange(8) + 0.5) / 8
 
 
