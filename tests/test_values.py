@@ -5,9 +5,7 @@ capped.  Strain: a flat layer hardens under uniaxial strain and is unloaded (clo
 made-up contact after unloading, of which the order of the points is known.  Counts: parts of a sum.
 """
 
-import csv
 import functools
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +16,7 @@ from epcontact import Body, Load, Material, Scene, SelfAffineSpectrum, Surface, 
 from epcontact.harness.answers import loads
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES, measure, scalar_quantities
+from epcontact.harness.verdict.compare import KEPT, read_figures
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
 from epcontact.surfaces import SelfAffine
@@ -159,8 +158,7 @@ def test_counts_are_those_of_the_steps_and_residuals_those_of_the_tolerance():
 
 def test_no_quantity_is_without_a_value():
     """Of the method and its errors only: a gate of two methods proves that they agree."""
-    with (Path(__file__).parent / "bands.csv").open(encoding="utf-8") as file:
-        gates = [row["gate"].split(" ") for row in csv.DictReader(file)]
+    gates = [name.split(" ") for name in read_figures(KEPT).dropna(subset="low")["name"].unique()]
     known = {quantity for quantity, *_, against, _ in gates if against not in METHODS}
     known |= {name for _, values in CASES for name in values} | FIGURES
     for found in (posts()[1], strain()[1]):  # judged by their sums and their tolerance

@@ -28,6 +28,7 @@ from epcontact.machine import LINEAR_ALGEBRA, single_threads
 COMMANDS = {
     "chart": "studies",
     "cite": "show",
+    "compare": "ledger",
     "crosscheck": "plans",
     "export": "plans",
     "gates": "show",

@@ -7,16 +7,15 @@ import sys
 from pathlib import Path
 
 import click
-from pydantic import ValidationError
 from rich.console import Console
 
 from epcontact.cli.listing import open_console, print_rows
 from epcontact.cli.options import folder, own_size
-from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import find_case, find_cases, find_named, load_case
 from epcontact.harness.case_files.citations import citation
 from epcontact.harness.case_files.mistakes import case_schema, key_table
 from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.verdict.compare import read_verdict
 from epcontact.harness.verdict.judgement import Verdict
 from epcontact.results import plain
 
@@ -71,15 +70,10 @@ def gates(cases: tuple[str, ...], output: Path) -> None:
 
 
 def _margins(file: Path) -> dict[tuple[str, str, str], str]:
-    if not file.exists():
-        return {}
-    try:
-        verdict = Verdict.model_validate_json(file.read_text("utf-8"))
-    except (ValidationError, UnicodeDecodeError):
-        raise InvalidCase(f"{file}: is no verdict; run `epcontact verify` again") from None
+    verdict = read_verdict(file) if file.exists() else None
     return {  # a margin of more than 1000 is one of rounding
         (case.id, case.size, gate.name): "exact" if gate.margin > 1000 else f"{gate.margin:.2g}"
-        for case in verdict.cases
+        for case in (verdict.cases if verdict else ())
         for gate in case.gates
         if gate.difference is not None
     }

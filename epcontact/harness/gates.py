@@ -62,6 +62,7 @@ class Estimate(Record):
         alias="half_width_95", description="half the width of Student's interval; 0 for one"
     )
     count: int = Field(alias="surfaces", ge=0, description="number of averaged values")
+    claimed_error: Number | None = Field(default=None, description="that the answers claim")
 
 
 def estimate(values: Sequence[float]) -> Estimate:

@@ -221,6 +221,15 @@ FAULTS = (
     _fault("the seconds of the longest solve for those of all in junit.xml",
         edited(VERDICT + "verification._suite", "fsum(entry", "max(entry"),
         test=TESTS + "test_seconds_are_those_of_the_solves"),
+    *(
+        _fault(what, edited(VERDICT + where, old, new),
+            test="tests/test_compare.py::test_a_value_that_moved_inside_its_band_is_told")
+        for what, where, old, new in (
+            ("a move in units of the band", "compare._moves", "np.where(claim > 0, claim, unc",
+                "np.where(claim > 0, band, unc"),
+            ("no claim in a verdict", "judgement._claiming", "not error", "error"),
+        )
+    ),
     _fault("no failure in junit.xml", at(VERDICT + "verification.Failure", Skipped),
         test=TESTS + "test_files_say_what_the_verdict_says"),
     _fault("the exit code of an error for a shortfall",

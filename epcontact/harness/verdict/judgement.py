@@ -9,6 +9,7 @@ Version 1 of the schema may gain keys; no key is renamed, removed or given anoth
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -25,6 +26,7 @@ from epcontact.harness.gates import (
     ERROR,
     FALLS_SHORT,
     HOLDS,
+    Estimate,
     Gate,
     GateVerdict,
     Number,
@@ -51,6 +53,9 @@ class MethodEntry(Record):
     seconds: dict[str, Number] = Field(
         default={}, description="of each solve, by surface; of one that is reused, when it was made"
     )
+    counts: dict[str, Number] = Field(
+        default={}, description="the work of all surfaces: FFT pairs, iterations, unknowns"
+    )
 
 
 class CaseVerdict(Record):
@@ -58,6 +63,7 @@ class CaseVerdict(Record):
 
     id: str
     size: str
+    scene: str = Field(default="", description="SHA-256 of the scenes of its answers")
     status: Literal["holds", "falls short", "error", "skipped"]
     requirement: str
     source: str
@@ -136,6 +142,7 @@ def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
     judged = CaseVerdict(
         id=case.id,
         size=case.size,
+        scene=_scenes(answers),
         status=SKIPPED if case.skip else worst,
         requirement=case.head.requirement,
         source=case.head.source,
@@ -150,6 +157,11 @@ def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
                     for label, result in zip(a.labels, a.results, strict=True)
                     if "seconds" in result.cost
                 },
+                counts={
+                    name: math.fsum(result.cost.get(name, 0.0) for result in a.results)
+                    for name in sorted({name for result in a.results for name in result.cost})
+                    if name not in ("seconds", "peak_memory_bytes")
+                },
             )
             for name, a in answers.items()
         },
@@ -158,6 +170,12 @@ def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
     )
     judged._case, judged._answers = case, answers
     return judged
+
+
+def _scenes(answers: Mapping[str, Answer]) -> str:
+    """Return the digest of the scenes that were solved; "" if none was."""
+    found = {result.provenance.scene for a in answers.values() for result in a.results}
+    return hashlib.sha256(" ".join(sorted(found)).encode()).hexdigest() if found else ""
 
 
 def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdict:
@@ -180,7 +198,13 @@ def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdic
             return judge_distance(gate, _read(of, name))
         value = _read(of, gate.quantity)
         paired = against is not None and len(value) > 1 and of.labels == against.labels
-        return judge(gate, value, _references(case, gate, against), paired, _claim(gate, answers))
+        judged = judge(gate, value, _references(case, gate, against), paired, _claim(gate, answers))
+        return judged.model_copy(
+            update={
+                "value": _claiming(gate, judged.value, of),
+                "reference": _claiming(gate, judged.reference, against),
+            }
+        )
     except Exception as error:  # of a closed form, too, in numbers that it cannot hold
         return unjudged(gate, sentence_of(error))
 
@@ -196,6 +220,17 @@ def _references(case: Case, gate: Gate, against: Answer | None) -> list[float]:
         form = CLOSED_FORMS[gate.against]
         return [form.scalar(gate.quantity, case.scene(case.recipes[0]))]
     return [gate.against]
+
+
+def _claiming(gate: Gate, found: Estimate | None, answer: Answer | None) -> Estimate | None:
+    """Return the mean of an answer's values with that of the errors which they claim."""
+    error = claim_of(gate.quantity)
+    if found is None or answer is None or not error:
+        return found
+    if any(error not in scalar_quantities(result) for result in answer.results):
+        return found
+    claim = fmean(_read(answer, error))
+    return found.model_copy(update={"claimed_error": math.inf if math.isnan(claim) else claim})
 
 
 def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:

@@ -1,0 +1,178 @@
+"""What moved between two verdicts: values in units of the errors that they claim, bands, work.
+
+A value that claims no error has to stay within `UNCLAIMED` of itself, or a hundredth of a band that
+is absolute.  One that must be 0 is an error itself, and its band is all that it claims.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pydantic import ValidationError
+
+from epcontact.errors import InvalidCase
+from epcontact.files import read_bytes, whole_file
+from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
+
+#: The figures of the release; `epcontact compare NEW --keep FILE` writes such a table.
+KEPT = Path(__file__).with_name("kept.csv")
+UNCLAIMED = 1e-4
+#: What moves by less, in units of its claim, stays where it is.
+STILL = 0.01
+#: A count of work has grown if it is so many times what it was.
+SLOWER = 1.05
+_CASE, ROW = ["case", "size"], ["case", "size", "name"]
+_COLUMNS = [*ROW, "scene", "value", "error", "low", "high", "status"]
+_IDENTITY = "against 0 (absolute)"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What moved: tables with a row each, and lists of what is in one verdict only."""
+
+    moved: pd.DataFrame  # case, size, name, value_old, value_new, error; moved, in units of it
+    slower: pd.DataFrame  # the counts that grew, with their ratio
+    seconds: Mapping[tuple[str, str], float]  # by case and size: those of NEW over those of OLD
+    told: Mapping[str, list[str]]  # by what is said of them
+    compared: int  # values in both verdicts
+
+    @property
+    def beyond(self) -> pd.DataFrame:
+        """The values that moved by more than they claim."""
+        return self.moved[self.moved["moved"] > 1]
+
+    @property
+    def exit_code(self) -> int:
+        """1 if a value moved beyond its claim, or a gate that held does not."""
+        return int(len(self.beyond) > 0 or bool(self.told[FELL]))
+
+
+FELL = "held, and does not hold now"
+
+
+def read_verdict(file: Path) -> Verdict:
+    """Read a verdict.json.  Raises InvalidCase or OutputError if it cannot be read as one."""
+    try:
+        return Verdict.model_validate_json(read_bytes(file))
+    except ValidationError:
+        raise InvalidCase(f"{file}: is no verdict; run `epcontact verify` again") from None
+
+
+def read_figures(path: Path) -> pd.DataFrame:
+    """Read a verdict.json, the folder that holds it, or a kept table: a row for each gate, each
+    answer of a method that is only a reference, and each count of work."""
+    if path.suffix != ".csv":
+        file = path / "verdict.json" if path.is_dir() else path
+        rows = [row for case in read_verdict(file).cases for row in _rows(case)]
+        return pd.DataFrame(rows, columns=_COLUMNS)
+    try:
+        found = pd.read_csv(path, dtype=dict.fromkeys((*ROW, "scene", "status"), str))
+        found[["case", "size", "scene"]] = found[["case", "size", "scene"]].ffill()
+        return found[_COLUMNS].fillna({"scene": "", "status": ""})
+    except (OSError, ValueError, KeyError):
+        raise InvalidCase(f"{path}: is no table that `epcontact compare --keep` wrote") from None
+
+
+def _rows(case: CaseVerdict) -> list[dict[str, Any]]:
+    about = {"case": case.id, "size": case.size, "scene": case.scene[:8], "status": ""}
+    found: dict[str, dict[str, Any]] = {}
+    for gate in case.gates:
+        status = {} if gate.holds else {"status": gate.status}
+        found[gate.name] = {"low": gate.low, "high": gate.high} | status
+        for side, name in ((gate.value, gate.name), (gate.reference, "")):
+            if side is not None and (name or gate.against in case.methods):
+                row = found.setdefault(name or f"{gate.quantity} of {gate.against}", {})
+                row |= {"value": side.mean, "error": side.claimed_error}
+    for method, entry in case.methods.items():
+        for count, value in entry.counts.items():
+            found[f"cost.{count} of {method}"] = {"value": value}
+        if entry.seconds:
+            found[f"cost.seconds of {method}"] = {"value": sum(entry.seconds.values())}
+    return [about | {"name": name} | row for name, row in found.items()]
+
+
+def keep(figures: pd.DataFrame, path: Path) -> None:
+    """Write a table of figures without times; what it has of other cases and sizes stays."""
+    figures = figures[~figures["name"].str.startswith("cost.seconds")]
+    if path.is_file():
+        before = read_figures(path)
+        others = ~pd.MultiIndex.from_frame(before[_CASE]).isin(
+            pd.MultiIndex.from_frame(figures[_CASE])
+        )
+        figures = pd.concat([before[others], figures])
+    shown = figures.astype(object).where(figures.notna() & (figures != ""), None)
+    shown["error"] = shown["error"].map(lambda e: None if e is None else f"{e:.2g}")
+    shown["value"] = shown["value"].map(lambda v: None if v is None else f"{v:.9g}")
+    same = (figures[_CASE] == figures[_CASE].shift()).all(axis=1)
+    shown.loc[same.to_numpy(), [*_CASE, "scene"]] = None  # is that of the row above
+    with whole_file(path) as file:
+        shown.to_csv(file, index=False)
+
+
+def compare(old: pd.DataFrame, new: pd.DataFrame) -> Comparison:
+    """Compare two tables of figures.  Raises InvalidCase if they have no case in common."""
+    cases = [set(map(tuple, table[_CASE].to_numpy())) for table in (old, new)]
+    if not cases[0] & cases[1]:
+        has = (", ".join(sorted({size for _, size in side})) or "none" for side in cases)
+        raise InvalidCase(
+            "the verdicts have no case of one size in common: {} in OLD, {} in NEW".format(
+                *(f"{len(side)} of size {sizes}" for side, sizes in zip(cases, has, strict=True))
+            )
+        )
+    both = old.merge(new, on=ROW, how="outer", suffixes=("_old", "_new"), indicator="where")
+    scenes = [table.groupby(_CASE)["scene"].first() for table in (old, new)]
+    pairs = pd.concat(scenes, axis=1, join="inner", keys=["old", "new"])
+    changed = pairs[(pairs != "").all(axis=1) & (pairs["old"] != pairs["new"])].index
+    place = pd.MultiIndex.from_frame(both[_CASE])
+    common = both[place.isin(pairs.index) & ~place.isin(changed)]
+    work = common["name"].str.startswith("cost.")
+    one = common[~work & (common["where"] != "both")]
+    values, counts = (common[(common["where"] == "both") & kind].copy() for kind in (~work, work))
+    counts["ratio"] = counts["value_new"] / counts["value_old"]
+    timed = counts["name"].str.startswith("cost.seconds")
+    seconds = counts[timed].groupby(_CASE)[["value_old", "value_new"]].sum()
+    wider = (values["low_new"] < values["low_old"]) | (values["high_new"] > values["high_old"])
+    fell = (values["status_old"] == "") & (values["status_new"] != "")
+    told = {
+        FELL: _named(values[fell]),
+        "of another scene, not compared": [" ".join(each) for each in changed],
+        "in a wider band": _named(values[wider]),
+        "cases of NEW alone": sorted(" ".join(each) for each in cases[1] - cases[0]),
+        "cases of OLD alone": sorted(" ".join(each) for each in cases[0] - cases[1]),
+        "figures of NEW alone": _named(one[one["where"] == "right_only"]),
+        "figures of OLD alone": _named(one[one["where"] == "left_only"]),
+    }
+    return Comparison(
+        _moves(values).sort_values("moved", ascending=False, kind="stable"),
+        counts[~timed & (counts["ratio"] > SLOWER)].sort_values("ratio", ascending=False),
+        (seconds["value_new"] / seconds["value_old"]).to_dict(),
+        told,
+        len(values),
+    )
+
+
+def _named(rows: pd.DataFrame) -> list[str]:
+    return [f"{case} {size}: {name}" for case, size, name in rows[ROW].itertuples(index=False)]
+
+
+def _moves(values: pd.DataFrame) -> pd.DataFrame:
+    """Return values that moved, each once, with their unit as `error` and `moved`, in units."""
+    old, new = values["value_old"].to_numpy(float), values["value_new"].to_numpy(float)
+    claim = np.fmax(values["error_old"].to_numpy(float), values["error_new"].to_numpy(float))
+    band = (values["high_old"] - values["low_old"]).to_numpy(float) / 2
+    relative = values["name"].str.endswith("(relative)").to_numpy() | np.isnan(band)
+    unclaimed = np.fmax(UNCLAIMED * np.fmax(abs(old), abs(new)), np.where(relative, 0, band / 100))
+    unit = np.where(claim > 0, claim, unclaimed)
+    unit = np.where(values["name"].str.endswith(_IDENTITY), band, unit)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moved = np.where((old == new) | (np.isnan(old) & np.isnan(new)), 0.0, (new - old) / unit)
+    found = values.assign(error=unit, moved=np.where(np.isnan(moved), np.inf, abs(moved)))
+    # A value that several gates judge is told once.
+    found["figure"] = found["name"].str.split(" against ").str[0]
+    found = found[found["moved"] > STILL].sort_values("moved", ascending=False, kind="stable")
+    return found.drop_duplicates([*_CASE, "figure"])

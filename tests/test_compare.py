@@ -1,0 +1,135 @@
+"""What moved since another verdict is told, and no band of the package grew since its release."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from command_line import invoke
+
+from epcontact.bem.areas import rim_correction
+from epcontact.harness.case_files.case import find_named, load_case
+from epcontact.harness.verdict.compare import KEPT, UNCLAIMED, read_figures
+from epcontact.harness.verdict.verification import verify
+
+CASES = Path(__file__).parents[1] / "cases"
+SCENE = "westergaard-surface"
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """The same case by rim corrections that are right, a little off, and off by more than an area
+    claims; its band is wide enough for all three."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name, factor in {"right": 1.0, "near": 0.97, "off": 0.8}.items():
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(rim_correction, "OFFSETS", factor * rim_correction.OFFSETS)
+            assert verify(SCENE, output=folder / name, jobs=1).passed
+    return folder
+
+
+def compared(*given):
+    found = invoke("compare", *given)
+    assert max(map(len, found.stdout.splitlines()), default=0) <= 80
+    return found.returncode, " ".join(found.stdout.split()), found.stderr
+
+
+def test_a_value_that_moved_inside_its_band_is_told(runs, tmp_path):
+    code, said, _ = compared(runs / "right", runs / "right" / "verdict.json")
+    assert (code, "0 moved beyond their claim, 0 within it" in said) == (0, True)
+    code, said, _ = compared(runs / "right", runs / "near", "--csv", tmp_path / "moved.csv")
+    moved = pd.read_csv(tmp_path / "moved.csv").set_index("name")
+    error, moves = moved.loc["area.total.corrected of bem against westergaard (relative)"].iloc[-2:]
+    assert 0.1 < moves < 1
+    assert error > 1.5 * UNCLAIMED * 0.564  # it is the claim of the area
+    assert (code, "area.total.corrected of bem" in said) == (0, True)
+    code, said, _ = compared(runs / "right", runs / "off")
+    assert (code, "1 moved beyond their claim" in said) == (1, True)
+
+
+def test_a_kept_table_stands_for_its_verdict(runs, tmp_path):
+    kept = tmp_path / "kept.csv"
+    for _ in range(2):
+        _, said, _ = compared(runs / "right", runs / "right", "--keep", kept)
+    assert kept.stat().st_size < (runs / "right" / "verdict.json").stat().st_size / 3
+    assert compared(kept, runs / "right") == (0, said.partition("; seconds")[0], "")
+    assert compared(kept, runs / "off")[0] == 1
+
+
+def test_what_is_new_gone_of_another_scene_wider_and_slower_is_told(runs, tmp_path):
+    figures = read_figures(runs / "right")
+    other = figures.assign(scene="another")
+    names = figures["name"].tolist()
+    figures.loc[figures["name"].str.startswith("cost.fft_pairs"), "value"] *= 2
+    figures["high"] *= 1.5
+    figures.iloc[0, figures.columns.get_loc("status")] = "falls short"
+    figures.loc[1, "name"] = "a new gate"
+    figures.to_csv(tmp_path / "new.csv")
+    other.to_csv(tmp_path / "other.csv")
+    code, said, _ = compared(runs / "right", tmp_path / "new.csv")
+    assert code == 1
+    for words in (
+        f"held, and does not hold now: {SCENE} fast: {names[0]}",
+        f"in a wider band: {SCENE} fast: {names[0]}",
+        f"figures of NEW alone: {SCENE} fast: a new gate",
+        f"figures of OLD alone: {SCENE} fast: {names[1]}",
+        f"{SCENE} fast: fft_pairs of bem",
+        "2.00",
+    ):
+        assert words in said
+    code, said, _ = compared(runs / "right", tmp_path / "other.csv")
+    assert (code, f"not compared: {SCENE} fast" in said) == (0, True)
+    assert "0 values compared" in said
+
+
+def test_what_cannot_be_compared_is_one_sentence(runs, tmp_path):
+    assert "3 are given" in compared(tmp_path, tmp_path, tmp_path)[2]
+    (tmp_path / "verdict.json").write_text("{}")
+    (tmp_path / "table.csv").write_text("a,b\n1,2\n")
+    figures = read_figures(runs / "right")
+    figures.assign(size="full").to_csv(tmp_path / "full.csv")
+    for other, words in {
+        tmp_path: "is no verdict",
+        tmp_path / "absent": "cannot read",
+        tmp_path / "table.csv": "is no table that",
+        tmp_path / "full.csv": "1 of size full in OLD, 1 of size fast in NEW",
+    }.items():
+        code, said, error = compared(other, runs / "right")
+        assert (code, said, words in error, error.count("\n")) == (2, "", True, 1)
+
+
+def test_no_band_of_the_cases_grew_and_none_is_gone():
+    kept = read_figures(KEPT).dropna(subset="low").set_index(["case", "size", "name"])
+    assert len(kept) > 900
+    present = {
+        (text.id, size, gate.name): (gate.low, gate.high)
+        for path in sorted(CASES.glob("*.toml"))
+        for text in find_named(path)
+        for size in text.sizes
+        for gate in load_case(text, size).gates
+    }
+    none = (-float("inf"), float("inf"))
+    bands = {name: present.get(name, none) for name in kept.index}
+    before = zip(kept["low"], kept["high"], strict=True)
+    assert [
+        name
+        for (name, new), old in zip(bands.items(), before, strict=True)
+        if new[0] < old[0] or new[1] > old[1]
+    ] == []
+
+
+def test_the_command_lists_bands_with_their_margins(tmp_path):
+    verify("bearing-area", output=tmp_path, jobs=1)
+    command = ["gates", "bearing-area", "--output", str(tmp_path)]
+    listed = invoke(*command).stdout.splitlines()
+    fast, full = [line for line in listed if "area.total.raw of bem against" in line]
+    assert "-0.0002 … 0.0002" in fast
+    assert " – " not in fast
+    assert " – " in full  # which was not verified
+    (tmp_path / "verdict.json").write_text("{}")
+    assert "is no verdict" in invoke(*command).stderr
+
+
+@pytest.mark.slow
+def test_no_value_moved_since_the_release(tmp_path):
+    verify(output=tmp_path)
+    assert compared(tmp_path)[0] == 0
