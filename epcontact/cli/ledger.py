@@ -36,15 +36,17 @@ def compare(verdicts: tuple[Path, ...], table: Path | None, kept: Path | None) -
     """
     if len(verdicts) > 2:
         raise click.UsageError(f"compares OLD and NEW, but {len(verdicts)} are given")
-    old, new = (KEPT, *verdicts)[-2:]
-    figures = read_figures(new)
-    found = comparing.compare(read_figures(old), figures)
+    figures = read_figures(verdicts[-1])
+    if kept is not None:
+        keep(figures, kept)
+        click.echo(f"figures in {kept}")
+        if len(verdicts) == 1:
+            return
+    found = comparing.compare(read_figures((KEPT, *verdicts)[-2]), figures)
     if table is not None:
         names = [*comparing.ROW, "value_old", "value_new", "error", "moved"]
         with whole_file(table) as file:
             found.moved[names].to_csv(file, index=False)
-    if kept is not None:
-        keep(figures, kept)
     _show(found)
     sys.exit(found.exit_code)
 
