@@ -12,7 +12,7 @@ import math
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, is_dataclass
+from dataclasses import dataclass, field, is_dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
@@ -111,6 +111,19 @@ class LoadStep:
             whole = {f"{name}_error": math.hypot(*parts.values())} if parts else {}
             found |= {n: v for n, v in known.items() if n == name} | whole | parts
         return found
+
+    def with_errors(self, shares: Mapping[str, float], source: str) -> LoadStep:
+        """Add the errors of a source, as shares of what they belong to; of areas, of the total."""
+        if not shares:
+            return self
+        total = self.areas["corrected" if "corrected" in self.areas else "raw"].total
+        areas = Areas(
+            *(total * shares[f"{part}_area"] for part in vars(next(iter(self.areas.values()))))
+        )
+        known = {name: share for name, share in shares.items() if name in self.quantities}
+        errors = {f"{n}_error_by_{source}": abs(s * self.quantities[n]) for n, s in known.items()}
+        both = {**self.areas, f"{source}_error": areas}, {**self.quantities, **errors}
+        return replace(self, areas=both[0], quantities=both[1])
 
 
 @dataclass(frozen=True)

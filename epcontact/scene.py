@@ -15,7 +15,7 @@ import json
 import math
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from numbers import Real
 from typing import Any, Literal, get_args
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from epcontact.errors import InvalidScene, SurfaceWarning
-from epcontact.results import Areas, FloatArray
+from epcontact.results import FloatArray
 
 BodyKind = Literal["half_space", "bonded_layer", "sliding_layer"]
 
@@ -87,7 +87,8 @@ class Surface:
     shortest_wavelength: float | None = None  #: That of the roughness in m, if it is known.
     recipe: str = ""  #: Identifies generated heights in the scene's digest, not their bytes.
     notes: tuple[str, ...] = ()  #: Sentences for the reader of a result.
-    treatment_error: float = 0.0  #: Error of areas by a map's treatment, over the total area.
+    #: By names of `results.COLUMNS`, shares that a map's treatment may change; areas: of the total.
+    treatment_errors: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         given = checked_heights(self.heights, "heights")
@@ -141,11 +142,6 @@ class Surface:
     def rms_slope(self) -> float:
         """Root mean square of the gradient in m/m; see the function `rms_slope`."""
         return rms_slope(self.heights, self.spacing)
-
-    def areas_error(self, total: float) -> dict[str, Areas]:
-        """Return the error of areas by the treatment of a map, as a step's areas name it."""
-        error = self.treatment_error * total
-        return {"treatment_error": Areas(error, error, error)} if error else {}
 
     @property
     def fingerprint(self) -> str:

@@ -23,23 +23,23 @@ FLOORS = (
 #: in its commit why the room grows.
 LINES = {
     "epcontact": 100,
-    "epcontact.bem": 4090,
+    "epcontact.bem": 4094,
     "epcontact.cli": 1320,
     "epcontact.errors": 80,
     "epcontact.files": 140,
-    "epcontact.harness": 6930,
+    "epcontact.harness": 6936,
     "epcontact.machine": 230,
     "epcontact.materials": 280,
     "epcontact.output": 1730,
     "epcontact.persson": 2030,
     "epcontact.planning": 740,
     "epcontact.reference": 1110,
-    "epcontact.results": 280,
+    "epcontact.results": 287,
     "epcontact.scene": 500,
     "epcontact.studies": 3020,
-    "epcontact.surfaces": 1950,
+    "epcontact.surfaces": 1955,
     "fem_check": 3700,
-    "tests": 15750,
+    "tests": 15810,
 }
 #: Imports of the project inside functions, each with its reason beside it; fewer is better.
 DEFERRED = 15

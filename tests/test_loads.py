@@ -1,5 +1,6 @@
 """Every load of a path is a row of its own: figures, errors and units, computed a second time."""
 
+import itertools
 import json
 import pickle
 import re
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 from command_line import invoke
 
+import fem_check
 from epcontact import bem, effective_hardness
 from epcontact.harness.answers.pictures import charts_of
 from epcontact.harness.answers.run import Run, run_cases
@@ -19,8 +21,9 @@ from epcontact.harness.interface import interface_stiffness, patches, percolatio
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.output.loads import load_cells
+from epcontact.reference.waves import line_mean_gap
 from epcontact.results import COLUMNS, ContactResult
-from epcontact.scene import Load, Scene
+from epcontact.scene import Load, Material, Scene, Surface
 
 PATH = ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8, 1.0e8, 3.0e8]")
 BEM = ('["persson", "bem"]', '["bem"]')
@@ -97,6 +100,34 @@ def test_units_are_those_of_the_quantities_and_suit_the_figures():
         ["branch", "mean gap (nm)", "hardness (GPa)", "error of the total area by"],
         ["loading", "250 ± 3", "2", ""],
     ]
+
+
+def test_a_mean_gap_has_an_error_of_the_grid_that_covers_the_closed_form():
+    claims = []
+    for points, load in itertools.product((32, 128), (0.1, 0.4, 0.8)):
+        wave = 0.01 * np.cos(2 * np.pi * np.arange(points) / points)
+        scene = Scene(Surface(wave, (1.0,)), Material(1.0, 0.0), Load(load * 0.01 * np.pi))
+        step = bem.solve(scene).final
+        off = abs(step.row["mean_gap"] - 0.01 * line_mean_gap(load))
+        claims.append(step.row["mean_gap_error_by_grid"])
+        assert 0 < off < claims[-1] < 0.05 * step.row["mean_gap"]
+    assert max(claims[3:]) < min(claims[:3])
+
+
+def test_finite_elements_have_all_figures_of_every_load(write_case, tmp_path):
+    edits = (
+        ("[theory]\nenergy_reduction = 0.536", '[fem]\nlaw = "capped"\nlayers = 6'),
+        ("5.026548245743669e4", "1.8e4"), ('of = "bem"', 'of = "fem"'), AREA, PATH,
+    )  # fmt: skip
+    case = load_case(write_case(('["persson", "bem"]', '["fem"]'), *edits, ("[3, 5, 7]", "[3]")))
+    (answer,) = run_cases([case], Run(tmp_path, jobs=1, rows=True))["small"]["fem"].results
+    scene = case.scene(case.recipes[0])
+    for number, step in enumerate(answer.steps):
+        there = replace(scene, load=Load(scene.load.path[: number + 1]))
+        alone = fem_check.solve(there, **case.options["fem"])
+        stiffness = interface_stiffness(there, alone, "unloading").corrected
+        assert step.row["stiffness_unloading"] == pytest.approx(stiffness, rel=1e-6)
+        assert {"conductance", "contact_percolation", "gap_percolation"} <= step.row.keys()
 
 
 def test_a_result_shows_itself(ran):

@@ -19,6 +19,7 @@ from laboratory.trial_map import trial_map
 from epcontact import bem, persson
 from epcontact.errors import InvalidScene, SurfaceWarning
 from epcontact.planning.grids import one_directional
+from epcontact.results import COLUMNS
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.studies.areas import KINDS, member
 from epcontact.surfaces import (
@@ -29,7 +30,14 @@ from epcontact.surfaces import (
     recipes_of,
 )
 from epcontact.surfaces.power_spectrum import even_moments, surface_moments
-from epcontact.surfaces.treatment import EDGE_ERRORS, edge_jumps, filled, form_removed, outliers
+from epcontact.surfaces.treatment import (
+    EDGE_ERRORS,
+    EDGE_SHARES,
+    edge_jumps,
+    filled,
+    form_removed,
+    outliers,
+)
 
 # The heights are about as large as the period, which changes nothing of what is tested here.
 pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
@@ -354,20 +362,26 @@ def test_edges_have_an_error_of_their_own_that_is_told_and_falls_with_the_size()
     for n, treatment in itertools.product((48, 96), ("mirrored", "periodic")):
         surface = HeightsFromArray(large[:n, :n], (n, n), treatment, form=1).build()
         found = even_moments(form_removed(large[:n, :n], 1), (1.0, 1.0))
-        share = EDGE_ERRORS[treatment] * found.rms_slope / found.rms_curvature / n
-        assert surface.treatment_error == pytest.approx(share, rel=1e-9)
-        told = f"edges, {treatment}, changes areas by up to {100 * share:.2g} %"
+        length = found.rms_slope / found.rms_curvature / n
+        share = {name: times * length for name, times in EDGE_ERRORS[treatment].items()}
+        assert surface.treatment_errors == pytest.approx(share | EDGE_SHARES[treatment], rel=1e-9)
+        told = f"total area {100 * share['total_area']:.2g} %, elastic area"
+        assert f"edges, {treatment}, changes" in str(surface.notes)
         assert told in str(surface.notes)
-        shares[treatment, n] = share
+        shares[treatment, n] = share["elastic_area"]
         assert ("rms slope of the spectrum" in str(surface.notes)) == (treatment == "periodic")
     assert shares["mirrored", 96] < 0.6 * shares["mirrored", 48] < 0.6 * shares["periodic", 48]
-    scene = Scene(surface, Material(1.0, 0.0, hardness=0.01), Load(5e-4))
+    scene, known = Scene(surface, Material(1.0, 0.0, hardness=0.01), Load(5e-4)), COLUMNS.keys()
     for answer in (bem.solve(scene), persson.solve(scene, energy_reduction=1, spectrum="surface")):
-        areas = answer.final.areas
-        expected = share * areas["corrected"].total
-        assert areas["treatment_error"].total == pytest.approx(expected, rel=1e-12)
+        row = answer.final.row
+        for name in known & surface.treatment_errors.keys() & row.keys():
+            of = row["total_area"] if name.endswith("area") else row[name]
+            expected = surface.treatment_errors[name] * of
+            assert row[f"{name}_error_by_treatment"] == pytest.approx(expected, rel=1e-12), name
+        assert row["mean_gap_error"] >= row["mean_gap_error_by_treatment"] > 0
+        assert row["elastic_area_error_by_treatment"] > row["plastic_area_error_by_treatment"] > 0
     whole = HeightsFromArray(large, (256, 256)).build()
-    assert whole.treatment_error == 0
+    assert not whole.treatment_errors
     assert "treatment_error" not in bem.solve(replace(scene, surface=whole)).final.areas
 
 

@@ -39,6 +39,9 @@ _DISTRIBUTION_BINS = 1024
 # Along a load path the last solution is the better start up to this ratio of loads; beyond it,
 # coarse grids give the better one.
 _WARM_RATIO = 1.03
+#: The grid's error of the mean gap is this times rms slope times spacing times the share of the
+#: area that its correction, with its claim, may move (`laboratory.area_bank --gaps`).
+_GAP_ERROR = 0.28
 
 
 def solve(  # noqa: PLR0913 - options by keyword only, each with its default
@@ -261,8 +264,13 @@ def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
     compression = _compression(scene, problem.mean_pressure)
     # Unlike a product of a linear algebra library, this starts no threads.
     fluctuation = float(np.einsum("ij,ij->", pressure, solution.displacement)) / gap.size
+    raw, corrected, error = (areas.total for areas in step_areas)
+    moved = (abs(raw - corrected) + error) / raw if raw else 0.0
     quantities = {
         "mean_gap": open_gap,
+        "mean_gap_error_by_grid": (
+            _GAP_ERROR * moved * scene.surface.rms_slope * max(scene.surface.spacing)
+        ),
         "mean_plastic_displacement": flow,
         "flowed_share": flowed,
         "plastic_work": problem.hardness * flow if math.isfinite(problem.hardness) else 0.0,
@@ -271,9 +279,9 @@ def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
         "largest_pressure": float(pressure.max()),
     }
     areas = dict(zip(("raw", "corrected", "error"), step_areas, strict=True))
-    areas |= scene.surface.areas_error(areas["corrected"].total)
     counts = {name: int(count) for name, count in solution.counts.items()}
-    return LoadStep(problem.mean_pressure, areas, dict(solution.residuals), counts, quantities)
+    step = LoadStep(problem.mean_pressure, areas, dict(solution.residuals), counts, quantities)
+    return step.with_errors(scene.surface.treatment_errors, "treatment")
 
 
 def _compression(scene: Scene, mean_pressure: float) -> float:

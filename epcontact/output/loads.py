@@ -1,7 +1,7 @@
 """The loads of a path as texts of a table and as curves, from the rows of a method's JSON file.
 
 A row has a branch and, by the names of COLUMNS, a mean over the surfaces, its error and the parts
-of the error by their sources.
+of the error by their sources.  The error is None where none is known.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def _scale(entries: Sequence[Row], unit: str) -> tuple[float, str]:
 def _cell(entry: Row | None, scale: float) -> str:
     if entry is None:
         return "–"
-    mean, error = (float(entry[key]) / scale for key in ("mean", "error"))
+    mean, error = (float(entry[key] or 0) / scale for key in ("mean", "error"))
     return f"{mean:.4g}" + (f" ± {error:.2g}" if error else "")
 
 
@@ -66,7 +66,7 @@ def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
          "style": "points" if row["branch"] == "loading" else "open"}
         for method, rows in paths.items() for row in rows
         for name in COLUMNS for chart, (part, _) in _CHARTS.items() if part in name and name in row
-        for mean, error in [(float(row[name]["mean"]), float(row[name]["error"]))]
+        for mean, error in [(float(row[name]["mean"]), float(row[name]["error"] or 0))]
         if math.isfinite(mean)
     ]  # fmt: skip
     charts = {}

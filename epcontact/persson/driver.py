@@ -100,10 +100,9 @@ def _step(theory: Theory, mean_pressure: float, surface: Surface) -> LoadStep:
         }
     exact = Areas(float(shares.total), float(shares.elastic), float(shares.plastic))
     plastic = hardness * exact.plastic if math.isfinite(hardness) else 0.0
-    return LoadStep(
+    step = LoadStep(
         mean_pressure=mean_pressure,
-        areas={"raw": exact, "corrected": exact, "error": Areas(0.0, 0.0, 0.0)}
-        | surface.areas_error(exact.total),
+        areas={"raw": exact, "corrected": exact, "error": Areas(0.0, 0.0, 0.0)},
         residuals={
             "area": abs(exact.total + float(shares.separated) - 1),
             "force": abs((elastic + plastic) / mean_pressure - 1),
@@ -117,3 +116,4 @@ def _step(theory: Theory, mean_pressure: float, surface: Surface) -> LoadStep:
             **more,
         },
     )
+    return step.with_errors(surface.treatment_errors, "treatment")

@@ -6,15 +6,15 @@ grid, E* is 1, the rms slope SLOPE and the hardness HARDNESS: contact depends on
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.signal.windows import tukey
 
 from epcontact import bem
 from epcontact.errors import NotConverged, SurfaceWarning
@@ -24,7 +24,7 @@ from epcontact.results import ELASTIC, PLASTIC, ContactResult, FloatArray
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface, rms_slope
 from epcontact.studies.areas import named
 from epcontact.studies.frame import Charts, Ints, Say, study
-from epcontact.surfaces import HeightsFromArray, SelfAffine, Treatment
+from epcontact.surfaces import HeightsFromArray, SelfAffine
 from epcontact.surfaces.power_spectrum import even_moments
 from epcontact.surfaces.treatment import form_removed
 
@@ -33,7 +33,8 @@ HARDNESS = 0.2 * SLOPE
 #: Mean pressures over the hardness.
 LOADS = (0.01, 0.03, 0.1, 0.2, 0.4)
 STATES = {"total": (ELASTIC, PLASTIC), "elastic": (ELASTIC,), "plastic": (PLASTIC,)}
-MEASURED = ("stiffness_loading", "conductance", "gap_percolation")
+MEASURED = ("stiffness_loading", "conductance", "contact_percolation", "gap_percolation")
+TREATMENTS = ("mirrored", "periodic")
 
 
 def _rolled_off(n: int, seed: int, longest: float = 24.0) -> FloatArray:
@@ -75,47 +76,15 @@ def _ridged(n: int, seed: int) -> FloatArray:
 KINDS: Any = named(_rolled_off, _self_affine, _turned, _blasted, _worn, _ridged)
 
 
-def _windowed(heights: FloatArray) -> FloatArray:
-    """Tapered to zero over a tenth at each edge, and scaled to the rms slope it had."""
-    windows = np.ix_(*(tukey(2 * n + 1, 0.2)[1::2] for n in heights.shape))
-    left = math.prod(windows, start=heights)
-    return np.asarray(left * (rms_slope(heights, (1.0, 1.0)) / rms_slope(left, (1.0, 1.0))))
-
-
-def _faded(heights: FloatArray) -> FloatArray:
-    """Over a tenth at each edge faded into what is as far from the other edge."""
-    for axis in (0, 1):
-        n = heights.shape[axis]
-        away = np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.1 * n)
-        share = (1 + np.cos(np.pi * np.minimum(away, 1))) / 4
-        share = np.expand_dims(share, 1 - axis)
-        heights = (1 - share) * heights + share * np.flip(heights, axis)
-    return heights
-
-
-#: Of the treatments, the first two are those of `epcontact.surfaces`.
-TREATMENTS = {"mirrored": None, "periodic": None} | named(_windowed, _faded)
-
-
-def treated(heights: FloatArray, treatment: str) -> Surface:
-    """A surface from a map with tilt, whose spacing is 1."""
-    periods = tuple(map(float, heights.shape))
-    change: Any = TREATMENTS[treatment]
-    if change is None:
-        return HeightsFromArray(heights, periods, cast(Treatment, treatment), form=1).build()
-    return Surface(change(form_removed(heights, 1)), periods)
-
-
 def _solved(surface: Surface, load: float) -> tuple[Scene, ContactResult]:
     scene = Scene(surface, Material(1.0, 0.0, HARDNESS), Load(load * HARDNESS))
     return scene, bem.solve(scene, threads=1, area_tolerance=1e-5)
 
 
 def _answers(surface: Surface, load: float) -> dict[str, float]:
-    """Areas and all else of a surface; nan where a linear solve stalls."""
+    """All that a table of loads shows but areas; nan where a linear solve stalls."""
     scene, result = _solved(surface, load)
-    found = {f"{part} area": v for part, v in vars(result.final.areas["corrected"]).items()}
-    found["mean gap"] = result.final.quantities["mean_gap"]
+    found = {"mean gap": result.final.quantities["mean_gap"]}
     for name in MEASURED:
         try:
             found[name.replace("_", " ")] = measure(f"quantity.{name}", scene, result)
@@ -129,16 +98,24 @@ def _scaled(kind: str, n: int, seed: int) -> FloatArray:
     return np.asarray(heights * (SLOPE / rms_slope(heights, (1.0, 1.0))))
 
 
+def _treated(heights: FloatArray, treatment: Any) -> tuple[Surface, float]:
+    """A surface from a map whose spacing is 1; its rms slope over rms curvature, over its side."""
+    surface = HeightsFromArray(heights, heights.shape, treatment, form=1).build()
+    moments = even_moments(form_removed(heights, 1), (1.0, 1.0))
+    return surface, moments.rms_slope / moments.rms_curvature / len(heights)
+
+
 def controls(kind: str, n: int, seed: int) -> list[dict[str, Any]]:
-    """Relative errors of all answers on a map that is one whole period, but tilted."""
-    whole, rows = _scaled(kind, n, seed), []
-    tilted = whole + SLOPE * (np.arange(n)[:, None] - 0.6 * np.arange(n))
-    surfaces = {treatment: treated(tilted, treatment) for treatment in TREATMENTS}
-    for load in LOADS:
-        truth = _answers(Surface(whole, (float(n),) * 2), load)
-        for treatment, surface in surfaces.items():
-            for name, value in _answers(surface, load).items():
-                row = {"quantity": name, "treatment": treatment, "load": load}
+    """Relative errors of answers on maps whose continuation is known: mirrored, of a whole period
+    that lies tilted, and taken as it is, of a quarter of a period that is its mirror images."""
+    whole, part = _scaled(kind, n, seed), _scaled(kind, 3 * n, seed + 100)[:n, :n]
+    tilted, rows = whole + SLOPE * (np.arange(n)[:, None] - 0.6 * np.arange(n)), []
+    for treatment, other, heights in zip(TREATMENTS, TREATMENTS[::-1], (tilted, part), strict=True):
+        (surface, length), (exact, _) = (_treated(heights, way) for way in (treatment, other))
+        for load in LOADS:
+            truth, found = _answers(exact, load), _answers(surface, load)
+            for name, value in found.items():
+                row = {"quantity": name, "treatment": treatment, "load": load, "length": length}
                 rows.append(row | {"error": value / truth[name] - 1 if truth[name] else math.nan})
     return [{"kind": kind} | row for row in rows]
 
@@ -154,12 +131,11 @@ def crops(kind: str, n: int, seed: int, tiles: int) -> list[dict[str, Any]]:
             if carried < 0.3 * load * HARDNESS:
                 continue
             truth = {part: np.isin(state, of).mean() for part, of in STATES.items()}
-            moments = even_moments(form_removed(whole[there], 1), (1.0, 1.0))
-            about = {"load": load, "length": moments.rms_slope / moments.rms_curvature / n}
             for treatment in TREATMENTS:
-                last = _solved(treated(whole[there], treatment), carried / HARDNESS)[1].final
+                surface, length = _treated(whole[there], treatment)
+                last = _solved(surface, carried / HARDNESS)[1].final
                 for part, area in vars(last.areas["raw"]).items():
-                    row = {"part": part, "treatment": treatment} | about
+                    row = {"part": part, "treatment": treatment, "load": load, "length": length}
                     rows.append(row | {"error": (area - truth[part]) / truth["total"]})
     return [{"kind": kind, "points": n, "seed": seed} | row for row in rows]
 
@@ -169,33 +145,38 @@ def treatment(
     say: Say, points: Ints = (48,), seeds: Ints = (2,), tiles: int = 3,
     kinds: Sequence[str] = tuple(KINDS),
 ) -> Charts:  # fmt: skip
-    """What mirroring a map, taking it as it is, tapering or fading its edges does to the answers.
+    """What mirroring a map, or taking it as it is, does to the answers.
 
     Crops of larger surfaces are solved under the load that each carries there, and compared with
-    their part of the contact.  Controls are whole periods that were tilted.  Loads are shares of
-    the hardness, which is .2 E* xi.  In brackets, as a share of the total area: nine of ten errors
-    of the worst part of it are within this times rms slope over rms curvature over the map's side.
+    their part of the contact.  Controls are maps whose continuation is known: whole periods that
+    were tilted and are mirrored, and quarters of mirrored periods that are taken as they are.
+    Loads are shares of the hardness, which is .2 E* xi.  Nine of ten errors are within the number
+    in brackets (of areas, over the total one), or the second times rms slope over rms curvature
+    over the map's side.
     """
     found, whole = list[dict[str, Any]](), list[dict[str, Any]]()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SurfaceWarning)
-        for kind in kinds:
-            for seed in seeds:
-                say(f"{kind}, seed {seed}")
-                found += [row for n in points for row in crops(kind, n, seed, tiles)]
-                whole += controls(kind, points[0], seed)
-    x, root = ("load", "mean pressure / hardness (–)"), lambda errors: math.sqrt((errors**2).mean())
+        for kind, seed, n in itertools.product(kinds, seeds, points):
+            say(f"{kind}, seed {seed}, {n} points")
+            found += crops(kind, n, seed, tiles)
+            whole += controls(kind, n, seed)
+    x = ("load", "mean pressure / hardness (–)")
     plot = partial(Plot, x, series=("treatment",), log="xy", ticks=LOADS)
-    table = pd.DataFrame(found)
-    ratio = table.assign(ratio=table["error"].abs() / table["length"])
-    parts = ratio.groupby(["treatment", "part"], sort=False)["ratio"].quantile(0.9)
-    worst = parts.groupby("treatment", sort=False).max()
-    told = ", ".join(f"{name} ({value:.2g})" for name, value in worst.items())
-    by_load = table[table["part"] == "total"].groupby(["treatment", "load"], sort=False)["error"]
-    y = ("error", "rms error of the contact area (–)")
-    yield plot(y), by_load.agg(root).reset_index(), f"Contact area of crops: {told}"
-    table = pd.DataFrame(whole)
-    for name, one in table.groupby("quantity", sort=False):
-        rms = one.groupby(["treatment", "load"], sort=False)["error"].agg(root).reset_index()
-        y = ("error", f"rms relative error of {name} (–)")
-        yield plot(y), rms, f"Controls: {name} of whole periods that were tilted"
+    both = {"Crops": ("part", " area", found), "Controls": ("quantity", "", whole)}
+    for title, (by, end, rows) in both.items():
+        for name, group in pd.DataFrame(rows).dropna().groupby(by, sort=False):
+            one = group.assign(
+                size=group["error"].abs(), ratio=group["error"].abs() / group["length"]
+            )
+            told = one.groupby("treatment", sort=False)[["size", "ratio"]].quantile(0.9)
+            claims = ", ".join(
+                f"{t} ({r['size']:.2g}, {r['ratio']:.2g})" for t, r in told.iterrows()
+            )
+            rms = one.assign(error=one["error"] ** 2).groupby(["treatment", "load"], sort=False)
+            y = ("error", f"rms relative error of {name}{end} (–)")
+            yield (
+                plot(y),
+                np.sqrt(rms[["error"]].mean()).reset_index(),
+                f"{title}: {name}{end}, {claims}",
+            )

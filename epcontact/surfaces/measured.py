@@ -246,7 +246,10 @@ class Facing:
             shortest_wavelength=min(known) if len(known) == 2 else None,
             recipe=self.fingerprint,
             notes=(*a.notes, *(f"counterface: {n}" for n in b.notes), "heights are of both bodies"),
-            treatment_error=math.hypot(a.treatment_error, b.treatment_error),
+            treatment_errors={
+                name: math.hypot(*(s.treatment_errors.get(name, 0.0) for s in (a, b)))
+                for name in {**a.treatment_errors, **b.treatment_errors}
+            },
         )
 
 

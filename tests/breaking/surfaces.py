@@ -119,7 +119,7 @@ FAULTS = (
         changed(S + "measured.Facing.build", lambda f: lambda recipe: recipe.first.build()),
         "two-spheres", "quantity.surface_curvature"),
     _shape("the treatment of edges silent on its error",
-        at(S + "treatment.EDGE_ERRORS", {"mirrored": 0.0, "periodic": 0.0}),
+        changed(S + "treatment._with_doubts", lambda f: lambda surface, *_: surface),
         test=FILES + "edges_have_an_error_of_their_own_that_is_told_and_falls_with_the_size"),
     _shape("jumps at the edges taken for slope",
         changed(S + "treatment.inner_moments", lambda f: surface_moments),

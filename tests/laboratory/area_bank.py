@@ -6,7 +6,8 @@ of 1024.  The unit of pressure is E*, slopes are of order 1.  "unloaded"
 kinds are solved at a peak load first, and judged at a part of it on the surface that is left.
 
 `python -m laboratory.area_bank [--seeds 5000:5012] [--keep FOLDER] [KIND ...]` prints the coverage,
-the median error and the ratio of claim to error, by kind, in some five minutes of one core.
+the median error and the ratio of claim to error, by kind, in some five minutes of one core; with
+`--gaps` the errors of the mean gap.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import NotConverged
 from epcontact.results import FloatArray
+from epcontact.scene import rms_slope
 from epcontact.studies import areas as study
 from epcontact.studies.areas import Maker, Member, named, roughness
 
@@ -212,6 +214,27 @@ def judged(kinds, seeds, folder=None, factors=FACTORS):
     return table
 
 
+def gaps(kinds, seeds):
+    """By kind: nine of ten errors of the mean gap, of it and over the claim that is times 1."""
+    rows = []
+    for one in (scene(kind, seed) for kind in kinds for seed in seeds if "lines" not in kind):
+        opened = [float(np.maximum(one.solved(n)[1], 0).mean()) for n in (1, 8)]
+        pressure, gap, hardness, spacing, _, flowed = one.solved(1)
+        raw, found, error = (
+            a.total for a in estimated(pressure, gap, hardness, spacing, 1, flowed)
+        )
+        heights = one.member.maker(one.member, np.random.default_rng(one.member.drawn))
+        heights = np.ascontiguousarray(np.broadcast_to(heights, gap.shape))
+        claim = rms_slope(heights, spacing) * max(spacing) * (abs(raw - found) + error) / raw
+        off = abs(opened[0] - opened[1])
+        rows.append(
+            {"kind": one.kind, "relative": off / (opened[1] or math.nan), "times": off / claim}
+        )
+    table = pd.DataFrame(rows)
+    every = table[["relative", "times"]].quantile([0.5, 0.9])
+    return pd.concat([table.groupby("kind", sort=False).quantile(0.9), every])
+
+
 def summary(table):
     """By kind: coverage, medians in % of the exact area, and the factor that would cover 90 %."""
     large = table[table.exact > SMALLEST].copy()
@@ -232,10 +255,14 @@ def main():
     parser.add_argument("kinds", nargs="*", default=list(KINDS))
     parser.add_argument("--seeds", default="5000:5012")
     parser.add_argument("--keep", type=Path)
+    parser.add_argument("--gaps", action="store_true", help="of the mean gap instead")
     given = parser.parse_args()
     if given.keep:
         given.keep.mkdir(parents=True, exist_ok=True)
     seeds = range(*map(int, given.seeds.split(":")))
+    if given.gaps:
+        print(gaps(given.kinds or list(KINDS), seeds).round(4).to_string())
+        return
     table = judged(given.kinds or list(KINDS), seeds, given.keep)
     print(summary(table[table.grid == 1]).round(2).to_string())
     cover = table[table.exact > SMALLEST].pivot_table("within", "kind", "grid", sort=False)

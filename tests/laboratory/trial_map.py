@@ -1,7 +1,7 @@
 """The map of a user's trial: turned steel with tilt, holes and spikes, and what its spikes change.
 
-`python -m laboratory.trial_map` prints areas and hardness with and without spikes, and how many
-points of clean maps of all kinds are taken for outliers, in a minute of one core.
+`python -m laboratory.trial_map` prints areas and hardness with and without spikes, in a minute of
+one core.
 """
 
 from __future__ import annotations
@@ -13,10 +13,8 @@ import pandas as pd
 
 from epcontact import Load, Material, Scene, SelfAffineSpectrum, bem
 from epcontact.materials.hardness_map import effective_hardness
-from epcontact.studies.areas import KINDS, member
 from epcontact.surfaces import HeightsFromArray, SelfAffine
 from epcontact.surfaces.power_spectrum import surface_moments
-from epcontact.surfaces.treatment import outliers
 
 PIXEL = 0.8  # µm
 STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3}
@@ -57,21 +55,11 @@ def row(spikes: int, outliers: str) -> dict[str, object]:
     }  # fmt: skip
 
 
-def false_alarms(seeds=range(5, 15), points=192):
-    """Points of clean maps that count as outliers, by kind, of which "outliers" has real ones."""
-    found = {}
-    for kind, maker in KINDS.items():
-        maps = (maker(member(KINDS, kind, s, points), np.random.default_rng(s)) for s in seeds)
-        found[kind] = sum(int(outliers(heights).sum()) for heights in maps)
-    return pd.DataFrame(found.items(), columns=["kind", "found"])
-
-
 def main():
-    """Print both tables."""
+    """Print the table."""
     warnings.simplefilter("ignore")
     cases = [(0, "keep"), (0, "remove"), (1, "keep"), (1, "remove"), (25, "keep"), (25, "remove")]
     print(pd.DataFrame([row(*case) for case in cases]).to_string(index=False))
-    print(false_alarms().to_string(index=False))
 
 
 if __name__ == "__main__":

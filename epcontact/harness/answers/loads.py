@@ -113,7 +113,7 @@ def _part(
 
     if quick and method.name == "bem":
         options["area_tolerance"] = 1e-4
-    if at_load is not None and method.steps == "on_step":
+    if at_load is not None and method.steps:
         options["on_step"] = show
     if task.steps is not None and method.steps == "output":
         options["output"] = task.steps
@@ -149,6 +149,7 @@ def _shown(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
             except (InvalidCase, NotConverged):  # such as the conductance of a layer
                 continue
         final = replace(result.final, quantities=values)
+        final = final.with_errors(scene.surface.treatment_errors, "treatment")
         result = replace(result, steps=(*result.steps[:-1], final))
     if task.steps is not None and task.method.steps == "on_step":
         number = len(result.steps) - 1

@@ -258,7 +258,8 @@ def summary(case: Case, answer: Answer) -> dict[str, Any]:
 
 
 def load_rows(results: Sequence[ContactResult], more: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """Return a row a load: its branch, and means, errors at 95 % and their parts by sources."""
+    """Return a row a load: its branch, and means, errors at 95 % and their parts by sources,
+    None where none is known."""
     rows = []
     for branch, *steps in zip(results[0].branches, *(r.steps for r in results), strict=True):
         each = [{n: step.quantities.get(n, math.nan) for n in more} | step.row for step in steps]
@@ -269,8 +270,9 @@ def load_rows(results: Sequence[ContactResult], more: Sequence[str] = ()) -> lis
             known = [source for source in each[0] if source.startswith(start)]
             parts = {s.removeprefix(start): fmean(one.get(s, 0.0) for one in each) for s in known}
             parts |= {"scatter": found.half_width} if found.half_width else {}
-            if not math.isnan(found.mean):
-                error = math.hypot(*parts.values())
+            if not math.isnan(found.mean):  # a figure without a known error is not exact
+                exact = name in ("mean_pressure", "hardness")
+                error = math.hypot(*parts.values()) if parts or exact else None
                 row[name] = {"mean": found.mean, "error": error, "parts": parts}
         rows.append(row)
     return rows

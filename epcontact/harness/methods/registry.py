@@ -24,7 +24,6 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-import fem_check
 from epcontact import bem
 from epcontact.bem.memory import bytes_per_point
 from epcontact.errors import InvalidCase, nearest
@@ -34,7 +33,9 @@ from epcontact.materials.moduli import effective_modulus
 from epcontact.results import ContactResult
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.surfaces import Recipe, SelfAffine
+from fem_check.driver import solve_path
 from fem_check.options import FemOptions, Geometry, LawName
+from fem_check.result import contact_result
 
 Solve = Callable[[Scene, Mapping[str, Any], int | None], ContactResult]
 MemoryEstimate = Callable[[Recipe, Material, Body, Load, Mapping[str, Any]], float]
@@ -161,9 +162,8 @@ class Method:
         has_fields: the result has fields on the grid of the surface.
         has_model_measures: gates can ask how the J2 flow of the method differs from a cap.
         steps: of a method that follows a path of loads, unloading included, and takes `progress`,
-            called with a share that is done and a sentence: the keyword by which it writes every
-            load, `on_step`, a function that is called with a result of that load, or `output`, a
-            folder for the deformed body.
+            called with a share that is done and a sentence, and `on_step`, a function that is
+            called with a result of each load: "output" if it writes bodies into a folder itself.
         memory: estimates the bytes of a solve, beside the process and its libraries.
         load: loads the modules and the compiled kernels of a solve, by a solve that takes no time.
         requires: a module of the extra `peers` that the method needs.
@@ -221,7 +221,11 @@ def _bem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> Conta
 def _fem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
     provide_kernel_cache()  # fem_check must not import it
     started, compiled = time.perf_counter(), compile_seconds()
-    result = fem_check.solve(scene, threads=threads, **options)
+    own = {name: value for name, value in options.items() if name != "on_step"}
+    path = solve_path(scene, threads=threads, **own)
+    for last in range(len(path.points) if "on_step" in options else 0):
+        options["on_step"](contact_result(replace(path, points=path.points[: last + 1])))
+    result = contact_result(path)
     # Its own time ends before its last kernel may be compiled.
     seconds = time.perf_counter() - started - (compile_seconds() - compiled)
     return replace(result, cost=dict(result.cost) | {"seconds": seconds})

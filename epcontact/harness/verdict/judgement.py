@@ -249,13 +249,14 @@ def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
     claim = min(found, default=None)
     if len(found) == 2 and math.inf not in found and all(map(_counts_points, sides)):
         claim = abs(found[0] - found[1])
-    cap = error.replace(".error", ".hardness_error")
-    if gate.quantity.startswith("quantity."):
-        cap = f"{gate.quantity}_error_by_hardness"
-    mapped = [side for side in sides if all(cap in scalar_quantities(r) for r in side.results)]
-    if len(mapped) != 1:  # two answers under one effective hardness share its error
-        return claim
-    return math.hypot(claim or 0.0, fmean(_read(mapped[0], cap)))
+    for source in ("hardness", "treatment"):
+        name = error.replace(".error", f".{source}_error")
+        if gate.quantity.startswith("quantity."):
+            name = f"{gate.quantity}_error_by_{source}"
+        having = [side for side in sides if all(name in scalar_quantities(r) for r in side.results)]
+        if len(having) == 1:  # two answers on one map or under one effective hardness share it
+            claim = math.hypot(claim or 0.0, fmean(_read(having[0], name)))
+    return claim
 
 
 def _counts_points(side: Answer) -> bool:
