@@ -24,8 +24,9 @@ from command_line import invoke
 from epcontact.errors import InvalidCase, OutputError
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
-from epcontact.harness.case_files.case import load_case
+from epcontact.harness.case_files.case import find_case, load_case
 from epcontact.harness.gates import Gate, distance, judge, judge_distance, unjudged
+from epcontact.harness.verdict.evidence import kind_of, subject_of
 from epcontact.harness.verdict.judgement import Verdict, judge_case
 from epcontact.harness.verdict.made import commit_of
 from epcontact.harness.verdict.read_back import require_faithful, require_untouched
@@ -201,6 +202,24 @@ def test_areas_less_sure_than_the_band_do_not_hold(case):
         assert judge_case(gates, given).gates[1].status == status
 
 
+@pytest.mark.parametrize("named", """\
+    paper-elastoplastic area.plastic.raw 0.0572: published, theory
+    paper-elastoplastic distribution persson: method here, theory – boundary elements
+    theory-elastic quantity.mean_gap 3.954599994e-06: closed form, theory
+    conductance-elastic quantity.conductance mikic: published, boundary elements
+    calculix-elastic distribution calculix: other code, finite elements
+    fem-model-5 quantity.model_area 0.217: method here, J2 flow – pressure cap
+    path-fem quantity.elements_pressure 0.0: method here, finite elements
+    path-unloaded quantity.measured_gap 0.0: identity, after the load
+    path-elastic quantity.surface_summit_y 0.025: closed form, inputs""".splitlines())  # fmt: skip
+def test_what_a_gate_verifies_and_on_what_it_rests(named):
+    name, quantity, against, told = [*named.strip().split(" ", 3)[:3], named.split(": ")[1]]
+    case = load_case(find_case(name))
+    places = {(g.quantity, f"{g.against}"): g for g in case.gates}
+    gate = places[quantity, against.rstrip(":")]
+    assert f"{kind_of(case, gate)}, {subject_of(case, gate)}" == told
+
+
 def test_files_say_what_the_verdict_says(case, tmp_path):
     bem = answer("bem", 0.12, 0.121, 0.122)
     made = Provenance("digest", versions={"numpy": "1.0"})
@@ -213,6 +232,8 @@ def test_files_say_what_the_verdict_says(case, tmp_path):
     assert written.cases[0].gates[0].difference.mean == pytest.approx(0.21)
     suites = ET.parse(tmp_path / "junit.xml").getroot()
     assert suites.attrib["failures"] == "1"
+    told = {p.attrib["name"]: p.attrib["value"] for p in suites.iter("property")}
+    assert told == {"reference": "method here", "verifies": "theory – boundary elements"}
     assert "only a smoke test" in suites.find("testsuite/testcase/failure").attrib["message"]
 
 

@@ -20,6 +20,7 @@ from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case, CaseText, find_case, find_named, load_case
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.verdict.judgement import Verdict
+from epcontact.harness.verdict.overview import overview, references
 from epcontact.harness.verdict.verification import cases_to_verify, only_writer, set_verdict_aside
 from epcontact.harness.verdict.verification import verify as run_gates
 from epcontact.output.view import animate, load_steps
@@ -130,7 +131,7 @@ def verify(
 
             answered = [case for case in verdict.cases if not case.skipped_because]
             notes = [s for case in answered for s in _draw(case.case, case.answers, output)]
-            report_folder(output, notes=notes)
+            report_folder(output, overview=overview(verdict), notes=notes)
 
     with options.shown_progress(run) as shown:
         verdict = run_gates(given, shown, size=size, solver=solver, finish=draw)
@@ -154,10 +155,11 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
         console.print(tables.verdict_table(shown, console.width))
     if sentence := tables.gamma_sentence([case.case for case in verdict.cases]):
         click.echo(sentence)
+    alone = all_gates or len(verdict.cases) == 1
     for case in verdict.cases:
         if isinstance(next(iter(case.case.recipes), None), HeightsFromFile | Mirrored):
             tables.print_surface_notes(console, case.case, case.answers)
-        if case.case.lists_loads and any(answer.results for answer in case.answers.values()):
+        if alone and case.case.lists_loads and any(a.results for a in case.answers.values()):
             console.print(f"\nloads of {case.id}")
             console.print(tables.answers_table(case.answers, console.width))
         if case.case.mapped_hardness:
@@ -166,6 +168,7 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
     counts = {s: sum(case.status == s for case in verdict.cases) for s in tables.STYLES}
     summary = ", ".join(f"{n} {_PLURAL.get(s, s) if n > 1 else s}" for s, n in counts.items() if n)
     cases = "1 case" if len(verdict.cases) == 1 else f"{len(verdict.cases)} cases"
+    click.echo(references(verdict))
     console.print(f"{cases}: {summary}; verdict in {output / 'verdict.json'}")
     if left_out := sum(len(case.not_judged) for case in verdict.cases):
         plural = "gates are" if left_out > 1 else "gate is"

@@ -7,6 +7,8 @@ from pathlib import Path
 import click
 
 from epcontact.harness.answers.pictures import draw_answers
+from epcontact.harness.verdict.compare import read_verdict
+from epcontact.harness.verdict.overview import overview
 from epcontact.harness.verdict.read_back import require_untouched
 from epcontact.output import view as viewing
 from epcontact.output.charts.maps import save_map
@@ -21,7 +23,9 @@ _file = click.Path(path_type=Path, dir_okay=False)
 def report(folder: Path, output: Path | None) -> None:
     """Make one self-contained page of a verification run, with pictures, from its output FOLDER."""
     require_untouched(folder)
-    click.echo(f"report in {report_folder(folder, output, draw=draw_answers)}")
+    found = overview(read_verdict(folder / "verdict.json"))
+    page = report_folder(folder, output, draw=draw_answers, overview=found)
+    click.echo(f"report in {page}")
 
 
 @click.command()

@@ -17,6 +17,7 @@ from epcontact.harness.case_files.mistakes import case_schema, key_table
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.verdict.compare import read_verdict
 from epcontact.harness.verdict.judgement import Verdict
+from epcontact.harness.verdict.overview import margin_text
 from epcontact.results import plain
 
 
@@ -71,8 +72,8 @@ def gates(cases: tuple[str, ...], output: Path) -> None:
 
 def _margins(file: Path) -> dict[tuple[str, str, str], str]:
     verdict = read_verdict(file) if file.exists() else None
-    return {  # a margin of more than 1000 is one of rounding
-        (case.id, case.size, gate.name): "exact" if gate.margin > 1000 else f"{gate.margin:.2g}"
+    return {
+        (case.id, case.size, gate.name): margin_text(gate)
         for case in (verdict.cases if verdict else ())
         for gate in case.gates
         if gate.difference is not None

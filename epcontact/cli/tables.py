@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 from rich.console import Console
@@ -14,7 +13,8 @@ from epcontact.cli.listing import WIDE, table_of
 from epcontact.harness.answers.store import Answer, load_rows
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates import Estimate, GateVerdict
-from epcontact.harness.verdict.judgement import CaseVerdict
+from epcontact.harness.verdict.judgement import CaseVerdict, tightest
+from epcontact.harness.verdict.overview import margin_text
 from epcontact.output.loads import Row, load_cells
 from epcontact.results import COLUMNS
 
@@ -57,10 +57,8 @@ def cases_table(cases: Sequence[CaseVerdict]) -> Table:
     table.add_column("tightest gate", overflow="fold")
     for case in cases:
         row: list[str | Text] = [case.id, _styled(case.status), f"{len(case.gates)}"]
-        if case.gates:
-            gate = min(case.gates, key=lambda g: (not math.isnan(g.margin), g.margin))
-            shown = "–" if math.isnan(gate.margin) else f"{gate.margin:.3g}"
-            row += [shown, Text(f"{gate.quantity} of {gate.of}")]
+        if gate := tightest(case.gates):
+            row += [margin_text(gate), Text(f"{gate.quantity} of {gate.of}")]
         table.add_row(*row)
     return table
 

@@ -170,6 +170,8 @@ def difference(first: ContactResult, second: ContactResult, hardness: float) -> 
 
 
 Norm = Literal["relative", "absolute", "wasserstein", "supremum", "l2"]
+#: What a reference is; `verdict.evidence` says it of each gate, and what each means.
+Kind = Literal["identity", "closed form", "method here", "other code", "published", "experiment"]
 DISTRIBUTION_NORMS = ("wasserstein", "supremum")
 
 HOLDS: Literal["holds"] = "holds"
@@ -181,7 +183,7 @@ ERROR: Literal["error"] = "error"
 class Gate:
     """One comparison that must hold: the difference of `of` from `against` is in [low, high].
     `against` is a method, the name of a closed form, or a number with its `source`; `because` is
-    the reason for the width of the band."""
+    the reason for the width of the band, and `kind` says what a number is, see `Kind`."""
 
     quantity: str
     of: str
@@ -191,6 +193,7 @@ class Gate:
     high: float
     because: str
     source: str = ""
+    kind: str = ""
 
     @property
     def name(self) -> str:
@@ -212,6 +215,8 @@ class GateVerdict(Record):
     high: Number
     because: str
     source: str
+    kind: str = Field(default="", description="of the reference, such as identity or closed form")
+    subject: str = Field(default="", description="what the gate verifies")
     value: Estimate | None = None
     reference: Estimate | None = None
     difference: Estimate | None = None

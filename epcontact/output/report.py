@@ -36,25 +36,20 @@ def report_folder(
     folder: Path | str,
     path: Path | str | None = None,
     *,
+    overview: Data,
     draw: Draw | None = None,
     notes: Sequence[str] = (),
 ) -> Path:
     """Make the page of an output folder, and return its path.  The page shows every picture in a
     case's folder that has a caption (.txt) beside it.  `draw` draws some there first, from the
-    results.  `notes` are sentences for the top of the page.  Raises OutputError if there is no
-    verdict in the folder or the page cannot be written."""
+    results.  `overview` sums the verdict up, see `harness.verdict.overview`, and `notes` are
+    sentences for the top.  Raises OutputError if a file cannot be read or written."""
     home = Path(folder)
     verdict = _read_json(home / "verdict.json")
-    cases: Any = verdict.get("cases") if isinstance(verdict, dict) else None
-    needed = {"id", "size", "methods", "gates"}
-    if not isinstance(cases, list) or not all(
-        isinstance(case, dict) and needed <= case.keys() for case in cases
-    ):
-        raise OutputError(f"cannot read {home / 'verdict.json'}: it is no verdict of this program")
     results: dict[str, dict[str, Data]] = {}
     pictures: dict[str, list[dict[str, str]]] = {}
     sentences = list(notes)
-    for case in cases:
+    for case in verdict["cases"]:
         here = home / case["id"] / case["size"]
         files = {method: here / f"{method}.json" for method in case["methods"]}
         answers = {method: _read_json(file) for method, file in files.items() if file.is_file()}
@@ -63,7 +58,7 @@ def report_folder(
             sentences += draw({method: list(found) for method, found in members.items()}, here)
         results[case["id"]], pictures[case["id"]] = answers, _pictures(here)
     target = Path(path) if path is not None else home / "report.html"
-    write_report(target, verdict, results, pictures, list(dict.fromkeys(sentences)))
+    write_report(target, verdict, results, pictures, list(dict.fromkeys(sentences)), overview)
     return target
 
 
@@ -73,9 +68,10 @@ def write_report(
     results: Mapping[str, Mapping[str, Data]],
     pictures: Mapping[str, Sequence[Mapping[str, str]]] | None = None,
     notes: Sequence[str] = (),
+    overview: Data | None = None,
 ) -> None:
     """Write the page of a verdict, of the answers by case and method, and of pictures by case.  A
-    picture has the data of its file as a `uri`, and a `caption`."""
+    picture has the data of its file as a `uri`, and a `caption`; the overview comes first."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("epcontact.output", ""),
         autoescape=True,
@@ -87,7 +83,6 @@ def write_report(
         "number": number,
         "counts": _counts,
         "listed": lambda values: ", ".join(f"{name} {value}" for name, value in values.items()),
-        "area_rows": _area_rows,
         "load_cells": load_cells,
         "computed": _computed,
         "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('. ')}.",
@@ -97,6 +92,7 @@ def write_report(
     order = ("holds", "falls short", "error", "skipped")
     counts = ", ".join(f"{statuses[s]} {s}" for s in order if statuses[s])
     told = {"verdict": verdict, "results": results, "pictures": pictures or {}, "notes": notes}
+    told["overview"] = overview or {}
     page = environment.get_template("report.html.jinja").render(counts=counts, **told)
     write_text(path, page + "\n")
 
@@ -153,25 +149,6 @@ def _notes(answers: Mapping[str, Data]) -> list[str]:
         for note in itertools.chain.from_iterable(one["notes"] for one in answer["members"]):
             methods.setdefault(note, {})[method] = None
     return [f"Note by {', '.join(names)}: {note}." for note, names in methods.items()]
-
-
-def _area_rows(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
-    """Return the error budget: the parts of the grid, its correction and the few surfaces."""
-    rows = []
-    for method, answer in answers.items():
-        areas, surfaces = answer["areas"], len(answer["members"])
-        spread = answer["ensemble"]["areas"].get("corrected", {})
-        for part in ("total", "elastic", "plastic"):
-            found = {kind: areas.get(kind, {}).get(part) for kind in ("raw", "corrected", "error")}
-            if not any(float(kind[part]) for kind in areas.values()):
-                continue
-            row = {"method": method, "part": part, "surfaces": surfaces, **found}
-            if None not in (found["raw"], found["corrected"]):
-                row["correction"] = float(found["corrected"]) - float(found["raw"])
-            if surfaces > 1:
-                row["half_width"] = spread.get(part, {}).get("half_width_95")
-            rows.append(row)
-    return rows
 
 
 def _pictures(folder: Path) -> list[dict[str, str]]:

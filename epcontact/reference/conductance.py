@@ -167,8 +167,10 @@ def _judged(load: float, hardness: float, *breadths: float) -> None:
 COOPER_MIKIC_YOVANOVICH = ClosedForm(
     "cooper_mikic_yovanovich",
     "Cooper, Mikic and Yovanovich, Int. J. Heat Mass Transfer 12 (1969) 279: a law, not exact",
+    exact=False,
 )
-MIKIC = ClosedForm("mikic", "Mikic, Int. J. Heat Mass Transfer 17 (1974) 205: a law, not exact")
+_MIKIC = "Mikic, Int. J. Heat Mass Transfer 17 (1974) 205: a law, not exact"
+MIKIC = ClosedForm("mikic", _MIKIC, exact=False)
 
 
 def _by_law(form: ClosedForm, name: str) -> None:

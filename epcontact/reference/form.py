@@ -19,11 +19,12 @@ Answer = TypeVar("Answer", bound=Callable[[Scene], Any])
 class ClosedForm:
     """An exact solution by the name that gates use, and its source.
 
-    Functions of the scene belong to it by the decorator `gives`.
+    Functions of the scene belong to it by the decorator `gives`.  One that is not `exact` is a
+    law that others published.
     """
 
-    def __init__(self, name: str, source: str) -> None:
-        self.name, self.source = name, source
+    def __init__(self, name: str, source: str, *, exact: bool = True) -> None:
+        self.name, self.source, self.exact = name, source, exact
         self._answers: dict[str, Callable[[Scene], Any]] = {}
 
     def gives(self, *quantities: str) -> Callable[[Answer], Answer]:

@@ -213,6 +213,9 @@ FAULTS = (
         )
         for what, judged in (("case", "verification.judge_case"), ("gate", "judgement.judge"))
     ),
+    _fault("an answer of this program taken for one of another code",
+        at(VERDICT + "evidence._foreign", lambda name: True),
+        test=TESTS + "test_what_a_gate_verifies_and_on_what_it_rests"),
     _fault("a changed checkout for its commit",
         on_result(VERDICT + "made.commit_of", lambda found: (found[0], False)), test=COMMIT),
     _fault("the commit of a repository around the package",

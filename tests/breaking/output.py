@@ -10,6 +10,7 @@ from epcontact.results import COLUMNS, ELASTIC, PLASTIC
 SHOWN = "tests/test_shown.py::test_"
 CHARTS = "tests/test_output_charts.py::test_"
 PAGE = SHOWN + "the_page_shows_the_verdict_and_the_answers"
+MATRIX = SHOWN + "the_page_opens_with_a_matrix_and_ends_it_with_what_is_not_covered"
 GATES = SHOWN + "the_table_of_gates_shows_the_verdict"
 FILE = SHOWN + "a_field_file_is_that_of_the_last_load"
 CURVE = CHARTS + "a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula"
@@ -59,12 +60,10 @@ def _drawn(change):
 
 
 FAULTS = (
-    _shown(
-        "raw and corrected exchanged on the page",
-        _template("{{ row[kind]|number",
-            '{{ row["raw" if kind == "corrected" else "corrected"]|number'),
-        PAGE,
-    ),
+    _shown("a cell of the matrix with the margin of another one",
+        _template("cell.margin }}</a>", "(cells|select|first).margin }}</a>"), MATRIX),
+    _shown("a quantity that no gate judges left out",
+        _template("one in overview.uncovered", "one in overview.uncovered[1:]"), MATRIX),
     _shown("value and reference exchanged on the page",
         _template('(("value", 4), ("reference", 4)', '(("reference", 4), ("value", 4)'), PAGE),
     _shown("the difference shown as the value", _template("gate[key].mean", "gate.value.mean"),

@@ -31,7 +31,7 @@ from pydantic import (
 from epcontact import surfaces
 from epcontact.errors import InvalidScene, nearest
 from epcontact.harness.case_files.axes import SweepTable, key
-from epcontact.harness.gates import DISTRIBUTION_NORMS, Gate, Norm
+from epcontact.harness.gates import DISTRIBUTION_NORMS, Gate, Kind, Norm
 from epcontact.harness.methods.registry import METHODS, BemTable, FemTable, Table, TheoryTable
 from epcontact.harness.quantities.registry import QUANTITIES, REPORTED_GROUPS
 from epcontact.materials.hardness_map import MappedHardness, effective_hardness
@@ -140,15 +140,15 @@ class GateTable(Table):
     )
     because: str = key("why the band is as wide as it is", min_length=1)
     source: str = key("where a number comes from; needed for one", "")
+    kind: Kind | None = key("what a number is; else 0 is an identity, others are our own", None)
     sizes: list[Size] | None = key("the sizes it applies to; else all", None, min_length=1)
 
     @property
     def gate(self) -> Gate:
         """The gate with its band."""
         low, high = self.between or (-float(self.tolerance or 0), float(self.tolerance or 0))
-        return Gate(
-            self.quantity, self.of, self.against, self.norm, low, high, self.because, self.source
-        )
+        named = (self.quantity, self.of, self.against, self.norm)
+        return Gate(*named, low, high, self.because, self.source, self.kind or "")
 
     @model_validator(mode="after")
     def _tells_something(self) -> Self:
@@ -170,6 +170,8 @@ class GateTable(Table):
             yield f"{self.of} is compared with itself; name another method"
         if not isinstance(against, str) and not self.source:
             yield "against is a number without a source; say where it comes from"
+        if isinstance(against, str) and self.kind:
+            yield f"kind says what a number is, but against is {against!r}; leave it out"
         if (self.norm in DISTRIBUTION_NORMS) != (quantity == "distribution"):
             yield "a distribution, and nothing else, has the norm wasserstein or supremum"
         if (self.norm == "l2") != quantity.startswith("field."):

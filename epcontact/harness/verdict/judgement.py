@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from statistics import fmean
 from typing import Any, Literal
 
@@ -21,6 +21,7 @@ from pydantic import Field, PrivateAttr
 from epcontact.errors import EpcontactError, InvalidCase, sentence_of
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
+from epcontact.harness.case_files.text import case_name
 from epcontact.harness.gates import (
     DISTRIBUTION_NORMS,
     ERROR,
@@ -37,6 +38,7 @@ from epcontact.harness.gates import (
     unjudged,
 )
 from epcontact.harness.quantities.registry import claim_of, read_quantity, scalar_quantities
+from epcontact.harness.verdict.evidence import kind_of, subject_of
 from epcontact.harness.verdict.made import Made
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution, package_versions
@@ -62,6 +64,7 @@ class CaseVerdict(Record):
     """One case and its gates."""
 
     id: str
+    family: str = Field(default="", description="the case file, which may hold several cases")
     size: str
     scene: str = Field(default="", description="SHA-256 of the scenes of its answers")
     status: Literal["holds", "falls short", "error", "skipped"]
@@ -131,16 +134,24 @@ class Verdict(Record):
         )
 
 
+def tightest(gates: Iterable[GateVerdict]) -> GateVerdict | None:
+    """Return the gate that could not be judged or is nearest to its band's end; None if no gate."""
+    return min(gates, key=lambda gate: (not math.isnan(gate.margin), gate.margin), default=None)
+
+
 def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
     """Judge every gate of a case on the answers of its methods."""
     answers = {} if case.skip else answers
     gates = [] if case.skip else [_judged(case, gate, answers) for gate in case.gates]
+    told = [{"kind": kind_of(case, gate), "subject": subject_of(case, gate)} for gate in case.gates]
+    gates = [gate.model_copy(update=said) for gate, said in zip(gates, told, strict=False)]
     statuses = {gate.status for gate in gates}
     if any(answer.errors for answer in answers.values()):
         statuses.add(ERROR)  # also of a method that no gate reads
     worst = next((status for status in (ERROR, FALLS_SHORT) if status in statuses), HOLDS)
     judged = CaseVerdict(
         id=case.id,
+        family=case_name(case.path),
         size=case.size,
         scene=_scenes(answers),
         status=SKIPPED if case.skip else worst,

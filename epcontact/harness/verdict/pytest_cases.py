@@ -86,6 +86,7 @@ class GateItem(pytest.Item):
         """Judge the gate."""
         verdict = self.parent.verdict
         gate = verdict.gates[self.number]
+        self.user_properties += [("reference", gate.kind), ("verifies", gate.subject)]
         if not gate.holds:
             raise GateFellShort(str(gate))
         if verdict.unread_errors:

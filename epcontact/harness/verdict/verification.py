@@ -14,7 +14,16 @@ from math import fsum
 from pathlib import Path
 from typing import Any
 
-from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
+from junitparser import (
+    Error,
+    Failure,
+    JUnitXml,
+    Properties,
+    Property,
+    Skipped,
+    TestCase,
+    TestSuite,
+)
 
 from epcontact.errors import InvalidCase, OutputError, nearest, printable
 from epcontact.files import refusal, whole_file, write_json
@@ -237,4 +246,9 @@ def _suite(case: CaseVerdict) -> TestSuite:
         test = TestCase(printable(name), classname=case.id, time=wait)
         test.result = [kind(printable(words))] if kind else []
         suite.add_testcase(test)
+    for gate, test in zip(case.gates, suite, strict=False):
+        told = Properties()  # type: ignore[no-untyped-call]
+        for name, value in (("reference", gate.kind), ("verifies", gate.subject)):
+            told.append(Property(name, value))  # type: ignore[no-untyped-call]
+        test.append(told)  # type: ignore[no-untyped-call]
     return suite
