@@ -32,8 +32,11 @@ APART, ELASTIC, PLASTIC = 0, 1, 2
 COLUMNS: Mapping[str, str] = {
     "mean_pressure": "Pa", "total_area": "", "elastic_area": "", "plastic_area": "",
     "mean_gap": "m", "stiffness_loading": "Pa/m", "stiffness_unloading": "Pa/m",
-    "conductance": "1/m", "contact_percolation": "", "gap_percolation": "", "hardness": "Pa",
+    "conductance": "1/m", "thermal_conductance": "W/(m2 K)", "electrical_conductance": "S/m2",
+    "contact_percolation": "", "gap_percolation": "", "hardness": "Pa",
 }  # fmt: skip
+#: What a contact conducts where the conductivities of its bodies are known.
+CONDUCTING = ("thermal", "electrical")
 
 
 @functools.cache  # reading package metadata takes longer than a solve of the theory
@@ -194,6 +197,7 @@ class ContactResult:
 
         def titled(name: str) -> str:
             unit = COLUMNS[name.partition("_error")[0]].replace("1/", "per_").replace("/", "_per_")
+            unit = unit.replace("(", "").replace(")", "").replace(" ", "_")
             return f"{name}_{unit}".rstrip("_")
 
         rows = [{titled(name): value for name, value in step.row.items()} for step in self.steps]

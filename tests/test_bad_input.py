@@ -76,6 +76,7 @@ OF_FAMILY = [
 OF_J2 = [
     ('law = "j2"', 'law = "j2"\ngeometry = "moved"', "needs a gate of .* fem.law = 'j2'"),
     ("hardness = 6.9231e+09", "", "has a yield_stress and no hardness"),
+    ("hardness = 6.9231e+09", "hardness = 2e9", "below the yield_stress of 2.3077e"),
     ("hardness = 6.9231e+09", "hardness = inf", "needs a finite material.hardness"),
     ("yield_stress = 2.3077e+09", "", r"fem\.law is 'j2', but \[material\] yield_stress is missi"),
     ('law = "j2"', 'law = "j2"\nsteps = 4\nstep_tolerance = 0.1', "give either steps or step_tol"),

@@ -214,7 +214,24 @@ def test_every_load_has_its_own_hardness_and_what_its_interval_is_worth(metal):
         assert step.row["stiffness_unloading_error"] > found > 0
         ratio = step.row["conductance"] / step.row["stiffness_unloading"]
         assert step.row["conductance_error_by_hardness"] == pytest.approx(ratio * found)
+    told = [line.partition(" 95 %")[0] for line in case.told_hardness.splitlines()]
+    each = [f"at {p:.4g} Pa: hardness = {known(p).value:.3g} Pa," for p in (2e8, 5e8, 6e8)]
+    assert told[:-1] == each
     assert answer.steps[2].row["hardness"] > answer.steps[0].row["hardness"]
+
+
+def test_conductances_are_those_of_both_bodies_conductivities(write_case, tmp_path):
+    conducts = (
+        "yield_stress = 2.0e9",
+        "yield_stress = 2.0e9\nthermal_conductivities = [16.0, 50.0]",
+    )
+    case = load_case(write_case(BEM, AREA, EFFECTIVE, conducts, ("[3, 5, 7]", "[3]")))
+    (answer,) = run_cases([case], Run(tmp_path, jobs=1))["small"]["bem"].results
+    row, scale = answer.final.row, 1 / (1 / 16 + 1 / 50)
+    for end in ("", "_error", "_error_by_grid", "_error_by_hardness"):
+        assert row[f"thermal_conductance{end}"] == pytest.approx(scale * row[f"conductance{end}"])
+    assert "thermal_conductance_W_per_m2_K" in answer.table()
+    assert "electrical_conductance" not in row
 
 
 def test_a_gate_against_a_number_counts_the_interval_of_the_hardness(metal):

@@ -252,6 +252,11 @@ def test_periods_by_one_length_or_by_the_pixel(write):
     for arguments, message in changes:
         with refused(message):
             HeightsFromFile(**{"path": oblong, "unit": 1.0} | arguments)
+    with refused("oblong.npy: the rms slope is .*, beyond that of any surface; .* check unit"):
+        HeightsFromFile(oblong, pixel_size=1e-3, unit=1.0).build()
+    assert "but optical flats" in str(
+        HeightsFromFile(oblong, pixel_size=1.0, unit=1e-6).build().notes
+    )
     swapped = HeightsFromFile(oblong, (1.0, 5.0), unit=1e-9).build()
     assert any("over the 48 heights of a line of the file" in note for note in swapped.notes)
 
@@ -319,7 +324,7 @@ def test_missing_points_are_filled_and_said(write):
     steps: Any = {"missing": "harmonic", "treatment": "periodic"}
     for recipe in (
         HeightsFromArray(np.ma.masked_invalid(holed), (L, L), **steps),
-        HeightsFromFile(write("map.npy", holed), (L, L), unit=1.0, **steps),
+        HeightsFromFile(write("map.npy", holed), (1e3, 1e3), unit=1.0, **steps),
     ):
         surface = recipe.build()
         assert surface.heights == pytest.approx(saddle, rel=1e-12)

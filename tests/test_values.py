@@ -18,7 +18,7 @@ from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES, measure, scalar_quantities
 from epcontact.harness.verdict.compare import KEPT, read_figures
 from epcontact.materials.hardness_map import effective_hardness
-from epcontact.results import Areas, ContactResult, LoadStep, Provenance
+from epcontact.results import CONDUCTING, Areas, ContactResult, LoadStep, Provenance
 from epcontact.surfaces import SelfAffine
 
 METAL = Material(210e9, 0.3, hardness=3e9, yield_stress=1e9)
@@ -167,5 +167,7 @@ def test_no_quantity_is_without_a_value():
     known |= {"field.heights", "field.displacement"}  # by test_shown
     known |= {f"area.{part}.error" for part in ("total", "elastic", "plastic")}
     known |= {name for name in QUANTITIES if name.rpartition(".")[0] in known}  # of a known limit
-    known |= {"quantity.mean_gap_error_by_grid"}  # by test_loads
+    own = ("mean_gap_error_by_grid", *(f"{kind}_conductance" for kind in CONDUCTING))
+    for name in own:  # by test_loads
+        known |= {f"quantity.{name}", f"quantity.{name}.error"}
     assert sorted(QUANTITIES.keys() - known) == []

@@ -63,7 +63,7 @@ def run(
         for m, a in answers.items()
         if m == "persson" and a.results[:1] and answers.keys() - {m}
     ]
-    for sentence in (tables.gamma_sentence([chosen]), *theories, chosen.mapped_hardness):
+    for sentence in (tables.gamma_sentence([chosen]), *theories, chosen.told_hardness):
         if sentence:
             click.echo(str(sentence))
     if errors := [sentence for answer in answers.values() for sentence in answer.errors]:
@@ -162,8 +162,8 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
         if alone and case.case.lists_loads and any(a.results for a in case.answers.values()):
             console.print(f"\nloads of {case.id}")
             console.print(tables.answers_table(case.answers, console.width))
-        if case.case.mapped_hardness:
-            click.echo(f"{case.id}: {case.case.mapped_hardness}")
+        if told := case.case.told_hardness:
+            click.echo(f"{case.id}: {told}")
         tables.print_shortfalls(console, case)
     counts = {s: sum(case.status == s for case in verdict.cases) for s in tables.STYLES}
     summary = ", ".join(f"{n} {_PLURAL.get(s, s) if n > 1 else s}" for s, n in counts.items() if n)

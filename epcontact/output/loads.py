@@ -7,6 +7,7 @@ of the error by their sources.  The error is None where none is known.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -49,10 +50,12 @@ def _cell(entry: Row | None, scale: float) -> str:
 
 #: The charts of the loads: which quantities share one, and the label of their axis.
 _CHARTS = {
-    "areas": ("_area", "contact area / nominal area (–)"),
+    "areas": ("_area$", "contact area / nominal area (–)"),
     "gap": ("mean_gap", "mean gap (m)"),
     "stiffness": ("stiffness_", "stiffness (Pa/m)"),
-    "conductance": ("conductance", "conductance times resistivity (1/m)"),
+    "conductance": ("^conductance", "conductance times resistivity (1/m)"),
+    "thermal": ("thermal_conductance", "thermal conductance (W/(m² K))"),
+    "electrical": ("electrical_conductance", "electrical conductance (S/m²)"),
     "percolation": ("_percolation", "share of the area that percolates (–)"),
 }
 
@@ -65,7 +68,8 @@ def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
          "value_low": mean - error, "value_high": mean + error, "chart": chart,
          "style": "points" if row["branch"] == "loading" else "open"}
         for method, rows in paths.items() for row in rows
-        for name in COLUMNS for chart, (part, _) in _CHARTS.items() if part in name and name in row
+        for name in COLUMNS if name in row
+        for chart, (part, _) in _CHARTS.items() if re.search(part, name)
         for mean, error in [(float(row[name]["mean"]), float(row[name]["error"] or 0))]
         if math.isfinite(mean)
     ]  # fmt: skip

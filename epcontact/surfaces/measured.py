@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Strict, ValidationInfo
 
 from epcontact.errors import InvalidScene
 from epcontact.results import ContactResult
-from epcontact.scene import Surface, checked_heights, listed, require_known, settle
+from epcontact.scene import Surface, cautioned, checked_heights, listed, require_known, settle
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
 from epcontact.surfaces.recipe import (
     Lengths,
@@ -30,6 +30,8 @@ from epcontact.surfaces.treatment import EdgeField, Preparation, prepared
 
 #: A path counts as unloaded if it ends below this share of its largest mean pressure.
 UNLOADED = 1e-2
+#: Rms slopes beyond which the unit of a file is taken for wrong, as if by a factor of 1000.
+STEEPEST, FLATTEST = 10.0, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +184,15 @@ class HeightsFromFile(Preparation):
             along_x = f"{x:.3g} m wide along x, over the {self.shape[0]} heights of a line"
             along_y = f"{y:.3g} m along y, over {self.shape[1]} lines"
             notes.append(f"the periods make the grid {along_x} of the file, and {along_y}")
-        return prepared(stored.heights, self, str(self.path), notes, self.unit or 1.0)
+        surface = prepared(stored.heights, self, str(self.path), notes, self.unit or 1.0)
+        steep = f"the rms slope is {surface.rms_slope:.3g}, beyond that of any"
+        remedy = "the heights and the lengths along the map must be in one unit: check unit"
+        if surface.rms_slope > STEEPEST:
+            raise InvalidScene(f"{self.path}: {steep} surface; {remedy}, period and pixel_size")
+        if 0 < surface.rms_slope < FLATTEST:
+            told = cautioned((f"{steep.replace('beyond', 'below')} but optical flats; {remedy}",))
+            surface = replace(surface, notes=(*surface.notes, *told))
+        return surface
 
 
 @dataclass(frozen=True)

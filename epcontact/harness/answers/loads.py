@@ -64,6 +64,11 @@ def solve_path(
             _walked(task, scene, end, threads, again, quick=True).steps for end in (low, high)
         )
         steps = list(map(_with_hardness_error, steps, soft, hard, mapped))
+    for kind, scale in task.case.conductances.items():
+        for at, step in enumerate(steps):
+            names = [n for n in step.quantities if n.startswith("conductance")]
+            made = {f"{kind}_{name}": scale * step.quantities[name] for name in names}
+            steps[at] = replace(step, quantities={**step.quantities, **made})
     return replace(result, steps=tuple(steps))
 
 

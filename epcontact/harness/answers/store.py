@@ -154,7 +154,7 @@ def key_of(task: Task) -> str:
         "size": task.case.size,
         "method": task.method.name,
         "options": repr(sorted(task.case.options[task.method.name].items())),
-        "mapped": repr(task.case.mapped),
+        "mapped": repr((task.case.mapped, task.case.conductances)),
         "basis": basis(),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -153,6 +153,13 @@ def _strength_mistakes(case: Case) -> Iterator[str]:
     needed = {"j2": "yield_stress", "capped": "hardness"}.get(law, "")
     if needed and getattr(case.solid, needed) == math.inf:
         yield f"fem.law is {law!r}, but [material] {needed} is missing; give it, or another law"
+    cap = case.solid.hardness
+    if isinstance(cap, float) and cap < case.solid.yield_stress < math.inf:
+        yield (
+            f"[material] hardness is {cap:g} Pa, below the yield_stress of "
+            f"{case.solid.yield_stress:g} Pa, so that contacts would flow before they yield; it is "
+            "1.1 to 3 times the yield_stress, and 'effective' takes that of the map"
+        )
     elastic = [name for name in case.methods if not METHODS[name].has_model_measures]
     flows = case.solid.yield_stress < math.inf
     if elastic and flows and "hardness" not in case.solid.model_fields_set:

@@ -11,6 +11,7 @@ import itertools
 import math
 import tomllib
 from collections.abc import Iterator, Mapping
+from dataclasses import fields
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -37,6 +38,7 @@ from epcontact.harness.quantities.registry import QUANTITIES, REPORTED_GROUPS
 from epcontact.materials.hardness_map import MappedHardness, effective_hardness
 from epcontact.materials.moduli import of_both
 from epcontact.reference import CLOSED_FORMS
+from epcontact.results import CONDUCTING
 from epcontact.scene import Body, Load, Material, Scene, scene_digest
 from epcontact.surfaces.power_spectrum import inner_moments
 from epcontact.surfaces.recipe import Real
@@ -78,6 +80,12 @@ class CaseTable(Table):
     verify: bool = key("whether a bare `epcontact verify` includes the case", True)
 
 
+Conductivities = Annotated[
+    list[Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None,
+    Field(min_length=2, max_length=2),
+]
+
+
 class MaterialTable(Table):
     """[material]: an elastoplastic solid against a rigid flat."""
 
@@ -89,8 +97,15 @@ class MaterialTable(Table):
         math.inf,
     )
     yield_stress: float = key("Pa; of the J2 solid", math.inf)
+    thermal_conductivities: Conductivities = key(
+        "W/(m K); of the body and of what it touches: each load then has a thermal_conductance",
+        None,
+    )
+    electrical_conductivities: Conductivities = key(
+        "S/m; of both likewise, for an electrical_conductance", None
+    )
 
-    @field_validator("*")
+    @field_validator("young_modulus", "poisson_ratio", "hardness", "yield_stress")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
         if value != "effective":  # each key by itself, so that the mistakes of all are told
@@ -347,6 +362,23 @@ class Case(Table):
         """The map's hardness at the largest mean pressure."""
         return max(self.mapped, key=lambda found: found.load, default=None)
 
+    @property
+    def told_hardness(self) -> str:
+        """The effective hardness of each load, with what is known of the largest; or ""."""
+        begin, _, end = str(self.mapped_hardness or "").partition("\n")
+        loads = {found.load * self.solid.yield_stress: found for found in self.mapped}
+        each = [f"at {p:.4g} Pa: {found}".partition("\n")[0] for p, found in loads.items()]
+        return "\n".join([*(each if len(each) > 1 else [begin]), end]).strip()
+
+    @property
+    def conductances(self) -> dict[str, float]:
+        """What a conductance times resistivity is multiplied by, by kinds, where both bodies' are
+        given."""
+        given = self.solid.model_dump(include={f"{kind}_conductivities" for kind in CONDUCTING})
+        return {
+            n.partition("_")[0]: 1 / sum(1 / k for k in both) for n, both in given.items() if both
+        }
+
     def cap_at(self, rms_slope: float, mean_pressure: float) -> MappedHardness:
         """Return the map's hardness at an rms slope.  Raises InvalidScene outside the map."""
         return effective_hardness(
@@ -362,12 +394,13 @@ class Case(Table):
         """Whether a verification measures and prints each load: of a path, of a measured map, and
         under an effective hardness, whose interval is a part of each figure's error."""
         told = isinstance(self.surface, surfaces.HeightsFromFile)
-        return len(self.load.path) > 1 or told or self.solid.hardness == "effective"
+        own = bool(self.conductances) or self.solid.hardness == "effective"
+        return len(self.load.path) > 1 or told or own
 
     @cached_property
     def material(self) -> Material:
         """The material.  Raises InvalidScene."""
-        given = self.solid.model_dump()
+        given = self.solid.model_dump(include={f.name for f in fields(Material)})
         if given["hardness"] == "effective":
             # A case without its surface is skipped, and nothing asks for its cap.
             given["hardness"] = getattr(self.mapped_hardness, "value", math.inf)
