@@ -175,7 +175,19 @@ def table(folder: str | Path) -> pd.DataFrame:
     Raises:
         OutputError: if there is no sweep in the folder.
     """
-    path, rows = Path(folder) / _LIST, []
+    rows = []
+    for task, result in members(folder):
+        about = {"method": task["method"], "seed": task["seed"], "solved": result is not None}
+        for number, step in enumerate(result.steps if result else [None]):
+            found = scalar_quantities(replace(result, steps=(step,))) if result and step else {}
+            rows.append(task["point"] | about | {"load": number} | found)
+    return pd.DataFrame(rows).dropna(axis="columns", how="all")
+
+
+def members(folder: str | Path) -> Iterator[tuple[dict[str, Any], ContactResult | None]]:
+    """Yield each task of a sweep's list with its result, or None.  Raises OutputError if there is
+    no sweep in the folder."""
+    path = Path(folder) / _LIST
     try:
         data = json.loads(read_bytes(path))
         if data["schema"] != _FORMAT:
@@ -183,14 +195,9 @@ def table(folder: str | Path) -> pd.DataFrame:
         for task in data["tasks"]:
             member = read_member(Path(folder) / task["file"])
             solved = member.get("key") == task["key"]
-            about = {"method": task["method"], "seed": task["seed"], "solved": solved}
-            result = ContactResult.from_json(member) if solved else None
-            for number, step in enumerate(result.steps if result else [None]):
-                found = scalar_quantities(replace(result, steps=(step,))) if result and step else {}
-                rows.append(task["point"] | about | {"load": number} | found)
+            yield task, ContactResult.from_json(member) if solved else None
     except (ValueError, KeyError, TypeError):
         raise OutputError(f"{path} is no list of a sweep; run `epcontact sweep` again") from None
-    return pd.DataFrame(rows).dropna(axis="columns", how="all")
 
 
 def digest(found: pd.DataFrame) -> str:

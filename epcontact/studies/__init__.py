@@ -6,6 +6,7 @@ in a chart come from one run on one machine, so only their ratios are comparable
 
 # Each of the first block registers its studies.
 from epcontact.studies import (  # noqa: F401
+    accuracy,
     areas,
     conductance,
     cost,

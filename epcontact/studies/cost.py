@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -20,17 +20,15 @@ import ducc0
 import numpy as np
 import pandas as pd
 
-import fem_check
-from epcontact import bem, persson
+from epcontact import bem
 from epcontact.bem.areas.rim_correction import perimeter_areas
 from epcontact.errors import NotConverged
 from epcontact.machine import available_cores, peak_memory
-from epcontact.materials.moduli import effective_modulus
 from epcontact.output.charts.plot import Plot
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 from epcontact.studies.frame import Charts, Ints, Say, root_mean_square, rows, study
-from epcontact.studies.paper_scene import GAMMA, LAWS, PARTS, area_of, rough_scene
+from epcontact.studies.paper_scene import LAWS, PARTS, area_of, rough_scene
 
 RESIDUAL, AREA = 1e-8, 1e-4
 #: The accuracies to which a scene is solved, by name, as options of `bem.solve`.
@@ -285,65 +283,3 @@ def area_errors(seed: int, points: Ints, bandwidth: int) -> list[dict[str, Any]]
             figures = {"relative_error": error, "work_points_transformed": spent[kind]}
             found.append({"part": part, "points_per_wavelength": n, "kind": kind} | figures)
     return found
-
-
-def _theory(scene: Scene) -> float:
-    """The theory's area, from the spectrum to the closed form."""
-    slope = persson.roughness_of(scene.surface).rms_slope
-    full = persson.full_contact_diffusion(effective_modulus(scene.material), slope**2)
-    return float(persson.areas(GAMMA * full, scene.load.final, scene.material.hardness).total)
-
-
-#: How each method answers a scene on one thread.
-_SOLVERS: dict[str, Callable[[Scene], Any]] = {
-    "persson": _theory,
-    "bem": lambda scene: bem.solve(scene, area_tolerance=1e-6, threads=1),
-    "fem": lambda scene: fem_check.solve(scene, law="capped", certified=False),
-}
-
-
-@study("master", bandwidth=32)
-def master(
-    say: Say,
-    bandwidth: int = 16,
-    finest: int = 64,
-    grids: Mapping[str, Ints] = {"bem": (3, 4, 6, 8, 12, 16, 24), "fem": (3, 4, 6, 8)},
-    seeds: Ints = range(7, 11),
-) -> Charts:
-    """Error of the contact area against time for all three methods on one scene.
-
-    The scene is the paper's with a narrow band of roughness, so that finite elements can be
-    refined, too; these have the same capped law on a block so deep that it matches the half-space
-    within 1e-3.  The reference is the corrected area of boundary elements on the finest grid.  The
-    theory knows only the spectrum, so that its error includes the scatter of surfaces.  Errors are
-    root mean squares, times the least of two.
-    """
-    references = {seed: _SOLVERS["bem"](rough_scene(finest, seed, bandwidth)) for seed in seeds}
-    exact = {seed: area_of(result, "total") for seed, result in references.items()}
-    claims = [area_of(r, "total", "error") / exact[seed] for seed, r in references.items()]
-    worth = sum(claims) / len(claims)
-
-    def row(method: str, points_per_wavelength: int, seed: int, repeats: int) -> Any:
-        scene = rough_scene(points_per_wavelength, seed, bandwidth)
-        solves = [timed(lambda: _SOLVERS[method](scene)) for _ in range(repeats)]
-        result, told = solves[-1][0], {"seconds": min(spent[0] for _, spent in solves)}
-        if method == "persson":
-            return told | {"kind": "", "area": result}
-        kinds = ("raw", "corrected")
-        return [told | {"kind": kind, "area": area_of(result, "total", kind)} for kind in kinds]
-
-    tables = []
-    for method, points in {"persson": grids["bem"][:1], **grids}.items():
-        _SOLVERS[method](rough_scene(points[0], seeds[0], bandwidth))  # compiled before timing
-        axes = {"points_per_wavelength": points, "seed": seeds}
-        tables.append(rows(say, row, method=[method], **axes, repeats=[2]))
-    table, by = pd.concat(tables), ["method", "kind", "points_per_wavelength"]
-    table["relative_error"] = table["area"] / table["seed"].map(exact) - 1
-    errors = root_mean_square(table, "relative_error", by)
-    ends = {"seconds": errors["seconds"].agg(["min", "max"]), "relative_error": worth}
-    level = pd.DataFrame(ends | {"method": REFERENCE, "kind": ""})
-    x = ("seconds", "time of a solve on one thread (s)")
-    y = ("relative_error", "relative error of the contact area (–)")
-    plot = Plot(x, y, ("method", "kind"), _STYLES, log="xy", front=True)
-    title = f"Error of the total contact area, whose reference is uncertain by {worth:.1e}"
-    yield plot, pd.concat([errors, level]), title

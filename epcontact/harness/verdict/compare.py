@@ -27,7 +27,7 @@ STILL = 0.01
 #: A count of work has grown if it is so many times what it was.
 SLOWER = 1.05
 _CASE, ROW = ["case", "size"], ["case", "size", "name"]
-_COLUMNS = [*ROW, "scene", "value", "error", "low", "high", "status"]
+_COLUMNS = [*ROW, "scene", "value", "reference", "error", "low", "high", "status"]
 _IDENTITY = "against 0 (absolute)"
 
 
@@ -88,6 +88,8 @@ def _rows(case: CaseVerdict) -> list[dict[str, Any]]:
             if side is not None and (name or gate.against in case.methods):
                 row = found.setdefault(name or f"{gate.quantity} of {gate.against}", {})
                 row |= {"value": side.mean, "error": side.claimed_error}
+        if gate.reference is not None:
+            found[gate.name]["reference"] = gate.reference.mean
     for method, entry in case.methods.items():
         for count, value in entry.counts.items():
             found[f"cost.{count} of {method}"] = {"value": value}
@@ -107,7 +109,8 @@ def keep(figures: pd.DataFrame, path: Path) -> None:
         figures = pd.concat([before[others], figures])
     shown = figures.astype(object).where(figures.notna() & (figures != ""), None)
     shown["error"] = shown["error"].map(lambda e: None if e is None else f"{e:.2g}")
-    shown["value"] = shown["value"].map(lambda v: None if v is None else f"{v:.9g}")
+    for name in ("value", "reference"):
+        shown[name] = shown[name].map(lambda v: None if v is None else f"{v:.9g}")
     same = (figures[_CASE] == figures[_CASE].shift()).all(axis=1)
     shown.loc[same.to_numpy(), [*_CASE, "scene"]] = None  # is that of the row above
     with whole_file(path) as file:

@@ -1,0 +1,68 @@
+"""The ledger of accuracy: bias and scatter of known rows, a user's own sweep, and the package's."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import invoke
+
+from epcontact.harness.sweep import run_sweep, table
+from epcontact.persson.validity import theory_map
+from epcontact.studies.accuracy import SMALLEST_AREA, ledger, read_rows
+
+
+def test_bias_is_the_median_and_scatter_half_of_the_central_68_percent():
+    rows = pd.DataFrame({"value": np.linspace(0.9, 1.2, 301) * 0.2, "reference": 0.2})
+    tiny = pd.DataFrame({"value": [2e-5], "reference": [1e-5]})
+    names = ["load", "hardness", "hurst", "waves", "time", "fft_pairs"]
+    about = {"quantity": "A_el", "points": np.nan} | dict.fromkeys(names, np.nan)
+    both = pd.concat([rows.assign(pair="FE – BEM"), tiny.assign(pair="theory – BEM")])
+    first, second = ledger(both.assign(**about)).to_dict("records")
+    assert (first["bias"], first["scatter"], first["scenes"]) == pytest.approx((0.05, 0.102, 301))
+    assert second["bias"] == pytest.approx(1e-5 / SMALLEST_AREA)  # and no 100 %
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    home = tmp_path_factory.mktemp("sweeps")
+    names = ("accuracy-grids", "accuracy-elements")
+    return [run_sweep(name, output=home, jobs=1).folder for name in names]
+
+
+def test_a_user_s_sweeps_give_the_user_s_ledger(folders, tmp_path):
+    rows = read_rows(folders)
+    areas = rows[rows["quantity"] == "A"].set_index(["pair", "points"])["value"]
+    solved = pd.concat(map(table, folders))
+    solved["n"] = solved["surface.points_per_shortest_wavelength"]
+    own = solved.groupby(["method", "n"])["area.total.corrected"].first()
+    exact = rows[rows["pair"] == "BEM – continuum"].set_index("quantity")["reference"]["A"]
+    assert set(exact) == {own["bem", 16]}
+    assert areas["FE – BEM, same grid", 3] == own["fem", 3]
+    assert areas["FE – continuum", 4] == own["fem", 4]
+    assert areas["theory – BEM"].tolist() == [own["persson", 3]]
+    assert ("BEM – continuum", 16) not in areas
+    found = ledger(rows).set_index(["quantity", "pair", "points"])
+    assert abs(found.loc[("A", "BEM – continuum", 4), "bias"].item()) < 0.02
+    assert found.loc[("A raw", "BEM – continuum", 4), "bias"].item() > 0.03
+    assert found.loc[("A", "FE – continuum", 4), "time"].item() > 1
+    file = tmp_path / "ledger.csv"
+    done = invoke("accuracy", *folders, "--csv", file, "--charts", tmp_path / "charts")
+    assert (done.returncode, "theory – BEM" in done.stdout) == (0, True)
+    assert len(pd.read_csv(file)) == len(found)
+    assert len([*tmp_path.glob("charts/*.png")]) == 3
+
+
+def test_the_ledger_of_the_package_rests_on_its_tables():
+    rows = read_rows()
+    known = theory_map()
+    mine = rows[(rows["quantity"] == "A") & (rows["pair"] == "theory – BEM")].set_index("reference")
+    for place in (0, 400, 785):
+        error = mine["value"][known["total"][place]] / known["total"][place] - 1
+        assert np.isclose(error, known["total_theory"][place], rtol=1e-9).any()
+    pairs = ("BEM – continuum", "FE – continuum", "FE – BEM, same grid", "BEM – closed form")
+    for pair in (*pairs, "law epcontact – BEM", "theory – BEM"):
+        assert (rows["pair"] == pair).any(), pair
+
+
+def test_a_folder_without_two_answers_is_one_sentence(tmp_path):
+    done = invoke("accuracy", tmp_path)
+    assert (done.returncode, done.stderr.count("\n"), done.stdout) == (2, 1, "")
