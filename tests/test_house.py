@@ -23,23 +23,23 @@ FLOORS = (
 #: in its commit why the room grows.
 LINES = {
     "epcontact": 100,
-    "epcontact.bem": 4094,
-    "epcontact.cli": 1330,
+    "epcontact.bem": 4100,
+    "epcontact.cli": 1400,
     "epcontact.errors": 80,
     "epcontact.files": 140,
-    "epcontact.harness": 7174,
+    "epcontact.harness": 7190,
     "epcontact.machine": 230,
     "epcontact.materials": 280,
     "epcontact.output": 1730,
     "epcontact.persson": 2030,
     "epcontact.planning": 740,
     "epcontact.reference": 1110,
-    "epcontact.results": 291,
+    "epcontact.results": 300,
     "epcontact.scene": 500,
-    "epcontact.studies": 3020,
-    "epcontact.surfaces": 1965,
+    "epcontact.studies": 3210,
+    "epcontact.surfaces": 1970,
     "fem_check": 3700,
-    "tests": 15862,
+    "tests": 15930,
 }
 #: Imports of the project inside functions, each with its reason beside it; fewer is better.
 DEFERRED = 15
