@@ -154,7 +154,7 @@ def fitted_tip(known):
         located = rim.located_areas(one.sums, rim.OBLONG * math.log(one.aspect) ** 2)
         off = (located - np.array([one.exact.total, one.exact.plastic]) * one.cells) * (1, -1)
         sums = Sums(*one.sums)
-        tips, length = sums.tips[:, 0], sums.length.sum(axis=1)
+        tips, length = sums.tips, sums.length + sums.shared
         shown = tips > 0
         needs += (TIP + off[shown] / tips[shown]).tolist()
         weights += (tips[shown] / np.sqrt(length[shown])).tolist()

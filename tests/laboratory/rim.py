@@ -29,16 +29,9 @@ import numpy as np
 
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import AXIS_OFFSET, KINK, RELEASE, STIFFNESS, empty_links, locate
-from epcontact.bem.areas.hidden import CORNER
-from epcontact.bem.areas.rim_correction import (
-    COUNTED,
-    HARMONIC,
-    LOCATED,
-    OBLONG,
-    OFFSETS,
-    sums_of_fronts,
-)
+from epcontact.bem.areas.front import AXIS_OFFSET, KINK, RELEASE, STIFFNESS, locate
+from epcontact.bem.areas.grid import CORNER, OFFSETS, WIDTHS
+from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, LOCATED, OBLONG, sums_of_fronts
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
 from epcontact.studies.areas import solution
@@ -107,13 +100,10 @@ def front_sums(direction, period, phase, load, hardness=math.inf):
     flow = np.zeros((0, 0)), hardness
     # Cells whose last corner is in the fourth of the six columns have all that they need.
     block = np.array([[0, n, 3, 4]])
-    tables = np.eye(len(grid.U_NODES))
-    out = [
-        grid.sweep(grid.Solution(*fields, stiffness, table, *flow), block)[0] for table in tables
-    ]
+    found = grid.Solution(*fields, stiffness, *flow)
+    out = [grid.sweep(found, block, table)[0].T for table in np.eye(len(WIDTHS))]
     scale = length / 2 / n
-    offsets = np.array([grid.Sums(*sums).offset for sums in out])
-    return out[0].sum(axis=-1) * scale, offsets.sum(axis=-1) * scale
+    return out[0] * scale, np.array([grid.Sums(*sums).offset for sums in out]) * scale
 
 
 def exact_fronts(hardness, period, points=1 << 16):
@@ -164,7 +154,7 @@ def calibrate_directions():
         period = row_period(direction, PERIOD)[1]
         each = [front_sums(direction, PERIOD, s, load * math.pi / period)[0] for s in phases]
         sums = grid.Sums(*np.array(each)[..., 0].T)
-        offsets.append((sums.area - exact * period) / sums.length)
+        offsets.append((sums.area - exact * period) / (sums.length + sums.shared))
     waves = np.array([math.cos(4 * math.atan2(b, a)) for a, b in DIRECTIONS])
     means = [each.mean() for each in offsets]
     amplitude, _ = np.polyfit(waves, means, 1)
@@ -175,14 +165,14 @@ def calibrate_directions():
 
 
 def calibrate_strips(fronts):
-    """(offsets at U_NODES, largest misfit), in dx, of a front with another one beside it.
+    """(offsets at WIDTHS, largest misfit), in dx, of a front with another one beside it.
 
     Least squares over the widths of the strip, each the mean over directions and positions.
     """
     features, biases = [], []
     for hardness in HARDNESSES:
         contact, plastic = exact_fronts(hardness, PERIOD)
-        feature, bias = np.zeros(len(grid.U_NODES)), 0.0
+        feature, bias = np.zeros(len(WIDTHS)), 0.0
         for direction, weight, phases in fronts:
             scale = row_period(direction, PERIOD)[1] / PERIOD
             for phase in phases:
@@ -199,7 +189,7 @@ def calibrate_strips(fronts):
 
 def _fit(features, biases):
     """Table with small second differences, 0 where a strip has no width."""
-    nodes = grid.U_NODES
+    nodes = WIDTHS
     smooth = np.zeros((len(nodes) - 1, len(nodes)))
     for i, (left, right) in enumerate(pairwise(1 / np.diff(nodes))):
         smooth[i, i : i + 3] = left, -left - right, right
@@ -217,7 +207,7 @@ def spheres(shape, radius, seed, shifts):
     for shift in np.random.default_rng(seed).uniform(size=(shifts, 2)):
         x, y = ((np.arange(n) + s) / n - 0.5 for n, s in zip(shape, shift, strict=True))
         sums = sums_of_fronts(*solution(-(x[:, None] ** 2 + y**2) / 2, force))
-        yield grid.Sums(*sums[:, 0].sum(axis=-1)), exact * shape[0] * shape[1]
+        yield grid.Sums(*sums[:, 0]), exact * shape[0] * shape[1]
 
 
 def calibrate_corner(radius=5.0, shifts=24):
@@ -256,9 +246,9 @@ def calibrate_kink(points=96, finer=32):
                 away = np.maximum(abs((np.arange(n) / n - centre + 0.5) % 1 - 0.5) - half, 0)
                 p, g, *_ = solution(-slope * (away + bend * away**2), load)
                 last = next(i for i in range(round(centre * n), 2 * n) if p[(i + 1) % n] <= 0)
-                link, nearby = empty_links(1), np.arange(last - 2, last + 4) % n
-                link.values[:, 0] = v = p[nearby] - STIFFNESS * n * g[nearby]
-                locate(link, 1, math.inf, math.inf)
+                nearby = np.arange(last - 2, last + 4) % n
+                v = p[nearby] - STIFFNESS * n * g[nearby]
+                link = locate(v[:, None], np.zeros(1), 1, math.inf, math.inf)
                 place, held, kinked = (float(a[0]) for a in (link.place, link.held, link.kinked))
                 places.append((last + place - (0 if held else AXIS_OFFSET)) / n)
             if kinked and v[2] > v[1]:  # the coarse line's; not where a kink is behind the front
@@ -281,12 +271,8 @@ def released(heights, compliance, load, hardness, after):
 def calibrate_release(phases=16, points=1 << 15):
     """RELEASE for straight fronts: by what part of `front.release` fronts have come off the edges
     of flattened spots, the mean over directions, positions, strips below .7 dx and loads."""
-    q, spacing, need, release = (
-        2 * np.pi * np.arange(points // 2 + 1) / PERIOD,
-        PERIOD / points,
-        0,
-        0,
-    )
+    q, spacing = 2 * np.pi * np.arange(points // 2 + 1) / PERIOD, PERIOD / points
+    need = release = 0.0
     q[0] = np.inf
     for hardness, after in itertools.product((0.01, 0.02, 0.03), (0.95, 0.85, 0.7)):
         p, g, _ = released(wave(points, 0.3), 2 / q, hardness / 2, hardness, after)
@@ -301,11 +287,11 @@ def calibrate_release(phases=16, points=1 << 15):
             for phase in places:
                 fields = released(wave(n, phase), 2 / folded, cap / 2, cap, after)
                 p, g, flow = (field[column] for field in fields)
-                solution = (p, g, np.inf, (STIFFNESS, STIFFNESS), OFFSETS, flow, cap)
-                sums = grid.Sums(*grid.sweep(grid.Solution(*solution), np.array([[0, n, 3, 4]]))[0])
+                solution = grid.Solution(p, g, np.inf, (STIFFNESS, STIFFNESS), flow, cap)
+                sums = grid.Sums(*grid.sweep(solution, np.array([[0, n, 3, 4]]), OFFSETS)[0, 0])
                 area = sums.area - sums.offset - HARMONIC * sums.harmonic
-                need += weight * (area[0].sum() * length / 2 / n - exact * length / PERIOD)
-                release += weight * sums.released[0].sum() * length / 2 / n
+                need += weight * (area * length / 2 / n - exact * length / PERIOD)
+                release += weight * sums.released * length / 2 / n
     return float(need / release * RELEASE)
 
 
@@ -318,7 +304,7 @@ def main():
     mean, amplitude, scatter = calibrate_directions()
     print("offset of a located front", round(mean, 4), "+", round(amplitude, 4), "cos 4 theta")
     print("scatter of it", round(scatter, 4), "in use", LOCATED)
-    print("u     ", grid.U_NODES)
+    print("u     ", WIDTHS)
     table, misfit = calibrate_strips(all_directions())
     print("offset", np.round(table, 4), " largest misfit", round(misfit, 4))
     print("corner", "{:.3f} +- {:.3f}".format(*calibrate_corner()), "in use", CORNER)

@@ -1,9 +1,9 @@
-"""The fronts of a contact on a periodic grid: one pass over its cells, and what it adds up.
+"""What the fronts of a contact on a periodic grid enclose: sums over its cells.
 
-All that the pass needs to know of a point is v = p - c g: at most 0 where apart, at least the
-hardness where plastic; c is that of `front` for links along x and, on oblong cells, for those along
-y.  A front crosses links between neighbouring points, where `front` locates it, and straight
-segments between the two crossings of a cell bound the area.  `Sums` says what is added up.
+All that is needed of a point is v = p - c g: at most 0 where apart, at least the hardness where
+plastic; c is that of `front` for links along x and, on oblong cells, for those along y.  A front
+crosses links between neighbouring points, where `front` locates it, and straight segments between
+the two crossings of a cell bound the area.
 
 Front 0 bounds the contact and front 1 its plastic part.  A cell is named after its last corner,
 point (i, j).  Its corners 0 to 3 are (i - 1, j - 1), (i, j - 1), (i, j) and (i - 1, j), and side k
@@ -12,18 +12,33 @@ runs from corner k to the next.
 
 from __future__ import annotations
 
-from math import sqrt
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.areas.front import Links, compiled, empty_links, inlined, locate, release
-from epcontact.bem.areas.hidden import Bytes, Columns, add_hidden, add_tips
+from epcontact.bem.areas.front import Links, compiled, locate, release
 from epcontact.results import FloatArray
 
-#: Values of u at which the offset is tabulated.
-U_NODES = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
+Ints = NDArray[np.int32]
+Bytes = NDArray[np.uint8]
+#: Width of the elastic strip beside a front, in spacings, and the offset of a located front there
+#: (`rim.calibrate_strips`); the last is that of a front alone (`rim.calibrate_directions`: 0.1781;
+#: the paper's surface: 0.1783).
+WIDTHS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
+OFFSETS = np.array([0.0, 0.0721, 0.137, 0.1916, 0.2198, 0.2229, 0.215, 0.1933,
+                    0.18, 0.1742, 0.1694, 0.1782, 0.1773, 0.1783])  # fmt: skip
+#: A wave's curvature p2 divided by its second difference between points a quarter wavelength apart.
+SEEN = 1.25
+#: Along a crease the pressure changes by less than this share of its change across (`error_bars`:
+#: from 1/3 on the claims of straight grooves that no point shows are too small).
+STRAIGHT = 0.2
+#: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).  A lone point that
+#: carries next to nothing is taken for a spot of this area.
+CORNER = 0.6
+#: Places in `Sums`.
+POINTS, AREA = 0, 4
 #: Points around the cells of a block that are looked at, too.
 PAD = 4
 #: By the sum of 2^k over the corners inside: the corner that is cut off, or the first of the two
@@ -38,330 +53,347 @@ class Solution(NamedTuple):
     gap: FloatArray  # (nx, ny)
     hardness: float  # the least pressure of a plastic point
     stiffness: tuple[float, float]  # c of `front` for links along x and along y
-    offsets: FloatArray  # of a front, at U_NODES
     flowed: FloatArray  # (nx, ny) what earlier flow has lowered the surface by, or (0, 0)
     yielded: float  # the hardness of that flow
 
 
 class Sums(NamedTuple):
-    """Sums over the fronts around the contact and around its plastic part: (..., 2 fronts, 2).
+    """Sums over the fronts around the contact and around its plastic part: (..., 2 fronts).
 
-    A front of u < 1 spacings, the width hardness/|grad v| of the elastic strip beside it, moves
-    with the other front there.  The share u^2 of it is summed in the first place of the last axis,
-    the rest in the second.  Lengths are in spacings; no edge of the surface holds "free" ones.
+    Lengths are in spacings, and no edge of the surface holds "free" ones.  A front of u < 1
+    spacings, the width hardness/|grad v| of the elastic strip beside it, moves with the other front
+    there: the share u^2 of it is its own.
     """
 
-    area: FloatArray  # inside the located front, in cells
-    offset: FloatArray  # free length times the tabulated offset at u
-    turn: FloatArray  # a quarter for each corner cut off: over a whole front its Euler number
-    flowing: FloatArray  # length held at edges where plastic points are next to points apart
-    length: FloatArray  # of the front
-    harmonic: FloatArray  # free length times cos 4 theta
-    sine: FloatArray  # free length times sin 4 theta
-    chance: FloatArray  # free length times the square of the doubt of `front`
-    #: Free length times this doubt, which is positive outwards: it adds up where all of a front
-    #: meets the grid alike, or is bent alike.
-    common: FloatArray
-    held: FloatArray  # length held at edges
-    aligned: FloatArray  # length held at edges times cos 4 theta
-    hidden: FloatArray  # length times the width of the zone hidden at edges
-    released: FloatArray  # length times the width that has come off flattened spots
-    edges: FloatArray  # length of the front at edges of flattened spots
-    kinked: FloatArray  # length where the surface has a kink
-    points: FloatArray  # inside the front
-    #: Points apart (or plastic) with at most two of their eight neighbours in the same state, but
-    #: for those of spots of two or three points.
+    #: Points inside the front, and those apart (or plastic) with at most two of their eight
+    #: neighbours in the same state, but for those of spots of two or three points.
+    points: FloatArray
     tips: FloatArray
     #: Squares of the areas of gaps that may be hidden between points that all touch, and of what
-    #: lone points lack of CORNER.
+    #: lone points lack of CORNER; areas of gaps hidden at creases between points that all touch.
     squares: FloatArray
-    crease: FloatArray  # areas of gaps that may be hidden at creases between points that all touch
+    crease: FloatArray
+    area: FloatArray  # inside the located front, in cells
+    offset: FloatArray  # free length times the tabulated offset at u
+    harmonic: FloatArray  # free length times cos 4 theta
+    turn: FloatArray  # a quarter for each corner cut off: over a whole front its Euler number
+    zone: FloatArray  # length times the width of the zone hidden at edges
+    released: FloatArray  # length times the width that has come off flattened spots
+    length: FloatArray  # own
+    shared: FloatArray  # the rest of it
+    #: Own length at edges, and times cos 4 theta; held length where plastic points are next to
+    #: points apart; own length where the surface has a kink, and at edges of flattened spots.
+    held: FloatArray
+    aligned: FloatArray
+    flowing: FloatArray
+    kinked: FloatArray
+    spots: FloatArray
+    #: Own free length times cos and sin 4 theta, and times the doubt of `front` and its square.
+    cosine: FloatArray
+    sine: FloatArray
+    doubt: FloatArray
+    chance: FloatArray
 
 
 class Block(NamedTuple):
-    """The points of a block of cells, and PAD more on each side."""
+    """The points of a block of cells, and PAD more on each side; memory for links and cells."""
 
+    shape: tuple[int, int]  # rows and columns that are used of the memory
     v: FloatArray  # (1 or 2, rows, columns) for links along x and, where it differs, along y
     inside: Bytes  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
-    #: For each cell of a row a bit for each corner inside front 0, and the next four for front 1.
-    codes: Bytes
-    depth: FloatArray  # (rows, columns) c w, or (0, 0) where nothing has flowed before
+    sunk: FloatArray  # (rows, columns) c w, or (0, 0) where nothing has flowed before
+    values: FloatArray  # (6, n) v on the links that a front crosses, from inside
+    below: FloatArray  # (n,) `sunk` of `front.locate`
+    turned: NDArray[np.bool_]  # (n,) whether the end of the link is inside
+    numbers: Ints  # (2, rows, columns) numbers of the links by their axis and end
+    #: (4, m) row, column and code of each cell with a segment of the front, the sum of 2^k over its
+    #: corners inside, and whether it has plastic points next to points apart.
+    cells: Ints
 
 
-def sweep(solution: Solution, blocks: NDArray[np.int64]) -> FloatArray:
-    """The `Sums` over blocks of the cells of a periodic grid, as an array (n, 19, 2, 2).
+@compiled
+def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> FloatArray:
+    """The `Sums` over blocks of the cells of a periodic grid, (n, 2, 21).
 
-    blocks: (n, 4) the first row and the row after the last of the cells, and so their columns.
+    blocks: (n, 4) the first row and the row after the last of the cells, and so their columns;
+    offsets: of a front, at WIDTHS.
     """
-    sums = np.zeros((len(Sums._fields), len(blocks), 2, 2))
-    _sweep(solution, blocks, Sums(*sums))
-    return np.moveaxis(sums, 1, 0)
+    found = np.zeros((len(blocks), 2, 21))
+    rows = np.max(blocks[:, 1] - blocks[:, 0]) + 2 * PAD
+    columns, square = np.max(blocks[:, 3] - blocks[:, 2]) + 2 * PAD, solution.stiffness
+    n, flowed = rows * columns, rows if solution.flowed.size else 0
+    memory = Block(
+        (rows, columns),
+        np.empty((1 if square[0] == square[1] else 2, rows, columns)),
+        np.empty((rows, columns), np.uint8),
+        np.empty((flowed, columns)),
+        np.empty((6, 2 * n)),
+        np.empty(2 * n),
+        np.empty(2 * n, np.bool_),
+        np.empty((2, rows, columns), np.int32),
+        np.empty((4, n), np.int32),
+    )
+    for k in range(len(blocks)):
+        block = _filled(memory, solution, blocks[k])
+        for front in range(2 if solution.hardness < np.inf else 1):
+            count, busy = _crossed(block, solution, front)
+            links = locate(block.values, block.below, count, solution.hardness, solution.yielded)
+            along = _segments(block, solution, front, links, busy, offsets)
+            found[k, front] = np.array(_points(block, solution.hardness, front) + along)
+            found[k, front, AREA] += found[k, front, POINTS]
+    return found
 
 
 @compiled
-def _sweep(solution: Solution, blocks: NDArray[np.int64], sums: Sums) -> None:
-    hardness = solution.hardness
-    for n in range(len(blocks)):
-        block = _block(solution, blocks[n])
-        rows, width = block.inside.shape
-        # By front and column, what was found on the link along x, and on those along y of even and
-        # of odd rows, that end in the column.
-        of = np.empty((7, 2, 3, width))
-        found = Links(np.empty((0, 0)), of[0], of[1], of[2], of[3], of[4], of[5], of[6])
-        # The row and the column before have links of the first cells.
-        for i in range(PAD - 1, rows - PAD):
-            busy = _busy_cells(block, i)
-            _locate(block, found, i, busy, solution)
-            if i < PAD:
-                continue
-            busy = busy[int(len(busy) > 0 and busy[0] < PAD) :]
-            for front in range(2 if hardness < np.inf else 1):
-                _add_segments(block, found, i, busy, solution, sums, (n, front))
-                points = 0
-                for inside in block.inside[i, PAD : width - PAD]:
-                    points += inside > 16 * front
-                sums.points[n, front, 0] += points
-                sums.area[n, front, 0] += points
-            add_tips(block.v, block.inside, i, busy, hardness, sums.tips[n, :, 0])
-            add_hidden(block.v, i, busy, hardness, (sums.squares[n, :, 0], sums.crease[n, :, 0]))
-
-
-@compiled
-def _block(solution: Solution, place: NDArray[np.int64]) -> Block:
-    (pressure, gap, hardness, stiffness, _, flowed, _), (first, last, left, right) = solution, place
-    nx, ny = pressure.shape
-    rows, columns = last - first + 2 * PAD, right - left + 2 * PAD
-    v = np.empty((1 if stiffness[0] == stiffness[1] else 2, rows, columns))
-    inside = np.empty((rows, columns), np.uint8)
-    depth = np.zeros((rows, columns) if flowed.size else (0, 0))
+def _filled(memory: Block, solution: Solution, place: NDArray[np.int64]) -> Block:
+    """Fill the memory with the points of a block."""
+    (pressure, gap, hardness, stiffness, flowed, _), (first, last, left, right) = solution, place
+    v, inside, sunk = memory.v, memory.inside, memory.sunk
+    (nx, ny), rows, columns = pressure.shape, last - first + 2 * PAD, right - left + 2 * PAD
     for i in range(rows):
-        row, done, start = (first - PAD + i) % nx, 0, (left - PAD) % ny
-        while done < columns:  # from one end of the period to the next
-            stop = min(start + columns - done, ny)
-            p, g, states = pressure[row, start:stop], gap[row, start:stop], inside[i, done:]
-            for j in range(len(p)):
-                states[j] = (p[j] > 0) + 16 * (p[j] >= hardness)
+        row, column = (first - PAD + i) % nx, (left - PAD) % ny
+        for j in range(columns):
+            p, g = pressure[row, column], gap[row, column]
+            inside[i, j] = (p > 0) + 16 * (p >= hardness)
+            base = hardness if p >= hardness else max(p, 0.0)
+            depth = max(g, 0.0) if p <= 0 else min(g, 0.0) if p >= hardness else 0.0
             for layer in range(len(v)):
-                c, fields = stiffness[layer], v[layer, i, done:]
-                for j in range(len(p)):
-                    outside, plastic = -c * max(g[j], 0.0), hardness - c * min(g[j], 0.0)
-                    fields[j] = outside if p[j] <= 0 else plastic if p[j] >= hardness else p[j]
-            if flowed.size:
-                w, sunk = flowed[row, start:stop], depth[i, done:]
-                for j in range(len(p)):  # points that flow again are as on a first loading
-                    sunk[j] = stiffness[0] * w[j] if p[j] < hardness else 0.0
-            done, start = done + len(p), 0
-    return Block(v, inside, np.empty(columns, np.uint8), depth)
+                v[layer, i, j] = base - stiffness[layer] * depth
+            if flowed.size:  # points that flow again are as on a first loading
+                sunk[i, j] = stiffness[0] * flowed[row, column] if p < hardness else 0.0
+            column = column + 1 if column + 1 < ny else 0
+    return Block((rows, columns), *memory[1:])
 
 
 @compiled
-def _busy_cells(block: Block, i: int) -> Columns:
-    """Find the codes of a row, and its cells that have a front or whose last corner is elastic."""
-    before, here, codes = block.inside[i - 1], block.inside[i], block.codes
-    busy, count = np.empty(len(codes), np.uint32), 0
-    for j in range(1, len(codes)):
-        codes[j] = before[j - 1] + 2 * here[j - 1] + 4 * here[j] + 8 * before[j]
-    for j in range(PAD - 1, len(codes) - PAD):
-        busy[count] = j
-        count += (codes[j] != 0) & (codes[j] != 255)
-    return busy[:count]
-
-
-@inlined
-def _locate(block: Block, found: Links, i: int, columns: Columns, solution: Solution) -> None:
-    """Locate fronts on the links along x and y that end in row i and in `columns`."""
-    v, codes, hardness = block.v, block.codes, solution.hardness
-    links = empty_links(4 * len(columns))
-    crossed, ends, count = np.empty(4 * len(columns), np.uint32), np.zeros((2, 2), np.int64), 0
-    for front in range(2):
-        cap, sign = (hardness, -1.0) if front else (0.0, 1.0)
-        for y in range(2):
-            begin, layer = count, len(v) - 1 if y else 0
-            aspect = solution.stiffness[y] / solution.stiffness[0]
-            for j in columns:  # between corners 2 and 3 along x, and 1 and 2 along y
-                crossed[count] = j
-                count += ((codes[j] ^ codes[j] >> 1) >> (4 * front + 2 - y)) & 1
-            ends[front, y] = count
-            for n in range(begin, count):
-                j = crossed[n]
-                turned = _ends_inside(codes[j], front)
+def _crossed(block: Block, solution: Solution, front: int) -> tuple[int, int]:
+    """Find the links that a front crosses and the cells with segments of it; return both counts."""
+    (rows, columns), v, inside, sunk, values, below, turned, numbers, cells = block
+    state, count, found = 16 * front, 0, 0
+    cap, sign = (solution.hardness, -1.0) if front else (0.0, 1.0)
+    for i in range(PAD - 1, rows - PAD):
+        for j in range(PAD - 1, columns - PAD):
+            a, b, c, d = inside[i - 1, j - 1], inside[i, j - 1], inside[i, j], inside[i - 1, j]
+            code = (a > state) + 2 * (b > state) + 4 * (c > state) + 8 * (d > state)
+            if code in (0, 15):
+                continue
+            for y in range(2):  # between corners 2 and 3 along x, and 1 and 2 along y
+                if (c > state) == ((b if y else d) > state):
+                    continue
+                layer, ends_inside = len(v) - 1 if y else 0, (c > state) != (front == 1)
                 for k in range(6):  # from inside
-                    way = 2 - k if turned else k - 3
+                    way = 2 - k if ends_inside else k - 3
                     p = v[layer, i, j + way] if y else v[layer, i + way, j]
-                    links.values[k, n] = cap + sign * p
-                links.depth[n] = 0.0
-                if block.depth.size and front == 0:
-                    last, out = (-1, 0) if not turned else (0, -1)
-                    w = block.depth[i, j + last] if y else block.depth[i + last, j]
-                    beyond = block.depth[i, j + out] if y else block.depth[i + out, j]
-                    links.depth[n] = w * aspect if beyond == 0 else 0.0
-                    next_ = 2 * out - last
-                    after = block.depth[i, j + next_] if y else block.depth[i + next_, j]
-                    if w > 0 and beyond > 0:
-                        links.depth[n] = -1.0 if after == 0 else -2.0
-    locate(links, count, hardness, solution.yielded)
-    begin = 0
-    for front in range(2):
-        for y in range(2):
-            to = 1 + (i & 1) if y else 0
-            for n in range(begin, ends[front, y]):
-                at, place = (front, to, crossed[n]), links.place[n]
-                found.place[at] = 1 - place if _ends_inside(codes[crossed[n]], front) else place
-                found.held[at] = links.held[n]
-                found.hidden[at] = links.hidden[n]
-                found.doubt[at] = links.doubt[n]
-                found.kinked[at] = links.kinked[n]
-                found.released[at] = links.released[n]
-                found.depth[at] = links.depth[n] > 0
-            begin = ends[front, y]
-
-
-@inlined
-def _ends_inside(code: int, front: int) -> int:
-    """True if the last corner of a cell is inside front 0, or outside front 1."""
-    return ((code >> (4 * front + 2)) & 1) ^ front
-
-
-class _Cell(NamedTuple):
-    """A cell with a front, and the means of what was found at its crossings."""
-
-    dx: float  # changes of v along x and y
-    dy: float
-    steep: float  # |grad v|; at edges of flattened spots that at the peak of the load
-    sign: float  # 1 if the corner that is cut off, or the first of two, is inside, else -1
-    corner: bool  # whether the front cuts off a corner
-    flows: bool  # whether plastic points are next to points apart
-    held: float
-    hidden: float
-    doubt: float
-    kinked: float
-    released: float
-    edge: float
-
-
-@inlined
-def _add_segments(
-    block: Block,
-    found: Links,
-    i: int,
-    columns: Columns,
-    solution: Solution,
-    sums: Sums,
-    place: tuple[int, int],
-) -> None:
-    """Add the segments of a front in a row's cells to the sums of `place`: block and front."""
-    v, codes, (n, front) = block.v, block.codes, place
-    x_0, x_1, y_0, y_1 = v[0, i - 1], v[0, i], v[-1, i - 1], v[-1, i]
-    deep = block.depth
-    for j in columns:
-        code = (codes[j] >> (4 * front)) & 15
-        if code % 15 == 0:  # all of its corners are inside, or none
-            continue
-        cut, opposite, straight = _CUT[code], code % 5 == 0, int(code % 3 == 0)
-        if opposite:
-            middle = x_0[j - 1] + x_0[j] + x_1[j - 1] + x_1[j]
-            middle += y_0[j - 1] + y_0[j] + y_1[j - 1] + y_1[j]
-            if middle > (8 * solution.hardness if front else 0.0):  # the inside is connected
-                cut ^= 1
-        inside, held, hidden, doubt, kinked = float((code >> cut) & 1), 0.0, 0.0, 0.0, 0.0
-        released = edge = 0.0
-        sums.area[n, front, 0] += 1 - inside - ((code >> 2) & 1)  # which was counted as a point
-        crossings = 4 if opposite else 2
-        for k in range(crossings):  # of the front and the sides
-            at = _link(front, i, j, (cut + (straight, 3, 1, 2)[k]) & 3)
-            held, hidden = held + found.held[at], hidden + found.hidden[at]
-            doubt, kinked = doubt + found.doubt[at], kinked + found.kinked[at]
-            released, edge = released + found.released[at], edge + found.depth[at]
-        held, hidden = held / crossings, hidden / crossings
-        doubt, kinked = doubt / crossings, kinked / crossings
-        released, edge = released / crossings, edge / crossings
-        dx = (x_1[j - 1] + x_1[j] - x_0[j - 1] - x_0[j]) / 2
-        dy = (y_0[j] + y_1[j] - y_0[j - 1] - y_1[j - 1]) / 2
-        steep = sqrt(dx * dx + dy * dy)
-        if deep.size:
-            a, b, c, d = deep[i - 1, j - 1], deep[i, j - 1], deep[i, j], deep[i - 1, j]
-            if min(a, b, c, d) > 0 and front == 0:  # inside a flattened spot nothing moves along
-                steep = 0.0
-            elif edge > 0:  # at the peak of the load
-                along_x, along_y = dx + (b + c - a - d) / 2, dy + (d + c - a - b) / 2
-                steep = sqrt(along_x * along_x + along_y * along_y)
-        flows = codes[j] == 17 * (codes[j] & 15)
-        cell = _Cell(
-            dx,
-            dy,
-            steep,
-            2 * inside - 1,
-            not straight,
-            flows,
-            held,
-            hidden,
-            doubt,
-            kinked,
-            released,
-            edge,
-        )
-        for corner in range(cut, cut + (4 if opposite else 1), 2):
-            first = _way(found, front, i, j, corner + straight)
-            second = 1 - _way(found, front, i, j, corner + 3)
-            _add(sums, place, cell, first, second, solution)
+                    values[k, count] = cap + sign * p
+                below[count] = 0.0
+                if sunk.size and front == 0:
+                    last, out = (0, -1) if ends_inside else (-1, 0)
+                    w = sunk[i, j + last] if y else sunk[i + last, j]
+                    beyond = sunk[i, j + out] if y else sunk[i + out, j]
+                    aspect = solution.stiffness[y] / solution.stiffness[0]
+                    below[count] = w * aspect if beyond == 0 else -1.0 if w > 0 else 0.0
+                numbers[y, i, j], turned[count], count = count, ends_inside, count + 1
+            if i >= PAD and j >= PAD:
+                cells[0, found], cells[1, found], cells[2, found] = i, j, code
+                cells[3, found] = a != 1 and b != 1 and c != 1 and d != 1
+                found += 1
+    return count, found
 
 
 @compiled
-def _link(front: int, i: int, j: int, side: int) -> tuple[int, int, int]:
-    """Return the place in `Links` of the link along a side of a cell."""
-    if side & 1 == 0:
-        return front, 0, j - 1 if side == 0 else j
-    return front, 1 + ((i + (side >> 1)) & 1), j
-
-
-@compiled
-def _way(found: Links, front: int, i: int, j: int, side: int) -> float:
-    """The distance from a side's first corner to its crossing; links run against sides 2 and 3."""
-    place = found.place[_link(front, i, j, side & 3)]
-    return float(1 - place if side & 2 else place)
-
-
-@compiled
-def _add(
-    sums: Sums, place: tuple[int, int], cell: _Cell, x: float, y: float, solution: Solution
-) -> None:
-    """Add a segment to the sums of a block and front.  x, y: the ways to its ends from the corner
-    that it cuts off, or from the two on one side of it."""
-    dx, dy, steep, sign, corner, flows, held, hidden, doubt, kinked, released, edge = cell
-    square, cos4, sin4 = dx * dx + dy * dy, 0.0, 0.0
-    if square > 0:
+def _segments(
+    block: Block, solution: Solution, front: int, links: Links, count: int, offsets: FloatArray
+) -> tuple[float, ...]:
+    """The `Sums` over the segments of a front, from the area on."""
+    v, sunk, turned, numbers, cells = block.v, block.sunk, *block[6:]
+    x_field, y_field = v[0], v[-1]
+    area = offset = harmonic = turn = zone = released = own_length = shared = 0.0
+    own_held = aligned = flowing = kinked = spots = cosine = sine = doubts = chance = 0.0
+    for n in range(count):
+        i, j, code = cells[0, n], cells[1, n], cells[2, n]
+        cut, saddle, straight = _CUT[code], code % 5 == 0, int(code % 3 == 0)
+        a, b, c, d = x_field[i - 1, j - 1], x_field[i, j - 1], x_field[i, j], x_field[i - 1, j]
+        e, f, g, h = y_field[i - 1, j - 1], y_field[i, j - 1], y_field[i, j], y_field[i - 1, j]
+        if saddle and a + b + c + d + e + f + g + h > (8 * solution.hardness if front else 0.0):
+            cut ^= 1  # the inside is connected
+        dx, dy = (b + c - a - d) / 2, (g + h - e - f) / 2
+        square = max(dx * dx + dy * dy, 1e-300)
         cos4 = 1 - 8 * (dx * dy / square) ** 2
         sin4 = 4 * dx * dy * (dx - dy) * (dx + dy) / square**2
-    length = sqrt(x * x + y * y) if corner else sqrt(1 + (x - y) * (x - y))
-    u = solution.yielded / steep if steep > 0 else np.inf
-    stuck, free = held * length, (1 - held) * length
-    own = max(min(solution.hardness / sqrt(square), 1.0) ** 2, held)
-    released = edge * release(released / edge, u) if edge > 0 else 0.0
-    block, front = place
-    sums.area[block, front, 0] += sign * (x * y if corner else x + y) / 2
-    sums.offset[block, front, 0] += _interpolated(u, solution.offsets) * free
-    sums.turn[block, front, 0] += 0.25 * sign if corner else 0.0
-    sums.flowing[block, front, 0] += stuck if flows else 0.0
-    for part in range(2):
-        share = own if part == 0 else 1 - own
-        sums.length[block, front, part] += share * length
-        sums.harmonic[block, front, part] += share * cos4 * free
-        sums.sine[block, front, part] += share * sin4 * free
-        sums.chance[block, front, part] += share * doubt * doubt * free
-        sums.common[block, front, part] += share * doubt * free
-        sums.held[block, front, part] += share * stuck
-        sums.aligned[block, front, part] += share * cos4 * stuck
-        sums.hidden[block, front, part] += share * hidden * length
-        sums.kinked[block, front, part] += share * kinked * length
-        sums.released[block, front, part] += share * released * length
-        sums.edges[block, front, part] += share * edge * length
+        steep = peak = math.sqrt(square)
+        narrow = min(solution.hardness / steep, 1.0) ** 2
+        if sunk.size and front == 0:
+            a, b, c, d = sunk[i - 1, j - 1], sunk[i, j - 1], sunk[i, j], sunk[i - 1, j]
+            peak = math.hypot(dx + (b + c - a - d) / 2, dy + (c + d - a - b) / 2)
+            if min(a, b, c, d) > 0:  # inside a flattened spot nothing moves along
+                steep = 1e-150
+        is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
+        area += 1 - is_inside - ((code >> 2) & 1)  # which was counted as a point
+        for corner in range(cut, cut + (4 if saddle else 1), 2):
+            one, along = _link(numbers, i, j, (corner + straight) & 3)
+            other, against = _link(numbers, i, j, (corner + 3) & 3)
+            x, y = links.place[one], links.place[other]
+            x, y = 1 - x if along == turned[one] else x, y if against == turned[other] else 1 - y
+            length = math.hypot(1.0, x - y) if straight else math.hypot(x, y)
+            area += sign * (x + y if straight else x * y) / 2
+            edge = (links.spot[one] + links.spot[other]) / 2
+            u = solution.yielded / (peak if edge > 0 else steep)
+            if edge > 0:
+                fallen = (links.fallen[one] + links.fallen[other]) / 2
+                released += edge * length * release(fallen / edge, u)
+            held = (links.held[one] + links.held[other]) / 2
+            doubt = (links.doubt[one] + links.doubt[other]) / 2
+            own, free = max(narrow, held) * length, (1 - held) * length
+            own_free = max(narrow, held) * free
+            offset += _interpolated(u, offsets) * free
+            harmonic, turn = harmonic + cos4 * free, turn + (0.0 if straight else 0.25 * sign)
+            zone += (links.zone[one] + links.zone[other]) / 2 * length
+            own_length, shared = own_length + own, shared + length - own
+            own_held, aligned = own_held + held * own, aligned + cos4 * held * own
+            flowing += held * length * cells[3, n]
+            kinks = (links.kinked[one] + links.kinked[other]) / 2
+            kinked, spots = kinked + kinks * own, spots + edge * own
+            cosine, sine = cosine + cos4 * own_free, sine + sin4 * own_free
+            doubts, chance = doubts + doubt * own_free, chance + doubt * doubt * own_free
+    fields = (area, offset, harmonic, turn, zone, released, own_length, shared, own_held, aligned)
+    return (*fields, flowing, kinked, spots, cosine, sine, doubts, chance)
+
+
+@compiled
+def _link(numbers: Ints, i: int, j: int, side: int) -> tuple[int, bool]:
+    """The number of the link along a side of a cell, and whether it runs as the side does."""
+    if side & 1 == 0:
+        return numbers[0, i, j - 1 if side == 0 else j], side == 0
+    return numbers[1, i if side == 1 else i - 1, j], side == 1
 
 
 @compiled
 def _interpolated(u: float, offsets: FloatArray) -> float:
     """The offset at u; constant beyond the table."""
     k = 1
-    while u > U_NODES[k] and k < len(U_NODES) - 1:
+    while u > WIDTHS[k] and k < len(WIDTHS) - 1:
         k += 1
-    share = min((u - U_NODES[k - 1]) / (U_NODES[k] - U_NODES[k - 1]), 1.0)
+    share = min((u - WIDTHS[k - 1]) / (WIDTHS[k] - WIDTHS[k - 1]), 1.0)
     return float(offsets[k - 1] + share * (offsets[k] - offsets[k - 1]))
+
+
+@compiled
+def _points(block: Block, hardness: float, front: int) -> tuple[float, float, float, float]:
+    """(points, tips, squares, crease) of `Sums` of a front."""
+    v, inside = block.v, block.inside
+    points = tips = squares = creases = 0.0
+    rows, columns = block.shape
+    for i in range(PAD, rows - PAD):
+        for j in range(PAD, columns - PAD):
+            here = inside[i, j]
+            points += here > 16 * front
+            if here == 1:
+                square, crease = _hidden(v, (i, j), hardness, front)
+                squares, creases = squares + square, creases + crease
+            elif (
+                here == 17 * front
+                and not inside[i - 1, j - 1] == inside[i, j - 1] == inside[i - 1, j] == here
+            ):
+                tips += _tip(v, inside, (i, j), hardness)
+    return points, tips, squares, creases
+
+
+@compiled
+def _tip(v: FloatArray, inside: Bytes, place: tuple[int, int], hardness: float) -> float:
+    """1 where a point is a tip of its state, less where the strip beside it is narrow, or 0.
+
+    A spot of two or three points in a block, with no others within two points, shows all that it
+    has.  A tip of a front that moves with another one counts less: the steepest way to a neighbour
+    gives the width of the strip between them.  A lone point counts less if even the gentlest way is
+    steep: then it is a post or a pit of its own cell, which the count has right.
+    """
+    (i, j), like, near, steepest, gentlest = place, -1, -1, 0.0, np.inf
+    for a in range(i - 2, i + 3):
+        for b in range(j - 2, j + 3):
+            alike = inside[a, b] == inside[i, j]
+            near += alike
+            if max(abs(a - i), abs(b - j)) <= 1:
+                like += alike
+                way = abs(v[0, a, b] + v[-1, a, b] - v[0, i, j] - v[-1, i, j]) / 2
+                steepest = max(steepest, way)
+                gentlest = min(gentlest, way) if a != i or b != j else gentlest
+    if like > 2 or 0 < like == near:
+        return 0.0
+    way = steepest if like else gentlest
+    return float((hardness / way) ** 2 if way > hardness else 1.0)
+
+
+@compiled
+def _hidden(
+    layers: FloatArray, place: tuple[int, int], hardness: float, front: int
+) -> tuple[float, float]:
+    """(square of areas, area at a crease) that an elastic point may hide beside it."""
+    v, (i, j) = layers[0], place
+    here = _short(v[i, j], hardness, front)
+    above, below = _short(v[i - 1, j], hardness, front), _short(v[i + 1, j], hardness, front)
+    left, right = _short(v[i, j - 1], hardness, front), _short(v[i, j + 1], hardness, front)
+    most, squares = max(above, below, left, right), 0.0
+    if most <= 0:
+        return _lacking(layers, place, hardness, front) ** 2, 0.0
+    if here > min(above, below) and here > min(left, right):
+        return 0.0, 0.0
+    # In full contact p is a smooth wave.  If it would fall to -p1 + p2 s^2 at the distance s from
+    # its lowest place, a gap of radius sqrt(3 p1/(2 p2)) opens, like a penny-shaped crack that
+    # closes smoothly.  This place is at most half a cell's diagonal away, so that p1 <= p2/2 - p.
+    rise = SEEN * ((above + below + left + right) / 4 - here)
+    if here <= min(above, below, left, right) and most < hardness and here < rise / 2:
+        squares = (math.pi * 1.5 * (0.5 - here / rise)) ** 2
+    a, b = _short(v[i - 1, j - 1], hardness, front), _short(v[i - 1, j + 1], hardness, front)
+    c, d = _short(v[i + 1, j - 1], hardness, front), _short(v[i + 1, j + 1], hardness, front)
+    outer = _short(v[i - 2, j], hardness, front), _short(v[i + 2, j], hardness, front)
+    sides = min(a, left, c), min(b, right, d)
+    x_log, x_straight = _crease(here, (above, below), outer, sides)
+    outer = _short(v[i, j - 2], hardness, front), _short(v[i, j + 2], hardness, front)
+    sides = min(a, above, b), min(c, below, d)
+    y_log, y_straight = _crease(here, (left, right), outer, sides)
+    if min(x_log, y_log) > -np.inf:
+        squares += 16 * math.exp(2 * (x_log + y_log))
+    area = 2 * max(x_straight * math.exp(x_log), y_straight * math.exp(y_log))
+    return squares + area * area, area
+
+
+@compiled
+def _short(p: float, hardness: float, front: int) -> float:
+    """A pressure from 0 to the hardness, or what it lacks of the hardness for front 1."""
+    p = min(max(p, 0.0), hardness)
+    return float(hardness - p if front else p)
+
+
+@compiled
+def _crease(
+    here: float, beside: tuple[float, float], outer: tuple[float, float], sides: tuple[float, float]
+) -> tuple[float, float]:
+    """(ln of half the width of a gap that a crease may hide, share of it that may be straight).
+
+    beside, outer: the pressures one and two points across the crease; sides: the lowest of three
+    along it, on either side.  At a crease the pressure falls to k ln s, where s is the distance
+    from it, and k ln 3 is the rise from half a spacing to 3/2.  A gap opens where it would fall
+    below 0, and twice as wide (as in `front`).  The pressure bends the other way beside a crease,
+    and along it, it changes less than across by STRAIGHT; where it is 0, the gap shows.  A tip is
+    a crease in both directions.
+    """
+    (before, after), across = beside, max(beside[0], beside[1]) - here
+    bends = min(outer[0] - 2 * before, outer[1] - 2 * after) + here < 0
+    if here > min(before, after) or across <= 0 or not bends:
+        return -np.inf, 0.0
+    along = max(sides[0] - here, sides[1] - here, 0.0)
+    straight = max(1 - along / (STRAIGHT * across), 0.0) if min(sides) > 0 else 0.0
+    return -math.log(3) * here / across, straight
+
+
+@compiled
+def _lacking(layers: FloatArray, place: tuple[int, int], hardness: float, front: int) -> float:
+    """The part of CORNER that a lone point's located area lacks, as its spot may have no area."""
+    (i, j), area = place, 1.0
+    cap, sign = (hardness, -1.0) if front else (0.0, 1.0)
+    here = cap + sign * layers[0, i, j]
+    for layer, x in ((-1, 0), (0, 1)):
+        v = layers[layer]
+        before, after = cap + sign * v[i - x, j - 1 + x], cap + sign * v[i + x, j + 1 - x]
+        area *= here / (here - before) + here / (here - after)
+    return float(max(CORNER - area / 2, 0.0))

@@ -38,8 +38,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS
-from epcontact.bem.areas.grid import Solution, Sums, sweep
-from epcontact.bem.areas.hidden import CORNER
+from epcontact.bem.areas.grid import CORNER, OFFSETS, Solution, Sums, sweep
 from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
@@ -47,10 +46,6 @@ from epcontact.scene import array, number
 
 #: Share of a grid cell's area that each switch takes off (Yastrebov, Anciaux and Molinari, 2017).
 PERIMETER_FACTOR = (math.pi - 1 + math.log(2)) / 24
-#: Offset of a located front in spacings at grid.U_NODES (`rim.calibrate_strips`); the last is that
-#: of a front alone (`rim.calibrate_directions`: 0.1781; the paper's surface: 0.1783).
-OFFSETS = np.array([0.0, 0.0721, 0.137, 0.1916, 0.2198, 0.2229, 0.215, 0.1933,
-                    0.18, 0.1742, 0.1694, 0.1782, 0.1773, 0.1783])  # fmt: skip
 #: Amplitude of the offset's change with the direction of a front, and its rms error in the worst
 #: direction (`rim.calibrate_directions`).
 HARMONIC, LOCATED = 0.0132, 0.005
@@ -93,7 +88,7 @@ CLOSE = 0.2
 # A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
 # Rows and columns that are swept at a time.
-_ROWS, _COLUMNS = 128, 1024
+_ROWS, _COLUMNS = 32, 1024
 
 
 def perimeter_areas(pressure: FloatArray, hardness: float = math.inf) -> tuple[Areas, Areas]:
@@ -159,7 +154,7 @@ def estimate_areas(
     share, n, alike = float(pressure.mean()) / hardness, pressure.size, copies(pressure)
     before = None if flowed is None or not math.isfinite(yielded) else (flowed, yielded)
     sums = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads, before)
-    raw = _areas(*(Sums(*sums).points[:, 0] / n))
+    raw = _areas(*(Sums(*sums).points / n))
     return raw, *areas_of_sums(sums / alike, share, n / alike, spacing[0] / spacing[1])
 
 
@@ -172,20 +167,20 @@ def sums_of_fronts(
     threads: int = 1,
     before: tuple[FloatArray, float] | None = None,
 ) -> FloatArray:
-    """The `Sums` over a solution on a grid, (19, 2, 2); arguments as of `estimate_areas`."""
-    (dx, dy), (nx, ny) = spacing, pressure.shape
-    stiffness = STIFFNESS * effective_modulus / dx, STIFFNESS * effective_modulus / dy
+    """The `Sums` over a solution on a grid, (21, 2); arguments as of `estimate_areas`."""
+    nx, ny = pressure.shape
+    (dx, dy), c = spacing, STIFFNESS * effective_modulus
     # The fronts of a line run along one axis, for which the offset is known exactly.
     offsets = OFFSETS * ((AXIS_OFFSET - HARMONIC) / OFFSETS[-1]) if ny == 1 else OFFSETS
     earlier = before or (np.zeros((0, 0)), hardness * _ROUNDING)
-    solution = Solution(pressure, gap, hardness * _ROUNDING, stiffness, offsets, *earlier)
+    solution = Solution(pressure, gap, hardness * _ROUNDING, (c / dx, c / dy), *earlier)
     rows, columns = ranges(nx, _ROWS), ranges(ny, _COLUMNS)
     blocks = np.array([(r.start, r.stop, c.start, c.stop) for c in columns for r in rows])
     # Each call makes its own memory, which takes longer than to sweep a few rows.
     shares = np.array_split(blocks, min(len(blocks), 4 * threads if threads > 1 else 1))
     with Workers(threads) as workers:
-        parts = workers.each(sweep, solution, shares)
-    return np.asarray(np.concatenate(parts).sum(axis=0))
+        parts = workers.each(sweep, solution, shares, offsets)
+    return np.asarray(np.concatenate(parts).sum(axis=0).T)
 
 
 def areas_of_sums(
@@ -197,14 +192,14 @@ def areas_of_sums(
     located = located_areas(array, oblong)
     # What may be hidden between points: zones at edges, lone spots, gaps.  All are bounds, but a
     # zone may not be there or be twice as wide, and of the bounds at creases a part is in common.
-    unseen = (sums.hidden[::-1].sum(axis=1) ** 2 + sums.squares[:, 0]) / SURE**2
-    unseen = unseen + (errors.gaps * sums.crease[:, 0]) ** 2
+    unseen = (sums.zone[::-1] ** 2 + sums.squares) / SURE**2
+    unseen = unseen + (errors.gaps * sums.crease) ** 2
     covariance = _covariance(sums, oblong, errors) + np.diag(unseen)
-    contact, plastic = sums.points[:, 0]
+    contact, plastic = sums.points
     if contact > plastic > 0:
         located, covariance = _balanced(located, covariance, sums, share * cells, unseen)
     # What tips lack is known to a half.  The load does not tell: the counts lack the same.
-    covariance = covariance + np.diag(TIP / 2 * sums.tips[:, 0]) ** 2
+    covariance = covariance + np.diag(TIP / 2 * sums.tips) ** 2
     return _possible(located / cells, covariance / cells**2, share)
 
 
@@ -228,11 +223,11 @@ def _areas(total: float, plastic: float) -> Areas:
 
 def located_areas(array: FloatArray, oblong: float) -> FloatArray:
     """(2,) areas in cells of the contact and its plastic part; oblong: OBLONG ln^2(dx/dy)."""
-    sums, whole = Sums(*array), Sums(*array.sum(axis=2))
+    sums = Sums(*array)
     # A zone hidden behind one front belongs to the other side, so the fronts are exchanged.
-    outward = (1 + oblong) * whole.offset + HARMONIC * whole.harmonic
-    outward += TIP * sums.tips[:, 0] + whole.hidden[::-1] + whole.released
-    return np.asarray(whole.area + (-1, 1) * outward + CORNER * whole.turn)
+    outward = (1 + oblong) * sums.offset + HARMONIC * sums.harmonic
+    outward += TIP * sums.tips + sums.zone[::-1] + sums.released
+    return np.asarray(sums.area + (-1, 1) * outward + CORNER * sums.turn)
 
 
 def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray:
@@ -244,24 +239,21 @@ def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray
     prevail.  A strip narrower than a spacing may be anywhere in its link: the load tells better.
     What a spot lacks by its curvature is known to a quarter, where no edge holds the front.
     """
-    length, held, kinked = sums.length, sums.held, sums.kinked
-    directed = np.hypot(sums.harmonic, sums.sine)
-    turn, alike = np.abs(sums.turn), _share(directed, length - held)
-    chance = errors.place**2 * sums.chance + (CORNER / 4) ** 2 * turn
-    chance += ANYWHERE**2 * (held + length * (0, 1))
+    directed = np.hypot(sums.cosine, sums.sine)
+    turn, alike = np.abs(sums.turn), _share(directed, sums.length - sums.held)
+    chance = errors.place**2 * sums.chance + (CORNER / 4) ** 2 * turn + ANYWHERE**2 * sums.held
     common = [
-        alike * errors.place * sums.common,
+        alike * errors.place * sums.doubt,
         oblong / SURE * sums.offset,
         LOCATED * directed,
-        TWO_EDGES * sums.aligned * _share(sums.aligned, held),
-        CORNER / SURE * turn * _share(held, length),
-        errors.kink * kinked * _share(kinked, length),
-        RELEASED * sums.edges,
+        TWO_EDGES * sums.aligned * _share(sums.aligned, sums.held),
+        CORNER / SURE * turn * _share(sums.held, sums.length),
+        errors.kink * sums.kinked * _share(sums.kinked, sums.length),
+        RELEASED * sums.spots,
         RELEASE * sums.released,
-        STRIPS * length.sum(axis=1).min() * np.array([(1, 0), (1, 0)]),
     ]
-    alone, together = (chance + np.sum(np.square(common), axis=0)).T
-    return np.asarray(np.diag(alone) + together.mean())
+    together = ANYWHERE**2 * sums.shared.mean() + (STRIPS * (sums.length + sums.shared).min()) ** 2
+    return np.asarray(np.diag(chance + np.sum(np.square(common), axis=0)) + together)
 
 
 def _share(part: FloatArray, whole: FloatArray) -> FloatArray:
@@ -282,15 +274,15 @@ def _balanced(
     they run along the grid, and TIP for each tip.  What plastic points carry too much at edges, the
     elastic ones carry too little, so that a lightly loaded front moves far.
     """
-    contact, plastic = sums.points[:, 0]
+    contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)
     slopes = np.maximum([phi, 1 - phi], 1e-9)  # elastic points may carry nothing but rounding
-    length, held = sums.length[:, 0], sums.held[:, 0]
+    length, held = sums.length, sums.held
     free = 1 - held / np.maximum(length, 1.0)
-    covariance = covariance + np.diag(ANYWHERE**2 * sums.flowing[:, 0] * (free / slopes) ** 2)
-    counted = COUNTED * (length - held) + TIP * sums.tips[:, 0]
+    covariance = covariance + np.diag(ANYWHERE**2 * sums.flowing * (free / slopes) ** 2)
+    counted = COUNTED * (length - held) + TIP * sums.tips
     carried = load - (slopes * (1, -1)) @ counted
-    doubt = POINTS * length + (ANYWHERE * sums.harmonic[:, 0]) ** 2 + unseen
+    doubt = POINTS * length + (ANYWHERE * sums.cosine) ** 2 + unseen
     gain = covariance @ slopes
     gain /= slopes @ gain + slopes**2 @ doubt
     moved = areas + gain * (carried - slopes @ areas)
