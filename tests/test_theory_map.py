@@ -47,7 +47,7 @@ def test_at_its_places_the_map_has_the_errors_that_were_measured():
 
 def test_intervals_hold_the_errors_on_other_surfaces_spectra_and_places():
     """Spectra, surfaces and places at random, on which no constant of the map was chosen."""
-    held = [row["held"] for k in range(1000, 1024) for row in judged(random_scene(k, widest=32))]
+    held = [row["held"] for k in range(1000, 1024) for row in judged(random_scene(k, (16, 32)))]
     assert len(held) > 60
     assert np.mean(held) > 0.85
 

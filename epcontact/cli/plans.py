@@ -40,12 +40,23 @@ from epcontact.reference.conductance import joint_conductance
     "--size", type=click.Choice(SIZES), default=None, help="Size of the case; else its largest."
 )
 @click.option(
+    "--part",
+    "parts",
+    type=click.Choice(["total", "elastic", "plastic"]),
+    multiple=True,
+    default=["total"],
+    show_default=True,
+    help="Part of the area that must be within it; may be given again.",
+)
+@click.option(
     "--check",
     is_flag=True,
     help="Run the plan, and a finer grid; exit with 1 if the error is larger than promised.",
 )
 @of_run("executor")
-def plan(case: str, tolerance: str, size: str | None, check: bool, run: Run) -> None:
+def plan(
+    case: str, tolerance: str, size: str | None, parts: tuple[str, ...], check: bool, run: Run
+) -> None:
     """Find the cheapest model of CASE that meets a tolerance; print the reasons and the cost.
 
     --executor is for the solves of --check.
@@ -54,7 +65,7 @@ def plan(case: str, tolerance: str, size: str | None, check: bool, run: Run) -> 
     loaded = load_case(text, size or text.sizes[-1])
     if loaded.skip:
         raise InvalidCase(f"{text.where}: {loaded.skip}")
-    chosen = planning.plan(loaded, _share(tolerance), progress=tell)
+    chosen = planning.plan(loaded, _share(tolerance), parts=parts, progress=tell)
     surfaces = f"{chosen.surfaces} surface{'s' if chosen.surfaces > 1 else ''}"
     grid = " x ".join(map(str, chosen.shape))
     areas = f", {grid} points, {surfaces}" if chosen.on_grid else ""

@@ -14,13 +14,6 @@ from epcontact.persson.validity import expectation
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 from epcontact.scene import Scene, Surface
 
-#: What laboratory.local_reduction finds with the constants of the rule, on spectra not fitted.
-LOCAL_ERROR = (
-    "against boundary elements on other spectra the rule 'local' is off by 2 % of the area, 8 % "
-    "of the elastic and 7 % of the plastic one (rms over the plane; surfaces with roll-off); on "
-    "single surfaces by 4, 12 and 17 %, as they scatter"
-)
-
 
 def solve(
     scene: Scene,
@@ -77,7 +70,7 @@ def solve(
             f"energy reduction gamma = {gamma:g}, rule {reduction!r}, {spectrum} spectrum",
             "the areas solve the theory's equations to a relative error of "
             f"{'1e-3' if local else '1e-10'}, without a grid to correct for",
-            LOCAL_ERROR if local else expectation(theory, scene.load.final),
+            expectation(theory, scene.load.final),
         ),
     )
 

@@ -126,6 +126,10 @@ def plan(
         raise InvalidCase(
             f"{case.id}: {case.skip or 'no method on a grid answers it, so it needs no plan'}"
         )
+    if "plastic" in parts and math.isinf(case.material.hardness) and methods[0] != "fem":
+        raise InvalidCase(
+            f"{case.id}: its body has no hardness, and so no plastic area to plan for"
+        )
     method, recipes, why = methods[0], case.recipes, []
     if (axis := one_directional(recipes[0])) is not None:
         recipes = tuple(Section(recipe, axis) for recipe in recipes)
@@ -240,8 +244,8 @@ def _theory_instead(case: Case, method: str, pilots: Sequence[Pilot], numerical:
     if known := _mapped_error(case, method, scene, numerical):
         error, middle = known
         distance = (
-            f"the theory is off by {middle:.2g} here, and by at most {error:.2g} at 95 %, by the "
-            "map of its error against boundary elements: this"
+            f"the theory is off by {f'{middle:.2g} here, and by ' if middle else ''}at most "
+            f"{error:.2g} at 95 %, by the map of its error against boundary elements: this"
         )
     else:
         error, distance = _off_the_pilots(case, method, scene, pilots, numerical.parts)
