@@ -96,8 +96,6 @@ def test_a_number_is_of_any_kind_or_refused_by_name(make, values, name):
         (lambda: persson.solve("x", energy_reduction=0.5), "scene is 'x', but must be a Scene"),
         (lambda: persson.analytic_roughness(SPECTRUM, 0), "bands is 0, but must be a whole"),
         (lambda: persson.pressure_curve(1.0, 0.1, 1.0, 1), "points is 1, but must be a whole"),
-        (lambda: persson.gamma_columns("a", 0.1), "full_contact_diffusion is 'a', but must be an"),
-        (lambda: persson.gamma_columns(1.0, 0.1, 1.0, [[0.5]]), "energy_reduction is array"),
         (lambda: Body("half_space", "deep"), "depth is 'deep', .* a half_space takes no depth"),
         (lambda: Body("bonded_layer", depth=10**400), "depth is 1000*, but must be a positive"),
         (lambda: HeightsFromFile(3), "path is 3, but must be the path of a file"),

@@ -200,13 +200,11 @@ def test_the_whole_band_rule_solves_its_equation(log_tau, gamma, wall):
 
 def test_no_gamma_has_both_areas_of_the_paper_s_boundary_elements():
     """The elastoplastic ones, .0533 of them elastic, and .1002 of the elastic body (Table 1)."""
-    columns = persson.gamma_columns(TAU, 12.5, 150.0, np.linspace(0.4, 0.8, 401))
-    elastic_fit = np.argmin(np.abs(columns["elastic_body_area"] - 0.1002))
-    plastic_fit = np.argmin(np.abs(columns["elastic_area"] - 0.0533))
-    assert_allclose(columns["gamma"][[elastic_fit, plastic_fit]], [0.63, 0.53], atol=0.01)
-    assert columns["elastic_area"][elastic_fit] < 0.8 * 0.0533
-    with pytest.raises(InvalidScene, match="energy_reduction"):
-        persson.gamma_columns(TAU, 12.5, 150.0, [0.5, 1.2])
+    gammas = np.linspace(0.4, 0.8, 401)
+    elastic, body = (persson.areas(gammas * TAU, 12.5, h).elastic for h in (150.0, math.inf))
+    fits = [np.argmin(np.abs(body - 0.1002)), np.argmin(np.abs(elastic - 0.0533))]
+    assert_allclose(gammas[fits], [0.63, 0.53], atol=0.01)
+    assert elastic[fits[0]] < 0.8 * 0.0533
     for tau, words in ((-1.0, "full_contact_diffusion"), (1.0, "mean_pressure")):
         with pytest.raises(InvalidScene, match=words):
             reduced_diffusion(LOCAL[0], tau, 2.0, 2.0)

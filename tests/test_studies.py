@@ -115,13 +115,6 @@ def test_the_interval_of_a_mean_is_student_s():
     assert band[3] - band[1] == pytest.approx(0.2)
 
 
-def test_the_paper_s_scene_has_the_paper_s_groups():
-    scene = scenes.rough_scene(4, seed=1, bandwidth=16)
-    assert persson.roughness_of(scene.surface).rms_slope == pytest.approx(1, rel=1e-10)
-    assert scene.load.final / scenes.MODULUS == 0.05
-    assert scene.material.hardness / scenes.MODULUS == 0.6
-
-
 # --- theory --------------------------------------------------------------------------------------
 
 

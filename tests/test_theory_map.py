@@ -19,10 +19,10 @@ def spectrum(hurst=0.8, wide=64.0, roll_off=4.0):
     return SelfAffineSpectrum(hurst, LOWEST, roll_off * LOWEST, wide * LOWEST, 0.1)
 
 
-def theory(hardness=0.6, gamma=validity.GAMMA, **of_spectrum):
+def theory(hardness=0.6, gamma=validity.GAMMA, rule="constant", **of_spectrum):
     """The theory of a body whose hardness is given over E* xi."""
     rough = analytic_roughness(spectrum(**of_spectrum))
-    return Theory(rough, MODULUS, EnergyReduction(gamma), hardness * 0.1 * MODULUS)
+    return Theory(rough, MODULUS, EnergyReduction(gamma, rule), hardness * 0.1 * MODULUS)
 
 
 def expected(hardness=0.6, load=0.05, surfaces=1, **more):
@@ -74,6 +74,8 @@ def test_a_body_harder_than_the_map_is_elastic_under_light_loads():
     ("scene", "said"),
     [
         ({"gamma": 0.45}, "a constant gamma of 0.536"),
+        ({"gamma": 0.5, "rule": "local"}, "0.168 with the rule 'local'"),
+        ({"gamma": 0.536, "rule": "xu"}, "a constant gamma of 0.536"),
         ({"hardness": 0.03, "load": 0.01}, "ξ. is 0.03"),
         ({"load": 1e-4}, "p0/hardness is 0.000167"),
         ({"hardness": math.inf, "load": 2.0}, "ξ. is 2"),
@@ -120,3 +122,5 @@ def test_a_result_of_the_theory_tells_its_error_or_that_it_is_not_known():
     far = replace(scene, load=Load(1e-6 * MODULUS))
     *_, note = persson.solve(far, energy_reduction=0.536).notes
     assert "is not known here: p0/hardness" in note
+    *_, note = persson.solve(scene, energy_reduction=0.168, reduction="local").notes
+    assert "area -6.4 to +6.4 %, elastic area -43 to +43 %, plastic area -12 to +12 % (95" in note

@@ -31,33 +31,24 @@ from epcontact.reference.conductance import joint_conductance
 @click.command()
 @click.argument("case")
 @click.option(
-    "--tolerance",
-    default="1%",
-    show_default=True,
-    help="Tolerance on the contact area, relative, at 95 % confidence: 1% or 0.01.",
+    "--tolerance", default="1%", show_default=True, help="Relative, at 95 % confidence: 1% or 0.01."
 )
+@click.option(
+    "--part", "parts", multiple=True, default=["total"], show_default=True,
+    type=click.Choice(["total", "elastic", "plastic"]), help="Of the area; may be given again.",
+)  # fmt: skip
 @click.option(
     "--size", type=click.Choice(SIZES), default=None, help="Size of the case; else its largest."
 )
 @click.option(
-    "--part",
-    "parts",
-    type=click.Choice(["total", "elastic", "plastic"]),
-    multiple=True,
-    default=["total"],
-    show_default=True,
-    help="Part of the area that must be within it; may be given again.",
-)
-@click.option(
-    "--check",
-    is_flag=True,
-    help="Run the plan, and a finer grid; exit with 1 if the error is larger than promised.",
+    "--check", is_flag=True, help="Run the plan and a finer grid; exit 1 if the error is larger."
 )
 @of_run("executor")
 def plan(
     case: str, tolerance: str, size: str | None, parts: tuple[str, ...], check: bool, run: Run
 ) -> None:
-    """Find the cheapest model of CASE that meets a tolerance; print the reasons and the cost.
+    """Find the cheapest model of CASE whose contact area is within a tolerance; print the reasons
+    and the cost.
 
     --executor is for the solves of --check.
     """
@@ -74,12 +65,8 @@ def plan(
     exact = "the plan takes this hardness as exact; its own uncertainty comes on top"
     edges = any("treatment of the edges" in note for note in chosen.notes)
     more = "the plan is for the error of the grid; what the edges may change comes on top"
-    for sentence in (
-        *chosen.reasons,
-        *((more,) if edges else ()),
-        *((cap, exact) if cap else ()),
-        *chosen.notes,
-    ):
+    told = [*chosen.reasons, *([more] if edges else []), *([cap, exact] if cap else [])]
+    for sentence in (*told, *chosen.notes):
         click.echo(f"  {sentence}")
     click.echo(
         f"  expected: error {100 * chosen.expected_error:.2g} %, "

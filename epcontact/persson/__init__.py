@@ -15,7 +15,7 @@ from epcontact.persson.elastoplastic import (
     pressure_density,
 )
 from epcontact.persson.hardness import hardness_curve
-from epcontact.persson.reduction import EnergyReduction, full_contact_diffusion, gamma_columns
+from epcontact.persson.reduction import EnergyReduction, full_contact_diffusion
 from epcontact.persson.roughness import analytic_roughness, roughness_of
 from epcontact.persson.theory import MagnificationCurve, PressureCurve, Theory, pressure_curve
 
@@ -28,7 +28,6 @@ __all__ = [
     "analytic_roughness",
     "areas",
     "full_contact_diffusion",
-    "gamma_columns",
     "hardness_curve",
     "pressure_cumulative",
     "pressure_curve",

@@ -173,34 +173,3 @@ def _newton(
         "the reduction of elastic energy did not settle in 100 Newton steps",
         residuals={"diffusion": float(np.max(change / scale))},
     )
-
-
-def gamma_columns(
-    full_contact_diffusion: float,
-    mean_pressure: float,
-    hardness: float = math.inf,
-    gammas: ArrayLike | None = None,
-) -> dict[str, FloatArray]:
-    """Columns of gamma, elastic, plastic and total area, and the area of the elastic body.
-
-    Args:
-        full_contact_diffusion: tau in Pa^2.
-        mean_pressure, hardness: In Pa.
-        gammas: (n,); by default 141 values from 0.3 to 1.
-
-    Raises:
-        InvalidScene: A gamma outside (0, 1], or pressures out of range.
-
-    Example:
-        >>> columns = gamma_columns(7812.5, 12.5, 150.0, [0.536, 0.63])
-        >>> columns["total_area"].round(4), columns["elastic_body_area"].round(4)
-        (array([0.1097, 0.1024]), array([0.1086, 0.1003]))
-    """
-    values = np.linspace(0.3, 1.0, 141) if gammas is None else array("gammas", gammas)
-    for gamma in values:
-        EnergyReduction(gamma)  # checks the range
-    G = values * array("full_contact_diffusion", full_contact_diffusion)
-    capped, elastic = areas(G, mean_pressure, hardness), areas(G, mean_pressure)
-    names = ("gamma", "elastic_area", "plastic_area", "total_area", "elastic_body_area")
-    columns = (values, capped.elastic, capped.plastic, capped.total, elastic.total)
-    return dict(zip(names, columns, strict=True))

@@ -34,6 +34,7 @@ _AREAS, _GAP = FIGURES[:3], FIGURES.index("mean_gap")
 _BOUNDED = np.array([1.0, 0.0, 1.0])
 _HARDNESS, _LOAD = "hardness/(E*ξ)", "p0/(E*ξ)"
 _WAVES = "the number of the slope's waves along a side"
+_SOFT_GAP = "Nayak's parameter of soft bodies with roll-off"
 #: Those that a note tells, with their words.
 TOLD = {"total": "area", "elastic": "elastic area", "plastic": "plastic area", "mean_gap": "gap"}
 #: The gamma of the map, and how far another may be from it.
@@ -115,7 +116,7 @@ def expected_errors(
     # The larger an area, the lower the error of a theory that has too little of it.
     errors[:, :3] = [float(getattr(shares, part)) for part in _AREAS] / true.T[::-1] - 1
     errors[:, :3] += np.multiply.outer([-_AREA_ERROR, 0, _AREA_ERROR], np.ones(3))
-    if not _gap_resolved(theory, *errors[[0, 2], _GAP]):
+    if not (_GAP_ENDS[0] <= errors[0, _GAP] and errors[2, _GAP] <= _GAP_ENDS[1]):
         errors[:, _GAP] = math.nan
     found = zip(FIGURES, errors.T.tolist(), strict=True)
     return {name: ExpectedError(*error) for name, error in found if not math.isnan(error[1])}
@@ -131,15 +132,6 @@ def _local_errors(theory: Theory, load: float, surfaces: int) -> dict[str, Expec
             error = math.hypot(common, single / math.sqrt(surfaces))
             found[name] = ExpectedError(-error, 0.0, error)
     return found
-
-
-def _gap_resolved(theory: Theory, low: float, high: float) -> bool:
-    """Whether the map has spectra like this one at its hardness, and its gap is open."""
-    unit, known = theory.effective_modulus * theory.roughness.rms_slope, theory_map()
-    soft = theory.hardness < 0.99 * _SOFT * unit
-    widest = known["nayak"][(known["roll_off"] > 1) & (known["hardness"] < 0.99 * _SOFT)].max()
-    alike = not soft or nayak(theory.roughness)[0] <= 1.01 * widest
-    return bool(alike and _GAP_ENDS[0] <= low and high <= _GAP_ENDS[1])
 
 
 def _placed(theory: Theory, mean_pressure: float) -> tuple[dict[str, float], float, float]:
@@ -173,6 +165,8 @@ def _interpolated(
     if _HARDNESS in place and np.exp(axes[0][-2]) < place[_HARDNESS]:
         variance[:2] += _TO_NONE**2
     variance[_GAP] += _GAP_OF_WIDE**2 * (alpha > _WIDE)
+    if place.get(_HARDNESS, math.inf) < 0.99 * _SOFT and alpha > 1.01 * map_reach()[_SOFT_GAP][1]:
+        variance[_GAP] = math.nan
     deviation = np.sqrt(variance + (_ORDER_ERROR * (y - rough)) ** 2)
     ends = y + np.multiply.outer([-2, 0, 2], deviation)
     shares = areas(theory.diffusion(mean_pressure), mean_pressure, theory.hardness)
@@ -208,8 +202,7 @@ def nayak(roughness: Roughness) -> tuple[float, float]:
 def theory_map() -> Mapping[str, FloatArray]:
     """The columns of `theory_map.csv`, with `nayak` and `waves` of each spectrum."""
     with (files("epcontact.persson") / "theory_map.csv").open(encoding="utf-8") as lines:
-        told = [line for line in lines if not line.startswith("#")]
-    table = np.genfromtxt(told, delimiter=",", names=True)
+        table = np.genfromtxt(lines, delimiter=",", names=True, skip_header=2)
     known = {str(name): table[name] for name in table.dtype.names or ()}
     spectra = [*zip(*(known[n] for n in ("hurst", "roll_off", "wavelength_ratio")), strict=True)]
     of = {s: SelfAffineSpectrum(s[0], 1.0, s[1], s[2], 1.0) for s in set(spectra)}
@@ -225,6 +218,8 @@ def map_reach() -> dict[str, tuple[float, float]]:
     capped = np.isfinite(known["hardness"])
     ends = {_HARDNESS: known["hardness"][capped], "p0/hardness": known["load"][capped]}
     ends |= {_LOAD: known["load"][~capped], "Nayak's parameter": known["nayak"]}
+    soft = (known["roll_off"] > 1) & (known["hardness"] < 0.99 * _SOFT)
+    ends |= {_SOFT_GAP: known["nayak"][soft]}
     reach = {name: (float(values.min()), float(values.max())) for name, values in ends.items()}
     return reach | {_WAVES: (float(known["waves"].min()) / _FEWER, float(known["waves"].max()))}
 

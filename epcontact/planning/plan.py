@@ -127,9 +127,7 @@ def plan(
             f"{case.id}: {case.skip or 'no method on a grid answers it, so it needs no plan'}"
         )
     if "plastic" in parts and math.isinf(case.material.hardness) and methods[0] != "fem":
-        raise InvalidCase(
-            f"{case.id}: its body has no hardness, and so no plastic area to plan for"
-        )
+        raise InvalidCase(f"{case.id}: a body without hardness has no plastic area to plan for")
     method, recipes, why = methods[0], case.recipes, []
     if (axis := one_directional(recipes[0])) is not None:
         recipes = tuple(Section(recipe, axis) for recipe in recipes)
@@ -275,9 +273,9 @@ def _mapped_error(
         known = expected_errors(theory, scene.load.path[numerical.step], len(case.recipes))
     except InvalidScene:
         return None
-    found = [known[part] for part in numerical.parts if part in known]
-    if len(found) < len(numerical.parts):
+    if not known.keys() >= set(numerical.parts):
         return None
+    found = (known[part] for part in numerical.parts)
     worst = max(found, key=lambda error: max(-error.low, error.high))
     return max(-worst.low, worst.high), abs(worst.middle)
 

@@ -130,8 +130,12 @@ _AREA = ("area_fraction", r"contact area $A / A_0$ (–)")
 def theory_areas() -> pd.DataFrame:
     """Areas of the paper's scene by the theory: columns gamma and AREAS, one row for each gamma."""
     diffusion = float(persson.full_contact_diffusion(MODULUS, 1.0))  # the rms slope is 1
-    table = pd.DataFrame(persson.gamma_columns(diffusion, MEAN_PRESSURE, HARDNESS))
-    return table.rename(columns={f"{area.replace(' ', '_')}_area": area for area in AREAS})
+    gammas = np.linspace(0.3, 1.0, 141)
+    capped, alone = (
+        persson.areas(gammas * diffusion, MEAN_PRESSURE, h) for h in (HARDNESS, math.inf)
+    )
+    columns = (gammas, capped.total, capped.elastic, capped.plastic, alone.total)
+    return pd.DataFrame(dict(zip(("gamma", *AREAS), columns, strict=True)))
 
 
 def fit_gamma(table: pd.DataFrame, measured: Mapping[Any, Any]) -> tuple[float, float, float]:

@@ -16,45 +16,25 @@ NONE = ExpectedError(0.0, 0.0, 0.0)
 LOCAL = "tests/test_persson_local.py::"
 
 
-def _without_hardness(G, p0, hardness=np.inf):
-    return G, p0, np.inf
-
-
-def _a_third(G, p0, hardness=np.inf):
-    return G, p0, hardness / 3
-
-
 def _twice_as_fine(theory, mean_pressure, *magnification):
     return theory, mean_pressure, *(2 * np.asarray(zeta) for zeta in magnification)
-
-
-def _with_rule(rule):
-    return lambda reduction, *rest: (replace(reduction, rule=rule), *rest)
 
 
 FAULTS = (
     Fault("factor 2 pi in the spectrum", "persson",
         scaled(P + "roughness.slope_variance_up_to", 2 * math.pi), "theory-elastoplastic",
         "quantity.rms_slope", 1.0),
-    Fault(
-        "one half of the modes", "persson",
-        on_result(
-            P + "roughness.radial_spectrum",
-            lambda rings: replace(rings, slope_variance=rings.slope_variance / 2),
-        ),
-        "theory-surface", "quantity.rms_slope", "heights",
-    ),
+    Fault("one half of the modes", "persson",
+        on_result(P + "roughness.radial_spectrum",
+            lambda rings: replace(rings, slope_variance=rings.slope_variance / 2)),
+        "theory-surface", "quantity.rms_slope", "heights"),
     Fault("gamma forgotten", "persson",
         changed(P + "theory.reduced_diffusion", lambda f: lambda rule, tau, *rest: tau),
         "theory-surface", "quantity.diffusion", "heights"),
-    Fault(
-        "gamma squared", "persson",
-        changed(
-            P + "theory.reduced_diffusion",
-            lambda f: lambda rule, tau, *rest: rule.gamma * f(rule, tau, *rest),
-        ),
-        "theory-surface", "quantity.diffusion", "heights",
-    ),
+    Fault("gamma squared", "persson",
+        changed(P + "theory.reduced_diffusion",
+            lambda f: lambda rule, tau, *rest: rule.gamma * f(rule, tau, *rest)),
+        "theory-surface", "quantity.diffusion", "heights"),
     Fault("the variance of the pressure for half of it", "persson",
         scaled(P + "theory.full_contact_diffusion", 2.0), "theory-surface", "quantity.diffusion",
         "heights"),
@@ -65,8 +45,9 @@ FAULTS = (
         at(P + "theory.effective_modulus", lambda material: material.young_modulus),
         "theory-surface", "quantity.diffusion", "heights"),
     Fault("another rule of the reduction than asked for", "persson",
-        given(P + "theory.reduced_diffusion", _with_rule("persson")), "theory-surface",
-        "quantity.diffusion", "heights"),
+        given(P + "theory.reduced_diffusion",
+            lambda rule, *rest: (replace(rule, rule="persson"), *rest)),
+        "theory-surface", "quantity.diffusion", "heights"),
     Fault("modes beyond the first forgotten", "persson", at(P + "series.MODES", np.ones((1, 1))),
         "theory-elastoplastic", "area.elastic.raw"),
     Fault("modes counted from 2", "persson", at(P + "series.MODES", np.arange(2.0, 9.0)[:, None]),
@@ -89,9 +70,11 @@ FAULTS = (
     Fault("plastic and separated area swapped", "persson",
         on_result(P + "driver.areas", lambda a: ContactAreas(a.elastic, a.separated, a.plastic)),
         "theory-hard", "area.plastic.raw"),
-    Fault("hardness ignored by the theory", "persson", given(P + "driver.areas", _without_hardness),
+    Fault("hardness ignored by the theory", "persson",
+        given(P + "driver.areas", lambda G, p0, *rest: (G, p0)),
         "theory-elastoplastic", "area.plastic.raw"),
-    Fault("yield stress for hardness in the theory", "persson", given(P + "driver.areas", _a_third),
+    Fault("yield stress for hardness in the theory", "persson",
+        given(P + "driver.areas", lambda G, p0, hardness: (G, p0, hardness / 3)),
         "theory-elastoplastic", "area.plastic.raw"),
     Fault("force not conserved by the theory", "persson", scaled(P + "driver.elastic_force", 1.001),
         "theory-elastoplastic", "residual.force"),
@@ -125,18 +108,14 @@ FAULTS = (
     Fault("the density at its ends half as steep", "persson",
         on_result(P + "driver.boundary_slopes", lambda ends: (ends[0] / 2, ends[1] / 2)),
         "theory-elastoplastic", "quantity.density_slope_at_hardness"),
-    Fault(
-        "gamma for 1 - gamma in the reduction", "persson",
+    Fault("gamma for 1 - gamma in the reduction", "persson",
         given(P + "theory.reduced_diffusion",
             lambda rule, *rest: (replace(rule, gamma=1 - rule.gamma), *rest)),
-        "theory-rule-persson", "quantity.diffusion",
-    ),
-    Fault(
-        "the distribution of the theory ends too soon", "persson",
+        "theory-rule-persson", "quantity.diffusion"),
+    Fault("the distribution of the theory ends too soon", "persson",
         on_result(P + "driver.pressure_curve",
             lambda curve: replace(curve, cumulative=0.9 * curve.cumulative)),
-        "theory-elastoplastic", "quantity.distribution_balance",
-    ),
+        "theory-elastoplastic", "quantity.distribution_balance"),
     Fault("the separation of a surface that flow has not flattened", "persson",
         at(P + "separation.flattened_roughness", lambda theory, mean_pressure: theory.roughness),
         "theory-elastoplastic", "quantity.mean_gap"),
@@ -154,14 +133,19 @@ FAULTS = (
     Fault("a note with the error at another load", "persson",
         given(P + "driver.expectation", lambda theory, p0: (theory, 3 * p0)),
         test=MAP + "test_a_result_of_the_theory_tells_its_error_or_that_it_is_not_known"),
-    Fault(
-        "a plan that believes the theory where the map says no", "planning",
-        at(
-            "epcontact.planning.plan.expected_errors",
-            lambda *scene: dict.fromkeys(("total", "elastic", "plastic"), NONE),
-        ),
-        test="tests/test_plan.py::test_the_map_of_its_error_decides_where_the_theory_stands_in",
-    ),
+    Fault("a plan that believes the theory where the map says no", "planning",
+        at("epcontact.planning.plan.expected_errors",
+            lambda *scene: dict.fromkeys(("total", "elastic", "plastic"), NONE)),
+        test="tests/test_plan.py::test_the_map_of_its_error_decides_where_the_theory_stands_in"),
+    Fault("a gap that is told where it closes", "persson", at(P + "validity._GAP_ENDS", (-2, 99)),
+        test=MAP + "test_a_gap_is_told_only_where_the_map_has_one_of_its_kind"),
+    Fault("a map that reaches beyond its places", "persson",
+        on_result(P + "validity.map_reach", lambda ends: dict.fromkeys(ends, (1e-9, 1e9))),
+        test=MAP + "test_outside_the_map_nothing_is_claimed"),
+    Fault("a map that is sure where plastic area ends", "persson", at(P + "validity._TO_NONE", 0.0),
+        test=MAP + "test_where_nothing_flows_total_and_elastic_area_are_off_alike"),
+    Fault("the local rule's error by another gamma", "persson", at(P + "validity.NEAR", 1.0),
+        test=MAP + "test_outside_the_map_nothing_is_claimed"),
     Fault("full contact's S by the local rule", "persson",
         at(P + "local.local_reduction", lambda pressure, *rest: np.ones_like(pressure)),
         "theory-local-hard", "area.total.corrected"),

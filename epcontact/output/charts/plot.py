@@ -35,7 +35,7 @@ class Plot:
         a column `style` of the table does the same.  Others have the style `style`.
     colour: the column whose values share a colour, with `colours` from value to colour, or in
         turn; none: each series has its own.
-    labels: entries of the legend that differ from the names of the series.
+    labels: entries of the legend that differ from the names of the series; "_" is none.
     scale: what x and y are divided by in the picture; the data keep their units.
     log: the axes that are logarithmic, "x", "y" or "xy".
     ticks: places along x that are labelled; limits: of the axes, as keywords of `Axes.set`.
@@ -105,7 +105,8 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
         if plot.front:
             _draw_front(axes, [one for one in lines if one.style != "curve"])
         # Beside the axes the legend can cover no point.
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
         if undecided:
             axes.set_title("the intervals are wider than the differences", color="#a63c00")
     rows = [
