@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         OutputError,
         SurfaceWarning,
     )
+    from epcontact.harness.answers.pictures import plot
     from epcontact.harness.verdict import Verdict, verify
     from epcontact.materials.hardness_map import MappedHardness, effective_hardness
     from epcontact.reference.conductance import joint_conductance
@@ -73,16 +74,17 @@ __all__ = [
     "Verdict",
     "effective_hardness",
     "joint_conductance",
+    "plot",
     "verify",
 ]
 
-#: The modules that define these names; one more brings the solvers, so it is asked last.
+#: The modules that define these names; two more bring the solvers, so they are asked last.
 _HOMES = ("scene", "results", "errors", "materials.hardness_map", "reference.conductance")
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for, so that `import epcontact` costs nothing."""
-    for home in (*_HOMES, "harness.verdict") if name in __all__ else ():
+    for home in (*_HOMES, "harness.verdict", "harness.answers.pictures") if name in __all__ else ():
         module = importlib.import_module(f"epcontact.{home}")
         if hasattr(module, name):
             return getattr(module, name)

@@ -64,7 +64,7 @@ class SelfAffineSpectrum:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Surface:
     """One period of a rough surface on a regular grid.
 
@@ -122,6 +122,10 @@ class Surface:
 
     def __hash__(self) -> int:
         return hash((self.shape, self.periods))
+
+    def __repr__(self) -> str:
+        points, sides = (" x ".join(f"{n:.4g}" for n in of) for of in (self.shape, self.periods))
+        return f"<Surface of {points} points on {sides} m, rms slope {self.rms_slope:.3g}>"
 
     @property
     def shape(self) -> tuple[int, ...]:

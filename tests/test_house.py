@@ -22,12 +22,12 @@ FLOORS = (
 #: The most lines of each room.  A change that needs more takes something out of the room, or says
 #: in its commit why the room grows.
 LINES = {
-    "epcontact": 100,
+    "epcontact": 101,
     "epcontact.bem": 4100,
     "epcontact.cli": 1400,
     "epcontact.errors": 80,
     "epcontact.files": 140,
-    "epcontact.harness": 7190,
+    "epcontact.harness": 7216,
     "epcontact.machine": 230,
     "epcontact.materials": 280,
     "epcontact.output": 1730,

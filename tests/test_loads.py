@@ -1,5 +1,6 @@
 """Every load of a path is a row of its own: figures, errors and units, computed a second time."""
 
+import io
 import itertools
 import json
 import pickle
@@ -11,6 +12,7 @@ import pandas as pd
 import pytest
 from command_line import invoke
 
+import epcontact
 import fem_check
 from epcontact import bem, effective_hardness
 from epcontact.harness.answers.pictures import charts_of
@@ -148,6 +150,22 @@ def test_a_result_shows_itself(ran):
     assert sorted(gaps) == sorted(table["mean_gap_m"])
     assert charts["loads-gap"]._repr_png_()[1:4] == b"PNG"
     assert all(f"<td>{gap:.4g}</td>" in result._repr_html_() for gap in table["mean_gap_m"])
+
+
+def test_python_draws_what_a_run_draws(ran, tmp_path):
+    case, _, folder, _ = ran
+    scene = case.scene(case.recipes[0])
+    charts = epcontact.plot(scene, *(bem.solve(case.scene(recipe)) for recipe in case.recipes))
+    drawn = {path.stem for path in folder.glob("*.csv") if "-step-" not in path.stem}
+    drawn -= {f"loads-{name}" for name in ("stiffness", "conductance", "percolation")}  # of a run
+    assert drawn == charts.keys() > {"power-spectrum", "loads-areas", "contact-bem"}
+    for name, chart in charts.items():
+        table, same = (pd.read_csv(f) for f in (folder / f"{name}.csv", io.StringIO(chart.csv())))
+        assert table.shape == same.shape, name
+        pd.testing.assert_frame_equal(table, same, rtol=1e-5, atol=1e-9)
+    assert repr(scene.surface).startswith(
+        "<Surface of 32 x 32 points on 0.001 x 0.001 m, rms slope"
+    )
 
 
 def test_results_and_scenes_compare_by_what_they_hold(write_case):

@@ -38,14 +38,14 @@ from epcontact.output.charts.curves import (
     residual_history,
 )
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.maps import map_of_file, pressure_difference
+from epcontact.output.charts.maps import map_of, map_of_file, pressure_difference
 from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import PART_COLOURS
 from epcontact.output.loads import load_charts
 from epcontact.output.view import load_steps, screenshot
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
-from epcontact.scene import Surface
+from epcontact.scene import Scene, Surface
 from epcontact.surfaces.power_spectrum import radial_spectrum
 from epcontact.surfaces.spectrum import density
 
@@ -84,12 +84,12 @@ def draw_answers(results: Results, folder: Path) -> list[str]:
     return [sentence for method in found if (sentence := _draw_body(folder, method))]
 
 
-def charts_of(found: Results) -> dict[str, Chart]:
+def charts_of(found: Results, hardness: float = math.inf) -> dict[str, Chart]:
     """Draw results by method, one a surface, as charts by name, which a notebook shows."""
     charts: dict[str, Chart] = {}
     if any(result.distribution for each in found.values() for result in each):
         about = next(iter(found.values()))[0].provenance.about
-        hardness = float(about["hardness"]["value"]) if "hardness" in about else math.inf
+        hardness = float(about["hardness"]["value"]) if "hardness" in about else hardness
         theory = theory_densities(found, hardness)
         chart = pressure_distribution(found, hardness=hardness, theory=theory)
         charts["pressure-distribution"] = chart
@@ -99,6 +99,38 @@ def charts_of(found: Results) -> dict[str, Chart]:
         charts["residuals"] = residual_history({m: h for m, h in longest.items() if h.size})
     paths = {m: load_rows(each) for m, each in found.items() if len(each[0].steps) > 1}
     return charts | (load_charts(paths) if paths else {})
+
+
+def plot(scene: Scene, *results: ContactResult) -> dict[str, Chart]:
+    """Draw what `epcontact run --charts` draws; a notebook shows each chart.
+
+    Args:
+        scene, results: a scene and the answers to it; other surfaces' make curves with intervals.
+
+    Returns:
+        Charts by name: "power-spectrum", "pressure-distribution", "residuals", "loads-areas" and
+        others of a path, and a map "contact-METHOD" of each first result with fields.  `save`
+        writes one to files.
+
+    Example:
+        >>> from epcontact import Load, Material, Surface, bem
+        >>> wave = np.cos(2 * np.pi * np.arange(64) / 64)
+        >>> scene = Scene(Surface(wave, (50.0,)), Material(1.0, 0.0), Load((0.01, 0.02)))
+        >>> list(plot(scene, bem.solve(scene)))
+        ['pressure-distribution', 'residuals', 'loads-areas', 'loads-gap', 'contact-bem']
+    """
+    found: dict[str, list[ContactResult]] = {}
+    for result in results:
+        found.setdefault(result.method, []).append(result)
+    hardness, spectrum = scene.material.hardness, _spectrum_chart(scene.surface)
+    charts = {"power-spectrum": spectrum} if spectrum is not None else {}
+    charts |= charts_of(found, hardness)
+    for method, (first, *_) in found.items():
+        if {"state", "pressure", "gap"} <= first.fields.keys():
+            caption = f"Contact state and pressure by {method}."
+            chart = map_of(first.fields, scene.surface.spacing, hardness, caption)
+            charts[f"contact-{method}"] = chart
+    return charts
 
 
 def _draw_maps(folder: Path, methods: Sequence[str]) -> None:

@@ -64,10 +64,18 @@ def map_of_file(path: Path | str, caption: str = "") -> Chart:
     """The contact map of the fields in a .vti file, or the profile of a line.  Raises OutputError
     if the file cannot be read or holds no contact."""
     file = read_fields(path)
-    state, pressure, gap = (file.field(name) for name in ("state", "pressure", "gap"))
+    fields = {name: file.field(name) for name in ("state", "pressure", "gap")}
+    return map_of(fields, file.spacing, file.hardness, caption)
+
+
+def map_of(
+    fields: Mapping[str, NDArray[Any]], spacing: tuple[float, ...], hardness: float, caption: str
+) -> Chart:
+    """The contact map of fields, or the profile of a line."""
+    state, pressure, gap = (fields[name] for name in ("state", "pressure", "gap"))
     if state.ndim == 1:
-        return contact_profile(state, pressure, gap, file.spacing, caption=caption)
-    return contact_map(state, pressure, file.spacing, hardness=file.hardness, caption=caption)
+        return contact_profile(state, pressure, gap, spacing, caption=caption)
+    return contact_map(state, pressure, spacing, hardness=hardness, caption=caption)
 
 
 def save_map(source: Path, target: Path) -> None:
