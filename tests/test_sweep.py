@@ -22,11 +22,13 @@ from epcontact.harness.case_files.axes import SweepTable
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.verdict.verification import verify
+from epcontact.output.vtk import read_fields
 
 THEORY = (
     ('methods = ["persson", "bem"]', 'methods = ["persson"]'),
     ('of = "bem"\nagainst = "persson"', 'of = "persson"\nagainst = 0.1\nsource = "made"'),
 )
+THEORY_IS_NUMBER = ('against = "persson"', 'against = 0.1\nsource = "made"')
 ONE = ("seeds = [3, 5, 7]", "seeds = [9]")
 GRID = """
 [sweep]
@@ -53,6 +55,21 @@ fem.law = ["capped", "j2"]
 load.mean_pressure = { low = 1, high = 100, points = 3, spacing = "log" }
 point = [{ material.poisson_ratio = 0.0 }, { material.poisson_ratio = 0.3 }]
 """
+
+
+def test_chosen_points_keep_fields_and_pictures(swept, tmp_path):
+    grid = "[sweep]\nload.mean_pressure = [2e8, 4e8]\n"
+    path = swept(grid, ('["persson", "bem"]', '["bem"]'), THEORY_IS_NUMBER, ONE)
+    options = ("--fields", "first", "--among", "mean_pressure 4e+08", "--charts", "--jobs", 1)
+    done = invoke("sweep", path, "--output", tmp_path, *options)
+    assert done.returncode == 0, done
+    folder = tmp_path / "small" / "fast"
+    (fields,) = folder.glob("*.vti")
+    assert f"fields of mean_pressure 4e+08, seed9, bem in {fields}" in done.stdout.replace("\n", "")
+    assert read_fields(fields).attributes["mean_pressure"] == 4e8
+    assert "at mean_pressure 4e+08" in (folder / f"contact-{fields.stem}.txt").read_text()
+    series = pd.read_csv(folder / "loads-areas.csv")["mean_pressure_Pa"].unique()
+    assert sorted(series) == [2e8, 4e8]
 
 
 def test_values_grids_and_tables_are_combined():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -231,15 +232,29 @@ _ROWS = 40
 @click.command()
 @click.argument("case")
 @own_size
-@of_run("jobs", "output", "fresh", "executor")
-def sweep(case: str, size: str, run: Run) -> None:
+@of_run("jobs", "output", "fresh", "executor", "precision")
+@click.option(
+    "--fields",
+    type=click.Choice(["first", "all", "steps", "none"]),
+    default="none",
+    show_default=True,
+    help="Write the fields (.vti) of the first surface of each point, of all, or at every load.",
+)
+@click.option(
+    "--among",
+    default="",
+    metavar="WORDS",
+    help="Write them where a point contains this, as the table shows it: 'hardness 3e+09'.",
+)
+@click.option("--charts", is_flag=True, help="Draw the loads of the points, and each field.")
+def sweep(case: str, size: str, run: Run, fields: str, among: str, charts: bool) -> None:
     """Solve CASE at every point of its table [sweep], on one machine or on a cluster.
 
     The results are kept in a folder as soon as they are solved: stop the command at any moment, and
     start it again to go on. `epcontact.harness.sweep.table(FOLDER)` reads them as a pandas table.
     """
-    with shown_progress(run) as shown:
-        swept = run_sweep(case, shown, size=size)
+    with shown_progress(replace(run, fields=fields)) as shown:
+        swept = run_sweep(case, shown, size=size, among=among)
     console = open_console()
     shown_points = dict(itertools.islice(swept.loads.items(), _ROWS))
     units = {n.removeprefix("quantity."): QUANTITIES[n].unit.strip("–") for n in swept.quantities}
@@ -248,6 +263,12 @@ def sweep(case: str, size: str, run: Run) -> None:
         click.echo(f"and {left} more")
     for note, count in swept.notes.items():
         click.echo(f"note of {count} tasks: {note}")
+    if charts:
+        from epcontact.harness.answers.pictures import draw_members  # charts take long to load
+
+        draw_members(swept.folder, {n: rows for n, (rows, _) in swept.loads.items()}, swept.fields)
+    for path, words in swept.fields.items():
+        click.echo(f"fields of {words} in {path}")
     tasks = swept.table.loc[swept.table["load"] == 0, "solved"]
     click.echo(
         f"{tasks.sum()} of {len(tasks)} tasks are solved, {swept.reused} of them earlier; "

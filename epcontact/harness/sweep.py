@@ -54,10 +54,14 @@ class Swept:
     loads: Mapping[str, tuple[list[dict[str, Any]], str]]
     quantities: Sequence[str]  # measured beside what the methods report
     notes: Mapping[str, int]  # of surfaces and solves, with the number of tasks that told them
+    fields: Mapping[Path, str]  # the files of fields, and what they show in words
 
 
-def read_sweep(case: CaseText | Path | str, size: str = "fast") -> Sweep:
-    """Return the tasks of the table [sweep] of a case; every point is checked."""
+def read_sweep(
+    case: CaseText | Path | str, size: str = "fast", run: Run | None = None, among: str = ""
+) -> Sweep:
+    """Return the tasks of the table [sweep] of a case; every point is checked.  Those whose words
+    contain `among` keep the fields that the run asks for."""
     text = case if isinstance(case, CaseText) else find_case(case)
     swept = load_case(text, size).sweep
     if swept is None:
@@ -67,7 +71,8 @@ def read_sweep(case: CaseText | Path | str, size: str = "fast") -> Sweep:
     sweep = Sweep([], [], swept.quantities)
     for point in swept.points():
         seeds = {} if swept.seeds is None else {"surface.seeds": swept.seeds}
-        found = [*_tasks_at(point, case_at(text, {**point, **seeds}, size), swept.quantities)]
+        there = case_at(text, {**point, **seeds}, size)
+        found = [*_tasks_at(point, there, swept.quantities, run or Run(), among)]
         sweep.tasks.extend(found)
         sweep.points.extend([point] * len(found))
         if len(sweep.tasks) > MOST_TASKS:
@@ -78,7 +83,9 @@ def read_sweep(case: CaseText | Path | str, size: str = "fast") -> Sweep:
     return sweep
 
 
-def _tasks_at(point: Point, case: Case, asked: Sequence[str] | None) -> Iterator[Task]:
+def _tasks_at(
+    point: Point, case: Case, asked: Sequence[str] | None, run: Run, among: str
+) -> Iterator[Task]:
     if case.skip:
         raise InvalidCase(f"{case.path}: {case.skip}")
     quantities = asked or ()
@@ -90,13 +97,17 @@ def _tasks_at(point: Point, case: Case, asked: Sequence[str] | None) -> Iterator
             )
     name = hashlib.sha256(json.dumps(point, sort_keys=True).encode()).hexdigest()[:10]
     values = ", ".join(f"{key.partition('.')[2]} {in_words(value)}" for key, value in point.items())
-    for task in tasks_of(case, Run(rows=asked is None)):
-        yield replace(
+    for task in tasks_of(case, replace(run, rows=asked is None)):
+        named = replace(
             task,
             label=f"{name}-{task.label}",
             words=f"{values}, {task.label}".removesuffix(", single"),
             quantities=tuple(q for q in quantities if _answers(task.method, q)),
         )
+        chosen = among in named.words
+        fields = named.fields_path(run.folder) if chosen and task.fields else None
+        steps = named.steps_path(run.folder) if chosen and task.steps else None
+        yield replace(named, fields=fields, steps=steps)
 
 
 def in_words(value: Scalar) -> str:
@@ -111,7 +122,12 @@ def _answers(method: Method, name: str) -> bool:
 
 
 def run_sweep(
-    case: CaseText | Path | str, run: Run | None = None, *, size: str = "fast", **options: Any
+    case: CaseText | Path | str,
+    run: Run | None = None,
+    *,
+    size: str = "fast",
+    among: str = "",
+    **options: Any,
 ) -> Swept:
     """Solve the sweep of a case, but for what is kept of an earlier run; write `sweep.csv`.
 
@@ -119,13 +135,14 @@ def run_sweep(
         case: a name, a path or a case from `find_case`.
         run: how it is solved, see `Run`, whose attributes are keywords, too.
         size: one of its sizes.
+        among: fields are kept where a point in words contains this, such as "hardness 3e+09".
 
     Raises:
         InvalidCase: if the case has no sweep, or one that cannot be solved.
         OutputError: if a file cannot be written.
     """
     run = replace(run or Run(), **options)
-    tasks, points, quantities = read_sweep(case, size)
+    tasks, points, quantities = read_sweep(case, size, run, among)
     folder = tasks[0].case.folder(run.folder)
     rows = [
         {
@@ -157,7 +174,8 @@ def run_sweep(
     found = table(folder)
     with whole_file(folder / "sweep.csv") as temporary:
         found.to_csv(temporary, index=False)
-    return Swept(folder, found, failures, len(reused), loads, quantities or (), notes)
+    fields = {t.fields: f"{t.words}, {t.method.name}" for t in tasks if t.fields is not None}
+    return Swept(folder, found, failures, len(reused), loads, quantities or (), notes, fields)
 
 
 def table(folder: str | Path) -> pd.DataFrame:

@@ -41,7 +41,7 @@ from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.maps import map_of, map_of_file, pressure_difference
 from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import PART_COLOURS
-from epcontact.output.loads import load_charts
+from epcontact.output.loads import Row, load_charts
 from epcontact.output.view import load_steps, screenshot
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
@@ -99,6 +99,20 @@ def charts_of(found: Results, hardness: float = math.inf) -> dict[str, Chart]:
         charts["residuals"] = residual_history({m: h for m, h in longest.items() if h.size})
     paths = {m: load_rows(each) for m, each in found.items() if len(each[0].steps) > 1}
     return charts | (load_charts(paths) if paths else {})
+
+
+def draw_members(
+    folder: Path, loads: Mapping[str, Sequence[Row]], fields: Mapping[Path, str]
+) -> None:
+    """Draw the loads of a sweep's points, and the contact of every member whose fields are kept."""
+    for path in itertools.chain(*map(folder.glob, ("loads-*", "contact-*"))):  # of an earlier run
+        path.unlink()
+    for name, chart in load_charts(loads).items():
+        chart.save(folder / name)
+    for path, words in fields.items():
+        if path.is_file():
+            caption = f"Contact state and pressure at {words}, {path.name}."
+            map_of_file(path, caption).save(folder / f"contact-{path.stem}")
 
 
 def plot(scene: Scene, *results: ContactResult) -> dict[str, Chart]:
