@@ -92,7 +92,7 @@ def test_what_cannot_be_compared_is_one_sentence(runs, tmp_path):
         tmp_path: "is no verdict",
         tmp_path / "absent": "cannot read",
         tmp_path / "table.csv": "is no table that",
-        tmp_path / "full.csv": "1 of size full in OLD, 1 of size fast in NEW",
+        tmp_path / "full.csv": "OLD has 1 of size full, NEW 1 of fast",
     }.items():
         code, said, error = compared(other, runs / "right")
         assert (code, said, words in error, error.count("\n")) == (2, "", True, 1)

@@ -34,7 +34,6 @@ SMALL: dict[str, dict[str, Any]] = {
     "gamma": {"points": 4, "bandwidth": 64},
     "gap": {"points": 4, "bandwidth": 16, "seeds": range(3), "grids": (3, 6), "block_waves": 4},
     "gap_distribution": {"points": 4, "wide": 16, "seeds": (33, 34), "narrow": 8},
-    "growth": {"sides": (64, 128, 256)},
     "hardness": {"usual": (2, 12), "by_grid": (2, (10, 12)), "by_breadth": (2, 6, (2,))}
     | {"steps": 2, "severities": (5.0, 15.0), "nus": (0.3,)},
     "hardness-map": {},
@@ -43,7 +42,6 @@ SMALL: dict[str, dict[str, Any]] = {
     "persistence": {"severities": (5.0,), "seeds": (1, 2), "nodes": 16},
     "pressures": {"bandwidth": 16, "points": (4, 8, 16), "seeds": range(3)},
     "residual": {"points": 4, "wide": 16, "seeds": (5, 6), "narrow": 4, "hardnesses": (0.16,)},
-    "resolution": {"bandwidth": 16, "surfaces": 3, "points": (4, 6, 8, 16)},
     "speed": {"sides": (64, 128), "threads": 1, "solves": (1, 1)},
     "theory": {"cells": (64, 128)},
     "treatment": {"points": (24,), "seeds": (2,), "tiles": 2} | {"kinds": ("rolled off", "turned")},
@@ -228,30 +226,12 @@ def test_the_density_at_both_ends_falls_with_the_grid():
 # --- cost ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [1, 3])
-def test_raw_areas_have_first_order_and_corrected_ones_are_better(number):
-    errors, work = drawn("resolution", number), drawn("resolution", number + 1)
-    assert {*cost.KINDS, cost.CLAIMED, cost.REFERENCE} == set(errors["series"])
-    raw, points = of_kind(errors, "raw"), of_kind(errors, "raw", "points_per_wavelength")
-    # First order, on three grids of three surfaces.
-    assert 0.7 < -np.polyfit(np.log(points), np.log(raw), 1)[0] < 1.4
-    # The correction leaves less than a quarter of the raw error on every grid.
-    assert (of_kind(errors, "corrected") < 0.25 * raw).all()
-    # Extrapolation needs the grid half as fine, and pays for it.
-    assert np.isnan(of_kind(errors, "raw, extrapolated")[:2]).all()
-    spent, twice = (of_kind(work, k, "work_points_transformed") for k in cost.KINDS[:2])
-    assert twice[2] == spent[2] + spent[0]
-
-
 def test_newton_needs_fewer_transforms_and_a_method_that_fails_is_told():
     residuals, errors = drawn("bem", 1), drawn("bem", 2)
     pairs = residuals.groupby("series")["fft_pairs"].last()
     assert pairs["newton"] < pairs["projected_gradient"]
     assert of_kind(errors, "newton")[-1] < 1e-3
     assert "relaxation stops at a residual of" in charts_of("bem")[0].caption
-    # Transforms do not grow with the grid where the roughness is fixed.
-    own = of_kind(drawn("growth", 1), "roughness fixed, finest grid", "fft_pairs")
-    assert own[-1] <= own[0] + 2
 
 
 @pytest.mark.parametrize("law", scenes.LAWS)

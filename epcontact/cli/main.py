@@ -26,7 +26,7 @@ from epcontact.machine import LINEAR_ALGEBRA, single_threads
 
 #: The module of each command, whose function has the name of the command.
 COMMANDS = {
-    "accuracy": "accuracy",
+    "accuracy": "ledger",
     "chart": "studies",
     "cite": "show",
     "compare": "ledger",

@@ -43,7 +43,7 @@ QUANTITIES = {
     "quantity.effective_hardness": "c_eff",
     "distribution": "P(σ) distance",
 }
-_METHODS = {"persson": "theory", "bem": "BEM", "fem": "FE"}
+_METHODS = {"persson": "theory", "bem": "BEM", "fem": "FE", "calculix": "CalculiX"}
 #: Differences of areas are over the reference, or over this nominal share if it is more.
 SMALLEST_AREA = 1e-3
 #: What two scenes share if they are one by similarity, with the names of the terminal.
@@ -74,7 +74,7 @@ def read_rows(folders: Sequence[str | Path] = ()) -> pd.DataFrame:
 def keep(rows: pd.DataFrame, path: Path) -> None:
     """Write rows as the table of a package."""
     with whole_file(path) as file:
-        rows.to_csv(file, index=False, float_format="%.5g")
+        rows.to_csv(file, index=False, float_format="%.6g")
 
 
 def _theory_rows() -> pd.DataFrame:
@@ -130,6 +130,8 @@ def sweep_rows(folders: Sequence[Path]) -> pd.DataFrame:
         [_member(task["method"], task["seed"], result)
          for folder in folders for task, result in sweep.members(folder) if result is not None]
     )  # fmt: skip
+    if solved.empty:
+        return pd.DataFrame(columns=_COLUMNS)
     place = [*PLACE, "scene"]
     surfaces = [*place, "seed"]
     theory, numeric = (solved[(solved["method"] == "persson") == is_it] for is_it in (True, False))
@@ -152,13 +154,13 @@ def _member(method: str, seed: Any, result: Any) -> dict[str, Any]:
     return {name: v for name, v in known.items() if name in QUANTITIES} | {
         "method": method, "seed": seed, "points": points,
         "load": float(f"{about.get('load_group', math.nan):.4g}"),
-        "hardness": float(f"{about.get('hardness_group', math.inf):.4g}"),
+        "hardness": float(f"{float(about.get('hardness_group', math.inf)):.4g}"),
         "hurst": float(hurst[1]) if hurst else math.nan,
         "waves": round(about["points"][0] / points) if points else math.nan,
         "scene": re.sub(r", seed \d+", "", surface) + str([about.get(name) for name in other]),
         "seconds": result.cost.get("seconds"),
         "fft_pairs": result.cost.get("equivalent_fft_pairs"),
-        "distribution": result.distribution, "cap": about.get("hardness", math.inf),
+        "distribution": result.distribution, "cap": float(about.get("hardness", math.inf)),
     }  # fmt: skip
 
 
@@ -172,7 +174,6 @@ def _pairs(
         both = both[~itself & (both["points_ref"] > both["points"])]
     shared = [each for each in unit if each in both and each != "seconds"]
     both = both.merge(unit.rename(columns={"seconds": "unit"}), on=shared, how="left")
-    both["time"] = both["seconds"] / both["unit"]
     for quantity, label in QUANTITIES.items():
         other = f"{quantity}_ref"
         if quantity.endswith("raw"):  # counts near the limit, too, which is the corrected area
@@ -185,9 +186,10 @@ def _pairs(
             one = both.assign(value=both[quantity], reference=both[other])
         else:
             continue
-        one = one.dropna(subset=["value", "reference"])
+        one = one[one[["value", "reference"]].abs().sum(axis=1, min_count=2) > 0]  # both 0: no area
         groups = one.groupby([*PLACE, "scene", "method", "points"], dropna=False)
-        found = groups[["value", "reference", "time", "fft_pairs"]].mean()
+        found = groups[["value", "reference", "fft_pairs"]].mean()
+        found["time"] = groups["seconds"].min() / groups["unit"].min()  # the least disturbed ones
         rows.append(found.assign(surfaces=groups.size(), quantity=label).reset_index())
     found = pd.concat(rows) if rows else pd.DataFrame({"method": []})
     pair = found["method"].map(lambda method: f"{_METHODS.get(method, method)} – {name}")
@@ -257,10 +259,13 @@ def accuracy(say: Say, folders: Sequence[str] = ()) -> Charts:
         x = ("work", "FFT pairs of a grid of 4 points a wave (–)")
         plot = Plot(x, y, ("method", "kind"), log="xy", front=True)
         yield plot, table[table["work"] > 0], "Accuracy against FFT pairs"
-    shown = rows[(rows["quantity"] == "A") & ~(rows["points"] > 4)]
-    ends = shown["reference"].agg(["min", "max"]).to_numpy()
-    line = pd.DataFrame({"reference": ends, "value": ends, "pair": "equal, and within 5 %"})
-    line = line.assign(value_low=0.95 * ends, value_high=1.05 * ends, style="curve")
-    x, y = ("reference", "area by the reference (–)"), ("value", "area predicted (–)")
-    plot = Plot(x, y, ("pair",), style="open", log="xy")
-    yield plot, pd.concat([line, shown]), "Areas predicted against their references"
+    shown = rows[(rows["quantity"] == "A") & ~(rows["points"] > 4)].copy()
+    shown["ratio"], ends = (
+        shown["value"] / shown["reference"],
+        shown["reference"].agg(["min", "max"]),
+    )
+    line = pd.DataFrame({"reference": ends, "ratio": 1.0, "ratio_low": 0.95, "ratio_high": 1.05})
+    line = line.assign(pair="equal, and within 5 %", style="curve")
+    x, y = ("reference", "area by the reference (–)"), ("ratio", "area predicted over it (–)")
+    plot = Plot(x, y, ("pair",), style="open", log="x")
+    yield plot, pd.concat([line, shown]), "Areas predicted over their references"

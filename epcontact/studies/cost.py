@@ -1,4 +1,4 @@
-"""Studies of what boundary elements cost, and of the error of contact areas against that.
+"""Studies of what boundary elements cost; `accuracy` has the errors of areas against that.
 
 Times are in bare FFT pairs of the same grid, timed in the same run, so that a level line is growth
 as N log N.  The wall clock slows more for a solve than for the best of many pairs on a busy
@@ -21,13 +21,12 @@ import numpy as np
 import pandas as pd
 
 from epcontact import bem
-from epcontact.bem.areas.rim_correction import perimeter_areas
 from epcontact.errors import NotConverged
 from epcontact.machine import available_cores, peak_memory
 from epcontact.output.charts.plot import Plot
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
-from epcontact.studies.frame import Charts, Ints, Say, root_mean_square, rows, study
+from epcontact.studies.frame import Charts, Ints, Say, rows, study
 from epcontact.studies.paper_scene import LAWS, PARTS, area_of, rough_scene
 
 RESIDUAL, AREA = 1e-8, 1e-4
@@ -135,32 +134,6 @@ def by_method(
         yield Plot(x, y, ("method",), log="xy", front=True), table, title + failed
 
 
-@study("growth", sides=(128, 256, 512, 1024, 2048, 4096))
-def growth(say: Say, sides: Ints = (128, 256, 512, 1024), waves: int = 16) -> Charts:
-    """FFT pairs and time of boundary elements against the size of the grid.
-
-    The scene is the paper's, capped, to residuals of 1e-8, on one thread: with so many waves a
-    side, or with 4 points a wave.  FFT pairs of coarser grids count by their points.
-    """
-    bem.solve(rough_scene(4, 7, 8), threads=1)  # compiled and cached before it is timed
-
-    def row(fixed: str, points_a_side: int) -> list[dict[str, Any]]:
-        bandwidth = waves if fixed == "roughness fixed" else points_a_side // 4
-        _, spent = cost(rough_scene(points_a_side // bandwidth, 7, bandwidth), solves=2)
-        told = {"time_in_fft_pairs": spent["time"]}
-        pairs = {"finest grid": spent["finest_pairs"], "all grids": spent["all_pairs"]}
-        return [{"grids": grids, "fft_pairs": n} | told for grids, n in pairs.items()]
-
-    fixed = ("roughness fixed", "points per wavelength fixed")
-    table, limits = rows(say, row, fixed=fixed, points_a_side=sides), {"ylim": (0, None)}
-    y = ("fft_pairs", "FFT pairs (–)")
-    plot = Plot(_SIDE, y, ("fixed", "grids"), log="x", ticks=sides, limits=limits)
-    yield plot, table, "FFT pairs of a solve"
-    y = ("time_in_fft_pairs", "time of a solve in bare FFT pairs of its grid (–)")
-    plot = Plot(_SIDE, y, ("fixed",), log="xy", ticks=sides)
-    yield plot, table[table["grids"] == "all grids"], "Time of a solve; level is N log N"
-
-
 #: The columns of `speed`, each with the label of its chart.
 _SPEED = {
     "finest_pairs": "FFT pairs of the finest grid (–)",
@@ -221,65 +194,3 @@ def area_difference(result: ContactResult, exact: ContactResult) -> float:
     kinds = [*product(PARTS, ("raw", "corrected"))]
     pairs = [(area_of(result, *kind), area_of(exact, *kind)) for kind in kinds]
     return max(abs(a / b - 1) for a, b in pairs if b > 0)
-
-
-# --- the error of areas --------------------------------------------------------------------------
-
-KINDS = ("raw", "raw, extrapolated", "perimeter correction", "corrected")
-CLAIMED, REFERENCE = "claimed by the corrected", "uncertainty of the reference"
-#: What the curves of a chart of errors tell.
-_STYLES = {CLAIMED: "curve", REFERENCE: "curve"}
-
-
-@study("resolution", bandwidth=64, surfaces=8)
-def resolution(
-    say: Say, bandwidth: int = 32, surfaces: int = 6, points: Ints = (3, 4, 6, 8, 12, 16, 32)
-) -> Charts:
-    """Error of raw and corrected areas against points per wavelength and cost.
-
-    The reference is the corrected area of the finest grid; no error below its own means anything.
-    Raw areas are shares of grid points, extrapolated from two grids as 2 A(n) - A(n/2), because
-    their error is of first order; the work, FFT pairs times points, counts both grids.  Errors are
-    root mean squares.
-    """
-    x = ("points_per_wavelength", "points per shortest wavelength (–)")
-    work = ("work_points_transformed", "work: FFT pairs × grid points (–)")
-    seeds, by = range(7, 7 + surfaces), ["part", "kind", x[0]]
-    table = rows(say, area_errors, seed=seeds, points=[points], bandwidth=[bandwidth])
-    errors = root_mean_square(table, "relative_error", by)
-    worth = table[table["kind"] == REFERENCE].groupby("part")["relative_error"].mean()
-    for part in ("total", "plastic"):
-        table = errors[errors["part"] == part].copy()
-        table.loc[table["kind"] == REFERENCE, "relative_error"] = worth[part]
-        title = f"Error of the {part} area, whose reference is uncertain by {worth[part]:.1e}"
-        y = ("relative_error", f"relative error of the {part} area (–)")
-        look: dict[str, Any] = {"ticks": sorted(table[x[0]].unique()), "orders": KINDS}
-        yield Plot(x, y, ("kind",), _STYLES, log="xy", **look), table, title
-        plot = Plot(work, y, ("kind",), _STYLES, log="xy", front=True)
-        yield plot, table[table["kind"].isin(KINDS)], f"{title}, against the work of a solve"
-
-
-def area_errors(seed: int, points: Ints, bandwidth: int) -> list[dict[str, Any]]:
-    """Errors of the areas of one surface against the corrected ones on the finest grid: a row for
-    each part, grid but the finest, and kind (KINDS, CLAIMED and REFERENCE)."""
-    areas, work, found = {}, {}, []
-    for n in points:
-        scene = rough_scene(n, seed, bandwidth)
-        result = bem.solve(scene, area_tolerance=1e-6)
-        _, published = perimeter_areas(result.fields["pressure"], scene.material.hardness)
-        areas[n] = dict(result.final.areas) | {"perimeter correction": published}
-        work[n] = result.cost["equivalent_fft_pairs"] * result.cost["unknowns"]
-    for part, n in product(PARTS, points[:-1]):
-        area = {kind: getattr(each, part) for kind, each in areas[n].items()}
-        exact, uncertain = (getattr(areas[points[-1]][k], part) for k in ("corrected", "error"))
-        spent = dict.fromkeys((*KINDS, CLAIMED, REFERENCE), float(work[n]))
-        # Extrapolation needs the grid half as fine, and pays for it.
-        half = getattr(areas[n // 2]["raw"], part) if n / 2 in areas else math.nan
-        area["raw, extrapolated"] = 2 * area["raw"] - half
-        spent["raw, extrapolated"] += math.nan if math.isnan(half) else work[n // 2]
-        errors = {kind: area[kind] / exact - 1 for kind in KINDS}
-        errors |= {CLAIMED: area["error"] / exact, REFERENCE: uncertain / exact}
-        for kind, error in errors.items():
-            figures = {"relative_error": error, "work_points_transformed": spent[kind]}
-            found.append({"part": part, "points_per_wavelength": n, "kind": kind} | figures)
-    return found

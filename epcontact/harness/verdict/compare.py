@@ -29,30 +29,30 @@ SLOWER = 1.05
 _CASE, ROW = ["case", "size"], ["case", "size", "name"]
 _COLUMNS = [*ROW, "scene", "value", "reference", "error", "low", "high", "status"]
 _IDENTITY = "against 0 (absolute)"
+FELL = "held, and does not hold now"
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What moved: tables with a row each, and lists of what is in one verdict only."""
+    """What moved: `moved` has case, size, name, value_old, value_new, error, and moved in units of
+    it; `slower` the counts that grew, with their ratio; `told` the names of others by what is said
+    of them; `time` the median ratio of seconds, and `compared` the number of values."""
 
-    moved: pd.DataFrame  # case, size, name, value_old, value_new, error; moved, in units of it
-    slower: pd.DataFrame  # the counts that grew, with their ratio
-    seconds: Mapping[tuple[str, str], float]  # by case and size: those of NEW over those of OLD
-    told: Mapping[str, list[str]]  # by what is said of them
-    compared: int  # values in both verdicts
+    moved: pd.DataFrame
+    slower: pd.DataFrame
+    told: Mapping[str, list[str]]
+    time: float
+    compared: int
 
     @property
-    def beyond(self) -> pd.DataFrame:
-        """The values that moved by more than they claim."""
-        return self.moved[self.moved["moved"] > 1]
+    def beyond(self) -> int:
+        """The number of values that moved by more than they claim."""
+        return int((self.moved["moved"] > 1).sum())
 
     @property
     def exit_code(self) -> int:
         """1 if a value moved beyond its claim, or a gate that held does not."""
-        return int(len(self.beyond) > 0 or bool(self.told[FELL]))
-
-
-FELL = "held, and does not hold now"
+        return int(self.beyond > 0 or bool(self.told[FELL]))
 
 
 def read_verdict(file: Path) -> Verdict:
@@ -100,63 +100,47 @@ def _rows(case: CaseVerdict) -> list[dict[str, Any]]:
 
 def keep(figures: pd.DataFrame, path: Path) -> None:
     """Write a table of figures without times; what it has of other cases and sizes stays."""
-    figures = figures[~figures["name"].str.startswith("cost.seconds")]
     if path.is_file():
-        before = read_figures(path)
-        others = ~pd.MultiIndex.from_frame(before[_CASE]).isin(
-            pd.MultiIndex.from_frame(figures[_CASE])
-        )
+        before, cases = read_figures(path), pd.MultiIndex.from_frame(figures[_CASE])
+        others = ~pd.MultiIndex.from_frame(before[_CASE]).isin(cases)
         figures = pd.concat([before[others], figures])
-    shown = figures.astype(object).where(figures.notna() & (figures != ""), None)
-    shown["error"] = shown["error"].map(lambda e: None if e is None else f"{e:.2g}")
-    for name in ("value", "reference"):
-        shown[name] = shown[name].map(lambda v: None if v is None else f"{v:.9g}")
-    same = (figures[_CASE] == figures[_CASE].shift()).all(axis=1)
-    shown.loc[same.to_numpy(), [*_CASE, "scene"]] = None  # is that of the row above
+    figures = figures[~figures["name"].str.startswith("cost.seconds")]
+    same = (figures[_CASE] == figures[_CASE].shift()).all(axis=1)  # as the row above
+    shown = figures.assign(error=figures["error"].map("{:.2g}".format, na_action="ignore"))
+    shown.loc[same, [*_CASE, "scene"]] = None
     with whole_file(path) as file:
-        shown.to_csv(file, index=False)
+        shown.to_csv(file, index=False, float_format="%.9g")
 
 
 def compare(old: pd.DataFrame, new: pd.DataFrame) -> Comparison:
     """Compare two tables of figures.  Raises InvalidCase if they have no case in common."""
-    cases = [set(map(tuple, table[_CASE].to_numpy())) for table in (old, new)]
-    if not cases[0] & cases[1]:
-        has = (", ".join(sorted({size for _, size in side})) or "none" for side in cases)
-        raise InvalidCase(
-            "the verdicts have no case of one size in common: {} in OLD, {} in NEW".format(
-                *(f"{len(side)} of size {sizes}" for side, sizes in zip(cases, has, strict=True))
-            )
-        )
-    both = old.merge(new, on=ROW, how="outer", suffixes=("_old", "_new"), indicator="where")
     scenes = [table.groupby(_CASE)["scene"].first() for table in (old, new)]
     pairs = pd.concat(scenes, axis=1, join="inner", keys=["old", "new"])
-    changed = pairs[(pairs != "").all(axis=1) & (pairs["old"] != pairs["new"])].index
-    place = pd.MultiIndex.from_frame(both[_CASE])
-    common = both[place.isin(pairs.index) & ~place.isin(changed)]
-    work = common["name"].str.startswith("cost.")
-    one = common[~work & (common["where"] != "both")]
-    values, counts = (common[(common["where"] == "both") & kind].copy() for kind in (~work, work))
-    counts["ratio"] = counts["value_new"] / counts["value_old"]
+    if pairs.empty:
+        sizes = [", ".join(sorted({*one.index.get_level_values("size")})) for one in scenes]
+        said = f"OLD has {len(scenes[0])} of size {sizes[0]}, NEW {len(scenes[1])} of {sizes[1]}"
+        raise InvalidCase(f"the verdicts have no case of one size in common: {said}")
+    changed = pairs.index[(pairs != "").all(axis=1) & (pairs["old"] != pairs["new"])]
+    both = old.merge(new, on=ROW, how="outer", suffixes=("_old", "_new"), indicator="where")
+    both = both[pd.MultiIndex.from_frame(both[_CASE]).isin(pairs.index.difference(changed))]
+    work = both["name"].str.startswith("cost.")
+    shared = both["where"] == "both"
+    values, counts = both[shared & ~work], both[shared & work]
+    counts = counts.assign(ratio=counts["value_new"] / counts["value_old"])
     timed = counts["name"].str.startswith("cost.seconds")
-    seconds = counts[timed].groupby(_CASE)[["value_old", "value_new"]].sum()
     wider = (values["low_new"] < values["low_old"]) | (values["high_new"] > values["high_old"])
-    fell = (values["status_old"] == "") & (values["status_new"] != "")
     told = {
-        FELL: _named(values[fell]),
+        FELL: _named(values[(values["status_old"] == "") & (values["status_new"] != "")]),
         "of another scene, not compared": [" ".join(each) for each in changed],
         "in a wider band": _named(values[wider]),
-        "cases of NEW alone": sorted(" ".join(each) for each in cases[1] - cases[0]),
-        "cases of OLD alone": sorted(" ".join(each) for each in cases[0] - cases[1]),
-        "figures of NEW alone": _named(one[one["where"] == "right_only"]),
-        "figures of OLD alone": _named(one[one["where"] == "left_only"]),
     }
-    return Comparison(
-        _moves(values).sort_values("moved", ascending=False, kind="stable"),
-        counts[~timed & (counts["ratio"] > SLOWER)].sort_values("ratio", ascending=False),
-        (seconds["value_new"] / seconds["value_old"]).to_dict(),
-        told,
-        len(values),
-    )
+    for side, mine, other in (("NEW", *scenes[::-1]), ("OLD", *scenes)):
+        alone = mine.index.difference(other.index)
+        told[f"cases of {side} alone"] = [" ".join(each) for each in alone]
+        one = both["where"] == ("right_only" if side == "NEW" else "left_only")
+        told[f"figures of {side} alone"] = _named(both[~work & one])
+    slower = counts[~timed & (counts["ratio"] > SLOWER)].sort_values("ratio", ascending=False)
+    return Comparison(_moves(values), slower, told, counts["ratio"][timed].median(), len(values))
 
 
 def _named(rows: pd.DataFrame) -> list[str]:
