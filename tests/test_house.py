@@ -36,7 +36,7 @@ LINES = {
     "epcontact.reference": 1110,
     "epcontact.results": 300,
     "epcontact.scene": 500,
-    "epcontact.studies": 3210,
+    "epcontact.studies": 3110,
     "epcontact.surfaces": 1970,
     "fem_check": 3700,
     "tests": 15931,
