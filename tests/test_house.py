@@ -24,10 +24,10 @@ FLOORS = (
 LINES = {
     "epcontact": 101,
     "epcontact.bem": 4100,
-    "epcontact.cli": 1414,
+    "epcontact.cli": 1425,
     "epcontact.errors": 80,
     "epcontact.files": 140,
-    "epcontact.harness": 7248,
+    "epcontact.harness": 7265,
     "epcontact.machine": 230,
     "epcontact.materials": 280,
     "epcontact.output": 1730,

@@ -245,7 +245,9 @@ def test_a_verdict_says_when_where_and_by_which_sources(written, tmp_path, monke
         platform, "uname", lambda: namedtuple("U", names)(*map("my-{}".format, names))
     )
     before = datetime.now(UTC).replace(microsecond=0)
-    again = verify(written / "small.toml", jobs=1, output=tmp_path)
+    told = []
+    again = verify(written / "small.toml", jobs=1, output=tmp_path, judged=told.append)
+    assert told == [*again.cases]
     made = again.made
     assert made.version == version("epcontact")
     assert before <= datetime.fromisoformat(made.date) <= datetime.now(UTC)

@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
+from rich.console import Console
+from rich.table import Table
 
 from epcontact.cli import options, tables
 from epcontact.cli.listing import open_console
@@ -19,7 +21,7 @@ from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case, CaseText, find_case, find_named, load_case
 from epcontact.harness.methods.registry import METHODS
-from epcontact.harness.verdict.judgement import Verdict
+from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
 from epcontact.harness.verdict.overview import overview, references
 from epcontact.harness.verdict.verification import cases_to_verify, only_writer, set_verdict_aside
 from epcontact.harness.verdict.verification import verify as run_gates
@@ -63,7 +65,7 @@ def run(
         for m, a in answers.items()
         if m == "persson" and a.results[:1] and answers.keys() - {m}
     ]
-    for sentence in (tables.gamma_sentence([chosen]), *theories, chosen.told_hardness):
+    for sentence in (tables.gamma_sentence(chosen), *theories, chosen.told_hardness):
         if sentence:
             click.echo(str(sentence))
     if errors := [sentence for answer in answers.values() for sentence in answer.errors]:
@@ -133,8 +135,14 @@ def verify(
             notes = [s for case in answered for s in _draw(case.case, case.answers, output)]
             report_folder(output, overview=overview(verdict), notes=notes)
 
-    with options.shown_progress(run) as shown:
-        verdict = run_gates(given, shown, size=size, solver=solver, finish=draw)
+    judged: list[CaseVerdict] = []
+
+    def live(lines: int) -> Table:  # those that do not hold stay in sight
+        return tables.cases_table(sorted(judged, key=lambda c: c.status != "holds")[-lines:])
+
+    told = judged.append if Console(stderr=True).is_terminal else None
+    with options.shown_progress(run, live) as shown:
+        verdict = run_gates(given, shown, size=size, solver=solver, finish=draw, judged=told)
     try:
         _show(verdict, output, all_gates, with_report)
     except (BrokenPipeError, SystemExit):  # nobody reads on; the verdict is the exit code
@@ -150,11 +158,9 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
     console = open_console()
     shown = [c for c in verdict.cases if all_gates or (c.gates and c.status != "holds")]
     if not all_gates:
-        console.print(tables.cases_table(verdict.cases))
+        console.print(tables.cases_table(verdict.cases, console.width))
     if shown:
         console.print(tables.verdict_table(shown, console.width))
-    if sentence := tables.gamma_sentence([case.case for case in verdict.cases]):
-        click.echo(sentence)
     alone = all_gates or len(verdict.cases) == 1
     for case in verdict.cases:
         if isinstance(next(iter(case.case.recipes), None), HeightsFromFile | Mirrored):

@@ -12,9 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
+from rich.console import Console, RenderableType
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from epcontact.harness.answers.run import Run
 from epcontact.harness.case_files.case import SIZES
@@ -97,18 +102,31 @@ def tell(sentence: str) -> None:
 _SOON = 10
 
 
+class _Bar(Progress):
+    """The bar, and above it what is known already, in so many lines."""
+
+    above: Callable[[int], RenderableType] | None = None
+
+    def get_renderables(self) -> Iterator[RenderableType]:
+        """Yield what a terminal shows."""
+        if self.above is not None:
+            yield self.above(self.console.height // 2)
+        yield self.make_tasks_table(self.tasks)
+
+
 @contextlib.contextmanager
-def shown_progress(run: Run) -> Iterator[Run]:
+def shown_progress(run: Run, above: Callable[[int], RenderableType] | None = None) -> Iterator[Run]:
     """Show the progress of a run on stderr: a bar on a terminal, elsewhere a line a solve."""
     console = Console(stderr=True)
     terminal = console.is_terminal
     columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     left = ("left", TimeRemainingColumn())
     # The time left is estimated from all solves of a day, which may take longer than rich's 30 s.
-    bar = Bar(
+    bar = _Bar(
         *columns, *left, console=console, transient=True, disable=not terminal,
         speed_estimate_period=86400,
     )  # fmt: skip
+    bar.above = above
     # A disabled bar of an older rich ends with an empty line.
     with bar if terminal else contextlib.nullcontext():
         row = bar.add_task("solving", total=None)

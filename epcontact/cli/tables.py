@@ -50,15 +50,18 @@ def answers_table(answers: Mapping[str, Answer], width: int = WIDE) -> Table:
     return loads_table(rows, "method", width)
 
 
-def cases_table(cases: Sequence[CaseVerdict]) -> Table:
+def cases_table(cases: Sequence[CaseVerdict], width: int = 0) -> Table:
     """Tabulate the cases, one in each row, each with the gate that is nearest to its band's end, or
-    that could not be judged."""
+    that could not be judged; in WIDE columns with what it requires, as far as there is room."""
     table = table_of(("case", "verdict"), ("gates", "margin"))
-    table.add_column("tightest gate", overflow="fold")
+    table.add_column("tightest gate", overflow="fold", no_wrap=width >= WIDE)
+    if width >= WIDE:
+        table.add_column("requirement", no_wrap=True, max_width=width - 110)
     for case in cases:
         row: list[str | Text] = [case.id, _styled(case.status), f"{len(case.gates)}"]
         if gate := tightest(case.gates):
             row += [margin_text(gate), Text(f"{gate.quantity} of {gate.of}")]
+        row += [""] * (5 - len(row)) + [Text(case.requirement)] * (width >= WIDE)
         table.add_row(*row)
     return table
 
@@ -114,18 +117,11 @@ def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
     return (*names, *values, difference, band, _styled(gate.status))
 
 
-def gamma_sentence(cases: Sequence[Case]) -> str:
-    """Return the sentence on the theory's energy reduction; empty if no case uses the theory."""
-    by_gamma: dict[float, list[str]] = {}
-    for case in cases:
-        options = [case.options[method] for method in case.methods]
-        gammas = [o["energy_reduction"] for o in options if "energy_reduction" in o]
-        if gammas and not case.skip:
-            by_gamma.setdefault(float(gammas[0]), []).append(case.id)
-    parts = [f"{gamma:g} in {', '.join(ids)}" for gamma, ids in by_gamma.items()]
-    if len(parts) == 1:
-        parts = [f"{gamma:g}" for gamma in by_gamma]
-    return f"theory with energy reduction gamma = {'; '.join(parts)}" if parts else ""
+def gamma_sentence(case: Case) -> str:
+    """Return the sentence on the theory's energy reduction; empty if no method is the theory."""
+    options = [case.options[method] for method in case.methods]
+    gammas = [o["energy_reduction"] for o in options if "energy_reduction" in o]
+    return f"theory with energy reduction gamma = {gammas[0]:g}" if gammas else ""
 
 
 def shown_estimate(estimate: Estimate) -> str:

@@ -16,7 +16,8 @@ import platform
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence, Set
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -103,8 +104,15 @@ class Run:
         return max(1, min(jobs, int(available_memory() // max(task.memory for task in tasks))))
 
 
+#: Called with a case and its answers when it has them all.
+CaseDone = Callable[[Case, Mapping[str, Answer]], None]
+
+
 def run_cases(
-    cases: Sequence[Case], run: Run, methods: Mapping[str, Method] = METHODS
+    cases: Sequence[Case],
+    run: Run,
+    methods: Mapping[str, Method] = METHODS,
+    done: CaseDone = lambda case, answers: None,
 ) -> dict[str, dict[str, Answer]]:
     """Answer each case by each of its methods.  Raises InvalidCase if two have one id."""
     by_id: dict[str, Case] = {}
@@ -115,30 +123,50 @@ def run_cases(
                 "kept by id, so run them one after the other into folders of their own"
             )
     tasks = [task for case in cases for task in tasks_of(case, run, methods)]
-    outcomes, reused = run_tasks(tasks, run)
     answers: dict[str, dict[str, Answer]] = {case.id: {} for case in cases}
-    for case in cases:
-        for method in case.methods:
-            mine = [t for t in tasks if t.case is case and t.method.name == method]
-            results = [(t.label, r) for t in mine if isinstance(r := outcomes[t], ContactResult)]
-            failures = [(t.label, r) for t in mine if isinstance(r := outcomes[t], str)]
-            answers[case.id][method] = answer = Answer(
-                results=tuple(result for _, result in results),
-                labels=tuple(label for label, _ in results),
-                errors=tuple(f"{method}, {label}: {sentence}" for label, sentence in failures),
-                reused=len(reused & set(mine)),
-            )
-            if results:
-                write_json(case.folder(run.folder) / f"{method}.json", summary(case, answer))
+    left = Counter(task.case.id for task in tasks)
+
+    def finish(task: Task, outcomes: Mapping[Task, Outcome], reused: Set[Task]) -> None:
+        left[task.case.id] -= 1
+        if not left[task.case.id]:
+            mine = [each for each in tasks if each.case is task.case]
+            answers[task.case.id] = _answers(mine, outcomes, reused, run)
+            done(task.case, answers[task.case.id])
+
+    run_tasks(tasks, run, finished=finish)
+    return answers
+
+
+def _answers(
+    tasks: Sequence[Task], outcomes: Mapping[Task, Outcome], reused: Set[Task], run: Run
+) -> dict[str, Answer]:
+    """Return the answers to all tasks of one case by their methods, and write what sums them up."""
+    case, answers = tasks[0].case, {}
+    for method in case.methods:
+        mine = [t for t in tasks if t.method.name == method]
+        results = [(t.label, r) for t in mine if isinstance(r := outcomes[t], ContactResult)]
+        failures = [(t.label, r) for t in mine if isinstance(r := outcomes[t], str)]
+        answers[method] = answer = Answer(
+            results=tuple(result for _, result in results),
+            labels=tuple(label for label, _ in results),
+            errors=tuple(f"{method}, {label}: {sentence}" for label, sentence in failures),
+            reused=len(reused & set(mine)),
+        )
+        if results:
+            write_json(case.folder(run.folder) / f"{method}.json", summary(case, answer))
     return answers
 
 
 def run_tasks(
-    tasks: Sequence[Task], run: Run, begin: Callable[[], None] = lambda: None
+    tasks: Sequence[Task],
+    run: Run,
+    begin: Callable[[], None] = lambda: None,
+    finished: Callable[[Task, Mapping[Task, Outcome], Set[Task]], None] = lambda *_: None,
 ) -> tuple[dict[Task, Outcome], set[Task]]:
     """Solve tasks, but for those whose result is kept; keep each new result at once.  `begin` is
-    called when nothing is in the way of the solves, and before anything is written.  Returns the
-    outcome of each task, and the tasks whose kept result was used again."""
+    called when nothing is in the way of the solves, and before anything is written, and `finished`
+    after each task.  Returns the outcome of each task, and the tasks whose kept result was used
+    again."""
     outcomes: dict[Task, Outcome] = {}
     reused: set[Task] = set()
 
@@ -146,6 +174,7 @@ def run_tasks(
         outcomes[task] = outcome
         name = f"{task.case.id} {task.method.name} {task.words or task.label}{note}"
         run.progress(len(outcomes), len(tasks), name)
+        finished(task, outcomes, reused)
 
     for task in tasks:
         earlier = None if run.fresh else kept(task, run.folder)

@@ -27,14 +27,8 @@ OF_OTHERS = ("other code", "published", "experiment")
 
 _MODEL, _AFTER, _INPUTS = "J2 flow – pressure cap", "after the load", "inputs"
 _NAMES = {"persson": "theory", "bem": "boundary elements", "fem": "finite elements"}
-#: What can be verified.
-SUBJECTS = {
-    _INPUTS: "the surface is that of the case",
-    **{name: METHODS[method].meaning for method, name in _NAMES.items()},
-    "theory – boundary elements": "the difference of the models",
-    _MODEL: "the difference of the models on one body",
-    _AFTER: "whatever follows a load that falls",
-}
+#: What can be verified: inputs, methods, differences of models, and what follows a falling load.
+SUBJECTS = (_INPUTS, *_NAMES.values(), "theory – boundary elements", _MODEL, _AFTER)
 #: Published measurements that no case holds, and what they lack.
 EXPERIMENTS = {
     "real contact area": "areas at several loads, with the measured map and hardness of the body",

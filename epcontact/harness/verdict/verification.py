@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain, repeat
 from math import fsum
@@ -28,6 +28,7 @@ from junitparser import (
 from epcontact.errors import InvalidCase, OutputError, nearest, printable
 from epcontact.files import refusal, whole_file, write_json
 from epcontact.harness.answers.run import Run, run_cases
+from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import (
     SIZES,
     Case,
@@ -58,6 +59,7 @@ def verify(
     size: str = "fast",
     solver: str = "",
     finish: Callable[[Verdict], None] = lambda verdict: None,
+    judged: Callable[[CaseVerdict], None] | None = None,
     **options: Any,
 ) -> Verdict:
     """Solve cases, judge their gates, and write verdict.json and junit.xml.
@@ -73,6 +75,7 @@ def verify(
             its own name.
         finish: called with the verdict while no other run may write into the folder; an error of
             it withdraws the verdict.
+        judged: called with each case as soon as all its solves are done.
 
     Returns:
         The verdict.  `verdict.cases[i].answers` holds the results in memory.
@@ -92,7 +95,12 @@ def verify(
     with only_writer(run.folder):
         set_verdict_aside(run.folder)
         loaded, methods = _with_solver(cases, size, solver)
-        answers = run_cases(loaded, run, methods)
+
+        def done(case: Case, found: Mapping[str, Answer]) -> None:
+            if judged is not None:
+                judged(judge_case(case, found))
+
+        answers = run_cases(loaded, run, methods, done)
         verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size, made)
         write_verdict(verdict, run.folder)
         require_faithful(run.folder)
