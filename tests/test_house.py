@@ -27,7 +27,7 @@ LINES = {
     "epcontact.cli": 1425,
     "epcontact.errors": 80,
     "epcontact.files": 140,
-    "epcontact.harness": 7265,
+    "epcontact.harness": 7269,
     "epcontact.machine": 230,
     "epcontact.materials": 280,
     "epcontact.output": 1730,
@@ -37,7 +37,7 @@ LINES = {
     "epcontact.results": 300,
     "epcontact.scene": 500,
     "epcontact.studies": 3110,
-    "epcontact.surfaces": 1970,
+    "epcontact.surfaces": 1972,
     "fem_check": 3700,
     "tests": 15931,
 }

@@ -254,6 +254,9 @@ def test_periods_by_one_length_or_by_the_pixel(write):
             HeightsFromFile(**{"path": oblong, "unit": 1.0} | arguments)
     with refused("oblong.npy: the rms slope is .*, beyond that of any surface; .* check unit"):
         HeightsFromFile(oblong, pixel_size=1e-3, unit=1.0).build()
+    marked = np.where(np.arange(MAP.size).reshape(MAP.shape) % 400 < 2, -9999.0, MAP)
+    with refused("check unit, .*; or 12 heights are -9999, far from all others"):
+        HeightsFromFile(write("marks.txt", marked), pixel_size=1.0, unit=1.0).build()
     assert "but optical flats" in str(
         HeightsFromFile(oblong, pixel_size=1.0, unit=1e-6).build().notes
     )

@@ -188,7 +188,11 @@ class HeightsFromFile(Preparation):
         steep = f"the rms slope is {surface.rms_slope:.3g}, beyond that of any"
         remedy = "the heights and the lengths along the map must be in one unit: check unit"
         if surface.rms_slope > STEEPEST:
-            raise InvalidScene(f"{self.path}: {steep} surface; {remedy}, period and pixel_size")
+            signs = (n for n in surface.notes if "outliers" in n or "far from all others" in n)
+            others = "".join(f"; or {sign}" for sign in signs)
+            raise InvalidScene(
+                f"{self.path}: {steep} surface; {remedy}, period and pixel_size{others}"
+            )
         if 0 < surface.rms_slope < FLATTEST:
             told = cautioned((f"{steep.replace('beyond', 'below')} but optical flats; {remedy}",))
             surface = replace(surface, notes=(*surface.notes, *told))

@@ -248,7 +248,10 @@ def _rows(lines: dict[int, str], separator: str | None, decimal: str) -> Iterato
                 wrong = wrong or cell
         if wrong and (width or re.match(r"[+-]?[.,]?\d", line)):
             shown = repr(wrong if len(wrong) <= 40 else wrong[:39] + "…")
-            hint = "" if width else "; begin the lines of a header with #"
+            hint = (
+                "; begin the lines of a header with #, and separate numbers by ; , tabs or spaces"
+            )
+            hint = "" if width else hint
             raise ValueError(f"line {number} holds {shown}{hint}")
         if wrong:
             continue

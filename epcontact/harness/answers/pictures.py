@@ -50,6 +50,7 @@ from epcontact.surfaces.power_spectrum import radial_spectrum
 from epcontact.surfaces.spectrum import density
 
 _FEWEST_RINGS = 4  # of wave numbers, that make a spectrum
+_MOST_CURVES = 4  # of a sweep, that a chart of three areas can show
 _OF_ANSWERS = ("residuals.*", "loads-*", "contact-*", "pressure-di*", "body-*")
 
 Results = Mapping[str, Sequence[ContactResult]]
@@ -104,10 +105,15 @@ def charts_of(found: Results, hardness: float = math.inf) -> dict[str, Chart]:
 def draw_members(
     folder: Path, loads: Mapping[str, Sequence[Row]], fields: Mapping[Path, str]
 ) -> None:
-    """Draw the loads of a sweep's points, and the contact of every member whose fields are kept."""
+    """Draw the contact of every member of a sweep whose fields are kept and, of the first points,
+    curves over the load, which joins points of different mean pressures."""
+    curves: dict[str, list[Row]] = {}
+    for name, rows in loads.items():
+        parts = [part for part in name.split(", ") if not part.startswith("mean_pressure ")]
+        curves.setdefault(", ".join(parts), []).extend(rows)
     for path in itertools.chain(*map(folder.glob, ("loads-*", "contact-*"))):  # of an earlier run
         path.unlink()
-    for name, chart in load_charts(loads).items():
+    for name, chart in load_charts(dict(itertools.islice(curves.items(), _MOST_CURVES))).items():
         chart.save(folder / name)
     for path, words in fields.items():
         if path.is_file():
