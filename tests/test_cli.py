@@ -35,6 +35,8 @@ from epcontact.scene import Load
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
 PATH = ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8]")
+OMITTED = '\n[[omit]]\nof = "bem"\nbecause = "-"\nquantity = "quantity.measured_{}"\n'
+OMITTED = OMITTED.format("gap") + OMITTED.format("force")
 COMMAND = [sys.executable, "-m", "epcontact"]
 THREADS = ("--executor", "concurrent.futures:ThreadPoolExecutor")
 
@@ -55,6 +57,7 @@ def test_keys_schemas_and_commands_are_listed():
                   "persson, bem, fem", "absolute, wasserstein, supremum, l2"):  # fmt: skip
         assert words in told, words
     assert all("$defs" in json.loads(invoke("schema", k).stdout) for k in ("case", "verdict"))
+    assert "-0.25 … -0.07" in invoke("gates", "conductance", "--output", "nowhere").stdout
     listed = " ".join(invoke("--help").stdout.split())
     for name in COMMANDS:
         command = cli.get_command(click.Context(cli), name)
@@ -116,10 +119,11 @@ def test_verify_holds_or_falls_short_and_writes_the_verdict(write_case, tmp_path
     assert gate["value"]["half_width_95"] > 0
     suite = ET.parse(out / "junit.xml").getroot()
     assert (suite.attrib["tests"], suite.attrib["failures"]) == (str(1 + len(defaults)), "0")
-    narrow = write_case(("tolerance = 0.5", "tolerance = 1e-9"))
+    narrow = write_case(("tolerance = 0.5", "tolerance = 1e-9"), more=OMITTED)
     done = invoke("verify", narrow, "yardstick", "--output", out, "--jobs", 1)
     assert (done.returncode, "only a smoke test" in " ".join(done.stdout.split())) == (1, True)
     assert "2 cases: 1 holds, 1 falls short; verdict in" in " ".join(done.stdout.split())
+    assert "2 gates are left out at this size" in done.stdout
     lines = done.stdout.splitlines()
     named = Counter(line.split()[0] for line in lines if line.strip())
     assert (named["small"], named["yardstick"]) == (2, 1)

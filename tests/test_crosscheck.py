@@ -12,6 +12,7 @@ from fem_scenes import J2_CASE, rough_scene
 
 import fem_check
 from epcontact import bem
+from epcontact.cli.plans import _seeds
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.crosscheck import crosscheck, error_budget, measured_hardness
@@ -216,6 +217,7 @@ def test_a_case_is_cross_checked_in_words(tiny):
     assert f"j2 touches on {j2.final.areas['raw'].total:.4f}, the capped body on 0." in areas
     ratio, error = (float(word) for word in re.findall(r"c_eff = (\S+) \+- (\S+) ", effective)[0])
     assert 1.5 < ratio < 2.6
+    assert "at E*ξ/σ_Y = 5 (" in effective
     assert 0 < error < 2
     _, elastic = crosscheck(tiny(ELASTIC)).splitlines()
     assert elastic.startswith("  fem elastic against bem: solver: ")
@@ -223,7 +225,7 @@ def test_a_case_is_cross_checked_in_words(tiny):
 
 
 def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny):
-    *alone, head = (lines := crosscheck(tiny(), seeds=[21, 22], steps=4).splitlines())[:-10]
+    *alone, head = (lines := crosscheck(tiny(), seeds=_seeds("21-22"), steps=4).splitlines())[:-10]
     assert head.startswith("fem-model-5, fast, 2 surfaces: mean +- standard error")
     summed = dict(line.strip().split(": ") for line in lines[-10:-1])
     low, high = sorted(float(r) for r in re.findall(r"c_eff = (\S+) ", "\n".join(alone)))

@@ -18,6 +18,7 @@ from epcontact.studies.fem import speed_scene
 from fem_check import FemOptions, driver, increments, mesh_of, newton, vtu
 from fem_check.driver import problem_of
 from fem_check.mesh import bytes_needed
+from fem_check.result import nodes_across
 
 
 def solved(scene, **options):
@@ -234,6 +235,7 @@ def test_capped_paths_are_answered_at_every_load(dimensions, hardness):
     ],
 )
 def test_a_scene_outside_its_limits_is_answered_with_a_warning(scene, law, sentence):
+    assert nodes_across(np.eye(4, dtype=bool)) == 4 / math.sqrt(math.pi)
     notes = solved(scene, law=law).notes
     assert any(sentence in note for note in notes) if sentence else notes == ()
 

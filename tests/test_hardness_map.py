@@ -64,6 +64,7 @@ def test_only_ratios_matter_and_the_interval_holds_the_value():
     scaled = at(yield_stress=1e3, mean_pressure=0.25e3, young_modulus=210e3)
     assert scaled.value == pytest.approx(1e-6 * found.value)
     assert found.interval[0] < found.value < found.interval[1]
+    assert found.value / found.interval[0] == pytest.approx(1 + found.error, rel=1e-12)
     assert set(found.errors) == {*kept.PARTS, "formula_error"}
     assert found.value == pytest.approx(found.ratio * 1e9)
     # The hardness rises with severity, load and Poisson's ratio.

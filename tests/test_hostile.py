@@ -245,6 +245,10 @@ def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path):
 
 
 def test_solver_in_c(scene, tmp_path):
+    wide = Surface(1e-3 * np.arange(6.0).reshape(2, 3), (2.0, 3.0))
+    words = foreign.scene_text(Scene(wide, Material(2.0, 0.25, 7.0, 5.0), Load(0.5))).split()
+    order = "young_modulus 2.0 poisson_ratio 0.25 hardness 7.0 yield_stress 5.0"
+    assert (" ".join(words[10:18]), [*map(float, words[-6:])]) == (order, [*wide.heights.flat])
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         pytest.skip("there is no C compiler")

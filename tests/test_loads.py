@@ -148,6 +148,9 @@ def test_a_result_shows_itself(ran):
     assert {"pressure-distribution", "residuals", "loads-areas", "loads-gap"} <= charts.keys()
     gaps = [row[2] for row in charts["loads-gap"].rows]
     assert sorted(gaps) == sorted(table["mean_gap_m"])
+    lines = charts["loads-gap"].figure.axes[0].lines
+    fills = {line.get_label().split()[-1]: line.get_fillstyle() for line in lines}
+    assert fills == {"loading": "full", "unloading": "none", "reloading": "none"}
     assert charts["loads-gap"]._repr_png_()[1:4] == b"PNG"
     assert all(f"<td>{gap:.4g}</td>" in result._repr_html_() for gap in table["mean_gap_m"])
 

@@ -11,6 +11,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -232,6 +233,10 @@ def test_films_and_blocks_show_each_load_in_one_scale(tmp_path):
             assert (film.n_frames, film.info["loop"], film.info["duration"]) == (count, 0, 330)
             frames = [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(film)]
         assert all(np.any(a != b) for a, b in itertools.pairwise(frames))
+    with mock.patch.object(drawing, "draw_block", wraps=drawing.draw_block) as each:
+        view.animate(blocks, tmp_path / "x.gif", size=(200, 100))  # of which the first is the peak
+    peak = drawing.block_scale(drawing.read_block(blocks[0]))[1]
+    assert [call.args[3] for call in each.call_args_list] == [peak] * 3
     for factor in (1.0, 300.0):
         view.screenshot(path, tmp_path / f"{factor}.png", factor=factor, size=(600, 300))
     one, many = (pixels(tmp_path / f"{factor}.png")[30:] for factor in (1.0, 300.0))

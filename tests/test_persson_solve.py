@@ -138,6 +138,7 @@ def test_the_magnification_curve_begins_and_ends_right(theory):
     final = solve().final.areas["raw"]
     assert (curve.magnification.size, curve.total[0], curve.diffusion[0]) == (1000, 1, 0)
     assert_allclose([curve.elastic[-1], curve.plastic[-1]], [final.elastic, final.plastic], 1e-10)
+    assert curve.columns()["plastic_area"] is curve.plastic
     assert np.all(np.diff(curve.plastic) >= 0)  # a point that flows stays so
     assert np.all(np.diff(curve.total) <= 0)
     beyond = theory.magnification_curve(12.5e9, [16, 17, 1e6])

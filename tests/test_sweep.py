@@ -16,10 +16,11 @@ from command_line import invoke
 from test_executor import Elsewhere
 
 from epcontact import persson
+from epcontact.cli.listing import _verified
 from epcontact.errors import InvalidCase, NotConverged, OutputError
 from epcontact.harness import sweep
 from epcontact.harness.case_files.axes import SweepTable
-from epcontact.harness.case_files.case import load_case
+from epcontact.harness.case_files.case import find_case, load_case
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.verdict.verification import verify
 from epcontact.output.vtk import read_fields
@@ -213,6 +214,9 @@ def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch):
     done = invoke(*command)
     assert "6 of 6 tasks are solved, 3 of them earlier" in done.stdout
     assert "hardness 1.2e+10, mean_pressure 4e+08" in done.stderr
+    path = swept("[sweep]\nmaterial.hardness = [6e9, 8e9]\n", *THEORY, ("= 5.0e8", "= [2e8, 5e8]"))
+    done = invoke("sweep", path, "--output", tmp_path / "paths", "--jobs", 1)
+    assert "2 of 2 tasks are solved" in done.stdout
 
 
 def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path):
@@ -220,6 +224,7 @@ def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path):
     text, _, rest = path.read_text().partition("[[gate]]")
     path.write_text(text + rest[rest.index("[sweep]") :])
     assert len(sweep.read_sweep(path).tasks) == 6
+    assert not _verified(find_case(path), {})
     with pytest.raises(InvalidCase, match=r"has no gate to judge; .*`epcontact sweep`"):
         verify(path, output=tmp_path)
 

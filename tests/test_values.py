@@ -100,6 +100,7 @@ POSTS = {
     "quantity.total_patches": 3, "quantity.total_patches_largest": 16 / 480,
     "quantity.elastic_patches": 2, "quantity.elastic_patches_largest": 16 / 480,
     "quantity.plastic_patches": 1, "quantity.plastic_patches_largest": 6 / 480,
+    "quantity.surface_curvature": 26.5e-6 * (50e-6**-2 + 40e-6**-2),
     "quantity.largest_pressure": 3e9, "mean_pressure": 60e6, "cost.unknowns": 480,
     # What is no area of the posts' own has no front at which an area could be wrong by more.
     "quantity.measured_raw_total": 0.0, "quantity.measured_raw_plastic": 0.0,

@@ -279,8 +279,11 @@ def test_the_commit_is_that_of_the_package_and_of_no_repository_around_it(tmp_pa
     monkeypatch.setenv("GIT_DIR", str(tmp_path / "elsewhere"))  # as a hook has it
     assert commit_of(tmp_path) == (commit, False)
     assert commit_of(inner) == (None, None)
-    (tmp_path / "epcontact" / "new.py").write_text("")
-    assert commit_of(tmp_path) == (commit, True)
+    for room in ("epcontact", "fem_check", "cases"):
+        (new := tmp_path / room / "new.py").parent.mkdir(exist_ok=True)
+        new.write_text("")
+        assert commit_of(tmp_path) == (commit, True)
+        new.unlink()
     monkeypatch.setenv("PATH", str(tmp_path))  # without git
     assert commit_of(tmp_path) == (None, None)
 

@@ -7,6 +7,7 @@ import functools
 import importlib
 import inspect
 import io
+import pkgutil
 import sys
 import textwrap
 from collections.abc import Callable
@@ -123,10 +124,12 @@ def given(path, wrong):
 
 def edited(path, old, new):
     """A function with one text in the place of another in its source, wherever it is known."""
-    above, _, attribute = path.rpartition(".")
+    attribute = path.rpartition(".")[2]
 
     def patch(monkeypatch):
-        function = inspect.unwrap(getattr(importlib.import_module(above), attribute))
+        found = pkgutil.resolve_name(path)
+        found = getattr(found, "callback", found)  # of a command
+        function = inspect.unwrap(getattr(found, "__func__", found))
         text = textwrap.dedent(inspect.getsource(function))
         assert old in text, f"{path} does not hold {old}"
         made: dict[str, Any] = {}

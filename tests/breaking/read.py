@@ -1,6 +1,7 @@
 """Faults of what a person reads, of solvers from outside, of files, and of quantities' values.
 
-Each row of `read.tsv` replaces one text in the source of one function.
+Each row of `read.tsv` replaces one text in the source of one function, and ends with the test that
+sees it, or with the case and the quantity of the gate that does.
 """
 
 import csv
@@ -11,5 +12,7 @@ from breaking.fault import Fault, edited
 with Path(__file__).with_suffix(".tsv").open(encoding="utf-8", newline="") as _file:
     _rows = list(csv.reader(_file, "excel-tab", quoting=csv.QUOTE_NONE))[1:]
 FAULTS = tuple(
-    Fault(what, "read", edited(path, old, new), test=test) for what, path, old, new, test in _rows
+    Fault(what, "read", edited(path, old, new), *gate.split(), test="" if gate else test)
+    for what, path, old, new, test in _rows
+    for gate in [test * (" " in test)]
 )
