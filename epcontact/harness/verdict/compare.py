@@ -132,6 +132,9 @@ def compare(old: pd.DataFrame, new: pd.DataFrame) -> Comparison:
     told = {
         FELL: _named(values[(values["status_old"] == "") & (values["status_new"] != "")]),
         "of another scene, not compared": [" ".join(each) for each in changed],
+        "of untold scenes, compared by name": [
+            " ".join(each) for each in pairs.index[(pairs == "").any(axis=1)]
+        ],
         "in a wider band": _named(values[wider]),
     }
     for side, mine, other in (("NEW", *scenes[::-1]), ("OLD", *scenes)):
