@@ -124,17 +124,14 @@ def compare(old: pd.DataFrame, new: pd.DataFrame) -> Comparison:
     both = old.merge(new, on=ROW, how="outer", suffixes=("_old", "_new"), indicator="where")
     both = both[pd.MultiIndex.from_frame(both[_CASE]).isin(pairs.index.difference(changed))]
     work = both["name"].str.startswith("cost.")
-    shared = both["where"] == "both"
-    values, counts = both[shared & ~work], both[shared & work]
+    values, counts = (both[(both["where"] == "both") & kind] for kind in (~work, work))
     counts = counts.assign(ratio=counts["value_new"] / counts["value_old"])
     timed = counts["name"].str.startswith("cost.seconds")
     wider = (values["low_new"] < values["low_old"]) | (values["high_new"] > values["high_old"])
     told = {
         FELL: _named(values[(values["status_old"] == "") & (values["status_new"] != "")]),
         "of another scene, not compared": [" ".join(each) for each in changed],
-        "of untold scenes, compared by name": [
-            " ".join(each) for each in pairs.index[(pairs == "").any(axis=1)]
-        ],
+        "of untold scenes": [*map(" ".join, pairs.index[(pairs == "").any(axis=1)])],
         "in a wider band": _named(values[wider]),
     }
     for side, mine, other in (("NEW", *scenes[::-1]), ("OLD", *scenes)):
