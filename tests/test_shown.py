@@ -324,6 +324,9 @@ def test_a_view_shows_the_fields(ran):
     assert strain["scalar_bar_args"]["title"] == "equivalent plastic strain (-)\n"
     assert mesh.bounds[1] == pytest.approx(1e-3)
     assert mesh.bounds[3] == pytest.approx(1.25e-3)
+    top = drawing.read_block(body.with_stem(f"{body.stem}-surface"))
+    largest = [np.max(top.point_data[name]) for name in ("contact_pressure", "gap")]
+    assert drawing.block_scale(top)[1] == pytest.approx(largest)
 
 
 def rows_of(done, *first):

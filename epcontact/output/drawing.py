@@ -180,18 +180,23 @@ def read_block(source: Path) -> Any:
     if mesh is None or not mesh.n_cells:
         raise OutputError(f"cannot show {source}: it is damaged or holds no cells")
     if not any(_field_names(mesh)[1:]):
-        raise OutputError(f"cannot show {source}: it holds no von Mises stress or plastic strain")
+        raise OutputError(
+            f"cannot show {source}: it holds no von Mises stress or plastic strain, "
+            "and no contact pressure"
+        )
     return mesh
 
 
 def _field_names(mesh: Any) -> tuple[str, str, str]:
-    """Return the names of displacement, von Mises stress and plastic strain; empty if absent."""
+    """Return the names of displacement, von Mises stress and plastic strain, of a surface those of
+    its contact pressure and gap in their place; empty if absent."""
     points, names = mesh.point_data, [*mesh.point_data.keys(), *mesh.cell_data.keys()]
+    top = {"contact_pressure", "gap"} <= {*points.keys()}
     moves = (n for n in names if n.lower() in ("displacement", "u") and n in points)
     return (
         next((n for n in moves if points[n].shape[1:] == (3,)), ""),
-        next((n for n in names if "mises" in n.lower()), ""),
-        next((n for n in names if "plastic" in n.lower() and "strain" in n.lower()), ""),
+        next((n for n in names if "mises" in n.lower()), "contact_pressure" * top),
+        next((n for n in names if "plastic" in n.lower() and "strain" in n.lower()), "gap" * top),
     )
 
 
@@ -212,7 +217,9 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
     centres = np.asarray(mesh.cell_centers().points)
     # Whole elements are removed.  The shift keeps those on the cut despite rounding.
     x, y = (x0 + x1) / 2 - 1e-6 * (x1 - x0), (y0 + y1) / 2 - 1e-6 * (y1 - y0)
-    opened = mesh.extract_cells(np.flatnonzero((centres[:, 0] >= x) | (centres[:, 1] >= y)))
+    flat = mesh.get_cell(0).dimension == 2
+    behind = flat | (centres[:, 0] >= x) | (centres[:, 1] >= y)
+    opened = mesh.extract_cells(np.flatnonzero(behind))
     if displacement:
         opened = opened.warp_by_vector(displacement, factor=factor)
     sides = np.ptp(np.reshape(mesh.bounds, (3, 2)), axis=1)
@@ -220,9 +227,13 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
     opened.points = np.asarray(opened.points, dtype=np.float64) / scale
     skin = opened.extract_surface(nonlinear_subdivision=1, algorithm="dataset_surface")
     stress_scale, stress_unit = unit_for(limits[0], "Pa")
+    kind, of_gap, gap_unit = "von Mises stress", 1.0, "-"
+    if strain == "gap":
+        kind, (of_gap, gap_unit) = "contact pressure", unit_for(limits[1], "m")
+    other = "equivalent plastic strain" if kind.startswith("von") else "gap"
     panels = (
-        (stress, stress_scale, limits[0], f"von Mises stress ({stress_unit})", style.STRESS_MAP),
-        (strain, 1.0, limits[1], "equivalent plastic strain (-)", "cividis"),
+        (stress, stress_scale, limits[0], f"{kind} ({stress_unit})", style.STRESS_MAP),
+        (strain, of_gap, limits[1], f"{other} ({gap_unit})", "cividis"),
     )
     edges = {"show_edges": skin.n_cells <= EDGES, "edge_color": "#404040", "edge_opacity": 0.35}
     shading = {"ambient": 0.5, "diffuse": 0.55, "specular": 0.0}
@@ -239,7 +250,7 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
             plotter.add_text(f"no {title.partition(' (')[0]} in the file", **TEXT)
         _frame_view(plotter, opened.bounds, (-0.9, -1.3, 1.1), 0.8)
         plotter.camera.SetWindowCenter(0.0, -0.2)
-        _mark_lengths(plotter, opened.bounds, unit, "xyz")
+        _mark_lengths(plotter, opened.bounds, unit, "xy" if flat else "xyz")
     shape = f"displacements × {factor:.3g}" if displacement else "undeformed"
     size = " × ".join(f"{length / scale:.4g}" for length in sides)
     plotter.subplot(0, 0)

@@ -20,6 +20,9 @@ from epcontact.studies.paper_scene import GAMMA, LOWEST, MODULUS
 LEVELS = (-0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2)
 #: The height at which the strip of a body without hardness is drawn, as hardness/(E* xi).
 _STRIP = (3.8, 5.2)
+_OUTSIDE = "#bbbbbb"
+_UNRESOLVED: Any = {"fc": "#dddddd", "ec": "#777777", "hatch": "////", "linewidth": 0}
+_NOT = "not resolved by boundary elements"
 _X, _Y = "pressure_over_slope_modulus", "hardness_over_slope_modulus"
 _TITLES = {"total": "contact area", "elastic": "elastic area", "plastic": "plastic area"}
 _TITLES |= {"mean_gap": "mean gap", "wasserstein": "distance of P(σ)"}
@@ -33,14 +36,9 @@ def where_the_theory_holds(
 ) -> Charts:  # fmt: skip
     """Error of the theory over the plane of load and hardness, by the kept map.
 
-    Errors are those of the theory (constant gamma, 0.536) against boundary elements on eight random
-    self-affine surfaces a place and spectrum, with areas corrected for the grid, interpolated
-    between places and spectra.  The strip at the top is a body without a hardness, the dot is the
-    scene of Almqvist and Persson.  Grey means outside the map or not resolved: elastic and plastic
-    areas too small for the grid, gaps that close, and below a hardness of 0.3 E* xi the gap of a
-    wide spectrum, of which the map has only such as have no roll-off.  Distances are Wasserstein's
-    over the hardness (in the strip over the mean contact pressure), slopes are means within a fifth
-    of the smaller of hardness and E* xi.
+    Boundary elements: 8 surfaces a place.  Strip: no hardness; dot: the
+    scene of Almqvist and Persson.  Distances are Wasserstein's over the hardness, slopes means over
+    a fifth of hardness or E* xi.
     """
     spectrum = SelfAffineSpectrum(hurst, LOWEST, roll_off * LOWEST, wide * LOWEST, 1.0)
     rough = persson.analytic_roughness(spectrum)
@@ -59,13 +57,14 @@ def where_the_theory_holds(
     columns = ["series", _Y, "relative_error", "low", "high", _X]
     table = pd.DataFrame(sorted(tables, key=lambda row: [*_TITLES].index(row[0])), columns=columns)
     alpha = validity.nayak(rough)[0]
-    yield _drawn, table, f"The theory's error for Nayak's parameter {alpha:.3g}"
+    yield _drawn, table, f"Nayak's parameter {alpha:.3g}"
 
 
 def _drawn(table: pd.DataFrame, caption: str) -> Chart:
     """Six panels of the plane, in bands of colour between LEVELS."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import BoundaryNorm
+    from matplotlib.patches import Patch
 
     levels, rows = [-1.001, *LEVELS, 1.0], table[_Y].nunique()
     look: Any = {"cmap": DIFFERENCE_MAP, "norm": BoundaryNorm(levels, 256), "levels": levels}
@@ -77,11 +76,13 @@ def _drawn(table: pd.DataFrame, caption: str) -> Chart:
         for axes, (name, known) in zip(panels.flat, figures, strict=True):
             x, y, e = (known[c].to_numpy().reshape(rows, -1) for c in (_X, _Y, "relative_error"))
             e = np.minimum(e, 0.999)
+            edge = np.s_[:-1, 0], np.s_[-2::-1, -1]
+            axes.fill(*(np.concatenate([v[i] for i in edge]) for v in (x, y)), **_UNRESOLVED)
             axes.contourf(x[:-1], y[:-1], e[:-1], **look)
             strip = np.broadcast_to(np.transpose([_STRIP]), (2, x.shape[1]))
             axes.contourf(np.tile(x[-1], (2, 1)), strip, np.tile(e[-1], (2, 1)), **look)
             axes.plot(0.05, 0.6, "o", color="black", markersize=4)
-            axes.set(facecolor="#bbbbbb", ylim=(y.min(), _STRIP[1]), title=_TITLES[str(name)])
+            axes.set(facecolor=_OUTSIDE, ylim=(y.min(), _STRIP[1]), title=_TITLES[str(name)])
             for axis in "xy":
                 logarithmic(axes, axis)
             marks = [".1", ".2", ".5", "1", "2", "none"]
@@ -93,6 +94,8 @@ def _drawn(table: pd.DataFrame, caption: str) -> Chart:
             ScalarMappable(look["norm"], look["cmap"]), ax=panels, location="bottom",
             ticks=LEVELS, format=lambda v, _: f"{100 * v:+g}", aspect=50, shrink=0.8,
         )  # fmt: skip
-        bar.set_label("relative error of the theory (%); grey: outside the map, or not resolved")
+        bar.set_label("relative error of the theory (%)")
+        keys = Patch(facecolor=_OUTSIDE, label="outside the map"), Patch(**_UNRESOLVED, label=_NOT)
+        figure.legend(handles=keys, loc="outside lower center", ncols=2)
     told = typeset(caption, mathtext=False)
     return Chart(figure, tuple(table.columns), table.to_numpy().tolist(), told)
