@@ -1,7 +1,6 @@
 """Faults of what a person reads, of solvers from outside, of files, and of quantities' values.
 
-Each row of `read.tsv` replaces one text in the source of one function, and ends with the test that
-sees it, or with the case and the quantity of the gate that does.
+Each row of `read.tsv` replaces a text of a function; a test sees it, or a case's gate.
 """
 
 import csv
