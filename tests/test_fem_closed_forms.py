@@ -128,23 +128,33 @@ def test_yield_sets_in_where_hertz_and_mises_say(nu):
     assert depth / radius == pytest.approx(where, abs=0.04)
 
 
-def sphere(severity):
-    """(force in N, area in m^2, yield stress in Pa) of the J2 sphere whose contact, at about
-    E* a/(sigma_Y R) = `severity`, is ten nodes in radius; nu = 0.3."""
+def sphere(severity, nodes_to_rim=10, **offset):
+    """(force in N, area in m^2, yield stress in Pa, the area's claim) of the J2 sphere whose
+    contact, at about E* a/(sigma_Y R) = `severity`, has so many nodes in radius; nu = 0.3."""
     yield_stress = effective(0.3) * SLENDER / severity
     # A guess of the load: Hertz below, Johnson's cavity model above, 2.8 Y at most.
     guess = 0.4 * severity if severity < 3.5 else 2 / 3 * (1 + math.log(severity / 3))
     force = min(2.8, guess) * yield_stress * math.pi * SLENDER**2
-    scene = sphere_scene(force, nodes=64, nodes_to_rim=10, yield_stress=yield_stress)
-    final = solve(scene, steps=4, certified=False).final
-    return force, final.areas["corrected"].total * scene.surface.periods[0] ** 2, yield_stress
+    nodes = round(6.4 * nodes_to_rim)
+    scene = sphere_scene(
+        force, nodes=nodes, nodes_to_rim=nodes_to_rim, yield_stress=yield_stress, **offset
+    )
+    areas, cell = solve(scene, steps=4, certified=False).final.areas, scene.surface.periods[0] ** 2
+    return force, areas["corrected"].total * cell, yield_stress, areas["error"].total * cell
+
+
+def test_spheres_of_two_nodes_in_radius_are_within_the_claims_of_their_areas():
+    """A quarter of the correction alone, without the rounding of the rim, holds 85 of 100."""
+    rng, (_, exact, _, _) = np.random.default_rng(7), sphere(42.0)
+    found = [sphere(42.0, 2.5, offset=rng.random(2))[1::2] for _ in range(14)]
+    assert np.mean([abs(area - exact) < claim < 0.16 * area for area, claim in found]) > 0.9
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("severity", [3.0, 8.0, 20.0, 42.0])
 def test_the_sphere_lies_between_the_published_fits(severity):
     """The fits differ from each other by up to 7 %: no tighter gate would mean anything."""
-    force, area, yield_stress = sphere(severity)
+    force, area, yield_stress, _ = sphere(severity)
     solid = (1.0, effective(0.3), yield_stress, 0.3)
     for (_, first_force, first_area), fit in (
         (reference.kogut_etsion_critical(*solid), lambda w: reference.kogut_etsion(w, 0.3)),
@@ -158,7 +168,7 @@ def test_the_sphere_lies_between_the_published_fits(severity):
 def test_the_mean_pressure_rises_along_johnsons_curve():
     found = {}
     for severity in (5.0, 10.0, 20.0, 42.0):
-        force, area, yield_stress = sphere(severity)
+        force, area, yield_stress, _ = sphere(severity)
         found[severity] = force / area / yield_stress
         if severity >= 10.0:
             # The cavity model (Johnson 1970) gives the pressure of a hydrostatic core, a lower
