@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -10,7 +11,15 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import invoke
-from laboratory.hardness_map import LADDER, inverse_hardness, make_map, mapped, measured_areas
+from laboratory import breadth
+from laboratory.hardness_map import (
+    CAUTION,
+    LADDER,
+    inverse_hardness,
+    make_map,
+    mapped,
+    measured_areas,
+)
 from scipy.interpolate import RegularGridInterpolator
 
 from epcontact import effective_hardness
@@ -33,7 +42,7 @@ def at(**changed):
 
 
 def test_the_map_covers_what_it_says_and_is_smooth():
-    assert kept.map_digest() == "cdb7986748da"  # a map that was made anew has another one
+    assert kept.map_digest() == "515071162a27"  # a map that was made anew has another one
     known = hardness_map()
     assert known["load"].size == np.prod([np.unique(known[name]).size for name in kept.SYMBOLS])
     inside = known["area"] <= kept.FULL
@@ -41,8 +50,10 @@ def test_the_map_covers_what_it_says_and_is_smooth():
     off = kept.fitted_ratio(*(known[name][inside] for name in kept.SYMBOLS)) * inverse - 1
     # What the formula misses, and the scatter of the places, each at 95 %.
     assert (np.abs(off) < np.hypot(known["scatter"][inside], kept.formula()[1])).mean() > 0.9
-    # The map was made until neither its surfaces nor its grids leave more than 2 %.
-    assert max(known[part][inside].max() for part in ("statistical_error", "grid_error")) <= 0.02
+    assert np.abs(off).max() < 0.08
+    # The map was made until its surfaces leave no more than 2 %, and its grids 2 to 4 %.
+    assert known["statistical_error"][inside].max() <= 0.02
+    assert 0.02 < known["grid_error"][inside].max() < 0.04
     # No cap is lower than the mean pressure in the contact of the J2 body.
     assert ((known["load"] / known["area"])[inside] < 1.02 / inverse).all()
 
@@ -65,12 +76,28 @@ def test_only_ratios_matter_and_the_interval_holds_the_value():
     assert scaled.value == pytest.approx(1e-6 * found.value)
     assert found.interval[0] < found.value < found.interval[1]
     assert found.value / found.interval[0] == pytest.approx(1 + found.error, rel=1e-12)
-    assert set(found.errors) == {*kept.PARTS, "formula_error"}
+    assert set(found.errors) == {*kept.PARTS, "formula_error", "breadth_error"}
     assert found.value == pytest.approx(found.ratio * 1e9)
     # The hardness rises with severity, load and Poisson's ratio.
-    assert at(rms_slope=0.05).ratio < at().ratio < at(rms_slope=0.4).ratio < 3
+    assert at(rms_slope=0.05).ratio < at().ratio < at(rms_slope=0.4).ratio < 3.2
     assert at(mean_pressure=0.1e9).ratio < at().ratio < at(mean_pressure=1e9).ratio
     assert at(poisson_ratio=0.0).ratio < at().ratio
+
+
+def test_the_breadth_is_judged_by_ensembles_that_taught_nothing():
+    """Within the claim of the breadth alone, which is a third of what all spectra differed by."""
+    table = breadth.judged(pd.read_csv(breadth.FILE))
+    for _, some in table[~table["taught"]].groupby("nodes"):
+        assert some["within"].mean() >= 0.83
+    assert table[~table["taught"]]["within"].mean() >= 0.95
+    assert (table["claimed"] < 0.05).all()
+    narrow, broad = at(breadth=2), at(breadth=32)
+    assert 1.04 < broad.ratio / narrow.ratio < 1.08
+    assert at(breadth=4).errors["breadth_error"] < 0.035 < at(breadth=300).errors["breadth_error"]
+    unknown = at()
+    assert unknown.interval[0] < narrow.value < at(breadth=300).value < unknown.interval[1]
+    with pytest.raises(InvalidScene, match=r"breadth is 1\.5, but .* at least 2"):
+        at(breadth=1.5)
 
 
 @pytest.mark.parametrize(
@@ -120,8 +147,9 @@ def test_the_command_prints_value_interval_and_what_they_rest_on():
 GIVEN = "hardness = 6.0e9"
 EFFECTIVE = (GIVEN, 'hardness = "effective"\nyield_stress = 2.0e9')
 LAYER = '\n\n[body]\nkind = "bonded_layer"\ndepth = 1e-4'
-#: What the map says of the small case.
-EXPECTED = at(yield_stress=2e9, young_modulus=100e9, mean_pressure=5e8)
+#: What the map says of the small case, and of a measured map, which tells no breadth.
+SMALL = partial(at, yield_stress=2e9, young_modulus=100e9, mean_pressure=5e8)
+EXPECTED, MEASURED = SMALL(breadth=4), SMALL()
 
 
 def test_a_case_may_take_its_hardness_from_the_map(write_case, tmp_path):
@@ -170,8 +198,8 @@ def test_a_measured_map_has_the_hardness_of_its_own_slope(write_case, tmp_path):
     heights = 0.1 * np.sqrt(2) * 32e-6 / (2 * np.pi) * np.cos(x)[:, None] * np.ones(32)
     np.save(tmp_path / "map.npy", heights)
     case = load_case(given)
-    assert case.material.hardness == pytest.approx(EXPECTED.value, rel=1e-12)
-    assert str(EXPECTED).partition(" (")[0] in case.hardness_source
+    assert case.material.hardness == pytest.approx(MEASURED.value, rel=1e-12)
+    assert str(MEASURED).partition(" (")[0] in case.hardness_source
     np.save(tmp_path / "map.npy", heights + 1e-5 * np.arange(32)[:, None])
     with pytest.raises(InvalidCase, match=r"map\.npy: not periodic"):
         load_case(given)
@@ -215,7 +243,7 @@ def test_the_map_takes_off_the_grid_and_claims_what_is_left(order):
     exact = 1.01 * (0.4 + 0.02 * found["load"] + 0.2 / (1 + found["severity"] / 8))
     # Errors of second and of first order are at the two ends of what is doubted.
     left = np.abs(found["inverse_hardness"] / exact - 1)
-    np.testing.assert_allclose(left, found["grid_error"], atol=2.5e-3)
+    np.testing.assert_allclose(CAUTION * left, found["grid_error"], atol=5e-3)
     # Two surfaces, 2 % from their mean: 2.8 % of scatter, twice that over the root of two.
     np.testing.assert_allclose(found[["scatter", "statistical_error"]], 0.04, rtol=0.05)
     np.testing.assert_allclose(found["steps_error"], 0.005, rtol=0.1)
@@ -232,5 +260,5 @@ def test_a_map_is_made_and_kept_paths_are_used_again(tmp_path, capsys):
     assert list(pd.read_csv(file, comment="#")) == list(hardness_map())
     again, _ = make_map("fast", tmp_path)
     reused = re.findall(r"(\d+) of \d+ results reused", capsys.readouterr().out)
-    assert sum(map(int, reused)) == 11
+    assert sum(map(int, reused)) == 10
     pd.testing.assert_frame_equal(again, made)

@@ -29,7 +29,7 @@ LINES = {
     "epcontact.files": 140,
     "epcontact.harness": 7269,
     "epcontact.machine": 230,
-    "epcontact.materials": 280,
+    "epcontact.materials": 312,
     "epcontact.output": 1730,
     "epcontact.persson": 2030,
     "epcontact.planning": 740,

@@ -196,7 +196,7 @@ def metal(write_case, tmp_path):
     case = load_case(write_case(BEM, AREA, path, EFFECTIVE, ("[3, 5, 7]", "[3]")))
     (answer,) = run_cases([case], Run(tmp_path, jobs=1))["small"]["bem"].results
     given = {"yield_stress": 2e9, "young_modulus": 100e9, "poisson_ratio": 0.3, "rms_slope": 0.1}
-    return case, answer, lambda p: effective_hardness(**given, mean_pressure=p)
+    return case, answer, lambda p: effective_hardness(**given, mean_pressure=p, breadth=4)
 
 
 def solved(case, hardness, *loads):

@@ -184,7 +184,10 @@ def export(case: str, file: Path, size: str) -> None:
     "--rms-slope", type=float, required=True, help="Of all roughness, short waves included."
 )
 @click.option("--mean-pressure", type=float, required=True, help="Force over nominal area, in Pa.")
-def hardness(**scene: float) -> None:
+@click.option(
+    "--breadth", type=float, help="Longest (roll-off) over shortest wavelength; else any."
+)
+def hardness(**scene: Any) -> None:
     """Print the pressure cap that stands for a rough J2 metal, from the map of the package.
 
     hardness = "effective" in a case file is the same with the rms slope of the case's surface,

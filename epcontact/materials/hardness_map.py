@@ -11,6 +11,13 @@ which is refused outside the map.  Where the contact is nearly full the cap foll
 the material, so that the map ends at a contact area of 0.9.  Below its lightest load the cap falls
 slowly, because the spots shrink as they become fewer, and less so the more waves a surface has: the
 answer is between no fall and all of it.
+
+The bodies of the map have four shortest waves in the longest, which is their period.  Of another
+breadth b, the roll-off's wavelength over the shortest, and of a large surface the cap is
+
+    c (1 + t ln(b/4) + w/m),
+
+by spectra of their own (`tests/laboratory/breadth.py`).
 """
 
 from __future__ import annotations
@@ -36,8 +43,14 @@ FULL = 0.9
 #: map's lightest for each factor e of the load: J2 bodies at 24 nodes a wave fall by .044 to .070
 #: (`tests.laboratory.light_loads`).
 LIGHTEST, FALL = 0.003, 0.07
+#: t and w of another breadth and of surfaces larger than the map's (half of the w at 6 nodes to
+#: the shortest wave is left at 12); the doubt of both; and what single spectra differ by (95 %).
+TREND, LARGE, DOUBT, SPECTRA = 0.02, 0.003, 0.5, 0.03
+#: The breadths that were judged, that of the map, and the largest that an unknown one may be;
+#: beyond the judged ones all of the trend is doubted.
+BREADTHS, OF_THE_MAP, BROADEST = (2.0, 32.0), 4.0, 300.0
 #: Parts of the error: names of columns of the map, each relative and at 95 %.
-PARTS = ("statistical_error", "grid_error", "steps_error", "depth_error", "spectrum_error")
+PARTS = ("statistical_error", "grid_error", "steps_error", "depth_error")
 #: The coordinates of the map, with their symbols.
 SYMBOLS = {"severity": "E*ξ/σ_Y", "poisson_ratio": "nu", "load": "p0/σ_Y"}
 
@@ -57,9 +70,9 @@ class MappedHardness:
         area: raw contact area of the map's J2 bodies, of six nodes to the shortest wave; it
             is larger than in the limit of fine grids, which `value` is for.
         errors: relative parts of the error: statistical_error (the surfaces of the map are few),
-            grid_error, steps_error (of the load paths), depth_error (of the bodies), spectrum_error
-            (other spectra than the map's), formula_error (what the formula misses) and, below the
-            loads of the map, light_error.
+            grid_error, steps_error (of the load paths), depth_error (of the bodies), formula_error
+            (what the formula misses), breadth_error (what the breadth of the spectrum changes) and,
+            below the loads of the map, light_error.
     """
 
     value: float
@@ -109,14 +122,13 @@ def effective_hardness(
     poisson_ratio: float,
     rms_slope: float,
     mean_pressure: float,
+    breadth: float | None = None,
 ) -> MappedHardness:
     """Return the pressure cap that stands for a rough body of perfectly plastic J2 metal.
 
     Under this cap boundary elements carry the load on the contact area of the J2 body.  By
-    similarity it depends on E* xi/sigma_Y, p0/sigma_Y and nu alone, for one shape of the spectrum.
-    errors["spectrum_error"] is what other shapes change.  The Hurst exponent hardly matters (.4
-    against .8: 1 % on average), but the breadth does: the map has four shortest waves in a period,
-    and its hardness rises by 1 to 6 % from four to eight, and by 8 % to 64 (case fem-largest).
+    similarity it depends on E* xi/sigma_Y, p0/sigma_Y, nu and, a little, on the breadth of the
+    spectrum.  It is the mean of large surfaces; Hurst exponents of .4 to .8 make no difference.
 
     Args:
         yield_stress: sigma_Y in Pa, without hardening.
@@ -124,6 +136,8 @@ def effective_hardness(
         poisson_ratio: nu.
         rms_slope: xi of the whole roughness.
         mean_pressure: p0 in Pa, the force over the nominal area.
+        breadth: wavelength of the roll-off over the shortest in the slope; None: any from 2 to
+            300, for which the interval is wider.  It was judged from 2 to 32.
 
     Raises:
         InvalidScene: if a value is no number, the scene is outside the map, or its contact is too
@@ -131,14 +145,15 @@ def effective_hardness(
 
     Example:
         >>> found = effective_hardness(yield_stress=1e9, young_modulus=210e9, poisson_ratio=0.3,
-        ...                            rms_slope=0.1, mean_pressure=0.25e9)
-        >>> 2.1 < found.ratio < 2.7, found.interval[0] < found.value < found.interval[1]
+        ...                            rms_slope=0.1, mean_pressure=0.25e9, breadth=16)
+        >>> 2.6 < found.ratio < 2.9, found.interval[0] < found.value < found.interval[1]
         (True, True)
     """
     material = Material(young_modulus, poisson_ratio)
     yield_stress = positive("yield_stress", yield_stress, "Pa")
     rms_slope = positive("rms_slope", rms_slope, "m/m")
     mean_pressure = positive("mean_pressure", mean_pressure, "Pa")
+    shift, doubt = by_breadth(breadth, mean_pressure / yield_stress)
     severity = effective_modulus(material) * rms_slope / yield_stress
     at = (severity, material.poisson_ratio, mean_pressure / yield_stress)
     place, known = dict(zip(SYMBOLS, at, strict=True)), hardness_map()
@@ -160,14 +175,33 @@ def effective_hardness(
             "for it"
         )
     half = -FALL * math.log(lighter) / 2
-    ratio = (1 - half) * float(fitted_ratio(*(np.array([value]) for value in place.values()))[0])
+    ratio = (
+        (1 - half)
+        * (1 + shift)
+        * float(fitted_ratio(*(np.array([value]) for value in place.values()))[0])
+    )
     errors = {part: _between(place, known[part]) for part in PARTS} | {
-        "formula_error": formula()[1]
+        "formula_error": formula()[1],
+        "breadth_error": doubt,
     }
     errors |= {"light_error": half / (1 - half)} if half else {}
     error, value = math.hypot(*errors.values()), ratio * yield_stress
     interval = (value / (1 + error), value / (1 - error) if error < 1 else math.inf)
     return MappedHardness(value, interval, ratio, *at, area, errors)
+
+
+def by_breadth(breadth: float | None, load: float) -> tuple[float, float]:
+    """The relative change of the map's hardness by a breadth, and its error at 95 %."""
+    if breadth is not None and positive("breadth", breadth, "–") < BREADTHS[0] * (1 - 1e-9):
+        raise InvalidScene(
+            f"breadth is {breadth:.4g}, but the effective hardness is known for at least "
+            f"{BREADTHS[0]:g}, and for any if it is not given"
+        )
+    ends = (BREADTHS[0], BROADEST) if breadth is None else (breadth, breadth)
+    low, high = (TREND * math.log(end / OF_THE_MAP) for end in ends)
+    large, beyond = LARGE / max(load, 0.1), TREND * math.log(max(ends[1] / BREADTHS[1], 1.0))
+    trend = (low + high) / 2
+    return trend + large, math.hypot(DOUBT * (abs(trend) + large), beyond, SPECTRA, high - trend)
 
 
 _TEXT = (files("epcontact.materials") / "hardness_map.csv").read_text(encoding="utf-8")

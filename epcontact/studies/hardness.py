@@ -124,7 +124,8 @@ def kept_map(say: Say) -> Charts:
     """The kept map of that cap over severity, load and nu, with its formula.
 
     Under the cap boundary elements carry the load on the area of the rough J2 metal, which is no
-    larger than 0.9.  Intervals (95 %) are for the map's spectrum.  The dotted 3 is Tabor's rule.
+    larger than 0.9.  Intervals (95 %) and curves are for the map's own small surfaces of breadth 4.
+    The dotted 3 is Tabor's rule.
     """
     del say
     whole = pd.DataFrame(dict(kept.hardness_map()))
@@ -149,10 +150,7 @@ def kept_map(say: Say) -> Charts:
         )
         x, ticks = ("load", "p0 / sigma_Y (–)"), sorted(known["load"].unique())
         plot = Plot(x, _EFFECTIVE, colour="severity", log="x", ticks=ticks, level=TABOR)
-        other = f"{100 * known['spectrum_error'].iloc[0]:.0f} % by other spectra"
-        title = (
-            f"Effective hardness at nu = {nu:g}, changed by {other}; curves {kept.formula_text()}"
-        )
+        title = f"Effective hardness at nu = {nu:g}; curves {kept.formula_text()}"
         yield plot, pd.concat([places, formula]), title
 
 
@@ -208,6 +206,7 @@ def _mapped(scene: Scene) -> float:
     """The cap of the map in Pa; infinite outside the map."""
     of = {k: getattr(scene.material, k) for k in ("yield_stress", "young_modulus", "poisson_ratio")}
     try:
-        return kept.effective_hardness(**of, rms_slope=SLOPE, mean_pressure=scene.load.final).value
+        load = scene.load.final
+        return kept.effective_hardness(**of, rms_slope=SLOPE, mean_pressure=load, breadth=4).value
     except InvalidScene:
         return math.inf

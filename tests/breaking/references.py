@@ -2,16 +2,30 @@
 
 import math
 
-from breaking.fault import Fault, at, changed, given, scaled
+from breaking.fault import Fault, at, changed, given, on_result, scaled
 
 R = "epcontact.reference."
+M = "epcontact.materials.hardness_map."
+MAPPED = "tests/test_hardness_map.py::test_the_"
 
 
 def _form(what, patch, *seen, **more):
     return Fault(what, "reference", patch, *seen, **more)
 
 
+def _one_row_lower(known):
+    inverse = known["inverse_hardness"].copy()
+    inverse[60] *= 0.85
+    return {**known, "inverse_hardness": inverse}
+
+
 FAULTS = (
+    Fault("a row of the map of the hardness too hard", "materials",
+        on_result(M + "hardness_map", _one_row_lower),
+        test=MAPPED + "map_covers_what_it_says_and_is_smooth"),
+    Fault("a hardness that falls with the breadth", "materials",
+        on_result(M + "by_breadth", lambda told: (-told[0], told[1])),
+        test=MAPPED + "breadth_is_judged_by_ensembles_that_taught_nothing"),
     _form("p* of a wave without pi", scaled(R + "waves.line_complete_pressure", 1 / math.pi),
         "westergaard-line", "area.total.corrected"),
     _form("contact fraction of a wave halved", scaled(R + "waves.line_contact_fraction", 0.5),

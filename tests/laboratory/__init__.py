@@ -7,4 +7,5 @@ error_bars    the constants of the claimed errors of areas, in ten minutes
 area_scenes   the scenes in which corrected areas once were wrong, in three minutes
 conductance   the table and the formula of what rough joints conduct, in half an hour
 hardness_map  the map of the effective hardness, in four hours (`--size large`)
+breadth       what the breadth of a spectrum changes in it (`--solve`: in an hour)
 """

@@ -23,13 +23,15 @@ RUNS = [
 ]
 
 
-def areas(nodes, waves, severity, seeds):
-    """The areas of J2 bodies at light loads, and of capped ones on the same compliance."""
+def areas(nodes, waves, severity, seeds, *, loads=LOADS, roll_off=1, hurst=0.8, nu=0.3):
+    """The areas of J2 bodies at some loads, and of capped ones on the same compliance."""
     (text,) = find_named("hardness-map-30")
     point = {
         "surface.points_per_shortest_wavelength": nodes, "surface.wavenumber_high": WAVE * waves,
-        "surface.rms_slope": severity / 1000, "surface.seeds": list(seeds),
-        "load.mean_pressure": [load * 2e8 for load in LOADS],
+        "surface.rms_slope": severity / 1000, "surface.seeds": list(seeds), "surface.hurst": hurst,
+        "surface.wavenumber_roll_off": WAVE * roll_off, "material.poisson_ratio": nu,
+        "material.young_modulus": 2e11 * (1 - nu**2),
+        "load.mean_pressure": [load * 2e8 for load in loads],
     }  # fmt: skip
     case = case_at(text, point, "large")
     solve, options, tasks = METHODS["fem"].solve, case.options["fem"], tasks_of(case, Run())

@@ -379,6 +379,14 @@ class Case(Table):
             n.partition("_")[0]: 1 / sum(1 / k for k in both) for n, both in given.items() if both
         }
 
+    @property
+    def breadth(self) -> float | None:
+        """Wavelength of the roll-off over the shortest of a recipe; None: that of a map."""
+        surface, two = self.surface, self.counterface is not None and self.counterface.surface
+        if two or not isinstance(surface, surfaces.SelfAffineEnsemble):
+            return None
+        return surface.wavenumber_high / surface.wavenumber_roll_off
+
     def cap_at(self, rms_slope: float, mean_pressure: float) -> MappedHardness:
         """Return the map's hardness at an rms slope.  Raises InvalidScene outside the map."""
         return effective_hardness(
@@ -387,6 +395,7 @@ class Case(Table):
             poisson_ratio=self.solid.poisson_ratio,
             rms_slope=rms_slope,
             mean_pressure=mean_pressure,
+            breadth=self.breadth,
         )
 
     @property

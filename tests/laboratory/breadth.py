@@ -1,0 +1,96 @@
+"""What the breadth of a spectrum changes in the effective hardness, by J2 bodies of other spectra.
+
+`python -m laboratory.breadth`, run in tests, fits the term of `materials/hardness_map.py` to one
+half of the ensembles that `breadth.csv` keeps, and judges the other half, of other spectra, seeds
+and metals, in a table; `--solve` first solves all of them anew, which takes an hour of one core.
+An ensemble is compared with one of the map's kind on as many nodes to the shortest wave.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from epcontact.materials import hardness_map as kept
+from laboratory.hardness_map import inverse_hardness
+from laboratory.light_loads import areas
+
+FILE = Path(__file__).with_suffix(".csv")
+#: What tells an ensemble, and what it has in common with that of the map's kind.
+METAL = ["nodes", "poisson_ratio", "severity", "load"]
+SPECTRUM = ["waves", "roll_off", "hurst"]
+LOADS, MAP = (0.1, 0.25, 0.5, 1.0), (4, 1, 0.8)
+#: The spectra of the fit, which is at 6 nodes to the shortest wave and Poisson's ratio .3.
+FITTED = [(2, 1, 0.8), (8, 1, 0.8), (32, 1, 0.8), (8, 4, 0.8), (32, 4, 0.8)]
+
+
+def solved(rows):
+    """The table of ensembles with their hardness solved anew."""
+    for key, old in rows.groupby([*METAL[:3], *SPECTRUM, "first_seed"], sort=False):
+        nodes, nu, severity, waves, roll_off, hurst, seed = key
+        seeds = range(seed, seed + old["surfaces"].iloc[0])
+        found, shifts = inverse_hardness(
+            areas(
+                nodes,
+                waves,
+                severity,
+                seeds,
+                loads=old["load"],
+                roll_off=roll_off,
+                hurst=hurst,
+                nu=nu,
+            )
+        )
+        error = 2 * np.sqrt((shifts**2).sum(axis=1)) / found["inverse"]
+        yield old.assign(ratio=1 / found["inverse"].to_numpy(), error=error.to_numpy())
+
+
+def compared(rows):
+    """Each ensemble with the relative change from that of the map's kind, and its 95 % error."""
+    usual = (rows[SPECTRUM] == list(MAP)).all(axis=1)
+    table = rows[~usual].merge(rows[usual], on=METAL, suffixes=("", "_usual"))
+    table["change"] = table["ratio"] / table["ratio_usual"] - 1
+    table["breadth"] = table["waves"] / table["roll_off"]
+    return table.assign(error=np.hypot(table["error"], table["error_usual"]))
+
+
+def terms(table):
+    """ln(b/4), and the difference in the number of waves, as it fades with the load."""
+    return np.column_stack([np.log(table["breadth"] / 4), (1 - 4 / table["waves"]) / table["load"]])
+
+
+def judged(rows):
+    """The comparisons: whether they taught the term, what it tells and claims, and if it holds."""
+    table = compared(rows)
+    spectra = pd.MultiIndex.from_frame(table[SPECTRUM])
+    table["taught"] = (
+        spectra.isin(FITTED) & (table["nodes"] == 6) & (table["poisson_ratio"] == 0.3)
+    ) & (table["first_seed"] < 400)
+    places = zip(table["breadth"], table["load"], strict=True)
+    table[["told", "claimed"]] = [kept.by_breadth(*place) for place in places]
+    off = np.abs(table["change"] - table["told"])
+    return table.assign(within=off <= np.hypot(table["claimed"], table["error"]))
+
+
+def main():
+    """Print the fit to one half of the ensembles, and how the term does on each of the other."""
+    rows = pd.read_csv(FILE)
+    if "--solve" in sys.argv[1:]:
+        rows = pd.concat(solved(rows))
+        rows.round(5).to_csv(FILE, index=False)
+    table = judged(rows)
+    one = table[table["taught"]]
+    weight = 1 / np.hypot(one["error"], 0.02).to_numpy()
+    t, w = np.linalg.lstsq(terms(one) * weight[:, None], one["change"] * weight, rcond=None)[0]
+    print(
+        f"t {t:.4f} and w {w:.4f} at 6 nodes to the shortest wave; {kept.TREND}, {kept.LARGE} taken"
+    )
+    other = table[~table["taught"]]
+    columns = [*METAL, *SPECTRUM, "surfaces", "change", "error", "told", "claimed", "within"]
+    print(other[columns].round(3).to_string(index=False))
+    print(f"within the claim and the scatter: {other['within'].sum()} of {len(other)}")
+
+
+if __name__ == "__main__":
+    main()
