@@ -139,11 +139,7 @@ def lessons(seeds, points):
     for seed in seeds:
         for kind in KINDS:
             one = member(KINDS, kind, seed, points)
-            solution = pressure, _, _, (dx, dy), _ = one.solved(1)
-            share, exact = one.load / one.hardness, one.areas(FINER)[1]
-            alike = rim.copies(pressure)
-            sums, cells = rim.sums_of_fronts(*solution) / alike, pressure.size / alike
-            out.append(Lesson(sums, share, cells, dx / dy, exact))
+            out.append(Lesson(*rim.sums_of_fronts(*one.solved(1)), one.areas(FINER)[1]))
     return out
 
 

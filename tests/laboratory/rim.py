@@ -206,7 +206,7 @@ def spheres(shape, radius, seed, shifts):
     exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
     for shift in np.random.default_rng(seed).uniform(size=(shifts, 2)):
         x, y = ((np.arange(n) + s) / n - 0.5 for n, s in zip(shape, shift, strict=True))
-        sums = sums_of_fronts(*solution(-(x[:, None] ** 2 + y**2) / 2, force))
+        sums = sums_of_fronts(*solution(-(x[:, None] ** 2 + y**2) / 2, force))[0]
         yield grid.Sums(*sums[:, 0]), exact * shape[0] * shape[1]
 
 

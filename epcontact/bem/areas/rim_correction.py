@@ -145,17 +145,9 @@ def estimate_areas(
                 f"{name} is empty or holds NaN or infinite values, but areas need "
                 "a finite one at each point"
             )
-    if pressure.ndim == 1:  # a grid of one column, whose fronts are all straight
-        pressure, gap, spacing = pressure[:, None], gap[:, None], [spacing[0], spacing[0]]
-    yielded = hardness
-    if flowed is not None:
-        flowed = array("flowed", flowed).reshape(pressure.shape)
-        hardness = hardness if pressure.max() >= hardness * _ROUNDING else math.inf
-    share, n, alike = float(pressure.mean()) / hardness, pressure.size, copies(pressure)
-    before = None if flowed is None or not math.isfinite(yielded) else (flowed, yielded)
-    sums = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads, before)
-    raw = _areas(*(Sums(*sums).points / n))
-    return raw, *areas_of_sums(sums / alike, share, n / alike, spacing[0] / spacing[1])
+    flowed = None if flowed is None else array("flowed", flowed)
+    summed = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads, flowed)
+    return _areas(*(Sums(*summed[0]).points / summed[2])), *areas_of_sums(*summed)
 
 
 def sums_of_fronts(
@@ -165,22 +157,27 @@ def sums_of_fronts(
     spacing: Sequence[float],
     effective_modulus: float,
     threads: int = 1,
-    before: tuple[FloatArray, float] | None = None,
-) -> FloatArray:
-    """The `Sums` over a solution on a grid, (21, 2); arguments as of `estimate_areas`."""
-    nx, ny = pressure.shape
-    (dx, dy), c = spacing, STIFFNESS * effective_modulus
+    flowed: FloatArray | None = None,
+) -> tuple[FloatArray, float, float, float]:
+    """Arguments of `areas_of_sums` for a solution on a grid; arguments as of `estimate_areas`."""
+    if pressure.ndim == 1:  # a grid of one column, whose fronts are all straight
+        pressure, gap, spacing = pressure[:, None], gap[:, None], [spacing[0], spacing[0]]
+    (nx, ny), (dx, dy), c = pressure.shape, spacing, STIFFNESS * effective_modulus
     # The fronts of a line run along one axis, for which the offset is known exactly.
     offsets = OFFSETS * ((AXIS_OFFSET - HARMONIC) / OFFSETS[-1]) if ny == 1 else OFFSETS
-    earlier = before or (np.zeros((0, 0)), hardness * _ROUNDING)
+    earlier = (np.zeros((0, 0)), hardness * _ROUNDING)
+    if flowed is not None:
+        earlier = (flowed.reshape(nx, ny), hardness) if math.isfinite(hardness) else earlier
+        hardness = hardness if pressure.max() >= hardness * _ROUNDING else math.inf
     solution = Solution(pressure, gap, hardness * _ROUNDING, (c / dx, c / dy), *earlier)
     rows, columns = ranges(nx, _ROWS), ranges(ny, _COLUMNS)
-    blocks = np.array([(r.start, r.stop, c.start, c.stop) for c in columns for r in rows])
+    blocks = np.array([(r.start, r.stop, k.start, k.stop) for k in columns for r in rows])
     # Each call makes its own memory, which takes longer than to sweep a few rows.
     shares = np.array_split(blocks, min(len(blocks), 4 * threads if threads > 1 else 1))
     with Workers(threads) as workers:
         parts = workers.each(sweep, solution, shares, offsets)
-    return np.asarray(np.concatenate(parts).sum(axis=0).T)
+    sums, alike = np.concatenate(parts).sum(axis=0).T, copies(pressure)
+    return sums / alike, float(pressure.mean()) / hardness, pressure.size / alike, dx / dy
 
 
 def areas_of_sums(
