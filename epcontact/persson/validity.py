@@ -58,10 +58,10 @@ _SOFT = 0.3
 #: Ends of the gap's error beyond which it is not resolved: a closed gap is of round-off.
 _GAP_ENDS = (-0.95, 1.0)
 #: Spectra with a larger Nayak parameter scatter more in the gap, mostly at light loads: so much of
-#: y, chosen on 236 scenes of up to 256 waves (`laboratory.theory_map --judge 2000 2370 --light`).
+#: y, chosen on scenes of 64 to 256 waves, 2000 to 2399 (light), 4000 to 6249 and 5000 to 5299.
 _WIDE, _GAP_OF_WIDE = 16.0, 0.02
 #: 95 % of the rule "local"'s errors, of means of eight surfaces over the map and, beside them, of
-#: single ones (`laboratory.local_reduction`); of areas this large, plastic ones up to a hardness.
+#: single ones (random scenes 7000 to 7299); of areas this large, plastic ones up to a hardness.
 LOCAL_ERRORS = {"total": (0.04, 0.05), "elastic": (0.20, 0.38), "plastic": (0.11, 0.05)}
 _LEAST, _LOCAL_PLASTIC = 1e-3, 1.3
 #: So many times fewer waves of the slope than the map's were judged; more were not.

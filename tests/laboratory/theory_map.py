@@ -12,7 +12,7 @@ from the theory's.  The pressures lose at each end what the correction takes fro
 one core (`fast`: a small one that shows how), and solves no scene again that `--output` holds.
 `--judge 470 640` counts how often the intervals of `persson.validity` hold the errors in scenes of
 other spectra, surfaces and places; its constants were chosen on the scenes 0 to 469, `--light` ones
-from 2000 to 2369 (light loads of 64 to 256 waves) and, of `--local`, the other rule, 7000 to 7299.
+from 2000 to 8199 (light loads of 64 to 256 waves) and, of `--local`, the other rule, 7000 to 7299.
 """
 
 from __future__ import annotations
