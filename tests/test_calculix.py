@@ -6,6 +6,7 @@ from dataclasses import replace
 import meshio
 import numpy as np
 import pytest
+import pyvista
 from command_line import invoke
 from fem_scenes import rough_scene
 from scipy.sparse import coo_matrix
@@ -15,6 +16,8 @@ from skfem.io.meshio import from_meshio
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from epcontact.errors import InvalidScene, NotConverged
+from epcontact.harness.case_files.case import load_case
+from epcontact.harness.crosscheck import crosscheck
 from epcontact.harness.methods import calculix
 from epcontact.scene import Load
 from fem_check.driver import problem_of
@@ -32,12 +35,19 @@ def elastic_scene(slope=0.05):
 # The block for other codes -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("end", ["vtu", "vtk", "msh"])
+@pytest.mark.parametrize("end", ["vtu", "vtk", "msh", "med"])
 def test_the_exported_block_is_the_one_that_is_solved(tmp_path, end):
+    if end == "med":
+        pytest.importorskip("h5py")
     file = tmp_path / f"block.{end}"
     done = invoke("export", "fem-capped", file)
     assert done.returncode == 0, done.stderr
     mesh = meshio.read(file)
+    if end.startswith("vt"):  # by VTK's own reader
+        seen = pyvista.read(file)
+        np.testing.assert_array_equal(seen.points, mesh.points)
+        for name in ("top", "base", "gap"):
+            np.testing.assert_array_equal(seen[name], mesh.point_data[name])
     top = mesh.point_data["top"] == 1
     assert (mesh.points[top, 2] == 0).all()
     assert (mesh.points[mesh.point_data["base"] == 1, 2] == mesh.points[:, 2].min()).all()
@@ -53,12 +63,16 @@ def test_an_unknown_format_is_refused_and_nothing_is_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_gap_is_the_scenes_and_the_numbers_fit_the_format():
+def test_the_gap_is_the_scenes_and_the_numbers_fit_the_format(tmp_path):
     scene = elastic_scene(1e-5)
     problem = problem_of(scene, FemOptions(law="elastic"), 1)
-    gap = mesh_of(problem, reference=True).point_data["gap"].reshape(-1, 9, 9)[0, :-1, :-1]
+    mesh = mesh_of(problem, reference=True)
+    gap = mesh.point_data["gap"].reshape(-1, 9, 9)[0, :-1, :-1]
     np.testing.assert_allclose(gap, scene.surface.heights.max() - scene.surface.heights, atol=1e-18)
     lines = calculix.deck(problem, scene, FemOptions(law="elastic")).splitlines()
+    file = tmp_path / "mesh.inp"  # what other programs know of it, which have no GAPUNI
+    file.write_text("\n".join(lines[: lines.index("*NODE, NSET=flat")]))
+    np.testing.assert_allclose(meshio.read(file).points, mesh.points, atol=1e-12)
     data = [line for line in lines[3:] if not line.startswith("*")]
     assert max(len(word.strip()) for line in data for word in line.split(",")) <= 20
     cards = [lines[n + 1] for n, line in enumerate(lines) if line.startswith("*GAP")]
@@ -151,3 +165,12 @@ def test_a_path_has_a_step_for_each_load_and_flow_is_read():
     np.testing.assert_allclose(path.fields["pressure"], alone.fields["pressure"], rtol=2e-3)
     assert path.final.areas["raw"].plastic == path.final.areas["raw"].total > 0
     assert path.final.residuals["force"] < 1e-5
+
+
+@needs_ccx
+def test_neither_springs_nor_slopes_but_an_element_is_what_differs():
+    *_, fem, own, plain, stiffer, gentler = crosscheck(load_case("calculix-elastic")).splitlines()
+    rows = fem, own, plain, stiffer, gentler
+    zero, own, plain, *others = (float(row[32:].split()[3]) for row in rows)
+    assert zero == 0 < 2 * own < plain
+    np.testing.assert_allclose(others, own, rtol=0.2)

@@ -18,7 +18,11 @@ import pandas as pd
 import fem_check
 from epcontact import persson
 from epcontact.errors import InvalidScene
-from epcontact.harness.quantities.model_difference import capped_body, elements_compliance
+from epcontact.harness.quantities.model_difference import (
+    capped_body,
+    elements_compliance,
+    hardness_of_equal_area,
+)
 from epcontact.harness.quantities.registry import measure_all
 from epcontact.materials import hardness_map as kept
 from epcontact.output.charts.plot import Plot
@@ -26,6 +30,7 @@ from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
 from epcontact.studies.frame import Charts, Ints, Say, rows, study
 from epcontact.studies.paper_scene import GAMMA, area_of
 from epcontact.surfaces import SelfAffine
+from fem_check.result import contact_result
 
 PERIOD, SLOPE, YOUNG = 1e-3, 0.05, 210e9  # m, -, Pa
 #: Shortest waves in a period, and hardness/sigma_Y.
@@ -58,65 +63,34 @@ def model_scene(
     )
 
 
-@study(
-    "hardness",
-    usual=(16, 48),
-    by_grid=(4, (16, 24, 32, 48, 64, 96)),
-    by_breadth=(8, 8, (2, 4, 8)),
-    steps=None,
-)
+@study("hardness", surfaces=16, nodes=48, steps=None)
 def hardness(
     say: Say,
-    usual: Ints = (3, 24),
-    by_grid: tuple[int, Ints] = (2, (16, 24, 32)),
-    by_breadth: tuple[int, int, Ints] = (2, 6, (2, 4)),
+    surfaces: int = 3,
+    nodes: int = 24,
     steps: int | None = 4,  # too few where the yield stress is small, but quick
     severities: Sequence[float] = (5.0, 15.0, 50.0),
     nus: Sequence[float] = (0.0, 0.3, 0.45),
 ) -> Charts:
     """The cap, in yield stresses, that gives a J2 body's contact area, with error bars.
 
-    Each ensemble has so many surfaces, and as many nodes a side, nodes a side of each grid, or
-    nodes to the shortest wave and shortest waves in a period.  The mean pressure is a quarter of
-    the yield stress.  The steps are the equal increments of the J2 path; None: chosen by their
-    error.  Grid and breadth are varied at nu = 0.3; the dotted 3 is Tabor's rule.
+    The mean pressure is a quarter of the yield stress.  The steps are the equal increments of the
+    J2 path; None: chosen by their error.  The dotted 3 is Tabor's rule.
     """
 
-    def row(nu: float, severity: float, seed: int, nodes: int, waves: int) -> dict[str, float]:
-        scene = model_scene(severity, nu, seed, nodes, waves)
+    def row(nu: float, severity: float, seed: int) -> dict[str, float]:
+        scene = model_scene(severity, nu, seed, nodes)
         result = fem_check.solve(scene, law="j2", steps=steps, certified=False)
         measures = measure_all([f"quantity.{name}" for name in MEASURES], scene, result)
         return dict(zip(MEASURES, measures.values(), strict=True))
 
-    def measured(count: int, nodes: int, waves: int = WAVES, nus: Sequence[float] = (0.3,)) -> Any:
-        axes = {"nu": nus, "severity": severities, "seed": range(101, 101 + count)}
-        table = rows(say, row, **axes, nodes=[nodes], waves=[waves])
-        return table.assign(series=table["severity"].map(_SEVERITY.format))
-
-    surfaces, nodes = usual
-    table = measured(surfaces, nodes, nus=nus)
+    table = rows(say, row, nu=nus, severity=severities, seed=range(101, 101 + surfaces))
     table["series"] = table["nu"].map("nu = {:g}".format)
     for name, (label, title) in MEASURES.items():
         level = TABOR if name == "effective_hardness" else None
         x = ("severity", "E* xi / sigma_Y (–)")
         plot = Plot(x, (name, label), log="x", ticks=sorted(severities), level=level)
         yield plot, table, title
-    surfaces, grids = by_grid
-    table = pd.concat([measured(surfaces, nodes) for nodes in grids])
-    finest = table[table["nodes"] == max(grids)].set_index(["severity", "seed"])
-    exact = finest["effective_hardness"].rename("exact")
-    table = table[table["nodes"] < max(grids)].join(exact, on=exact.index.names)
-    x = ("nodes_per_wavelength", "nodes per shortest wavelength (–)")
-    y = ("change_of_effective_hardness", "effective hardness less that on the finest grid (–)")
-    table[x[0]], table[y[0]] = table["nodes"] / WAVES, table["effective_hardness"] - table["exact"]
-    plot = Plot(x, y, log="x", ticks=sorted(table[x[0]].unique()), level=0.0)
-    yield plot, table, "Effect of the grid on the effective hardness"
-    surfaces, points, spectra = by_breadth
-    table = pd.concat([measured(surfaces, points * waves, waves) for waves in spectra])
-    x = ("wavelength_ratio", "longest over shortest wavelength (–)")
-    plot = Plot(x, _EFFECTIVE, log="x", ticks=sorted(spectra), level=TABOR)
-    table["wavelength_ratio"] = table["waves"]
-    yield plot, table, "Effect of the breadth of the spectrum on the effective hardness"
 
 
 @study("hardness-map")
@@ -152,6 +126,52 @@ def kept_map(say: Say) -> Charts:
         plot = Plot(x, _EFFECTIVE, colour="severity", log="x", ticks=ticks, level=TABOR)
         title = f"Effective hardness at nu = {nu:g}; curves {kept.formula_text()}"
         yield plot, pd.concat([places, formula]), title
+
+
+#: What is compared of a rough body and a rough punch, by its name in rows.
+_MIRRORED = {
+    "area": "contact area",
+    "effective_hardness": "effective hardness",
+    "residual": "rms of the topography that flow leaves",
+}
+
+
+@study("rough-body", slopes=(0.05, 0.1), seeds=range(101, 109), nodes=32)
+def rough_body(
+    say: Say, slopes: Sequence[float] = (0.1,), seeds: Ints = range(101, 103), nodes: int = 16
+) -> Charts:
+    """Which body is rough: a J2 block on a rigid flat, or a rigid punch on a flat J2 block.
+
+    Both have the same gap, and tend to the same answer as the slope vanishes at constant
+    E* xi/sigma_Y.  Strains are small, nu = 0.3, and a punch presses along its normals.
+    """
+
+    def row(severity: float, slope: float, seed: int) -> list[dict[str, Any]]:
+        scene, found = model_scene(severity, 0.3, seed, nodes), {}
+        surface = replace(scene.surface, heights=scene.surface.heights * slope / SLOPE)
+        material = replace(scene.material, young_modulus=YOUNG * SLOPE / slope)
+        scene = replace(scene, surface=surface, material=material)
+        unloaded = replace(scene, load=Load((scene.load.final, 0.0)))
+        for body in ("gap", "moved", "punch"):
+            path = fem_check.solve_path(
+                unloaded, law="j2", geometry=body, steps=10, certified=False
+            )
+            pressed = contact_result(replace(path, points=path.points[:1]))
+            cap = hardness_of_equal_area(scene, pressed)
+            left = path.points[-1].state.displacement[0, ..., 2]
+            found[body] = np.array([cap.area, cap.ratio, np.std(left)])
+        rough, punch = (found[body] / found["gap"] - 1 for body in ("moved", "punch"))
+        changes = {"rough body": rough, "rough punch": punch, "difference": rough - punch}
+        return [
+            {"series": f"{name}, {severity:g}"} | dict(zip(_MIRRORED, change, strict=True))
+            for name, change in changes.items()
+        ]
+
+    table = rows(say, row, severity=(5.0, 50.0), slope=slopes, seed=seeds)
+    for name, label in _MIRRORED.items():
+        x, y = ("slope", "rms slope (–)"), (name, "change from that of small slopes (–)")
+        plot = Plot(x, y, log="x", ticks=sorted(slopes), level=0.0)
+        yield plot, table, f"Change of the {label}, by E* xi/sigma_Y"
 
 
 #: Mean pressures over the yield stress.

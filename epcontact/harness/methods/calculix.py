@@ -4,7 +4,7 @@ The block, its law and its load are those of `fem_check`; elements, solver and c
 CalculiX's own.  Each top node presses through a unilateral spring (GAPUNI) on a node of a rigid
 flat, and the loads act on the flat.  The periodic edges are tied by equations.
 
-Three things differ from `fem_check`, and `differences` measures each alone:
+Three things differ from `fem_check`, and `epcontact crosscheck` changes each alone:
 
     element              C3D8I has incompatible modes, C3D8 nothing against locking, ours the mean
                          dilatation; all of them meet as the grid is refined
@@ -24,13 +24,12 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import fem_check
 from epcontact import results
 from epcontact.errors import InvalidScene, NotConverged, sentence_of
 from epcontact.files import whole_file
@@ -48,6 +47,11 @@ PROGRAM, ELEMENT = "ccx", "C3D8I"
 #: Stiffness of a spring over E times the spacing, and its pull across an open gap over the force
 #: on a node (the default of CalculiX is 1e-3 in the scene's own unit of force).
 PENALTY, PULL = 1e3, 1e-7
+#: What `epcontact crosscheck` changes, by its name: arguments of `solve`.
+CHANGES: dict[str, dict[str, Any]] = {
+    "calculix, C3D8": {"element": "C3D8"},
+    "calculix, stiffer springs": {"penalty": 10 * PENALTY},
+}
 #: Relative size of the residual forces and of the last correction.
 TOLERANCE = 1e-7
 #: Names that meshio has for the formats of bricks with data on their nodes.
@@ -119,8 +123,8 @@ def _number(x: float) -> str:
     return f"{x:.12e}"
 
 
-def _ran(text: str, folder: Path) -> list[FloatArray]:
-    """Run an input file; the tables that it printed, in their order."""
+def _ran(text: str, folder: Path) -> tuple[list[FloatArray], int]:
+    """Run an input file; the tables that it printed, in their order, and its iterations."""
     (folder / "block.inp").write_text(text, encoding="utf-8")
     how: dict[str, Any] = {"capture_output": True, "text": True, "errors": "replace"}
     done = subprocess.run([PROGRAM, "block"], cwd=folder, check=False, **how)
@@ -136,7 +140,8 @@ def _ran(text: str, folder: Path) -> list[FloatArray]:
             tables.append([])
         elif words:
             tables[-1].append([float(word) for word in words])
-    return [np.array(table) for table in tables]
+    iterations = sum(line.startswith(" iteration ") for line in done.stdout.splitlines())
+    return [np.array(table) for table in tables], iterations
 
 
 def solve(
@@ -153,7 +158,8 @@ def solve(
     problem, started = problem_of(scene, given, 1), time.perf_counter()
     (nx, ny), block = problem.block.shape, problem.block
     with tempfile.TemporaryDirectory(prefix="epcontact-") as folder:
-        tables = iter(_ran(deck(problem, scene, given, element, penalty), Path(folder)))
+        printed, iterations = _ran(deck(problem, scene, given, element, penalty), Path(folder))
+    tables = iter(printed)
     steps, load = list[LoadStep](), 0.0
     for load in scene.load.path:
         forces = -next(tables)[:, 3].reshape(nx, ny)
@@ -190,7 +196,11 @@ def solve(
         provenance=Provenance(scene.digest, scene.surface.seed, told | {"solver": PROGRAM}),
         distribution=distribution(pressure, state, np.inf),
         fields={"heights": scene.surface.heights} | fields,
-        cost={"seconds": seconds, "unknowns": 3 * nx * ny * len(block.layers)},
+        cost={
+            "seconds": seconds,
+            "unknowns": 3 * nx * ny * len(block.layers),
+            "iterations": iterations,
+        },
         notes=scene.surface.notes,
     )
 
@@ -216,31 +226,14 @@ def export(scene: Scene, file: Path, options: Mapping[str, Any]) -> str:
             told = "".join(f"** {line}\n" for line in about)
             Path(temporary).write_text(told + deck(problem, scene, given), encoding="utf-8")
         else:
-            if file.suffix != ".med":  # the others have no sets of nodes
-                for name, nodes in mesh.point_sets.items():
-                    mesh.point_data[name] = np.zeros(len(mesh.points), dtype=np.int8)
-                    mesh.point_data[name][nodes] = 1
-                mesh.point_sets = {}
+            # meshio writes no sets of nodes here, and VTK reads none of its small integers.
+            for name, nodes in mesh.point_sets.items():
+                mesh.point_data[name] = np.zeros(len(mesh.points))
+                mesh.point_data[name][nodes] = 1
+            mesh.point_sets = {}
             try:
                 mesh.write(temporary, file_format=_FORMATS[file.suffix])
             except ImportError as error:
                 raise InvalidScene(f"meshio cannot write {file}: {sentence_of(error)}") from None
     size = f"{len(mesh.points)} nodes and {problem.bricks.number} bricks"
     return f"{file}: {size}; {'; '.join(about)}"
-
-
-def differences(scene: Scene, options: Mapping[str, Any]) -> dict[str, float]:
-    """The changes of CalculiX's pressures over their sum by what moves them."""
-    flatter = replace(scene.surface, heights=0.1 * scene.surface.heights)
-    stiffer = replace(scene.material, young_modulus=10 * scene.material.young_modulus)
-    gentle = replace(scene, surface=flatter, material=stiffer)
-    own = fem_check.solve(scene, FemOptions(**options), certified=False)
-    base = solve(scene, options).fields["pressure"]
-    others = {
-        "element (C3D8)": solve(scene, options, element="C3D8"),
-        "penalty (ten times)": solve(scene, options, penalty=10 * PENALTY),
-        "large displacements (a tenth of the slope)": solve(gentle, options),
-        "all, against fem": own,
-    }
-    off = {name: np.abs(other.fields["pressure"] - base) for name, other in others.items()}
-    return {name: float(each.sum() / base.sum()) for name, each in off.items()}

@@ -124,7 +124,7 @@ def tamaas_j2(scene: Scene) -> ContactResult:
     E, started = effective_modulus(scene.material), time.perf_counter()
     with _peer(scene, "tamaas"):
         for depth in (share * scene.surface.periods[0] for share in FLOWING):
-            pressure, gap, deepest = _tamaas_flow(scene, depth)
+            pressure, gap, deepest, solves = _tamaas_flow(scene, depth)
             if deepest == 0:
                 break
         else:
@@ -135,7 +135,7 @@ def tamaas_j2(scene: Scene) -> ContactResult:
     found = result_of(uncapped, pressure * E, "tamaas_j2", seconds, gap, displacement)
     options = {"law": "j2", "depth": depth, "compliance": "half_space", "solver": "tamaas_j2"}
     origin = replace(found.provenance, scene=scene.digest, options=options)
-    return replace(found, provenance=origin)
+    return replace(found, provenance=origin, cost=dict(found.cost) | {"iterations": solves})
 
 
 @contextlib.contextmanager
@@ -153,16 +153,18 @@ def _peer(scene: Scene, package: str) -> Iterator[None]:
         raise NotConverged(f"{package} gave up: {' '.join(str(error).split())}") from error
 
 
-def _tamaas_flow(scene: Scene, depth: float) -> tuple[FloatArray, FloatArray, float]:
-    """Return pressure/E*, the gap (m) and the largest plastic strain in the lowest layer."""
+def _tamaas_flow(scene: Scene, depth: float) -> tuple[FloatArray, FloatArray, float, int]:
+    """Return pressure/E*, the gap (m), the largest plastic strain in the lowest layer, and how
+    often contact and flow were solved in turn."""
     E, period = effective_modulus(scene.material), scene.surface.periods[0]
     heights = scene.surface.heights / period
     model, contact, flow = _tamaas_body(scene, depth / period)
-    settled, carried = np.zeros_like(heights), np.zeros_like(model.traction)
+    settled, carried, solves = np.zeros_like(heights), np.zeros_like(model.traction), list[float]()
     least = 0.01 * float(np.linalg.norm(heights - heights.mean()))  # where next to nothing flows
 
     def change(residual: FloatArray, load: float) -> FloatArray:
         """Solve contact and flow, and return by how much the residual displacement is wrong."""
+        solves.append(load)
         contact.surface[:] = (heights - settled - residual).ravel()
         contact.solve(load)
         traction = np.array(model.traction)
@@ -187,7 +189,8 @@ def _tamaas_flow(scene: Scene, depth: float) -> tuple[FloatArray, FloatArray, fl
         model.traction[...] = traction
         settled, carried = settled + residual, traction
     gap = period * np.array(model["gap"]).reshape(*heights.shape, -1)[..., -1]
-    return carried[..., 2], gap, float(np.array(model["cumulated_plastic_strain"])[-1].max())
+    deepest = float(np.array(model["cumulated_plastic_strain"])[-1].max())
+    return carried[..., 2], gap, deepest, len(solves)
 
 
 def _tamaas_body(scene: Scene, flowing: float) -> tuple[Any, Any, Any]:
