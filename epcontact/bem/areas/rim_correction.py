@@ -248,8 +248,9 @@ def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray
         errors.kink * sums.kinked * _share(sums.kinked, sums.length),
         RELEASED * sums.spots,
         RELEASE * sums.released,
+        STRIPS * (sums.length + sums.shared).min() * np.ones(2),
     ]
-    together = ANYWHERE**2 * sums.shared.mean() + (STRIPS * (sums.length + sums.shared).min()) ** 2
+    together = ANYWHERE**2 * sums.shared.mean()
     return np.asarray(np.diag(chance + np.sum(np.square(common), axis=0)) + together)
 
 
