@@ -1,8 +1,8 @@
 """What the breadth of a spectrum changes in the effective hardness, by J2 bodies of other spectra.
 
 `python -m laboratory.breadth`, run in tests, fits the term of `materials/hardness_map.py` to one
-half of the ensembles that `breadth.csv` keeps, and judges the other half, of other spectra, seeds
-and metals, in a table; `--solve` first solves all of them anew, which takes an hour of one core.
+half of the ensembles that `breadth.csv` keeps and judges the others in a table; those with seeds
+from 401 were solved after the constants had been chosen.  `--solve` first solves all of them anew.
 An ensemble is compared with one of the map's kind on as many nodes to the shortest wave.
 """
 
