@@ -6,13 +6,12 @@ too few of them let the contact spread too far.  `advance` measures it by pairs 
     whole           one increment over the pair's length, which is not kept
     half, second    two increments of half the length
     error           sum over the nodes of |force after second - force after whole|, over the
-                    largest force up to the path's next point
+                    path's largest force
 
 and keeps the pair if its error is within the step tolerance; otherwise it keeps the first half, and
 goes on with pairs of half the length.  The whole increment costs little, because the second one
 starts from its solution.  The errors are not added up: the state forgets them as the contact grows
-(tests/test_fem_solve.py), so that those of a light contact may be large beside its own force.
-Increments that do not converge are halved, too.
+(tests/test_fem_solve.py).  Increments that do not converge are halved, too.
 """
 
 from __future__ import annotations
@@ -117,10 +116,9 @@ def _pair(
         second = _solved(problem, along, end, rule, whole.state)
     except NotConverged as failure:
         return replace(_once_more_halved(along, failure), pair=shorter), None
-    aim = target if rule.highest is None else 0.0
-    force = max(along.peak, float(second.state.forces.sum()), aim)
+    peak = max(along.peak, float(second.state.forces.sum()))
     moved = float(np.abs(second.state.forces - whole.state.forces).sum())
-    error = moved / force if force else 0.0
+    error = moved / peak if peak else 0.0
     if error > rule.step_tolerance and abs(length) > SHORTEST * rule.largest:
         # The error of an increment falls with the square of its length: that of the first half is a
         # quarter of the pair's.
