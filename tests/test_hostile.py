@@ -91,6 +91,7 @@ def test_no_error_of_a_method_passes_if_a_gate_reads_it_or_not(write_case, name,
     assert (judged.status, judged.gates[0].status) == ("error", status)
     item = object.__new__(GateItem)
     item.number, item.parent = 0, SimpleNamespace(verdict=judged)
+    item.user_properties = []
     with pytest.raises(GateFellShort, match="stalled"):  # under pytest
         item.runtest()
 

@@ -92,7 +92,7 @@ def test_a_number_is_of_any_kind_or_refused_by_name(make, values, name):
     [
         (lambda: Scene(SURFACE, SCENE.load, SCENE.material), "material is .*must be a Material"),
         (lambda: bem.solve(SCENE, start="none"), "start is 'none', but must be an array of numb"),
-        (lambda: bem.solve(SURFACE), r"scene is Surface\(.*, but must be a Scene"),
+        (lambda: bem.solve(SURFACE), r"scene is <Surface.*, but must be a Scene"),
         (lambda: persson.solve("x", energy_reduction=0.5), "scene is 'x', but must be a Scene"),
         (lambda: persson.analytic_roughness(SPECTRUM, 0), "bands is 0, but must be a whole"),
         (lambda: persson.pressure_curve(1.0, 0.1, 1.0, 1), "points is 1, but must be a whole"),

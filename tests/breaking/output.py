@@ -69,7 +69,7 @@ FAULTS = (
     _shown("the difference shown as the value", _template("gate[key].mean", "gate.value.mean"),
         PAGE),
     _shown("the widest margin for the tightest",
-        edited("epcontact.cli.tables.cases_table", "min(case", "max(case"),
+        edited("epcontact.harness.verdict.judgement.tightest", "min(gates", "max(gates"),
         SHOWN + "the_table_of_cases_shows_the_gate_nearest_to_the_end_of_its_band"),
     _shown("a list in which a bare verify leaves nothing out",
         changed("epcontact.cli.listing._verified", lambda _: lambda *_: True),
