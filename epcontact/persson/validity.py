@@ -60,8 +60,8 @@ _GAP_ENDS = (-0.95, 1.0)
 #: Spectra with a larger Nayak parameter scatter more in the gap, mostly at light loads: so much of
 #: y, chosen on scenes of 64 to 256 waves, 2000 to 2399 (light), 4000 to 6249 and 5000 to 5299.
 _WIDE, _GAP_OF_WIDE = 16.0, 0.02
-#: 95 % of the rule "local"'s errors, of means of eight surfaces over the map and, beside them, of
-#: single ones (random scenes 7000 to 7299); of areas this large, plastic ones up to a hardness.
+#: 95 % of the rule "local"'s errors over the map (`laboratory.local_reduction`), and what single
+#: surfaces add (`laboratory.theory_map --local --judge 7000 7300`); of areas this large.
 LOCAL_ERRORS = {"total": (0.04, 0.05), "elastic": (0.20, 0.38), "plastic": (0.11, 0.05)}
 _LEAST, _LOCAL_PLASTIC = 1e-3, 1.3
 #: So many times fewer waves of the slope than the map's were judged; more were not.

@@ -195,6 +195,7 @@ def judge(first, last, light=False, local=False):
     found = [row for k in range(first, last) for row in judged(random_scene(k, *limits), **rule)]
     table = pd.DataFrame(found)
     print(table.groupby("figure")["held"].agg(["size", "mean"]).round(3))
+    print(table["error"].abs().groupby(table["figure"]).quantile(0.95).round(3))
     print(f"{len(table)} errors, {table['held'].mean():.3f} of them within the interval")
 
 
