@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from epcontact.cli import options, tables
@@ -140,9 +139,10 @@ def verify(
     def live(lines: int) -> Table:  # those that do not hold stay in sight
         return tables.cases_table(sorted(judged, key=lambda c: c.status != "holds")[-lines:])
 
-    told = judged.append if Console(stderr=True).is_terminal else None
     with options.shown_progress(run, live) as shown:
-        verdict = run_gates(given, shown, size=size, solver=solver, finish=draw, judged=told)
+        verdict = run_gates(
+            given, shown, size=size, solver=solver, finish=draw, judged=judged.append
+        )
     try:
         _show(verdict, output, all_gates, with_report)
     except (BrokenPipeError, SystemExit):  # nobody reads on; the verdict is the exit code

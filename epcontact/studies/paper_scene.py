@@ -29,8 +29,6 @@ PARTS = ("total", "elastic", "plastic")
 #: Hardness over yield stress (Tabor), as in the paper.
 CONSTRAINT = 3.0
 LAWS = {"capped": HARDNESS, "elastic": math.inf}  # Pa
-#: How captions name the scene.
-PAPER = "the paper's scene (p0/(E* xi) = 0.05, hardness/(E* xi) = 0.6)"
 #: Intervals of densities of the pressure up to the hardness.
 BINS = 40
 

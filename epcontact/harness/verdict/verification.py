@@ -59,7 +59,7 @@ def verify(
     size: str = "fast",
     solver: str = "",
     finish: Callable[[Verdict], None] = lambda verdict: None,
-    judged: Callable[[CaseVerdict], None] | None = None,
+    judged: Callable[[CaseVerdict], None] = lambda case: None,
     **options: Any,
 ) -> Verdict:
     """Solve cases, judge their gates, and write verdict.json and junit.xml.
@@ -95,13 +95,16 @@ def verify(
     with only_writer(run.folder):
         set_verdict_aside(run.folder)
         loaded, methods = _with_solver(cases, size, solver)
+        found: dict[str, CaseVerdict] = {}
 
-        def done(case: Case, found: Mapping[str, Answer]) -> None:
-            if judged is not None:
-                judged(judge_case(case, found))
+        def done(case: Case, answers: Mapping[str, Answer]) -> None:
+            judged(found.setdefault(case.id, judge_case(case, answers)))
 
         answers = run_cases(loaded, run, methods, done)
-        verdict = Verdict.on([judge_case(case, answers[case.id]) for case in loaded], size, made)
+        for case in loaded:  # such as are skipped have no solve to end
+            if case.id not in found:
+                done(case, answers[case.id])
+        verdict = Verdict.on([found[case.id] for case in loaded], size, made)
         write_verdict(verdict, run.folder)
         require_faithful(run.folder)
         for name in FILES:  # there is a new verdict
