@@ -195,6 +195,15 @@ def test_series_of_one_group_share_their_colour_and_have_their_style():
     assert {line.get_color() for line in lines.values()} == {"#000000"}
     assert curve.get_marker() in (None, "None")
     assert (marks.get_linestyle(), limit.get_fillstyle()) == ("None", "none")
+    # With another part each has its mark or dashes in both colours, and error bars are set apart.
+    table = pd.concat([table, table.assign(part="elastic")])
+    table = table.assign(error_low=table["error"] - 0.1, error_high=table["error"] + 0.1)
+    lines = lines_of(table.sort_values("part", kind="stable"), mark="series", **look)
+    for name in ("theory", "bem", "limit"):
+        one, two = (lines[f"{part}, {name}"] for part in ("elastic", "plastic"))
+        assert (one.get_marker(), one.get_linestyle()) == (two.get_marker(), two.get_linestyle())
+        apart = two.get_transform().transform((1, 1)) - one.get_transform().transform((1, 1))
+        assert (apart[0] > 3) == (name != "theory"), apart
 
 
 def test_methods_keep_their_colours_and_others_do_not_borrow_them():

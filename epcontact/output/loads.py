@@ -50,13 +50,13 @@ def _cell(entry: Row | None, scale: float) -> str:
 
 #: The charts of the loads: which quantities share one, and the label of their axis.
 _CHARTS = {
-    "areas": ("_area$", "contact area / nominal area (–)"),
-    "gap": ("mean_gap", "mean gap (m)"),
-    "stiffness": ("stiffness_", "stiffness (Pa/m)"),
-    "conductance": ("^conductance", "conductance times resistivity (1/m)"),
-    "thermal": ("thermal_conductance", "thermal conductance (W/(m² K))"),
-    "electrical": ("electrical_conductance", "electrical conductance (S/m²)"),
-    "percolation": ("_percolation", "share of the area that percolates (–)"),
+    "areas": ("_area$", "contact area / nominal area"),
+    "gap": ("mean_gap", "mean gap"),
+    "stiffness": ("stiffness_", "stiffness"),
+    "conductance": ("^conductance", "conductance times resistivity"),
+    "thermal": ("thermal_conductance", "thermal conductance"),
+    "electrical": ("electrical_conductance", "electrical conductance"),
+    "percolation": ("_percolation", "share of the area that percolates"),
 }
 
 
@@ -65,7 +65,8 @@ def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
     points = [
         {"method": method, "quantity": name.replace("_", " "), "branch": row["branch"],
          "mean_pressure_Pa": float(row["mean_pressure"]["mean"]), "value": mean,
-         "value_low": mean - error, "value_high": mean + error, "chart": chart,
+         "value_low": max(mean - error, min(mean, 0.0)), "chart": chart, "unit": COLUMNS[name],
+         "value_high": mean + error if COLUMNS[name] else min(mean + error, 1.0),
          "style": "points" if row["branch"] == "loading" else "open"}
         for method, rows in paths.items() for row in rows
         for name in COLUMNS if name in row
@@ -76,8 +77,10 @@ def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
     charts = {}
     for chart, table in pd.DataFrame(points).groupby("chart", sort=False):
         scale, unit = unit_for(float(table["mean_pressure_Pa"].max()), "Pa")
-        x, y = ("mean_pressure_Pa", f"mean pressure ({unit})"), ("value", _CHARTS[str(chart)][1])
-        plot = Plot(x, y, series=("method", "quantity", "branch"), scale=(scale, 1.0))
+        over, of = _scale([{"mean": mean} for mean in table["value"]], table["unit"].iloc[0])
+        y = ("value", f"{_CHARTS[str(chart)][1]} ({of.replace('2', '²') or '–'})")
+        x, by = ("mean_pressure_Pa", f"mean pressure ({unit})"), ("method", "quantity", "branch")
+        plot = Plot(x, y, by, mark="quantity", scale=(scale, over))
         said = f"{str(chart).capitalize()} at each load; marks are open after a larger load."
         charts[f"loads-{chart}"] = draw_table(table, plot, said)
     return charts

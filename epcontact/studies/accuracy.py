@@ -252,13 +252,13 @@ def accuracy(say: Say, folders: Sequence[str] = ()) -> Charts:
     table = groups[["time", "work"]].median()
     table["error"] = groups["error"].agg(lambda e: float(np.sqrt((e**2).mean())))
     table, y = table.reset_index(), ("error", "relative error of the contact area (–)")
-    if len(table):
-        x = ("time", "time of a solve, over boundary elements on 4 points a wave (–)")
-        yield Plot(x, y, ("method", "kind"), log="xy", front=True), table, "Accuracy against time"
-    if (table["work"] > 0).any():
-        x = ("work", "FFT pairs of a grid of 4 points a wave (–)")
-        plot = Plot(x, y, ("method", "kind"), log="xy", front=True)
-        yield plot, table[table["work"] > 0], "Accuracy against FFT pairs"
+    for x, title in (
+        (("time", "time of a solve, over boundary elements on 4 points a wave (–)"), "time"),
+        (("work", "FFT pairs of a grid of 4 points a wave (–)"), "FFT pairs"),
+    ):
+        plot = Plot(x, y, ("method", "kind"), mark="kind", log="xy", front=True)
+        if (table[x[0]] > 0).any():
+            yield plot, table[table[x[0]] > 0], f"Accuracy against {title}"
     shown = rows[(rows["quantity"] == "A") & ~(rows["points"] > 4)].copy()
     shown["ratio"], ends = (
         shown["value"] / shown["reference"],

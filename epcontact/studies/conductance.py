@@ -125,5 +125,6 @@ def conductance(
     table["place"] = table["hardness"].map(r"{:g} $E^*\xi$".format)
     table = table[table["hurst"] == hursts[-1]]
     x, y = ("breadth", "longest over shortest wave (–)"), (RATIO, "law over boundary elements (–)")
-    plot = Plot(x, y, ("law", "place"), colour="law", log="x", ticks=breadths, level=1.0)
+    look: Any = {"colour": "law", "mark": "place", "log": "x", "ticks": breadths}
+    plot = Plot(x, y, ("law", "place"), level=1.0, **look)
     yield plot, table, "Laws by the breadth of the spectrum, at a tenth of the hardness"

@@ -18,7 +18,6 @@ from typing import Any
 
 import ducc0
 import numpy as np
-import pandas as pd
 
 from epcontact import bem
 from epcontact.errors import NotConverged
@@ -33,9 +32,6 @@ RESIDUAL, AREA = 1e-8, 1e-4
 #: The accuracies to which a scene is solved, by name, as options of `bem.solve`.
 TIGHT, LOOSE = f"residuals {RESIDUAL:g}", f"areas {AREA:g}"
 AIMS: dict[str, dict[str, Any]] = {TIGHT: {"tolerance": RESIDUAL}, LOOSE: {"area_tolerance": AREA}}
-#: Goals of a capped solve by points a side, in bare pairs; a solve to areas has a share of each.
-GOALS = {128: 300.0, 256: 200.0, 512: 100.0, 1024: 65.0, 2048: 60.0, 4096: 50.0}
-GOAL_SHARES = {TIGHT: 1.0, LOOSE: 0.6}
 
 _SIDE = ("points_a_side", "grid points a side (–)")
 
@@ -103,7 +99,8 @@ def by_method(
     pressure.  A method that misses a tolerance within its steps has no further points.
     """
     scene, failures = rough_scene(points, 7, bandwidth), dict[str, str]()
-    bem.solve(scene, tolerance=0.5, threads=1)  # compiled and cached before it is timed
+    for method in methods:  # compiled and cached before it is timed
+        bem.solve(scene, tolerance=0.5, method=method, threads=1)  # type: ignore[arg-type]
     exact = bem.solve(scene, tolerance=1e-10, threads=1)
 
     def row(method: str, tolerance: float) -> list[dict[str, float]]:
@@ -174,19 +171,13 @@ def speed(
         return found
 
     table = rows(say, row, points_a_side=sides, law=LAWS)
-    goals = pd.DataFrame(
-        {"points_a_side": side, "aim": aim, "law": "goal", "goal": GOALS[side] * share}
-        for side, (aim, share) in product(sides, GOAL_SHARES.items())
-        if side in GOALS
-    )
     for column, label in _SPEED.items():
         error = column == "area_error"
         look: Any = {"log": "xy"} if error else {"log": "x", "limits": {"ylim": (0, None)}}
-        plot = Plot(_SIDE, (column, label), ("law", "aim"), {"goal": "curve"}, ticks=sides, **look)
+        look |= {"colour": "law", "mark": "aim", "ticks": sides}
         drawn = table[table["aim"] == LOOSE] if error else table
-        if "time" in column:
-            drawn = pd.concat([drawn, goals.rename(columns={"goal": column})])
-        yield plot, drawn, f"{label[0].upper()}{label[1:]}"
+        title = f"{label[0].upper()}{label[1:].partition(' (')[0]}"
+        yield Plot(_SIDE, (column, label), ("law", "aim"), **look), drawn, title
 
 
 def area_difference(result: ContactResult, exact: ContactResult) -> float:

@@ -53,7 +53,7 @@ class Study:
         parameters = list(inspect.signature(self.make).parameters.values())[1:]
         usual = {one.name: one.default for one in parameters}
         given = usual | (dict(self.full) if full else {}) | options
-        told = "; ".join(f"{name} {_shown(value)}" for name, value in given.items())
+        told = "; ".join(f"{k} {_shown(v)}" for k, v in given.items() if v not in (None, ()))
         about = " ".join((self.make.__doc__ or "").split()) + (f" Options: {told}." if told else "")
         charts = self.make(lambda what: say(f"{self.name}: {what}"), **given)
         return [_drawn(plot, table, f"{title}. {about}") for plot, table, title in charts]
@@ -92,7 +92,7 @@ def mean_with_interval(
     if shared_error:
         half_width = np.hypot(half_width, groups[shared_error].mean())
     low, high = mean - half_width, mean + half_width
-    if re.search("share|fraction|overlap", value) and table[value].between(0, 1).all():
+    if re.search("share|fraction|overlap|^area$", value) and table[value].between(0, 1).all():
         low, high = low.clip(lower=0), high.clip(upper=1)
     bounds = {f"{value}_low": low, f"{value}_high": high}
     return pd.DataFrame({value: mean} | bounds).reset_index()
@@ -122,7 +122,8 @@ def _shown(value: Any) -> str:
     if isinstance(value, range):
         return f"{value[0]} to {value[-1]}"
     if isinstance(value, tuple | list):
-        return ", ".join(map(_shown, value))
+        parts = [f"({_shown(v)})" if isinstance(v, tuple | list) else _shown(v) for v in value]
+        return ", ".join(parts if len(parts) < 7 else (*parts[:2], "…", parts[-1]))
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

@@ -107,7 +107,7 @@ def gap(
     found = found[(found["law"] != "j2") | (found["grid"] == finest)]
     found["points"] = found["grid"].map("{} points".format)
     y = (_OFF, "finite over boundary elements, less 1 (%)")
-    plot = Plot(x, y, ("law", "points"), ticks=ticks, **off, **look)
+    plot = Plot(x, y, ("law", "points"), mark="points", ticks=ticks, **off, **look)
     yield plot, found, "Deviation of finite elements from capped or elastic boundary elements"
 
 
@@ -176,7 +176,7 @@ def distribution(
 
     x = ("gap_over_rms_height", "gap over rms height (–)")
     y = ("cumulative_area", "share of the area with a smaller gap (–)")
-    looks: dict[str, Any] = {"style": "curve", "colour": "hardness"}  # dashes tell methods apart
+    looks: dict[str, Any] = {"style": "curve", "colour": "hardness", "mark": "method"}
     plot = Plot(x, y, ("hardness", "method"), limits={"ylim": (0, 1)}, **looks)
     form = "{distance:.3f} [{distance_low:.3f}, {distance_high:.3f}] at {ratio:g}"
     for grid, band, others in ((points, narrow, ("fem", "persson")), (4, wide, ("persson",))):
@@ -252,7 +252,8 @@ def residual(
 
     x = ("wavenumber_over_lowest", "wave number over the lowest (–)")
     y, by = ("power_kept", "power after over before (–)"), ["model", "hardness"]
-    power = Plot(x, y, by, {"theory": "curve"}, colour="hardness", log="x", level=1.0)
+    look: Any = {"colour": "hardness", "mark": "model", "log": "x", "level": 1.0}
+    power = Plot(x, y, by, {"theory": "curve"}, **look)
     last = (y[0], "power kept by the shortest octave (–)")
     skew = ("skewness_change", "skewness after less before (–)")
     form = "{model} at {hardness:g}: {kurtosis_change:+.3f}, {rms_height:.3f}, {rms_slope:.3f}, "
@@ -323,5 +324,6 @@ def hysteresis(
         (SPENT, "plastic work over all energy (–)", "x"),
     ):
         drawn = table[table["model"] != "theory"] if figure == SPENT else table
-        plot = Plot(x, (figure, label), series, {"theory": "curve"}, log=log, ticks=SHARES)
+        look: Any = {"colour": "model", "mark": "branch", "log": log, "ticks": SHARES}
+        plot = Plot(x, (figure, label), series, {"theory": "curve"}, **look)
         yield plot, drawn, label.removesuffix(" (–)").capitalize()

@@ -1,4 +1,4 @@
-"""Studies of the theory: its series and cells, its gamma, its magnifications, and P(sigma)."""
+"""Studies of the theory: its gamma, its magnifications, and the ends of P(sigma)."""
 
 from __future__ import annotations
 
@@ -9,15 +9,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.special import erf, erfc
 
 from epcontact import bem, persson
 from epcontact.bem.areas.distribution import end_fit, end_fits, extrapolated
 from epcontact.harness.gates import estimate
 from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import CYCLE, PART_COLOURS
-from epcontact.persson.series import SWITCH
-from epcontact.results import ContactResult, FloatArray, PressureDistribution
+from epcontact.results import ContactResult, PressureDistribution
 from epcontact.scene import Scene
 from epcontact.studies import paper_scene as paper
 from epcontact.studies.frame import Charts, Ints, Say, listed, mean_with_interval, rows, study
@@ -30,96 +28,6 @@ from epcontact.studies.paper_scene import (
     rough_scene,
 )
 from epcontact.surfaces import filtered
-
-# --- its numerics --------------------------------------------------------------------------------
-
-#: p0/sigma_P of the paper, and its G/sigma_P^2 with S = gamma.
-LOAD_SHARE = MEAN_PRESSURE / HARDNESS
-PAPER_DIFFUSION = GAMMA * float(persson.full_contact_diffusion(MODULUS / HARDNESS, 1.0))
-MOST_TERMS, TARGET = 40, 1e-12
-
-
-def eigenfunction_sums(diffusion: float, load_share: float, terms: int) -> FloatArray:
-    """The elastic area by the first 1, 2, ... terms of (4/pi) sum_{n = 1, 3, ...} sin(n pi s)
-    exp(-n^2 pi^2 G/sigma_P^2) / n, with the smaller of p0/sigma_P and 1 - p0/sigma_P as s."""
-    n, s = 2 * np.arange(terms) + 1, min(load_share, 1 - load_share)
-    decay = np.exp(-(n**2) * math.pi**2 * diffusion)
-    return np.cumsum(4 / (math.pi * n) * np.sin(n * math.pi * s) * decay)
-
-
-def image_sums(diffusion: float, load_share: float, terms: int) -> FloatArray:
-    """The same by the first pairs of images, erf(s/c) + sum_{k = 1, 2, ...} (-1)^k
-    [erfc((k - s)/c) - erfc((k + s)/c)] with c = 2 sqrt(G)/sigma_P."""
-    s, c = min(load_share, 1 - load_share), 2 * math.sqrt(diffusion)
-    k = np.arange(1, terms)
-    pairs = (-1.0) ** k * (erfc((k - s) / c) - erfc((k + s) / c))
-    return np.cumsum(np.concatenate([[erf(s / c)], pairs]))
-
-
-def series_errors(diffusions: Sequence[float], terms: int = MOST_TERMS) -> pd.DataFrame:
-    """Relative error of the elastic area by the first 1, 2, ... terms of each series."""
-
-    def row(relative_diffusion: float, series: str) -> list[dict[str, float]]:
-        sums = eigenfunction_sums if series == "eigenfunctions" else image_sums
-        exact = float(persson.areas(relative_diffusion, LOAD_SHARE, 1.0).elastic)
-        errors = np.abs(sums(relative_diffusion, LOAD_SHARE, terms) / exact - 1)
-        return [{"terms": n, "relative_error": error} for n, error in enumerate(errors, 1)]
-
-    series = ("eigenfunctions", "images")
-    table: pd.DataFrame = rows(lambda _: None, row, relative_diffusion=diffusions, series=series)
-    return table
-
-
-def terms_needed(errors: pd.DataFrame) -> pd.DataFrame:
-    """The terms after which each series stays within TARGET; NaN if it never does."""
-    late = errors["terms"].where(~(errors["relative_error"] <= TARGET), 0)
-    groups = late.groupby([errors["relative_diffusion"], errors["series"]], sort=False)
-    needed = groups.max() + 1.0
-    return needed.where(needed <= errors["terms"].max()).reset_index()
-
-
-def finite_volume_error(cells: int) -> dict[str, float]:
-    """Relative error of the plastic area of the paper's scene on so many cells and steps."""
-    roughness = persson.analytic_roughness(paper.rough_spectrum())
-    reduction = persson.EnergyReduction(GAMMA)
-    curve = persson.hardness_curve(
-        persson.Theory(roughness, MODULUS, reduction),
-        MEAN_PRESSURE,
-        lambda zeta: np.full_like(zeta, HARDNESS),
-        [256.0],
-        resolution=(cells, cells),
-    )
-    exact = float(persson.areas(PAPER_DIFFUSION, LOAD_SHARE, 1.0).plastic)
-    return {"relative_error": abs(float(curve.areas.plastic[-1]) / exact - 1)}
-
-
-@study("theory", cells=(64, 128, 256, 512, 1024, 2048))
-def theory(say: Say, cells: Ints = (64, 128, 256, 512)) -> Charts:
-    """Error of the theory's series against their terms, of its cells against their number.
-
-    The load is the paper's, p0/sigma_P = 1/12.  Errors below a quarter of float64's spacing are
-    drawn there; the package changes series at the dotted line; finite volumes serve a hardness
-    that depends on the magnification, and are compared with the closed form.
-    """
-    errors = series_errors([0.01, PAPER_DIFFUSION, 1.0], terms=12)
-    errors["relative_error"] = errors["relative_error"].clip(lower=np.finfo(float).eps / 4)
-    label = r"$G/\sigma_\mathrm{{P}}^2$ = {:.3g}"
-    errors["diffusion"] = errors["relative_diffusion"].map(label.format)
-    x, y = ("terms", "terms (–)"), ("relative_error", "relative error of the elastic area (–)")
-    plot = Plot(x, y, ("series", "diffusion"), colour="relative_diffusion", log="y")
-    yield replace(plot, ticks=[1, *range(2, 13, 2)]), errors, "Error of the elastic area"
-    x = ("relative_diffusion", r"$G / \sigma_\mathrm{P}^2$ (–)")
-    y = ("terms", f"terms to a relative error of {TARGET:g} (–)")
-    plot = Plot(x, y, style="curve", log="x", upright={"change": SWITCH**2 / 4})
-    plot = replace(plot, limits={"ylim": (0, 20), "yticks": range(0, 21, 5)})
-    needed = terms_needed(series_errors(np.geomspace(1e-3, 10, 81).tolist()))
-    yield plot, needed, f"Terms of the elastic area, where {MOST_TERMS} suffice"
-    x = ("cells", "cells of the pressure, and steps of the magnification (–)")
-    y = ("relative_error", "relative error of the plastic area (–)")
-    plot = Plot(x, y, log="xy", ticks=cells, orders=["finite volumes"])
-    found = rows(say, finite_volume_error, cells=cells).assign(series="finite volumes")
-    yield plot, found, "Error of the plastic area by finite volumes"
-
 
 # --- gamma ---------------------------------------------------------------------------------------
 
@@ -181,7 +89,7 @@ def gamma(say: Say, points: int = 4, bandwidth: int = 128, seeds: Ints = range(7
     both = both.sort_values("area", key=lambda area: area.map(AREAS.index), kind="stable")
     x, colours = ("gamma", r"energy reduction $\gamma$ (–)"), PART_COLOURS | {AREAS[3]: CYCLE[1]}
     plot = Plot(x, _AREA, ("area", "method"), style="curve", colour="area", colours=colours)
-    plot = replace(plot, upright={r"$\gamma$ of the paper": GAMMA})
+    plot = replace(plot, mark="method", upright={r"$\gamma$ of the paper": GAMMA})
     yield plot, both, f"Contact areas, which the theory meets at the gammas {told}"
     off = curves.merge(measured, on="area", suffixes=("", "_bem"))
     for end, bound in (("", "_bem"), ("_low", "_low"), ("_high", "_high")):
@@ -189,7 +97,7 @@ def gamma(say: Say, points: int = 4, bandwidth: int = 128, seeds: Ints = range(7
         ratio = off["area_fraction"] / off["area_fraction_bem"] ** 2 * off[f"area_fraction{bound}"]
         off[f"deviation_percent{end}"] = 100 * (ratio - 1)
     y = ("deviation_percent", "theory over boundary elements, less 1 (%)")
-    plot = replace(plot, y=y, series=("area",), level=0.0, limits={"ylim": (-40, 60)})
+    plot = replace(plot, y=y, series=("area",), mark="", level=0.0, limits={"ylim": (-40, 60)})
     yield plot, off, f"Deviation of the theory's areas, zero at the gammas {told}"
 
 

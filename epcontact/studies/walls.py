@@ -20,6 +20,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -120,7 +121,8 @@ def walls(say: Say, bandwidths: Ints = (16,), seeds: Ints = range(1, 9), points:
         for one, order in ((flows, []), (table, [_X[0]]))
     )
     y = ("returned", "points that return over those that go (–)")
-    plot = Plot(_ROOT, y, ("body", "wall"), colour="body", level=1.0, limits={"ylim": (0.5, 1.1)})
+    look: Any = {"colour": "body", "mark": "wall", "limits": {"ylim": (0.5, 1.1)}}
+    plot = Plot(_ROOT, y, ("body", "wall"), level=1.0, **look)
     reach = f"{sure.min():.2f} to {sure.max():.2f} at the {len(sure)} of {len(ends)} walls"
     said = "Weaker steps: more points return through a wall"
     yield plot, flows, said + (f" (limits {reach} that tell it to 0.1)" if len(sure) else "")

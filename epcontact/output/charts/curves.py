@@ -70,9 +70,11 @@ def residual_history(histories: Mapping[str, ArrayLike]) -> Chart:
         pd.DataFrame({"series": method, "iterations": range(np.size(values)), "residual": values})
         for method, values in histories.items()
     ]
-    plot = Plot(("iterations", "iterations (–)"), ("residual", "residual (–)"), log="y")
+    most = max(map(np.size, histories.values()), default=1)
+    ticks = range(0, most, max(most // 8, 1))
+    x, y = ("iterations", "iterations (–)"), ("residual", "residual (–)")
     caption = "Residual of the iteration on the finest grid, of the surface that took longest."
-    return draw_table(pd.concat(tables), plot, caption)
+    return draw_table(pd.concat(tables), Plot(x, y, log="y", ticks=ticks), caption)
 
 
 def pressure_density(

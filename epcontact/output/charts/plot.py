@@ -19,6 +19,8 @@ from epcontact.output.charts.figures import Chart, logarithmic, new_figure, styl
 from epcontact.output.charts.style import CYCLE, DASHES, MARKERS, METHOD_COLOURS, typeset
 from epcontact.results import FloatArray
 
+#: Error bars of series stand beside each other, all of them within so many points of length.
+_ABREAST = 12.0
 _GUIDE = {"color": "#7f7f7f", "linewidth": 0.9, "linestyle": ":"}
 
 
@@ -35,6 +37,7 @@ class Plot:
         a column `style` of the table does the same.  Others have the style `style`.
     colour: the column whose values share a colour, with `colours` from value to colour, or in
         turn; none: each series has its own.
+    mark: the column whose values share a mark, or the dashes of a curve; none: as of the colour.
     labels: entries of the legend that differ from the names of the series; "_" is none.
     scale: what x and y are divided by in the picture; the data keep their units.
     log: the axes that are logarithmic, "x", "y" or "xy".
@@ -51,6 +54,7 @@ class Plot:
     style: str = "points"
     colour: str = ""
     colours: Mapping[Any, str] = field(default_factory=dict)
+    mark: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
     scale: tuple[float, float] = (1.0, 1.0)
     log: str = ""
@@ -64,7 +68,8 @@ class Plot:
 
 @dataclass(frozen=True)
 class _Line:
-    """One series: its points, their bounds (NaN for none), its style, its shared colour's value."""
+    """One series: its points, their bounds (NaN for none), its style, and the values of the columns
+    by which it shares its colour and its mark."""
 
     name: str
     x: FloatArray
@@ -73,10 +78,15 @@ class _Line:
     high: FloatArray
     style: str
     group: Any
+    kind: Any
 
     @property
     def bounded(self) -> bool:
         return not np.isnan(self.low).all()
+
+    @property
+    def barred(self) -> bool:
+        return self.bounded and self.style != "curve"
 
 
 def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
@@ -91,8 +101,11 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
     undecided, looks = _undecided(lines), _looks(lines, plot)
     with styled():
         figure, (axes,) = new_figure(6.4, 3.9)
+        barred = [one for one in lines if one.barred]
+        step = min(2.0, _ABREAST / max(len(barred), 1))
         for one, look in zip(lines, looks, strict=True):
-            _draw(axes, one, look, plot)
+            place = next((i for i, other in enumerate(barred) if other is one), 0)
+            _draw(axes, one, look, plot, (place - (len(barred) - 1) / 2) * step * one.barred)
         axes.set(xlabel=typeset(plot.x[1]), ylabel=typeset(plot.y[1]), **plot.limits)
         for name in plot.log:
             logarithmic(axes, name)
@@ -126,25 +139,28 @@ def _line(values: Sequence[Any], group: pd.DataFrame, plot: Plot) -> _Line:
     columns = [plot.x[0], plot.y[0], f"{plot.y[0]}_low", f"{plot.y[0]}_high"]
     x, y, low, high = group.reindex(columns=columns).to_numpy(np.float64).T
     name = ", ".join(str(value) for value in values if value != "")
-    return _Line(name, x, y, low, high, style, group[plot.colour].iloc[0] if plot.colour else None)
+    colour, mark = (group[by].iloc[0] if by else name for by in (plot.colour, plot.mark))
+    return _Line(name, x, y, low, high, style, colour, mark)
 
 
 def _looks(lines: Sequence[_Line], plot: Plot) -> list[dict[str, Any]]:
     """The colour, mark and dashes of each series, as keywords of matplotlib's `plot`.  A series
     whose name begins with a method's name has the colour of the method; the others share the
-    remaining colours of the cycle.  Curves have dashes of their own but no marks."""
+    remaining colours of the cycle.  Curves have dashes but no marks."""
     own = [METHOD_COLOURS.get(one.name.split(" ")[0].rstrip(",:")) for one in lines]
     taken = METHOD_COLOURS.values() if any(own) else ()
     rest = itertools.cycle(colour for colour in CYCLE if colour not in taken)
-    dashes, marks = itertools.cycle(DASHES), itertools.cycle(MARKERS)
+    kinds: dict[bool, dict[Any, int]] = {False: {}, True: {}}  # of curves, and of the others
     groups = dict.fromkeys(one.group for one in lines)
     shared = dict(zip(groups, CYCLE, strict=False)) | dict(plot.colours) if plot.colour else {}
     looks = []
     for one, colour in zip(lines, own, strict=True):
         curve, alone = one.style == "curve", one.style in ("marks", "open")
+        number = kinds[curve].setdefault(one.kind, len(kinds[curve]))
         look: dict[str, Any] = {"color": colour or next(rest)}
-        look["marker"] = None if curve else next(marks)
-        look["linestyle"] = next(dashes) if curve else "none" if alone else "-"
+        look["marker"] = None if curve else MARKERS[number % len(MARKERS)]
+        dashes = DASHES[number % len(DASHES)]
+        look["linestyle"] = dashes if curve else "none" if alone else "-"
         look["color"] = shared.get(one.group, look["color"])
         if one.style == "open":
             look["fillstyle"] = "none"
@@ -154,21 +170,28 @@ def _looks(lines: Sequence[_Line], plot: Plot) -> list[dict[str, Any]]:
     return looks
 
 
-def _draw(axes: Any, one: _Line, look: Mapping[str, Any], plot: Plot) -> None:
+def _draw(axes: Any, one: _Line, look: Mapping[str, Any], plot: Plot, aside: float) -> None:
+    """Draw a series, so many points of length beside its places."""
+    from matplotlib.transforms import ScaledTranslation
+
     order = abs(observed_order(one.x, one.y)) if one.name in plot.orders else math.nan
     name = f"{one.name}: order {order:.2f}" if math.isfinite(order) else one.name
     good = np.isfinite(one.x) & np.isfinite(one.y)
     if "y" in plot.log:
         good &= one.y > 0
     x, unit = one.x[good] / plot.scale[0], plot.scale[1]
-    axes.plot(x, one.y[good] / unit, label=typeset(plot.labels.get(one.name, name)), **look)
+    drawn = axes.plot(x, one.y[good] / unit, label=typeset(plot.labels.get(one.name, name)), **look)
     if not one.bounded:
         return
     bounds = x, one.low[good] / unit, one.high[good] / unit
     if one.style == "curve":
         axes.fill_between(*bounds, color=look["color"], alpha=0.2, linewidth=0)
     else:
-        axes.vlines(*bounds, color=look["color"], linewidth=0.9)
+        drawn.append(axes.vlines(*bounds, color=look["color"], linewidth=0.9))
+    # Not earlier, when the limits of the axes would be those of the moved points.
+    move = ScaledTranslation(aside / 72, 0, axes.figure.dpi_scale_trans)
+    for artist in drawn if aside else ():
+        artist.set_transform(axes.transData + move)
 
 
 def _draw_zeros(axes: Any, lines: Sequence[_Line], looks: Sequence[dict[str, Any]]) -> None:
@@ -209,7 +232,7 @@ def _draw_front(axes: Any, lines: Sequence[_Line]) -> None:
 
 def _undecided(lines: Sequence[_Line]) -> str:
     """Return a warning if the intervals of most points are wider than all differences shown."""
-    told = [one for one in lines if one.bounded and one.style != "curve"]
+    told = [one for one in lines if one.barred]
     none: FloatArray = np.zeros(0)
     widths = np.concatenate([none, *(one.high - one.low for one in told)])
     means = np.concatenate([none, *(one.y for one in told)])

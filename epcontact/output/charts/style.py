@@ -42,7 +42,7 @@ SETTINGS: Mapping[str, Any] = {
     "svg.fonttype": "path", "svg.hashsalt": "epcontact",
 }  # fmt: skip
 
-_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+_PREFIXES = {"T": 1e12, "G": 1e9, "M": 1e6, "k": 1e3} | {"": 1.0, "m": 1e-3, "µ": 1e-6, "n": 1e-9}
 
 #: Symbols as code and cases write them, as mathtext, and as text.
 _SYMBOLS = (
@@ -53,6 +53,7 @@ _SYMBOLS = (
     (r"\bsigma_P\b", r"$\sigma_\mathrm{P}$", "σ_P"),
     (r"\bp0\b", r"$p_0$", "p₀"),
     (r"\bnu(?= = )", r"$\nu$", "ν"),
+    (r"(?<=\de-)0", "", ""),  # 1e-08
 )
 
 
@@ -68,6 +69,6 @@ def unit_for(largest: float, unit: str) -> tuple[float, str]:
     size = abs(largest)
     if not math.isfinite(size) or size == 0:
         return 1.0, unit
-    fitting = (p for p in _PREFIXES if size >= p[0] and (unit != "m" or p[0] <= 1))
-    scale, prefix = next(fitting, _PREFIXES[-1])
-    return scale, prefix + unit
+    fitting = (p for p, s in _PREFIXES.items() if size >= s and (unit != "m" or s <= 1))
+    prefix = next(fitting, "n")
+    return _PREFIXES[prefix], prefix + unit
