@@ -30,7 +30,7 @@ LINES = {
     "epcontact.harness": 7320,
     "epcontact.machine": 230,
     "epcontact.materials": 312,
-    "epcontact.output": 1730,
+    "epcontact.output": 1765,
     "epcontact.persson": 2030,
     "epcontact.planning": 740,
     "epcontact.reference": 1110,

@@ -80,7 +80,7 @@ def ran(tmp_path_factory):
     def watched(size):
         made, calls = plotter(size), []
         views.append(calls)
-        for name in ("add_mesh", "add_text", "show_bounds"):
+        for name in ("add_mesh", "add_text", "add_legend", "show_bounds"):
             draw = getattr(made, name)
             record = lambda *a, d=draw, n=name, **k: (calls.append((n, a, k)), d(*a, **k))[1]  # noqa: E731
             setattr(made, name, record)
@@ -219,7 +219,7 @@ def page_of(path):
 def test_a_chart_shows_the_fields_and_the_figures(ran):
     """Arrays, limits, extents, titles, units and rows, in kPa and mm."""
     (bem, answer), (fem, other) = shown(ran, "bem"), shown(ran, "fem")
-    extent = [-0.5 / 16, 15.5 / 16, -0.625 / 24, 23.5 / 24 * 1.25]
+    extent = [-0.5 / 16, 16.5 / 16, -0.625 / 24, 24.5 / 24 * 1.25]  # of which a period is shown
     p, q = (1e-3 * file.fields["pressure"] for file in (bem, fem))
     low = max(p.max(), q.max())
     for name, images in {
@@ -232,7 +232,9 @@ def test_a_chart_shows_the_fields_and_the_figures(ran):
         for (field, *limits), each in zip(images, axes, strict=True):
             (image,) = each.images
             drawn = np.ma.filled(image.get_array(), 0.0)
-            assert drawn == pytest.approx(field.T, rel=1e-6, abs=1e-9)
+            whole = np.pad(field, (0, 1), mode="wrap").T
+            assert drawn == pytest.approx(whole, rel=1e-6, abs=1e-9)
+            assert (*each.get_xlim(), *each.get_ylim()) == pytest.approx((0, 1, 0, 1.25))
             assert (image.origin, [*image.get_clim()]) == ("lower", pytest.approx(limits, rel=1e-6))
             assert image.get_extent() == pytest.approx(extent, rel=1e-9)
             assert (each.get_xlabel(), each.get_ylabel()) == ("x (mm)", "y (mm)")
@@ -296,12 +298,18 @@ def test_a_view_shows_the_fields(ran):
     file = read_fields(ran.folder / "bem-seed5-steps" / "step-0001.vti")  # where most flows
     calls = ran.views[-1]
     titles = [a[0] for name, a, _ in calls if name == "add_text"]
-    assert titles == ["Contact: 1 × 1.25 mm, heights × 20", "Contact pressure, mean 5 kPa"]
+    assert titles == [
+        "Contact (shares of grid points): 1 × 1.25 mm, heights × 20",
+        "Contact pressure, mean 5 kPa",
+    ]
     meshes = [(a[0], k) for name, a, k in calls if name == "add_mesh" and "scalars" in k]
     (state, look), (pressure, other), states = *meshes, file.field("state")
     assert (look["scalars"], look["clim"], other["clim"]) == ("state", (-0.5, 2.5), (0.0, 15.0))
-    assert look["annotations"] == {k: f"{STATE_NAMES[k]} {100 * np.mean(states == k):.2f} %"
-                                   for k in (ELASTIC, PLASTIC)}  # fmt: skip
+    (keys,) = (a[0] for name, a, _ in calls if name == "add_legend")
+    assert keys == [
+        (f"{STATE_NAMES[k]} {100 * np.mean(states == k):.2f} %", look["cmap"][k])
+        for k in (ELASTIC, PLASTIC)
+    ]
     assert other["scalar_bar_args"]["title"] == "pressure (kPa), white: none\n"
     x, y, z = (np.reshape(c, (17, 25), order="F") for c in state.points.T)
     assert (x[-1, 0], y[0, -1]) == pytest.approx((1.0, 1.25), rel=1e-6)  # mm, a whole period
@@ -316,6 +324,8 @@ def test_a_view_shows_the_fields(ran):
     assert units == {("x (mm)", "y (mm)")}
     body = next(ran.folder.glob("fem-seed5-steps/*0002.vtu"))
     mesh, block = pv.read(body), ran.views[0]
+    ends = [k["axes_ranges"] for name, _, k in block if name == "show_bounds"]
+    assert ends == [pytest.approx(1e3 * np.array(mesh.bounds), abs=1e-3)] * 2  # at rest
     stress, strain = (k for name, _, k in block if name == "add_mesh")
     assert stress["scalar_bar_args"]["title"] == "von Mises stress (kPa)\n"
     mises = mesh.get_array("von_mises", preference="point")

@@ -102,7 +102,11 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
     scale, unit = unit_for(max(file.periods), "m")
     top_scale, top_unit = unit_for(limits[0], "Pa")
     mesh = _surface(file, factor, scale, top_scale)
-    shares = {kind: np.mean(file.field("state") == kind) for kind in (ELASTIC, PLASTIC)}
+    states = file.field("state")
+    keys = [
+        (f"{STATE_NAMES[kind]} {100 * np.mean(states == kind):.2f} %", style.STATE_COLOURS[kind])
+        for kind in (ELASTIC, PLASTIC)
+    ]
     mean = float(np.mean(file.field("pressure"), dtype=np.float64)) / top_scale
     state: dict[str, Any] = {
         "cmap": list(style.STATE_COLOURS.values()),
@@ -110,9 +114,7 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         # The colours are interpolated, not the states: otherwise an elastic rim would appear
         # between apart and plastic.
         "interpolate_before_map": False,
-        "annotations": {k: f"{STATE_NAMES[k]} {100 * share:.2f} %" for k, share in shares.items()},
-        "scalar_bar_args": _bar("contact state (shares of grid points), white: apart")
-        | {"n_labels": 0, "position_y": 0.11},
+        "show_scalar_bar": False,
     }
     pressure: dict[str, Any] = {
         "cmap": style.PRESSURE_MAP,
@@ -122,7 +124,7 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
     }
     sides = " × ".join(f"{length / scale:.4g}" for length in file.periods)
     titles = {
-        "state": f"Contact: {sides} {unit}, heights × {factor:.3g}",
+        "state": f"Contact (shares of grid points): {sides} {unit}, heights × {factor:.3g}",
         "pressure": f"Contact pressure, mean {mean:.4g} {top_unit}",
     }
     shading = {"smooth_shading": True, "ambient": 0.45, "diffuse": 0.55, "specular": 0.0}
@@ -132,6 +134,8 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         plotter.add_text(titles[name], **TEXT)
         _look_down(plotter, mesh)
         _mark_lengths(plotter, mesh.bounds, unit, "xy")
+    plotter.subplot(0, 0)
+    plotter.add_legend(keys, face="rectangle", loc="lower center", size=(0.22, 0.075), bcolor=None)
 
 
 def _surface(file: FieldFile, factor: float, scale: float, top_scale: float) -> Any:
@@ -220,10 +224,11 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
     flat = mesh.get_cell(0).dimension == 2
     behind = flat | (centres[:, 0] >= x) | (centres[:, 1] >= y)
     opened = mesh.extract_cells(np.flatnonzero(behind))
+    scale, unit = unit_for(float(np.ptp(np.reshape(mesh.bounds, (3, 2)), axis=1).max()), "m")
+    # The axes are those of the body at rest, as its coordinates are.
+    rest = [end / scale for end in mesh.bounds]
     if displacement:
         opened = opened.warp_by_vector(displacement, factor=factor)
-    sides = np.ptp(np.reshape(mesh.bounds, (3, 2)), axis=1)
-    scale, unit = unit_for(float(sides.max()), "m")
     opened.points = np.asarray(opened.points, dtype=np.float64) / scale
     skin = opened.extract_surface(nonlinear_subdivision=1, algorithm="dataset_surface")
     stress_scale, stress_unit = unit_for(limits[0], "Pa")
@@ -250,9 +255,9 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
             plotter.add_text(f"no {title.partition(' (')[0]} in the file", **TEXT)
         _frame_view(plotter, opened.bounds, (-0.9, -1.3, 1.1), 0.8)
         plotter.camera.SetWindowCenter(0.0, -0.2)
-        _mark_lengths(plotter, opened.bounds, unit, "xy" if flat else "xyz")
+        _mark_lengths(plotter, rest, unit, "xy" if flat else "xyz")
     shape = f"displacements × {factor:.3g}" if displacement else "undeformed"
-    size = " × ".join(f"{length / scale:.4g}" for length in sides)
+    size = " × ".join(f"{length:.4g}" for length in np.ptp(np.reshape(rest, (3, 2)), axis=1))
     plotter.subplot(0, 0)
     plotter.add_text(f"{size} {unit}, {shape}", **TEXT)
 

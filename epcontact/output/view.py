@@ -67,6 +67,8 @@ def compare(first: Path | str, second: Path | str, picture: Path | str) -> None:
             f"{files[1].shape}, but one and the same surface grid is needed"
         )
     one, two = (str(file.attributes.get("method", "?")).upper() for file in files)
+    if one == two:
+        one, two = (f"{one} {Path(path).stem}" for path in (first, second))
     pressure, other = (file.field("pressure") for file in files)
     chart = pressure_difference(pressure, other, files[0].spacing, names=(one, two))
     write_bytes(picture, chart.png())
@@ -147,8 +149,8 @@ def _write_gif(path: Path, frames: Sequence[Image.Image], frames_per_second: flo
     """Write a GIF with one palette: with one for each frame, what does not move would flicker."""
     from PIL import Image
 
-    strip = Image.fromarray(np.concatenate([np.asarray(frame)[::4, ::4] for frame in frames]))
-    palette = strip.quantize(256, dither=Image.Dither.NONE)
+    strip = Image.fromarray(np.concatenate([np.asarray(frame)[::2, ::2] for frame in frames]))
+    palette = strip.quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE)
     first, *rest = (f.quantize(palette=palette, dither=Image.Dither.NONE) for f in frames)
     pause = round(1000 / frames_per_second)
     first.save(path, save_all=True, append_images=rest, duration=pause, loop=0)

@@ -203,14 +203,18 @@ def show_field(axes: Any, field: NDArray[Any], spacing: tuple[float, ...], **loo
     """Draw a field (nx, ny) as an image with `look`, and return the image.  Where several points
     share a pixel, colours are averaged and not values, because a state has no mean and a thin
     contact must remain visible."""
-    sizes = list(zip(field.shape, spacing, strict=True))
-    scale, unit = unit_for(max(n * d for n, d in sizes), "m")
-    # The first grid point is at the origin; each point is the centre of its pixel.
-    extent = [edge * d / scale for n, d in sizes for edge in (-0.5, n - 0.5)]
     step = -(-max(field.shape) // POINTS)
-    drawn, averaged = field[::step, ::step].T, {"interpolation_stage": "rgba"}
-    image = axes.imshow(drawn, origin="lower", extent=extent, **averaged, **look)
+    width, height = periods = np.multiply(field.shape, spacing)
+    scale, unit = unit_for(float(periods.max()), "m")
+    # The first grid point is at the origin, each is the centre of its pixel, and the first ones
+    # follow once more, so that the picture is one period.
+    drawn = field[np.ix_(*(np.arange(0, n + step, step) % n for n in field.shape))]
+    pixels = list(zip(drawn.shape, spacing, strict=True))
+    extent = [edge * step * d / scale for n, d in pixels for edge in (-0.5, n - 0.5)]
+    averaged = {"interpolation_stage": "rgba", "origin": "lower", "extent": extent}
+    image = axes.imshow(drawn.T, **averaged, **look)
     axes.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})")
+    axes.set(xlim=(0, width / scale), ylim=(0, height / scale))
     axes.grid(False)
     return image
 

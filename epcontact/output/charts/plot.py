@@ -101,11 +101,10 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
     undecided, looks = _undecided(lines), _looks(lines, plot)
     with styled():
         figure, (axes,) = new_figure(6.4, 3.9)
-        barred = [one for one in lines if one.barred]
-        step = min(2.0, _ABREAST / max(len(barred), 1))
+        count = sum(one.barred for one in lines)
+        places = iter(np.linspace(-0.5, 0.5, count) * min(2.0 * (count - 1), _ABREAST))
         for one, look in zip(lines, looks, strict=True):
-            place = next((i for i, other in enumerate(barred) if other is one), 0)
-            _draw(axes, one, look, plot, (place - (len(barred) - 1) / 2) * step * one.barred)
+            _draw(axes, one, look, plot, next(places) if one.barred else 0.0)
         axes.set(xlabel=typeset(plot.x[1]), ylabel=typeset(plot.y[1]), **plot.limits)
         for name in plot.log:
             logarithmic(axes, name)
