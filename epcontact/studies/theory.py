@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact import bem, persson
-from epcontact.bem.areas.distribution import end_fit, end_fits, extrapolated
+from epcontact.bem.areas.distribution import end_fits, extrapolated
 from epcontact.harness.gates import estimate
 from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import CYCLE, PART_COLOURS
@@ -177,14 +177,13 @@ def magnification(
 # --- the ends of P(sigma) ------------------------------------------------------------------------
 
 ENDS = ("0+", "hardness-")
-#: Windows as shares of the hardness.
+#: The window as a share of the hardness, of the density that at COARSEST points.
 WINDOW, COARSEST = 0.2, 4
-WINDOWS = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
-DENSITY, RAW_SLOPE, MEAN_SLOPE = "density", "raw slope", "mean slope"
+DENSITY, MEAN_SLOPE = "density", "mean slope"
 #: The power of the spacing with which a figure approaches its limit.
-ORDERS = {DENSITY: 0.5, RAW_SLOPE: 0.5, MEAN_SLOPE: 1.0}
+ORDERS = {DENSITY: 0.5, MEAN_SLOPE: 1.0}
 _RELATIVE = ("relative_pressure", "relative_density")
-_FIGURE = ["end", "figure", "window", "value"]
+_FIGURE = ["end", "figure", "value"]
 _LABELS = {
     "relative_density": r"density at the end, $P\,\sigma_\mathrm{P}$ (–)",
     "relative_slope": rf"slope within {WINDOW:g} of the end, $P'\,\sigma_\mathrm{{P}}^2$ (–)",
@@ -199,9 +198,9 @@ def pressures(
 
     The density is the value at the end of a straight line that has the area and the mean pressure
     of the points within a window, which shrinks as the root of the spacing, like the pressure next
-    to a rim; the raw slope is that of such a line within one window; the mean slope is 2 F/w^2 of
-    the corrected area F within a window w.  Each is extrapolated for every surface to ever finer
-    grids, with the root of the spacing or, the mean slope, with the spacing.  Units: the hardness.
+    to a rim; the mean slope is 2 F/w^2 of the corrected area F within a window w.  Each is
+    extrapolated for every surface to ever finer grids, with the root of the spacing or, the mean
+    slope, with the spacing.  Units: the hardness.
     """
     densities = []
 
@@ -224,70 +223,46 @@ def pressures(
     yield plot, pd.concat([theory.assign(series="persson"), measured]), "Density of the pressure"
     exact, limits = pd.DataFrame(theory_figures(scene)), grid_limits(figures)
     for figure in ORDERS:
-        here = (
-            t[(t["figure"] == figure) & (t["window"] == WINDOW)] for t in (figures, limits, exact)
-        )
-        yield _limit_chart(figure, *here)
-    means = figures[figures["figure"] == MEAN_SLOPE]
-    means = means[means["points_per_wavelength"] == means["points_per_wavelength"].max()]
-    means = mean_with_interval(means, "value", ["end", "window"])
-    exact = exact[exact["figure"] == MEAN_SLOPE].assign(style="curve")
-    exact["series"], means["series"] = "persson, " + exact["end"], means["end"] + ", corrected"
-    x = ("window", "window over hardness (–)")
-    y = ("relative_slope", r"mean slope within it, $P'\,\sigma_\mathrm{P}^2$ (–)")
-    plot = Plot(x, y, colour="end", limits={"ylim": (0, None)})
-    yield plot, _by_end([means, exact], y[0]), "Mean slope on the finest grid, by the window"
+        yield _limit_chart(figure, *(t[t["figure"] == figure] for t in (figures, limits, exact)))
 
 
 def end_figures(result: ContactResult, points_per_wavelength: float) -> list[dict[str, Any]]:
-    """The figures of a solution on a grid, a row for each end, figure and window (over the
-    hardness; of the density, that at COARSEST points): end, figure, window, value."""
+    """The figures of a solution on a grid, a row for each end and figure: end, figure, value."""
     relative = result.fields["pressure"] / HARDNESS
     areas = result.final.areas["raw"], result.final.areas["corrected"]
     shrinking = WINDOW * math.sqrt(COARSEST / points_per_wavelength)
-    wanted = [(DENSITY, WINDOW, shrinking), (RAW_SLOPE, WINDOW, WINDOW)]
-    wanted += [(MEAN_SLOPE, window, window) for window in WINDOWS]
-    names = {DENSITY: "density", RAW_SLOPE: "slope", MEAN_SLOPE: "continuum_slope"}
+    wanted = {DENSITY: (shrinking, "density"), MEAN_SLOPE: (WINDOW, "continuum_slope")}
     return [
-        dict(zip(_FIGURE, (end, figure, told, getattr(fit, names[figure])), strict=True))
-        for figure, told, window in wanted
+        dict(zip(_FIGURE, (end, figure, getattr(fit, name)), strict=True))
+        for figure, (window, name) in wanted.items()
         for end, fit in zip(ENDS, end_fits(relative, 1.0, window, areas), strict=True)
         if fit is not None
     ]
 
 
 def theory_figures(scene: Scene) -> list[dict[str, Any]]:
-    """The theory's figures for the spectrum of the scene's surface, as `end_figures` has them; the
-    slope at the very end is the mean slope within a window of 0."""
+    """The theory's figures for the spectrum of the scene's surface, as `end_figures` has them."""
     final, found = paper.by_theory(scene).final, []
     G, p0 = final.quantities["diffusion"] / HARDNESS**2, scene.load.final / HARDNESS
-    for end, name in zip(ENDS, ("zero", "hardness"), strict=True):
-        slope = abs(HARDNESS**2 * final.quantities[f"density_slope_at_{name}"])
-        found += [(end, DENSITY, WINDOW, 0.0), (end, MEAN_SLOPE, 0.0, slope)]
-        for w in WINDOWS:
-            d = np.linspace(0, w, 2001)
-            within = persson.pressure_cumulative(d if end == "0+" else 1 - d, G, p0, 1.0)
-            share = within if end == "0+" else final.areas["raw"].elastic - within
-            # int d P dd = w F(w) - int F dd; the trapezoidal rule is right to 1e-7 of it.
-            fit = end_fit(share[-1], w * share[-1] - np.trapezoid(share, d), w)
-            found.append((end, MEAN_SLOPE, w, fit.continuum_slope))
-            found += [(end, RAW_SLOPE, w, fit.slope)] if w == WINDOW else []
+    below, above = persson.pressure_cumulative(np.array([WINDOW, 1 - WINDOW]), G, p0, 1.0)
+    for end, share in zip(ENDS, (below, final.areas["raw"].elastic - above), strict=True):
+        found += [(end, DENSITY, 0.0), (end, MEAN_SLOPE, float(2 * share / WINDOW**2))]
     return [dict(zip(_FIGURE, row, strict=True)) for row in found]
 
 
 def grid_limits(figures: pd.DataFrame) -> pd.DataFrame:
-    """Extrapolate figures to ever finer grids, surface by surface: end, figure, window and the
+    """Extrapolate figures to ever finer grids, surface by surface: end, figure and the
     limit as value with its error, of scatter and of fit together, as value_low and value_high.
     Slopes are taken without the coarsest grid, whose rims fill the window."""
     found = []
-    for (end, figure, window), group in figures.groupby(_FIGURE[:3], sort=False):
+    for (end, figure), group in figures.groupby(_FIGURE[:2], sort=False):
         table = group.pivot(index="seed", columns="points_per_wavelength", values="value")
         table = table if figure == DENSITY else table.iloc[:, 1:]
         n, order = table.columns.to_numpy(), ORDERS[figure]
         limit = estimate([extrapolated(n, row, order)[0] for row in table.to_numpy()])
         # The error of the fit is common to all surfaces: it does not fall with their number.
         error = math.hypot(limit.half_width, extrapolated(n, table.mean().to_numpy(), order)[1])
-        found.append((end, figure, window, limit.mean, limit.mean - error, limit.mean + error))
+        found.append((end, figure, limit.mean, limit.mean - error, limit.mean + error))
     return pd.DataFrame(found, columns=[*_FIGURE, "value_low", "value_high"])
 
 
