@@ -23,6 +23,7 @@ from rich.console import Console
 from epcontact.cli import listing, main
 from epcontact.cli.listing import print_rows
 from epcontact.cli.main import COMMANDS, cli
+from epcontact.cli.options import shown_progress
 from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
 from epcontact.harness.answers.run import Run, run_cases, tasks_of
 from epcontact.harness.answers.store import kept
@@ -395,3 +396,19 @@ def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short(monkeypatch):
     done = invoke("list")
     assert (done.returncode, "ZeroDivisionError" in done.stderr) == (2, True)
     assert done.stderr.splitlines()[-1].startswith("epcontact: ")
+
+
+@pytest.mark.parametrize("first", [1.0, 60.0])
+def test_the_time_left_is_that_of_the_solves_to_come(monkeypatch, capsys, first):
+    """Of 20 reused answers and 100 solves of a second each, the first of which compiles."""
+    clock = [0.0]
+    monkeypatch.setattr("rich.console.monotonic", lambda: clock[0])
+    with shown_progress(Run()) as run:
+        for done in range(1, 121):
+            reused = done <= 20
+            clock[0] += 0.001 if reused else first if done == 21 else 1.0
+            run.progress(done, 120, "x" + " (reused)" * reused)
+    told = re.findall(r"\[(\d+)/120\] x \(about (\d+):(\d+):(\d+) left\)", capsys.readouterr().err)
+    left = {int(n): 3600 * int(h) + 60 * int(m) + int(s) for n, h, m, s in told}
+    assert (min(left), len(left) > 70) == (26, True)
+    assert all(seconds == pytest.approx(120 - done, abs=2) for done, seconds in left.items())

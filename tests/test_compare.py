@@ -80,6 +80,13 @@ def test_what_is_new_gone_of_another_scene_wider_and_slower_is_told(runs, tmp_pa
     code, said, _ = compared(runs / "right", tmp_path / "other.csv")
     assert (code, f"not compared: {SCENE} fast" in said) == (0, True)
     assert "0 values compared" in said
+    # Full cases say nothing of a run that is fast; a fast case that is gone is named.
+    more = [
+        figures.assign(case=case, size=size) for case, size in (("big", "full"), ("gone", "fast"))
+    ]
+    pd.concat([figures, *more]).to_csv(tmp_path / "old.csv")
+    said = compared(tmp_path / "old.csv", tmp_path / "new.csv")[1]
+    assert "cases of OLD alone: gone fast 9 values" in said
 
 
 def test_what_cannot_be_compared_is_one_sentence(runs, tmp_path):

@@ -37,7 +37,7 @@ LINES = {
     "epcontact.results": 300,
     "epcontact.scene": 500,
     "epcontact.studies": 3130,
-    "epcontact.surfaces": 1972,
+    "epcontact.surfaces": 1996,
     "fem_check": 3707,
     "tests": 16140,
 }

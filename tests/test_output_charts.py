@@ -247,16 +247,6 @@ def test_the_density_sums_up_to_the_elastic_area(pressures, bins):
     assert np.all((centres > 0) & (centres < 1e9))
 
 
-def test_the_density_of_a_smooth_distribution_converges():
-    """Cumulative sin^2 has the density sin(2x); the error is asymptotically h^2/24 max|f''|."""
-    sigma, errors = np.linspace(0, 1, 20001), []
-    for bins in (20, 40):
-        x, density = curves.pressure_density(PressureDistribution(sigma, np.sin(sigma) ** 2), bins)
-        errors.append(np.max(np.abs(density - np.sin(2 * x))))
-    assert errors[1] < 2 / 40**2 / 6
-    assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
-
-
 def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula():
     chart = make_distribution()
     rows = pd.DataFrame(chart.rows).groupby(0, sort=False)[2].apply(list)

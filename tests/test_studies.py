@@ -17,7 +17,7 @@ import pytest
 from epcontact import bem, persson
 from epcontact.errors import StudyUnavailable
 from epcontact.harness.processes import Child, ChildDied
-from epcontact.studies import STUDIES, cost, fem, gap, hardness, peers, save_charts, theory, walls
+from epcontact.studies import STUDIES, cost, fem, gap, peers, save_charts, theory, walls
 from epcontact.studies import paper_scene as scenes
 from epcontact.studies.frame import mean_with_interval, rows
 
@@ -29,7 +29,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "accuracy": {},
     "conductance": {"breadths": (2, 3), "loads": (0.03, 0.1), "seeds": (1, 2)},
     "fem": {"elements": (2,), "nodes": (3, 4, 6), "steps": (1, 2, 4), "sample": (4, (7,))}
-    | {"blocks": (8,), "paths": ([(8, 4), (16, 8)], (5, 6))},
+    | {"paths": ([(8, 4), (16, 8)], (5, 6))},
     "gamma": {"points": 4, "bandwidth": 64},
     "gap": {"points": 4, "bandwidth": 16, "seeds": range(3), "grids": (3, 6), "block_waves": 4},
     "gap_distribution": {"points": 4, "wide": 16, "seeds": (33, 34), "narrow": 8},
@@ -193,17 +193,6 @@ def test_limits_of_exact_powers_are_exact():
     assert found["value_high"]["density"] - found["value"]["density"] < 1e-12
 
 
-def test_the_density_at_both_ends_falls_with_the_grid():
-    density = drawn("pressures", 2).sort_values("root_of_spacing")
-    for end in theory.ENDS:
-        own = of_kind(density, end, "relative_density")
-        (limit,) = of_kind(density, f"{end}, limit", "relative_density")
-        assert (np.diff(own) > 0).all()
-        assert abs(limit) < 0.5 * own[0]
-        # The mean slope is positive where the raw one may still be hidden by the rims.
-        assert of_kind(drawn("pressures", 3), end, "relative_slope")[-1] > 0
-
-
 # --- cost ----------------------------------------------------------------------------------------
 
 
@@ -229,16 +218,6 @@ def test_a_solve_to_areas_costs_less_and_has_them(law, number, column):
 
 
 # --- gap -----------------------------------------------------------------------------------------
-
-
-def test_gaps_close_and_flow_grows_with_the_load():
-    means, parts, deviations = (drawn("gap", number) for number in (1, 2, 3))
-    for law in scenes.LAWS:
-        assert (np.diff(of_kind(means, f"bem, {law}", gap.OPEN)) < 0).all()
-    plastic = of_kind(parts, [*gap.QUANTITIES][2], "length_over_rms_height")
-    assert (np.diff(plastic) >= 0).all()
-    near = deviations[np.isclose(deviations["pressure_over_modulus"], 0.05)]
-    assert (near["deviation_percent"].abs() < 20).all()  # 16 waves a side are few
 
 
 def test_finite_elements_near_the_gap_of_boundary_elements():
@@ -284,21 +263,6 @@ def test_cap_and_theory_differ_on_the_way_down():
 
 
 # --- hardness and finite elements ----------------------------------------------------------------
-
-
-def test_asperities_persist_where_a_cap_would_have_closed():
-    table = pd.DataFrame(hardness.raw_areas(5.0, 1, 24))
-    areas = table.pivot_table(index="load", columns="series", values="area")
-    j2, tabors, mapped = (areas[name] for name in (hardness.J2, hardness.TABORS, hardness.MAPPED))
-    assert j2.is_monotonic_increasing
-    assert tabors[3.0] == 1
-    # Above the cap of light loads, 1.96 sigma_Y, the J2 body is still open.
-    assert j2[2.0] < 0.95
-    # Tabor's cap is too hard for so elastic a body, and the map's cap is nearer.
-    inside = mapped.notna()
-    assert (tabors < j2)[inside].all()
-    off = [np.abs(cap / j2 - 1)[inside].mean() for cap in (mapped, tabors)]
-    assert off[0] < off[1] / 2
 
 
 def test_errors_of_finite_elements_fall():

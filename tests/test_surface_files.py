@@ -113,6 +113,14 @@ def test_tables_as_programs_write_them(write, name, content, notes):
     assert all(any(words in note for note in surface.notes) for words in notes)
 
 
+def test_commas_that_are_both_separators_and_decimals_are_told(write):
+    lines = "\n".join(",".join(f"{v:.3f}".replace(".", ",") for v in row) for row in MAP[:9, :8])
+    with refused("its commas separate the numbers and are decimal commas"):
+        HeightsFromFile(write("map.csv", lines.encode()), (L, L), 1.0).build()
+    whole = write("whole.csv", b"10,20,3,40\n5,60,7,80\n9,10,11,12\n")
+    assert HeightsFromFile(whole, (400.0, 300.0), 1.0).build().heights.shape == (8, 6)
+
+
 def test_coordinates_beside_the_heights_are_told(write):
     table = np.column_stack([np.arange(12) * 0.8, MAP[:12, :10]])
     path = write("map.csv", np.vstack([[np.nan, *range(10)], table]))
@@ -134,11 +142,11 @@ def test_meshes_on_a_grid_are_height_maps(tmp_path, name):
         triangles = np.arange(len(points), dtype=np.int32).reshape(3, -1).T
         binary = {"binary": True} if name.startswith("binary") else {}
         meshio.Mesh(points, [("triangle", triangles)]).write(tmp_path / name, **binary)
-        return HeightsFromFile(tmp_path / name, unit=1e-3, treatment="periodic")
+        return HeightsFromFile(tmp_path / name, unit=1e-3, treatment="periodic", form=0)
 
     recipe = read(points)
     assert recipe.periods == pytest.approx((1.2e-3, 2.25e-3), rel=1e-6)
-    assert recipe.build().heights == pytest.approx(1e-3 * heights, rel=1e-14)
+    assert recipe.build().heights == pytest.approx(1e-3 * (heights - heights.mean()), abs=1e-15)
     above = np.concatenate([points, points + np.array([0, 0, 5])])
     scattered = points + np.random.default_rng(1).uniform(0, 0.1, points.shape)
     for wrong in (above, scattered, points[:, [2, 0, 1]]):
@@ -162,12 +170,14 @@ def test_lists_of_points_are_maps_with_or_without_missing_points(write):
         left = rng.permutation(points)[gone:]
         text = "X, Y, Z\n" + "\n".join(",".join(map(repr, row)) for row in left.tolist())
         path = write(name, text.encode() + b"\n2.4, 0.8, No Data" * (name == "marked"))
-        recipe = HeightsFromFile(path, unit=1e-6, treatment="periodic", missing="nearest")
+        steps: Any = {"treatment": "periodic", "missing": "nearest", "form": 0}
+        recipe = HeightsFromFile(path, unit=1e-6, **steps)
         assert recipe.shape == (12, 9)
         assert recipe.periods == pytest.approx((4.8e-6, 7.2e-6), rel=1e-12)
         surface, told = recipe.build(), f"{gone} of 108 heights missing"
         there = np.isin(MAP[:12, :9], left[:, 2])
-        assert surface.heights[there] == pytest.approx(1e-6 * MAP[:12, :9][there], rel=1e-14)
+        level = MAP[:12, :9][there] - left[:, 2].mean()
+        assert surface.heights[there] == pytest.approx(1e-6 * level, abs=1e-18)
         assert any(told in note for note in surface.notes) == (gone > 0)
         assert "its columns are x, y and height, all in one unit" in surface.notes
     marked = write("marked.xyz", b"0 0 No Data\n0 1 2\n1 0 3\n1 1 4\n")
@@ -227,6 +237,17 @@ def test_a_plane_or_constant_is_flat_to_the_last_digit():
             assert ("what is left is rounding" in str(surface.notes)) == (form >= order)
     rough = HeightsFromArray(1e-9 * HILLS + 1.0, (1.0, 1.0), "periodic", form=1).build()
     assert rough.rms_height > 1e-10
+
+
+def test_a_tilt_is_removed_before_a_map_is_taken_as_periodic_and_a_period_is_left_as_it_is():
+    tilted = MAP + 0.3 * np.arange(48)[:, None]
+    level, kept = (HeightsFromArray(tilted, (L, L), "periodic", form=f).build() for f in (1, 0))
+    found, same = (HeightsFromArray(h, (L, L), "periodic").build() for h in (tilted, MAP))
+    assert np.array_equal(found.heights, level.heights)
+    assert "least-squares plane removed, because its tilt" in str(found.notes)
+    assert found.treatment_errors
+    assert kept.rms_height > 3 * level.rms_height
+    assert np.array_equal(same.heights, MAP)
 
 
 def test_both_rms_slopes_are_named_with_that_of_effective_hardness():
@@ -324,13 +345,13 @@ def test_missing_points_are_filled_and_said(write):
     saddle = x * y + 3 * x  # harmonic on the grid, too
     holed = saddle.copy()
     holed[4:12, 3:9] = np.nan
-    steps: Any = {"missing": "harmonic", "treatment": "periodic"}
+    steps: Any = {"missing": "harmonic", "treatment": "periodic", "form": 0}
     for recipe in (
         HeightsFromArray(np.ma.masked_invalid(holed), (L, L), **steps),
         HeightsFromFile(write("map.npy", holed), (1e3, 1e3), unit=1.0, **steps),
     ):
         surface = recipe.build()
-        assert surface.heights == pytest.approx(saddle, rel=1e-12)
+        assert surface.heights + np.nanmean(holed) == pytest.approx(saddle, abs=1e-10)
         assert "48 of 320 heights missing (15 %), filled by the method harmonic" in surface.notes
     assert filled(holed, "nearest")[4, 5] == saddle[3, 5]
     edge = np.array([np.nan, np.nan, 1.0, np.nan, 4.0, np.nan])  # at a right angle to the edge

@@ -120,7 +120,7 @@ def accuracy(
     headings = ("quantity", "of – against", "bias", "scatter", "scenes", "time", "FFT pairs", "of")
     print_rows(open_console(), headings, [_row(row) for row in shown.to_dict("records")])
     if charts is not None:
-        drawn = STUDIES["accuracy"].run(folders=tuple(map(str, folders)))
+        drawn = STUDIES["accuracy"].run(folders=tuple(map(str, folders)), known=rows)
         for path in save_charts("accuracy", drawn, charts):
             click.echo(path)
 

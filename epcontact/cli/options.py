@@ -120,22 +120,22 @@ def shown_progress(run: Run, above: Callable[[int], RenderableType] | None = Non
     console = Console(stderr=True)
     terminal = console.is_terminal
     columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    left = ("left", TimeRemainingColumn())
     # The time left is estimated from all solves of a day, which may take longer than rich's 30 s.
     bar = _Bar(
-        *columns, *left, console=console, transient=True, disable=not terminal,
-        speed_estimate_period=86400,
+        *columns, "left", TimeRemainingColumn(), console=console, transient=True,
+        disable=not terminal, speed_estimate_period=86400,
     )  # fmt: skip
     bar.above = above
     # A disabled bar of an older rich ends with an empty line.
     with bar if terminal else contextlib.nullcontext():
-        row = bar.add_task("solving", total=None)
+        row, solved = bar.add_task("solving", total=None), 0
 
         def show(done: float, total: int, words: str) -> None:
+            nonlocal solved
             # What is reused says nothing about the time of a solve, and the first solves compile:
-            # the estimate is that of the last half of them or more.
-            first = words and not int(done) & (int(done) - 1)
-            if words.endswith("(reused)") or first:
+            # the estimate is that of the last half of the solves or more.
+            solved += bool(words) and not words.endswith("(reused)")
+            if words.endswith("(reused)") or (words and not solved & (solved - 1)):
                 bar.reset(row, completed=int(done), total=total, description=words)
             else:
                 bar.update(row, completed=done, total=total, description=words or None)

@@ -231,14 +231,14 @@ def ledger(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 @study("accuracy")
-def accuracy(say: Say, folders: Sequence[str] = ()) -> Charts:
+def accuracy(say: Say, folders: Sequence[str] = (), known: pd.DataFrame | None = None) -> Charts:
     """Error of the contact area against time and FFT pairs, and each answer against its reference.
 
     The errors are root mean squares over scenes, against boundary elements on the finest grid; the
     theory's has the scatter of surfaces.  Times are over those of boundary elements on 4 points per
     shortest wave of the same surface, FFT pairs are in those of that grid.
     """
-    rows = read_rows(folders)
+    rows = read_rows(folders) if known is None else known
     rows = rows.assign(
         error=differences(rows).abs(), work=rows["fft_pairs"] * (rows["points"] / 4) ** 2
     )

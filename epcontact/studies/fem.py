@@ -1,4 +1,4 @@
-"""The study of the finite elements: elements, meshes, depth, load steps, linear solvers, paths."""
+"""The study of the finite elements: elements, meshes, depth, load steps, paths."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import scipy.sparse.linalg as sla
 
 import fem_check
 from epcontact.errors import NotConverged
@@ -20,14 +19,10 @@ from epcontact.materials.moduli import effective_modulus
 from epcontact.output.charts.plot import Plot
 from epcontact.scene import Load, Material, Scene, Surface
 from epcontact.studies import paper_scene as paper
-from epcontact.studies.cost import pair_times, timed
+from epcontact.studies.cost import pair_times
 from epcontact.studies.frame import Charts, Ints, Say, listed, root_mean_square, rows, study
 from epcontact.surfaces.power_spectrum import surface_moments
-from fem_check.driver import problem_of
-from fem_check.element import elastic_stiffness
-from fem_check.limit_load import STRIP_LIMIT, assembled, strip_punch
-from fem_check.linear_solver import eliminate, substitute
-from fem_check.options import FemOptions
+from fem_check.limit_load import STRIP_LIMIT, strip_punch
 
 DEPTHS, WAVES = (0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0), (1, 2, 4)
 REFERENCE = "uncertainty of the reference"
@@ -42,7 +37,6 @@ _solved = partial(fem_check.solve, law="j2", certified=False)
     nodes=(3, 4, 6, 8, 12, 16),
     steps=(1, 2, 4, 8, 16, 32),
     sample=(8, range(7, 11)),
-    blocks=(8, 12, 16, 24),
     paths=([(32, 16), (64, 24), (128, 32)], range(5, 9)),
 )
 def fem(
@@ -51,10 +45,9 @@ def fem(
     nodes: Ints = (3, 4, 6, 10),
     steps: Ints = (1, 2, 4, 8),
     sample: tuple[int, Ints] = (4, range(7, 9)),
-    blocks: Ints = (8, 12, 16),
     paths: tuple[Sequence[tuple[int, int]], Ints] = ([(16, 8), (32, 16), (64, 24)], range(5, 7)),
 ) -> Charts:
-    """Errors and costs of finite elements: element, mesh, depth, linear solver, load path.
+    """Errors and costs of finite elements: element, mesh, depth, increments, load path.
 
     The sample is the bandwidth of J2 bodies of the paper's scene (nu = 0.3), and the seeds of their
     surfaces, over which errors are root mean squares; the references are the last of the nodes
@@ -85,12 +78,6 @@ def fem(
     plot = errors(("load_steps", "load steps (–)"), "relative error (–)", "quantity", steps[:-1])
     counts = listed(table[table["quantity"] == "mean gap"], "{load_steps}: {cg_iterations:.0f}")
     yield plot, table, f"Raw contact area and mean gap by steps. CG iterations of paths: {counts}"
-    table = rows(say, linear_solves, nodes=blocks)
-    worst = table.groupby("solver", sort=False)["residual"].max().reset_index()
-    y = ("time_in_products", "time in products with the assembled matrix (–)")
-    plot = Plot(("unknowns", "unknowns (–)"), y, ("solver",), log="xy")
-    told = listed(worst, "{solver} {residual:.0e}")
-    yield plot, table, f"A linear solve of an elastic block, on one thread. Residuals: {told}"
     costs = path_costs(say, *paths)
     x, y = ("nodes", "nodes a side (–)"), ("iterations", "iterations of the load path (–)")
     plot = Plot(x, y, ("solver",), log="x", ticks=costs["nodes"].tolist())
@@ -174,39 +161,6 @@ def step_errors(say: Say, steps: Ints, bandwidth: int, seeds: Ints) -> pd.DataFr
 
     by = ["quantity", "load_steps"]
     return root_mean_square(rows(say, row, seed=seeds), "relative_error", by)
-
-
-def linear_solves(nodes: int) -> list[dict[str, Any]]:
-    """Solve an elastic block with nodes x nodes points in each level under random forces by each
-    solver: unknowns, time in products of the assembled matrix with a vector, residual (relative).
-    """
-    problem = problem_of(flat_scene(nodes), FemOptions(law="elastic", certified=False))
-    shape, bricks = problem.block.field_shape, problem.bricks
-    free = 3 * math.prod(shape[:3]) - 3 * math.prod(shape[1:3])  # the base is held
-    moduli, shapes = (problem.law.shear, problem.law.bulk), range(bricks.weights.shape[0])
-    stiffness = np.stack([elastic_stiffness(bricks, k, *moduli) for k in shapes])
-    matrix = assembled(bricks, stiffness[bricks.shape_of])[:free, :free]
-    right = np.random.default_rng(1).standard_normal(free)
-    force = np.append(right, np.zeros(math.prod(shape) - free)).reshape(shape)
-    diagonal = sla.LinearOperator(matrix.shape, lambda v: v / matrix.diagonal())
-
-    def fourier() -> Any:
-        spectrum = eliminate(problem.factor, force)
-        return substitute(problem.factor, spectrum, np.zeros(shape[1:3])).reshape(-1)[:free]
-
-    fourier()  # compiled before it is timed
-    unit = min(timed(lambda: matrix @ right)[1][0] for _ in range(5))
-    found = []
-    for name, solver in (
-        ("Fourier elimination", fourier),
-        ("sparse factorisation", lambda: sla.splu(matrix.tocsc()).solve(right)),
-        ("conjugate gradients", lambda: sla.cg(matrix, right, rtol=1e-8, M=diagonal)[0]),
-    ):
-        solution, (seconds, _) = timed(solver)
-        residual = float(np.linalg.norm(matrix @ solution - right) / np.linalg.norm(right))
-        row = {"solver": name, "unknowns": free, "time_in_products": seconds / unit}
-        found.append(row | {"residual": residual})
-    return found
 
 
 def speed_scene(nodes: int, *, load: float = 0.05, seed: int = 5) -> Scene:

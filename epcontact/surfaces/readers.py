@@ -190,6 +190,11 @@ def _read_table(path: Path) -> HeightMap:
     if not lines or "\0" in text:
         raise InvalidScene(f"{path}: is no table of numbers")
     separator, decimal = _form(list(lines.values())[-1])
+    if (separator, decimal) == (",", ".") and _both(list(lines.values())[-16:]):
+        raise InvalidScene(
+            f"{path}: its commas separate the numbers and are decimal commas, too; separate the "
+            "numbers by ; or tabs, or write them with points"
+        )
     try:
         table = np.array(list(_rows(lines, separator, decimal)))
     except ValueError as error:
@@ -232,6 +237,15 @@ def _form(line: str) -> tuple[str | None, str]:
     if "," not in line or (len(cells) > 1 and decimal_commas):
         return None, "," if "," in line else "."
     return ",", "."
+
+
+def _both(lines: list[str]) -> bool:
+    """True if every second cell between commas holds decimals: digits of one length, some with a
+    zero in front."""
+    rows = [line.rstrip(", ").split(",") for line in lines]
+    after = [cell.strip() for row in rows for cell in row[1::2]]
+    even = len({*map(len, after)}) == 1 and not any(len(row) % 2 for row in rows)
+    return even and all(map(str.isdigit, after)) and any(re.match(r"0\d", one) for one in after)
 
 
 def _rows(lines: dict[int, str], separator: str | None, decimal: str) -> Iterator[list[float]]:

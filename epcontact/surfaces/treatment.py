@@ -75,7 +75,8 @@ class Preparation(Fields):
 
     Outliers are told if they are kept; removed ones are filled like missing heights, which are
     those of the nearest points ("nearest"), or span a hole like a soap film ("harmonic", the
-    solution of Laplace's equation).  Before a map is mirrored, `form` is 1 by default.
+    solution of Laplace's equation).  By default, `form` is 1 for a map that
+    is mirrored, or taken as periodic though mostly a tilt makes its heights jump at the edges.
     """
 
     missing: Annotated[
@@ -129,10 +130,18 @@ def prepared(
         if recipe.outliers == "remove":
             heights[spikes] = np.nan
     largest = float(np.nanmax(np.abs(heights)))
-    order = 1 if recipe.form is None and recipe.treatment == "mirrored" else recipe.form
+    order, why = recipe.form, ""
+    if order is None and recipe.treatment == "mirrored":
+        order = 1
+    elif order is None and recipe.treatment == "periodic":
+        whole = filled(heights, "nearest") if np.isnan(heights).any() else heights
+        level = edge_jumps(form_removed(whole, 1))
+        both = zip(edge_jumps(whole), level, strict=True)
+        if any(_jumping([was]) and now[0] < was[0] / 2 for was, now in both):
+            order, why = 1, ", because its tilt makes the edges jump; form = 0 keeps it"
     if order is not None:
         heights = form_removed(heights, order)
-        said.append(f"{_FORMS[order]} removed")
+        said.append(f"{_FORMS[order]} removed{why}")
     if 0 < np.nanstd(heights) < ROUNDING * largest:
         heights = np.where(np.isnan(heights), np.nan, 0.0)
         said.append("what is left is rounding, so that the surface is flat")
@@ -153,7 +162,7 @@ def prepared(
         )
         raise InvalidScene(f"{where}: not periodic, {said[-1]}; set treatment to {remedy}")
     periods = recipe.periods
-    treated = recipe.treatment == "mirrored" or _jumping(jumps)
+    treated = recipe.treatment == "mirrored" or bool(why) or _jumping(jumps)
     if recipe.treatment == "mirrored":
         heights = np.pad(heights, [(0, n) for n in heights.shape], mode="symmetric")
         periods = tuple(2 * p for p in periods)

@@ -136,6 +136,8 @@ def compare(old: pd.DataFrame, new: pd.DataFrame) -> Comparison:
     }
     for side, mine, other in (("NEW", *scenes[::-1]), ("OLD", *scenes)):
         alone = mine.index.difference(other.index)
+        if side == "OLD":  # a run at one size says nothing of cases at another
+            alone = alone[alone.isin(new["size"].unique(), level="size")]
         told[f"cases of {side} alone"] = [" ".join(each) for each in alone]
         one = both["where"] == ("right_only" if side == "NEW" else "left_only")
         told[f"figures of {side} alone"] = _named(both[~work & one])
