@@ -135,10 +135,8 @@ def compare(old: pd.DataFrame, new: pd.DataFrame) -> Comparison:
         "in a wider band": _named(values[wider]),
     }
     for side, mine, other in (("NEW", *scenes[::-1]), ("OLD", *scenes)):
-        alone = mine.index.difference(other.index)
-        if side == "OLD":  # a run at one size says nothing of cases at another
-            alone = alone[alone.isin(new["size"].unique(), level="size")]
-        told[f"cases of {side} alone"] = [" ".join(each) for each in alone]
+        alone = mine.index.difference(other.index)  # of OLD at the sizes that were run
+        told[f"cases of {side} alone"] = [f"{c} {s}" for c, s in alone if s in {*new["size"]}]
         one = both["where"] == ("right_only" if side == "NEW" else "left_only")
         told[f"figures of {side} alone"] = _named(both[~work & one])
     slower = counts[~timed & (counts["ratio"] > SLOWER)].sort_values("ratio", ascending=False)
