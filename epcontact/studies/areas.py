@@ -238,8 +238,8 @@ def areas(
 ) -> Charts:
     """Coverage of the claimed errors of corrected areas, by kind of surface.
 
-    Each mark is an area; the truth is a grid 8 times as fine.  Loads are .003 to 2 E*, the hardness
-    .05 to 2 E* or none, with 3 to 16 points a shortest wave.
+    Each mark is an area, at .001 or 100 if beyond; the truth is a grid 8 times as fine.  Loads are
+    .003 to 2 E*, the hardness .05 to 2 E* or none, with 3 to 16 points a shortest wave.
     """
     found = []
     for seed in seeds:

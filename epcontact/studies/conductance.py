@@ -18,6 +18,7 @@ from epcontact import bem
 from epcontact.harness.interface import contact_conductance, patches
 from epcontact.output.charts.figures import Chart, new_figure, styled
 from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.style import DIFFERENCE_MAP
 from epcontact.reference import conductance as laws
 from epcontact.results import APART
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
@@ -90,12 +91,15 @@ def law_map(table: pd.DataFrame, caption: str) -> Chart:
             mine = table[table["law"] == name]
             grid = mine.pivot_table(index="load", columns="hardness", values=RATIO)
             at = (grid.columns, grid.index, np.ma.masked_invalid(grid))
-            filled = axes.contourf(*at, levels=_BANDS, cmap="RdBu", extend="both")
+            filled = axes.contourf(*at, levels=_BANDS, cmap=DIFFERENCE_MAP, extend="both")
             lines = axes.contour(*at, levels=_BANDS, colors="#333333", linewidths=0.8)
             axes.clabel(lines, fontsize=7)
             axes.set(xscale="log", yscale="log", title=name, xlabel=r"hardness over $E^*\xi$ (–)")
-            axes.set_xticks(grid.columns, [f"{tick:g}" for tick in grid.columns], minor=False)
-            axes.set_xticks([], minor=True)
+            for axis, values in (("x", table["hardness"]), ("y", table["load"])):
+                axes.set(**{f"{axis}lim": (values.min(), values.max())})
+                ticks = sorted(values.unique())
+                getattr(axes, f"{axis}axis").set_ticks(ticks, [f"{tick:g}" for tick in ticks])
+                getattr(axes, f"{axis}axis").set_ticks([], minor=True)
         panels[0].set_ylabel("mean pressure over hardness (–)")
         figure.colorbar(filled, ax=list(panels), label="law over boundary elements (–)")
     columns = ["law", "hardness", RATIO, f"{RATIO}_low", f"{RATIO}_high", "load"]
