@@ -169,12 +169,12 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
             console.print(f"\nloads of {case.id}")
             console.print(tables.answers_table(case.answers, console.width))
         if told := case.case.told_hardness:
-            click.echo(f"{case.id}: {told}")
+            tables.print_hanging(console, f"{case.id}: {told}")
         tables.print_shortfalls(console, case)
     counts = {s: sum(case.status == s for case in verdict.cases) for s in tables.STYLES}
     summary = ", ".join(f"{n} {_PLURAL.get(s, s) if n > 1 else s}" for s, n in counts.items() if n)
     cases = "1 case" if len(verdict.cases) == 1 else f"{len(verdict.cases)} cases"
-    click.echo(references(verdict))
+    tables.print_hanging(console, references(verdict))
     console.print(f"{cases}: {summary}; verdict in {output / 'verdict.json'}")
     if left_out := sum(len(case.not_judged) for case in verdict.cases):
         plural = "gates are" if left_out > 1 else "gate is"

@@ -141,5 +141,4 @@ def _row(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _span(low: float, high: float) -> str:
-    low_high = [f"{end:.3g}" for end in (low, high)]
-    return low_high[0] if low_high[0] == low_high[1] else " to ".join(low_high)
+    return " to ".join(dict.fromkeys(f"{end:.3g}" for end in (low, high)))

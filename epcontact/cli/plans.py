@@ -213,10 +213,7 @@ def hardness(**scene: Any) -> None:
 @click.option("--effective-modulus", type=float, required=True, help="E* of both bodies, in Pa.")
 @click.option("--mean-pressure", type=float, required=True, help="Force over nominal area, in Pa.")
 @click.option(
-    "--breadth",
-    type=float,
-    default=None,
-    help="Longest (roll-off) over shortest wavelength of the roughness; else any from 2 to 12.",
+    "--breadth", type=float, help="Longest (roll-off) over shortest wavelength; else 2 to 12."
 )
 def joint(**given: Any) -> None:
     """Print what a rough joint conducts, with its interval, and what textbooks say of it.

@@ -135,7 +135,7 @@ def print_surface_notes(console: Console, case: Case, answers: Mapping[str, Answ
     notes = [result.notes for answer in answers.values() for result in answer.results]
     for note in notes[0] if notes else ():
         if all(note in others for others in notes):
-            console.print(f"{case.id}: {note}", markup=False, highlight=False)
+            print_hanging(console, f"{case.id}: {note}")
 
 
 def print_shortfalls(console: Console, case: CaseVerdict) -> None:
@@ -144,6 +144,10 @@ def print_shortfalls(console: Console, case: CaseVerdict) -> None:
     failed = [g for g in case.gates if not g.holds and first[g.error or g.name] is g]
     skipped = [case.skipped_because] if case.skipped_because else []
     for sentence in (*skipped, *failed, *case.unread_errors):
-        begin, *rest = Text(f"{case.id}: {sentence}").wrap(console, console.width - 2)
-        for line in (begin, *(Text("  ") + each for each in rest)):
-            console.print(line, soft_wrap=True)
+        print_hanging(console, f"{case.id}: {sentence}")
+
+
+def print_hanging(console: Console, sentence: str) -> None:
+    """Print a sentence in lines of whole words, the further ones indented."""
+    for number, line in enumerate(Text(sentence).wrap(console, console.width - 2)):
+        console.print(Text("  " * bool(number)) + line, soft_wrap=True)
