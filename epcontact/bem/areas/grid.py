@@ -106,6 +106,8 @@ class Block(NamedTuple):
     below: FloatArray  # (n,) `sunk` of `front.locate`
     turned: NDArray[np.bool_]  # (n,) whether the end of the link is inside
     numbers: Ints  # (2, rows, columns) numbers of the links by their axis and end
+    #: (2, m) row and column of cells whose last corner is elastic, or another one in another state.
+    busy: Ints
     #: (4, m) row, column and code of each cell with a segment of the front, the sum of 2^k over its
     #: corners inside, and whether it has plastic points next to points apart.
     cells: Ints
@@ -131,15 +133,18 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
         np.empty(2 * n),
         np.empty(2 * n, np.bool_),
         np.empty((2, rows, columns), np.int32),
+        np.empty((2, n), np.int32),
         np.empty((4, n), np.int32),
     )
     for k in range(len(blocks)):
         block = _filled(memory, solution, blocks[k])
+        busy = _busy(block)
         for front in range(2 if solution.hardness < np.inf else 1):
-            count, busy = _crossed(block, solution, front)
+            count, cut = _crossed(block, solution, front, busy)
             links = locate(block.values, block.below, count, solution.hardness, solution.yielded)
-            along = _segments(block, solution, front, links, busy, offsets)
-            found[k, front] = np.array(_points(block, solution.hardness, front) + along)
+            along = _segments(block, solution, front, links, cut, offsets)
+            for m, value in enumerate(_points(block, solution.hardness, front, busy) + along):
+                found[k, front, m] = value  # numba compiles np.array of a tuple for seconds
             found[k, front, AREA] += found[k, front, POINTS]
     return found
 
@@ -166,37 +171,50 @@ def _filled(memory: Block, solution: Solution, place: NDArray[np.int64]) -> Bloc
 
 
 @compiled
-def _crossed(block: Block, solution: Solution, front: int) -> tuple[int, int]:
-    """Find the links that a front crosses and the cells with segments of it; return both counts."""
-    (rows, columns), v, inside, sunk, values, below, turned, numbers, cells = block
-    state, count, found = 16 * front, 0, 0
-    cap, sign = (solution.hardness, -1.0) if front else (0.0, 1.0)
+def _busy(block: Block) -> int:
+    """Find the cells that are neither all apart nor all plastic: the rest needs no more."""
+    (rows, columns), inside, busy, found = block.shape, block.inside, block.busy, 0
     for i in range(PAD - 1, rows - PAD):
         for j in range(PAD - 1, columns - PAD):
-            a, b, c, d = inside[i - 1, j - 1], inside[i, j - 1], inside[i, j], inside[i - 1, j]
-            code = (a > state) + 2 * (b > state) + 4 * (c > state) + 8 * (d > state)
-            if code in (0, 15):
-                continue
-            for y in range(2):  # between corners 2 and 3 along x, and 1 and 2 along y
-                if (c > state) == ((b if y else d) > state):
-                    continue
-                layer, ends_inside = len(v) - 1 if y else 0, (c > state) != (front == 1)
-                for k in range(6):  # from inside
-                    way = 2 - k if ends_inside else k - 3
-                    p = v[layer, i, j + way] if y else v[layer, i + way, j]
-                    values[k, count] = cap + sign * p
-                below[count] = 0.0
-                if sunk.size and front == 0:
-                    last, out = (0, -1) if ends_inside else (-1, 0)
-                    w = sunk[i, j + last] if y else sunk[i + last, j]
-                    beyond = sunk[i, j + out] if y else sunk[i + out, j]
-                    aspect = solution.stiffness[y] / solution.stiffness[0]
-                    below[count] = w * aspect if beyond == 0 else -1.0 if w > 0 else 0.0
-                numbers[y, i, j], turned[count], count = count, ends_inside, count + 1
-            if i >= PAD and j >= PAD:
-                cells[0, found], cells[1, found], cells[2, found] = i, j, code
-                cells[3, found] = a != 1 and b != 1 and c != 1 and d != 1
+            here, a, b = inside[i, j], inside[i - 1, j - 1], inside[i - 1, j]
+            if here == 1 or a != here or b != here or inside[i, j - 1] != here:
+                busy[0, found], busy[1, found] = i, j
                 found += 1
+    return found
+
+
+@compiled
+def _crossed(block: Block, solution: Solution, front: int, busy: int) -> tuple[int, int]:
+    """Find the links that a front crosses and the cells with segments of it; return both counts."""
+    _, v, inside, sunk, values, below, turned, numbers, places, cells = block
+    state, count, found = 16 * front, 0, 0
+    cap, sign = (solution.hardness, -1.0) if front else (0.0, 1.0)
+    for n in range(busy):
+        i, j = places[0, n], places[1, n]
+        a, b, c, d = inside[i - 1, j - 1], inside[i, j - 1], inside[i, j], inside[i - 1, j]
+        code = (a > state) + 2 * (b > state) + 4 * (c > state) + 8 * (d > state)
+        if code in (0, 15):
+            continue
+        for y in range(2):  # between corners 2 and 3 along x, and 1 and 2 along y
+            if (c > state) == ((b if y else d) > state):
+                continue
+            layer, ends_inside = len(v) - 1 if y else 0, (c > state) != (front == 1)
+            for k in range(6):  # from inside
+                way = 2 - k if ends_inside else k - 3
+                p = v[layer, i, j + way] if y else v[layer, i + way, j]
+                values[k, count] = cap + sign * p
+            below[count] = 0.0
+            if sunk.size and front == 0:
+                last, out = (0, -1) if ends_inside else (-1, 0)
+                w = sunk[i, j + last] if y else sunk[i + last, j]
+                beyond = sunk[i, j + out] if y else sunk[i + out, j]
+                aspect = solution.stiffness[y] / solution.stiffness[0]
+                below[count] = w * aspect if beyond == 0 else -1.0 if w > 0 else 0.0
+            numbers[y, i, j], turned[count], count = count, ends_inside, count + 1
+        if i >= PAD and j >= PAD:
+            cells[0, found], cells[1, found], cells[2, found] = i, j, code
+            cells[3, found] = a != 1 and b != 1 and c != 1 and d != 1
+            found += 1
     return count, found
 
 
@@ -205,7 +223,7 @@ def _segments(
     block: Block, solution: Solution, front: int, links: Links, count: int, offsets: FloatArray
 ) -> tuple[float, ...]:
     """The `Sums` over the segments of a front, from the area on."""
-    v, sunk, turned, numbers, cells = block.v, block.sunk, *block[6:]
+    v, sunk, turned, numbers, cells = block.v, block.sunk, block.turned, block.numbers, block.cells
     x_field, y_field = v[0], v[-1]
     area = offset = harmonic = turn = zone = released = own_length = shared = 0.0
     own_held = aligned = flowing = kinked = spots = cosine = sine = doubts = chance = 0.0
@@ -234,7 +252,7 @@ def _segments(
             other, against = _link(numbers, i, j, (corner + 3) & 3)
             x, y = links.place[one], links.place[other]
             x, y = 1 - x if along == turned[one] else x, y if against == turned[other] else 1 - y
-            length = math.hypot(1.0, x - y) if straight else math.hypot(x, y)
+            length = math.sqrt(1 + (x - y) ** 2 if straight else x * x + y * y)
             area += sign * (x + y if straight else x * y) / 2
             edge = (links.spot[one] + links.spot[other]) / 2
             u = solution.yielded / (peak if edge > 0 else steep)
@@ -278,24 +296,22 @@ def _interpolated(u: float, offsets: FloatArray) -> float:
 
 
 @compiled
-def _points(block: Block, hardness: float, front: int) -> tuple[float, float, float, float]:
+def _points(block: Block, hardness: float, front: int, busy: int) -> tuple[float, ...]:
     """(points, tips, squares, crease) of `Sums` of a front."""
-    v, inside = block.v, block.inside
-    points = tips = squares = creases = 0.0
+    v, inside, places = block.v, block.inside, block.busy
     rows, columns = block.shape
+    points, tips, squares, creases = 0, 0.0, 0.0, 0.0
     for i in range(PAD, rows - PAD):
-        for j in range(PAD, columns - PAD):
-            here = inside[i, j]
-            points += here > 16 * front
-            if here == 1:
-                square, crease = _hidden(v, (i, j), hardness, front)
-                squares, creases = squares + square, creases + crease
-            elif (
-                here == 17 * front
-                and not inside[i - 1, j - 1] == inside[i, j - 1] == inside[i - 1, j] == here
-            ):
-                tips += _tip(v, inside, (i, j), hardness)
-    return points, tips, squares, creases
+        for j in range(PAD, columns - PAD):  # in integers, many at a time
+            points += inside[i, j] > 16 * front
+    for n in range(busy):
+        i, j = places[0, n], places[1, n]
+        if i >= PAD and j >= PAD and inside[i, j] == 1:
+            square, crease = _hidden(v, (i, j), hardness, front)
+            squares, creases = squares + square, creases + crease
+        elif i >= PAD and j >= PAD and inside[i, j] == 17 * front:
+            tips += _tip(v, inside, (i, j), hardness)
+    return float(points), tips, squares, creases
 
 
 @compiled
