@@ -218,6 +218,8 @@ def test_what_a_gate_verifies_and_on_what_it_rests(named):
     places = {(g.quantity, f"{g.against}"): g for g in case.gates}
     gate = places[quantity, against.rstrip(":")]
     assert f"{kind_of(case, gate)}, {subject_of(case, gate)}" == told
+    mine = replace(gate, of="mine")  # a solver that is judged does not change its reference
+    assert kind_of(case, mine) == told.partition(",")[0]
 
 
 def test_files_say_what_the_verdict_says(case, tmp_path):

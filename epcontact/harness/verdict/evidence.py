@@ -39,10 +39,10 @@ _MODEL_MEASURES = ("quantity.model_", "quantity.effective_")
 
 
 def kind_of(case: Case, gate: Gate) -> str:
-    """Return the kind of a gate's reference, one of `KINDS`."""
+    """Return the kind of a gate's reference, of `KINDS`; a user's solver is judged."""
     if gate.against in case.methods:
-        foreign = any(map(_foreign, (gate.of, str(gate.against))))
-        return "other code" if foreign else "method here"
+        peer = gate.of in METHODS and METHODS[gate.of].foreign and not METHODS[gate.of].source
+        return "other code" if peer or _foreign(str(gate.against)) else "method here"
     if isinstance(gate.against, str):
         return "closed form" if CLOSED_FORMS[gate.against].exact else "published"
     compares = gate.quantity.startswith((*_MODEL_MEASURES, "quantity.elements_"))
