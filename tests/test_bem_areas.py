@@ -3,11 +3,12 @@
 import json
 import math
 from dataclasses import astuple
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from laboratory import area_scenes, error_bars, rim
+from laboratory import area_bank, area_scenes, error_bars, rim
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import sici
@@ -237,6 +238,28 @@ def test_what_unloading_releases_at_an_edge_is_that_of_the_continuum(fallen, u):
     assert 1 + (math.acosh(1 / strip) - math.sqrt(1 - strip**2)) / math.e == pytest.approx(
         1 / u, rel=0.02
     )
+
+
+#: Claims are for nine of ten errors, so that some scenes miss one; these are told, not dropped.
+MISSED = {
+    ("punches", 1): "corners of posts err alike, and claim as by chance: 2.5, 3.2, 2.4 claims",
+    ("unloaded spheres", 2): "a spot that flowed: .3, .1, 1.2 claims",
+}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("kind", area_bank.KINDS)
+def test_refinement_makes_no_claim_less_true(kind, seed, request):
+    """On n, 2n, 4n points against 8n an error does not rise beyond its claim, or the coarser's."""
+    if why := MISSED.get((kind, seed)):
+        request.applymarker(pytest.mark.xfail(reason=why, strict=kind != "punches"))
+    scene, times = area_bank.scene(kind, seed, 48), []
+    (_, exact, doubt), *found = (area_bank.estimated(*scene.solved(k)) for k in (8, 1, 2, 4))
+    for _, area, claim in found:
+        parts = (vars(a)[part] for part in PARTS for a in (area, exact, claim, doubt))
+        rows = np.reshape(list(parts), (3, 4)).T
+        times.append(np.max(abs(rows[0] - rows[1]) / (rows[2] + rows[3] + 1e-9)))
+    assert all(fine <= max(1, coarse) for coarse, fine in pairwise(times)), times
 
 
 @pytest.mark.parametrize(
