@@ -40,7 +40,7 @@ def test_a_value_that_moved_inside_its_band_is_told(runs, tmp_path):
     moved = pd.read_csv(tmp_path / "moved.csv").set_index("name")
     error, moves = moved.loc["area.total.corrected of bem against westergaard (relative)"].iloc[-2:]
     assert 0.1 < moves < 1
-    assert error > 1.5 * UNCLAIMED * 0.564  # it is the claim of the area
+    assert error > 1.2 * UNCLAIMED * 0.564  # it is the claim of the area
     assert (code, "area.total.corrected of bem" in said) == (0, True)
     code, said, _ = compared(runs / "right", runs / "off")
     assert (code, "1 moved beyond their claim" in said) == (1, True)

@@ -249,7 +249,7 @@ def contact_conductance(
         >>> scene = Scene(Surface(heights, (1.0,)), Material(1.0, 0.0), Load(0.01))
         >>> found = contact_conductance(scene, bem.solve(scene), 2 / 50)  # steel on steel, heat
         >>> print(f"{found.corrected:.1f} +- {found.error:.1f}, raw {found.raw:.1f}")
-        226.6 +- 1.1, raw 226.2
+        226.6 +- 0.9, raw 226.2
     """
     if scene.body.kind != "half_space":
         raise InvalidCase("Barber's analogy gives the conductance of half-spaces, not of a layer")

@@ -81,16 +81,14 @@ class Sums(NamedTuple):
     released: FloatArray  # length times the width that has come off flattened spots
     length: FloatArray  # own
     shared: FloatArray  # the rest of it
-    #: Own length at edges, and times cos 4 theta; held length where plastic points are next to
-    #: points apart; own length where the surface has a kink, and at edges of flattened spots.
+    #: Own length at edges; held length where plastic points are next to points apart; own length
+    #: where the surface has a kink, and at edges of flattened spots.
     held: FloatArray
-    aligned: FloatArray
     flowing: FloatArray
     kinked: FloatArray
     spots: FloatArray
-    #: Own free length times cos and sin 4 theta, and times the doubt of `front` and its square.
-    cosine: FloatArray
-    sine: FloatArray
+    sine: FloatArray  # free length times sin 4 theta
+    #: Own free length times the doubt of `front`, and its square.
     doubt: FloatArray
     chance: FloatArray
 
@@ -115,12 +113,12 @@ class Block(NamedTuple):
 
 @compiled
 def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> FloatArray:
-    """The `Sums` over blocks of the cells of a periodic grid, (n, 2, 21).
+    """The `Sums` over blocks of the cells of a periodic grid, (n, 2, 19).
 
     blocks: (n, 4) the first row and the row after the last of the cells, and so their columns;
     offsets: of a front, at WIDTHS.
     """
-    found = np.zeros((len(blocks), 2, 21))
+    found = np.zeros((len(blocks), 2, 19))
     rows = np.max(blocks[:, 1] - blocks[:, 0]) + 2 * PAD
     columns, square = np.max(blocks[:, 3] - blocks[:, 2]) + 2 * PAD, solution.stiffness
     n, flowed = rows * columns, rows if solution.flowed.size else 0
@@ -226,7 +224,7 @@ def _segments(
     v, sunk, turned, numbers, cells = block.v, block.sunk, block.turned, block.numbers, block.cells
     x_field, y_field = v[0], v[-1]
     area = offset = harmonic = turn = zone = released = own_length = shared = 0.0
-    own_held = aligned = flowing = kinked = spots = cosine = sine = doubts = chance = 0.0
+    own_held = flowing = kinked = spots = sine = doubts = chance = 0.0
     for n in range(count):
         i, j, code = cells[0, n], cells[1, n], cells[2, n]
         cut, saddle, straight = _CUT[code], code % 5 == 0, int(code % 3 == 0)
@@ -267,14 +265,14 @@ def _segments(
             harmonic, turn = harmonic + cos4 * free, turn + (0.0 if straight else 0.25 * sign)
             zone += (links.zone[one] + links.zone[other]) / 2 * length
             own_length, shared = own_length + own, shared + length - own
-            own_held, aligned = own_held + held * own, aligned + cos4 * held * own
+            own_held += held * own
             flowing += held * length * cells[3, n]
             kinks = (links.kinked[one] + links.kinked[other]) / 2
             kinked, spots = kinked + kinks * own, spots + edge * own
-            cosine, sine = cosine + cos4 * own_free, sine + sin4 * own_free
+            sine += sin4 * free
             doubts, chance = doubts + doubt * own_free, chance + doubt * doubt * own_free
-    fields = (area, offset, harmonic, turn, zone, released, own_length, shared, own_held, aligned)
-    return (*fields, flowing, kinked, spots, cosine, sine, doubts, chance)
+    fields = (area, offset, harmonic, turn, zone, released, own_length, shared, own_held)
+    return (*fields, flowing, kinked, spots, sine, doubts, chance)
 
 
 @compiled

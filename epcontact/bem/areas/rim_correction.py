@@ -49,7 +49,7 @@ PERIMETER_FACTOR = (math.pi - 1 + math.log(2)) / 24
 #: Amplitude of the offset's change with the direction of a front, and its rms error in the worst
 #: direction (`rim.calibrate_directions`).
 HARMONIC, LOCATED = 0.0132, 0.005
-#: Cells missed for each tip, the median of many surfaces (`error_bars.fitted_tip`: 0.29 +- 0.02).
+#: Cells missed for each tip (`error_bars.fitted_tip`: 0.26 on smooth kinds, 0.51 with sharp ones).
 TIP = 0.3
 #: On oblong cells the mean offset grows by OBLONG ln^2(dx/dy) of itself (`rim.calibrate_oblong`).
 OBLONG = 0.07
@@ -62,22 +62,22 @@ POINTS = 0.0728
 
 @dataclass(frozen=True)
 class ErrorConstants:
-    """Standard deviations of the errors of areas, in cells."""
+    """Standard deviations of the errors of areas, in cells; "as far as a front is alike" is the
+    length of the mean of exp(4 i theta) along it, 1 where all of it meets the grid alike."""
 
-    #: Of a front's place, in units of its doubt (`front`): by chance, and in common as far as a
-    #: front's directions are alike.
-    place: float
-    kink: float  # for each spacing of a front at kinks, in common, times their share of the front
+    place: float  # of a front, by chance, in units of its doubt (`front`)
+    common: float  # in common, in the same units, as far as the front is alike
+    edge: float  # in common, for each spacing of a front at edges
+    kink: float  # in common, for each spacing of a front at kinks
+    strip: float  # in common, for each spacing of strips below one, as far as the front is alike
     gaps: float  # of the areas of gaps hidden at creases, in units of their bounds
 
 
-#: Of `laboratory.error_bars`, which finds (2.19, 0.191, 0.307) with the same loss to 0.001.
-ERRORS = ErrorConstants(2.25, 0.176, 0.317)
+#: Of `laboratory.error_bars`, which from here finds gaps of 0.43 with the same loss to 0.005.
+ERRORS = ErrorConstants(1.5, 2.8, 0.115, 0.063, 0.063, 0.31)
 #: Standard deviation of the place of fronts at edges of flattened spots, in common: in spacings,
 #: and in units of what they have been released by (`area_bank`).
 RELEASED, RELEASE = 0.02, 0.15
-#: Standard deviation of the mean of the places of two edges.
-TWO_EDGES = ANYWHERE / math.sqrt(2)
 #: Systematic error of OFFSETS on capped rough surfaces, in spacings for each spacing of the shorter
 #: front (areas of the paper's surface on 2048^2 to 16384^2 points, where chance is small).
 STRIPS = 0.001
@@ -230,28 +230,27 @@ def located_areas(array: FloatArray, oblong: float) -> FloatArray:
 def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
-    Errors by chance grow as the square root of a front's length, errors in common as the length.
-    Those that depend on the direction of a front are in common as far as the directions are alike,
-    which is the length of the mean of exp(4 i theta), and those at edges and kinks as far as these
-    prevail.  A strip narrower than a spacing may be anywhere in its link: the load tells better.
-    What a spot lacks by its curvature is known to a quarter, where no edge holds the front.
+    Errors by chance grow as the square root of a front's length, errors in common as the length:
+    those that depend on its direction as far as the front is alike, and those at edges and kinks.
+    What a spot lacks by its curvature is known to a quarter.  A strip narrower than a spacing may
+    be anywhere in its link: the load tells better.
     """
-    directed = np.hypot(sums.cosine, sums.sine)
-    turn, alike = np.abs(sums.turn), _share(directed, sums.length - sums.held)
-    chance = errors.place**2 * sums.chance + (CORNER / 4) ** 2 * turn + ANYWHERE**2 * sums.held
+    directed = np.hypot(sums.harmonic, sums.sine)
+    alike = _share(directed, sums.length + sums.shared - sums.held)
+    chance = errors.place**2 * sums.chance + (CORNER / 4) ** 2 * np.abs(sums.turn)
     common = [
-        alike * errors.place * sums.doubt,
-        oblong / SURE * sums.offset,
+        alike * errors.common * sums.doubt,
+        errors.edge * sums.held,
+        errors.kink * sums.kinked,
         LOCATED * directed,
-        TWO_EDGES * sums.aligned * _share(sums.aligned, sums.held),
-        CORNER / SURE * turn * _share(sums.held, sums.length),
-        errors.kink * sums.kinked * _share(sums.kinked, sums.length),
+        oblong / 4 * sums.offset,
         RELEASED * sums.spots,
         RELEASE * sums.released,
         STRIPS * (sums.length + sums.shared).min() * np.ones(2),
     ]
-    together = ANYWHERE**2 * sums.shared.mean()
-    return np.asarray(np.diag(chance + np.sum(np.square(common), axis=0)) + together)
+    alone = chance + ANYWHERE**2 * sums.held + np.sum(np.square(common), axis=0)
+    together = ANYWHERE**2 * sums.shared.mean() + (errors.strip * (alike * sums.shared).mean()) ** 2
+    return np.asarray(np.diag(alone) + together)
 
 
 def _share(part: FloatArray, whole: FloatArray) -> FloatArray:
@@ -280,7 +279,7 @@ def _balanced(
     covariance = covariance + np.diag(ANYWHERE**2 * sums.flowing * (free / slopes) ** 2)
     counted = COUNTED * (length - held) + TIP * sums.tips
     carried = load - (slopes * (1, -1)) @ counted
-    doubt = POINTS * length + (ANYWHERE * sums.cosine) ** 2 + unseen
+    doubt = POINTS * length + (ANYWHERE * sums.harmonic) ** 2 + unseen
     gain = covariance @ slopes
     gain /= slopes @ gain + slopes**2 @ doubt
     moved = areas + gain * (carried - slopes @ areas)
