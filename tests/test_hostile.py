@@ -27,7 +27,7 @@ from epcontact.errors import InvalidCase, NotConverged
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import carried_pressure
-from epcontact.harness.methods import foreign
+from epcontact.harness.methods import foreign, peers
 from epcontact.harness.methods.peers import result_of
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.processes import Child, ChildDied, Processes, spread
@@ -36,7 +36,7 @@ from epcontact.harness.verdict.pytest_cases import GateFellShort, GateItem
 from epcontact.harness.verdict.verification import verify
 from epcontact.machine import alive
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
-from epcontact.scene import Load, Material, Scene, Surface
+from epcontact.scene import Body, Load, Material, Scene, Surface
 
 THEORY = (
     ('methods = ["persson", "bem"]', 'methods = ["persson"]'),
@@ -245,11 +245,31 @@ def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path):
     assert (done.returncode, done.stderr) == (-9, "")
 
 
+@pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
+def test_a_command_gets_the_whole_scene_and_gives_each_field_its_place(tmp_path, monkeypatch):
+    heights, metal = (
+        np.array([[0.0, 0.5, -1.25], [3.0, 1e-9, 1 / 3]]),
+        Material(2.5, 0.3, 11.0, 5.0),
+    )
+    surface, body = Surface(heights, (2.0, 4.5)), Body("bonded_layer", 0.75)
+    scene = Scene(surface, metal, Load((0.5, 4.0, 1.5, 2.5)), body)
+    head, *rest = foreign.scene_text(scene).partition("heights\n")
+    assert head.splitlines() == [
+        "epcontact-scene 1", "dimensions 2", "shape 2 3", "periods 2.0 4.5", "young_modulus 2.5",
+        "poisson_ratio 0.3", "hardness 11.0", "yield_stress 5.0", "body bonded_layer", "depth 0.75",
+        "loads 4", "0.5", "4.0", "1.5", "2.5"]  # fmt: skip
+    assert [*map(float, rest[1].split())] == [*heights.flat]
+    fields = "gap {} residual 1D-3 displacement {} converged 1 pressure {}"
+    texts = (" ".join(map(repr, (heights + k).ravel().tolist())) for k in range(3))
+    (tmp_path / "made").write_text(f"epcontact-result 1 {fields.format(*texts)}")
+    monkeypatch.setattr(peers, "result_of", lambda *given: given)
+    words = ["cp", str(tmp_path / "made"), "{result}"]
+    asked, pressure, name, _, gap, displacement = foreign.answer_of_command(words, scene)
+    assert (asked, name) == (scene, "cp")
+    np.testing.assert_array_equal([gap, displacement, pressure], [heights + k for k in range(3)])
+
+
 def test_solver_in_c(scene, tmp_path):
-    wide = Surface(1e-3 * np.arange(6.0).reshape(2, 3), (2.0, 3.0))
-    words = foreign.scene_text(Scene(wide, Material(2.0, 0.25, 7.0, 5.0), Load(0.5))).split()
-    order = "young_modulus 2.0 poisson_ratio 0.25 hardness 7.0 yield_stress 5.0"
-    assert (" ".join(words[10:18]), [*map(float, words[-6:])]) == (order, [*wide.heights.flat])
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         pytest.skip("there is no C compiler")

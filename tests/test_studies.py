@@ -19,7 +19,7 @@ from epcontact.errors import StudyUnavailable
 from epcontact.harness.processes import Child, ChildDied
 from epcontact.studies import STUDIES, cost, fem, gap, peers, save_charts, theory, walls
 from epcontact.studies import paper_scene as scenes
-from epcontact.studies.frame import mean_with_interval, rows
+from epcontact.studies.frame import mean_with_interval, root_mean_square, rows
 
 #: The options of each study that runs in seconds.
 SMALL: dict[str, dict[str, Any]] = {
@@ -100,17 +100,21 @@ def test_rows_are_the_product_of_the_axes():
     assert said[1] == "load 0.5, law b"
 
 
-def test_the_interval_of_a_mean_is_student_s():
-    table = pd.DataFrame({"law": ["a", "b", "a", "a"], "area": [1.0, 5.0, 2.0, 3.0]})
-    half = 4.302653 / math.sqrt(3)  # t(2 degrees, 97.5 %) = 4.30265
-    found = mean_with_interval(table, "area", ["law"]).set_index("law")
-    assert found.loc["a"].to_numpy() == pytest.approx([2, 2 - half, 2 + half], rel=1e-6)
-    assert (found.loc["b"] == 5).all()
-    # An error that the surfaces share does not average out.
-    same = table.iloc[[0, 0]].assign(claim=0.2, gap=1.0)
-    for column, high in (("gap", 1.2), ("area", 1.0)):  # an area is never more than 1
-        (band,) = mean_with_interval(same, column, ["law"], "claim").to_numpy()
-        assert [*band[1:]] == pytest.approx([1.0, 0.8, high])
+def test_the_interval_of_a_mean_is_student_s_and_what_surfaces_share_does_not_average_out():
+    columns = {"law": [*"babba"], "x": [2.0, 5, 4, 9, 7], "share": [0.05, 0.5, 0.1, 0.9, 0.7]}
+    table = pd.DataFrame(columns | {"claim": [0.3, 0.1, 0.6, 0.9, 0.2], "seed": [1, 1, 2, 3, 2]})
+    for value, error in (("x", ""), ("x", "claim"), ("share", "claim")):
+        found = mean_with_interval(table, value, ["law"], error).to_numpy().tolist()
+        for (law, *told), t in zip(found, (4.302653 / 3**0.5, 12.706205 / 2**0.5), strict=True):
+            one = table[table["law"] == law]
+            mean, claim = one[value].mean(), one[error].mean() if error else 0.0
+            half = math.hypot(t * np.std(one[value], ddof=1), claim)
+            low, high = (max(mean - half, 0), min(mean + half, 1)) if value == "share" else (
+                mean - half, mean + half)  # fmt: skip
+            assert told == pytest.approx([mean, low, high], rel=1e-6)
+    means = root_mean_square(table, "x", ["law"])
+    assert means[["x", "share"]].to_numpy() == pytest.approx(
+        np.array([[(101 / 3) ** 0.5, 0.35], [37**0.5, 0.6]]))  # fmt: skip
 
 
 # --- theory --------------------------------------------------------------------------------------
