@@ -7,20 +7,23 @@ kinds are solved at a peak load first, and judged at a part of it on the surface
 
 `python -m laboratory.area_bank [--seeds 5000:5012] [--keep FOLDER] [KIND ...]` prints the coverage,
 the median error and the ratio of claim to error, by kind, in some five minutes of one core; with
-`--gaps` the errors of the mean gap.
+`--gaps` the errors of the mean gap, and with `--ablation` what each mechanism is worth.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pandas as pd
 
 from epcontact import bem
+from epcontact.bem.areas import rim_correction as rim
 from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import NotConverged
@@ -97,6 +100,10 @@ KINDS |= {kind: study.KINDS[kind] for kind in ("skewed", "spheres", "cylinders",
 KINDS |= {kind: study.KINDS[kind] for kind in ("outliers", "sharp cones", "quantised")}
 KINDS |= {"lines": _line, "unloaded": _rough, "unloaded spheres": study.KINDS["spheres"]}
 KINDS |= {"unloaded worn": _wear, "unloaded lines": _line}
+
+
+#: Kinds with edges, ridges or steps; those that are neither these nor unloaded are smooth.
+SHARP = ("turned", "blasted", "copies", "worn", "punches", "outliers", "quantised")
 
 
 @dataclass(frozen=True)
@@ -249,6 +256,51 @@ def summary(table):
     return out.assign(mean=groups.signed.mean())
 
 
+def without():
+    """What replaces which names of `rim_correction`, by the mechanism that is switched off."""
+    whole = rim.sums_of_fronts
+
+    def lacking(*names):
+        def sums(*arguments):
+            array, *rest = whole(*arguments)
+            nothing = dict.fromkeys(names, np.zeros(2))
+            return np.array(rim.Sums(*array)._replace(**nothing)), *rest
+
+        return {"sums_of_fronts": sums}
+
+    return {
+        "nothing": {"TIP": rim.TIP},
+        "offsets of strips": {"OFFSETS": np.full_like(rim.OFFSETS, rim.OFFSETS[-1])},
+        "corner": {"CORNER": 0.0},
+        "tips": {"TIP": 0.0},
+        "harmonic": {"HARMONIC": 0.0},
+        "oblong": {"OBLONG": 0.0},
+        "load": {"_balanced": lambda areas, covariance, *_: (areas, covariance)},
+        "zones": lacking("zone"),
+        "release": lacking("released", "spots"),
+        "hidden gaps": lacking("squares", "crease"),
+        "doubt": lacking("doubt", "chance"),
+        "claims of kinks": lacking("kinked"),
+        "copies": {"copies": lambda pressure: 1},
+    }
+
+
+def ablation(kinds, seeds, folder):
+    """Median error (%) and coverage (%) by group of kinds with each mechanism switched off."""
+    judged(kinds, seeds, folder, (1,))  # references and solutions, with all of it
+    groups, rows = dict.fromkeys(SHARP, "sharp"), {}
+    groups |= {kind: kind.split()[0] for kind in kinds if kind.startswith("unloaded")}
+    for name, changed in without().items():
+        with mock.patch.multiple(rim, **changed):
+            table = judged(kinds, seeds, folder, (1,))
+        table = table[table.exact > SMALLEST]
+        by = table.assign(relative=100 * table.error / table.exact, cover=100.0 * table.within)
+        by = by.groupby(by.kind.map(groups).fillna("smooth"))
+        median, cover = by.relative.median().add_prefix("error, "), by.cover.mean()
+        rows[name] = pd.concat([median, cover.add_prefix("cover, ")])
+    return pd.DataFrame(rows).T
+
+
 def main():
     """Print the tables by kind: of the coarsest grid, and the coverage of each grid."""
     parser = argparse.ArgumentParser()
@@ -256,12 +308,18 @@ def main():
     parser.add_argument("--seeds", default="5000:5012")
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--gaps", action="store_true", help="of the mean gap instead")
+    parser.add_argument("--ablation", action="store_true", help="what each mechanism is worth")
     given = parser.parse_args()
+    if given.ablation and not given.keep:
+        given.keep = Path(tempfile.mkdtemp())
     if given.keep:
         given.keep.mkdir(parents=True, exist_ok=True)
     seeds = range(*map(int, given.seeds.split(":")))
     if given.gaps:
         print(gaps(given.kinds or list(KINDS), seeds).round(4).to_string())
+        return
+    if given.ablation:
+        print(ablation(given.kinds or list(KINDS), seeds, given.keep).round(2).to_string())
         return
     table = judged(given.kinds or list(KINDS), seeds, given.keep)
     print(summary(table[table.grid == 1]).round(2).to_string())

@@ -33,7 +33,7 @@ def main(path):
     for level, colour in ((0.0, "tab:blue"), (1.0, "tab:red")):
         axes.contour(x, y, v.T, [level], colors=colour, linestyles="dashed")
         axes.contour(fine_x, fine_y, fine.T, [level], colors=colour)
-    axes.plot([], [], "k--", label="located on this grid")
+    axes.plot([], [], "k--", label="on this grid, not yet corrected")
     axes.plot([], [], "k-", label=f"on a grid {FINER} times as fine")
     axes.legend(loc="lower left")
     axes.set_aspect("equal")
