@@ -53,8 +53,11 @@ EDGE = 0.75
 #: directions (`rim.calibrate_release`), .5 to .8 on rough surfaces (`area_bank`).
 RELEASE = 0.75
 
-#: Compiles a function of this room; nothing calls one from C.
+#: Compiles a function of this room; nothing calls one from C, and an inner one not from Python.
 compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+inner = numba.njit(
+    cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True
+)
 
 
 class Links(NamedTuple):
@@ -107,7 +110,7 @@ def locate(v: FloatArray, sunk: FloatArray, count: int, hardness: float, yielded
     return links
 
 
-@compiled
+@inner
 def _root(
     v: tuple[float, float, float, float, float, float], hardness: float, of_gap: bool
 ) -> tuple[float, float, bool]:
@@ -163,7 +166,7 @@ def _root(
     return x + straight, doubt, hump and elastic and before > max(first, last)
 
 
-@compiled
+@inner
 def _edges(
     first: float, before: float, last: float, out: float, after: float, hardness: float
 ) -> tuple[bool, bool]:
@@ -174,7 +177,7 @@ def _edges(
     return step, elastic and first > 0 and last - before > max(before - first, 0.0)
 
 
-@compiled
+@inner
 def _closing(near: float, middle: float, far: float) -> float:
     """The distance from the first of three points to the zero of their gaps' parabola, up to 1."""
     bend = (far - 2 * middle + near) / 2

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.areas.front import Links, compiled, locate, release
+from epcontact.bem.areas.front import Links, compiled, inner, locate, release
 from epcontact.results import FloatArray
 
 Ints = NDArray[np.int32]
@@ -147,7 +147,7 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
     return found
 
 
-@compiled
+@inner
 def _filled(memory: Block, solution: Solution, place: NDArray[np.int64]) -> Block:
     """Fill the memory with the points of a block."""
     (pressure, gap, hardness, stiffness, flowed, _), (first, last, left, right) = solution, place
@@ -168,7 +168,7 @@ def _filled(memory: Block, solution: Solution, place: NDArray[np.int64]) -> Bloc
     return Block((rows, columns), *memory[1:])
 
 
-@compiled
+@inner
 def _busy(block: Block) -> int:
     """Find the cells that are neither all apart nor all plastic: the rest needs no more."""
     (rows, columns), inside, busy, found = block.shape, block.inside, block.busy, 0
@@ -181,7 +181,7 @@ def _busy(block: Block) -> int:
     return found
 
 
-@compiled
+@inner
 def _crossed(block: Block, solution: Solution, front: int, busy: int) -> tuple[int, int]:
     """Find the links that a front crosses and the cells with segments of it; return both counts."""
     _, v, inside, sunk, values, below, turned, numbers, places, cells = block
@@ -216,7 +216,7 @@ def _crossed(block: Block, solution: Solution, front: int, busy: int) -> tuple[i
     return count, found
 
 
-@compiled
+@inner
 def _segments(
     block: Block, solution: Solution, front: int, links: Links, count: int, offsets: FloatArray
 ) -> tuple[float, ...]:
@@ -275,7 +275,7 @@ def _segments(
     return (*fields, flowing, kinked, spots, sine, doubts, chance)
 
 
-@compiled
+@inner
 def _link(numbers: Ints, i: int, j: int, side: int) -> tuple[int, bool]:
     """The number of the link along a side of a cell, and whether it runs as the side does."""
     if side & 1 == 0:
@@ -283,7 +283,7 @@ def _link(numbers: Ints, i: int, j: int, side: int) -> tuple[int, bool]:
     return numbers[1, i if side == 1 else i - 1, j], side == 1
 
 
-@compiled
+@inner
 def _interpolated(u: float, offsets: FloatArray) -> float:
     """The offset at u; constant beyond the table."""
     k = 1
@@ -293,7 +293,7 @@ def _interpolated(u: float, offsets: FloatArray) -> float:
     return float(offsets[k - 1] + share * (offsets[k] - offsets[k - 1]))
 
 
-@compiled
+@inner
 def _points(block: Block, hardness: float, front: int, busy: int) -> tuple[float, ...]:
     """(points, tips, squares, crease) of `Sums` of a front."""
     v, inside, places = block.v, block.inside, block.busy
@@ -312,7 +312,7 @@ def _points(block: Block, hardness: float, front: int, busy: int) -> tuple[float
     return float(points), tips, squares, creases
 
 
-@compiled
+@inner
 def _tip(v: FloatArray, inside: Bytes, place: tuple[int, int], hardness: float) -> float:
     """1 where a point is a tip of its state, less where the strip beside it is narrow, or 0.
 
@@ -337,7 +337,7 @@ def _tip(v: FloatArray, inside: Bytes, place: tuple[int, int], hardness: float) 
     return float((hardness / way) ** 2 if way > hardness else 1.0)
 
 
-@compiled
+@inner
 def _hidden(
     layers: FloatArray, place: tuple[int, int], hardness: float, front: int
 ) -> tuple[float, float]:
@@ -371,14 +371,14 @@ def _hidden(
     return squares + area * area, area
 
 
-@compiled
+@inner
 def _short(p: float, hardness: float, front: int) -> float:
     """A pressure from 0 to the hardness, or what it lacks of the hardness for front 1."""
     p = min(max(p, 0.0), hardness)
     return float(hardness - p if front else p)
 
 
-@compiled
+@inner
 def _crease(
     here: float, beside: tuple[float, float], outer: tuple[float, float], sides: tuple[float, float]
 ) -> tuple[float, float]:
@@ -400,7 +400,7 @@ def _crease(
     return -math.log(3) * here / across, straight
 
 
-@compiled
+@inner
 def _lacking(layers: FloatArray, place: tuple[int, int], hardness: float, front: int) -> float:
     """The part of CORNER that a lone point's located area lacks, as its spot may have no area."""
     (i, j), area = place, 1.0
