@@ -381,7 +381,7 @@ def _doubts(surface: Surface) -> list[str]:
         f"the rms slope is {slope:.3g}, beyond the small slopes that the methods assume; check "
         "that heights and periods are in m": slope > 1,
         f"the heights are in steps of {step:.3g} m at most points, as a map of few bits is: "
-        "claimed errors of areas do not hold; smooth the heights if the steps are rounding, or "
+        "claimed errors of areas do not hold for these; smooth them if the steps are rounding, or "
         "refine the grid until each tread is several points wide": step > 0,
         f"the grid's cells are {ratio:.3g} times as long as wide: corrected areas and their "
         "claimed errors hold up to 2; take points at like distances in both directions": (
@@ -402,7 +402,7 @@ def _coarse_step(heights: FloatArray, change: float) -> float:
     step = float(np.diff(levels).min())
     multiples = (levels - levels[0]) / step
     bent = [np.abs(np.diff(corner, 2, axis)) > step / 2 for axis in range(corner.ndim)]
-    fine = step < change / 8
+    fine = step < change / 20  # At 1/12 no claim of the steps held, at 1/33 two thirds
     uneven = np.max(np.abs(multiples - np.round(multiples))) > 1e-3
     smooth = np.mean([axis.mean() for axis in bent if axis.size]) < 1 / 4
     return 0.0 if fine or uneven or smooth else step
