@@ -1,0 +1,245 @@
+"""Whole texts, as commands print them, of answers without a symmetry.
+
+Words stand here once more, and every number is computed from the made-up figures.
+"""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from command_line import invoke
+from test_shown import gate, verdict
+
+from epcontact import planning
+from epcontact.cli import cases, ledger, plans, show, studies
+from epcontact.harness.sweep import Swept, digest
+from epcontact.harness.verdict.compare import compare as compared
+from epcontact.harness.verdict.judgement import Verdict
+from epcontact.harness.verdict.overview import overview
+from epcontact.studies import gap
+
+
+def test_verify_tells_counts_gates_and_what_to_do_next(capsys):
+    """Of three cases that hold, two that fall short, one error and one that is skipped."""
+    made = verdict().cases
+    more = [made[k].model_copy(update={"id": f"case-{k}-{at}"}) for at, k in enumerate((0, 0, 1))]
+    left = {"id": "case-s", "status": "skipped", "gates": [], "skipped_because": "no map is here"}
+    more.append(made[0].model_copy(update=left | {"methods": {}}))
+    found = []
+    for case, number in zip([*made, *more], (0, 2, 0, 1, 0, 0, 2), strict=True):
+        found.append(case.model_copy(update={"not_judged": ["a gate", "another"][:number]}))
+        about = {"recipes": (), "lists_loads": False, "told_hardness": "hard" * (case is made[1])}
+        found[-1]._case = SimpleNamespace(**about)
+    whole, out = Verdict.on(found, "fast"), Path("my results")
+    gates = [g for case in found for g in case.gates]
+    counts = {kind: sum(g.kind == kind for g in gates) for kind in ("identity", "closed form")}
+    ends = [
+        "case-1: hard",
+        *(f"{case.id}: {g}" for case in found[:3] for g in case.gates if g.status != "holds"),
+        *(f"{case.id}: {g}" for case in found[5:6] for g in case.gates if g.status != "holds"),
+        "case-s: no map is here",
+        f"references: identity {counts['identity']}, closed form {counts['closed form']}; "
+        f"0 of {len(gates)} gates rest on nothing of this program",
+        "7 cases: 3 hold, 2 fall short, 1 error, 1 skipped; verdict in my results/verdict.json",
+        "5 gates are left out at this size; verdict.json says which and why",
+    ]
+    again = "the same command solves again only what has changed"
+    page = "`epcontact report 'my results'` draws charts and a page"
+    for every, paged, steps in (
+        (False, False, ["--gates prints each gate", page, again]), (True, False, [page, again]),
+        (True, True, [again]),
+    ):  # fmt: skip
+        cases._show(whole, out, every, paged)
+        told = " ".join(capsys.readouterr().out.split())
+        assert told.endswith(" ".join([*ends, f"next: {'; '.join(steps)}"]))
+        table = told.partition(" case-1: hard")[0]
+        rows = sum(table.count(f" {g.against} ") for g in gates)
+        assert (rows > 0, table.count("It holds.")) == (True, 0 if every else 7)
+    rest, view = "no map is here", overview(whole)
+    told = view["families"].items()
+    assert [(name, one["gates"], one["held"]) for name, (one,) in told] == [
+        (case.id, len(case.gates), sum(g.status == "holds" for g in case.gates))
+        for case in found
+    ]  # fmt: skip
+    cases._show(Verdict.on([found[0]], "fast"), out, False, True)
+    told = " ".join(capsys.readouterr().out.split())
+    assert rest not in told
+    assert told.endswith(
+        "1 case: 1 holds; verdict in my results/verdict.json next: --gates prints each gate"
+    )
+    cases._show(Verdict.on([found[3]], "fast"), out, True, True)
+    assert capsys.readouterr().out.endswith(
+        "1 gate is left out at this size; verdict.json says which and why\n"
+    )
+
+
+def test_gates_are_listed_with_their_own_sizes_bands_margins_and_reasons(monkeypatch, tmp_path):
+    here = {
+        size: [gate(3 * k + n, "holds") for n in range(2)]
+        for k, size in enumerate(("fast", "full"))
+    }
+    text = SimpleNamespace(id="mine", sizes=("fast", "full"))
+    monkeypatch.setattr(show, "find_named", lambda _: [text])
+    monkeypatch.setattr(show, "load_case", lambda _, size: SimpleNamespace(gates=here[size]))
+    known = ("mine", "full", "gate 4")
+    monkeypatch.setattr(
+        show, "_margins", lambda _: {known: "1.25", ("mine", "fast", "gate 3"): "9"}
+    )
+    head, *lines = invoke("gates", "mine", "--output", tmp_path).stdout.splitlines()
+    assert head.split() == ["case", "size", "gate", "band", "margin", "because"]
+    assert [line.split() for line in lines] == [
+        ["mine", size, *g.name.split(), f"{g.low:g}", "…", f"{g.high:g}",
+         "1.25" if (size, g.name) == known[1:] else "–", "it", "must"]
+        for size, each in here.items() for g in each
+    ]  # fmt: skip
+
+
+def test_compare_tells_each_move_and_each_count(capsys):
+    old = pd.DataFrame({
+        "case": ["a", "a", "a", "a", "b", "b", "b", "b"], "size": "fast",
+        "name": ["x of m against 1 (relative)", "y of m against 0 (absolute)",
+                 "cost.fft_pairs of m",
+                 "cost.seconds of m", "z of m", "w of m against n (relative)", "gone of m",
+                 "v of m"],
+        "scene": "", "value": [1.0, 0.0, 8.0, 2.0, 5.0, 3.0, 1.0, 7.0],
+        "reference": np.nan, "error": [0.1, 0.5, np.nan, np.nan, np.nan, 0.2, np.nan, 0.1],
+        "low": [-1, -0.25, np.nan, np.nan, np.nan, -0.1, np.nan, np.nan],
+        "high": [1, 0.75, np.nan, np.nan, np.nan, 0.3, np.nan, np.nan], "status": "",
+    })  # fmt: skip
+    new = old[old["name"] != "gone of m"].copy()
+    new["value"] = [1.25, 0.125, 12.0, 5.0, 5.001, 3.05, 7.0]
+    last = new["name"].str.startswith("w")
+    new.loc[last, ["status", "error", "high"]] = ["falls short", 0.4, 0.5]
+    other = pd.DataFrame({"case": "c", "size": "full", "name": "x of m", "scene": ["one"]})
+    old = pd.concat([old, other.assign(value=1.0)])
+    added = [new, other.assign(scene="two", value=9.0), new.tail(1).assign(name="u of m")]
+    new = pd.concat([*added, other.assign(case="d")])
+    found = compared(old, new)
+    assert found.moved.set_index("figure")["moved"].to_dict() == pytest.approx(
+        {"x of m": 2.5, "y of m": 0.25, "z of m": 0.001 / 5.001e-4, "w of m": 0.125}, rel=1e-9
+    )
+    assert [*found.moved["figure"]] == ["x of m", "z of m", "y of m", "w of m"]
+    assert (found.beyond, found.exit_code, found.compared, found.time) == (2, 1, 6 - 1, 2.5)
+    ledger._show(found)
+    judged = "b fast: w of m against n (relative)"
+    told = (
+        "moved old new in claims a fast x of m 1 1.25 2.5 y of m 0 0.125 0.25 "
+        "b fast z of m 5 5.001 2 w of m 3 3.05 0.12 more work old new ratio "
+        f"a fast: fft_pairs of m 8 12 1.50 held, and does not hold now: {judged} "
+        "of another scene, not compared: c full of untold scenes: a fast, b fast "
+        f"in a wider band: {judged} cases of NEW alone: d full figures of NEW alone: b fast: "
+        "u of m figures of OLD alone: b fast: gone of m 5 values compared: 2 moved beyond their "
+        "claim, 2 within it; 1 counts of work grew; seconds: 2.50 times as many"
+    )
+    assert capsys.readouterr().out.split() == told.split()
+
+
+def test_a_row_of_the_ledger_is_told_whole():
+    row = {"quantity": "A_pl", "pair": "FE – BEM", "points": 4.0, "bias": -0.0314, "scatter": 0.271,
+           "scenes": 12, "time": 3.456, "fft_pairs": 123.4, "load_min": 0.01, "load_max": 0.05,
+           "hardness_min": 0.6, "hardness_max": 0.6, "hurst_min": np.nan, "hurst_max": np.nan,
+           "waves_min": 8.0, "waves_max": 64.0}  # fmt: skip
+    reach = "p0/(E* ξ) 0.01 to 0.05, hardness/(E* ξ) 0.6, waves 8 to 64"
+    told = ("A_pl", "FE, 4 points a wave – BEM", "-3.1 %", "27 %", "12", "3.46", "123", reach)
+    assert ledger._row(row) == told
+    bare = ledger._row(row | {"points": np.nan, "scenes": 1, "time": np.nan, "fft_pairs": 0.0})
+    assert bare == ("A_pl", "FE – BEM", "-3.1 %", "–", "1", "", "", reach)
+
+
+def test_a_plan_and_a_map_of_methods_are_told_whole(monkeypatch, capsys, write_case):
+    recipes = [SimpleNamespace(shape=(24, 36))] * 3
+    chosen = planning.Plan(
+        "other", 0.02, ("total",), "bem", "corrected", {}, 0.003, 0.004, 1.25e6, 9.875e7, 5e3,
+        ("one reason", "another"), ("a note on the treatment of the edges",), recipes)  # fmt: skip
+    asked = []
+    monkeypatch.setattr(planning, "plan", lambda *given, **_: asked.append(given[1]) or chosen)
+    told = invoke("plan", write_case(), "--tolerance", "2%").stdout.splitlines()
+    assert (asked, told) == ([0.02], [
+        "other: bem, 24 x 36 points, 3 surfaces, corrected areas", "  one reason", "  another",
+        "  the plan is for the error of the grid; what the edges may change comes on top",
+        "  a note on the treatment of the edges",
+        "  expected: error 0.5 %, work 1.25e+06 (grid points times transforms); the case as it is "
+        "takes 9.88e+07",
+    ])  # fmt: skip
+    table = pd.DataFrame({
+        "map": ["capped"] * 4 + ["fem"] * 2, "method": ["n", "n", "n", "k", "f", "f"],
+        "converged": [True, False, True, True, True, True], "effort": [5, np.nan, 30, 7, 2, 11.5],
+    })  # fmt: skip
+    columns = [[*column.cells] for column in studies._summary(table).columns]
+    assert [*zip(*columns, strict=True)] == [
+        ("capped", "n", "3", "[bold red]1[/]", "30"), ("capped", "k", "1", "0", "7"),
+        ("fem", "f", "2", "0", "11.5"),
+    ]  # fmt: skip
+
+
+def test_a_sweep_tells_tasks_notes_fields_and_failures(monkeypatch, tmp_path):
+    table = pd.DataFrame({"load": [0, 1, 0, 1, 0], "solved": [True, True, True, True, False]})
+    entry = lambda x, e: {"mean": x, "error": e, "parts": {"grid": e}}  # noqa: E731
+    rows = [
+        {
+            "branch": b,
+            "mean_pressure": entry(p, 0.0),
+            "total_area": entry(a, 0.01),
+            "mean_gap": entry(u, 2e-8),
+        }
+        for b, p, a, u in (("loading", 2e3, 0.125, 3e-6), ("unloading", 1e3, 0.0625, 4e-6))
+    ]
+    loads = {f"hardness {n}, bem": (rows[: 1 + n % 2], f"{n}") for n in range(43)}
+    failures = {"one": "stalled", "two": "no memory", "three": "stalled"}
+    swept = Swept(
+        tmp_path, table, failures, 1, loads, [], {"a note": 2}, {Path("x.vti"): "point 7"}
+    )
+    monkeypatch.setattr(plans, "run_sweep", lambda *_, **__: swept)
+    done = invoke("sweep", "mine")
+    lines = done.stdout.splitlines()
+    head = "point branch mean pressure (kPa) total area mean gap (µm) error of the total area by"
+    assert lines[0].split() == [*head.split(), "surfaces"]
+    assert [line.split() for line in lines[1:6]] == [
+        ["hardness", "0", "loading", "2", "0.125", "3", "grid", "0.01", "0"],
+        ["bem", "±", "0.01", "±", "0.02"],
+        ["hardness", "1", "loading", "2", "0.125", "3", "grid", "0.01", "1"],
+        ["bem", "±", "0.01", "±", "0.02"],
+        ["hardness", "1", "unloading", "1", "0.0625", "4", "grid", "0.01", "1"],
+    ]
+    assert [line.split()[1] for line in lines if "hardness" in line][-1] == "39"
+    assert lines[-4:] == [
+        "and 3 more", "note of 2 tasks: a note", "fields of point 7 in x.vti",
+        f"2 of 3 tasks are solved, 1 of them earlier; table in {tmp_path}/sweep.csv, digest "
+        f"{digest(table)[:12]}",
+    ]  # fmt: skip
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (
+        2, "epcontact: 3 tasks failed, which the next run tries again: 2 with: stalled; 1 with: no "
+           "memory")  # fmt: skip
+
+
+# --- tables of studies ----------------------------------------------------------------------------
+
+
+def test_distances_and_deviations_of_gaps():
+    u = gap.GAPS
+    shares = {"bem": {(0.3, 1): 0.25, (0.3, 2): 0.5, (0.6, 1): 0.75}, "fem": dict.fromkeys(
+        [(0.3, 1), (0.3, 2), (0.6, 1)], 0.125)}  # fmt: skip
+    table = pd.concat(
+        pd.DataFrame({"ratio": r, "seed": s, "method": m, "gap_over_rms_height": u,
+                      "cumulative_area": np.where(u <= 3, share, 1.0)})
+        for m, each in shares.items() for (r, s), share in each.items()
+    )  # fmt: skip
+    found = gap.distances(table, "fem", "bem").set_index("ratio")["distance"]
+    each = {s: abs(share - 0.125) / (1 - share) for s, share in shares["bem"].items()}
+    assert found.to_dict() == pytest.approx(
+        {0.3: (each[0.3, 1] + each[0.3, 2]) / 2, 0.6: each[0.6, 1]}
+    )
+    gaps = {("bem", "elastic"): 2.0, ("bem", "capped"): 4.0, ("fem", "elastic"): 3.0,
+            ("fem", "capped"): 5.0, ("fem", "j2"): 7.0}  # fmt: skip
+    blocks = pd.DataFrame([
+        {"grid": n, "pressure_over_modulus": p, "method": m, "law": law,
+         "open gap": g * n + p * (m == "fem")}
+        for n in (3, 6) for p in (0.1, 0.2) for (m, law), g in gaps.items()
+    ])  # fmt: skip
+    off = gap.block_deviations(blocks).set_index(["law", "grid", "pressure_over_modulus"])
+    for (law, n, p), row in off.iterrows():
+        below = gaps["bem", "elastic" if law == "elastic" else "capped"] * n
+        assert row.item() == pytest.approx(100 * ((gaps["fem", law] * n + p) / below - 1))
+    assert len(off) == 12
