@@ -131,7 +131,7 @@ def test_compare_tells_each_move_and_each_count(capsys):
         "of another scene, not compared: c full of untold scenes: a fast, b fast "
         f"in a wider band: {judged} cases of NEW alone: d full figures of NEW alone: b fast: "
         "u of m figures of OLD alone: b fast: gone of m 5 values compared: 2 moved beyond their "
-        "claim, 2 within it; 1 counts of work grew; seconds: 2.50 times as many"
+        "claim, 2 within it; more work: 1; seconds: 2.50 times as many"
     )
     assert capsys.readouterr().out.split() == told.split()
 

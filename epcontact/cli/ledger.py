@@ -84,7 +84,7 @@ def _show(found: Comparison) -> None:
             console.print(said, markup=False, highlight=False)
     timed = f"; seconds: {found.time:.2f} times as many" if found.time > 0 else ""
     said = f"{found.compared} values compared: {found.beyond} moved beyond their claim, "
-    said += f"{len(found.moved) - found.beyond} within it; {len(found.slower)} counts of work grew"
+    said += f"{len(found.moved) - found.beyond} within it; more work: {len(found.slower)}"
     console.print(said + timed, highlight=False)
 
 
