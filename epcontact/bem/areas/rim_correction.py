@@ -292,14 +292,11 @@ def copies(pressure: FloatArray) -> int:
     close = CLOSE * float(pressure[highest] - pressure.min())
     for rows, first in ((pressure, highest[0]), (pressure.T, highest[1])):
         n = len(rows)
-        order = [
-            (first + i) % n for i in range(n)
-        ]  # the highest rows differ at once, or not at all
+        # The highest rows differ at once, or not at all.
+        order = [(first + i) % n for i in range(n)]
         for times in range(n, 1, -1):
-            steps = {
-                n // times,
-                n // times * (times // 2),
-            }  # what hardly changes in one does in half
+            # What hardly changes in one step of the copies does in half of all of them.
+            steps = {n // times, n // times * (times // 2)}
             if n % times == 0 and all(
                 np.abs(rows[i] - rows[i - step]).max() <= close for i in order for step in steps
             ):
