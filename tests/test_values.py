@@ -136,7 +136,7 @@ def test_counts_are_those_of_the_steps_and_residuals_those_of_the_tolerance():
     (_, one), (_, flow) = posts(), strain()
     for part in ("total", "elastic", "plastic"):  # the claims of areas cover those of the posts
         corrected, error = (getattr(one.final.areas[kind], part) for kind in ("corrected", "error"))
-        assert 0 < abs(corrected - POSTS[f"area.{part}.raw"]) <= error < 0.015
+        assert 0 < abs(corrected - POSTS[f"area.{part}.raw"]) <= error < 0.018
     for found in (one, flow):
         for cost, step in SUMS[found.method].items():
             assert found.cost[cost] == sum(each.iterations[step] for each in found.steps) > 0

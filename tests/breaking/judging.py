@@ -47,12 +47,9 @@ def _largest(original):
     return lambda values: original(values).model_copy(update={"mean": float(max(values))})
 
 
-def _reversed(found):
+def _reversed(case, answers):
     """The results of the boundary elements in another order than their labels and partners."""
-    return {
-        case: answers | {"bem": replace(answers["bem"], results=answers["bem"].results[::-1])}
-        for case, answers in found.items()
-    }
+    return case, answers | {"bem": replace(answers["bem"], results=answers["bem"].results[::-1])}
 
 
 def _shifted(answer):
@@ -173,8 +170,8 @@ FAULTS = (
                 VERDICT + "judgement.judge",
                 lambda gate, a, b, paired, claim: (gate, a, b, False, claim),
             ),
-            "the answers in the reverse order": on_result(
-                VERDICT + "verification.run_cases", _reversed
+            "the answers in the reverse order": given(
+                VERDICT + "verification.judge_case", _reversed
             ),
         }.items()
     ),
