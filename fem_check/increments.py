@@ -1,17 +1,13 @@
-"""The increments of a load path: equal ones, or as long as an estimate of their error allows.
+"""The increments of a load path, which a body that flows needs as it remembers its strains.
 
 Radial return takes an increment's strain for straight, an error of first order in the increment:
-too few of them let the contact spread too far.  `advance` measures it by pairs of increments,
+too few of them let the contact spread too far.  The state forgets the errors of early increments as
+the contact grows, so that the last ones should be the shortest: the loads on the way to P are
 
-    whole           one increment over the pair's length, which is not kept
-    half, second    two increments of half the length
-    error           sum over the nodes of |force after second - force after whole|, over the
-                    path's largest force
+    P sqrt(k/n),  k = 1 ... n
 
-and keeps the pair if its error is within the step tolerance; otherwise it keeps the first half, and
-goes on with pairs of half the length.  The whole increment costs little, because the second one
-starts from its solution.  The errors are not added up: the state forgets them as the contact grows
-(tests/test_fem_solve.py).  Increments that do not converge are halved, too.
+and those that are above the largest load so far.  Below that one a single increment suffices.
+tests/test_fem_solve.py measures both.  Increments that do not converge are halved.
 """
 
 from __future__ import annotations
@@ -33,23 +29,17 @@ from fem_check.problem import Control, Counts, Problem, State
 
 #: An increment that does not converge is halved at most this often.
 MOST_HALVINGS = 6
-#: The shortest pair of increments over the largest load; it is kept whatever its error is.
-SHORTEST = 1 / 256
-#: Tolerance of the increments over whole pairs: they only tell errors of a per cent.
-ROUGH = 1e-4
 
 
 @dataclass(frozen=True)
 class Rule:
-    """The rule for a path to targets of at most `largest`, with options of `FemOptions`.
+    """How a path is followed, with options of `FemOptions`.
 
     highest: the height in m from which targets are approaches in m; None: they are forces in N.
     """
 
-    largest: float
     highest: float | None
-    steps: int | None
-    step_tolerance: float
+    steps: int
     tolerance: float
 
 
@@ -57,34 +47,24 @@ class Rule:
 class Along:
     """A place on the path.
 
-    at: the force in N, or the approach in m.  states: the last two.  solved: the last increment.
-    counts: iterations since the last point.  peak: the largest force so far, in N.  step_error: the
-    largest error of a pair of increments so far.  pair: the length of the next one, in N or m.
+    at: the force in N, or the approach in m.  farthest: the largest of these so far.  states: the
+    last two.  solved: the last increment.  counts: iterations since the last point.  peak: the
+    largest force so far, in N.
     """
 
     history: History
     at: float = 0.0
+    farthest: float = 0.0
     states: tuple[State, ...] = ()
     solved: SolvedIncrement | None = None
     counts: Counts = field(default_factory=Counts)
     peak: float = 0.0
-    step_error: float = 0.0
-    pair: float = np.inf
 
 
 def advance(problem: Problem, along: Along, target: float, rule: Rule) -> Along:
     """Advance to the `target`, for which the counts are.  Raises NotConverged after halvings."""
     along = replace(along, counts=Counts())
-    if problem.plastic and rule.steps is None:
-        along, whole = replace(along, pair=min(along.pair, rule.largest / 2)), None
-        while along.at != target:
-            along, whole = _pair(problem, along, target, rule, whole)
-        return along
-    begin, count = along.at, 1
-    if rule.steps is not None:
-        count = max(1, math.ceil(abs(target - begin) / rule.largest * rule.steps - 1e-9))
-    for i in range(count):
-        end = target if i == count - 1 else begin + (target - begin) * (i + 1) / count
+    for end in _ends(target, along.farthest, rule.steps if problem.plastic else 1):
         step = end
         while along.at != end:
             try:
@@ -95,41 +75,10 @@ def advance(problem: Problem, along: Along, target: float, rule: Rule) -> Along:
     return along
 
 
-def _pair(
-    problem: Problem, along: Along, target: float, rule: Rule, whole: SolvedIncrement | None
-) -> tuple[Along, SolvedIncrement | None]:
-    """The place after as much of a pair of increments towards the target as is good enough, and
-    the next `whole`, the increment over a pair, where it is known."""
-    left = target - along.at
-    length = left if abs(left) <= 1.001 * along.pair else math.copysign(along.pair, left)
-    end, middle = target if length == left else along.at + length, along.at + length / 2
-    shorter, before = abs(length) / 2, along
-    try:
-        if whole is None:
-            rough = replace(rule, tolerance=max(rule.tolerance, ROUGH))
-            whole = _solved(problem, along, end, rough)
-            along = before = replace(along, counts=along.counts + whole.counts)
-        known = along.states and middle != 0
-        between = _on_secant(problem, along.states[-1], whole.state, 0.5) if known else None
-        half = _solved(problem, along, middle, rule, between)
-        along = _kept(problem, along, half, middle)
-        second = _solved(problem, along, end, rule, whole.state)
-    except NotConverged as failure:
-        return replace(_once_more_halved(along, failure), pair=shorter), None
-    peak = max(along.peak, float(second.state.forces.sum()))
-    moved = float(np.abs(second.state.forces - whole.state.forces).sum())
-    error = moved / peak if peak else 0.0
-    if error > rule.step_tolerance and abs(length) > SHORTEST * rule.largest:
-        # The error of an increment falls with the square of its length: that of the first half is a
-        # quarter of the pair's.
-        along = replace(along, counts=along.counts + second.counts, pair=shorter)
-        if error > 4 * rule.step_tolerance and not before.states:
-            # Nothing precedes the path's first pair, so that it can be taken back.
-            return replace(before, counts=along.counts, pair=shorter), half
-        return replace(along, step_error=max(along.step_error, error / 4)), second
-    along = _kept(problem, along, second, end)
-    pair = 2 * along.pair if error < rule.step_tolerance / 4 else along.pair
-    return replace(along, pair=pair, step_error=max(along.step_error, error)), None
+def _ends(target: float, farthest: float, count: int) -> list[float]:
+    """Where the increments to a target end, the last one at the target itself."""
+    ends = [target * math.sqrt(k / count) for k in range(1, count)]
+    return [end for end in ends if end > farthest] + [target]
 
 
 def _once_more_halved(along: Along, failure: NotConverged) -> Along:
@@ -150,6 +99,7 @@ def _kept(problem: Problem, along: Along, solved: SolvedIncrement, at: float) ->
         along,
         history=history,
         at=at,
+        farthest=max(along.farthest, at),
         states=(*along.states[-1:], solved.state),
         solved=solved,
         counts=along.counts + solved.counts,
@@ -157,10 +107,8 @@ def _kept(problem: Problem, along: Along, solved: SolvedIncrement, at: float) ->
     )
 
 
-def _solved(
-    problem: Problem, along: Along, end: float, rule: Rule, guess: State | None = None
-) -> SolvedIncrement:
-    """Solve the increment to `end` from a guess, by default by extrapolation."""
+def _solved(problem: Problem, along: Along, end: float, rule: Rule) -> SolvedIncrement:
+    """Solve the increment to `end` from a guess."""
     if rule.highest is not None:
         control = Control(approach=end - rule.highest, scale=along.peak)
     elif end == 0:
@@ -170,7 +118,7 @@ def _solved(
     # No name is given to the guess, so that it does not stay in memory.
     return solve_increment(
         problem,
-        guess or _guess(problem, along.states, control),
+        _guess(problem, along.states, control),
         along.history,
         control,
         rule.tolerance,

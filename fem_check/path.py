@@ -34,8 +34,7 @@ class PathPoint:
     largest residual after each Newton iteration of the last increment.  surface_states: (nx, ny)
     APART, ELASTIC or PLASTIC in the sense of `result`.  gap: (nx, ny) from the surface before any
     flow to the flat, in m.  plastic_displacement: (nx, ny) of capped nodes, now or earlier, in m.
-    flow: measures of plastic flow, by name.  step_error: largest error of a pair of increments up
-    to here (`increments`); 0 where their number is given.  peak: the largest force so far, in N.
+    flow: measures of plastic flow, by name.  peak: the largest force so far, in N.
     """
 
     mean_pressure: float
@@ -47,7 +46,6 @@ class PathPoint:
     gap: FloatArray
     plastic_displacement: FloatArray
     flow: dict[str, float]
-    step_error: float
     peak: float
 
 
@@ -85,7 +83,7 @@ def follow_path(
 ) -> Iterator[tuple[PathPoint, History]]:
     """Solve point by point, and yield each with the material's history.  Raises NotConverged."""
     highest = None if options.approach is None else float(problem.heights.max())
-    rule = Rule(max(targets), highest, options.steps, options.step_tolerance, options.tolerance)
+    rule = Rule(highest, options.steps, options.tolerance)
     area = problem.block.node_area * problem.heights.size
     history = plasticity.initial_history(problem.bricks.number if problem.plastic else 0)
     along = top = Along(history)  # top: where a capped body was pressed most
@@ -141,7 +139,6 @@ def _path_point(problem: Problem, pressure: float, along: Along, lowered: FloatA
         gap=np.where(states == APART, between, 0.0 - lowered),
         plastic_displacement=lowered,
         flow=flow,
-        step_error=along.step_error,
         peak=along.peak,
     )
 

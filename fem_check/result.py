@@ -146,7 +146,6 @@ def load_step(path: SolvedPath, point: PathPoint) -> LoadStep:
             "largest_pressure": float(pressure.max()),
             "mean_contact_pressure": float(pressure[touching].mean()) if touching.any() else 0.0,
             "elastic_energy": energy,
-            "step_error": point.step_error,
             **point.flow,
         },
     )

@@ -79,9 +79,7 @@ OF_J2 = [
     ("hardness = 6.9231e+09", "hardness = 2e9", "below the yield_stress of 2.3077e"),
     ("hardness = 6.9231e+09", "hardness = inf", "needs a finite material.hardness"),
     ("yield_stress = 2.3077e+09", "", r"fem\.law is 'j2', but \[material\] yield_stress is missi"),
-    ('law = "j2"', 'law = "j2"\nsteps = 4\nstep_tolerance = 0.1', "give either steps or step_tol"),
     ('law = "j2"', 'law = "elastic"\nsteps = 4', "steps has no effect on law 'elastic'"),
-    ('law = "j2"', 'law = "capped"\nstep_tolerance = 0.1', "step_tolerance is for law 'j2', but"),
 ]
 FILES = {
     "small": (SMALL_CASE, MISTAKES),

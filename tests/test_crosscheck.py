@@ -158,7 +158,7 @@ def test_nothing_but_the_compliance_passes_from_one_solver_to_the_other():
     assert len(calls) == 7
     passed = {name for call in calls for name in re.findall(r"\w+(?==)|(?<=\*\*)\w+", call)}
     changed, numbers = {"material", "body"}, {"threads", "law", "certified"}
-    assert passed - changed - numbers == {"compliance", "block", "path", "options"}
+    assert passed - changed - numbers == {"compliance", "block", "steps", "options"}
 
 
 def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it():
@@ -170,7 +170,7 @@ def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it():
     assert set(found.parts) == {"node", "grid", "depth", "steps"}
     assert found.parts["depth"] == pytest.approx(found.ratio - shallow.ratio, abs=1e-9)
     assert found.parts["steps"] == pytest.approx(found.ratio - fewer.ratio, abs=1e-9) != 0
-    tight = measured_hardness(scene, step_tolerance=0.002, coarse=False)
+    tight = measured_hardness(scene, steps=20, coarse=False)
     assert set(tight.parts) == {"node"}
     assert tight.ratio == pytest.approx(found.ratio, abs=3 * found.error)
 
@@ -247,7 +247,6 @@ def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny):
         ([("mean_pressure = 5.7692e+08", "mean_pressure = [1e8, 5e8]")], {}, "is a path of 2"),
         ([('law = "j2"', 'law = "j2"\ngeometry = "moved"')], {}, "fem.geometry is 'moved'"),
         ([ELASTIC], {"steps": 4}, r"steps is for fem.law = 'j2' only"),
-        ([], {"steps": 4, "step_tolerance": 0.1}, "either steps or step_tolerance"),
         ([], {"seeds": [3, 3]}, "different numbers"),
     ],
 )

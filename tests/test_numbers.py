@@ -46,7 +46,7 @@ NUMBERS: list[tuple[Callable[..., Any], dict[str, Any]]] = [
     (bem.Options, {"tolerance": 0.5, "area_tolerance": 0.5, "threads": 2, "max_steps": 2}),
     (partial(filtered, SURFACE), {"wavenumber_high": 64.0, "wavenumber_low": 0.5}),
     (partial(FEM, layers=3), {"tolerance": 2**-20, "hardening": 0.5, "depth": 0.5}),
-    (partial(FEM, layers=3), {"step_tolerance": 0.5, "first_layer": 0.125, "approach": 2**-10}),
+    (partial(FEM, layers=3), {"first_layer": 0.125, "approach": 2**-10}),
     (FEM, {"layers": 3, "steps": 1, "threads": 1}),
     (METAL, {"poisson_ratio": 0.25, "rms_slope": 0.25}),
 ]

@@ -212,9 +212,8 @@ def test_finite_elements_are_given_depth_and_increments(write_case):
     chosen = plan(case, 0.2, threads=1)
     assert chosen.method == "fem"
     assert chosen.options["depth"] > 0
-    # The last step tolerance is the reference of the others, which is not compared with itself.
-    assert chosen.options["step_tolerance"] in pilots.STEP_TOLERANCES[:-1]
-    assert chosen.options["steps"] is None
+    # The most increments are the reference of the others, which is not compared with itself.
+    assert chosen.options["steps"] in pilots.STEPS[:-1]
     assert chosen.options.items() <= planned(case, chosen).options["fem"].items()
 
 

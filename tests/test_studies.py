@@ -33,7 +33,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "gamma": {"points": 4, "bandwidth": 64},
     "gap": {"points": 4, "bandwidth": 16, "seeds": range(3), "grids": (3, 6), "block_waves": 4},
     "gap_distribution": {"points": 4, "wide": 16, "seeds": (33, 34), "narrow": 8},
-    "hardness": {"surfaces": 2, "nodes": 12, "steps": 2, "severities": (5.0, 15.0), "nus": (0.3,)},
+    "hardness": {"surfaces": 2, "nodes": 12, "severities": (5.0, 15.0), "nus": (0.3,)},
     "hardness-map": {},
     "hysteresis": {"points": 4, "bandwidth": 4, "seeds": (77, 78)},
     "magnification": {"points": 4, "bandwidth": 16, "count": 5, "seeds": range(3)},

@@ -126,21 +126,12 @@ def _share(text: str) -> float:
     "--steps",
     type=click.IntRange(1),
     default=None,
-    help="Equal increments of the J2 load path, in the place of the case's own.",
+    help="Increments of the J2 body, in the place of the case's own.",
 )
-@click.option(
-    "--step-tolerance",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    default=None,
-    help="Share of the force that shorter increments of the J2 load path may move.",
-)
-def crosscheck(
-    case: str, size: str, seeds: str | None, steps: int | None, step_tolerance: float | None
-) -> None:
+def crosscheck(case: str, size: str, seeds: str | None, steps: int | None) -> None:
     """Split the difference of finite and boundary elements on CASE into grid, depth, model."""
     others = () if seeds is None else _seeds(seeds)
-    loaded = load_case(find_case(case), size)
-    click.echo(check_models(loaded, others, steps=steps, step_tolerance=step_tolerance))
+    click.echo(check_models(load_case(find_case(case), size), others, steps=steps))
 
 
 #: Largest number of seeds: far more than an ensemble needs, and still a short list.

@@ -33,7 +33,7 @@ from epcontact.errors import InvalidCase, NotConverged
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates import Difference, difference, estimate, standard_deviation
 from epcontact.harness.methods import calculix
-from epcontact.harness.methods.registry import EITHER_WAY, METHODS
+from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.model_difference import (
     EffectiveHardness,
     combined,
@@ -75,9 +75,9 @@ def measured_hardness(
 
     `epcontact.effective_hardness` looks it up in a map of such measurements.  With `coarse` the
     scene is also solved on every other grid point, on a shallower block (of a half-space) and in
-    fewer steps; otherwise, or if the grid has no half, the error is that of half a node alone.
-    `options` are depth, layers, and steps or step_tolerance of `fem_check.solve`; `j2` is its
-    answer if that is known.
+    half as many increments; otherwise, or if the grid has no half, the error is that of half a node
+    alone.  `options` are depth, layers and steps of `fem_check.solve`; `j2` is its answer if that
+    is known.
     """
 
     def flowed(body: Scene, **options: Any) -> ContactResult:
@@ -91,10 +91,8 @@ def measured_hardness(
     if scene.body.kind == "half_space":
         depth = 0.75 * float(j2.provenance.options["depth"])
         others["depth"] = (scene, flowed(scene, **options | {"depth": depth}))
-    # Of chosen increments a third was made to judge the rest.
-    steps = j2.provenance.options["steps"] or round(2 / 3 * j2.cost["increments"])
-    fewer = {name: value for name, value in options.items() if name != "step_tolerance"}
-    others["steps"] = (scene, flowed(scene, **fewer | {"steps": max(1, round(steps / 2))}))
+    fewer = max(1, round(j2.provenance.options["steps"] / 2))
+    others["steps"] = (scene, flowed(scene, **options | {"steps": fewer}))
     parts = {
         name: fine.ratio - hardness_of_equal_area(*other).ratio for name, other in others.items()
     }
@@ -113,31 +111,22 @@ def _half(scene: Scene) -> Scene | None:
 # --- the report on a case ------------------------------------------------------------------------
 
 
-def crosscheck(
-    case: Case,
-    seeds: Sequence[int] = (),
-    *,
-    steps: int | None = None,
-    step_tolerance: float | None = None,
-) -> str:
+def crosscheck(case: Case, seeds: Sequence[int] = (), *, steps: int | None = None) -> str:
     """Report why the finite and the boundary elements of a case differ, surface by surface.
 
     The report holds the error budget of the case's finite-element law; for j2 also both contact
     areas, their overlap, the distance of the pressure distributions, and the effective hardness;
     for several surfaces their means with standard errors.  `seeds` replace the case's own, `steps`
-    or `step_tolerance` the increments of its load path.
+    the increments of its J2 body.
     """
-    given = {"steps": steps, "step_tolerance": step_tolerance}
-    given = {name: value for name, value in given.items() if value is not None}
-    _require_comparable(case, seeds, list(given))
-    chosen = "steps" if case.options["fem"].get("steps") else "step_tolerance"
-    path = given or {chosen: case.options["fem"].get(chosen)}
+    _require_comparable(case, seeds, steps)
+    steps = steps or case.options["fem"]["steps"]
     recipes: Sequence[Any] = case.recipes
     lines, rows = [], []
     for recipe in [replace(recipes[0], seed=seed) for seed in seeds] or recipes:
         seed = getattr(recipe, "seed", None)
         lines.append(f"{case.id}, {case.size}" + ("" if seed is None else f", seed {seed}"))
-        found, row = _checked(case, case.scene(recipe), path)
+        found, row = _checked(case, case.scene(recipe), steps)
         lines += [f"  {line}" for line in found]
         rows.append(row)
     if len(rows) > 1:
@@ -149,7 +138,7 @@ def crosscheck(
     return "\n".join(lines)
 
 
-def _require_comparable(case: Case, seeds: Sequence[int], increments: Sequence[str]) -> None:
+def _require_comparable(case: Case, seeds: Sequence[int], steps: int | None) -> None:
     """Raise InvalidCase if a case cannot be cross-checked on these seeds and increments."""
     missing = [method for method in ("fem", "bem") if method not in case.methods]
     fem, loads = case.options.get("fem", {}), len(case.load.path)
@@ -162,8 +151,7 @@ def _require_comparable(case: Case, seeds: Sequence[int], increments: Sequence[s
         "pressure": loads != 1,
         f"fem.geometry is {fem.get('geometry')!r}, but must be 'gap': the boundary elements have "
         "no other, so slope and error could not be separated": fem.get("geometry") != "gap",
-        EITHER_WAY: len(increments) == 2,
-        f"{''.join(increments)} is for fem.law = 'j2' only": increments and fem.get("law") != "j2",
+        "steps is for fem.law = 'j2' only": steps and fem.get("law") != "j2",
         "its surface is not random, so it has no seeds": seeds and not random,
         f"seeds are {list(seeds)}, but must be different numbers from 0 on":
             len(set(seeds)) != len(seeds) or min(seeds, default=0) < 0,
@@ -172,13 +160,11 @@ def _require_comparable(case: Case, seeds: Sequence[int], increments: Sequence[s
         raise InvalidCase(f"{case.path}: {obstacle}")
 
 
-def _checked(
-    case: Case, scene: Scene, path: Mapping[str, Any]
-) -> tuple[list[str], dict[str, float]]:
+def _checked(case: Case, scene: Scene, steps: int) -> tuple[list[str], dict[str, float]]:
     """Return the lines of the report on a surface, and its row of the ensemble."""
     law = case.options["fem"]["law"]
     block: dict[str, Any] = {k: case.options["fem"].get(k) for k in ("depth", "layers")}
-    j2 = fem_check.solve(scene, law="j2", **block, **path) if law == "j2" else None
+    j2 = fem_check.solve(scene, law="j2", **block, steps=steps) if law == "j2" else None
     budget = error_budget(scene, law, j2, **block)
     parts = {name: f"{name}: {part}" for name, part in budget.items()}
     parts["solver"] += f" ({budget['solver'].nodes} nodes)"
@@ -195,7 +181,7 @@ def _checked(
         f"nodes; overlap {model.overlap:.2f}; distance of the pressure distributions "
         f"{model.wasserstein:.3f} of the {unit}"
     )
-    found = measured_hardness(scene, j2=j2, **block, **path)
+    found = measured_hardness(scene, j2=j2, **block, steps=steps)
     lines.append(f"{found}{'' if _half(scene) else '; no coarser grid in the error'}")
     largest = j2.final.quantities["largest_pressure"] / scene.material.yield_stress
     row |= {

@@ -27,8 +27,8 @@ MOST_SURFACES = 1000
 PILOT_SURFACES = 8
 #: Largest work of all pilots together, as a share of the work of the given case.
 PILOT_SHARE = 0.2
-#: Step tolerances that are tried on a plastic path; the last is the reference of the others.
-STEP_TOLERANCES = (0.03, 0.01, 0.003)
+#: Increments that are tried on a plastic body; the last are the reference of the others.
+STEPS = (5, 10, 20, 80)
 
 #: A function that solves one recipe; further keywords are options of the method.
 Solver = Callable[..., "Pilot"]
@@ -130,18 +130,13 @@ def finite_element_options(
         )
     if case.options["fem"].get("law") == "j2":
         coarse = on_grid(recipe, ladder(recipe, beyond=False)[0]) or recipe
-        options["steps"] = None  # chosen, whatever the case has
-        *tried, best = [
-            solve(coarse, step_tolerance=step, **options).areas.total for step in STEP_TOLERANCES
-        ]
-        off = {s: abs(area / best - 1) for s, area in zip(STEP_TOLERANCES, tried, strict=False)}
-        enough = [step for step, error in off.items() if error <= share]
-        options["step_tolerance"] = max(enough, default=STEP_TOLERANCES[-1])
-        changes = ", ".join(f"{error:.1g} at {step:g}" for step, error in off.items())
+        *tried, best = [solve(coarse, steps=count, **options).areas.total for count in STEPS]
+        off = {s: abs(area / best - 1) for s, area in zip(STEPS, tried, strict=False)}
+        options["steps"] = min((s for s, error in off.items() if error <= share), default=STEPS[-1])
+        changes = ", ".join(f"{error:.1g} with {count}" for count, error in off.items())
         why.append(
-            f"a step tolerance of {options['step_tolerance']:g}: on the coarsest grid the area "
-            f"differs from that at {STEP_TOLERANCES[-1]:g} by {changes}; a quarter of the "
-            "tolerance is allowed"
+            f"{options['steps']} increments: on the coarsest grid the area differs from that of "
+            f"{STEPS[-1]} by {changes}; a quarter of the tolerance is allowed"
         )
     return options, why
 

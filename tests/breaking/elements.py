@@ -184,8 +184,6 @@ FAULTS = (
     _fem("layers too few for the waves",
         given(F + "mesh.graded_layers", lambda depth, first, *_: (depth, first, 4)),
         "fem-elastic-line", "quantity.mean_gap"),
-    _fem("an error of the increments that is not estimated", _step("step_error", lambda e: 0.0),
-        "path-fem-j2", "quantity.step_error"),
     _fem("an error of the areas that is not estimated",
         on_result(F + "result.areas", lambda a: (a[0], a[1], type(a[2])(0.0, 0.0, 0.0))),
         "fem-elastic", "area.total.error"),

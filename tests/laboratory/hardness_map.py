@@ -31,9 +31,9 @@ from epcontact.scene import Load
 from laboratory import maps
 
 #: Columns that name a place of the map, and those in which a check may differ from it: nodes a
-#: side, shortest waves in a period, Hurst exponent, depth over the period, step tolerance.
+#: side, shortest waves in a period, Hurst exponent, depth over the period, increments.
 PLACE = ["severity", "poisson_ratio", "load"]
-VARIED = ["nodes", "waves", "hurst", "depth", "step_tolerance"]
+VARIED = ["nodes", "waves", "hurst", "depth", "steps"]
 #: The least standard error of a relative change between two grids, and the terms of its fit.
 LEAST_SCATTER, TERMS_OF_GRID = 0.004, 2
 #: Bodies to 64 nodes a wave were 1.3 % off at severity 100, all that the fits of grids claim.
@@ -72,7 +72,7 @@ def measured_areas(task, j2):
         "waves": round(spectrum.wavenumber_high * surface.periods[0] / (2 * math.pi)),
         "hurst": spectrum.hurst,
         "depth": _short(scene.body.depth / surface.periods[0]),
-        "step_tolerance": j2.provenance.options["step_tolerance"],
+        "steps": j2.provenance.options["steps"],
         "severity": _short(effective_modulus(material) * spectrum.rms_slope / sigma_Y),
         "poisson_ratio": material.poisson_ratio,
         "seed": surface.seed,
@@ -168,7 +168,7 @@ def mapped(areas):
     grid, grid_error = off_the_grid(usual, kinds["nodes"], table, kinds.get("finer", ()))
     steps, depths = (
         np.concatenate([changes(usual, other)[0]["change"] for other in kinds[part]])
-        for part in ("step_tolerance", "depth")
+        for part in ("steps", "depth")
     )
     factor = (1 + grid) * (1 + steps.mean())
     made = table[["surfaces", "area"]].assign(inverse_hardness=table["inverse"] * factor)
@@ -193,11 +193,11 @@ def _kinds(areas):
     for key, group in areas.groupby(VARIED):
         other = dict(zip(VARIED, key, strict=True))
         differ = [name for name, value in other.items() if value != usual[name]]
-        varied = differ[0] if differ in (["nodes"], ["step_tolerance"], ["depth"]) else ""
+        varied = differ[0] if differ in (["nodes"], ["steps"], ["depth"]) else ""
         if not varied and other["nodes"] / other["waves"] > usual["nodes"] / usual["waves"]:
             varied = "finer"
         kinds.setdefault(varied if differ else "usual", []).append(group)
-    if missing := {"nodes", "step_tolerance", "depth"} - kinds.keys():
+    if missing := {"nodes", "steps", "depth"} - kinds.keys():
         raise InvalidCase(
             f"no body differs from those of the map in {min(missing)} alone; solve one"
         )

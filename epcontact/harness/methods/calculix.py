@@ -56,8 +56,6 @@ CHANGES: dict[str, dict[str, Any]] = {
 TOLERANCE = 1e-7
 #: Names that meshio has for the formats of bricks with data on their nodes.
 _FORMATS = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh", ".med": "med", ".xdmf": "xdmf"}
-#: Equal increments to each load of a body that flows, unless the case says otherwise.
-INCREMENTS = 10
 
 
 def deck(
@@ -109,7 +107,7 @@ def deck(
         force = -pressure * block.node_area * nx * ny
         lines += ["*STEP, NLGEOM, INC=10000", "*CONTROLS, PARAMETERS=FIELD"]
         lines += [f"{TOLERANCE}, {TOLERANCE}, , , {TOLERANCE}", "*STATIC"]
-        share = 1 / (options.steps or INCREMENTS) if options.law == "j2" else 1.0
+        share = 1 / options.steps if options.law == "j2" else 1.0  # equal increments
         lines += [f"{_number(share)}, 1., 1e-6, {_number(share)}"]
         lines += ["*CLOAD", f"whole, 3, {_number(force)}"]
         for nodes, printed in (("flat", "RF"), ("top", "U"), ("whole", "U")):

@@ -68,7 +68,6 @@ class BemTable(Table):
     tolerance: float = Field(default=1e-8, gt=0, description="on the KKT residuals, dimensionless")
 
 
-EITHER_WAY = "give either steps or step_tolerance: equal increments, or chosen ones"
 _FEM: dict[str, Any] = {option.name: option for option in fields(FemOptions)}
 
 
@@ -80,20 +79,12 @@ class FemTable(Table):
     depth: float | None = _FEM["depth"]
     layers: int | None = _FEM["layers"]
     tolerance: float = _FEM["tolerance"]
-    steps: int | None = _FEM["steps"]
-    step_tolerance: float = _FEM["step_tolerance"]
+    steps: int = _FEM["steps"]
 
     @model_validator(mode="after")
-    def _one_way_to_choose_increments(self) -> FemTable:
-        given = self.model_fields_set & {"steps", "step_tolerance"}
-        if len(given) == 2:
-            raise ValueError(EITHER_WAY)
-        if "step_tolerance" in given and self.law != "j2":
-            raise ValueError(f"step_tolerance is for law 'j2', but law is {self.law!r}")
-        if "steps" in given and self.law == "elastic":
-            raise ValueError(
-                "steps has no effect on law 'elastic', which has no history; leave it out"
-            )
+    def _steps_of_j2_alone(self) -> FemTable:
+        if "steps" in self.model_fields_set and self.law != "j2":
+            raise ValueError(f"steps has no effect on law {self.law!r}; leave it out")
         return self
 
 
