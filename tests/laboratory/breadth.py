@@ -2,7 +2,8 @@
 
 `python -m laboratory.breadth`, run in tests, fits the term of `materials/hardness_map.py` to one
 half of the ensembles that `breadth.csv` keeps and judges the others in a table; those with seeds
-from 401 were solved after the constants had been chosen.  `--solve` first solves all of them anew.
+from 401 were solved after the constants had been chosen.  `--solve` first solves all of them anew,
+and `--solve QUERY` those of a pandas query alone, such as "severity == 100 and waves == 16".
 An ensemble is compared with one of the map's kind on as many nodes to the shortest wave.
 """
 
@@ -49,7 +50,7 @@ def solved(rows):
 def compared(rows):
     """Each ensemble with the relative change from that of the map's kind, and its 95 % error."""
     usual = (rows[SPECTRUM] == list(MAP)).all(axis=1)
-    table = rows[~usual].merge(rows[usual], on=METAL, suffixes=("", "_usual"))
+    table = rows[~usual].merge(rows[usual], on=[*METAL, "first_seed"], suffixes=("", "_usual"))
     table["change"] = table["ratio"] / table["ratio_usual"] - 1
     table["breadth"] = table["waves"] / table["roll_off"]
     return table.assign(error=np.hypot(table["error"], table["error_usual"]))
@@ -76,9 +77,10 @@ def judged(rows):
 def main():
     """Print the fit to one half of the ensembles, and how the term does on each of the other."""
     rows = pd.read_csv(FILE)
-    if "--solve" in sys.argv[1:]:
-        rows = pd.concat(solved(rows))
-        rows.round(5).to_csv(FILE, index=False)
+    if sys.argv[1:2] == ["--solve"]:
+        for table in solved(rows.query(sys.argv[2]) if sys.argv[2:] else rows):
+            rows.update(table)
+            rows.round(5).to_csv(FILE, index=False)
     table = judged(rows)
     one = table[table["taught"]]
     weight = 1 / np.hypot(one["error"], 0.02).to_numpy()
