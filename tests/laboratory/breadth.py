@@ -30,19 +30,9 @@ def solved(rows):
     """The table of ensembles with their hardness solved anew."""
     for key, old in rows.groupby([*METAL[:3], *SPECTRUM, "first_seed"], sort=False):
         nodes, nu, severity, waves, roll_off, hurst, seed = key
+        shape = {"roll_off": roll_off, "hurst": hurst, "nu": nu, "loads": old["load"]}
         seeds = range(seed, seed + old["surfaces"].iloc[0])
-        found, shifts = inverse_hardness(
-            areas(
-                nodes,
-                waves,
-                severity,
-                seeds,
-                loads=old["load"],
-                roll_off=roll_off,
-                hurst=hurst,
-                nu=nu,
-            )
-        )
+        found, shifts = inverse_hardness(areas(nodes, waves, severity, seeds, **shape))
         error = 2 * np.sqrt((shifts**2).sum(axis=1)) / found["inverse"]
         yield old.assign(ratio=1 / found["inverse"].to_numpy(), error=error.to_numpy())
 
