@@ -79,7 +79,7 @@ def test_only_ratios_matter_and_the_interval_holds_the_value():
     assert set(found.errors) == {*kept.PARTS, "formula_error", "breadth_error"}
     assert found.value == pytest.approx(found.ratio * 1e9)
     # The hardness rises with severity, load and Poisson's ratio.
-    assert at(rms_slope=0.05).ratio < at().ratio < at(rms_slope=0.4).ratio < 3.2
+    assert at(rms_slope=0.05).ratio < at().ratio < at(rms_slope=0.4).ratio < 3.4
     assert at(mean_pressure=0.1e9).ratio < at().ratio < at(mean_pressure=1e9).ratio
     assert at(poisson_ratio=0.0).ratio < at().ratio
 
@@ -90,9 +90,10 @@ def test_the_breadth_is_judged_by_ensembles_that_taught_nothing():
     for _, some in table[~table["taught"]].groupby("nodes"):
         assert some["within"].mean() >= 0.83
     assert table[~table["taught"]]["within"].mean() >= 0.95
-    assert (table["claimed"] < 0.05).all()
+    assert (table["claimed"] < 0.06).all()
+    assert table[table["first_seed"] == 501]["within"].all()  # of severity 50 and 100
     narrow, broad = at(breadth=2), at(breadth=32)
-    assert 1.04 < broad.ratio / narrow.ratio < 1.08
+    assert 1.09 < broad.ratio / narrow.ratio < 1.12
     assert at(breadth=4).errors["breadth_error"] < 0.035 < at(breadth=300).errors["breadth_error"]
     unknown = at()
     assert unknown.interval[0] < narrow.value < at(breadth=300).value < unknown.interval[1]
@@ -122,16 +123,16 @@ def test_light_loads_have_an_interval_that_holds_what_j2_bodies_showed():
     measured = {15: (0.935, 0.858, 0.758), 50: (0.947, 0.863, 0.755), 30: (0.924, 0.867, 0.759)}
     for severity, falls in measured.items():
         slope = severity * 1e9 / (210e9 / 0.91)
-        heavy = at(rms_slope=slope, mean_pressure=0.1e9)
+        heavy = at(rms_slope=slope, mean_pressure=0.1e9, breadth=4)
         for load, fall in zip((0.03, 0.01, 0.003), falls, strict=True):
-            found = at(rms_slope=slope, mean_pressure=load * 1e9)
+            found = at(rms_slope=slope, mean_pressure=load * 1e9, breadth=4)
             light = found.errors["light_error"]
             low, high = found.ratio * (1 - light), found.ratio * (1 + light)
             assert 0.99 * low <= fall * heavy.ratio < high == pytest.approx(heavy.ratio)
             assert heavy.error < found.error < 0.2
             assert found.area == pytest.approx(heavy.area * load / 0.1)
     # Steel of 600 MPa at 10 MPa; the map's own lightest load is met without a jump.
-    steel = at(yield_stress=0.6e9, mean_pressure=10e6)
+    steel = at(yield_stress=0.6e9, mean_pressure=10e6, breadth=16)
     assert 1.1e9 < steel.interval[0] < steel.value < steel.interval[1] < 2.0e9
     assert at(mean_pressure=0.0999999e9).ratio == pytest.approx(at(mean_pressure=0.1e9).ratio)
 

@@ -15,7 +15,7 @@ answer is between no fall and all of it.
 The bodies of the map have four shortest waves in the longest, which is their period.  Of another
 breadth b, the roll-off's wavelength over the shortest, and of a large surface the cap is
 
-    c (1 + t ln(b/4) + w/m),
+    c (1 + t (1 - u) ln(b/4) + w/m),
 
 by spectra of their own (`tests/laboratory/breadth.py`).
 """
@@ -45,7 +45,7 @@ FULL = 0.9
 LIGHTEST, FALL = 0.003, 0.07
 #: t and w of another breadth and of surfaces larger than the map's (half of the w at 6 nodes to
 #: the shortest wave is left at 12); the doubt of both; and what single spectra differ by (95 %).
-TREND, LARGE, DOUBT, SPECTRA = 0.02, 0.003, 0.5, 0.03
+TREND, LARGE, DOUBT, SPECTRA = 0.05, 0.003, 0.5, 0.03
 #: The breadths that were judged, that of the map, and the largest that an unknown one may be;
 #: beyond the judged ones all of the trend is doubted.
 BREADTHS, OF_THE_MAP, BROADEST = (2.0, 32.0), 4.0, 300.0
@@ -153,8 +153,8 @@ def effective_hardness(
     yield_stress = positive("yield_stress", yield_stress, "Pa")
     rms_slope = positive("rms_slope", rms_slope, "m/m")
     mean_pressure = positive("mean_pressure", mean_pressure, "Pa")
-    shift, doubt = by_breadth(breadth, mean_pressure / yield_stress)
     severity = effective_modulus(material) * rms_slope / yield_stress
+    shift, doubt = by_breadth(breadth, severity, mean_pressure / yield_stress)
     at = (severity, material.poisson_ratio, mean_pressure / yield_stress)
     place, known = dict(zip(SYMBOLS, at, strict=True)), hardness_map()
     for name, value in place.items():
@@ -190,7 +190,7 @@ def effective_hardness(
     return MappedHardness(value, interval, ratio, *at, area, errors)
 
 
-def by_breadth(breadth: float | None, load: float) -> tuple[float, float]:
+def by_breadth(breadth: float | None, severity: float, load: float) -> tuple[float, float]:
     """The relative change of the map's hardness by a breadth, and its error at 95 %."""
     if breadth is not None and positive("breadth", breadth, "–") < BREADTHS[0] * (1 - 1e-9):
         raise InvalidScene(
@@ -198,9 +198,9 @@ def by_breadth(breadth: float | None, load: float) -> tuple[float, float]:
             f"{BREADTHS[0]:g}, and for any if it is not given"
         )
     ends = (BREADTHS[0], BROADEST) if breadth is None else (breadth, breadth)
-    low, high = (TREND * math.log(end / OF_THE_MAP) for end in ends)
-    large, beyond = LARGE / max(load, 0.1), TREND * math.log(max(ends[1] / BREADTHS[1], 1.0))
-    trend = (low + high) / 2
+    rise, large = TREND * severity / (8 + severity), LARGE / max(load, 0.1)
+    low, high = (rise * math.log(end / OF_THE_MAP) for end in ends)
+    beyond, trend = rise * math.log(max(ends[1] / BREADTHS[1], 1.0)), (low + high) / 2
     return trend + large, math.hypot(DOUBT * (abs(trend) + large), beyond, SPECTRA, high - trend)
 
 

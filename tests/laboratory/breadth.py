@@ -47,8 +47,10 @@ def compared(rows):
 
 
 def terms(table):
-    """ln(b/4), and the difference in the number of waves, as it fades with the load."""
-    return np.column_stack([np.log(table["breadth"] / 4), (1 - 4 / table["waves"]) / table["load"]])
+    """ln(b/4), as it grows with severity, and how the number of waves differs, over the load."""
+    flow = table["severity"] / (8 + table["severity"])
+    size = (1 - 4 / table["waves"]) / table["load"]
+    return np.column_stack([flow * np.log(table["breadth"] / 4), size])
 
 
 def judged(rows):
@@ -58,7 +60,7 @@ def judged(rows):
     table["taught"] = (
         spectra.isin(FITTED) & (table["nodes"] == 6) & (table["poisson_ratio"] == 0.3)
     ) & (table["first_seed"] < 400)
-    places = zip(table["breadth"], table["load"], strict=True)
+    places = table[["breadth", "severity", "load"]].to_numpy()
     table[["told", "claimed"]] = [kept.by_breadth(*place) for place in places]
     off = np.abs(table["change"] - table["told"])
     return table.assign(within=off <= np.hypot(table["claimed"], table["error"]))
