@@ -258,11 +258,12 @@ def test_what_cannot_be_cross_checked_is_refused(tiny, edits, options, sentence)
         crosscheck(wavy, seeds=[1, 2])
 
 
-#: c_eff of 20 scenes on 48 x 48 nodes, as `measured_hardness(scene_of(k, 48), coarse=False)` gives
-#: it; the first three with step_tolerance=0.01.
+#: c_eff on 48 x 48 nodes: `measured_hardness(scene_of(k, 48), coarse=False)` for k from 0.
 FINE = """
-1.913 2.019 2.819 2.451 1.592 2.634 2.743 2.488 2.104 2.387
-2.692 2.632 1.985 2.290 2.820 2.689 1.514 2.512 2.651 2.623
+1.913 2.019 2.811 2.474 1.609 2.634 2.745 2.488 2.114 2.387 2.664 2.632 1.985 2.290 2.820
+2.689 1.524 2.512 2.651 2.623 2.026 2.540 2.686 2.435 1.981 2.355 2.801 2.609 1.553 2.359
+2.778 2.192 2.057 2.303 2.597 2.687 2.094 2.257 2.780 2.690 1.596 2.457 2.548 2.400 2.206
+2.356 2.743 2.732 1.792 2.114 2.555 2.379 1.745 2.557 2.709 2.354 2.262 2.473 2.384 2.670
 """
 
 
@@ -274,11 +275,11 @@ def scene_of(k, nodes):
 
 @pytest.mark.long  # some two minutes
 def test_the_error_bars_hold_the_ratios_of_a_fine_grid():
-    """Of 20 bars 19 hold; one may be infinite, as half of its grid has no cap of equal area."""
-    found = [measured_hardness(scene_of(k, 16 if k < 10 else 24)) for k in range(20)]
-    fine = map(float, FINE.split())
-    assert sum(abs(own.ratio - c) <= own.error for own, c in zip(found, fine, strict=True)) >= 19
-    assert sum(math.isfinite(each.error) for each in found) >= 19
-    # On grids as coarse as these they are wide: 0.29 of the ratio on the median.
-    assert np.median([each.error / each.ratio for each in found]) < 0.35
+    """Of 60 bars 57 hold; some are infinite, as half of their grid has no cap of equal area."""
+    fine = [float(c) for c in FINE.split()]
+    # On grids as coarse as these the bars are wide: .24 of the ratio on the median.
+    found = [measured_hardness(scene_of(k, 16 if k < 10 else 24)) for k in range(len(fine))]
+    assert sum(abs(own.ratio - c) <= own.error for own, c in zip(found, fine, strict=True)) >= 57
+    assert sum(math.isfinite(each.error) for each in found) >= 57
+    assert np.median([each.error / each.ratio for each in found]) < 0.3
     assert all(("depth" in each.parts) == (k % 2 == 0) for k, each in enumerate(found) if k)
