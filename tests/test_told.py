@@ -41,7 +41,7 @@ def test_verify_tells_counts_gates_and_what_to_do_next(capsys):
         *(f"{case.id}: {g}" for case in found[5:6] for g in case.gates if g.status != "holds"),
         "case-s: no map is here",
         f"references: identity {counts['identity']}, closed form {counts['closed form']}; "
-        f"0 of {len(gates)} gates rest on nothing of this program",
+        f"0 of {len(gates)} gates compare with the work of others",
         "7 cases: 3 hold, 2 fall short, 1 error, 1 skipped; verdict in my results/verdict.json",
         "5 gates are left out at this size; verdict.json says which and why",
     ]

@@ -46,7 +46,7 @@ _FAILURES = (EpcontactError, ArithmeticError, np.linalg.LinAlgError)
 MAPS = {
     "capped": ("p0 / hardness (–)", "hardness / (E* xi) (–)", "transform pairs"),
     "elastic": ("p0 / (E* xi) (–)", "hardness / (E* xi) (–)", "transform pairs"),
-    "theory": ("p0 / hardness (–)", "G / hardness^2 (–)", "terms"),
+    "theory": ("p0 / hardness (–)", "G / hardness² (–)", "terms"),
     "fem": ("p0 / (E* xi) (–)", "E* xi / yield stress (–)", "Newton steps"),
 }
 _SHARES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97, 0.99)
@@ -215,7 +215,10 @@ def chart(table: pd.DataFrame, size: str) -> Chart:
     }
     *_, count = MAPS[name]
     failed = int((~table["converged"]).sum())
-    caption = f"{count} of each method on the {size} map; {failed} of {len(table)} failed."
+    caption = (
+        f"The {count} that each method takes.  Crosses: it did not converge, or its answer violates "
+        f"a condition; {failed} of {len(table)} failed ({size} map)."
+    )
     return stability_map(panels, x, y, labels=MAPS[name][:2], count=count, caption=caption)
 
 

@@ -14,7 +14,7 @@ from epcontact.harness.gates import Gate
 from epcontact.harness.methods.registry import METHODS
 from epcontact.reference import CLOSED_FORMS
 
-#: The kinds of reference, the last three of which rest on nothing of this program.
+#: The kinds of reference, the last three of which are the work of others.
 KINDS = {
     "identity": "what must be so whatever the answer is, such as the balance of force",
     "closed form": "a formula, evaluated here",
