@@ -216,8 +216,8 @@ def chart(table: pd.DataFrame, size: str) -> Chart:
     *_, count = MAPS[name]
     failed = int((~table["converged"]).sum())
     caption = (
-        f"The {count} that each method takes.  Crosses: it did not converge, or its answer violates "
-        f"a condition; {failed} of {len(table)} failed ({size} map)."
+        f"The {count} that each method takes.  Crosses: it did not converge, or violates "
+        f"a condition of contact; {failed} of {len(table)} failed ({size} map)."
     )
     return stability_map(panels, x, y, labels=MAPS[name][:2], count=count, caption=caption)
 
