@@ -74,12 +74,11 @@ def test_only_ratios_matter_and_the_interval_holds_the_value():
     found = at()
     scaled = at(yield_stress=1e3, mean_pressure=0.25e3, young_modulus=210e3)
     assert scaled.value == pytest.approx(1e-6 * found.value)
-    assert found.interval[0] < found.value < found.interval[1]
-    assert found.value / found.interval[0] == pytest.approx(1 + found.error, rel=1e-12)
+    ends = [found.value / (1 + found.error), found.value / (1 - found.error)]
+    assert [*found.interval] == pytest.approx(ends, rel=1e-12)
     assert set(found.errors) == {*kept.PARTS, "formula_error", "breadth_error"}
-    assert found.value == pytest.approx(found.ratio * 1e9)
     # The hardness rises with severity, load and Poisson's ratio.
-    assert at(rms_slope=0.05).ratio < at().ratio < at(rms_slope=0.4).ratio < 3.4
+    assert at(rms_slope=0.05).ratio < at().ratio < at(rms_slope=0.4).ratio < 3.25
     assert at(mean_pressure=0.1e9).ratio < at().ratio < at(mean_pressure=1e9).ratio
     assert at(poisson_ratio=0.0).ratio < at().ratio
 
@@ -90,11 +89,15 @@ def test_the_breadth_is_judged_by_ensembles_that_taught_nothing():
     for _, some in table[~table["taught"]].groupby("nodes"):
         assert some["within"].mean() >= 0.83
     assert table[~table["taught"]]["within"].mean() >= 0.95
-    assert (table["claimed"] < 0.06).all()
+    assert (table["claimed"] < 0.051).all()
     assert table[table["first_seed"] == 501]["within"].all()  # of severity 50 and 100
-    narrow, broad = at(breadth=2), at(breadth=32)
-    assert 1.09 < broad.ratio / narrow.ratio < 1.12
-    assert at(breadth=4).errors["breadth_error"] < 0.035 < at(breadth=300).errors["breadth_error"]
+    narrow = at(breadth=2)
+    large = kept.LARGE / 0.25  # over the load
+    flowing = at().severity / (8 + at().severity)
+    for breadths in (2, 4, 32, 300):
+        trend, beyond = (kept.TREND * flowing * math.log(breadths / b) for b in (4, 32))
+        parts = kept.DOUBT * (abs(trend) + large), max(beyond, 0.0), kept.SPECTRA
+        assert at(breadth=breadths).errors["breadth_error"] == pytest.approx(math.hypot(*parts))
     unknown = at()
     assert unknown.interval[0] < narrow.value < at(breadth=300).value < unknown.interval[1]
     with pytest.raises(InvalidScene, match=r"breadth is 1\.5, but .* at least 2"):

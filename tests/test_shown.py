@@ -507,7 +507,15 @@ def numbers(text):
 
 
 def test_the_page_shows_the_verdict_and_the_answers(tmp_path):
-    write_report(tmp_path / "x.html", content(), {f"case-{i}": answers() for i in range(3)})
+    about = {"body": {"value": "half-space", "unit": "", "meaning": "what carries"}}
+    one = {
+        "notes": ["of all", "of one"],
+        "provenance": {"options": {}, "versions": {"here": 2}, "about": about},
+    }
+    found = {"theory": {**result(3).to_json(), **one, "ensemble": {"surfaces": []}}} | answers()
+    found["theory"]["members"] = [found["theory"]]
+    found["bem"]["members"][0]["notes"] = ["of all"]
+    write_report(tmp_path / "x.html", content(), {f"case-{i}": found for i in range(3)})
     text, _, data = page_of(tmp_path / "x.html")
     judged = [(case.id, g) for case in verdict().cases for g in case.gates]
     cells = [(about, text) for about, text in data if "field" in about]
@@ -524,7 +532,9 @@ def test_the_page_shows_the_verdict_and_the_answers(tmp_path):
             expected = [] if estimate is None else [estimate.mean, estimate.half_width]
             assert numbers(shown) == pytest.approx(expected, rel=5e-2)
             assert numbers(shown)[:1] == pytest.approx(expected[:1], rel=5e-3)
-    said = ("0123abcd", "seed7, seed8", "256 MiB", "fft pairs 90", "no such thing")
+    said = ("0123abcd", "256 MiB", "fft pairs 90", "no such thing", "Note by theory: of one.",
+            "2 (seed7, seed8); the figures above are of the first",
+            "Note by theory, bem: of all.")  # fmt: skip
     for words in ("Verification report falls short", *said, f"cores {verdict().made.cores}"):
         assert words in text, words
 

@@ -114,8 +114,8 @@ def test_compare_tells_each_move_and_each_count(capsys):
     new.loc[last, ["status", "error", "high"]] = ["falls short", 0.4, 0.5]
     other = pd.DataFrame({"case": "c", "size": "full", "name": "x of m", "scene": ["one"]})
     old = pd.concat([old, other.assign(value=1.0)])
-    added = [new, other.assign(scene="two", value=9.0), new.tail(1).assign(name="u of m")]
-    new = pd.concat([*added, other.assign(case="d")])
+    added = [new.tail(1).assign(name=f"{name} of m") for name in "efghiju"]
+    new = pd.concat([new, other.assign(scene="two", value=9.0), *added, other.assign(case="d")])
     found = compared(old, new)
     assert found.moved.set_index("figure")["moved"].to_dict() == pytest.approx(
         {"x of m": 2.5, "y of m": 0.25, "z of m": 0.001 / 5.001e-4, "w of m": 0.125}, rel=1e-9
@@ -130,7 +130,8 @@ def test_compare_tells_each_move_and_each_count(capsys):
         f"a fast: fft_pairs of m 8 12 1.50 held, and does not hold now: {judged} "
         "of another scene, not compared: c full of untold scenes: a fast, b fast "
         f"in a wider band: {judged} cases of NEW alone: d full figures of NEW alone: b fast: "
-        "u of m figures of OLD alone: b fast: gone of m 5 values compared: 2 moved beyond their "
+        "e of m, b fast: f of m, b fast: g of m, b fast: h of m, b fast: i of m and 2 more "
+        "figures of OLD alone: b fast: gone of m 5 values compared: 2 moved beyond their "
         "claim, 2 within it; more work: 1; seconds: 2.50 times as many"
     )
     assert capsys.readouterr().out.split() == told.split()

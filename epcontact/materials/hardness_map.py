@@ -45,7 +45,7 @@ FULL = 0.9
 LIGHTEST, FALL = 0.003, 0.07
 #: t and w of another breadth and of surfaces larger than the map's (half of the w at 6 nodes to
 #: the shortest wave is left at 12); the doubt of both; and what single spectra differ by (95 %).
-TREND, LARGE, DOUBT, SPECTRA = 0.05, 0.003, 0.5, 0.03
+TREND, LARGE, DOUBT, SPECTRA = 0.04, 0.003, 0.5, 0.03
 #: The breadths that were judged, that of the map, and the largest that an unknown one may be;
 #: beyond the judged ones all of the trend is doubted.
 BREADTHS, OF_THE_MAP, BROADEST = (2.0, 32.0), 4.0, 300.0
