@@ -101,7 +101,8 @@ def front_sums(direction, period, phase, load, hardness=math.inf):
     # Cells whose last corner is in the fourth of the six columns have all that they need.
     block = np.array([[0, n, 3, 4]])
     found = grid.Solution(*fields, stiffness, *flow)
-    out = [grid.sweep(found, block, table)[0].T for table in np.eye(len(WIDTHS))]
+    tables = np.eye(len(WIDTHS))
+    out = [np.array(grid.sweep(found, block, table)[0].tolist()).T for table in tables]
     scale = length / 2 / n
     return out[0] * scale, np.array([grid.Sums(*sums).offset for sums in out]) * scale
 
@@ -248,10 +249,11 @@ def calibrate_kink(points=96, finer=32):
                 last = next(i for i in range(round(centre * n), 2 * n) if p[(i + 1) % n] <= 0)
                 nearby = np.arange(last - 2, last + 4) % n
                 v = p[nearby] - STIFFNESS * n * g[nearby]
-                link = locate(v[:, None], np.zeros(1), 1, math.inf, math.inf)
-                place, held, kinked = (float(a[0]) for a in (link.place, link.held, link.kinked))
-                places.append((last + place - (0 if held else AXIS_OFFSET)) / n)
-            if kinked and v[2] > v[1]:  # the coarse line's; not where a kink is behind the front
+                link = locate(np.tile(v, (3, 1)), 0.0, math.inf, math.inf)
+                places.append((last + link.place - (0 if link.held else AXIS_OFFSET)) / n)
+            if (
+                link.kinked and v[2] > v[1]
+            ):  # the coarse line's; not where a kink is behind the front
                 shares.append(v[2] / (v[2] - v[3]))
                 surplus.append((places[1] - places[0]) * points + KINK * shares[-1])
     pull = np.dot(surplus, shares) / np.dot(shares, shares)
@@ -288,7 +290,8 @@ def calibrate_release(phases=16, points=1 << 15):
                 fields = released(wave(n, phase), 2 / folded, cap / 2, cap, after)
                 p, g, flow = (field[column] for field in fields)
                 solution = grid.Solution(p, g, np.inf, (STIFFNESS, STIFFNESS), flow, cap)
-                sums = grid.Sums(*grid.sweep(solution, np.array([[0, n, 3, 4]]), OFFSETS)[0, 0])
+                sums = grid.sweep(solution, np.array([[0, n, 3, 4]]), OFFSETS)[0, 0]
+                sums = grid.Sums(*sums)
                 area = sums.area - sums.offset - HARMONIC * sums.harmonic
                 need += weight * (area * length / 2 / n - exact * length / PERIOD)
                 release += weight * sums.released * length / 2 / n

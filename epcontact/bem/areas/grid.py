@@ -13,15 +13,14 @@ runs from corner k to the next.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.areas.front import Links, compiled, inner, locate, release
+from epcontact.bem.areas.front import Link, compiled, inner, locate, release
 from epcontact.results import FloatArray
 
-Ints = NDArray[np.int32]
 Bytes = NDArray[np.uint8]
 #: Width of the elastic strip beside a front, in spacings, and the offset of a located front there
 #: (`rim.calibrate_strips`); the last is that of a front alone (`rim.calibrate_directions`: 0.1781;
@@ -37,8 +36,6 @@ STRAIGHT = 0.2
 #: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).  A lone point that
 #: carries next to nothing is taken for a spot of this area.
 CORNER = 0.6
-#: Places in `Sums`.
-POINTS, AREA = 0, 4
 #: Points around the cells of a block that are looked at, too.
 PAD = 4
 #: By the sum of 2^k over the corners inside: the corner that is cut off, or the first of the two
@@ -93,69 +90,76 @@ class Sums(NamedTuple):
     chance: FloatArray
 
 
-class Block(NamedTuple):
-    """The points of a block of cells, and PAD more on each side; memory for links and cells."""
+#: The `Sums` of a front and its `Link` as records.
+SUMS, LINK = (np.dtype([(name, float) for name in one._fields]) for one in (Sums, Link))
 
-    shape: tuple[int, int]  # rows and columns that are used of the memory
+
+class Block(NamedTuple):
+    """The points of a block of cells, and PAD more on each side."""
+
     v: FloatArray  # (1 or 2, rows, columns) for links along x and, where it differs, along y
     inside: Bytes  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
     sunk: FloatArray  # (rows, columns) c w, or (0, 0) where nothing has flowed before
-    values: FloatArray  # (6, n) v on the links that a front crosses, from inside
-    below: FloatArray  # (n,) `sunk` of `front.locate`
-    turned: NDArray[np.bool_]  # (n,) whether the end of the link is inside
-    numbers: Ints  # (2, rows, columns) numbers of the links by their axis and end
-    #: (2, m) row and column of cells whose last corner is elastic, or another one in another state.
-    busy: Ints
-    #: (4, m) row, column and code of each cell with a segment of the front, the sum of 2^k over its
-    #: corners inside, and whether it has plastic points next to points apart.
-    cells: Ints
+    links: Any  # (2, rows, columns) `Link` along x and y that ends at a point, from its beginning
+    work: FloatArray  # (3, 6) of `locate`
 
 
 @compiled
-def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> FloatArray:
-    """The `Sums` over blocks of the cells of a periodic grid, (n, 2, 19).
+def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> Any:
+    """The `Sums` over blocks of the cells of a periodic grid, (n, 2) records.
 
     blocks: (n, 4) the first row and the row after the last of the cells, and so their columns;
     offsets: of a front, at WIDTHS.
     """
-    found = np.zeros((len(blocks), 2, 19))
+    found = np.zeros((len(blocks), 2), SUMS)
     rows = np.max(blocks[:, 1] - blocks[:, 0]) + 2 * PAD
-    columns, square = np.max(blocks[:, 3] - blocks[:, 2]) + 2 * PAD, solution.stiffness
-    n, flowed = rows * columns, rows if solution.flowed.size else 0
-    memory = Block(
-        (rows, columns),
-        np.empty((1 if square[0] == square[1] else 2, rows, columns)),
+    columns, c = np.max(blocks[:, 3] - blocks[:, 2]) + 2 * PAD, solution.stiffness
+    layers, flowed = 1 if c[0] == c[1] else 2, rows if solution.flowed.size else 0
+    block = Block(
+        np.empty((layers, rows, columns)),
         np.empty((rows, columns), np.uint8),
         np.empty((flowed, columns)),
-        np.empty((6, 2 * n)),
-        np.empty(2 * n),
-        np.empty(2 * n, np.bool_),
-        np.empty((2, rows, columns), np.int32),
-        np.empty((2, n), np.int32),
-        np.empty((4, n), np.int32),
+        np.empty((2, rows, columns), LINK),
+        np.empty((3, 6)),
     )
     for k in range(len(blocks)):
-        block = _filled(memory, solution, blocks[k])
-        busy = _busy(block)
+        first, last, left, right = blocks[k]
+        _fill(block, solution, blocks[k])
+        v, inside = block.v, block.inside
         for front in range(2 if solution.hardness < np.inf else 1):
-            count, cut = _crossed(block, solution, front, busy)
-            links = locate(block.values, block.below, count, solution.hardness, solution.yielded)
-            along = _segments(block, solution, front, links, cut, offsets)
-            for m, value in enumerate(_points(block, solution.hardness, front, busy) + along):
-                found[k, front, m] = value  # numba compiles np.array of a tuple for seconds
-            found[k, front, AREA] += found[k, front, POINTS]
+            sums, state, points = found[k, front], 16 * front, 0
+            for i in range(PAD - 1, last - first + PAD):
+                d, c = inside[i - 1, PAD - 2], inside[i, PAD - 2]
+                for j in range(PAD - 1, right - left + PAD):
+                    a, b, c, d = d, c, inside[i, j], inside[i - 1, j]
+                    own = i >= PAD and j >= PAD
+                    points += own and c > state
+                    if c == a == b == d and c != 1:
+                        continue
+                    code = (a > state) + 2 * (b > state) + 4 * (c > state) + 8 * (d > state)
+                    if code not in (0, 15):
+                        _cross(block, solution, front, (i, j))
+                        if own:
+                            _segments(block, solution, front, (i, j), code, offsets, sums)
+                    if own and c == 1:
+                        square, crease = _hidden(v, (i, j), solution.hardness, front)
+                        sums.squares += square
+                        sums.crease += crease
+                    elif own and c == 17 * front:
+                        sums.tips += _tip(v, inside, (i, j), solution.hardness)
+            sums.points = points
+            sums.area += points
     return found
 
 
 @inner
-def _filled(memory: Block, solution: Solution, place: NDArray[np.int64]) -> Block:
+def _fill(block: Block, solution: Solution, place: NDArray[np.int64]) -> None:
     """Fill the memory with the points of a block."""
     (pressure, gap, hardness, stiffness, flowed, _), (first, last, left, right) = solution, place
-    v, inside, sunk = memory.v, memory.inside, memory.sunk
-    (nx, ny), rows, columns = pressure.shape, last - first + 2 * PAD, right - left + 2 * PAD
-    for i in range(rows):
+    (nx, ny), (v, inside, sunk, _, _) = pressure.shape, block
+    for i in range(last - first + 2 * PAD):
         row, column = (first - PAD + i) % nx, (left - PAD) % ny
-        for j in range(columns):
+        for j in range(right - left + 2 * PAD):
             p, g = pressure[row, column], gap[row, column]
             inside[i, j] = (p > 0) + 16 * (p >= hardness)
             base = hardness if p >= hardness else max(p, 0.0)
@@ -165,122 +169,93 @@ def _filled(memory: Block, solution: Solution, place: NDArray[np.int64]) -> Bloc
             if flowed.size:  # points that flow again are as on a first loading
                 sunk[i, j] = stiffness[0] * flowed[row, column] if p < hardness else 0.0
             column = column + 1 if column + 1 < ny else 0
-    return Block((rows, columns), *memory[1:])
 
 
 @inner
-def _busy(block: Block) -> int:
-    """Find the cells that are neither all apart nor all plastic: the rest needs no more."""
-    (rows, columns), inside, busy, found = block.shape, block.inside, block.busy, 0
-    for i in range(PAD - 1, rows - PAD):
-        for j in range(PAD - 1, columns - PAD):
-            here, a, b = inside[i, j], inside[i - 1, j - 1], inside[i - 1, j]
-            if here == 1 or a != here or b != here or inside[i, j - 1] != here:
-                busy[0, found], busy[1, found] = i, j
-                found += 1
-    return found
-
-
-@inner
-def _crossed(block: Block, solution: Solution, front: int, busy: int) -> tuple[int, int]:
-    """Find the links that a front crosses and the cells with segments of it; return both counts."""
-    _, v, inside, sunk, values, below, turned, numbers, places, cells = block
-    state, count, found = 16 * front, 0, 0
-    cap, sign = (solution.hardness, -1.0) if front else (0.0, 1.0)
-    for n in range(busy):
-        i, j = places[0, n], places[1, n]
-        a, b, c, d = inside[i - 1, j - 1], inside[i, j - 1], inside[i, j], inside[i - 1, j]
-        code = (a > state) + 2 * (b > state) + 4 * (c > state) + 8 * (d > state)
-        if code in (0, 15):
+def _cross(block: Block, solution: Solution, front: int, place: tuple[int, int]) -> None:
+    """Locate the front on the links to a point along x and y that it crosses."""
+    (v, inside, sunk, links, work), (i, j) = block, place
+    state, cap, sign = (16, solution.hardness, -1.0) if front else (0, 0.0, 1.0)
+    ends_inside = (inside[i, j] > state) != (front == 1)
+    for y in range(2):
+        beside = inside[i, j - 1] if y else inside[i - 1, j]
+        if (inside[i, j] > state) == (beside > state):
             continue
-        for y in range(2):  # between corners 2 and 3 along x, and 1 and 2 along y
-            if (c > state) == ((b if y else d) > state):
-                continue
-            layer, ends_inside = len(v) - 1 if y else 0, (c > state) != (front == 1)
-            for k in range(6):  # from inside
-                way = 2 - k if ends_inside else k - 3
-                p = v[layer, i, j + way] if y else v[layer, i + way, j]
-                values[k, count] = cap + sign * p
-            below[count] = 0.0
-            if sunk.size and front == 0:
-                last, out = (0, -1) if ends_inside else (-1, 0)
-                w = sunk[i, j + last] if y else sunk[i + last, j]
-                beyond = sunk[i, j + out] if y else sunk[i + out, j]
-                aspect = solution.stiffness[y] / solution.stiffness[0]
-                below[count] = w * aspect if beyond == 0 else -1.0 if w > 0 else 0.0
-            numbers[y, i, j], turned[count], count = count, ends_inside, count + 1
-        if i >= PAD and j >= PAD:
-            cells[0, found], cells[1, found], cells[2, found] = i, j, code
-            cells[3, found] = a != 1 and b != 1 and c != 1 and d != 1
-            found += 1
-    return count, found
+        for k in range(6):  # from inside
+            way = 2 - k if ends_inside else k - 3
+            work[0, k] = cap + sign * (v[-1, i, j + way] if y else v[0, i + way, j])
+        below = 0.0
+        if sunk.size and front == 0:
+            w, beyond = sunk[i, j], sunk[i, j - 1] if y else sunk[i - 1, j]
+            w, beyond = (w, beyond) if ends_inside else (beyond, w)
+            aspect = solution.stiffness[y] / solution.stiffness[0]
+            below = w * aspect if beyond == 0 else -1.0 if w > 0 else 0.0
+        found, link = locate(work, below, solution.hardness, solution.yielded), links[y, i, j]
+        link.place = 1 - found.place if ends_inside else found.place
+        link.doubt, link.held, link.zone = found.doubt, found.held, found.zone
+        link.kinked, link.spot, link.fallen = found.kinked, found.spot, found.fallen
 
 
 @inner
 def _segments(
-    block: Block, solution: Solution, front: int, links: Links, count: int, offsets: FloatArray
-) -> tuple[float, ...]:
-    """The `Sums` over the segments of a front, from the area on."""
-    v, sunk, turned, numbers, cells = block.v, block.sunk, block.turned, block.numbers, block.cells
+    block: Block,
+    solution: Solution,
+    front: int,
+    cell: tuple[int, int],
+    code: int,
+    offsets: FloatArray,
+    sums: Any,
+) -> None:
+    """Add the segments of a front in a cell to the `Sums`; code: of 2^k for corners inside."""
+    (v, inside, sunk, links, _), (i, j) = block, cell
     x_field, y_field = v[0], v[-1]
-    area = offset = harmonic = turn = zone = released = own_length = shared = 0.0
-    own_held = flowing = kinked = spots = sine = doubts = chance = 0.0
-    for n in range(count):
-        i, j, code = cells[0, n], cells[1, n], cells[2, n]
-        cut, saddle, straight = _CUT[code], code % 5 == 0, int(code % 3 == 0)
-        a, b, c, d = x_field[i - 1, j - 1], x_field[i, j - 1], x_field[i, j], x_field[i - 1, j]
-        e, f, g, h = y_field[i - 1, j - 1], y_field[i, j - 1], y_field[i, j], y_field[i - 1, j]
-        if saddle and a + b + c + d + e + f + g + h > (8 * solution.hardness if front else 0.0):
-            cut ^= 1  # the inside is connected
-        dx, dy = (b + c - a - d) / 2, (g + h - e - f) / 2
-        square = max(dx * dx + dy * dy, 1e-300)
-        cos4 = 1 - 8 * (dx * dy / square) ** 2
-        sin4 = 4 * dx * dy * (dx - dy) * (dx + dy) / square**2
-        steep = peak = math.sqrt(square)
-        narrow = min(solution.hardness / steep, 1.0) ** 2
-        if sunk.size and front == 0:
-            a, b, c, d = sunk[i - 1, j - 1], sunk[i, j - 1], sunk[i, j], sunk[i - 1, j]
-            peak = math.hypot(dx + (b + c - a - d) / 2, dy + (c + d - a - b) / 2)
-            if min(a, b, c, d) > 0:  # inside a flattened spot nothing moves along
-                steep = 1e-150
-        is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
-        area += 1 - is_inside - ((code >> 2) & 1)  # which was counted as a point
-        for corner in range(cut, cut + (4 if saddle else 1), 2):
-            one, along = _link(numbers, i, j, (corner + straight) & 3)
-            other, against = _link(numbers, i, j, (corner + 3) & 3)
-            x, y = links.place[one], links.place[other]
-            x, y = 1 - x if along == turned[one] else x, y if against == turned[other] else 1 - y
-            length = math.sqrt(1 + (x - y) ** 2 if straight else x * x + y * y)
-            area += sign * (x + y if straight else x * y) / 2
-            edge = (links.spot[one] + links.spot[other]) / 2
-            u = solution.yielded / (peak if edge > 0 else steep)
-            if edge > 0:
-                fallen = (links.fallen[one] + links.fallen[other]) / 2
-                released += edge * length * release(fallen / edge, u)
-            held = (links.held[one] + links.held[other]) / 2
-            doubt = (links.doubt[one] + links.doubt[other]) / 2
-            own, free = max(narrow, held) * length, (1 - held) * length
-            own_free = max(narrow, held) * free
-            offset += _interpolated(u, offsets) * free
-            harmonic, turn = harmonic + cos4 * free, turn + (0.0 if straight else 0.25 * sign)
-            zone += (links.zone[one] + links.zone[other]) / 2 * length
-            own_length, shared = own_length + own, shared + length - own
-            own_held += held * own
-            flowing += held * length * cells[3, n]
-            kinks = (links.kinked[one] + links.kinked[other]) / 2
-            kinked, spots = kinked + kinks * own, spots + edge * own
-            sine += sin4 * free
-            doubts, chance = doubts + doubt * own_free, chance + doubt * doubt * own_free
-    fields = (area, offset, harmonic, turn, zone, released, own_length, shared, own_held)
-    return (*fields, flowing, kinked, spots, sine, doubts, chance)
-
-
-@inner
-def _link(numbers: Ints, i: int, j: int, side: int) -> tuple[int, bool]:
-    """The number of the link along a side of a cell, and whether it runs as the side does."""
-    if side & 1 == 0:
-        return numbers[0, i, j - 1 if side == 0 else j], side == 0
-    return numbers[1, i if side == 1 else i - 1, j], side == 1
+    cut, saddle, straight = _CUT[code], code % 5 == 0, int(code % 3 == 0)
+    a, b, c, d = x_field[i - 1, j - 1], x_field[i, j - 1], x_field[i, j], x_field[i - 1, j]
+    e, f, g, h = y_field[i - 1, j - 1], y_field[i, j - 1], y_field[i, j], y_field[i - 1, j]
+    if saddle and a + b + c + d + e + f + g + h > (8 * solution.hardness if front else 0.0):
+        cut ^= 1  # the inside is connected
+    dx, dy = (b + c - a - d) / 2, (g + h - e - f) / 2
+    square = max(dx * dx + dy * dy, 1e-300)
+    cos4 = 1 - 8 * (dx * dy / square) ** 2
+    sin4 = 4 * dx * dy * (dx - dy) * (dx + dy) / square**2
+    steep = peak = math.sqrt(square)
+    narrow = min(solution.hardness / steep, 1.0) ** 2
+    if sunk.size and front == 0:
+        a, b, c, d = sunk[i - 1, j - 1], sunk[i, j - 1], sunk[i, j], sunk[i - 1, j]
+        peak = math.hypot(dx + (b + c - a - d) / 2, dy + (c + d - a - b) / 2)
+        if min(a, b, c, d) > 0:  # inside a flattened spot nothing moves along
+            steep = 1e-150
+    flowing = inside[i - 1, j - 1] != 1 and inside[i, j - 1] != 1
+    flowing = flowing and inside[i, j] != 1 and inside[i - 1, j] != 1
+    is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
+    sums.area += 1 - is_inside - ((code >> 2) & 1)  # which was counted as a point
+    for corner in range(cut, cut + (4 if saddle else 1), 2):
+        after, before = (corner + straight) & 3, (corner + 3) & 3
+        one = links[after & 1, i - (after == 3), j - (after == 0)]
+        other = links[before & 1, i - (before == 3), j - (before == 0)]
+        x = 1 - one.place if after > 1 else one.place
+        y = other.place if before > 1 else 1 - other.place
+        length = math.sqrt(1 + (x - y) ** 2 if straight else x * x + y * y)
+        sums.area += sign * (x + y if straight else x * y) / 2
+        edge, held = (one.spot + other.spot) / 2, (one.held + other.held) / 2
+        u, doubt = solution.yielded / (peak if edge > 0 else steep), (one.doubt + other.doubt) / 2
+        if edge > 0:
+            fallen = (one.fallen + other.fallen) / 2
+            sums.released += edge * length * release(fallen / edge, u)
+        own, free = max(narrow, held) * length, (1 - held) * length
+        sums.offset += _interpolated(u, offsets) * free
+        sums.harmonic += cos4 * free
+        sums.sine += sin4 * free
+        sums.turn += 0.0 if straight else 0.25 * sign
+        sums.zone += (one.zone + other.zone) / 2 * length
+        sums.length += own
+        sums.shared += length - own
+        sums.held += held * own
+        sums.flowing += held * length * flowing
+        sums.kinked += (one.kinked + other.kinked) / 2 * own
+        sums.spots += edge * own
+        sums.doubt += doubt * own * (1 - held)
+        sums.chance += doubt * doubt * own * (1 - held)
 
 
 @inner
@@ -291,25 +266,6 @@ def _interpolated(u: float, offsets: FloatArray) -> float:
         k += 1
     share = min((u - WIDTHS[k - 1]) / (WIDTHS[k] - WIDTHS[k - 1]), 1.0)
     return float(offsets[k - 1] + share * (offsets[k] - offsets[k - 1]))
-
-
-@inner
-def _points(block: Block, hardness: float, front: int, busy: int) -> tuple[float, ...]:
-    """(points, tips, squares, crease) of `Sums` of a front."""
-    v, inside, places = block.v, block.inside, block.busy
-    rows, columns = block.shape
-    points, tips, squares, creases = 0, 0.0, 0.0, 0.0
-    for i in range(PAD, rows - PAD):
-        for j in range(PAD, columns - PAD):  # in integers, many at a time
-            points += inside[i, j] > 16 * front
-    for n in range(busy):
-        i, j = places[0, n], places[1, n]
-        if i >= PAD and j >= PAD and inside[i, j] == 1:
-            square, crease = _hidden(v, (i, j), hardness, front)
-            squares, creases = squares + square, creases + crease
-        elif i >= PAD and j >= PAD and inside[i, j] == 17 * front:
-            tips += _tip(v, inside, (i, j), hardness)
-    return float(points), tips, squares, creases
 
 
 @inner
