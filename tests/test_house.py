@@ -23,7 +23,7 @@ FLOORS = (
 #: in its commit why the room grows.
 LINES = {
     "epcontact": 101,
-    "epcontact.bem": 4100,
+    "epcontact.bem": 3940,
     "epcontact.cli": 1426,
     "epcontact.errors": 80,
     "epcontact.files": 140,
@@ -39,7 +39,7 @@ LINES = {
     "epcontact.studies": 2970,
     "epcontact.surfaces": 1996,
     "fem_check": 3642,
-    "tests": 16470,
+    "tests": 16458,
 }
 #: Imports of the project inside functions, each with its reason beside it; fewer is better.
 DEFERRED = 15

@@ -262,9 +262,8 @@ def without():
 
     def lacking(*names):
         def sums(*arguments):
-            array, *rest = whole(*arguments)
-            nothing = dict.fromkeys(names, np.zeros(2))
-            return np.array(rim.Sums(*array)._replace(**nothing)), *rest
+            found, *rest = whole(*arguments)
+            return found._replace(**dict.fromkeys(names, np.zeros(2))), *rest
 
         return {"sums_of_fronts": sums}
 
@@ -277,7 +276,7 @@ def without():
         "oblong": {"OBLONG": 0.0},
         "load": {"_balanced": lambda areas, covariance, *_: (areas, covariance)},
         "zones": lacking("zone"),
-        "release": lacking("released", "spots"),
+        "release": lacking("released"),
         "hidden gaps": lacking("squares", "crease"),
         "doubt": lacking("doubt", "chance"),
         "claims of kinks": lacking("kinked"),

@@ -26,7 +26,6 @@ from epcontact.bem.areas import rim_correction as rim
 from epcontact.bem.areas.grid import Sums
 from epcontact.bem.areas.rim_correction import ERRORS, TIP, ErrorConstants
 from epcontact.errors import NotConverged
-from epcontact.results import FloatArray
 from epcontact.studies.areas import named
 from laboratory import area_bank
 
@@ -130,7 +129,7 @@ KINDS |= named(_pyramids, _grooves, _spikes, _lapped)
 class Lesson:
     """Arguments of `rim_correction.areas_of_sums` for one solution, and its areas on a fine one."""
 
-    sums: FloatArray
+    sums: Sums
     share: float
     cells: float
     aspect: float
@@ -161,8 +160,7 @@ def fitted_tip(known):
     for one in known:
         located = rim.located_areas(one.sums, rim.OBLONG * math.log(one.aspect) ** 2)
         off = (located - np.array([one.exact["total"], one.exact["plastic"]]) * one.cells) * (1, -1)
-        sums = Sums(*one.sums)
-        tips, length = sums.tips, sums.length + sums.shared
+        tips, length = one.sums.tips, one.sums.length + one.sums.shared
         shown = tips > 0
         needs += (TIP + off[shown] / tips[shown]).tolist()
         weights += (tips[shown] / np.sqrt(length[shown])).tolist()

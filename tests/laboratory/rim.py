@@ -208,7 +208,7 @@ def spheres(shape, radius, seed, shifts):
     for shift in np.random.default_rng(seed).uniform(size=(shifts, 2)):
         x, y = ((np.arange(n) + s) / n - 0.5 for n, s in zip(shape, shift, strict=True))
         sums = sums_of_fronts(*solution(-(x[:, None] ** 2 + y**2) / 2, force))[0]
-        yield grid.Sums(*sums[:, 0]), exact * shape[0] * shape[1]
+        yield grid.Sums(*(a[0] for a in sums)), exact * shape[0] * shape[1]
 
 
 def calibrate_corner(radius=5.0, shifts=24):
@@ -249,7 +249,7 @@ def calibrate_kink(points=96, finer=32):
                 last = next(i for i in range(round(centre * n), 2 * n) if p[(i + 1) % n] <= 0)
                 nearby = np.arange(last - 2, last + 4) % n
                 v = p[nearby] - STIFFNESS * n * g[nearby]
-                link = locate(np.tile(v, (3, 1)), 0.0, math.inf, math.inf)
+                link = locate(np.tile(v, (5, 1)), 0.0, math.inf, math.inf)
                 places.append((last + link.place - (0 if link.held else AXIS_OFFSET)) / n)
             if (
                 link.kinked and v[2] > v[1]

@@ -61,22 +61,38 @@ class Link(NamedTuple):
     held: float  # 1 if a step of the surface holds the front: any place is equally likely
     zone: float  # width of the zone at an edge that must be plastic, but shows no point
     kinked: float  # 1 where the surface has a kink at the front or close behind it
-    spot: float  # 1 where the front is at the edge of a spot that earlier flow has flattened
-    fallen: float  # what the pressure of its last point has lost since, by the hardness
+    released: float  # how far it has come off the edge of a spot that earlier flow has flattened
+
+
+@compiled
+def release(fallen: float, u: float) -> float:
+    """How far a front has come off the edge of a flattened spot, in spacings.
+
+    fallen: what the pressure of the last point has lost since it flowed, by the hardness; u: width
+    of the strip between flow and open gap at the peak of the load, as of `grid`, below 1.  In the
+    continuum this strip has the width d and the pressure H (2/pi) arcsin sqrt(s/d).  Unloading
+    takes K/sqrt(s) off, or all of it up to a front at x, where K is the integral over the strip of
+    (2/pi) sqrt(x - a) dp(a): Dugdale's x = (pi K/2 H)^2 for a step, and d/2 more for a narrow
+    strip, of which little is left at first.  By the factorisation, K is fallen sqrt(e)/pi.
+    """
+    strip, k = 2 * math.exp(-1 - math.e * (1 / u - 1)), fallen * math.sqrt(math.e) / math.pi
+    far = strip / 2 + (math.pi * k / 2) ** 2
+    return RELEASE * float(min(math.pi * k * math.sqrt(strip), far) if k * k < strip / 4 else far)
 
 
 @compiled
 def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Link:
     """Find the `Link` between the third of six points, which is inside, and the fourth.
 
-    work: (3, 6) memory that begins with p - c g, or hardness - (p - c g) for the plastic front;
+    work: (5, 6) memory that begins with p - c g, or hardness - (p - c g) for the plastic front;
     sunk: c w where flow has lowered the third point by w and the fourth never, negative where it
     has lowered both; yielded: the hardness of that flow.
     """
     first, before, last, out, after, end = work[0]
     slope, elastic = last + sunk - out, last < hardness
     if sunk > 0 and EDGE * slope > yielded:
-        return Link(min((yielded + sunk) / slope, 1.0), 0.0, 0.0, 0.0, 0.0, 1.0, 1 - last / yielded)
+        released = release(1 - last / yielded, yielded / slope)
+        return Link(min((yielded + sunk) / slope, 1.0), 0.0, 0.0, 0.0, 0.0, released)
     gap = after <= 0
     step = last - out > STEP * max(before - last, out - after) and (
         not elastic or 0 < before < last or (first > 0 and before > 0 and gap)
@@ -95,10 +111,10 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
         at_step = (math.pi / 4 * last / hardness) ** 2
         zone = at_step if step else 3 ** ((last - hardness) / (last - before))
     if held:
-        return Link(0.5, 0.0, 1.0, zone, 0.0, 0.0, 0.0)
+        return Link(0.5, 0.0, 1.0, zone, 0.0, 0.0)
     if kink:
         place, hump = 1 - away - KINK * last / (last - out) + AXIS_OFFSET, True
-    return Link(min(max(place, 0.0), 1.0), doubt, 0.0, zone, 1.0 if hump else 0.0, 0.0, 0.0)
+    return Link(min(max(place, 0.0), 1.0), doubt, 0.0, zone, 1.0 if hump else 0.0, 0.0)
 
 
 @inner
@@ -147,19 +163,3 @@ def _root(work: FloatArray, hardness: float, gap: bool) -> tuple[float, float, b
             value, rate = terms[m] + (x - nodes[m]) * value, value + (x - nodes[m]) * rate
         x = min(max(x - value / (rate if rate < 0 else slope), 0.0), 1.0)
     return x + last / (last - out) + c / slope, doubt, hump
-
-
-@compiled
-def release(fallen: float, u: float) -> float:
-    """How far a front has come off the edge of a flattened spot, in spacings.
-
-    fallen: what the pressure of the last point has lost since it flowed, by the hardness; u: width
-    of the strip between flow and open gap at the peak of the load, as of `grid`, below 1.  In the
-    continuum this strip has the width d and the pressure H (2/pi) arcsin sqrt(s/d).  Unloading
-    takes K/sqrt(s) off, or all of it up to a front at x, where K is the integral over the strip of
-    (2/pi) sqrt(x - a) dp(a): Dugdale's x = (pi K/2 H)^2 for a step, and d/2 more for a narrow
-    strip, of which little is left at first.  By the factorisation, K is fallen sqrt(e)/pi.
-    """
-    strip, k = 2 * math.exp(-1 - math.e * (1 / u - 1)), fallen * math.sqrt(math.e) / math.pi
-    far = strip / 2 + (math.pi * k / 2) ** 2
-    return RELEASE * float(min(math.pi * k * math.sqrt(strip), far) if k * k < strip / 4 else far)

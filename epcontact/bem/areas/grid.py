@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.areas.front import Link, compiled, inner, locate, release
+from epcontact.bem.areas.front import Link, compiled, inner, locate
 from epcontact.results import FloatArray
 
 Bytes = NDArray[np.uint8]
@@ -29,7 +29,7 @@ WIDTHS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2
 OFFSETS = np.array([0.0, 0.0721, 0.137, 0.1916, 0.2198, 0.2229, 0.215, 0.1933,
                     0.18, 0.1742, 0.1694, 0.1782, 0.1773, 0.1783])  # fmt: skip
 #: A wave's curvature p2 divided by its second difference between points a quarter wavelength apart.
-SEEN = 1.25
+SEEN = math.pi**2 / 8
 #: Along a crease the pressure changes by less than this share of its change across (`error_bars`:
 #: from 1/3 on the claims of straight grooves that no point shows are too small).
 STRAIGHT = 0.2
@@ -78,12 +78,8 @@ class Sums(NamedTuple):
     released: FloatArray  # length times the width that has come off flattened spots
     length: FloatArray  # own
     shared: FloatArray  # the rest of it
-    #: Own length at edges; held length where plastic points are next to points apart; own length
-    #: where the surface has a kink, and at edges of flattened spots.
-    held: FloatArray
-    flowing: FloatArray
-    kinked: FloatArray
-    spots: FloatArray
+    held: FloatArray  # own length at edges
+    kinked: FloatArray  # own length where the surface has a kink
     sine: FloatArray  # free length times sin 4 theta
     #: Own free length times the doubt of `front`, and its square.
     doubt: FloatArray
@@ -101,7 +97,7 @@ class Block(NamedTuple):
     inside: Bytes  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
     sunk: FloatArray  # (rows, columns) c w, or (0, 0) where nothing has flowed before
     links: Any  # (2, rows, columns) `Link` along x and y that ends at a point, from its beginning
-    work: FloatArray  # (3, 6) of `locate`
+    work: FloatArray  # (5, 6)
 
 
 @compiled
@@ -120,7 +116,7 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
         np.empty((rows, columns), np.uint8),
         np.empty((flowed, columns)),
         np.empty((2, rows, columns), LINK),
-        np.empty((3, 6)),
+        np.empty((5, 6)),
     )
     for k in range(len(blocks)):
         first, last, left, right = blocks[k]
@@ -142,7 +138,7 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
                         if own:
                             _segments(block, solution, front, (i, j), code, offsets, sums)
                     if own and c == 1:
-                        square, crease = _hidden(v, (i, j), solution.hardness, front)
+                        square, crease = _hidden(block, (i, j), solution.hardness, front)
                         sums.squares += square
                         sums.crease += crease
                     elif own and c == 17 * front:
@@ -193,7 +189,7 @@ def _cross(block: Block, solution: Solution, front: int, place: tuple[int, int])
         found, link = locate(work, below, solution.hardness, solution.yielded), links[y, i, j]
         link.place = 1 - found.place if ends_inside else found.place
         link.doubt, link.held, link.zone = found.doubt, found.held, found.zone
-        link.kinked, link.spot, link.fallen = found.kinked, found.spot, found.fallen
+        link.kinked, link.released = found.kinked, found.released
 
 
 @inner
@@ -207,7 +203,7 @@ def _segments(
     sums: Any,
 ) -> None:
     """Add the segments of a front in a cell to the `Sums`; code: of 2^k for corners inside."""
-    (v, inside, sunk, links, _), (i, j) = block, cell
+    (v, _, sunk, links, _), (i, j) = block, cell
     x_field, y_field = v[0], v[-1]
     cut, saddle, straight = _CUT[code], code % 5 == 0, int(code % 3 == 0)
     a, b, c, d = x_field[i - 1, j - 1], x_field[i, j - 1], x_field[i, j], x_field[i - 1, j]
@@ -225,8 +221,6 @@ def _segments(
         peak = math.hypot(dx + (b + c - a - d) / 2, dy + (c + d - a - b) / 2)
         if min(a, b, c, d) > 0:  # inside a flattened spot nothing moves along
             steep = 1e-150
-    flowing = inside[i - 1, j - 1] != 1 and inside[i, j - 1] != 1
-    flowing = flowing and inside[i, j] != 1 and inside[i - 1, j] != 1
     is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
     sums.area += 1 - is_inside - ((code >> 2) & 1)  # which was counted as a point
     for corner in range(cut, cut + (4 if saddle else 1), 2):
@@ -237,13 +231,15 @@ def _segments(
         y = other.place if before > 1 else 1 - other.place
         length = math.sqrt(1 + (x - y) ** 2 if straight else x * x + y * y)
         sums.area += sign * (x + y if straight else x * y) / 2
-        edge, held = (one.spot + other.spot) / 2, (one.held + other.held) / 2
-        u, doubt = solution.yielded / (peak if edge > 0 else steep), (one.doubt + other.doubt) / 2
-        if edge > 0:
-            fallen = (one.fallen + other.fallen) / 2
-            sums.released += edge * length * release(fallen / edge, u)
+        held, doubt = (one.held + other.held) / 2, (one.doubt + other.doubt) / 2
+        released, k = (one.released + other.released) / 2, 1
+        u = solution.yielded / (peak if released > 0 else steep)
+        while u > WIDTHS[k] and k < len(WIDTHS) - 1:
+            k += 1
+        share = min((u - WIDTHS[k - 1]) / (WIDTHS[k] - WIDTHS[k - 1]), 1.0)
+        offset = offsets[k - 1] + share * (offsets[k] - offsets[k - 1])
         own, free = max(narrow, held) * length, (1 - held) * length
-        sums.offset += _interpolated(u, offsets) * free
+        sums.offset += offset * free
         sums.harmonic += cos4 * free
         sums.sine += sin4 * free
         sums.turn += 0.0 if straight else 0.25 * sign
@@ -251,21 +247,10 @@ def _segments(
         sums.length += own
         sums.shared += length - own
         sums.held += held * own
-        sums.flowing += held * length * flowing
         sums.kinked += (one.kinked + other.kinked) / 2 * own
-        sums.spots += edge * own
+        sums.released += released * length
         sums.doubt += doubt * own * (1 - held)
         sums.chance += doubt * doubt * own * (1 - held)
-
-
-@inner
-def _interpolated(u: float, offsets: FloatArray) -> float:
-    """The offset at u; constant beyond the table."""
-    k = 1
-    while u > WIDTHS[k] and k < len(WIDTHS) - 1:
-        k += 1
-    share = min((u - WIDTHS[k - 1]) / (WIDTHS[k] - WIDTHS[k - 1]), 1.0)
-    return float(offsets[k - 1] + share * (offsets[k] - offsets[k - 1]))
 
 
 @inner
@@ -295,75 +280,45 @@ def _tip(v: FloatArray, inside: Bytes, place: tuple[int, int], hardness: float) 
 
 @inner
 def _hidden(
-    layers: FloatArray, place: tuple[int, int], hardness: float, front: int
+    block: Block, place: tuple[int, int], hardness: float, front: int
 ) -> tuple[float, float]:
-    """(square of areas, area at a crease) that an elastic point may hide beside it."""
-    v, (i, j) = layers[0], place
-    here = _short(v[i, j], hardness, front)
-    above, below = _short(v[i - 1, j], hardness, front), _short(v[i + 1, j], hardness, front)
-    left, right = _short(v[i, j - 1], hardness, front), _short(v[i, j + 1], hardness, front)
-    most, squares = max(above, below, left, right), 0.0
-    if most <= 0:
-        return _lacking(layers, place, hardness, front) ** 2, 0.0
-    if here > min(above, below) and here > min(left, right):
-        return 0.0, 0.0
-    # In full contact p is a smooth wave.  If it would fall to -p1 + p2 s^2 at the distance s from
-    # its lowest place, a gap of radius sqrt(3 p1/(2 p2)) opens, like a penny-shaped crack that
-    # closes smoothly.  This place is at most half a cell's diagonal away, so that p1 <= p2/2 - p.
-    rise = SEEN * ((above + below + left + right) / 4 - here)
-    if here <= min(above, below, left, right) and most < hardness and here < rise / 2:
-        squares = (math.pi * 1.5 * (0.5 - here / rise)) ** 2
-    a, b = _short(v[i - 1, j - 1], hardness, front), _short(v[i - 1, j + 1], hardness, front)
-    c, d = _short(v[i + 1, j - 1], hardness, front), _short(v[i + 1, j + 1], hardness, front)
-    outer = _short(v[i - 2, j], hardness, front), _short(v[i + 2, j], hardness, front)
-    sides = min(a, left, c), min(b, right, d)
-    x_log, x_straight = _crease(here, (above, below), outer, sides)
-    outer = _short(v[i, j - 2], hardness, front), _short(v[i, j + 2], hardness, front)
-    sides = min(a, above, b), min(c, below, d)
-    y_log, y_straight = _crease(here, (left, right), outer, sides)
-    if min(x_log, y_log) > -np.inf:
-        squares += 16 * math.exp(2 * (x_log + y_log))
-    area = 2 * max(x_straight * math.exp(x_log), y_straight * math.exp(y_log))
-    return squares + area * area, area
+    """(square of areas, area at a crease) that an elastic point may hide beside it.
 
+    In full contact p is a smooth wave.  If it would fall to -p1 + p2 s^2 at the distance s from its
+    lowest place, a gap of radius sqrt(3 p1/(2 p2)) opens, like a penny-shaped crack that closes
+    smoothly.  This place is at most half a cell's diagonal away, so that p1 <= p2/2 - p.
 
-@inner
-def _short(p: float, hardness: float, front: int) -> float:
-    """A pressure from 0 to the hardness, or what it lacks of the hardness for front 1."""
-    p = min(max(p, 0.0), hardness)
-    return float(hardness - p if front else p)
+    At a crease the pressure falls to k ln s, where s is the distance from it, and k ln 3 is the
+    rise from half a spacing to 3/2.  A gap opens where it would fall below 0, and twice as wide (as
+    in `front`).  The pressure bends the other way beside a crease, and along it, it changes less
+    than across by STRAIGHT; where it is 0, the gap shows.  A tip is a crease in both directions.
 
-
-@inner
-def _crease(
-    here: float, beside: tuple[float, float], outer: tuple[float, float], sides: tuple[float, float]
-) -> tuple[float, float]:
-    """(ln of half the width of a gap that a crease may hide, share of it that may be straight).
-
-    beside, outer: the pressures one and two points across the crease; sides: the lowest of three
-    along it, on either side.  At a crease the pressure falls to k ln s, where s is the distance
-    from it, and k ln 3 is the rise from half a spacing to 3/2.  A gap opens where it would fall
-    below 0, and twice as wide (as in `front`).  The pressure bends the other way beside a crease,
-    and along it, it changes less than across by STRAIGHT; where it is 0, the gap shows.  A tip is
-    a crease in both directions.
+    A lone point lacks a part of CORNER, as its spot may have no area.
     """
-    (before, after), across = beside, max(beside[0], beside[1]) - here
-    bends = min(outer[0] - 2 * before, outer[1] - 2 * after) + here < 0
-    if here > min(before, after) or across <= 0 or not bends:
-        return -np.inf, 0.0
-    along = max(sides[0] - here, sides[1] - here, 0.0)
-    straight = max(1 - along / (STRAIGHT * across), 0.0) if min(sides) > 0 else 0.0
-    return -math.log(3) * here / across, straight
-
-
-@inner
-def _lacking(layers: FloatArray, place: tuple[int, int], hardness: float, front: int) -> float:
-    """The part of CORNER that a lone point's located area lacks, as its spot may have no area."""
-    (i, j), area = place, 1.0
-    cap, sign = (hardness, -1.0) if front else (0.0, 1.0)
-    here = cap + sign * layers[0, i, j]
-    for layer, x in ((-1, 0), (0, 1)):
-        v = layers[layer]
-        before, after = cap + sign * v[i - x, j - 1 + x], cap + sign * v[i + x, j + 1 - x]
-        area *= here / (here - before) + here / (here - after)
-    return float(max(CORNER - area / 2, 0.0))
+    (v, p, (i, j)), sign, cap = (block.v, block.work, place), 1 - 2 * front, front * hardness
+    here = sign * v[0, i, j] + (cap if front else 0.0)
+    most = rise = crease = 0.0
+    tip, spot, lowest = 1.0, 0.5, True
+    for axis in range(2):  # p runs across the crease first
+        spread = 0.0
+        for a in range(5):
+            for b in range(1, 4):
+                x, y = (b, a) if axis else (a, b)
+                q = sign * v[-axis, i + x - 2, j + y - 2] + (cap if front else 0.0)
+                p[a, b] = min(max(q, 0.0), hardness)
+                spread += here / (here - q) if b == 2 and a % 2 else 0.0
+        before, after = p[1, 2], p[3, 2]
+        spot, most, rise = spot * spread, max(most, before, after), rise + before + after
+        low, across = here <= min(before, after), max(before, after) - here
+        lowest, half = lowest and low, 0.0
+        if low and across > 0 and min(p[0, 2] - 2 * before, p[4, 2] - 2 * after) + here < 0:
+            half = math.exp(-math.log(3) * here / across)
+            one, other = min(p[1, 1], p[2, 1], p[3, 1]), min(p[1, 3], p[2, 3], p[3, 3])
+            along = max(one - here, other - here, 0.0) / (STRAIGHT * across)
+            crease = max(crease, 2 * half * max(1 - along, 0.0) * (min(one, other) > 0))
+        tip *= 2 * half
+    if most <= 0:
+        return max(CORNER - spot, 0.0) ** 2, 0.0
+    rise = SEEN * (rise / 4 - here)
+    gap = math.pi * 1.5 * (0.5 - here / rise) if lowest and most < hardness else 0.0
+    return max(gap, 0.0) ** 2 + tip**2 + crease**2, crease

@@ -60,24 +60,17 @@ POINTS = 0.0728
 
 @dataclass(frozen=True)
 class ErrorConstants:
-    """Standard deviations of the errors of areas, in cells; "as far as a front is alike" is the
-    length of the mean of exp(4 i theta) along it, 1 where all of it meets the grid alike."""
+    """Standard deviations of the errors of areas, in cells."""
 
-    place: float  # of a front, by chance, in units of its doubt (`front`)
-    common: float  # in common, in the same units, as far as the front is alike
-    edge: float  # in common, for each spacing of a front at edges
-    kink: float  # in common, for each spacing of a front at kinks
-    strip: float  # in common, for each spacing of strips below one, as far as the front is alike
-    gaps: float  # of the areas of gaps hidden at creases, in units of their bounds
+    doubt: float  # of a front by chance, in units of its doubt (`front`); in common, twice that
+    edge: float  # in common, for each spacing of a front at edges and kinks, and of alike strips
 
 
-#: Of `laboratory.error_bars`, which from here finds gaps of 0.43 with the same loss to 0.005.
-ERRORS = ErrorConstants(1.5, 2.8, 0.115, 0.063, 0.063, 0.31)
-#: Standard deviation of the place of fronts at edges of flattened spots, in common: in spacings,
-#: and in units of what they have been released by (`area_bank`).
-RELEASED, RELEASE = 0.02, 0.15
-#: Systematic error of OFFSETS on capped rough surfaces, in spacings for each spacing of the shorter
-#: front (areas of the paper's surface on 2048^2 to 16384^2 points, where chance is small).
+#: Of `laboratory.error_bars`.
+ERRORS = ErrorConstants(1.4, 0.09)
+#: Relative error of releases in common: RELEASE is .5 to .9 (`front`).
+RELEASED = 0.3
+#: Systematic error of OFFSETS for each spacing of the shorter front (the paper's surface, 4096^2).
 STRIPS = 0.001
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
 SURE = 1.645
@@ -130,7 +123,7 @@ def estimate_areas(
             )
     flowed = None if flowed is None else array("flowed", flowed)
     summed = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads, flowed)
-    return _areas(*(Sums(*summed[0]).points / summed[2])), *areas_of_sums(*summed)
+    return _areas(*(summed[0].points / summed[2])), *areas_of_sums(*summed)
 
 
 def sums_of_fronts(
@@ -141,7 +134,7 @@ def sums_of_fronts(
     effective_modulus: float,
     threads: int = 1,
     flowed: FloatArray | None = None,
-) -> tuple[FloatArray, float, float, float]:
+) -> tuple[Sums, float, float, float]:
     """Arguments of `areas_of_sums` for a solution on a grid; arguments as of `estimate_areas`."""
     if pressure.ndim == 1:  # a grid of one column, whose fronts are all straight
         pressure, gap, spacing = pressure[:, None], gap[:, None], [spacing[0], spacing[0]]
@@ -159,22 +152,22 @@ def sums_of_fronts(
     shares = np.array_split(blocks, min(len(blocks), 4 * threads if threads > 1 else 1))
     with Workers(threads) as workers:
         parts = workers.each(sweep, solution, shares, offsets)
-    each = np.concatenate(parts).view(float).reshape(len(blocks), 2, -1)
-    sums, alike = each.sum(axis=0).T, copies(pressure)
-    return sums / alike, float(pressure.mean()) / hardness, pressure.size / alike, dx / dy
+    alike, each = copies(pressure), np.concatenate(parts)
+    sums = Sums(*(each[name].sum(axis=0) / alike for name in Sums._fields))
+    return sums, float(pressure.mean()) / hardness, pressure.size / alike, dx / dy
 
 
 def areas_of_sums(
-    array: FloatArray, share: float, cells: float, aspect: float, errors: ErrorConstants = ERRORS
+    sums: Sums, share: float, cells: float, aspect: float, errors: ErrorConstants = ERRORS
 ) -> tuple[Areas, Areas]:
     """(corrected, error) from the sums over the cells of one of the `copies`, which err alike.
     share: p0/hardness; aspect: dx/dy."""
-    oblong, sums = OBLONG * math.log(aspect) ** 2, Sums(*array)
-    located = located_areas(array, oblong)
+    oblong = OBLONG * math.log(aspect) ** 2
+    located = located_areas(sums, oblong)
     # What may be hidden between points: zones at edges, lone spots, gaps.  All are bounds, but a
     # zone may not be there or be twice as wide, and of the bounds at creases a part is in common.
     unseen = (sums.zone[::-1] ** 2 + sums.squares) / SURE**2
-    unseen = unseen + (errors.gaps * sums.crease) ** 2
+    unseen = unseen + (sums.crease / 3) ** 2
     covariance = _covariance(sums, oblong, errors) + np.diag(unseen)
     contact, plastic = sums.points
     if contact > plastic > 0:
@@ -202,9 +195,8 @@ def _areas(total: float, plastic: float) -> Areas:
     return Areas(float(total), float(total - plastic), float(plastic))
 
 
-def located_areas(array: FloatArray, oblong: float) -> FloatArray:
+def located_areas(sums: Sums, oblong: float) -> FloatArray:
     """(2,) areas in cells of the contact and its plastic part; oblong: OBLONG ln^2(dx/dy)."""
-    sums = Sums(*array)
     # A zone hidden behind one front belongs to the other side, so the fronts are exchanged.
     outward = (1 + oblong) * sums.offset + HARMONIC * sums.harmonic
     outward += TIP * sums.tips + sums.zone[::-1] + sums.released
@@ -220,26 +212,20 @@ def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray
     be anywhere in its link: the load tells better.
     """
     directed = np.hypot(sums.harmonic, sums.sine)
-    alike = _share(directed, sums.length + sums.shared - sums.held)
-    chance = errors.place**2 * sums.chance + (CORNER / 4) ** 2 * np.abs(sums.turn)
+    alike = directed / np.maximum(sums.length + sums.shared - sums.held, 1e-9)
+    chance = errors.doubt**2 * sums.chance + (CORNER / 4) ** 2 * np.abs(sums.turn)
     common = [
-        alike * errors.common * sums.doubt,
+        alike * 2 * errors.doubt * sums.doubt,
         errors.edge * sums.held,
-        errors.kink * sums.kinked,
+        errors.edge * sums.kinked,
         LOCATED * directed,
         oblong / 4 * sums.offset,
-        RELEASED * sums.spots,
-        RELEASE * sums.released,
+        RELEASED * sums.released,
         STRIPS * (sums.length + sums.shared).min() * np.ones(2),
     ]
     alone = chance + ANYWHERE**2 * sums.held + np.sum(np.square(common), axis=0)
-    together = ANYWHERE**2 * sums.shared.mean() + (errors.strip * (alike * sums.shared).mean()) ** 2
+    together = ANYWHERE**2 * sums.shared.mean() + (errors.edge * (alike * sums.shared).mean()) ** 2
     return np.asarray(np.diag(alone) + together)
-
-
-def _share(part: FloatArray, whole: FloatArray) -> FloatArray:
-    """|part|/whole, 0 where there is nothing."""
-    return np.asarray(np.abs(part) / np.where(whole > 0, whole, np.inf))
 
 
 def _balanced(
@@ -259,8 +245,6 @@ def _balanced(
     phi = (load - plastic) / (contact - plastic)
     slopes = np.maximum([phi, 1 - phi], 1e-9)  # elastic points may carry nothing but rounding
     length, held = sums.length, sums.held
-    free = 1 - held / np.maximum(length, 1.0)
-    covariance = covariance + np.diag(ANYWHERE**2 * sums.flowing * (free / slopes) ** 2)
     counted = COUNTED * (length - held) + TIP * sums.tips
     carried = load - (slopes * (1, -1)) @ counted
     doubt = POINTS * length + (ANYWHERE * sums.harmonic) ** 2 + unseen
