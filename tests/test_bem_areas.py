@@ -399,7 +399,7 @@ def test_the_tables_come_from_the_calibration():
     mean, amplitude, scatter = rim.calibrate_directions()
     assert mean == pytest.approx(rim_correction.OFFSETS[-1], abs=6e-4)
     assert amplitude == pytest.approx(rim_correction.HARMONIC, abs=1e-4)
-    assert scatter == pytest.approx(rim_correction.LOCATED, abs=5e-4)
+    assert scatter == pytest.approx(rim_correction.HARMONIC / 3, abs=5e-4)
     assert rim.calibrate_corner()[0] == pytest.approx(rim_correction.CORNER, abs=0.03)
     # What the choice of positions leaves: moving all of them by a thousandth of a spacing changes
     # the table by 2.2e-4.

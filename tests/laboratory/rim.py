@@ -31,7 +31,7 @@ from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
 from epcontact.bem.areas.front import AXIS_OFFSET, KINK, RELEASE, STIFFNESS, locate
 from epcontact.bem.areas.grid import CORNER, OFFSETS, WIDTHS
-from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, LOCATED, OBLONG, sums_of_fronts
+from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, OBLONG, sums_of_fronts
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
 from epcontact.studies.areas import solution
@@ -306,7 +306,7 @@ def main():
     print("of all directions", round(float(counted), 4), "in use", COUNTED)
     mean, amplitude, scatter = calibrate_directions()
     print("offset of a located front", round(mean, 4), "+", round(amplitude, 4), "cos 4 theta")
-    print("scatter of it", round(scatter, 4), "in use", LOCATED)
+    print("scatter of it", round(scatter, 4), "in use", HARMONIC / 3)
     print("u     ", WIDTHS)
     table, misfit = calibrate_strips(all_directions())
     print("offset", np.round(table, 4), " largest misfit", round(misfit, 4))

@@ -1,7 +1,6 @@
 """Areas and pressure distributions of a solution in the limit of a vanishing grid spacing.
 
-`rim_correction` estimates areas from the fronts in a grid's cells (`grid`), which cross between two
-neighbouring points (`front`), and from what the points hide (`hidden`).
+Read `front` (where a front is), `grid` (what fronts enclose), `rim_correction` (how sure that is).
 """
 
 from epcontact.machine import provide_kernel_cache

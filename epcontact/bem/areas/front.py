@@ -32,8 +32,8 @@ STIFFNESS = math.pi / (2 * math.e)
 MIX, INNER, OUTER = 0.5894898722360835, 0.3994549881295272, -0.05195667866061313
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
-#: A gap that changes between two points by more than this multiple of its changes beside them has
-#: a step there (`error_bars`, which tells little between 3 and 12).
+#: A gap that changes by more than this multiple of its changes beside it has a step (`error_bars`,
+#: which tells little between 3 and 12).
 STEP = 6.0
 #: At a kink the parabola of the gap closes too far out, by KINK times p/(p + c g) spacings, with p
 #: and g on either side of the front (`rim.calibrate_kink`).
@@ -55,9 +55,7 @@ class Link(NamedTuple):
     """What is found on a link between two points that a front crosses, in spacings."""
 
     place: float  # of the front from the point inside, 0 to 1; 1/2 where a step holds it
-    #: By how much the last term of the polynomial moves the middle of the link, outwards if
-    #: positive: the front may be elsewhere by as much.
-    doubt: float
+    doubt: float  # by how much the last term of the polynomial moves it outwards: it may be there
     held: float  # 1 if a step of the surface holds the front: any place is equally likely
     zone: float  # width of the zone at an edge that must be plastic, but shows no point
     kinked: float  # 1 where the surface has a kink at the front or close behind it
@@ -101,8 +99,7 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
     place, doubt, hump = _root(work, hardness, gap and sunk >= 0)
     held, away, zone = step and (place < 0.5 or not elastic), 1.0, 0.0
     if kink and not held:  # the gap's parabola through three points closes so far from the first
-        bend = -end if end <= 0 else out - 2 * after
-        bend = (bend + 2 * after - out) / 2
+        bend = ((-end if end <= 0 else out - 2 * after) + 2 * after - out) / 2
         rise = out - after - bend
         if gap and rise > 0:
             away = min(-2 * out / (rise + math.sqrt(max(rise * rise + 4 * bend * out, 0.0))), 1.0)

@@ -21,18 +21,14 @@ from numpy.typing import NDArray
 from epcontact.bem.areas.front import Link, compiled, inner, locate
 from epcontact.results import FloatArray
 
-Bytes = NDArray[np.uint8]
 #: Width of the elastic strip beside a front, in spacings, and the offset of a located front there
-#: (`rim.calibrate_strips`); the last is that of a front alone (`rim.calibrate_directions`: 0.1781;
-#: the paper's surface: 0.1783).
+#: (`rim.calibrate_strips`); the last is that of a front alone (`rim.calibrate_directions`).
 WIDTHS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
 OFFSETS = np.array([0.0, 0.0721, 0.137, 0.1916, 0.2198, 0.2229, 0.215, 0.1933,
                     0.18, 0.1742, 0.1694, 0.1782, 0.1773, 0.1783])  # fmt: skip
-#: A wave's curvature p2 divided by its second difference between points a quarter wavelength apart.
-SEEN = math.pi**2 / 8
-#: Along a crease the pressure changes by less than this share of its change across (`error_bars`:
-#: from 1/3 on the claims of straight grooves that no point shows are too small).
-STRAIGHT = 0.2
+#: Along a crease the pressure changes by less than this share of its change across, and from copy
+#: to copy of its range (`area_bank`; from 1/3 on claims of straight grooves are too small).
+ALIKE = 0.2
 #: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).  A lone point that
 #: carries next to nothing is taken for a spot of this area.
 CORNER = 0.6
@@ -62,14 +58,10 @@ class Sums(NamedTuple):
     there: the share u^2 of it is its own.
     """
 
-    #: Points inside the front, and those apart (or plastic) with at most two of their eight
-    #: neighbours in the same state, but for those of spots of two or three points.
-    points: FloatArray
-    tips: FloatArray
-    #: Squares of the areas of gaps that may be hidden between points that all touch, and of what
-    #: lone points lack of CORNER; areas of gaps hidden at creases between points that all touch.
-    squares: FloatArray
-    crease: FloatArray
+    points: FloatArray  # inside the front
+    tips: FloatArray  # of `_tip`
+    squares: FloatArray  # of `_hidden`
+    crease: FloatArray  # of `_hidden`
     area: FloatArray  # inside the located front, in cells
     offset: FloatArray  # free length times the tabulated offset at u
     harmonic: FloatArray  # free length times cos 4 theta
@@ -81,9 +73,8 @@ class Sums(NamedTuple):
     held: FloatArray  # own length at edges
     kinked: FloatArray  # own length where the surface has a kink
     sine: FloatArray  # free length times sin 4 theta
-    #: Own free length times the doubt of `front`, and its square.
-    doubt: FloatArray
-    chance: FloatArray
+    doubt: FloatArray  # own free length times the doubt of `front`
+    chance: FloatArray  # and times its square
 
 
 #: The `Sums` of a front and its `Link` as records.
@@ -94,7 +85,7 @@ class Block(NamedTuple):
     """The points of a block of cells, and PAD more on each side."""
 
     v: FloatArray  # (1 or 2, rows, columns) for links along x and, where it differs, along y
-    inside: Bytes  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
+    inside: NDArray[np.uint8]  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
     sunk: FloatArray  # (rows, columns) c w, or (0, 0) where nothing has flowed before
     links: Any  # (2, rows, columns) `Link` along x and y that ends at a point, from its beginning
     work: FloatArray  # (5, 6)
@@ -121,7 +112,7 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
     for k in range(len(blocks)):
         first, last, left, right = blocks[k]
         _fill(block, solution, blocks[k])
-        v, inside = block.v, block.inside
+        inside = block.inside
         for front in range(2 if solution.hardness < np.inf else 1):
             sums, state, points = found[k, front], 16 * front, 0
             for i in range(PAD - 1, last - first + PAD):
@@ -142,9 +133,8 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
                         sums.squares += square
                         sums.crease += crease
                     elif own and c == 17 * front:
-                        sums.tips += _tip(v, inside, (i, j), solution.hardness)
-            sums.points = points
-            sums.area += points
+                        sums.tips += _tip(block.v, inside, (i, j), solution.hardness)
+            sums.points, sums.area = points, sums.area + points
     return found
 
 
@@ -254,13 +244,15 @@ def _segments(
 
 
 @inner
-def _tip(v: FloatArray, inside: Bytes, place: tuple[int, int], hardness: float) -> float:
+def _tip(
+    v: FloatArray, inside: NDArray[np.uint8], place: tuple[int, int], hardness: float
+) -> float:
     """1 where a point is a tip of its state, less where the strip beside it is narrow, or 0.
 
-    A spot of two or three points in a block, with no others within two points, shows all that it
-    has.  A tip of a front that moves with another one counts less: the steepest way to a neighbour
-    gives the width of the strip between them.  A lone point counts less if even the gentlest way is
-    steep: then it is a post or a pit of its own cell, which the count has right.
+    A tip has at most two of its eight neighbours in the same state.  A spot of two or three points
+    with no others within two points shows all that it has.  Where a front moves with another one, a
+    tip counts less: the steepest way to a neighbour gives the width of the strip between them.  A
+    lone point counts less if even the gentlest way is steep: it is a post or a pit of its own cell.
     """
     (i, j), like, near, steepest, gentlest = place, -1, -1, 0.0, np.inf
     for a in range(i - 2, i + 3):
@@ -291,7 +283,7 @@ def _hidden(
     At a crease the pressure falls to k ln s, where s is the distance from it, and k ln 3 is the
     rise from half a spacing to 3/2.  A gap opens where it would fall below 0, and twice as wide (as
     in `front`).  The pressure bends the other way beside a crease, and along it, it changes less
-    than across by STRAIGHT; where it is 0, the gap shows.  A tip is a crease in both directions.
+    than across by ALIKE; where it is 0, the gap shows.  A tip is a crease in both directions.
 
     A lone point lacks a part of CORNER, as its spot may have no area.
     """
@@ -314,11 +306,11 @@ def _hidden(
         if low and across > 0 and min(p[0, 2] - 2 * before, p[4, 2] - 2 * after) + here < 0:
             half = math.exp(-math.log(3) * here / across)
             one, other = min(p[1, 1], p[2, 1], p[3, 1]), min(p[1, 3], p[2, 3], p[3, 3])
-            along = max(one - here, other - here, 0.0) / (STRAIGHT * across)
+            along = max(one - here, other - here, 0.0) / (ALIKE * across)
             crease = max(crease, 2 * half * max(1 - along, 0.0) * (min(one, other) > 0))
         tip *= 2 * half
     if most <= 0:
         return max(CORNER - spot, 0.0) ** 2, 0.0
-    rise = SEEN * (rise / 4 - here)
+    rise = math.pi**2 / 8 * (rise / 4 - here)  # p2 of a wave with points a quarter of it apart
     gap = math.pi * 1.5 * (0.5 - here / rise) if lowest and most < hardness else 0.0
     return max(gap, 0.0) ** 2 + tip**2 + crease**2, crease

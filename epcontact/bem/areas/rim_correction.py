@@ -11,7 +11,6 @@ they enclose.  In cells, with a front's length L in spacings, the contact is
         + CORNER * (Euler number) - TIP * (number of tips) - (zones hidden at edges)
 
 and for the plastic part all terms but that of CORNER have the opposite sign (`located_areas`).
-Then the load corrects both areas (`_balanced`), and `_possible` cuts off what cannot carry it.
 
 * First order: the offset of a located front is that of the discrete problem at a straight one, of
   any direction theta, with an elastic strip of any width u beside it.
@@ -24,9 +23,9 @@ Then the load corrects both areas (`_balanced`), and `_possible` cuts off what c
   count is right there; at a kink the gap shows the place.  Where the singular pressure exceeds the
   hardness next to an edge, but at no point, that zone is part of the plastic area.
 
-The load is one more measurement of the areas (`_balanced`), and the estimated errors follow from
-the same sums (`_covariance`).  The constants come from `laboratory.rim` and `laboratory.error_bars`
-in the tests; `epcontact chart areas` judges them.
+The load is one more measurement of the areas (`_balanced`), their errors follow from the same sums
+(`_covariance`), and `_possible` cuts off what cannot carry the load.  `rim`, `error_bars` and
+`area_bank` in `tests/laboratory` measure the constants; `epcontact chart areas` judges them.
 """
 
 from __future__ import annotations
@@ -38,23 +37,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS
-from epcontact.bem.areas.grid import CORNER, OFFSETS, Solution, Sums, sweep
+from epcontact.bem.areas.grid import ALIKE, CORNER, OFFSETS, Solution, Sums, sweep
 from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
 from epcontact.scene import array, number
 
-#: Amplitude of the offset's change with the direction of a front, and its rms error in the worst
-#: direction (`rim.calibrate_directions`).
-HARMONIC, LOCATED = 0.0133, 0.005
+#: Amplitude of the offset's change with the direction of a front (`rim.calibrate_directions`).
+HARMONIC = 0.0133
 #: Cells missed for each tip (`error_bars.fitted_tip`: 0.26 on smooth kinds, 0.51 with sharp ones).
 TIP = 0.3
 #: On oblong cells the mean offset grows by OBLONG ln^2(dx/dy) of itself (`rim.calibrate_oblong`).
 OBLONG = 0.07
 #: Mean offset of a counted front over all directions, in spacings (`rim.front_offset`).
 COUNTED = 0.129
-#: Variance of the number of points inside a front by chance, for each spacing of it: the sum of
-#: k^-3 over the square lattice, by 4 pi^3 (Kendall, Quarterly Journal of Mathematics 19 (1948) 1).
+#: Variance of the points inside a front, for each spacing of it: the sum of k^-3 over the square
+#: lattice by 4 pi^3 (Kendall, Quarterly Journal of Mathematics 19 (1948) 1).
 POINTS = 0.0728
 
 
@@ -68,14 +66,10 @@ class ErrorConstants:
 
 #: Of `laboratory.error_bars`.
 ERRORS = ErrorConstants(1.4, 0.09)
-#: Relative error of releases in common: RELEASE is .5 to .9 (`front`).
-RELEASED = 0.3
 #: Systematic error of OFFSETS for each spacing of the shorter front (the paper's surface, 4096^2).
 STRIPS = 0.001
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
 SURE = 1.645
-#: Pressures that differ by less than this share of their range are taken for copies.
-CLOSE = 0.2
 # A pressure above this share of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
 # Rows and columns that are swept at a time.
@@ -166,8 +160,7 @@ def areas_of_sums(
     located = located_areas(sums, oblong)
     # What may be hidden between points: zones at edges, lone spots, gaps.  All are bounds, but a
     # zone may not be there or be twice as wide, and of the bounds at creases a part is in common.
-    unseen = (sums.zone[::-1] ** 2 + sums.squares) / SURE**2
-    unseen = unseen + (sums.crease / 3) ** 2
+    unseen = (sums.zone[::-1] ** 2 + sums.squares) / SURE**2 + (sums.crease / 3) ** 2
     covariance = _covariance(sums, oblong, errors) + np.diag(unseen)
     contact, plastic = sums.points
     if contact > plastic > 0:
@@ -175,6 +168,10 @@ def areas_of_sums(
     # What tips lack is known to a half.  The load does not tell: the counts lack the same.
     covariance = covariance + np.diag(TIP / 2 * sums.tips) ** 2
     return _possible(located / cells, covariance / cells**2, share)
+
+
+def _areas(total: float, plastic: float) -> Areas:
+    return Areas(float(total), float(total - plastic), float(plastic))
 
 
 def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[Areas, Areas]:
@@ -191,10 +188,6 @@ def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[
     return _areas(*moved), Areas(float(total), float(claim), float(plastic))
 
 
-def _areas(total: float, plastic: float) -> Areas:
-    return Areas(float(total), float(total - plastic), float(plastic))
-
-
 def located_areas(sums: Sums, oblong: float) -> FloatArray:
     """(2,) areas in cells of the contact and its plastic part; oblong: OBLONG ln^2(dx/dy)."""
     # A zone hidden behind one front belongs to the other side, so the fronts are exchanged.
@@ -208,8 +201,9 @@ def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
     those that depend on its direction as far as the front is alike, and those at edges and kinks.
-    What a spot lacks by its curvature is known to a quarter.  A strip narrower than a spacing may
-    be anywhere in its link: the load tells better.
+    What a spot lacks by its curvature is known to a quarter, as is a release (RELEASE is .5 to .9),
+    the offset's change with direction to a third (`rim.calibrate_directions`: .005).  A strip
+    narrower than a spacing may be anywhere in its link: the load tells better.
     """
     directed = np.hypot(sums.harmonic, sums.sine)
     alike = directed / np.maximum(sums.length + sums.shared - sums.held, 1e-9)
@@ -218,9 +212,9 @@ def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray
         alike * 2 * errors.doubt * sums.doubt,
         errors.edge * sums.held,
         errors.edge * sums.kinked,
-        LOCATED * directed,
+        HARMONIC / 3 * directed,
         oblong / 4 * sums.offset,
-        RELEASED * sums.released,
+        sums.released / 4,
         STRIPS * (sums.length + sums.shared).min() * np.ones(2),
     ]
     alone = chance + ANYWHERE**2 * sums.held + np.sum(np.square(common), axis=0)
@@ -238,8 +232,7 @@ def _balanced(
     points have exactly this, with a phi of their own that is as wrong as the counts are.  In narrow
     strips between apart and plastic points it is right, as the pressure rises antisymmetrically.
     Other fronts count COUNTED too much for each spacing, by chance of POINTS, or in common where
-    they run along the grid, and TIP for each tip.  What plastic points carry too much at edges, the
-    elastic ones carry too little, so that a lightly loaded front moves far.
+    they run along the grid, and TIP for each tip.
     """
     contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)
@@ -256,12 +249,10 @@ def _balanced(
 
 def copies(pressure: FloatArray) -> int:
     """Count the copies of one cell that a periodic grid (nx, ny) holds, whole points apart."""
-    highest, count = np.unravel_index(pressure.argmax(), pressure.shape), 1
-    close = CLOSE * float(pressure[highest] - pressure.min())
-    for rows, first in ((pressure, highest[0]), (pressure.T, highest[1])):
-        n = len(rows)
-        # The highest rows differ at once, or not at all.
-        order = [(first + i) % n for i in range(n)]
+    count, close = 1, ALIKE * float(pressure.max() - pressure.min())
+    for rows in (pressure, pressure.T):
+        n, first = len(rows), int(rows.max(axis=1).argmax())
+        order = [(first + i) % n for i in range(n)]  # the highest rows differ at once, or not
         for times in range(n, 1, -1):
             # What hardly changes in one step of the copies does in half of all of them.
             steps = {n // times, n // times * (times // 2)}
