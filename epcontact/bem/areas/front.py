@@ -59,7 +59,7 @@ class Link(NamedTuple):
     held: float  # 1 if a step of the surface holds the front: any place is equally likely
     zone: float  # width of the zone at an edge that must be plastic, but shows no point
     kinked: float  # 1 where the surface has a kink at the front or close behind it
-    released: float  # how far it has come off the edge of a spot that earlier flow has flattened
+    fallen: float  # what the last point has lost since it flowed, by the hardness; 0 elsewhere
 
 
 @compiled
@@ -89,8 +89,7 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
     first, before, last, out, after, end = work[0]
     slope, elastic = last + sunk - out, last < hardness
     if sunk > 0 and EDGE * slope > yielded:
-        released = release(1 - last / yielded, yielded / slope)
-        return Link(min((yielded + sunk) / slope, 1.0), 0.0, 0.0, 0.0, 0.0, released)
+        return Link(min((yielded + sunk) / slope, 1.0), 0.0, 0.0, 0.0, 0.0, 1 - last / yielded)
     gap = after <= 0
     step = last - out > STEP * max(before - last, out - after) and (
         not elastic or 0 < before < last or (first > 0 and before > 0 and gap)

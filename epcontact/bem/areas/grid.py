@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.areas.front import Link, compiled, inner, locate
+from epcontact.bem.areas.front import Link, compiled, inner, locate, release
 from epcontact.results import FloatArray
 
 #: Width of the elastic strip beside a front, in spacings, and the offset of a located front there
@@ -110,9 +110,8 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
         np.empty((5, 6)),
     )
     for k in range(len(blocks)):
-        first, last, left, right = blocks[k]
+        (first, last, left, right), inside = blocks[k], block.inside
         _fill(block, solution, blocks[k])
-        inside = block.inside
         for front in range(2 if solution.hardness < np.inf else 1):
             sums, state, points = found[k, front], 16 * front, 0
             for i in range(PAD - 1, last - first + PAD):
@@ -179,7 +178,7 @@ def _cross(block: Block, solution: Solution, front: int, place: tuple[int, int])
         found, link = locate(work, below, solution.hardness, solution.yielded), links[y, i, j]
         link.place = 1 - found.place if ends_inside else found.place
         link.doubt, link.held, link.zone = found.doubt, found.held, found.zone
-        link.kinked, link.released = found.kinked, found.released
+        link.kinked, link.fallen = found.kinked, found.fallen
 
 
 @inner
@@ -222,8 +221,11 @@ def _segments(
         length = math.sqrt(1 + (x - y) ** 2 if straight else x * x + y * y)
         sums.area += sign * (x + y if straight else x * y) / 2
         held, doubt = (one.held + other.held) / 2, (one.doubt + other.doubt) / 2
-        released, k = (one.released + other.released) / 2, 1
-        u = solution.yielded / (peak if released > 0 else steep)
+        edge, k = ((one.fallen > 0) + (other.fallen > 0)) / 2, 1
+        u = solution.yielded / (peak if edge > 0 else steep)
+        if edge > 0:
+            fallen = (one.fallen + other.fallen) / 2 / edge
+            sums.released += edge * length * release(fallen, u)
         while u > WIDTHS[k] and k < len(WIDTHS) - 1:
             k += 1
         share = min((u - WIDTHS[k - 1]) / (WIDTHS[k] - WIDTHS[k - 1]), 1.0)
@@ -238,7 +240,6 @@ def _segments(
         sums.shared += length - own
         sums.held += held * own
         sums.kinked += (one.kinked + other.kinked) / 2 * own
-        sums.released += released * length
         sums.doubt += doubt * own * (1 - held)
         sums.chance += doubt * doubt * own * (1 - held)
 
