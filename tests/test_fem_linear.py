@@ -10,7 +10,7 @@ from scipy.sparse.linalg import spsolve
 import fem_check
 from epcontact.reference.layers import surface_compliance as exact_compliance
 from epcontact.results import APART, ELASTIC, PLASTIC
-from epcontact.studies.fem import speed_scene
+from epcontact.studies.hardness import model_scene
 from fem_check import driver, linearised, plasticity, solve_path
 from fem_check.contact import rigid_contact
 from fem_check.driver import problem_of
@@ -183,7 +183,7 @@ def test_the_sweeps_halve_the_iterations_of_the_direct_solve(monkeypatch):
 def test_a_load_path_stays_within_its_iterations_on_any_threads(monkeypatch):
     """Threads do not change a bit, however little they share."""
     monkeypatch.setattr(driver, "Workers", lambda threads: Workers(threads, fewest=1))
-    scene, options = speed_scene(32), {"layers": 16, "steps": 4, "certified": False}
+    scene, options = model_scene(5.0, 0.3, 5, 32), {"layers": 16, "steps": 4, "certified": False}
     one, two = (fem_check.solve(scene, threads=threads, **options) for threads in (1, 3))
     np.testing.assert_array_equal(one.fields["pressure"], two.fields["pressure"])
     assert one.cost["most_newton_steps"] <= 10
@@ -191,7 +191,7 @@ def test_a_load_path_stays_within_its_iterations_on_any_threads(monkeypatch):
 
 
 def test_newton_is_quadratic_at_the_end_of_a_step():
-    history = fem_check.solve(speed_scene(32), steps=2, tolerance=1e-10).history
+    history = fem_check.solve(model_scene(5.0, 0.3, 5, 32), steps=2, tolerance=1e-10).history
     last = [r for r in history if r < 1e-2]
     # Two decades, then four or more: faster than any fixed factor.
     assert np.diff(np.log10(last)).min() < -2.5

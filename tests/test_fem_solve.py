@@ -14,7 +14,7 @@ import fem_check
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory, OutputError
 from epcontact.results import APART, ELASTIC, PLASTIC
 from epcontact.scene import Body, Load, Material, Scene, Surface
-from epcontact.studies.fem import speed_scene
+from epcontact.studies.hardness import model_scene
 from fem_check import FemOptions, driver, increments, mesh_of, newton, vtu
 from fem_check.driver import problem_of
 from fem_check.mesh import bytes_needed
@@ -275,21 +275,21 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(options, words):
 
 
 @pytest.mark.parametrize(
-    ("nodes", "load", "yield_stress", "options"),
+    ("nodes", "load", "severity", "options"),
     [
-        (16, 0.05, 0.2, {"law": "elastic"}),
-        (16, 0.05, 0.2, {"certified": True}),
-        (16, 0.05, 0.2, {"geometry": "moved"}),
-        (16, 0.05, 0.2, {"geometry": "punch"}),
-        (24, 0.3, 0.2, {}),  # many elements flow
-        (24, 0.005, 0.02, {}),  # few do, of a soft body
+        (16, 0.25, 5.0, {"law": "elastic"}),
+        (16, 0.25, 5.0, {"certified": True}),
+        (16, 0.25, 5.0, {"geometry": "moved"}),
+        (16, 0.25, 5.0, {"geometry": "punch"}),
+        (24, 1.5, 5.0, {}),  # many elements flow
+        (24, 0.25, 50.0, {}),  # few do, of a soft body
     ],
 )
-def test_the_estimate_of_memory_is_right_to_a_quarter(nodes, load, yield_stress, options):
+def test_the_estimate_of_memory_is_right_to_a_quarter(nodes, load, severity, options):
     chosen = FemOptions(**{"certified": False, "steps": 2} | options)
-    given = speed_scene(nodes, load=load)
-    given = replace(given, material=replace(given.material, yield_stress=yield_stress))
-    fem_check.solve(speed_scene(8), chosen)  # compiles the same kernels, which needs memory, too
+    given = model_scene(severity, 0.3, 5, nodes, nodes // 8)
+    given = replace(given, load=Load(load * given.material.yield_stress), body=Body())
+    fem_check.solve(model_scene(5.0, 0.3, 5, 8, 1), chosen)  # compiling needs memory, too
     tracemalloc.start()
     block = driver.solve_path(given, chosen).problem.block
     peak = tracemalloc.get_traced_memory()[1]

@@ -54,8 +54,8 @@ CHANGES: dict[str, dict[str, Any]] = {
 }
 #: Relative size of the residual forces and of the last correction.
 TOLERANCE = 1e-7
-#: Names that meshio has for the formats of bricks with data on their nodes.
-_FORMATS = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh", ".med": "med", ".xdmf": "xdmf"}
+#: Names that meshio has for the formats of bricks with data on their nodes; gmsh reads VTK's 4.2.
+_FORMATS = {".vtu": "vtu", ".vtk": "vtk42", ".msh": "gmsh", ".med": "med", ".xdmf": "xdmf"}
 
 
 def deck(
