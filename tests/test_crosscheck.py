@@ -165,13 +165,12 @@ def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it():
     scene = rough_scene(16, 2, hardness=math.inf)
     found = measured_hardness(scene, steps=2)
     depth = fem_check.solve(scene, steps=2, certified=False).provenance.options["depth"]
-    shallow = measured_hardness(scene, steps=2, depth=0.75 * depth, coarse=False)
-    fewer = measured_hardness(scene, steps=1, coarse=False)
+    shallow = measured_hardness(scene, steps=2, depth=0.75 * depth)
+    fewer = measured_hardness(scene, steps=1)
     assert set(found.parts) == {"node", "grid", "depth", "steps"}
     assert found.parts["depth"] == pytest.approx(found.ratio - shallow.ratio, abs=1e-9)
     assert found.parts["steps"] == pytest.approx(found.ratio - fewer.ratio, abs=1e-9) != 0
-    tight = measured_hardness(scene, steps=20, coarse=False)
-    assert set(tight.parts) == {"node"}
+    tight = measured_hardness(scene, steps=20)
     assert tight.ratio == pytest.approx(found.ratio, abs=3 * found.error)
 
 
@@ -258,7 +257,7 @@ def test_what_cannot_be_cross_checked_is_refused(tiny, edits, options, sentence)
         crosscheck(wavy, seeds=[1, 2])
 
 
-#: c_eff on 48 x 48 nodes: `measured_hardness(scene_of(k, 48), coarse=False)` for k from 0.
+#: c_eff on 48 x 48 nodes: `measured_hardness(scene_of(k, 48))` for k from 0.
 FINE = """
 1.913 2.019 2.811 2.474 1.609 2.634 2.745 2.488 2.114 2.387 2.664 2.632 1.985 2.290 2.820
 2.689 1.524 2.512 2.651 2.623 2.026 2.540 2.686 2.435 1.981 2.355 2.801 2.609 1.553 2.359

@@ -218,7 +218,7 @@ def test_a_path_gives_the_hardness_that_a_single_load_gives():
     areas = measured_areas(task, task.method.solve(scene, task.case.options["fem"], 1))
     assert (areas[["severity", "nodes", "waves", "depth"]] == [5.0, 12, 2, 1.0]).all(axis=None)
     (light, _) = 1 / inverse_hardness(areas)[0]["inverse"]
-    found = measured_hardness(replace(scene, load=Load(scene.load.path[0])), coarse=False)
+    found = measured_hardness(replace(scene, load=Load(scene.load.path[0])))
     # One interpolates areas between the caps of the ladder, the other searches the cap.
     assert light == pytest.approx(found.ratio, rel=0.03)
 

@@ -69,15 +69,14 @@ def error_budget(
 
 
 def measured_hardness(
-    scene: Scene, *, coarse: bool = True, j2: ContactResult | None = None, **options: Any
+    scene: Scene, *, j2: ContactResult | None = None, **options: Any
 ) -> EffectiveHardness:
     """Measure the effective hardness of the J2 body of a scene, and the parts of its error.
 
-    `epcontact.effective_hardness` looks it up in a map of such measurements.  With `coarse` the
-    scene is also solved on every other grid point, on a shallower block (of a half-space) and in
-    half as many increments; otherwise, or if the grid has no half, the error is that of half a node
-    alone.  `options` are depth, layers and steps of `fem_check.solve`; `j2` is its answer if that
-    is known.
+    `epcontact.effective_hardness` looks it up in a map of such measurements.  The scene is also
+    solved on every other grid point, on a shallower block (of a half-space) and in half as many
+    increments; if the grid has no half, the error is that of half a node alone.  `options` are
+    depth, layers and steps of `fem_check.solve`; `j2` is its answer if that is known.
     """
 
     def flowed(body: Scene, **options: Any) -> ContactResult:
@@ -85,7 +84,7 @@ def measured_hardness(
 
     j2 = j2 or flowed(scene, **options)
     fine, half = hardness_of_equal_area(scene, j2), _half(scene)
-    if fine.meaningless or math.isinf(fine.ratio) or half is None or not coarse:
+    if fine.meaningless or math.isinf(fine.ratio) or half is None:
         return fine
     others = {"grid": (half, flowed(half, **options))}
     if scene.body.kind == "half_space":

@@ -62,9 +62,16 @@ def deck(
     problem: Problem, scene: Scene, options: FemOptions,
     element: str = ELEMENT, penalty: float = PENALTY,
 ) -> str:  # fmt: skip
-    """The input file of a scene: block, springs, equations, and a step for each mean pressure."""
+    """The input file of a scene: block, springs, equations, and a step for each mean pressure.
+    Raises InvalidScene."""
     import meshio
 
+    if options.law == "capped" or options.geometry != "gap" or options.approach is not None:
+        raise InvalidScene(
+            "calculix answers the laws elastic and j2 over the geometry gap alone, under pressures"
+        )
+    if not min(scene.load.path) > 0:
+        raise InvalidScene("mean_pressure is 0, but calculix needs a load that holds the flat")
     (nx, ny), material, block = problem.block.shape, scene.material, problem.block
     mesh = mesh_of(problem, reference=True)
     with tempfile.TemporaryDirectory() as folder:
@@ -148,11 +155,6 @@ def solve(
 ) -> ContactResult:  # fmt: skip
     """Answer a scene on the block of `fem_check`.  Raises InvalidScene, NotConverged."""
     given = FemOptions(**(options or {}))
-    if given.law == "capped" or given.geometry == "moved":
-        raise InvalidScene("calculix answers the laws elastic and j2 over the geometry gap alone")
-    if not min(scene.load.path) > 0:
-        raise InvalidScene("mean_pressure is 0, but calculix needs a load that holds the flat")
-    given.require_strengths(scene)
     problem, started = problem_of(scene, given, 1), time.perf_counter()
     (nx, ny), block = problem.block.shape, problem.block
     with tempfile.TemporaryDirectory(prefix="epcontact-") as folder:
