@@ -91,9 +91,8 @@ def deck(
     lines += ["*NODE, NSET=whole", f"{whole}, 0., 0., 2."]
     for spot, (a, b, gap) in enumerate(zip(top, flat, clearance, strict=True), bricks + 1):
         lines += [f"*ELEMENT, TYPE=GAPUNI, ELSET=gap{spot}", f"{spot}, {a}, {b}"]
-        numbers = [gap, 0.0, 0.0, 1.0, None, spring, pull]
         lines += [f"*GAP, ELSET=gap{spot}"]
-        lines += [", ".join("" if x is None else _number(x) for x in numbers)]
+        lines += [f"{_number(gap)}, 0., 0., 1., , {_number(spring)}, {_number(pull)}"]
     lines += ["*EQUATION"]
     source = np.pad(number[:-1, :-1, :-1], [(0, 0), (0, 1), (0, 1)], mode="wrap")
     tied = source != number[:-1]
