@@ -27,7 +27,7 @@ LINES = {
     "epcontact.cli": 1426,
     "epcontact.errors": 80,
     "epcontact.files": 140,
-    "epcontact.harness": 7320,
+    "epcontact.harness": 7296,
     "epcontact.machine": 230,
     "epcontact.materials": 312,
     "epcontact.output": 1765,

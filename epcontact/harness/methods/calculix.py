@@ -83,12 +83,13 @@ def deck(
     top, flat = number[0, :-1, :-1].ravel(), np.arange(nx * ny) + number.size + 1
     whole = flat[-1] + 1
     clearance = problem.heights.max() - problem.heights.ravel()
-    spring, bricks = penalty * material.young_modulus * min(block.spacing), problem.bricks.number
-    pull = PULL * max(scene.load.path) * block.node_area
+    # Springs end a spacing above the block, where a viewer shows them.
+    above, bricks = min(block.spacing), problem.bricks.number
+    spring, pull = penalty * material.young_modulus * above, _pull(problem, scene)
     lines = [line.rstrip() for line in text.splitlines()] + ["*NODE, NSET=flat"]
-    where = mesh.points[top - 1] + [0, 0, 1] * (1 + clearance[:, None])
+    where = mesh.points[top - 1] + [0, 0, 1] * (above + clearance[:, None])
     lines += [f"{n}, " + ", ".join(map(_number, x)) for n, x in zip(flat, where, strict=True)]
-    lines += ["*NODE, NSET=whole", f"{whole}, 0., 0., 2."]
+    lines += ["*NODE, NSET=whole", f"{whole}, 0., 0., {_number(2 * above)}"]
     for spot, (a, b, gap) in enumerate(zip(top, flat, clearance, strict=True), bricks + 1):
         lines += [f"*ELEMENT, TYPE=GAPUNI, ELSET=gap{spot}", f"{spot}, {a}, {b}"]
         lines += [f"*GAP, ELSET=gap{spot}"]
@@ -100,7 +101,7 @@ def deck(
         lines += [f"2\n{image}, {axis}, 1., {node}, {axis}, -1." for axis in (1, 2, 3)]
     lines += [f"2\n{node}, 3, 1., {whole}, 3, -1." for node in flat]
     base = [f"{node}, {'3, 3' if block.sliding else '1, 3'}" for node in number[-1].ravel()]
-    held = [f"{number[-1, 0, 0]}, 1, 3"] if block.sliding else []
+    held = [f"{number[-1, 0, 0]}, 1, 3"] * block.sliding
     lines += ["*BOUNDARY", *base, *held, "flat, 1, 2", "whole, 1, 2"]
     lines += ["*MATERIAL, NAME=solid", "*ELASTIC"]
     lines += [f"{_number(material.young_modulus)}, {_number(material.poisson_ratio)}"]
@@ -125,6 +126,11 @@ def deck(
 
 def _number(x: float) -> str:
     return f"{x:.12e}"
+
+
+def _pull(problem: Problem, scene: Scene) -> float:
+    """The force in N of an open spring."""
+    return PULL * max(scene.load.path) * problem.block.node_area
 
 
 def _ran(text: str, folder: Path) -> tuple[list[FloatArray], int]:
@@ -158,8 +164,7 @@ def solve(
     (nx, ny), block = problem.block.shape, problem.block
     with tempfile.TemporaryDirectory(prefix="epcontact-") as folder:
         printed, iterations = _ran(deck(problem, scene, given, element, penalty), Path(folder))
-    tables = iter(printed)
-    steps, load = list[LoadStep](), 0.0
+    steps, tables = list[LoadStep](), iter(printed)
     for load in scene.load.path:
         forces = -next(tables)[:, 3].reshape(nx, ny)
         down = -next(tables)[:, 3].reshape(nx + 1, ny + 1)[:-1, :-1]
@@ -168,7 +173,7 @@ def solve(
         if given.law == "j2":
             flowed = (next(tables)[:, 2].reshape(nx * ny, -1).max(axis=1) > 0).reshape(nx, ny)
         # An open spring pulls a little; a closed one presses with far more.
-        touching = forces > 100 * PULL * max(scene.load.path) * block.node_area
+        touching = forces > 100 * _pull(problem, scene)
         reached = np.where(nodes_of(flowed), results.PLASTIC, results.ELASTIC)
         state = np.where(touching, reached, results.APART).astype(np.int8)
         pressure = np.where(state == results.APART, 0.0, forces) / block.node_area
@@ -188,18 +193,14 @@ def solve(
     told = asdict(given) | {"depth": block.depth, "element": element, **layers}
     fields = {"pressure": pressure, "gap": gap, "displacement": down, "state": state}
     fields = {name: values.reshape(scene.surface.shape) for name, values in fields.items()}
-    seconds = time.perf_counter() - started
+    cost = {"seconds": time.perf_counter() - started, "iterations": iterations}
     return ContactResult(
         method="calculix",
         steps=tuple(steps),
         provenance=Provenance(scene.digest, scene.surface.seed, told | {"solver": PROGRAM}),
         distribution=distribution(pressure, state, np.inf),
         fields={"heights": scene.surface.heights} | fields,
-        cost={
-            "seconds": seconds,
-            "unknowns": 3 * nx * ny * len(block.layers),
-            "iterations": iterations,
-        },
+        cost=cost | {"unknowns": 3 * nx * ny * len(block.layers)},
         notes=scene.surface.notes,
     )
 
