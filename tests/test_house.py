@@ -36,7 +36,7 @@ LINES = {
     "epcontact.reference": 1110,
     "epcontact.results": 300,
     "epcontact.scene": 500,
-    "epcontact.studies": 2938,
+    "epcontact.studies": 2930,
     "epcontact.surfaces": 1996,
     "fem_check": 3642,
     "tests": 16457,

@@ -7,13 +7,11 @@ machine; the processor time of all threads does not count cores that wait or wor
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import ducc0
@@ -21,7 +19,7 @@ import numpy as np
 
 from epcontact import bem
 from epcontact.errors import NotConverged
-from epcontact.machine import available_cores, peak_memory
+from epcontact.machine import available_cores, forget_peak, peak_memory
 from epcontact.output.charts.plot import Plot
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
@@ -75,12 +73,6 @@ def pair_times(shape: tuple[int, ...], threads: int, repeats: int = 5) -> tuple[
 
     wall, processor = np.min([timed(pair)[1] for _ in range(repeats)], axis=0)
     return float(wall), float(processor)
-
-
-def forget_peak() -> None:
-    """Count the largest resident memory from now on, where the system can reset its count."""
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
 
 
 @study("bem", bandwidth=64, max_steps=2000)
