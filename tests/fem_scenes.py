@@ -24,18 +24,9 @@ def rough_heights(nodes, highest, *, seed=7, slope=0.05, dimensions=2):
 
 
 def rough_scene(
-    nodes,
-    highest,
-    *,
-    pressure=0.05,
-    poisson_ratio=0.3,
-    yield_stress=0.2,
-    hardness=0.6,
-    dimensions=2,
-    seed=7,
-    slope=0.05,
-    body=None,
-):
+    nodes, highest, *, pressure=0.05, poisson_ratio=0.3, yield_stress=0.2,
+    hardness=0.6, dimensions=2, seed=7, slope=0.05, body=None,
+):  # fmt: skip
     """A rough scene with E* xi = 1 at slope 0.05, so pressures are in units of E* xi."""
     heights = rough_heights(nodes, highest, seed=seed, slope=slope, dimensions=dimensions)
     material = Material((1 - poisson_ratio**2) / slope, poisson_ratio, hardness, yield_stress)

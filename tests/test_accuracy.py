@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from command_line import invoke
 
-from epcontact.harness.sweep import run_sweep, table
+from epcontact.harness import sweep
 from epcontact.persson.validity import theory_map
 from epcontact.studies.accuracy import SMALLEST_AREA, differences, ledger, read_rows
 
@@ -23,15 +23,14 @@ def test_bias_is_the_median_and_scatter_half_of_the_central_68_percent():
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    home = tmp_path_factory.mktemp("sweeps")
-    names = ("accuracy-grids", "accuracy-elements")
-    return [run_sweep(name, output=home, jobs=1).folder for name in names]
+    home, names = tmp_path_factory.mktemp("sweeps"), ("accuracy-grids", "accuracy-elements")
+    return [sweep.run_sweep(name, output=home, jobs=1).folder for name in names]
 
 
 def test_a_user_s_sweeps_give_the_user_s_ledger(folders, tmp_path):
     rows = read_rows(folders)
     areas = rows[rows["quantity"] == "A"].set_index(["pair", "points"])["value"]
-    solved = pd.concat(map(table, folders))
+    solved = pd.concat(map(sweep.table, folders))
     solved["n"] = solved["surface.points_per_shortest_wavelength"]
     own = solved.groupby(["method", "n"])["area.total.corrected"].first()
     exact = rows[rows["pair"] == "BEM – continuum"].set_index("quantity")["reference"]["A"]
@@ -51,9 +50,19 @@ def test_a_user_s_sweeps_give_the_user_s_ledger(folders, tmp_path):
     assert len([*tmp_path.glob("charts/*.png")]) == 3
 
 
+def test_elements_are_held_against_calculix_on_every_grid(folders, monkeypatch):
+    """Here they stand in its place themselves."""
+    known = [*sweep.members(folders[1])]
+    posing = [(t | {"method": "calculix"}, r) for t, r in known if t["method"] == "fem"]
+    monkeypatch.setattr(sweep, "members", lambda _: known + posing)
+    rows = read_rows(folders[1:]).set_index(["quantity", "points"]).groupby("pair")
+    own, other = (rows.get_group(f"FE – {name}, same grid") for name in ("CalculiX", "BEM"))
+    assert own["value"].equals(own["reference"])
+    assert own["value"]["A"].equals(other["value"]["A"])
+
+
 def test_the_ledger_of_the_package_rests_on_its_tables():
-    rows = read_rows()
-    known = theory_map()
+    rows, known = read_rows(), theory_map()
     mine = rows[(rows["quantity"] == "A") & (rows["pair"] == "theory – BEM")].set_index("reference")
     for place in (0, 400, 785):
         error = mine["value"][known["total"][place]] / known["total"][place] - 1

@@ -88,7 +88,7 @@ def _show(found: Comparison) -> None:
     console.print(said + timed, highlight=False)
 
 
-#: The grids of a terminal, in points or nodes per shortest wave; the file has all.
+#: The grids of the release that a terminal shows, in points per shortest wave; the file has all.
 _GRIDS = (4, 8)
 
 
@@ -116,7 +116,7 @@ def accuracy(
         ledgers.keep(found, table)
     if kept is not None:
         ledgers.keep(rows, kept)
-    shown = found[found["points"].isna() | found["points"].isin(_GRIDS)]
+    shown = found[found["points"].isna() | found["points"].isin(_GRIDS) | bool(folders)]
     headings = ("quantity", "of – against", "bias", "scatter", "scenes", "time", "FFT pairs", "of")
     print_rows(open_console(), headings, [_row(row) for row in shown.to_dict("records")])
     if charts is not None:

@@ -135,12 +135,14 @@ def sweep_rows(folders: Sequence[Path]) -> pd.DataFrame:
     place = [*PLACE, "scene"]
     surfaces = [*place, "seed"]
     theory, numeric = (solved[(solved["method"] == "persson") == is_it] for is_it in (True, False))
-    bem = numeric[numeric["method"] == "bem"].sort_values("points")
+    of = {name: numeric[numeric["method"] == name] for name in ("bem", "fem", "calculix")}
+    bem = of["bem"].sort_values("points")
     limit = bem.drop_duplicates(surfaces, keep="last")
     unit = bem[bem["points"] >= 4].drop_duplicates(surfaces)[[*surfaces, "seconds"]]
     solved = (
         (theory.drop_duplicates(place).drop(columns="seed"), limit, place, "BEM"),
         (numeric[numeric["method"] != "bem"], bem, [*surfaces, "points"], "BEM, same grid"),
+        (of["fem"], of["calculix"], [*surfaces, "points"], "CalculiX, same grid"),
         (numeric, limit, surfaces, "continuum"),
     )
     return pd.concat([_pairs(*each, unit) for each in solved], ignore_index=True)
