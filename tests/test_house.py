@@ -24,7 +24,7 @@ FLOORS = (
 LINES = {
     "epcontact": 101,
     "epcontact.bem": 3736,
-    "epcontact.cli": 1417,
+    "epcontact.cli": 1415,
     "epcontact.errors": 80,
     "epcontact.files": 140,
     "epcontact.harness": 7296,
@@ -36,7 +36,7 @@ LINES = {
     "epcontact.reference": 1110,
     "epcontact.results": 300,
     "epcontact.scene": 500,
-    "epcontact.studies": 2928,
+    "epcontact.studies": 2924,
     "epcontact.surfaces": 1996,
     "fem_check": 3642,
     "tests": 16457,

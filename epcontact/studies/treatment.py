@@ -23,7 +23,7 @@ from epcontact.output.charts.plot import Plot
 from epcontact.results import ELASTIC, PLASTIC, ContactResult, FloatArray
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface, rms_slope
 from epcontact.studies.areas import named
-from epcontact.studies.frame import Charts, Ints, Say, study
+from epcontact.studies.frame import Charts, Ints, Say, root_mean_square, study
 from epcontact.surfaces import HeightsFromArray, SelfAffine
 from epcontact.surfaces.power_spectrum import even_moments
 from epcontact.surfaces.treatment import form_removed
@@ -117,7 +117,7 @@ def controls(kind: str, n: int, seed: int) -> list[dict[str, Any]]:
             for name, value in found.items():
                 row = {"quantity": name, "treatment": treatment, "load": load, "length": length}
                 rows.append(row | {"error": value / truth[name] - 1 if truth[name] else math.nan})
-    return [{"kind": kind} | row for row in rows]
+    return [{"kind": kind, "seed": seed} | row for row in rows]
 
 
 def crops(kind: str, n: int, seed: int, tiles: int) -> list[dict[str, Any]]:
@@ -173,10 +173,6 @@ def treatment(
             claims = ", ".join(
                 f"{t} ({r['size']:.2g}, {r['ratio']:.2g})" for t, r in told.iterrows()
             )
-            rms = one.assign(error=one["error"] ** 2).groupby(["treatment", "load"], sort=False)
             y = ("error", f"rms relative error of {name}{end} (–)")
-            yield (
-                plot(y),
-                np.sqrt(rms[["error"]].mean()).reset_index(),
-                f"{title}: {name}{end}, {claims}",
-            )
+            table = root_mean_square(one, "error", ["treatment", "load"])
+            yield plot(y), table, f"{title}: {name}{end}, {claims}"
