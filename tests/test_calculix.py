@@ -20,9 +20,7 @@ from epcontact.harness.case_files.case import load_case
 from epcontact.harness.crosscheck import crosscheck
 from epcontact.harness.methods import calculix
 from epcontact.scene import Load
-from fem_check.driver import problem_of
-from fem_check.options import FemOptions
-from fem_check.vtu import mesh_of
+from fem_check.driver import FemOptions, mesh_of, problem_of
 
 needs_ccx = pytest.mark.skipif(not shutil.which("ccx"), reason="there is no program ccx")
 
@@ -74,6 +72,8 @@ def test_the_gap_is_the_scenes_and_the_numbers_fit_the_format(tmp_path):
     np.testing.assert_allclose(meshio.read(file).points, mesh.points, atol=1e-12)
     data = [line for line in lines[3:] if not line.startswith("*")]
     assert max(len(word.strip()) for line in data for word in line.split(",")) <= 20
+    whole = lines[lines.index("*NODE, NSET=whole") + 1]
+    assert float(whole.split(",")[3]) == 2 / 8  # so near that a viewer shows the block, too
     cards = [lines[n + 1] for n, line in enumerate(lines) if line.startswith("*GAP")]
     np.testing.assert_allclose([float(c.split(",")[0]) for c in cards], gap.ravel(), rtol=1e-12)
 
