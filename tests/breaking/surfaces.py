@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from breaking.fault import Fault, at, changed, given, on_result, scaled
-from epcontact.surfaces.power_spectrum import surface_moments
+from breaking.fault import Fault, changed, given, on_result, scaled
 
 S = "epcontact.surfaces."
 FILES = "tests/test_surface_files.py::test_"
@@ -106,9 +105,6 @@ FAULTS = (
     _shape("heights turned round along y",
         on_result(S + "self_affine.grid_heights", lambda h: np.ascontiguousarray(h[:, ::-1])),
         "path-elastic", "quantity.surface_summit_y"),
-    _shape("outliers kept where they were to be removed",
-        on_result(S + "treatment.outliers", np.zeros_like),
-        test=FILES + "outliers_are_told_with_their_places_and_removed_on_demand"),
     _shape("a picture turned from x to y",
         on_result(S + "measured.read_heights", lambda m: replace(m, heights=m.heights.T)),
         test=FILES + "a_picture_in_a_file_is_read_as_the_instrument_shows_it"),
@@ -118,12 +114,4 @@ FAULTS = (
     _shape("a counterface without its roughness",
         changed(S + "measured.Facing.build", lambda f: lambda recipe: recipe.first.build()),
         "two-spheres", "quantity.surface_curvature"),
-    _shape("the treatment of edges silent on its error",
-        changed(S + "treatment._with_doubts", lambda f: lambda surface, *_: surface),
-        test=FILES + "edges_have_an_error_of_their_own_that_is_told_and_falls_with_the_size"),
-    _shape("jumps at the edges taken for slope",
-        changed(S + "treatment.inner_moments", lambda f: surface_moments),
-        test=FILES + "edges_have_an_error_of_their_own_that_is_told_and_falls_with_the_size"),
-    _shape("the rounding of a plane taken for roughness", at(S + "treatment.ROUNDING", 0.0),
-        test=FILES + "a_plane_or_constant_is_flat_to_the_last_digit"),
 )  # fmt: skip
