@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -131,6 +132,8 @@ def test_area_tolerance_ends_sooner_with_the_same_areas(points, hardness):
     for tolerance in (1e-2, 1e-3, 1e-4):
         early = bem.solve(surface, threads=1, area_tolerance=tolerance)
         assert early.cost["equivalent_fft_pairs"] < full.cost["equivalent_fft_pairs"]
+        chosen = {"method": "newton", "tolerance": 1e-8, "area_tolerance": tolerance}
+        assert early.provenance.options == chosen
         exact = pytest.approx(vars(full.final.areas["raw"]), rel=tolerance)
         assert vars(early.final.areas["raw"]) == exact
 
@@ -222,8 +225,13 @@ def test_every_kind_of_surface_and_grid(shape):
 def test_energy_steps_are_reported_where_newton_fails():
     """A line of white noise near the middle of its load range makes plain steps overshoot."""
     hardness = 0.3 * rms_slope(noise((512,))) * E
-    notes = require_solved(noise((512,)), 0.5 * hardness, hardness).notes
-    assert any("would have raised the energy" in note for note in notes)
+    found = require_solved(noise((512,)), 0.5 * hardness, hardness)
+    (note,) = (note for note in found.notes if "raised the energy" in note)
+    cut, *counted = map(int, re.findall(r"\d+", note))
+    assert counted == [found.final.iterations[name] for name in ("newton", "gradient")]
+    assert 0 < cut < counted[0]
+    assert note == (f"{cut} of {counted[0]} Newton steps would have raised the energy and were cut "
+                    f"short; {counted[1]} projected gradient steps followed them.")  # fmt: skip
 
 
 @pytest.mark.parametrize("power", [1.5, 0.5, 0.0, -1.0])

@@ -123,12 +123,9 @@ def test_verify_holds_or_falls_short_and_writes_the_verdict(write_case, tmp_path
     narrow = write_case(("tolerance = 0.5", "tolerance = 1e-9"), more=OMITTED)
     done = invoke("verify", narrow, "yardstick", "--output", out, "--jobs", 1)
     assert (done.returncode, "only a smoke test" in " ".join(done.stdout.split())) == (1, True)
-    assert "2 cases: 1 holds, 1 falls short; verdict in" in " ".join(done.stdout.split())
-    assert "2 gates are left out at this size" in done.stdout
     lines = done.stdout.splitlines()
     named = Counter(line.split()[0] for line in lines if line.strip())
     assert (named["small"], named["yardstick"]) == (2, 1)
-    assert f"`epcontact report '{out}'`" in lines[-1]
     every = invoke("verify", narrow, "yardstick", "--output", out, "--jobs", 1, "--gates").stdout
     assert every.count(" holds") > done.stdout.count(" holds")
     monkeypatch.setenv("FORCE_COLOR", "1")  # a terminal: the cases above the bar

@@ -18,7 +18,7 @@ from epcontact.studies.hardness import model_scene
 from fem_check import FemOptions, driver, increments, mesh_of, newton, vtu
 from fem_check.driver import problem_of
 from fem_check.mesh import bytes_needed
-from fem_check.result import nodes_across
+from fem_check.result import contact_result, nodes_across
 
 
 def solved(scene, **options):
@@ -107,6 +107,17 @@ def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded():
         touching = last.state.states[i, j] == ELASTIC
         expected = APART if not touching else PLASTIC if around else ELASTIC
         assert last.surface_states[i, j] == expected
+    # What flowed, from the Gauss points of its elements, which have equal shares of each.
+    thick, flowed = -np.diff(path.problem.block.levels), np.flatnonzero(path.history.rows)
+    a, layer = path.history.accumulated[path.history.rows[flowed]], flowed // 256
+    assert 0 < (a > 0).mean() < 1
+    told = contact_result(path).final.quantities
+    expected = {
+        "largest_plastic_strain": a.max(), "plastic_depth": thick[: layer.max() + 1].sum(),
+        "plastic_volume": thick[layer] @ (a > 0).mean(axis=1) / thick.sum() / 256,
+        "plastic_work": 0.2 * thick[layer] @ a.mean(axis=1) / 256,
+    }  # fmt: skip
+    assert {name: told[name] for name in expected} == pytest.approx(expected, rel=1e-9)
 
 
 # Paths and increments ------------------------------------------------------------------------

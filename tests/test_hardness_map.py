@@ -94,10 +94,17 @@ def test_the_breadth_is_judged_by_ensembles_that_taught_nothing():
     narrow = at(breadth=2)
     large = kept.LARGE / 0.25  # over the load
     flowing = at().severity / (8 + at().severity)
-    for breadths in (2, 4, 32, 300):
-        trend, beyond = (kept.TREND * flowing * math.log(breadths / b) for b in (4, 32))
-        parts = kept.DOUBT * (abs(trend) + large), max(beyond, 0.0), kept.SPECTRA
-        assert at(breadth=breadths).errors["breadth_error"] == pytest.approx(math.hypot(*parts))
+    for breadths in (2, 4, 32, 300, None):  # an unknown one lies anywhere in between
+        ends = (2, 300) if breadths is None else (breadths,) * 2
+        low, high, beyond = (
+            kept.TREND * flowing * math.log(b) for b in (ends[0] / 4, ends[1] / 4, ends[1] / 32)
+        )
+        trend = (low + high) / 2
+        parts = kept.DOUBT * (abs(trend) + large), max(beyond, 0.0), kept.SPECTRA, (high - low) / 2
+        found = at(breadth=breadths)
+        assert found.errors["breadth_error"] == pytest.approx(math.hypot(*parts))
+        bare = found.ratio / (1 + trend + large)
+        assert bare == pytest.approx(kept.fitted_ratio(*np.array([[at().severity], [0.3], [0.25]])))
     unknown = at()
     assert unknown.interval[0] < narrow.value < at(breadth=300).value < unknown.interval[1]
     with pytest.raises(InvalidScene, match=r"breadth is 1\.5, but .* at least 2"):
@@ -142,10 +149,23 @@ def test_light_loads_have_an_interval_that_holds_what_j2_bodies_showed():
 
 def test_the_command_prints_value_interval_and_what_they_rest_on():
     words = [f"--{name.replace('_', '-')}={value}" for name, value in USUAL.items()]
-    told = invoke("hardness", *words).stdout
-    assert f"hardness = {at().value:.3g} Pa" in told
-    assert f"touch on {100 * at().area:.3g} % of their nodes (raw area)" in told
-    assert "places of the map" in told
+    told = " ".join(invoke("hardness", *words).stdout.split())
+    one, places = at(), pd.DataFrame({**hardness_map()})
+    fitted = places[(places["area"] <= 0.9) & (places["inverse_hardness"] > 0)]
+    assert len(fitted) < len(places)
+    parts = ", ".join(f"{name[:-6]} {100 * e:.1f} %" for name, e in one.errors.items())
+    low, high = (int(places["surfaces"].agg(end)) for end in ("min", "max"))
+    for sentence in (
+        f"hardness = {one.value:.3g} Pa, 95 % interval {one.interval[0]:.3g} to "
+        f"{one.interval[1]:.3g} Pa ({one.value / 1e9:.2f} yield stresses, error "
+        f"{100 * math.hypot(*one.errors.values()):.1f} %: {parts})",
+        "at E*ξ/σ_Y = 23.1, p0/σ_Y = 0.25, nu = 0.3, where the J2 bodies behind this hardness "
+        f"touch on {100 * one.area:.3g} % of their nodes (raw area)",
+        f"by the formula fitted to {len(fitted)} places of the map {kept.map_digest()}, 3 to 100 "
+        "in E*ξ/σ_Y, 0 to 0.45 in nu, 0.1 to 2 in p0/σ_Y, each of "
+        f"{low} to {high} self-affine surfaces",
+    ):
+        assert sentence in told
 
 
 GIVEN = "hardness = 6.0e9"

@@ -20,7 +20,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from conftest import SMALL_CASE
+from fem_scenes import rough_scene
 
+import fem_check
 from epcontact import planning
 from epcontact.cli.plans import plan
 from epcontact.errors import InvalidCase, NotConverged
@@ -172,6 +174,11 @@ def test_headlines_and_numbers_of_a_solver_are_those_of_its_pressures(scene):
     assert 0 <= found.final.areas["error"].total < 1e-6
     assert found.distribution.cumulative[-1] == 1
     assert carried_pressure(found.distribution) == pytest.approx(1e9, rel=1e-3)
+    flowing = fem_check.solve(rough_scene(8, 2), certified=False)  # of J2, which no cap bounds
+    given = foreign._by_its_pressures(flowing, rough_scene(8, 2), dict(flowing.fields))
+    own, same = (vars(one.final.areas["raw"]) for one in (flowing, given))
+    assert same == pytest.approx(own, abs=1e-12)
+    assert 0 < own["plastic"] != pytest.approx(own["elastic"])
     text = f"epcontact-result 1 converged 1 residual 1d-9 pressure {32 * ' 0.1D+10'}"
     assert np.all(foreign.result_of_text(text, (32,))["pressure"] == 1e9)
     heights = 1e-6 * np.random.default_rng(0).normal(size=(6, 4))

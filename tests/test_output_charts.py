@@ -71,13 +71,15 @@ def make_map(kind):
     return maps.contact_map(state, pressure, SPACING, hardness=1.5e11)
 
 
+EFFORT = np.random.default_rng(20260721).integers(5, 900, (7, 5)).astype(float)
+EFFORT[4:, 3:] = EFFORT[2, 0] = np.nan
+AXES = (np.linspace(0.04, 0.67, 7), np.geomspace(0.2, 1.2, 5))
+
+
 def make_stability():
-    effort = np.random.default_rng(20260721).integers(5, 900, (7, 5)).astype(float)
-    effort[4:, 3:] = np.nan
-    axes = (np.linspace(0.04, 0.67, 7), np.geomspace(0.2, 1.2, 5))
     labels = ("mean pressure / hardness (–)", "hardness / (E* slope) (–)")
-    methods = {"newton": effort, "polonsky-keer": 3 * effort}
-    return maps.stability_map(methods, *axes, labels=labels, count="FFT pairs", caption="Map.")
+    methods = {"newton": EFFORT, "polonsky-keer": 3 * EFFORT}
+    return maps.stability_map(methods, *AXES, labels=labels, count="FFT pairs", caption="Map.")
 
 
 def make_distribution():
@@ -252,6 +254,9 @@ def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula():
     rows = pd.DataFrame(chart.rows).groupby(0, sort=False)[2].apply(list)
     _, density = curves.pressure_density(answer("bem", 0.06).distribution)
     assert rows["bem"] == pytest.approx(density, rel=1e-12)
+    assert [text.get_text() for text in chart.figure.axes[0].get_legend().texts] == [
+        "persson (plastic area 0.06)", "bem (plastic area 0.06)", "persson without hardness",
+    ]  # fmt: skip
     G, p0, lines = 4.2e21, 1.25e10, {e.get_label(): e for e in chart.figure.axes[0].lines}
     x, y = (np.asarray(v) for v in lines["persson without hardness"].get_data())
     near, far = (np.exp(-((1e9 * x - shift) ** 2) / (4 * G)) for shift in (p0, -p0))
@@ -261,6 +266,31 @@ def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula():
     modes = np.sin(n * p0) * np.sin(n * 1e9 * x)
     capped = 2e9 / HARDNESS * np.sum(modes * np.exp(-(n**2) * G), axis=0)
     assert y == pytest.approx(capped, rel=1e-9, abs=1e-12 * capped.max())
+
+
+def test_a_stability_map_has_each_effort_and_failure_at_its_place():
+    chart = make_stability()
+    *panels, bar = chart.figure.axes
+    places = {(float(i), float(j)) for i in range(7) for j in range(5) if np.isnan(EFFORT[i, j])}
+    for panel, name, table in zip(
+        panels, ("newton", "polonsky-keer"), (EFFORT, 3 * EFFORT), strict=True
+    ):
+        (image,), (crosses,) = panel.images, panel.lines
+        drawn = np.ma.filled(image.get_array(), np.nan)
+        assert (panel.get_title(), image.origin) == (name, "lower")
+        assert np.array_equal(drawn, table.T, equal_nan=True)
+        assert image.get_clim() == (np.nanmin(EFFORT), 3 * np.nanmax(EFFORT))
+        assert {*map(tuple, crosses.get_xydata())} == places
+        assert panel.get_xlabel() == "mean pressure / hardness (–)"
+        for axis, values in zip((panel.xaxis, panel.yaxis), AXES, strict=True):
+            told = [text.get_text() for text in axis.get_ticklabels()]
+            assert told == [f"{values[int(at)]:.3g}" for at in axis.get_ticklocs()]
+    assert panels[0].get_ylabel() == "hardness / (E* slope) (–)"
+    assert bar.get_ylabel() == "FFT pairs (crossed: failed)"
+    named = (("newton", 1), ("polonsky-keer", 3))
+    rows = [(name, x, y, times * EFFORT[i, j]) for name, times in named
+            for i, x in enumerate(AXES[0]) for j, y in enumerate(AXES[1])]  # fmt: skip
+    pd.testing.assert_frame_equal(pd.DataFrame(chart.rows), pd.DataFrame(rows))
 
 
 def test_the_legend_has_the_colours_of_the_map():

@@ -8,6 +8,7 @@ import base64
 import io
 import itertools
 import json
+import math
 import re
 import xml.etree.ElementTree as ET
 from collections import defaultdict
@@ -23,6 +24,7 @@ from command_line import invoke
 from conftest import SMALL_CASE
 from rich.console import Console
 
+from epcontact.bem import driver
 from epcontact.cli.tables import answers_table, cases_table, verdict_table
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
@@ -32,7 +34,7 @@ from epcontact.harness.verdict.evidence import EXPERIMENTS, SUBJECTS
 from epcontact.harness.verdict.evidence import KINDS as REFERENCES
 from epcontact.harness.verdict.judgement import CaseVerdict, MethodEntry, Verdict
 from epcontact.harness.verdict.overview import overview
-from epcontact.output import drawing
+from epcontact.output import drawing, report
 from epcontact.output.charts import maps
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.plot import Plot, draw_table
@@ -164,6 +166,11 @@ def test_every_figure_of_an_answer_follows_from_the_pressures(ran):
         assert expected.keys() == FIGURES
         for name, value in expected.items():
             assert told[name] == pytest.approx(value, rel=1e-6, abs=1e-15), name
+        raw, limit, claim = (step.areas[kind].total for kind in KINDS)
+        steep = [np.square(np.diff(heights, axis=k) / file.spacing[k]).mean() for k in (0, 1)]
+        off = driver._GAP_ERROR * np.sqrt(sum(steep))
+        off *= (abs(raw - limit) + claim) / raw * max(file.spacing)
+        assert told["quantity.mean_gap_error_by_grid"] == pytest.approx(off, rel=1e-6)
         for name in ("area.total.raw", "mean_pressure", "quantity.mean_gap"):
             assert one.attributes[name] == told[name]
     assert file.fields["heights"] == pytest.approx(heights, abs=1e-18)
@@ -467,6 +474,7 @@ def gate(number, status):
         name=f"gate {number}", status=status, quantity=f"quantity.q{number}", of=f"of{number}",
         against=f"against{number}", norm=("absolute", "relative", "wasserstein")[number % 3],
         low=-0.031 - 0.01 * number, high=0.047 + 0.013 * number, because="it must", source="",
+        grid_error=(None, 0.043 * 1.9**number)[number % 2],
         kind=("identity", "closed form")[number % 2], subject=("theory", "inputs")[number // 6],
         **judged,
     )  # fmt: skip
@@ -499,6 +507,19 @@ def result(number):
 def answers():
     data = result(1).to_json()
     return {"bem": {**data, "ensemble": {"surfaces": ["seed7", "seed8"]}, "members": [data, data]}}
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "words"),
+    [
+        ("half-space", "", "half-space"), (math.inf, "Pa", "none"), (0.25, "–", "0.25"),
+        ([3, 17], "–", "3 × 17"), ([2e-6, 5e-7], "m", "2 × 0.5 µm"), (2.34567e9, "Pa", "2.346 GPa"),
+        ([1e3 * n for n in range(1, 9)], "Pa", "1, 2, 3, 4, 5, 6, 7, 8 kPa"),
+        ([1e3 * n for n in range(1, 12)], "Pa", "1, 2, 3, … 7 more …, 11 kPa"),
+    ],
+)  # fmt: skip
+def test_a_figure_of_the_scene_in_words(value, unit, words):
+    assert report.shown(value, unit) == words
 
 
 def numbers(text):
@@ -594,12 +615,12 @@ def test_the_table_of_gates_shows_the_verdict():
         if g.value is None or g.reference is None or g.difference is None:
             assert texts == [""] * 4
             continue
-        per_cent = 100.0 if "%" in texts[2] else 1.0
-        estimates = ((g.value, 1.0), (g.reference, 1.0), (g.difference, per_cent))
+        per_cent, own = 100.0 if "%" in texts[2] else 1.0, g.difference
+        whole = own.model_copy(update={"half_width": np.hypot(own.half_width, g.grid_error or 0)})
+        estimates = ((g.value, 1.0), (g.reference, 1.0), (whole, per_cent))
         for text, (estimate, scale) in zip(texts, estimates, strict=False):
-            mean, half_width = numbers(text)
-            assert mean == pytest.approx(scale * estimate.mean, rel=5e-3)
-            assert half_width == pytest.approx(scale * estimate.half_width, rel=0.5)
+            expected = [scale * estimate.mean, scale * estimate.half_width]
+            assert numbers(text) == pytest.approx(expected, rel=0.05, abs=0.005 * (scale > 1))
         assert numbers(texts[3]) == pytest.approx([per_cent * g.low, per_cent * g.high], rel=5e-2)
 
 

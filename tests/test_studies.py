@@ -8,6 +8,7 @@ import re
 import sys
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -65,24 +66,62 @@ def of_kind(table, kind, column="relative_error"):
 # --- every study --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", sorted(STUDIES.keys() - {"peers"}))
-def test_every_study_runs_and_its_charts_can_be_read(name):
+READ = Path(__file__).with_name("studies.tsv")
+#: Of these the numbers are a clock's, counts of work, or those of an estimate of errors.
+COUNTED = {"areas", "bem", "speed"}
+#: The ledger's rows are those of the last release; `test_accuracy` draws rows of its own.
+DRAWN = sorted(STUDIES.keys() - {"peers", "accuracy"})
+
+
+def shown_by(name):
+    """A line for each chart of a study, and one for each of its series: what a reader is shown."""
+    for number, chart in enumerate(charts_of(name), 1):
+        axes, table = chart.figure.axes[0], drawn(name, number)
+        axis = [(way, what) for what in ("label", "scale") for way in "xy"]
+        scales = [getattr(axes, f"get_{way}{what}")() for way, what in axis]
+        guides = [f"{end[0]:.3g}" for line in axes.lines if line.get_linestyle() == ":"
+                  for end in (line.get_xdata(), line.get_ydata()) if end[0] == end[1]]  # fmt: skip
+        title = chart.caption.partition(f". {STUDIES[name].description}")[0]
+        yield [name, number, "", title, *scales, ", ".join(guides), ", ".join([*table])]
+        looks = {one.get_label(): [one.get_marker(), one.get_fillstyle(), one.get_linestyle()]
+                 for one in axes.lines}  # fmt: skip
+        legend = [text.get_text() for text in getattr(axes.get_legend(), "texts", [])]
+        yield [name, number, "legend", *legend]
+        for series, mine in table.groupby("series", sort=False):
+            x, y, low, high = mine.iloc[:, 1:5].astype(float).to_numpy().T
+            numbers = () if name in COUNTED else (x, y, y[:1], y[-1:], high - low)
+            finite = (values[np.isfinite(values)] for values in numbers)
+            told = [f"{values.mean():.4g}" if values.size else "none" for values in finite]
+            yield [name, number, series, len(mine), *told, *looks.get(series, [])]
+
+
+def in_parts(line):
+    """The words of a line without its numbers, and the numbers."""
+    return re.sub(NUMBER, "#", line), [float(one) for one in re.findall(NUMBER, line)]
+
+
+NUMBER = r"(?<![\w.])[-+]?\d+\.?\d*(?:e[-+]?\d+)?|\bnan\b"
+
+
+@pytest.mark.parametrize("name", [*DRAWN, "accuracy"])
+def test_a_study_shows_what_was_read_and_found_right(name):
+    """Word by word, and numbers to 3 %; `python -m test_studies` writes the table to be read."""
     study = STUDIES[name]
     assert 20 < len(study.description) < 100
     assert set(study.full) <= set(inspect.signature(study.make).parameters)
     for number, chart in enumerate(charts_of(name), 1):
-        axes = chart.figure.axes[0]
-        for label in (axes.get_xlabel(), axes.get_ylabel()):
-            assert re.search(r"\(.+\)|sigma_..mathrm|\\sigma_", label), label
         assert study.description in chart.caption
         assert all(option in chart.caption for option in SMALL[name])
-        table = drawn(name, number)
-        assert [*table][::3] == ["series", "low"]
-        assert len(table)
-        bounded = table.dropna(subset="low")
-        assert (bounded["low"] <= bounded.iloc[:, 2] + 1e-12).all()  # zero is drawn at 1e-12
-        assert (bounded.iloc[:, 2] <= bounded["high"]).all()
-        assert bounded.empty or (bounded["low"] < bounded["high"]).any()
+        x, y, low, high = drawn(name, number).dropna(subset="low").iloc[:, 1:5].to_numpy().T
+        assert ((low <= y + 1e-12) & (y <= high)).all()  # zero is drawn at 1e-12
+        assert not x.size or (low < high).any()
+    known = [line for line in READ.read_text("utf-8").splitlines() if line.startswith(f"{name}\t")]
+    found = ["\t".join(map(str, row)) for row in shown_by(name)]
+    for line, expected in zip(found, known, strict=True) if known else ():
+        (words, numbers), (same, values) = in_parts(line), in_parts(expected)
+        assert words == same
+        if name not in COUNTED and "Time in" not in line:
+            assert numbers == pytest.approx(values, rel=0.03, abs=1e-9, nan_ok=True), line
 
 
 def test_charts_are_saved_under_the_study_s_name(tmp_path):
@@ -235,23 +274,6 @@ def test_finite_elements_near_the_gap_of_boundary_elements():
     assert table["j2, 6 points"].iloc[-1] < -20
 
 
-def test_distances_of_distributions_are_zero_from_themselves_and_known_otherwise():
-    """Gaps twice as wide are one mean gap apart."""
-    same = {"ratio": 0.6, "seed": 1, "gap_over_rms_height": gap.GAPS}
-    bem, fem = (
-        pd.DataFrame(same | {"method": method, "cumulative_area": np.minimum(gap.GAPS / wide, 1)})
-        for method, wide in (("bem", 2), ("fem", 4))
-    )
-    table = pd.concat([bem, fem])
-    assert gap.distances(table, "bem", "bem")["distance"].tolist() == [0.0]
-    assert gap.distances(table, "fem", "bem")["distance"].item() == pytest.approx(1.0, abs=0.01)
-    # Finite elements have the gaps of boundary elements, and the theory is further off.
-    parts = charts_of("gap_distribution")[0].caption.split("persson:")
-    blocks, by_theory = ([float(d) for d in re.findall(r"(\d\.\d+) \[", part)] for part in parts)
-    assert max(blocks) < 0.08
-    assert max(by_theory) > 0.3  # at hardness 0.16 E* xi
-
-
 def test_cap_and_theory_differ_on_the_way_down():
     """The cap has 3 to 6 times the area at 0.02 of the peak; the theory's flattening has none."""
     models = ("cap", "theory")
@@ -373,3 +395,8 @@ def test_limits_of_the_returning_share_are_those_of_a_straight_line_in_the_root_
     (found,) = walls.limits(flows).to_dict("records")
     assert found["limit"] == pytest.approx(1.0)
     assert found["half_width"] == pytest.approx(12.7062 * 0.01, rel=1e-4)
+
+
+if __name__ == "__main__":
+    lines = ("\t".join(map(str, row)) for name in DRAWN for row in shown_by(name))
+    READ.write_text("\n".join(lines) + "\n", "utf-8")

@@ -117,10 +117,10 @@ def test_distances_of_known_distributions(norm, a, b, hardness, exact):
 
 
 def answer(method, *areas, claim=0.0, labels="abc"):
-    """One surface for each area, of different largest pressures."""
+    """One surface for each area, of different claims and largest pressures."""
     results = []
-    error = Areas(claim, claim / 2, claim / 2)
     for number, total in enumerate(areas):
+        error = Areas(*(claim * (1 + number) * share for share in (1.0, 0.3, 0.7)))
         parts = dict.fromkeys(("raw", "corrected"), Areas(total, total / 2, total / 2))
         step = LoadStep(5e8, parts | {"error": error}, quantities={"largest_pressure": number})
         results.append(ContactResult(method, (step,), Provenance("digest")))
@@ -223,7 +223,8 @@ def test_what_a_gate_verifies_and_on_what_it_rests(named):
 
 
 def test_files_say_what_the_verdict_says(case, tmp_path):
-    bem = answer("bem", 0.12, 0.121, 0.122)
+    bem = answer("bem", 0.12, 0.121, 0.122, claim=0.001)
+    case = case.changed(gates=(replace(case.gates[0], quantity="area.plastic.corrected"),))
     made = Provenance("digest", versions={"numpy": "1.0"})
     older = replace(bem, results=tuple(replace(r, provenance=made) for r in bem.results))
     judged = Verdict.on([judge_case(case, of_bem(bem=older))], "fast")
@@ -231,7 +232,10 @@ def test_files_say_what_the_verdict_says(case, tmp_path):
     written = Verdict.model_validate_json((tmp_path / "verdict.json").read_text())
     assert written.model_dump(exclude={"digest"}) == judged.model_dump(exclude={"digest"})
     assert written.versions["numpy"] == f"1.0, {np.__version__}"
-    assert written.cases[0].gates[0].difference.mean == pytest.approx(0.21)
+    (told,) = written.cases[0].gates
+    assert told.difference.mean == pytest.approx(0.21)
+    assert told.value.claimed_error == pytest.approx(0.7 * 0.002)
+    assert told.grid_error == pytest.approx(0.7 * 0.002 / 0.05)
     suites = ET.parse(tmp_path / "junit.xml").getroot()
     assert suites.attrib["failures"] == "1"
     told = {p.attrib["name"]: p.attrib["value"] for p in suites.iter("property")}
