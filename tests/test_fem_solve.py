@@ -111,8 +111,12 @@ def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded():
     thick, flowed = -np.diff(path.problem.block.levels), np.flatnonzero(path.history.rows)
     a, layer = path.history.accumulated[path.history.rows[flowed]], flowed // 256
     assert 0 < (a > 0).mean() < 1
-    told = contact_result(path).final.quantities
+    found = contact_result(path)
+    told, p, areas = found.final.quantities, found.fields["pressure"], found.final.areas
+    shares = [areas[kind].plastic / areas[kind].total for kind in ("raw", "corrected")]
+    assert shares == pytest.approx([np.mean(found.fields["state"][p > 0] == PLASTIC)] * 2)
     expected = {
+        "mean_contact_pressure": p[p > 0].mean(), "largest_pressure": p.max(),
         "largest_plastic_strain": a.max(), "plastic_depth": thick[: layer.max() + 1].sum(),
         "plastic_volume": thick[layer] @ (a > 0).mean(axis=1) / thick.sum() / 256,
         "plastic_work": 0.2 * thick[layer] @ a.mean(axis=1) / 256,

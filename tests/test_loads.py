@@ -22,7 +22,7 @@ from epcontact.harness.case_files.case import load_case
 from epcontact.harness.interface import interface_stiffness, patches, percolation_share
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.verdict.judgement import judge_case
-from epcontact.output.loads import load_cells
+from epcontact.output.loads import load_cells, load_charts
 from epcontact.reference.waves import line_mean_gap
 from epcontact.results import COLUMNS, ContactResult
 from epcontact.scene import Load, Material, Scene, Surface
@@ -146,13 +146,33 @@ def test_a_result_shows_itself(ran):
     assert repr(result) == f"<ContactResult of bem: 4 loads, {shown}>"
     charts = charts_of({"bem": [result]})
     assert {"pressure-distribution", "residuals", "loads-areas", "loads-gap"} <= charts.keys()
-    gaps = [row[2] for row in charts["loads-gap"].rows]
-    assert sorted(gaps) == sorted(table["mean_gap_m"])
     lines = charts["loads-gap"].figure.axes[0].lines
     fills = {line.get_label().split()[-1]: line.get_fillstyle() for line in lines}
     assert fills == {"loading": "full", "unloading": "none", "reloading": "none"}
     assert charts["loads-gap"]._repr_png_()[1:4] == b"PNG"
     assert all(f"<td>{gap:.4g}</td>" in result._repr_html_() for gap in table["mean_gap_m"])
+
+
+@pytest.mark.parametrize(
+    ("name", "label", "points"),  # values, errors that reach beyond 0 and 1, and what is drawn
+    [
+        ("total_area", "contact area / nominal area (–)", [(0.9, 0.2, 0.7, 1), (0.1, 0.3, 0, 0.4)]),
+        ("mean_gap", "mean gap (µm)", [(3e-6, 4e-6, 0.0, 7e-6), (4e-6, 1e-6, 3e-6, 5e-6)]),
+        ("contact_percolation", "share of the area that percolates (–)", [(0.2, None, 0.2, 0.2)]),
+    ],
+)  # fmt: skip
+def test_a_chart_of_loads_has_values_and_bounds_in_its_units(name, label, points):
+    rows = [{"branch": "loading", "mean_pressure": {"mean": 2e3 * k, "error": None},
+             name: {"mean": mean, "error": error}}
+            for k, (mean, error, *_) in enumerate(points, 1)]  # fmt: skip
+    (chart,) = load_charts({"bem": rows}).values()
+    series = f"bem, {name.replace('_', ' ')}, loading"
+    assert [*map(list, chart.rows)] == [
+        [series, *map(pytest.approx, (2e3 * k, mean, low, high))]
+        for k, (mean, _, low, high) in enumerate(points, 1)
+    ]
+    (axes,) = chart.figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("mean pressure (kPa)", label)
 
 
 def test_python_draws_what_a_run_draws(ran, tmp_path):

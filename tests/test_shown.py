@@ -36,6 +36,7 @@ from epcontact.harness.verdict.judgement import CaseVerdict, MethodEntry, Verdic
 from epcontact.harness.verdict.overview import overview
 from epcontact.output import drawing, report
 from epcontact.output.charts import maps
+from epcontact.output.charts.curves import residual_history
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import STATE_NAMES
@@ -333,6 +334,11 @@ def test_a_view_shows_the_fields(ran):
     mesh, block = pv.read(body), ran.views[0]
     ends = [k["axes_ranges"] for name, _, k in block if name == "show_bounds"]
     assert ends == [pytest.approx(1e3 * np.array(mesh.bounds), abs=1e-3)] * 2  # at rest
+    x, y, z = (f"{1e3 * (end - start):.4g}" for start, end in np.reshape(mesh.bounds, (3, 2)))
+    largest = np.abs(mesh.point_data["displacement"]).max()
+    factor = drawing.round_factor(0.04 * 1.25e-3, largest)
+    (told,) = (a[0] for name, a, _ in block if name == "add_text")
+    assert told == f"{x} × {y} × {z} mm, displacements × {factor:.3g}"
     stress, strain = (k for name, _, k in block if name == "add_mesh")
     assert stress["scalar_bar_args"]["title"] == "von Mises stress (kPa)\n"
     mises = mesh.get_array("von_mises", preference="point")
@@ -451,11 +457,24 @@ def test_a_profile_is_that_of_the_fields():
 
 
 def test_bounds_are_drawn_where_they_are():
+    """With points, ticks, guides and labels, in other units than those of the table."""
     table = pd.DataFrame({"series": "a", "x": [1.0, 2.0], "y": [3.0, 5.0],
                           "y_low": [2.0, 4.5], "y_high": [3.5, 7.0]})  # fmt: skip
-    (axes,) = draw_table(table, Plot(("x", "x (–)"), ("y", "y (–)")), "A.").figure.axes
-    (bars,) = axes.collections
-    assert [bar.tolist() for bar in bars.get_segments()] == [[[1, 2], [1, 3.5]], [[2, 4.5], [2, 7]]]
+    plot = Plot(("x", "x (mm)"), ("y", "y (kPa)"), scale=(0.5, 4.0), ticks=(2, 3.5), level=1.5,
+                upright={"peak": 3.0}, labels={"a": "b"}, limits={"ylim": (0, 2)})  # fmt: skip
+    chart = draw_table(table, plot, "A.")
+    (axes,), rows = chart.figure.axes, table.to_numpy().tolist()
+    (bars,), (line, level, upright) = axes.collections, axes.lines
+    drawn = np.array([[[2, 0.5], [2, 0.875]], [[4, 1.125], [4, 1.75]]])
+    assert np.array_equal(bars.get_segments(), drawn)
+    assert line.get_xydata().tolist() == [[2, 0.75], [4, 1.25]]
+    assert (line.get_label(), {*level.get_ydata()}, {*upright.get_xdata()}) == ("b", {1.5}, {3.0})
+    assert [text.get_text().strip() for text in axes.texts] == ["peak"]
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["2", "3.5"]
+    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_ylim()) == ("x (mm)", "y (kPa)", (0, 2))
+    assert (chart.header, chart.rows) == (("series", "x", "y", "low", "high"), [*map(tuple, rows)])
+    history = residual_history({"bem": 10.0 ** -np.arange(24), "fem": [1.0, 0.1]}).figure.axes[0]
+    assert [text.get_text() for text in history.get_xticklabels()] == [f"{3 * n}" for n in range(8)]
 
 
 # --- made-up numbers, no two alike ----------------------------------------------------------------
@@ -520,6 +539,19 @@ def answers():
 )  # fmt: skip
 def test_a_figure_of_the_scene_in_words(value, unit, words):
     assert report.shown(value, unit) == words
+    numbers = [report.number(v) for v in (1.23456, "inf", math.nan, None, "words", 0)]
+    assert numbers == ["1.235", "inf", "–", "", "words", "0"]
+
+
+def test_a_gate_says_its_figures_in_one_line():
+    value, reference = (Estimate(mean=m, half_width_95=0.0, surfaces=1) for m in (1.25, 1.5))
+    one = gate(1, "falls short").model_copy(update={"value": value, "reference": reference})
+    whole = np.hypot(one.difference.half_width, one.grid_error)
+    assert str(one) == (
+        f"gate 1: difference {one.difference.mean:+.4g} ± {whole:.2g} (of which "
+        f"{one.grid_error:.2g} by the grid) must lie in [-0.041, 0.06] (1.25 against 1.5); because "
+        "it must"
+    )  # fmt: skip
 
 
 def numbers(text):

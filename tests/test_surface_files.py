@@ -282,7 +282,7 @@ def test_periods_by_one_length_or_by_the_pixel(write):
         HeightsFromFile(oblong, pixel_size=1e-3, unit=1.0).build()
     marked = np.where(np.arange(MAP.size).reshape(MAP.shape) % 400 < 2, -9999.0, MAP)
     with refused("check unit, .*; or 12 heights are -9999, far from all others"):
-        HeightsFromFile(write("marks.txt", marked), pixel_size=1.0, unit=1.0).build()
+        HeightsFromFile(write("marks.txt", marked), pixel_size=1.0, unit=2.0).build()
     assert "but optical flats" in str(
         HeightsFromFile(oblong, pixel_size=1.0, unit=1e-6).build().notes
     )
@@ -409,6 +409,7 @@ def test_edges_have_an_error_of_their_own_that_is_told_and_falls_with_the_size()
     scene, known = Scene(surface, Material(1.0, 0.0, hardness=0.01), Load(5e-4)), COLUMNS.keys()
     for answer in (bem.solve(scene), persson.solve(scene, energy_reduction=1, spectrum="surface")):
         row = answer.final.row
+        assert answer.notes[: len(surface.notes)] == surface.notes
         for name in known & surface.treatment_errors.keys() & row.keys():
             of = row["total_area"] if name.endswith("area") else row[name]
             expected = surface.treatment_errors[name] * of

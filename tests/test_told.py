@@ -178,15 +178,9 @@ def test_a_plan_and_a_map_of_methods_are_told_whole(monkeypatch, capsys, write_c
 def test_a_sweep_tells_tasks_notes_fields_and_failures(monkeypatch, tmp_path):
     table = pd.DataFrame({"load": [0, 1, 0, 1, 0], "solved": [True, True, True, True, False]})
     entry = lambda x, e: {"mean": x, "error": e, "parts": {"grid": e}}  # noqa: E731
-    rows = [
-        {
-            "branch": b,
-            "mean_pressure": entry(p, 0.0),
-            "total_area": entry(a, 0.01),
-            "mean_gap": entry(u, 2e-8),
-        }
-        for b, p, a, u in (("loading", 2e3, 0.125, 3e-6), ("unloading", 1e3, 0.0625, 4e-6))
-    ]
+    rows = [{"branch": b, "mean_pressure": entry(p, 0.0), "total_area": entry(a, 0.01),
+             "mean_gap": entry(u, 2e-8)} for b, p, a, u in (
+                ("loading", 2e3, 0.125, 3e-6), ("unloading", 1e3, 0.0625, 4e-6))]  # fmt: skip
     loads = {f"hardness {n}, bem": (rows[: 1 + n % 2], f"{n}") for n in range(43)}
     failures = {"one": "stalled", "two": "no memory", "three": "stalled"}
     swept = Swept(

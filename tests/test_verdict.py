@@ -320,6 +320,10 @@ def test_the_answer_of_a_method_sums_up_its_members(write_case, tmp_path):
     assert answer["ensemble"]["surfaces"] == labels == ["seed3", "seed5", "seed7"]
     for kind, areas in answer["areas"].items():
         assert areas["total"] == pytest.approx(fmean(m["areas"][kind]["total"] for m in members))
+        spread = answer["ensemble"]["areas"][kind]["plastic"]
+        parts = [member["areas"][kind]["plastic"] for member in members]
+        known = fmean(parts), np.std(parts, ddof=1), 4.302653 / 3**0.5 * np.std(parts, ddof=1)
+        assert [*spread.values()] == pytest.approx(known, rel=1e-6)
     force = [member["residuals"]["gap_elastic"] for member in members]
     assert answer["residuals"]["gap_elastic"] == max(force) > min(force)
 

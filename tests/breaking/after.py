@@ -4,7 +4,7 @@ import numpy as np
 from scipy.ndimage import label
 from scipy.special import itj0y0
 
-from breaking.fault import Fault, at, changed, given, on_result, quantity, scaled
+from breaking.fault import Fault, at, changed, given, on_result, quantity
 from epcontact.harness.interface import Limit
 from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.conductance import LAWS
@@ -49,10 +49,6 @@ FAULTS = (
         on_result(FLOWED, _deepest), "cycle-unloaded", "quantity.path_work"),
     Fault("a reload on the deformed surface", "bem", changed(FLOWED, _on_the_deformed),
         "cycle-capped", "quantity.path_work"),
-    Fault("the flow of a load committed twice", "bem", scaled(FLOWED, 2.0),
-        "cycle-capped", "quantity.path_work"),
-    Fault("no memory of the flow", "bem", scaled(FLOWED, 0.0),
-        "cycle-unloaded", "quantity.cycle_area"),
     Fault("the plastic work halved", "bem",
         quantity("epcontact.bem.solve", "plastic_work", lambda work: work / 2),
         "cycle-capped", "quantity.measured_figures"),
@@ -77,8 +73,6 @@ FAULTS = (
         quantity("epcontact.harness.methods.registry.contact_result", "plastic_work",
             lambda work: 0.9 * work),
         "cycle-j2", "quantity.path_work"),
-    Fault("capped nodes that rise again when the load falls", "fem_check",
-        scaled("fem_check.path._sunk", 0.0), "cycle-fem-capped", "area.total.corrected"),
     Fault("patches that do not join over the period", "harness",
         at(INTERFACE + "_patch_of_points", lambda mask, _: label(mask)[0][mask] - 1),
         test="tests/test_interface.py::test_patches_join_over_the_period"),
@@ -91,7 +85,4 @@ FAULTS = (
     Fault("the height in the place of the slope", "reference",
         at("epcontact.reference.conductance.slope_of", lambda scene: scene.surface.rms_height),
         "conductance-elastic", "quantity.conductance", "mikic"),
-    Fault("the sum of the conductivities in the place of twice their half", "reference",
-        scaled("epcontact.reference.conductance.harmonic_mean", 0.5),
-        test="tests/test_conductance.py::test_the_laws_are_homogeneous"),
 )  # fmt: skip

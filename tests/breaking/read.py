@@ -1,13 +1,13 @@
 """Faults of what a person reads, of solvers from outside, of files, and of quantities' values.
 
-Each row of `read.tsv` replaces a text of a function, or of the report's template; a test sees it,
-or a case's gate.
+Each row of `read.tsv` replaces a text of a function or of the report's template, or multiplies what
+a function returns (×); a test sees it, or a case's gate.
 """
 
 import csv
 from pathlib import Path
 
-from breaking.fault import Fault, changed, edited
+from breaking.fault import Fault, changed, edited, scaled
 
 
 def _template(_, old, new):
@@ -27,7 +27,8 @@ def _template(_, old, new):
 with Path(__file__).with_suffix(".tsv").open(encoding="utf-8", newline="") as _file:
     _rows = list(csv.reader(_file, "excel-tab", quoting=csv.QUOTE_NONE))[1:]
 FAULTS = tuple(
-    Fault(what, "read", (_template if path.endswith(".jinja") else edited)(path, old, new),
+    Fault(what, path.split(".")[path[:3] == "epc"], scaled(path, float(new)) if old == "×" else
+          (_template if path.endswith(".jinja") else edited)(path, old, new),
           *gate.split(), test="" if gate else test)
     for what, path, old, new, test in _rows
     for gate in [test * (" " in test)]
