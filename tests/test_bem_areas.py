@@ -2,7 +2,6 @@
 
 import json
 import math
-from dataclasses import astuple
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from scipy.special import sici
 
 from epcontact import bem
 from epcontact.bem.areas import front, rim_correction
-from epcontact.bem.areas.rim_correction import ERRORS, copies, estimate_areas
+from epcontact.bem.areas.rim_correction import EDGES, copies, estimate_areas
 from epcontact.errors import InvalidScene
 from epcontact.reference import bumps, waves
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
@@ -217,6 +216,23 @@ def test_edges_and_what_no_point_shows(shape):
     assert exact != raw
 
 
+@pytest.mark.parametrize("width", [0.1, 0.3, 0.6, 1.0, 1.4])
+def test_a_crease_narrower_than_a_spacing_is_exact(width):
+    """Parabolas that meet at a kink have p = c - k ln(2 sin(pi s)) in full contact, and beside a
+    capped ridge of half-width b, H - k arccosh(sin(pi s)/sin(pi b)), wherever the points are."""
+    n, k, load = 48, 1 / math.pi, 1.0
+    hardness = load - k * math.log(math.sin(math.pi * width / 2 / n))
+    for shift in RNG(3).uniform(size=8):
+        s = (np.arange(n) + shift) / n
+        heights = math.pi * k * (s - 0.5) ** 2
+        ridge, valley = (load, heights, width / n), (hardness - load, -heights, 1 - width / n)
+        for (p0, h, exact), part in ((ridge, "plastic"), (valley, "total")):
+            raw, corrected, error = (getattr(a, part) for a in solved(h, p0, hardness))
+            assert abs(corrected - exact) <= error + 1e-4 / n
+            # The load moves the areas where a point is in the ridge, and not without.
+            assert abs(corrected - exact) < (1e-3 if raw in (0, 1) else 0.05) / n
+
+
 def released(fallen, strip, n=4096):
     """How far the front at the edge of a flattened spot moves in, and K/H: in the continuum, for a
     pressure H (2/pi) arcsin sqrt(s/strip) beside it of which unloading takes K/sqrt(s)."""
@@ -237,18 +253,10 @@ def test_what_unloading_releases_at_an_edge_is_that_of_the_continuum(fallen, u):
     )
 
 
-#: Claims are for nine of ten errors, so that a scene may miss one; it is told, not dropped.
-MISSED = {
-    ("unloaded spheres", 2): "a spot that flowed: .3, .1, 1.2 claims",
-}
-
-
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("kind", area_bank.KINDS)
-def test_refinement_makes_no_claim_less_true(kind, seed, request):
+def test_refinement_makes_no_claim_less_true(kind, seed):
     """On n, 2n, 4n points against 8n an error does not rise beyond its claim, or the coarser's."""
-    if why := MISSED.get((kind, seed)):
-        request.applymarker(pytest.mark.xfail(reason=why, strict=True))
     scene, times = area_bank.scene(kind, seed, 48), []
     (_, exact, doubt), *found = (area_bank.estimated(*scene.solved(k)) for k in (8, 1, 2, 4))
     for _, area, claim in found:
@@ -406,6 +414,7 @@ def test_the_tables_come_from_the_calibration():
     table, misfit = rim.calibrate_strips(rim.all_directions())
     np.testing.assert_allclose(table[:-1], rim_correction.OFFSETS[:-1], atol=3e-4)
     assert misfit < 1e-3
+    assert rim.calibrate_release() == pytest.approx(front.RELEASE, abs=0.02)
     kink, scatter = rim.calibrate_kink()
     assert kink == pytest.approx(front.KINK, abs=0.01)
     assert scatter < 0.05
@@ -413,27 +422,22 @@ def test_the_tables_come_from_the_calibration():
 
 @pytest.mark.slow
 def test_scenes_that_once_were_wrong_are_within_their_claims():
+    """Nine of ten are on four surfaces each, and none is far beyond."""
     small = [scene for scene in area_scenes.SCENES if scene.member.shape[0] < 128]
-    table = area_scenes.judged(small, seeds=[3])
+    table, *others = (area_scenes.judged(small, seeds=[seed]) for seed in (3, 1, 2, 4))
     assert len(table) == 11
-    assert (table["times"] <= 1).sum() >= 10  # of eleven
-    assert (table["times"] < 1.3).all()
-    # Of worn plateaus a third is missing, beside kinks where no point shows it; they claim two.
+    times = np.concatenate([one["times"] for one in (table, *others)])
+    assert np.mean(times <= 1) >= 0.9
+    assert (times < 1.5).all()
     assert (table["claimed"] < [1, 100, 50, 50, 70, *[50] * 6]).all()
 
 
 @pytest.mark.slow
-def test_the_error_constants_can_be_fitted_again():
-    """With a small ensemble of the bank, which does not determine them all, the fit hardly depends
-    on where it begins, covers what it is to, and finds nothing much better than those in use."""
+def test_the_error_constant_can_be_fitted_again():
+    """A small ensemble of the bank finds nothing much better than the one in use, and covers."""
     known = error_bars.lessons(("self-affine", "turned", "worn"), range(1100, 1105), factors=(1,))
-    begun = error_bars.ErrorConstants(*(2 * value for value in astuple(ERRORS)))
-    fit, again = error_bars.fitted(known), error_bars.fitted(known, begun)
-    tenth = error_bars.ErrorConstants(*(value / 10 for value in astuple(fit)))
-    losses = [error_bars.loss(known, constants) for constants in (fit, again, ERRORS, tenth)]
-    assert losses[1] == pytest.approx(losses[0], abs=0.2)
-    assert min(losses[:2]) <= losses[2] < losses[0] + 0.5 < losses[3] - 0.1
-    # What narrow strips, steps and tips claim is not fitted, so that a tenth is not nothing.
-    for constants, least, most in ((fit, -0.1, 0.06), (tenth, -1, -0.05)):
-        error, claim = error_bars.errors_and_claims(known, constants).T
-        assert least <= np.mean(error <= claim) - error_bars.COVERED <= most
+    fit = error_bars.fitted(known)
+    best, used, tenth = (error_bars.loss(known, edges) for edges in (fit, EDGES, fit / 10))
+    assert best <= used < best + 0.2 < tenth
+    error, claim = error_bars.errors_and_claims(known, EDGES).T
+    assert np.mean(error <= claim) >= 0.8  # of 25 areas, two of three of them of sharp kinds

@@ -89,7 +89,7 @@ def test_a_section_is_the_line_of_a_one_directional_surface(axis):
     [
         ("hertz-sphere-dense", "full", 0.003, ""),
         ("westergaard-surface", "fast", 0.002, "a line stands for the surface"),
-        ("rough-capped", "full", 0.01, ""),
+        ("rough-capped", "full", 0.005, ""),
     ],
 )
 def test_a_plan_keeps_its_promise_and_is_cheaper_than_the_hand_chosen_size(

@@ -170,6 +170,7 @@ def kept(folder: Path | None, one: Scene, factor: int):
         return (*arrays[:2], hardness, spacing, 1.0, arrays[2] if arrays[2].size else None)
     solved = p, g, hardness, spacing, _, flowed = one.solved(factor)
     if path:
+        path.parent.mkdir(parents=True, exist_ok=True)
         w = np.zeros(0) if flowed is None else flowed
         np.savez(path, pressure=p, gap=g, hardness=hardness, spacing=spacing, flowed=w)
     return solved
@@ -183,6 +184,7 @@ def reference(folder: Path | None, one: Scene) -> FloatArray:
     found = estimated(*one.solved(REFERENCE * (4 if one.kind.endswith("lines") else 1)))[1]
     exact = np.array([getattr(found, part) for part in PARTS])
     if path:
+        path.parent.mkdir(parents=True, exist_ok=True)
         np.savetxt(path, exact)
     return exact
 
@@ -276,7 +278,6 @@ def without():
         "oblong": {"OBLONG": 0.0},
         "load": {"_balanced": lambda areas, covariance, *_: (areas, covariance)},
         "zones": lacking("zone"),
-        "release": lacking("released"),
         "hidden gaps": lacking("squares", "crease"),
         "doubt": lacking("doubt", "chance"),
         "claims of kinks": lacking("kinked"),
@@ -311,8 +312,6 @@ def main():
     given = parser.parse_args()
     if given.ablation and not given.keep:
         given.keep = Path(tempfile.mkdtemp())
-    if given.keep:
-        given.keep.mkdir(parents=True, exist_ok=True)
     seeds = range(*map(int, given.seeds.split(":")))
     if given.gaps:
         print(gaps(given.kinds or list(KINDS), seeds).round(4).to_string())

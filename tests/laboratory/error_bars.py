@@ -1,14 +1,13 @@
-"""Fit the constants of the claimed errors of corrected areas, `rim_correction.ERRORS`.
+"""Fit the constant of the claimed errors of corrected areas, `rim_correction.EDGES`.
 
 The ensemble is the bank of scenes (`area_bank`) on its nested grids, but for quantised heights,
 with seeds other than those that judge it.  The fit minimises the mean of ln(claim) + max(0,
 ln(error/claim))/(1 - COVERED), whose minimum for a single claim is that quantile of the errors, and
 in which errors of all sizes and kinds count alike.
 
-`python -m laboratory.error_bars` prints the constants, in some ten minutes of one core (one with
+`python -m laboratory.error_bars` prints the constant, in some ten minutes of one core (one with
 `--keep FOLDER` and the bank's solutions in it).  The second half of the ensemble, fitted alone,
-shows how well it determines them: the loss of all is flat near its least value, because one can
-stand in for another.
+shows how well it determines it: the loss of all is flat near its least value.
 """
 
 from __future__ import annotations
@@ -16,15 +15,15 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import minimize_scalar
 
 from epcontact.bem.areas import rim_correction as rim
 from epcontact.bem.areas.grid import Sums
-from epcontact.bem.areas.rim_correction import ERRORS, TIP, ErrorConstants
+from epcontact.bem.areas.rim_correction import EDGES, TIP
 from epcontact.errors import NotConverged
 from epcontact.studies.areas import named
 from laboratory import area_bank
@@ -159,6 +158,7 @@ def fitted_tip(known):
     needs, weights = [], []
     for one in known:
         located = rim.located_areas(one.sums, rim.OBLONG * math.log(one.aspect) ** 2)
+        located += (-1, 1) * (one.sums.zone[::-1] + one.sums.crease)
         off = (located - np.array([one.exact["total"], one.exact["plastic"]]) * one.cells) * (1, -1)
         tips, length = one.sums.tips, one.sums.length + one.sums.shared
         shown = tips > 0
@@ -169,43 +169,40 @@ def fitted_tip(known):
     return float(np.array(needs)[order][np.searchsorted(share, share[-1] / 2)])
 
 
-def errors_and_claims(known, constants):
+def errors_and_claims(known, edges):
     """(areas, 2): error and claim in cells of each part of the area of each surface."""
     out = []
     for one in known:
-        found, claim = rim.areas_of_sums(one.sums, one.share, one.cells, one.aspect, constants)
+        found, claim = rim.areas_of_sums(one.sums, one.share, one.cells, one.aspect, edges)
         for part in one.parts:
             off = abs(getattr(found, part) - one.exact[part])
             out.append([off * one.cells, getattr(claim, part) * one.cells])
     return np.maximum(np.array(out), _CELLS)
 
 
-def loss(known, constants):
+def loss(known, edges):
     """The mean of ln(claim) + max(0, ln(error/claim))/(1 - COVERED)."""
-    error, claim = np.log(errors_and_claims(known, constants)).T
+    error, claim = np.log(errors_and_claims(known, edges)).T
     return float(np.mean(claim + np.maximum(error - claim, 0) / (1 - COVERED)))
 
 
-def fitted(known, start=ERRORS):
-    """The constants with the least loss, sought from `start` in factors."""
-    at, options = np.log(astuple(start)), {"xtol": 0.05, "ftol": 1e-3, "maxiter": 6}
-    for _ in range(2):
-        cost = lambda logs: loss(known, ErrorConstants(*np.exp(logs).tolist()))  # noqa: E731
-        at = minimize(cost, at, method="Powell", options=options).x
-    return ErrorConstants(*np.exp(at).tolist())
+def fitted(known):
+    """The constant with the least loss."""
+    least = minimize_scalar(lambda log: loss(known, math.exp(log)), (-4, -2), tol=0.02)
+    return math.exp(least.x)
 
 
 def main():
-    """Print coverage, loss and constants: in use, of the ensemble and of its second half."""
+    """Print coverage, loss and constant: in use, of the ensemble and of its second half."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--keep", type=Path)
     kinds = [kind for kind in area_bank.KINDS if kind != "quantised"]
     known = lessons(kinds, range(5000, 5016), parser.parse_args().keep)
     fits = [fitted(part) for part in (known, known[1::2])]
     print("tip", round(fitted_tip(known), 3), "in use", TIP)
-    for name, constants in zip(("in use", "fitted", "half"), (ERRORS, *fits), strict=True):
-        error, claim = errors_and_claims(known, constants).T
-        print(name, *np.round([np.mean(error <= claim), loss(known, constants)], 3), constants)
+    for name, edges in zip(("in use", "fitted", "half"), (EDGES, *fits), strict=True):
+        error, claim = errors_and_claims(known, edges).T
+        print(name, *np.round([np.mean(error <= claim), loss(known, edges), edges], 3))
 
 
 if __name__ == "__main__":

@@ -38,11 +38,13 @@ STEP = 6.0
 #: At a kink the parabola of the gap closes too far out, by KINK times p/(p + c g) spacings, with p
 #: and g on either side of the front (`rim.calibrate_kink`).
 KINK = 0.13
+#: A post of one point would be a crease of the half-width .2065 exp(1.757).
+WIDEST = 1.1
 #: An edge of a flattened spot is one where the strip beside it was below this width (`area_bank`).
 EDGE = 0.75
-#: Release of a front by that of a straight one along the grid: .87 for straight ones of all
-#: directions (`rim.calibrate_release`), .5 to .8 on rough surfaces (`area_bank`).
-RELEASE = 0.75
+#: Release of a front by that of a straight one along the grid, the mean over directions
+#: (`rim.calibrate_release`).
+RELEASE = 0.94
 
 #: Compiles a function of this room; nothing calls one from C, and an inner one not from Python.
 compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
@@ -54,11 +56,11 @@ inner = numba.njit(
 class Link(NamedTuple):
     """What is found on a link between two points that a front crosses, in spacings."""
 
-    place: float  # of the front from the point inside, 0 to 1; 1/2 where a step holds it
+    place: float  # of the front from the point inside; 1/2 where a step holds it
     doubt: float  # by how much the last term of the polynomial moves it outwards: it may be there
     held: float  # 1 if a step of the surface holds the front: any place is equally likely
     zone: float  # width of the zone at an edge that must be plastic, but shows no point
-    kinked: float  # 1 where the surface has a kink at the front or close behind it
+    kinked: float  # 1 at a kink of the surface, or close before one, or where it has flowed
     fallen: float  # what the last point has lost since it flowed, by the hardness; 0 elsewhere
 
 
@@ -78,6 +80,38 @@ def release(fallen: float, u: float) -> float:
     return RELEASE * float(min(math.pi * k * math.sqrt(strip), far) if k * k < strip / 4 else far)
 
 
+@inner
+def crease(a: float, b: float, centre: float, d: float, e: float) -> tuple[float, float]:
+    """(half-width, shift towards b) in spacings of the gap at a kink of the surface, or zeros.
+
+    Arguments: p - c g of five points, of which the centre may be apart.  In the continuum p falls
+    to p0 + k ln s at a kink, and to k arccosh(s/w) beside a gap of half-width w, which is the same
+    far away if w = 2 exp(-p0/k).  On the grid p of a kink at a point is p0 + k (ln .1033, 0.197,
+    0.664) at 0, 1 and 2 spacings, and that of a kink between two points is the mean of theirs.  A
+    gap at the centre changes p there by c g e/2 and beside it by -c g 2 e/pi^2.
+    """
+    if centre < 0:
+        b, d = b - 2 * math.e / math.pi**2 * centre, d - 2 * math.e / math.pi**2 * centre
+        centre *= math.e / 2
+    lean = abs(b - d)
+    k = (b + d - 2 * centre + 2.362 * lean) / 4.934
+    bend = (a - 2 * b if b > d else e - 2 * d) + centre  # -2 k at a kink, positive where smooth
+    if min(b, d) < centre or bend > lean / 2.935 - k:
+        return 0.0, 0.0
+    half = 0.2065 * math.exp((0.841 * lean - centre) / k)
+    return (half, (d - b) / (2.935 * k)) if half < WIDEST else (0.0, 0.0)
+
+
+@inner
+def wedge(load: float, one: float, two: float) -> float:
+    """E* times the slope of a wedge on one side of a lone point, or 0 where the surface is round.
+
+    load: its p; one, two: -c g of the next two, which it has moved by 1.05 and 1.55 dx p/E*.
+    """
+    near, far = 0.606 * load - one, 0.291 * load + one - two
+    return (near + far) / 2 / STIFFNESS if one <= 0 and far < 2 * near else 0.0
+
+
 @compiled
 def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Link:
     """Find the `Link` between the third of six points, which is inside, and the fourth.
@@ -91,6 +125,10 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
     if sunk > 0 and EDGE * slope > yielded:
         return Link(min((yielded + sunk) / slope, 1.0), 0.0, 0.0, 0.0, 0.0, 1 - last / yielded)
     gap = after <= 0
+    if sunk == 0 and elastic and 0 < after < hardness:
+        half, shift = crease(before, last, out, after, end)
+        if half > 0:
+            return Link(1 - half - shift + AXIS_OFFSET, 0.0, 0.0, 0.0, 1.0, 0.0)
     step = last - out > STEP * max(before - last, out - after) and (
         not elastic or 0 < before < last or (first > 0 and before > 0 and gap)
     )
@@ -109,8 +147,9 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
     if held:
         return Link(0.5, 0.0, 1.0, zone, 0.0, 0.0)
     if kink:
-        place, hump = 1 - away - KINK * last / (last - out) + AXIS_OFFSET, True
-    return Link(min(max(place, 0.0), 1.0), doubt, 0.0, zone, 1.0 if hump else 0.0, 0.0)
+        place = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
+    kinked = 1.0 if kink or hump or sunk > 0 else 0.0
+    return Link(min(max(place, 0.0), 1.0), doubt, 0.0, zone, kinked, 0.0)
 
 
 @inner

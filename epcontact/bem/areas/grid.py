@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.areas.front import Link, compiled, inner, locate, release
+from epcontact.bem.areas.front import Link, compiled, crease, inner, locate, release, wedge
 from epcontact.results import FloatArray
 
 #: Width of the elastic strip beside a front, in spacings, and the offset of a located front there
@@ -87,7 +87,7 @@ class Block(NamedTuple):
     v: FloatArray  # (1 or 2, rows, columns) for links along x and, where it differs, along y
     inside: NDArray[np.uint8]  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
     sunk: FloatArray  # (rows, columns) c w, or (0, 0) where nothing has flowed before
-    links: Any  # (2, rows, columns) `Link` along x and y that ends at a point, from its beginning
+    links: Any  # (2, 2, columns) `Link` along x and y that ends at a point, of even and odd rows
     work: FloatArray  # (5, 6)
 
 
@@ -106,7 +106,7 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
         np.empty((layers, rows, columns)),
         np.empty((rows, columns), np.uint8),
         np.empty((flowed, columns)),
-        np.empty((2, rows, columns), LINK),
+        np.empty((2, 2, columns), LINK),
         np.empty((5, 6)),
     )
     for k in range(len(blocks)):
@@ -175,7 +175,8 @@ def _cross(block: Block, solution: Solution, front: int, place: tuple[int, int])
             w, beyond = (w, beyond) if ends_inside else (beyond, w)
             aspect = solution.stiffness[y] / solution.stiffness[0]
             below = w * aspect if beyond == 0 else -1.0 if w > 0 else 0.0
-        found, link = locate(work, below, solution.hardness, solution.yielded), links[y, i, j]
+        found = locate(work, below, solution.hardness, solution.yielded)
+        link = links[y, i & 1, j]
         link.place = 1 - found.place if ends_inside else found.place
         link.doubt, link.held, link.zone = found.doubt, found.held, found.zone
         link.kinked, link.fallen = found.kinked, found.fallen
@@ -203,35 +204,35 @@ def _segments(
     square = max(dx * dx + dy * dy, 1e-300)
     cos4 = 1 - 8 * (dx * dy / square) ** 2
     sin4 = 4 * dx * dy * (dx - dy) * (dx + dy) / square**2
-    steep = peak = math.sqrt(square)
+    steep, gradient = math.sqrt(square), (dx, dy)
     narrow = min(solution.hardness / steep, 1.0) ** 2
     if sunk.size and front == 0:
         a, b, c, d = sunk[i - 1, j - 1], sunk[i, j - 1], sunk[i, j], sunk[i - 1, j]
-        peak = math.hypot(dx + (b + c - a - d) / 2, dy + (c + d - a - b) / 2)
+        gradient = dx + (b + c - a - d) / 2, dy + (c + d - a - b) / 2  # that of the peak load
         if min(a, b, c, d) > 0:  # inside a flattened spot nothing moves along
             steep = 1e-150
     is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
     sums.area += 1 - is_inside - ((code >> 2) & 1)  # which was counted as a point
     for corner in range(cut, cut + (4 if saddle else 1), 2):
         after, before = (corner + straight) & 3, (corner + 3) & 3
-        one = links[after & 1, i - (after == 3), j - (after == 0)]
-        other = links[before & 1, i - (before == 3), j - (before == 0)]
+        one = links[after & 1, (i - (after == 3)) & 1, j - (after == 0)]
+        other = links[before & 1, (i - (before == 3)) & 1, j - (before == 0)]
         x = 1 - one.place if after > 1 else one.place
         y = other.place if before > 1 else 1 - other.place
+        held, doubt = (one.held + other.held) / 2, (one.doubt + other.doubt) / 2
+        at_edge, back, away = max(one.fallen, other.fallen) > 0, 0.0, 0.0
+        u = solution.yielded / steep
+        if at_edge:  # along a link that is more than 60 degrees off the front moves twice as far
+            peak = math.hypot(gradient[0], gradient[1])
+            u = solution.yielded / peak
+            back, away = release(one.fallen, u), release(other.fallen, u)
+            x -= sign * back / max(abs(gradient[after & 1]) / peak, 0.5)
+            y -= sign * away / max(abs(gradient[before & 1]) / peak, 0.5)
         length = math.sqrt(1 + (x - y) ** 2 if straight else x * x + y * y)
         sums.area += sign * (x + y if straight else x * y) / 2
-        held, doubt = (one.held + other.held) / 2, (one.doubt + other.doubt) / 2
-        edge, k = ((one.fallen > 0) + (other.fallen > 0)) / 2, 1
-        u = solution.yielded / (peak if edge > 0 else steep)
-        if edge > 0:
-            fallen = (one.fallen + other.fallen) / 2 / edge
-            sums.released += edge * length * release(fallen, u)
-        while u > WIDTHS[k] and k < len(WIDTHS) - 1:
-            k += 1
-        share = min((u - WIDTHS[k - 1]) / (WIDTHS[k] - WIDTHS[k - 1]), 1.0)
-        offset = offsets[k - 1] + share * (offsets[k] - offsets[k - 1])
+        sums.released += (back + away) / 2 * length
         own, free = max(narrow, held) * length, (1 - held) * length
-        sums.offset += offset * free
+        sums.offset += _offset(u, offsets) * free
         sums.harmonic += cos4 * free
         sums.sine += sin4 * free
         sums.turn += 0.0 if straight else 0.25 * sign
@@ -245,15 +246,26 @@ def _segments(
 
 
 @inner
+def _offset(u: float, offsets: FloatArray) -> float:
+    """Interpolate between the offsets at WIDTHS."""
+    k = 1 if u < WIDTHS[-1] else len(WIDTHS) - 1
+    while u > WIDTHS[k] and k < len(WIDTHS) - 1:
+        k += 1
+    share = min((u - WIDTHS[k - 1]) / (WIDTHS[k] - WIDTHS[k - 1]), 1.0)
+    return float(offsets[k - 1] + share * (offsets[k] - offsets[k - 1]))
+
+
+@inner
 def _tip(
     v: FloatArray, inside: NDArray[np.uint8], place: tuple[int, int], hardness: float
 ) -> float:
     """1 where a point is a tip of its state, less where the strip beside it is narrow, or 0.
 
-    A tip has at most two of its eight neighbours in the same state.  A spot of two or three points
-    with no others within two points shows all that it has.  Where a front moves with another one, a
-    tip counts less: the steepest way to a neighbour gives the width of the strip between them.  A
-    lone point counts less if even the gentlest way is steep: it is a post or a pit of its own cell.
+    A tip has at most two of its eight neighbours in the same state, and not both on one line.  A
+    spot of two or three points with no others within two points shows all that it has.  Where a
+    front moves with another one, a tip counts less: the steepest way to a neighbour gives the width
+    of the strip between them.  A lone point counts less if even the gentlest way is steep: it is a
+    post or a pit of its own cell.
     """
     (i, j), like, near, steepest, gentlest = place, -1, -1, 0.0, np.inf
     for a in range(i - 2, i + 3):
@@ -265,7 +277,9 @@ def _tip(
                 way = abs(v[0, a, b] + v[-1, a, b] - v[0, i, j] - v[-1, i, j]) / 2
                 steepest = max(steepest, way)
                 gentlest = min(gentlest, way) if a != i or b != j else gentlest
-    if like > 2 or 0 < like == near:
+    own, rows, columns = inside[i, j], inside[i - 1 : i + 2 : 2, j], inside[i, j - 1 : j + 2 : 2]
+    line = rows[0] == rows[1] == own or columns[0] == columns[1] == own
+    if like > 2 or 0 < like == near or line:
         return 0.0
     way = steepest if like else gentlest
     return float((hardness / way) ** 2 if way > hardness else 1.0)
@@ -281,16 +295,21 @@ def _hidden(
     lowest place, a gap of radius sqrt(3 p1/(2 p2)) opens, like a penny-shaped crack that closes
     smoothly.  This place is at most half a cell's diagonal away, so that p1 <= p2/2 - p.
 
-    At a crease the pressure falls to k ln s, where s is the distance from it, and k ln 3 is the
-    rise from half a spacing to 3/2.  A gap opens where it would fall below 0, and twice as wide (as
-    in `front`).  The pressure bends the other way beside a crease, and along it, it changes less
-    than across by ALIKE; where it is 0, the gap shows.  A tip is a crease in both directions.
+    Along a crease (`front`) the pressure changes less than across by ALIKE; where it is 0, the gap
+    shows.  A tip is bound by creases in both directions, as wide as where p rises by k ln 3 from
+    half a spacing to 3/2.  A lone wedge of slope t carries its load p on a width p/H at the
+    hardness H, or on y/sinh y of it, y = pi H/(E* t), where it is not steep enough.
 
     A lone point lacks a part of CORNER, as its spot may have no area.
     """
     (v, p, (i, j)), sign, cap = (block.v, block.work, place), 1 - 2 * front, front * hardness
     here = sign * v[0, i, j] + (cap if front else 0.0)
-    most = rise = crease = 0.0
+    x0, x1, y0, y1 = v[0, i - 1, j], v[0, i + 1, j], v[-1, i, j - 1], v[-1, i, j + 1]
+    if front:
+        x0, x1, y0, y1 = cap - x0, cap - x1, cap - y0, cap - y1
+    if here > min(x0, x1) and here > min(y0, y1) and max(x0, x1, y0, y1) > 0:
+        return 0.0, 0.0
+    most = rise = area = 0.0
     tip, spot, lowest = 1.0, 0.5, True
     for axis in range(2):  # p runs across the crease first
         spread = 0.0
@@ -299,19 +318,29 @@ def _hidden(
                 x, y = (b, a) if axis else (a, b)
                 q = sign * v[-axis, i + x - 2, j + y - 2] + (cap if front else 0.0)
                 p[a, b] = min(max(q, 0.0), hardness)
+                p[a, 4] = q if b == 2 else p[a, 4]
                 spread += here / (here - q) if b == 2 and a % 2 else 0.0
         before, after = p[1, 2], p[3, 2]
         spot, most, rise = spot * spread, max(most, before, after), rise + before + after
         low, across = here <= min(before, after), max(before, after) - here
-        lowest, half = lowest and low, 0.0
-        if low and across > 0 and min(p[0, 2] - 2 * before, p[4, 2] - 2 * after) + here < 0:
-            half = math.exp(-math.log(3) * here / across)
+        lowest, cone = lowest and low, 0.0
+        if low and across > 0:
+            bent = min(p[0, 2] - 2 * before, p[4, 2] - 2 * after) + here < 0
+            cone = 2 * math.exp(-math.log(3) * here / across) if bent else 0.0
+            width = 2 * crease(p[0, 2], before, here, after, p[4, 2])[0]
             one, other = min(p[1, 1], p[2, 1], p[3, 1]), min(p[1, 3], p[2, 3], p[3, 3])
             along = max(one - here, other - here, 0.0) / (ALIKE * across)
-            crease = max(crease, 2 * half * max(1 - along, 0.0) * (min(one, other) > 0))
-        tip *= 2 * half
+            alike = (before < hardness) == (after < hardness) and min(one, other) > 0
+            area = max(area, width * max(1 - along, 0.0) * alike)
+        if min(before, after) >= hardness:
+            v0, v1, v2, v3, v4 = hardness - p[:5, 4]
+            steep = math.sqrt(wedge(v2, v1, v0) * wedge(v2, v3, v4))
+            if steep > 0:
+                ratio = min(math.pi * hardness / steep, 99.0)
+                area = max(area, v2 / hardness * ratio / math.sinh(ratio))
+        tip *= cone
     if most <= 0:
         return max(CORNER - spot, 0.0) ** 2, 0.0
     rise = math.pi**2 / 8 * (rise / 4 - here)  # p2 of a wave with points a quarter of it apart
     gap = math.pi * 1.5 * (0.5 - here / rise) if lowest and most < hardness else 0.0
-    return max(gap, 0.0) ** 2 + tip**2 + crease**2, crease
+    return max(gap, 0.0) ** 2 + tip**2, area

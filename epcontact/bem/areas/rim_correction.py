@@ -1,27 +1,25 @@
 """The rim correction: contact areas in the limit of a vanishing grid spacing, from one solution.
 
-Counting grid points overestimates a contact by its rim, because a point in contact stands for a
-whole cell.  By particle-hole symmetry (p -> hardness - p, g -> -g) the count underestimates the
-plastic part as it overestimates the contact.
+Counting grid points overestimates a contact by its rim.  By particle-hole symmetry (p -> hardness
+- p, g -> -g) the count underestimates the plastic part as it overestimates the contact.
 
 `estimate_areas` locates the fronts inside the cells (`grid`) and corrects the area A_located that
 they enclose.  In cells, with a front's length L in spacings, the contact is
 
     A = A_located - (integral of offset(u) + HARMONIC cos 4 theta along the front)
-        + CORNER * (Euler number) - TIP * (number of tips) - (zones hidden at edges)
+        + CORNER * (Euler number) - TIP * (number of tips) - (zones and creases that show no point)
 
 and for the plastic part all terms but that of CORNER have the opposite sign (`located_areas`).
 
 * First order: the offset of a located front is that of the discrete problem at a straight one, of
   any direction theta, with an elastic strip of any width u beside it.
-* Second order: a smooth front has two local lengths.  The polynomial of `front` corrects for that
-  over which the pressure departs from its square root.  The other is the radius of its curvature,
-  whose inverse integrates to the Euler number: CORNER, measured on a sphere, holds for any shape.
-* Not resolved: chance decides whether a gap (or plastic spot) narrower than a spacing contains a
-  grid point.  If it does, it shows as tips.
+* Second order: the polynomial of `front` corrects for the length over which the pressure departs
+  from its square root.  The radius of curvature, whose inverse integrates to the Euler number, has
+  CORNER, measured on a sphere.
+* Not resolved: a gap (or plastic spot) narrower than a spacing shows as tips where it contains a
+  grid point.  At kinks and creases its width follows from the pressures beside it.
 * Held by an edge: a front rests on a step of the surface, somewhere between two points, so that the
-  count is right there; at a kink the gap shows the place.  Where the singular pressure exceeds the
-  hardness next to an edge, but at no point, that zone is part of the plastic area.
+  count is right there; at a kink the gap shows the place.
 
 The load is one more measurement of the areas (`_balanced`), their errors follow from the same sums
 (`_covariance`), and `_possible` cuts off what cannot carry the load.  `rim`, `error_bars` and
@@ -32,7 +30,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -54,18 +51,9 @@ COUNTED = 0.129
 #: Variance of the points inside a front, for each spacing of it: the sum of k^-3 over the square
 #: lattice by 4 pi^3 (Kendall, Quarterly Journal of Mathematics 19 (1948) 1).
 POINTS = 0.0728
-
-
-@dataclass(frozen=True)
-class ErrorConstants:
-    """Standard deviations of the errors of areas, in cells."""
-
-    doubt: float  # of a front by chance, in units of its doubt (`front`); in common, twice that
-    edge: float  # in common, for each spacing of a front at edges and kinks, and of alike strips
-
-
-#: Of `laboratory.error_bars`.
-ERRORS = ErrorConstants(1.4, 0.09)
+#: Standard deviation of the place of all fronts at edges and kinks together, and of alike strips
+#: (`error_bars`).
+EDGES = 0.085
 #: Systematic error of OFFSETS for each spacing of the shorter front (the paper's surface, 4096^2).
 STRIPS = 0.001
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
@@ -152,21 +140,21 @@ def sums_of_fronts(
 
 
 def areas_of_sums(
-    sums: Sums, share: float, cells: float, aspect: float, errors: ErrorConstants = ERRORS
+    sums: Sums, share: float, cells: float, aspect: float, edges: float = EDGES
 ) -> tuple[Areas, Areas]:
     """(corrected, error) from the sums over the cells of one of the `copies`, which err alike.
     share: p0/hardness; aspect: dx/dy."""
     oblong = OBLONG * math.log(aspect) ** 2
-    located = located_areas(sums, oblong)
-    # What may be hidden between points: zones at edges, lone spots, gaps.  All are bounds, but a
-    # zone may not be there or be twice as wide, and of the bounds at creases a part is in common.
-    unseen = (sums.zone[::-1] ** 2 + sums.squares) / SURE**2 + (sums.crease / 3) ** 2
-    covariance = _covariance(sums, oblong, errors) + np.diag(unseen)
+    located, covariance = located_areas(sums, oblong), _covariance(sums, oblong, edges)
     contact, plastic = sums.points
     if contact > plastic > 0:
-        located, covariance = _balanced(located, covariance, sums, share * cells, unseen)
-    # What tips lack is known to a half.  The load does not tell: the counts lack the same.
-    covariance = covariance + np.diag(TIP / 2 * sums.tips) ** 2
+        located, covariance = _balanced(located, covariance, sums, share * cells)
+    # The load does not tell what no point shows, as the counts lack the same: zones, which belong
+    # to the other front's inside, creases, which may be twice as wide, and bounds of the rest.
+    zones = sums.zone[::-1]
+    located = located + (-1, 1) * (zones + sums.crease)
+    unseen = (zones**2 + sums.squares) / SURE**2 + sums.crease**2
+    covariance = covariance + np.diag(unseen + (TIP / 2 * sums.tips) ** 2)
     return _possible(located / cells, covariance / cells**2, share)
 
 
@@ -190,49 +178,47 @@ def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[
 
 def located_areas(sums: Sums, oblong: float) -> FloatArray:
     """(2,) areas in cells of the contact and its plastic part; oblong: OBLONG ln^2(dx/dy)."""
-    # A zone hidden behind one front belongs to the other side, so the fronts are exchanged.
-    outward = (1 + oblong) * sums.offset + HARMONIC * sums.harmonic
-    outward += TIP * sums.tips + sums.zone[::-1] + sums.released
+    outward = (1 + oblong) * sums.offset + HARMONIC * sums.harmonic + TIP * sums.tips
     return np.asarray(sums.area + (-1, 1) * outward + CORNER * sums.turn)
 
 
-def _covariance(sums: Sums, oblong: float, errors: ErrorConstants) -> FloatArray:
+def _covariance(sums: Sums, oblong: float, edges: float) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
-    those that depend on its direction as far as the front is alike, and those at edges and kinks.
-    What a spot lacks by its curvature is known to a quarter, as is a release (RELEASE is .5 to .9),
-    the offset's change with direction to a third (`rim.calibrate_directions`: .005).  A strip
-    narrower than a spacing may be anywhere in its link: the load tells better.
+    those at edges and kinks, and twice its doubt as far as it is alike.  What a spot lacks by its
+    curvature is known to a quarter, as is a release, the offset's change with direction to a third
+    (`rim.calibrate_directions`: .005).  A strip narrower than a spacing may be anywhere in its
+    link: the load tells better.
     """
     directed = np.hypot(sums.harmonic, sums.sine)
     alike = directed / np.maximum(sums.length + sums.shared - sums.held, 1e-9)
-    chance = errors.doubt**2 * sums.chance + (CORNER / 4) ** 2 * np.abs(sums.turn)
+    chance = sums.chance + (CORNER / 4) ** 2 * np.abs(sums.turn)
     common = [
-        alike * 2 * errors.doubt * sums.doubt,
-        errors.edge * sums.held,
-        errors.edge * sums.kinked,
+        alike * 2 * sums.doubt,
+        edges * sums.held,
+        edges * sums.kinked,
         HARMONIC / 3 * directed,
         oblong / 4 * sums.offset,
         sums.released / 4,
         STRIPS * (sums.length + sums.shared).min() * np.ones(2),
     ]
     alone = chance + ANYWHERE**2 * sums.held + np.sum(np.square(common), axis=0)
-    together = ANYWHERE**2 * sums.shared.mean() + (errors.edge * (alike * sums.shared).mean()) ** 2
+    together = ANYWHERE**2 * sums.shared.mean() + (edges * (alike * sums.shared).mean()) ** 2
     return np.asarray(np.diag(alone) + together)
 
 
 def _balanced(
-    areas: FloatArray, covariance: FloatArray, sums: Sums, load: float, unseen: FloatArray
+    areas: FloatArray, covariance: FloatArray, sums: Sums, load: float
 ) -> tuple[FloatArray, FloatArray]:
     """Total and plastic area and their covariance (2, 2), with the load as one more measurement.
 
-    All in cells, the load by the hardness; unseen: variances of what may be hidden.  The
-    elastic area carries the share phi of its hardness, load = A_pl + phi (A - A_pl).  The counted
-    points have exactly this, with a phi of their own that is as wrong as the counts are.  In narrow
-    strips between apart and plastic points it is right, as the pressure rises antisymmetrically.
-    Other fronts count COUNTED too much for each spacing, by chance of POINTS, or in common where
-    they run along the grid, and TIP for each tip.
+    All in cells, the load by the hardness.  The elastic area carries the share phi of its hardness,
+    load = A_pl + phi (A - A_pl).  The counted points have exactly this, with a phi of their own
+    that is as wrong as the counts are.  In narrow strips between apart and plastic points it is
+    right, as the pressure rises antisymmetrically.  Other fronts count COUNTED too much for each
+    spacing, but at kinks anything, by chance of POINTS, or in common where they run along the grid,
+    and TIP for each tip.
     """
     contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)
@@ -240,7 +226,7 @@ def _balanced(
     length, held = sums.length, sums.held
     counted = COUNTED * (length - held) + TIP * sums.tips
     carried = load - (slopes * (1, -1)) @ counted
-    doubt = POINTS * length + (ANYWHERE * sums.harmonic) ** 2 + unseen
+    doubt = POINTS * length + (ANYWHERE * sums.harmonic) ** 2 + (COUNTED * sums.kinked) ** 2
     gain = covariance @ slopes
     gain /= slopes @ gain + slopes**2 @ doubt
     moved = areas + gain * (carried - slopes @ areas)
