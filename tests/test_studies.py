@@ -18,7 +18,7 @@ import pytest
 from epcontact import bem, persson
 from epcontact.errors import StudyUnavailable
 from epcontact.harness.processes import Child, ChildDied
-from epcontact.studies import STUDIES, cost, gap, peers, save_charts, theory, walls
+from epcontact.studies import STUDIES, areas, cost, gap, peers, save_charts, theory, walls
 from epcontact.studies import paper_scene as scenes
 from epcontact.studies.frame import mean_with_interval, root_mean_square, rows
 
@@ -124,15 +124,16 @@ def test_a_study_shows_what_was_read_and_found_right(name):
             assert numbers == pytest.approx(values, rel=0.03, abs=1e-9, nan_ok=True), line
 
 
-def test_the_shares_within_their_claim_are_those_of_the_marks():
-    (chart,), table = charts_of("areas"), drawn("areas", 1)
-    within = table.assign(within=table["times"] <= 1).groupby("series", sort=False)["within"]
-    (axes,), shares = chart.figure.axes, within.mean()[::-1]
-    labels = [text.get_text() for text in axes.get_yticklabels()]
-    assert labels == [f"{kind}, {share:.0%}" for kind, share in shares.items()]
-    whole = (table["times"] <= 1).mean()
-    told = f"Of {len(table)} areas {whole:.0%} are within their claim. "
-    assert chart.caption.startswith(told)
+def test_the_shares_within_their_claim_are_those_of_the_marks(monkeypatch):
+    times = {"a": [0.02, 0.5, 1.5], "b": [0.4, 700.0, 3.0], "c": [0.9, 0.7, 1e-5]}
+    judge = lambda kind, seed, _: [{"kind": kind, "seed": seed, "times": times[kind][seed]}]  # noqa: E731
+    monkeypatch.setattr(areas, "judged", judge)
+    (chart,) = STUDIES["areas"].run(seeds=range(3), kinds=tuple(times))
+    labels = [text.get_text() for text in chart.figure.axes[0].get_yticklabels()]
+    assert labels == ["c, 100%", "b, 33%", "a, 67%"]
+    assert chart.caption.startswith("Of 9 areas 67% are within their claim. ")
+    marks = [(k, min(max(t, 1e-3), 1e2), "cba".index(k)) for k in times for t in times[k]]
+    assert [row[:3] for row in chart.rows] == marks
 
 
 def test_charts_are_saved_under_the_study_s_name(tmp_path):
