@@ -60,7 +60,7 @@ class Link(NamedTuple):
     doubt: float  # by how much the last term of the polynomial moves it outwards: it may be there
     held: float  # 1 if a step of the surface holds the front: any place is equally likely
     zone: float  # width of the zone at an edge that must be plastic, but shows no point
-    kinked: float  # 1 at a kink of the surface, or close before one, or where it has flowed
+    kinked: float  # 1 at a kink or close before one, .4 where the surface flowed (`area_bank`)
     fallen: float  # what the last point has lost since it flowed, by the hardness; 0 elsewhere
 
 
@@ -148,7 +148,7 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
         return Link(0.5, 0.0, 1.0, zone, 0.0, 0.0)
     if kink:
         place = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
-    kinked = 1.0 if kink or hump or sunk > 0 else 0.0
+    kinked = 1.0 if kink or hump else 0.4 if sunk > 0 else 0.0
     return Link(min(max(place, 0.0), 1.0), doubt, 0.0, zone, kinked, 0.0)
 
 
