@@ -18,7 +18,7 @@ import pytest
 from epcontact import bem, persson
 from epcontact.errors import StudyUnavailable
 from epcontact.harness.processes import Child, ChildDied
-from epcontact.studies import STUDIES, areas, cost, gap, peers, save_charts, theory, walls
+from epcontact.studies import STUDIES, areas, cost, fem, gap, peers, save_charts, theory, walls
 from epcontact.studies import paper_scene as scenes
 from epcontact.studies.frame import mean_with_interval, root_mean_square, rows
 
@@ -134,6 +134,38 @@ def test_the_shares_within_their_claim_are_those_of_the_marks(monkeypatch):
     assert chart.caption.startswith("Of 9 areas 67% are within their claim. ")
     marks = [(k, min(max(t, 1e-3), 1e2), "cba".index(k)) for k in times for t in times[k]]
     assert [row[:3] for row in chart.rows] == marks
+
+
+def test_finite_elements_near_the_gap_of_boundary_elements():
+    table = drawn("gap", 5).set_index("series")["deviation_percent"]
+    off = table.abs().groupby(level=0).max()
+    for law in scenes.LAWS:
+        assert off[f"{law}, 6 points"] < min(5, 0.5 * off[f"{law}, 3 points"])
+    j2, cap = drawn("gap", 4).groupby("series")[gap.OPEN].last()[["fem, j2", "bem, capped"]]
+    assert table["j2, 6 points"].iloc[-1] == pytest.approx(100 * (j2 / cap - 1))
+    # J2 at 3 times the yield stress flows more than the cap: the model, not the grid.
+    assert table["j2, 6 points"].iloc[-1] < -20
+
+
+def test_distances_of_gaps_are_known():
+    """Gaps twice as wide are one mean gap apart."""
+    same = {"ratio": 0.6, "seed": 1, "gap_over_rms_height": gap.GAPS}
+    table = pd.concat(
+        pd.DataFrame(same | {"method": method, "cumulative_area": np.minimum(gap.GAPS / wide, 1)})
+        for method, wide in (("bem", 2), ("fem", 4))
+    )
+    assert gap.distances(table, "bem", "bem")["distance"].tolist() == [0.0]
+    assert gap.distances(table, "fem", "bem")["distance"].item() == pytest.approx(1.0, abs=0.01)
+
+
+def test_errors_of_finite_elements_fall():
+    """With mean dilatation, with the depth of the block to its longest wave, and with the steps."""
+    errors = drawn("fem", 1).set_index("series")["relative_error"]
+    assert errors["mean dilatation"] < min(0.2, errors["full integration"] / 3)
+    deep = [fem.depth_error(1, depth)["relative_error"] for depth in (0.25, 0.5, 1.0)]
+    assert deep[0] > deep[1] > deep[2] < 2e-3  # 64 nodes a wave leave 1e-3 of discretisation
+    one, two = of_kind(drawn("fem", 4), "mean gap")
+    assert two < one < 0.05
 
 
 def test_charts_are_saved_under_the_study_s_name(tmp_path):
