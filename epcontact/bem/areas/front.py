@@ -109,7 +109,7 @@ def wedge(load: float, one: float, two: float) -> float:
     load: its p; one, two: -c g of the next two, which it has moved by 1.05 and 1.55 dx p/E*.
     """
     near, far = 0.606 * load - one, 0.291 * load + one - two
-    return (near + far) / 2 / STIFFNESS if one <= 0 and far < 2 * near else 0.0
+    return (near + far) / 2 / STIFFNESS if one <= 0 and 0 < far < 2 * near else 0.0
 
 
 @compiled

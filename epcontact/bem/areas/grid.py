@@ -203,7 +203,7 @@ def _segments(
     dx, dy = (b + c - a - d) / 2, (g + h - e - f) / 2
     square = max(dx * dx + dy * dy, 1e-300)
     cos4 = 1 - 8 * (dx * dy / square) ** 2
-    sin4 = 4 * dx * dy * (dx - dy) * (dx + dy) / square**2
+    sin4 = 4 * (dx * dy / square) * ((dx - dy) * (dx + dy) / square)
     steep, gradient = math.sqrt(square), (dx, dy)
     narrow = min(solution.hardness / steep, 1.0) ** 2
     if sunk.size and front == 0:
@@ -223,7 +223,7 @@ def _segments(
         at_edge, back, away = max(one.fallen, other.fallen) > 0, 0.0, 0.0
         u = solution.yielded / steep
         if at_edge:  # along a link that is more than 60 degrees off the front moves twice as far
-            peak = math.hypot(gradient[0], gradient[1])
+            peak = max(math.hypot(gradient[0], gradient[1]), solution.yielded)
             u = solution.yielded / peak
             back, away = release(one.fallen, u), release(other.fallen, u)
             x -= sign * back / max(abs(gradient[after & 1]) / peak, 0.5)
