@@ -7,6 +7,7 @@ import importlib.util
 import itertools
 import math
 import os
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -70,6 +71,9 @@ def test_every_value_is_at_its_place_in_single_and_double_precision(tmp_path):
         assert np.array_equal(double.fields[name], field)
     assert image.field_data["hardness"][0] == HARDNESS
     assert image.field_data["unit.pressure"][0] == "Pa"
+    head = path.read_bytes().partition(b"<AppendedData")[0].decode()  # what ParaView shows
+    labels = dict(re.findall(r'Name="(\w+)"[^>]*><Info[^>]*UNITS_LABEL[^>]*>([^<]+)<', head))
+    assert labels == dict.fromkeys(result.fields, "m") | {"pressure": "Pa", "state": "1"}
     assert single.periods == pytest.approx(PERIODS, rel=1e-15)
 
 
