@@ -6,6 +6,7 @@ made-up contact after unloading, of which the order of the points is known.  Cou
 """
 
 import functools
+import math
 
 import numpy as np
 import pytest
@@ -56,6 +57,7 @@ def hardened(peak=3e9, left=1e9, depth=2e-3, H=40e9):
         "quantity.plastic_work": (Y * a + H * a**2 / 2) * depth,
         "quantity.stored_energy": energy * depth, "quantity.elastic_energy": energy * depth,
         "quantity.plastic_volume": 1.0, "quantity.plastic_depth": depth,
+        "quantity.stiffness_loading": math.nan,  # that of a cap would be 0
     }  # fmt: skip
 
 
@@ -122,7 +124,7 @@ def test_value(made, name, value):
     scene, found = made()
     told = scalar_quantities(found)
     result = told[name] if name in told else measure(name, scene, found)
-    assert result == pytest.approx(value, rel=2e-6, abs=1e-12)
+    assert result == pytest.approx(value, rel=2e-6, abs=1e-12, nan_ok=True)
 
 
 SUMS = {

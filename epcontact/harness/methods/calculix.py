@@ -68,7 +68,7 @@ def deck(
 
     if options.law == "capped" or options.geometry != "gap" or options.approach is not None:
         raise InvalidScene(
-            "calculix answers the laws elastic and j2 over the geometry gap alone, under pressures"
+            "calculix answers the laws elastic and j2, with the geometry gap, under pressures"
         )
     if not min(scene.load.path) > 0:
         raise InvalidScene("mean_pressure is 0, but calculix needs a load that holds the flat")
@@ -232,7 +232,8 @@ def export(scene: Scene, file: Path, options: Mapping[str, Any]) -> str:
                 mesh.point_data[name][nodes] = 1
             mesh.point_sets = {}
             try:
-                mesh.write(temporary, file_format=_FORMATS[file.suffix])
+                inline = {"data_format": "XML"} if file.suffix == ".xdmf" else {}  # one file
+                mesh.write(temporary, file_format=_FORMATS[file.suffix], **inline)
             except ImportError as error:
                 raise InvalidScene(f"meshio cannot write {file}: {sentence_of(error)}") from None
     size = f"{len(mesh.points)} nodes and {problem.bricks.number} bricks"

@@ -169,6 +169,8 @@ def _limit(unit: str) -> Callable[[Limit], Limit]:
 @_limit("Pa/m")
 def stiffness_loading(a: Answered) -> interface.Limit:
     """d(mean pressure)/d(approach of the mean planes) if the load grows next."""
+    if a.flows:  # a J2 body hardens where it flows, and by how much two more loads tell
+        return interface.Limit(math.nan, math.nan, math.nan)
     if not (a.field("state") == PLASTIC).any():  # all of the contact answers either way
         return a.once(stiffness_unloading)
     return interface.interface_stiffness(a.scene, a.result, "loading")
