@@ -38,7 +38,7 @@ def measured_areas(a: Answered) -> float:
         raise InvalidCase(f"{method} has {len(steps)} load steps for {len(path)} mean pressures")
     for mean_pressure, step in zip(path, steps, strict=True):
         wrong.append((step.mean_pressure - mean_pressure) / a.load_scale)
-        parts = (area for kind, area in step.areas.items() if kind != "error")
+        parts = (area for kind, area in step.areas.items() if kind in ("raw", "corrected"))
         wrong += [area.total - area.elastic - area.plastic for area in parts]
     return float(np.abs(wrong).max())
 
