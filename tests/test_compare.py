@@ -56,27 +56,9 @@ def test_a_kept_table_stands_for_its_verdict(runs, tmp_path):
     assert compared(kept, runs / "off")[0] == 1
 
 
-def test_what_is_new_gone_of_another_scene_wider_and_slower_is_told(runs, tmp_path):
+def test_what_is_of_another_scene_or_gone_is_told(runs, tmp_path):
     figures = read_figures(runs / "right")
-    other = figures.assign(scene="another")
-    names = figures["name"].tolist()
-    figures.loc[figures["name"].str.startswith("cost.fft_pairs"), "value"] *= 2
-    figures["high"] *= 1.5
-    figures.iloc[0, figures.columns.get_loc("status")] = "falls short"
-    figures.loc[1, "name"] = "a new gate"
-    figures.to_csv(tmp_path / "new.csv")
-    other.to_csv(tmp_path / "other.csv")
-    code, said, _ = compared(runs / "right", tmp_path / "new.csv")
-    assert code == 1
-    for words in (
-        f"held, and does not hold now: {SCENE} fast: {names[0]}",
-        f"in a wider band: {SCENE} fast: {names[0]}",
-        f"figures of NEW alone: {SCENE} fast: a new gate",
-        f"figures of OLD alone: {SCENE} fast: {names[1]}",
-        f"{SCENE} fast: fft_pairs of bem",
-        "2.00",
-    ):
-        assert words in said
+    figures.assign(scene="another").to_csv(tmp_path / "other.csv")
     code, said, _ = compared(runs / "right", tmp_path / "other.csv")
     assert (code, f"not compared: {SCENE} fast" in said) == (0, True)
     assert "0 values compared" in said
@@ -85,7 +67,7 @@ def test_what_is_new_gone_of_another_scene_wider_and_slower_is_told(runs, tmp_pa
         figures.assign(case=case, size=size) for case, size in (("big", "full"), ("gone", "fast"))
     ]
     pd.concat([figures, *more]).to_csv(tmp_path / "old.csv")
-    said = compared(tmp_path / "old.csv", tmp_path / "new.csv")[1]
+    said = compared(tmp_path / "old.csv", runs / "right")[1]
     assert "cases of OLD alone: gone fast 9 values" in said
 
 
@@ -123,18 +105,6 @@ def test_no_band_of_the_cases_grew_and_none_is_gone():
         for (name, new), old in zip(bands.items(), before, strict=True)
         if new[0] < old[0] or new[1] > old[1]
     ] == []
-
-
-def test_the_command_lists_bands_with_their_margins(tmp_path):
-    verify("bearing-area", output=tmp_path, jobs=1)
-    command = ["gates", "bearing-area", "--output", str(tmp_path)]
-    listed = invoke(*command).stdout.splitlines()
-    fast, full = [line for line in listed if "area.total.raw of bem against" in line]
-    assert "-0.0002 … 0.0002" in fast
-    assert " – " not in fast
-    assert " – " in full  # which was not verified
-    (tmp_path / "verdict.json").write_text("{}")
-    assert "is no verdict" in invoke(*command).stderr
 
 
 @pytest.mark.slow

@@ -9,8 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from as_read import lasting, lines_of_chart, lines_of_file, lines_of_page, same_as_read
 from command_line import invoke
-from test_shown import gate, verdict
+from test_shown import gate, tree_of, verdict
 
 from epcontact import planning
 from epcontact.cli import cases, ledger, plans, show, studies
@@ -18,7 +19,52 @@ from epcontact.harness.sweep import Swept, digest
 from epcontact.harness.verdict.compare import compare as compared
 from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.overview import overview
+from epcontact.output.charts.figures import Chart
 from epcontact.studies import gap
+
+#: What makes the small case one of two oblong metals, by theory and boundary elements.
+METALS = (
+    ("[3, 5, 7]", "[3, 5]"), ("period = 1.0e-3", "period = [1.0e-3, 1.25e-3]"),
+    ("hardness = 6.0e9", 'hardness = "effective"\nyield_stress = 2.0e9\n'
+                         "thermal_conductivities = [16.0, 50.0]"),
+    ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8]"),
+)  # fmt: skip
+GATES = """
+[[gate]]
+quantity = "distribution"
+norm = "wasserstein"
+of = "bem"
+against = "persson"
+tolerance = 0.7
+because = "two small surfaces are uncertain"
+
+[[gate]]
+quantity = "quantity.conductance"
+of = "bem"
+against = 5.0e4
+source = "made up"
+between = [-0.9, 0.2]
+because = "it is a number"
+"""
+
+
+def test_metals_are_told_as_they_were_read(write_case, tmp_path, monkeypatch):
+    """An ensemble of two unequal surfaces with an effective hardness, which conduct heat."""
+    case, save, charts = write_case(*METALS, name="metals", more=GATES), Chart.save, {}
+    monkeypatch.setattr(Chart, "save", lambda c, at: (charts.update({at.name: c}), save(c, at))[1])
+    out, lines = ("--jobs", 1, "--output", tmp_path), []
+    for words in (("run", case, *out, "--charts"), ("verify", case, *out, "--gates", "--report"),
+                  ("gates", case, *out[2:]), ("cite", case), ("plan", case, "--tolerance", "20%"),
+                  ("plan", case, "--tolerance", "9%")):  # fmt: skip
+        done = invoke(*words)
+        assert done.returncode == (words[0] == "verify"), done
+        said = done.stdout.replace(str(tmp_path), "HOME").splitlines()
+        lines += [f"{words[0]}: {line}" for line in said]
+    lines += lines_of_page(tree_of(tmp_path / "report.html"))
+    lines += (line for name, chart in charts.items() for line in lines_of_chart(name, chart))
+    for name in ("persson.json", "bem.json", "persson-pressure.json", "persson-magnification.json"):
+        lines += lines_of_file(tmp_path / "metals" / "fast" / name)
+    same_as_read(lasting(lines), "metals.txt", tmp_path)
 
 
 def test_verify_tells_counts_gates_and_what_to_do_next(capsys):

@@ -81,6 +81,7 @@ def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
         y = ("value", f"{_CHARTS[str(chart)][1]} ({of.replace('2', '²') or '–'})")
         x, by = ("mean_pressure_Pa", f"mean pressure ({unit})"), ("method", "quantity", "branch")
         plot = Plot(x, y, by, mark="quantity", scale=(scale, over))
-        said = f"{str(chart).capitalize()} at each load; marks are open after a larger load."
+        said = _CHARTS[str(chart)][1].capitalize()
+        said += " at each load; marks are open after a larger load."
         charts[f"loads-{chart}"] = draw_table(table, plot, said)
     return charts
