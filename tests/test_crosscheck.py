@@ -207,22 +207,6 @@ def tiny(tmp_path):
     return load
 
 
-def test_a_case_is_cross_checked_in_words(tiny):
-    head, budget, areas, effective = crosscheck(case := tiny()).splitlines()
-    assert head == "fem-model-5, fast, seed 5"
-    assert budget.startswith("  fem j2 against bem: model: ")
-    assert budget.endswith("depth: area +0.00%, pressure 0.0e+00")
-    j2 = fem_check.solve(case.scene(case.recipes[0]), certified=False)
-    assert f"j2 touches on {j2.final.areas['raw'].total:.4f}, the capped body on 0." in areas
-    ratio, error = (float(word) for word in re.findall(r"c_eff = (\S+) \+- (\S+) ", effective)[0])
-    assert 1.5 < ratio < 2.6
-    assert "at E*ξ/σ_Y = 5 (" in effective
-    assert 0 < error < 2
-    _, elastic = crosscheck(tiny(ELASTIC)).splitlines()
-    assert elastic.startswith("  fem elastic against bem: solver: ")
-    assert crosscheck(tiny(("[24, 24]", "[15, 15]"))).endswith("; no coarser grid in the error")
-
-
 def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny):
     *alone, head = (lines := crosscheck(tiny(), seeds=_seeds("21-22"), steps=4).splitlines())[:-10]
     assert head.startswith("fem-model-5, fast, 2 surfaces: mean +- standard error")

@@ -166,20 +166,6 @@ def test_matplotlib_is_left_as_it_was():
     assert python("-c", code).returncode == 0
 
 
-def test_intervals_wider_than_all_differences_are_said():
-    table = table_of(**{"E* xi / sigma_Y = 5": ([1.0, 2.0, 3.0], [1.0, 1.1, 1.05])})
-    plot = Plot(("cost_s", "E* xi / sigma_Y (–)"), ("error", "y (–)"))
-    for width, said in ((0.5, True), (0.03125, False)):
-        wide = table.assign(error_low=table["error"] - width, error_high=table["error"] + width)
-        chart = draw_table(wide, plot, "At E* xi/sigma_Y = 5.")
-        (axes,) = chart.figure.axes
-        assert ("decides nothing" in chart.caption) is bool(axes.get_title()) is said
-        assert chart.caption.startswith("At E*ξ/σ_Y = 5.")
-        assert axes.get_xlabel() == r"$E^*\xi\,/\,\sigma_\mathrm{Y}$ (–)"
-        assert r"$E^*\xi" in axes.get_legend().get_texts()[0].get_text()
-        assert chart.rows[0] == ("E* xi / sigma_Y = 5", 1.0, 1.0, 1 - width, 1 + width)  # plain
-
-
 def test_the_front_has_neither_curves_nor_points_behind_an_exact_one():
     table = table_of(a=([1, 5], [0.1, 0.0]), b=([3, 9], [0.01, 0.001]), flat=([1, 4], [0.01, 0.01]))
     lines = lines_of(table, front=True, orders=["b"], styles={"flat": "curve"})

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from as_read import lasting, lines_of_chart, lines_of_file, lines_of_page, same_as_read
 from command_line import invoke
+from conftest import ROUGH
 from test_shown import gate, tree_of, verdict
 
 from epcontact import planning
@@ -22,13 +23,29 @@ from epcontact.harness.verdict.overview import overview
 from epcontact.output.charts.figures import Chart
 from epcontact.studies import gap
 
-#: What makes the small case one of two oblong metals, by theory and boundary elements.
-METALS = (
-    ("[3, 5, 7]", "[3, 5]"), ("period = 1.0e-3", "period = [1.0e-3, 1.25e-3]"),
-    ("hardness = 6.0e9", 'hardness = "effective"\nyield_stress = 2.0e9\n'
-                         "thermal_conductivities = [16.0, 50.0]"),
-    ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8]"),
-)  # fmt: skip
+#: Scenes as changes of the small case: two oblong metals that conduct heat, a map with a hole and a
+#: spike, and a J2 block.
+GATE = '= "fem"\nagainst = "bem"'
+PATH = ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8]")
+SCENES: dict[str, tuple[tuple[str, str], ...]] = {
+    "metals": (
+        ("[3, 5, 7]", "[3, 5]"), ("period = 1.0e-3", "period = [1.0e-3, 1.25e-3]"), PATH,
+        ("hardness = 6.0e9", 'hardness = "effective"\nyield_stress = 2.0e9\n'
+                             "thermal_conductivities = [16.0, 50.0]"),
+    ),
+    "map": (
+        (ROUGH, 'kind = "file"\npath = "map.csv"\nunit = 1e-6\nperiod = [4.8e-4, 5.4e-4]\n'
+                'missing = "harmonic"\noutliers = "remove"\nform = 1'),
+        ("= 0.536", '= 0.536\nspectrum = "surface"'), PATH,
+    ),
+    "block": (
+        ("[3, 5, 7]", "[3]"), ("period = 1.0e-3", "period = [1.0e-3, 1.25e-3]\nshape = [12, 15]"),
+        ("points_per_shortest_wavelength = { fast = 4, full = 8 }\n", ""), ("5.0265", "2.0"),
+        ("hardness = 6.0e9", "hardness = 6.0e9\nyield_stress = 2.0e9"),
+        ('"persson", "bem"', '"fem", "bem"'), ('= "bem"\nagainst = "persson"', GATE),
+        ("[theory]\nenergy_reduction = 0.536", '[fem]\nlaw = "j2"\nlayers = 4'),
+    ),
+}  # fmt: skip
 GATES = """
 [[gate]]
 quantity = "distribution"
@@ -48,23 +65,31 @@ because = "it is a number"
 """
 
 
-def test_metals_are_told_as_they_were_read(write_case, tmp_path, monkeypatch):
-    """An ensemble of two unequal surfaces with an effective hardness, which conduct heat."""
-    case, save, charts = write_case(*METALS, name="metals", more=GATES), Chart.save, {}
+@pytest.mark.parametrize("name", SCENES)
+def test_a_scene_is_told_as_it_was_read(name, write_case, tmp_path, monkeypatch):
+    """By every command that takes a case, on the page, in charts and in files."""
+    x, y = np.meshgrid(np.arange(24), np.arange(18))
+    heights = np.sin(0.9 * x + 0.5 * y) + 0.7 * np.cos(0.31 * x - 0.8 * y) + 0.03 * x
+    heights[3, 4], heights[7:9, 10], heights[12, 2] = np.nan, np.nan, 40
+    np.savetxt(tmp_path / "map.csv", heights, delimiter=";")
+    case = write_case(*SCENES[name], name=name, more=GATES * (name == "metals"))
+    save, charts, out, lines = Chart.save, {}, ("--jobs", 1, "--output", tmp_path), []
     monkeypatch.setattr(Chart, "save", lambda c, at: (charts.update({at.name: c}), save(c, at))[1])
-    out, lines = ("--jobs", 1, "--output", tmp_path), []
+    more = [("plan", case, "--tolerance", "20%"), ("plan", case, "--tolerance", "9%")]
+    if name == "block":
+        more = [("crosscheck", case), ("export", case, tmp_path / "block.inp")]
     for words in (("run", case, *out, "--charts"), ("verify", case, *out, "--gates", "--report"),
-                  ("gates", case, *out[2:]), ("cite", case), ("plan", case, "--tolerance", "20%"),
-                  ("plan", case, "--tolerance", "9%")):  # fmt: skip
+                  ("gates", case, *out[2:]), ("cite", case), *more):  # fmt: skip
         done = invoke(*words)
-        assert done.returncode == (words[0] == "verify"), done
-        said = done.stdout.replace(str(tmp_path), "HOME").splitlines()
-        lines += [f"{words[0]}: {line}" for line in said]
-    lines += lines_of_page(tree_of(tmp_path / "report.html"))
-    lines += (line for name, chart in charts.items() for line in lines_of_chart(name, chart))
-    for name in ("persson.json", "bem.json", "persson-pressure.json", "persson-magnification.json"):
-        lines += lines_of_file(tmp_path / "metals" / "fast" / name)
-    same_as_read(lasting(lines), "metals.txt", tmp_path)
+        assert done.returncode == (words[0] == "verify" and name == "metals"), done
+        lines += [f"{words[0]}: {line}" for line in done.stdout.splitlines()]
+    page = lines_of_page(tree_of(tmp_path / "report.html"))
+    lines += (line for line in page if "| none |" not in line)
+    lines += (line for at, chart in charts.items() for line in lines_of_chart(at, chart))
+    for file in sorted((tmp_path / name / "fast").glob("*.[vj][ts][io]*")):
+        lines += lines_of_file(file)
+    lines = (str(line).replace(str(tmp_path), "HOME") for line in lines)
+    same_as_read(lasting(lines), f"{name}.txt", tmp_path)
 
 
 def test_verify_tells_counts_gates_and_what_to_do_next(capsys):

@@ -193,7 +193,7 @@ def test_areas_less_sure_than_the_band_do_not_hold(case):
         given = of_bem(0.1, claim=claim, fem=answer("fem", 0.1, claim=0.03))
         judged = judge_case(gates, given)
         assert [gate.status for gate in judged.gates] == [status, status]
-    assert "± 0.3 (of which 0.3 by the grid)" in str(judged.gates[1])
+    assert "± 0.3 (of which 0.3 is claimed)" in str(judged.gates[1])
     # Two solvers on the same points share the error of their grid.
     for claim, status in ((0.03, "holds"), (0.005, "falls short"), (math.nan, "falls short")):
         told = of_bem(0.1, claim=claim)["bem"].results[0]

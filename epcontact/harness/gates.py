@@ -252,7 +252,7 @@ class GateVerdict(Record):
         """Return one line with the gate, its figures and its reason."""
         if self.value is None or self.reference is None or self.difference is None:
             return f"{self.name}: {self.error}"
-        grid = f" (of which {self.grid_error:.2g} by the grid)" if self.grid_error else ""
+        grid = f" (of which {self.grid_error:.2g} is claimed)" if self.grid_error else ""
         return (
             f"{self.name}: difference {self.difference.mean:+.4g} "
             f"± {self.half_width:.2g}{grid} must lie in [{self.low:g}, {self.high:g}] "
