@@ -3,13 +3,16 @@
 import itertools
 import math
 import re
+import tracemalloc
 
 import numpy as np
 import pytest
 
 from epcontact import bem
-from epcontact.bem import solve_pressure
+from epcontact.bem import driver, solve_pressure
 from epcontact.bem.baselines import BASELINES
+from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
+from epcontact.bem.memory import bytes_per_point
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
 from epcontact.results import APART, ELASTIC, PLASTIC
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
@@ -270,6 +273,43 @@ def test_plain_arrays_steps_and_memory_are_checked(monkeypatch):
     with pytest.raises(NotConverged, match="did not reach") as caught:
         bem.solve(scene(rough()), max_steps=1, threads=1)
     assert caught.value.residuals["gap_elastic"] > 1e-8
-    monkeypatch.setattr("epcontact.bem.memory.available_memory", lambda: 1000)
-    with pytest.raises(NotEnoughMemory, match="64 x 64 needs about"):
-        bem.solve(scene(rough()))
+    monkeypatch.setattr("epcontact.bem.memory.available_memory", lambda: 2**27)
+    with pytest.raises(NotEnoughMemory, match=r"2048 x 1024 needs about 0.2 GiB .* 0.1 GiB are"):
+        bem.solve(scene(np.zeros((2048, 1024)), periods=(2.0, 1.0)))
+
+
+@pytest.mark.parametrize(("load", "hardness"), [(0.08, 0.1), (0.3, 3.0), (0.6, math.inf)])
+def test_a_solve_takes_the_memory_that_was_estimated(load, hardness):
+    given = scene(rough((320, 320)), load * E, hardness * E)
+    bem.solve(given, threads=1)  # kernels need memory to load
+    tracemalloc.start()
+    bem.solve(given, threads=1)
+    peak = tracemalloc.get_traced_memory()[1] / 320**2
+    tracemalloc.stop()
+    estimate = bytes_per_point(load * E, hardness * E, E * given.surface.rms_slope)
+    assert peak == pytest.approx(estimate, rel=0.12)
+
+
+def test_a_solve_tells_its_progress_its_options_and_its_cost(monkeypatch):
+    told, made, heights = [], [], rough((160, 96))
+    given = scene(heights, (LOAD, LOAD / 2))
+    q = rfft_wavenumbers(heights.shape, given.surface.periods)
+    symbol = surface_compliance(q, given.body, given.material)
+    monkeypatch.setattr(driver, "compile_seconds", iter((0.0, 1e6)).__next__)
+    result = bem.solve(given, threads=1, compliance=symbol, on_step=made.append,
+                       progress=lambda *one: told.append(one))  # fmt: skip
+    words = r"bem: mean pressure (\S+) Pa, (\d+) x (\d+) points, residual (\S+)"
+    for share, sentence in told:  # a grid's own share is that of its points, a quarter of it before
+        load, *numbers = map(float, re.fullmatch(words, sentence).groups())
+        settled = min(max(math.log(numbers[2]) / math.log(1e-8), 0.0), 1.0)
+        part = numbers[0] * numbers[1] / heights.size * (0.25 + 0.75 * settled)
+        assert share == pytest.approx((load != LOAD) / 2 + part / 2, abs=0.005)
+    assert {sentence.split(", ")[1] for _, sentence in told} == {
+        "40 x 48 points", "80 x 48 points", "160 x 96 points"
+    }  # fmt: skip
+    assert [each.steps for each in made] == [result.steps[:1], result.steps]
+    assert result.provenance.options["compliance"] == "given"
+    assert result.cost["seconds"] == pytest.approx(-1e6, rel=1e-3)  # less those of compilation
+    last = result.final
+    assert (last.iterations["levels"], len(result.history)) == (3, last.iterations["newton"] + 1)
+    assert result.history[-1] == pytest.approx(max(last.residuals.values()), rel=1e-6)

@@ -2,12 +2,10 @@
 
 import itertools
 import math
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from command_line import invoke
 from laboratory import conductance as laboratory
 from scipy.special import erfc, erfcinv
 
@@ -175,16 +173,6 @@ def test_without_a_breadth_the_interval_holds_that_of_every_breadth():
     ends = [joint(breadth=end).interval for end in laws.BREADTHS]
     assert found.interval[0] == pytest.approx(min(low for low, _ in ends))
     assert found.interval[1] == pytest.approx(max(high for _, high in ends))
-
-
-def test_the_command_prints_the_conductance_with_its_interval():
-    options = [word for name, value in USUAL.items() if name != "conductivities"
-               for word in (f"--{name.replace('_', '-')}", value)]  # fmt: skip
-    done = invoke("joint", "--conductivities", *USUAL["conductivities"], *options)
-    assert done.returncode == 0, done
-    assert re.match(r"conductance \S+, 95 % interval \S+ to \S+ W/\(m² K\)\n", done.stdout)
-    assert f"{joint().value:.3g}" in done.stdout
-    assert "Mikic, elastic" in done.stdout
 
 
 def test_the_gates_against_numbers_hold_the_formula():

@@ -15,7 +15,7 @@ from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory, Output
 from epcontact.results import APART, ELASTIC, PLASTIC
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.studies.hardness import model_scene
-from fem_check import FemOptions, driver, increments, mesh_of, newton, vtu
+from fem_check import FemOptions, driver, increments, mesh_of, newton, plasticity, vtu
 from fem_check.driver import problem_of
 from fem_check.mesh import bytes_needed
 from fem_check.result import contact_result, nodes_across
@@ -79,12 +79,6 @@ def test_a_line_is_a_ridge_in_plane_strain():
     np.testing.assert_allclose(two.fields["pressure"], np.stack([one, one], 1), atol=1e-7)
 
 
-def test_hardening_bears_more_on_less():
-    soft, hard = (solved(rough_scene(16, 2), hardening=h).final for h in (0.0, 5.0))
-    assert hard.areas["raw"].total < soft.areas["raw"].total
-    assert hard.quantities["largest_pressure"] > soft.quantities["largest_pressure"]
-
-
 @pytest.mark.parametrize("geometry", ["moved", "punch"])
 @pytest.mark.parametrize("law", ["elastic", "j2"])
 def test_rough_bodies_and_punches_tend_to_the_gap_as_the_slope_vanishes(law, geometry):
@@ -124,21 +118,46 @@ def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded():
     assert {name: told[name] for name in expected} == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.parametrize("body", [Body(), Body("sliding_layer", 0.4)])
+def test_every_figure_of_a_capped_path_follows_from_its_states(body):
+    """Of an oblong body that is unloaded, in plain numpy, with what the solve tells of itself."""
+    square = rough_scene(16, 3, hardness=0.25, pressure=(0.08, 0.03), body=body)
+    surface = Surface(square.surface.heights[:, :12], (1.0, 0.6))
+    scene, told = replace(square, surface=surface), Mock()
+    path = driver.solve_path(scene, law="capped", geometry="moved", layers=4, progress=told)
+    result, cell = contact_result(path), 1.0 / 16 * 0.6 / 12
+    assert [call.args for call in told.call_args_list] == [
+        (0.5, "fem: mean pressure 0.08 Pa"), (1.0, "fem: mean pressure 0.03 Pa")
+    ]  # fmt: skip
+    heights = surface.heights - surface.heights.mean()
+    for point, step in zip(path.points, result.steps, strict=True):
+        state, p, down = (
+            point.state,
+            point.state.forces / cell,
+            -point.state.displacement[0, ..., 2],
+        )
+        gap = down - heights - state.approach
+        if step is result.steps[0]:
+            flow = np.where(state.states == PLASTIC, -gap, 0.0)
+        off = np.where(state.states == APART, gap, -flow)
+        own = down - down.mean() if body.kind == "half_space" else down
+        assert p.mean() == pytest.approx(step.mean_pressure, rel=1e-7)
+        assert step.quantities == pytest.approx({
+            "mean_gap": np.maximum(off + flow, 0).mean(), "mean_separation": off.mean(),
+            "approach": state.approach + heights.max(), "largest_pressure": p.max(),
+            "mean_contact_pressure": p[state.states != APART].mean(),
+            "elastic_energy": (p * own).mean() / 2, "mean_plastic_displacement": flow.mean(),
+            "plastic_work": 0.25 * flow.mean(),
+        }, rel=1e-9)  # fmt: skip
+        assert step.areas["raw"].total == np.mean(state.states != APART)
+        counts = {"newton": "newton", "cg": "cg", "contact_sweeps": "sweeps"}
+        counts |= {name: name for name in ("increments", "line_searches")}
+        assert step.iterations == {n: vars(point.counts)[of] for n, of in counts.items()}
+    assert flow.max() > 0
+    assert result.cost["most_cg_iterations"] == max(each.counts.most_cg for each in path.points)
+
+
 # Paths and increments ------------------------------------------------------------------------
-
-
-def test_unloading_is_elastic_at_first_and_leaves_its_mark():
-    steps = solved(rough_scene(16, 3, pressure=(0.05, 0.049, 0.01, 0.0, 0.05))).steps
-    peak, eased, low, free, again = ({"area": s.areas["raw"].total} | s.quantities for s in steps)
-    assert eased["largest_plastic_strain"] == peak["largest_plastic_strain"]
-    # Conforming on the way down: more contact than on the way up at the same load.
-    up = solved(rough_scene(16, 3, pressure=0.01)).final
-    assert up.areas["raw"].total < low["area"] < eased["area"] <= peak["area"]
-    assert free["area"] == free["largest_pressure"] == 0
-    # Flattened asperities: the flat touches deeper than at first, and less deep than pressed.
-    assert 0 < free["approach"] < peak["approach"]
-    # Back at the peak load the body is where it was.
-    assert again["mean_gap"] == pytest.approx(peak["mean_gap"], rel=0.01)
 
 
 @pytest.mark.parametrize("law", ["elastic", "capped", "j2"])
@@ -221,12 +240,12 @@ def test_units_do_not_matter(length, stress):
 
 
 def test_increments_that_fail_are_halved(monkeypatch):
-    given = [NotConverged("too far"), *[DEFAULT] * 2]
+    given = [DEFAULT, *[NotConverged("too far")] * 2, *[DEFAULT] * 2]
     solve = Mock(wraps=increments.solve_increment, side_effect=given)
     monkeypatch.setattr(increments, "solve_increment", solve)
-    result = solved(rough_scene(8, 2), steps=1)
-    assert [call.args[3].load for call in solve.call_args_list] == [0.05, 0.025, 0.05]
-    assert any("halved" in note for note in result.notes)
+    result = solved(rough_scene(8, 2, pressure=(0.02, 0.06)), steps=1)
+    assert [call.args[3].load for call in solve.call_args_list] == [0.02, 0.06, 0.04, 0.03, 0.06]
+    assert "an increment towards point 1 was halved 2 times" in result.notes
 
 
 def test_what_does_not_converge_raises_with_its_residuals(monkeypatch):
@@ -255,18 +274,37 @@ def test_capped_paths_are_answered_at_every_load(dimensions, hardness):
 
 
 @pytest.mark.parametrize(
-    ("scene", "law", "sentence"),
+    ("scene", "law", "expected"),
     [
-        (rough_scene(16, 2, slope=0.3), "elastic", "slope"),
-        (rough_scene(32, 15, pressure=0.001), "elastic", "nodes across"),
-        (rough_scene(16, 2, pressure=0.5), "j2", "reaches the base"),
-        (rough_scene(32, 2, pressure=0.1), "j2", ""),
+        (rough_scene(16, 2, slope=0.3, pressure=0.1), "j2", ["slope", "strain"]),
+        (rough_scene(32, 15, pressure=0.001), "elastic", ["nodes"]),
+        (rough_scene(16, 2, pressure=0.5), "j2", ["base"]),
+        (rough_scene(32, 2, pressure=0.1), "j2", []),
     ],
 )
-def test_a_scene_outside_its_limits_is_answered_with_a_warning(scene, law, sentence):
-    assert nodes_across(np.eye(4, dtype=bool)) == 4 / math.sqrt(math.pi)
-    notes = solved(scene, law=law).notes
-    assert any(sentence in note for note in notes) if sentence else notes == ()
+def test_a_scene_outside_its_limits_is_answered_with_a_warning(scene, law, expected):
+    result = solved(scene, law=law)
+    strain = result.final.quantities.get("largest_plastic_strain", 0.0)
+    sentences = {
+        "slope": f"the rms slope of {scene.surface.rms_slope:.2g} is too large for small strains "
+        "(more than 0.1); scale heights, pressure and strengths down together",
+        "nodes": f"the median contact is {nodes_across(result.fields['pressure'] > 0):.1f} nodes "
+        "across, fewer than 4: areas and pressures depend on the grid",
+        "base": "the plastic zone reaches the base; give a deeper block",
+        "strain": f"the plastic strain reaches {strain:.2g}, too much for small strains",
+    }
+    assert [*result.notes] == [sentences[name] for name in expected]
+
+
+def test_the_median_contact_joins_over_corners_and_edges():
+    """Of 9, 2 and 10 nodes; half of all nodes are in contacts no larger than that of 9."""
+    touching = np.zeros((12, 14), dtype=bool)
+    touching[np.ix_([11, 0, 1], [13, 0, 1])] = touching[[4, 5], [4, 5]] = touching[8:10, 5:10] = (
+        True
+    )
+    assert nodes_across(touching) == 2 * math.sqrt(9 / math.pi)
+    assert nodes_across(touching[:, :1]) == 3
+    assert nodes_across(touching & False) == 0
 
 
 @pytest.mark.parametrize(
@@ -321,9 +359,9 @@ def test_the_estimate_of_memory_is_right_to_a_quarter(nodes, load, severity, opt
 def test_pyvista_opens_the_path_with_its_fields(tmp_path, dimensions, geometry):
     import pyvista
 
-    scene, told = rough_scene(8, 2, pressure=(0.02, 0.05), dimensions=dimensions), Mock()
-    result = solved(scene, geometry=geometry, output=tmp_path, progress=told)
-    assert [call.args[0] for call in told.call_args_list] == [0.5, 1.0]
+    scene = rough_scene(8, 2, pressure=(0.02, 0.05), dimensions=dimensions)
+    path = driver.solve_path(scene, geometry=geometry, output=tmp_path, certified=False)
+    result, state, bricks = contact_result(path), path.points[-1].state, path.problem.bricks
     reader = pyvista.get_reader(tmp_path / "path.pvd")
     reader.set_active_time_point(1)
     body, top = reader.read()
@@ -335,14 +373,24 @@ def test_pyvista_opens_the_path_with_its_fields(tmp_path, dimensions, geometry):
     for name, field in (("contact_pressure", "pressure"), ("gap", "gap"), ("state", "state")):
         values = top[name].reshape(9, -1)[first].squeeze()
         np.testing.assert_allclose(values, result.fields[field], atol=1e-15)
+    # Means over the Gauss points of each element, which a node has of those around it.
+    nodal = path.problem.turned(state.displacement).reshape(-1, 3)
+    stress = plasticity.stresses(nodal, bricks, path.problem.law, path.history)
+    parts = (bricks.weights / bricks.weights.sum(axis=1)[:, None])[bricks.shape_of]
+    mean = (stress * parts[:, None]).sum(axis=2)
+    strain = (path.history.accumulated[path.history.rows] * parts).sum(axis=1)
+    assert 0 < strain.max() < path.history.accumulated.max()
+    dev = mean - mean[:, :3].mean(axis=1)[:, None] * [1, 1, 1, 0, 0, 0]
+    mises = np.sqrt(1.5 * (dev**2 @ [1, 1, 1, 2, 2, 2]))
+    known = {"stress": mean, "von_mises": mises, "equivalent_plastic_strain": strain}
+    for name, values in known.items():
+        np.testing.assert_allclose(body.cell_data[name], values, rtol=1e-9, atol=1e-12)
     # The points are undeformed: only their displacement brings those in contact to one height.
     touching, roughness = top["contact_pressure"] > 0, np.ptp(scene.surface.heights)
     warped = top.warp_by_vector("displacement")
     assert np.ptp(warped.points[touching, 2]) < 1e-9 * roughness
     assert np.ptp(top.points[touching, 2]) > 1e-3 * roughness
-    assert body["von_mises"].max() <= 0.2 * (1 + 1e-9)
     for held in (body.field_data, top.field_data):
-        assert (held["scene"][0], held["mean_pressure"][0]) == (scene.digest, 0.05)
         assert (held["unit.displacement"][0], held["unit.young_modulus"][0]) == ("m", "Pa")
     with pytest.raises(OutputError, match="cannot write"):
         solved(scene, output=tmp_path / "path.pvd")

@@ -112,10 +112,7 @@ def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
     assert_allclose(result.final.areas["raw"].plastic, exact[1], rtol=1e-9)
     for step in result.steps:
         assert max(step.residuals.values()) < 1e-11
-        assert {"mean_gap", "elastic_energy", "diffusion"}.isdisjoint(step.quantities)
     assert result.distribution.cumulative[-1] == pytest.approx(exact[0], rel=1e-9)
-    own = persson.solve(scene, spectrum="surface", **rule).final.areas["raw"]
-    assert own.total == pytest.approx(result.final.areas["raw"].total, rel=0.03)
     theory = Theory.of_scene(scene, **rule)
     curve = theory.magnification_curve(12.5e9, [1, 4, 64])
     assert curve.total[0] == 1
@@ -123,8 +120,6 @@ def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
     at_four = theory.pressure_curve(12.5e9, 4.0)
     assert at_four.cumulative[-1] == pytest.approx(curve.elastic[1], rel=1e-3)
     assert theory.pressure_curve(12.5e9, 1.0).cumulative[-1] == 1
-    other = persson.solve(scene, energy_reduction=0.3, reduction="local").final.areas["raw"]
-    assert other.total < result.final.areas["raw"].total
 
 
 def test_what_the_rule_does_not_have_is_refused():

@@ -4,6 +4,7 @@ import math
 
 import mpmath
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
@@ -12,8 +13,10 @@ from epcontact.scene import SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine, filtered
 from epcontact.surfaces.power_spectrum import (
     cumulative_slope_variance,
+    power_by_octave,
     radial_spectrum,
     surface_moments,
+    topography,
 )
 from epcontact.surfaces.spectrum import density, spectral_moment, truncated
 
@@ -109,24 +112,34 @@ def test_moments_and_rings_are_parseval_s(shape, periods):
     slope2 = sum(np.mean(np.abs(np.fft.ifftn(1j * component * modes)) ** 2) for component in q)
     laplacian = np.fft.ifftn(-sum(component**2 for component in q) * modes)
     curvature = math.sqrt(np.mean(np.abs(laplacian) ** 2)) / len(shape)
-    variance = surface.heights.var()
-    moments, rings = surface_moments(surface), radial_spectrum(surface)
-    cell = math.prod(2 * math.pi / p for p in periods)
+    exact = (surface.heights.std(), math.sqrt(slope2), curvature)
+    assert surface_moments(surface) == pytest.approx(exact, rel=ROUNDING)
+    h = surface.heights.ravel() - surface.heights.mean()
+    shape_of_heights = (h**3).mean() / exact[0] ** 3, (h**4).mean() / exact[0] ** 4 - 3
+    assert topography(surface) == pytest.approx((*exact, *shape_of_heights), rel=1e-12, abs=1e-12)
+    # Each ring, and each octave, mode by mode; a line's density is one-sided.
+    of = {"q": np.sqrt(sum(one**2 for one in q)), "v": np.abs(modes / surface.heights.size) ** 2}
+    table = pd.DataFrame({name: values.ravel() for name, values in of.items()})[1:]
+    if len(shape) == 1:
+        table = table[: shape[0] // 2]
+        table = table.assign(v=table["v"] * np.where(2 * table.index == shape[0], 1, 2))
+    width, cell = 2 * math.pi / max(periods), math.prod(2 * math.pi / p for p in periods)
+    table = table.assign(s=table["v"] * table["q"] ** 2, ring=np.ceil(table["q"] / width - 0.5))
+    sums, rings = table.groupby("ring").sum(), radial_spectrum(surface)
+    count = table.groupby("ring").size()
     for got, exact in (
-        (moments.rms_height**2, variance),
-        (moments.rms_slope**2, slope2),
-        (moments.rms_curvature, curvature),
-        (rings.height_variance.sum(), variance),
-        (np.sum(rings.density * rings.modes) * cell, variance),
-        (rings.slope_variance.sum(), slope2),
-    ):
-        assert got == pytest.approx(exact, rel=ROUNDING)
-    # Every mode lies in one ring.
-    assert rings.modes.sum() == (math.prod(shape) - 1 if len(shape) == 2 else shape[0] // 2)
-    assert np.all(rings.wavenumber <= rings.upper_edge)
+        (rings.wavenumber, sums["q"] / count), (rings.modes, count),
+        (rings.density, sums["v"] / count / cell), (rings.upper_edge, (sums.index + 0.5) * width),
+        (rings.height_variance, sums["v"]), (rings.slope_variance, sums["s"]),
+    ):  # fmt: skip
+        assert_allclose(got, exact, rtol=1e-12)
+    lowest, power = power_by_octave(surface)
+    octave = np.floor(np.log2(sums["q"] / count / width) + 1e-9)
+    assert_allclose(power[power > 0], sums["v"].groupby(octave).sum(), rtol=1e-12)
+    assert_allclose(lowest, width * 2.0 ** np.arange(octave.max() + 1), rtol=1e-14)
     # Partial slopes are those of the rings, and of the filtered surface.
-    partial = cumulative_slope_variance(surface, rings.upper_edge)
-    assert_allclose(partial, np.cumsum(rings.slope_variance), rtol=ROUNDING)
+    partial = cumulative_slope_variance(surface, rings.upper_edge[::-1, None])
+    assert_allclose(partial[::-1, 0], np.cumsum(rings.slope_variance), rtol=ROUNDING)
     for cut in (rings.wavenumber[0], rings.upper_edge[len(rings.upper_edge) // 2]):
         left = surface_moments(filtered(surface, float(cut))).rms_slope ** 2
         got = cumulative_slope_variance(surface, cut)
@@ -142,8 +155,3 @@ def test_radial_average_of_an_isotropic_surface_is_its_spectrum():
     ratio = rings.density[inside] / density(spectrum, rings.wavenumber[inside])
     assert ratio == pytest.approx(np.full(ratio.size, ratio[-1]), rel=1.5e-3)
     assert ratio[-1] == pytest.approx(1.0, abs=0.02)
-
-
-def test_partial_slopes_keep_the_order_they_are_asked_in():
-    got = cumulative_slope_variance(noise((16, 16), (1.0, 1.0)), [[50.0, 20.0], [20.0, 1.0]])
-    assert got[0, 0] > got[0, 1] == got[1, 0] > got[1, 1] == 0

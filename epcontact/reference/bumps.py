@@ -108,7 +108,7 @@ def _bump(scene: Scene) -> tuple[float, FloatArray, float, float]:
         x = np.arange(n) * d - centre
         squares.append((x - np.rint(x / period) * period) ** 2)
     radius = 1 / curvatures[0]
-    round_bump = np.allclose(curvatures, curvatures[0], rtol=1e-6) and radius > 0
+    round_bump = np.allclose(curvatures, curvatures[0], rtol=1e-6)
     square = len(set(surface.periods)) == 1
     HERTZ.needs(bool(round_bump) and square, "one round bump in a square period")
     force = scene.load.final * math.prod(surface.periods)
@@ -124,6 +124,7 @@ def _parabola(scene: Scene, axis: int) -> tuple[float, float]:
     before, top, after = line[i - 1], line[i], line[(i + 1) % line.size]
     second = (after - 2 * top + before) / d**2
     first = (after - before) / (2 * d)
+    HERTZ.needs(bool(second < 0), "one round bump in a square period")
     return i * d - first / second, -second
 
 

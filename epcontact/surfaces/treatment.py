@@ -186,7 +186,7 @@ def _with_doubts(surface: Surface, recipe: Any, treated: bool) -> Surface:
     length = inside.rms_slope / inside.rms_curvature / min(recipe.periods)
     falling = {name: length * times for name, times in EDGE_ERRORS[recipe.treatment].items()}
     shares = falling | EDGE_SHARES[recipe.treatment]
-    each = ", ".join(f"{n.replace('_', ' ')} {100 * s:.2g} %" for n, s in shares.items())
+    each = ", ".join(f"{n.replace('_', ' ')} {100 * s:.3g} %" for n, s in shares.items())
     told = f"the treatment of the edges, {recipe.treatment}, changes in nine of ten maps by up to"
     said.append(f"{told} (areas of the total one): {each}; this is a part of the error of each")
     return replace(surface, notes=tuple(said), treatment_errors=shares)

@@ -101,7 +101,7 @@ FAULTS = (
         "path-elastic", "quantity.surface_summit_y"),
     _shape("a picture turned from x to y",
         on_result(S + "measured.read_heights", lambda m: replace(m, heights=m.heights.T)),
-        test=FILES + "a_picture_in_a_file_is_read_as_the_instrument_shows_it"),
+        test=FILES + "every_format_holds_the_same_heights"),
     _shape("a counterface that does not yield",
         changed("epcontact.harness.case_files.model.of_both", lambda f: lambda one, other: one),
         "two-spheres", "area.total.corrected"),

@@ -11,13 +11,8 @@ from epcontact.persson.elastoplastic import ContactAreas
 from epcontact.persson.validity import ExpectedError
 
 P = "epcontact.persson."
-MAP = "tests/test_theory_map.py::"
 NONE = ExpectedError(0.0, 0.0, 0.0)
 LOCAL = "tests/test_persson_local.py::"
-
-
-def _twice_as_fine(theory, mean_pressure, *magnification):
-    return theory, mean_pressure, *(2 * np.asarray(zeta) for zeta in magnification)
 
 
 FAULTS = (
@@ -113,28 +108,10 @@ FAULTS = (
     Fault("the analytic spectrum for the surface's own", "persson",
         given(P + "theory.roughness_of", lambda surface, kind: (surface, "analytic")),
         "full-contact", "quantity.elastic_energy", of="persson"),
-    Fault("the magnification counted twice", "persson",
-        given(P + "theory.Theory.diffusion", _twice_as_fine),
-        test="tests/test_persson_solve.py::test_the_magnification_curve_begins_and_ends_right"),
-    Fault("the map of the theory's error upside down", "persson",
-        on_result(P + "validity._fits", lambda found: (found[0], *(a[::-1] for a in found[1:]))),
-        test=MAP + "test_at_its_places_the_map_has_the_errors_that_were_measured"),
-    Fault("a note with the error at another load", "persson",
-        given(P + "driver.expectation", lambda theory, p0: (theory, 3 * p0)),
-        test=MAP + "test_a_result_of_the_theory_tells_its_error_or_that_it_is_not_known"),
     Fault("a plan that believes the theory where the map says no", "planning",
         at("epcontact.planning.plan.expected_errors",
             lambda *scene: dict.fromkeys(("total", "elastic", "plastic"), NONE)),
         test="tests/test_plan.py::test_the_map_of_its_error_decides_where_the_theory_stands_in"),
-    Fault("a gap that is told where it closes", "persson", at(P + "validity._GAP_ENDS", (-2, 99)),
-        test=MAP + "test_a_gap_is_told_only_where_the_map_has_one_of_its_kind"),
-    Fault("a map that reaches beyond its places", "persson",
-        on_result(P + "validity.map_reach", lambda ends: dict.fromkeys(ends, (1e-9, 1e9))),
-        test=MAP + "test_outside_the_map_nothing_is_claimed"),
-    Fault("a map that is sure where plastic area ends", "persson", at(P + "validity._TO_NONE", 0.0),
-        test=MAP + "test_where_nothing_flows_total_and_elastic_area_are_off_alike"),
-    Fault("the local rule's error by another gamma", "persson", at(P + "validity.NEAR", 1.0),
-        test=MAP + "test_outside_the_map_nothing_is_claimed"),
     Fault("full contact's S by the local rule", "persson",
         at(P + "local.local_reduction", lambda pressure, *rest: np.ones_like(pressure)),
         "theory-local-hard", "area.total.corrected"),
@@ -149,8 +126,4 @@ FAULTS = (
         "theory-local-soft", "area.elastic.corrected"),
     Fault("steps of first order by the local rule", "persson", at(P + "local._GAMMA", 1.0),
         test=LOCAL + "test_cells_and_steps_are_of_second_order_and_the_default_is_right"),
-    Fault("the walls of the local rule swapped", "persson",
-        given(P + "local.local_reduction",
-            lambda p, hardness, *rest: (hardness - 0.9 * p, hardness, *rest)),
-        test=LOCAL + "test_areas_sum_to_one_carry_the_load_and_are_those_of_the_mirror_image"),
 )  # fmt: skip
