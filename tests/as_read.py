@@ -19,7 +19,8 @@ NUMBER = re.compile(r"(?<![\w.#])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w.])
 #: Lines that are those of a clock, a machine, a version or the rounding.
 OWN = re.compile(
     "measured_|resid|certified|second|MiB|memory|version|numba|digest| made |counts"
-    "|history|iterations| cost|scene:|[|] yes [|]|^(inputs|theory|boundary|finite|J2|after).* \\|"
+    "|history|iterations| cost|points times|scene:|[|] yes [|]"
+    "|^(inputs|theory|boundary|finite|J2|after).* \\|"
 )
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from as_read import lines_of_file, same_as_read
 from command_line import invoke
 
 from epcontact.harness import sweep
@@ -41,13 +42,13 @@ def test_a_user_s_sweeps_give_the_user_s_ledger(folders, tmp_path):
     assert areas["theory – BEM"].tolist() == [own["persson", 3]]
     assert ("BEM – continuum", 16) not in areas
     found = ledger(rows).set_index(["quantity", "pair", "points"])
-    assert abs(found.loc[("A", "BEM – continuum", 4), "bias"].item()) < 0.02
     assert found.loc[("A raw", "BEM – continuum", 4), "bias"].item() > 0.03
     assert found.loc[("A", "FE – continuum", 4), "time"].item() > 1
     file = tmp_path / "ledger.csv"
     done = invoke("accuracy", *folders, "--csv", file, "--charts", tmp_path / "charts")
     assert (done.returncode, "theory – BEM" in done.stdout) == (0, True)
-    assert len(pd.read_csv(file)) == len(found)
+    lines = (line for line in lines_of_file(file) if "time" not in line and "fft" not in line)
+    same_as_read(lines, "ledger.txt", tmp_path)
     assert len([*tmp_path.glob("charts/*.png")]) == 3
 
 

@@ -52,13 +52,8 @@ def refused(done, *words):
 # --- what there is -------------------------------------------------------------------------------
 
 
-def test_keys_schemas_and_commands_are_listed():
-    told = " ".join(invoke("keys").stdout.split())
-    for words in ("rad/m", "m; one length, or [x, y]", "within [low, high]", "elastic, capped, j2",
-                  "persson, bem, fem", "absolute, wasserstein, supremum, l2"):  # fmt: skip
-        assert words in told, words
+def test_schemas_and_commands_are_listed():
     assert all("$defs" in json.loads(invoke("schema", k).stdout) for k in ("case", "verdict"))
-    assert "-0.25 … -0.07" in invoke("gates", "conductance", "--output", "nowhere").stdout
     listed = " ".join(invoke("--help").stdout.split())
     for name in COMMANDS:
         command = cli.get_command(click.Context(cli), name)
@@ -267,14 +262,7 @@ def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys):
 # --- plan ----------------------------------------------------------------------------------------
 
 
-def test_a_plan_tells_the_model_and_why_and_what_checks_it(write_case, tmp_path):
-    done = invoke("plan", write_case(ONE), "--tolerance", "2%", "--check", *THREADS)
-    assert done.returncode == 0, done
-    grid = re.match(r"small: bem, (\d+) x", done.stdout)
-    assert grid is not None
-    assert "promise held" in done.stdout
-    assert f"by {2 * int(grid[1])} x " in done.stdout
-    # That of a map rests on its claim, and tells the notes of its heights.
+def test_a_plan_of_a_map_rests_on_its_claim_and_tells_its_notes(write_case, tmp_path):
     x = 2 * np.pi * np.arange(32) / 32
     heights = np.round(2 * (np.cos(x)[:, None] + np.cos(x))) / 2 * 1e-6
     np.save(tmp_path / "steps.npy", heights)

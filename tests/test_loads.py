@@ -132,25 +132,11 @@ def test_finite_elements_have_all_figures_of_every_load(write_case, tmp_path):
         assert {"conductance", "contact_percolation", "gap_percolation"} <= step.row.keys()
 
 
-def test_a_result_shows_itself(ran):
-    data = ran[-1]
-    result = ContactResult.from_json(data["members"][0])
-    table = result.table()
-    assert table["mean_pressure_Pa"].tolist() == [2e8, 5e8, 1e8, 3e8]
-    assert table["branch"].tolist() == list(result.branches)
-    assert table["mean_gap_m"].tolist() == [s.quantities["mean_gap"] for s in result.steps]
-    assert table["total_area"].tolist() == [s.areas["corrected"].total for s in result.steps]
-    assert {"stiffness_loading_Pa_per_m", "conductance_per_m"} <= {*table}
-    areas = result.final.areas
-    shown = f"contact area {areas['corrected'].total:.4g} ± {areas['error'].total:.2g} at 3e+08 Pa"
-    assert repr(result) == f"<ContactResult of bem: 4 loads, {shown}>"
-    charts = charts_of({"bem": [result]})
-    assert {"pressure-distribution", "residuals", "loads-areas", "loads-gap"} <= charts.keys()
+def test_loads_after_a_larger_one_have_open_marks(ran):
+    charts = charts_of({"bem": [ContactResult.from_json(ran[-1]["members"][0])]})
     lines = charts["loads-gap"].figure.axes[0].lines
     fills = {line.get_label().split()[-1]: line.get_fillstyle() for line in lines}
     assert fills == {"loading": "full", "unloading": "none", "reloading": "none"}
-    assert charts["loads-gap"]._repr_png_()[1:4] == b"PNG"
-    assert all(f"<td>{gap:.4g}</td>" in result._repr_html_() for gap in table["mean_gap_m"])
 
 
 @pytest.mark.parametrize(

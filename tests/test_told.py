@@ -3,6 +3,7 @@
 Words stand here once more, and every number is computed from the made-up figures.
 """
 
+import json
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,11 +17,13 @@ from test_shown import gate, tree_of, verdict
 
 from epcontact import planning
 from epcontact.cli import cases, ledger, plans, show, studies
+from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.sweep import Swept, digest
 from epcontact.harness.verdict.compare import compare as compared
 from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.overview import overview
 from epcontact.output.charts.figures import Chart
+from epcontact.results import ContactResult
 from epcontact.studies import gap
 
 #: Scenes as changes of the small case: two oblong metals that conduct heat, a map with a hole and a
@@ -75,7 +78,8 @@ def test_a_scene_is_told_as_it_was_read(name, write_case, tmp_path, monkeypatch)
     case = write_case(*SCENES[name], name=name, more=GATES * (name == "metals"))
     save, charts, out, lines = Chart.save, {}, ("--jobs", 1, "--output", tmp_path), []
     monkeypatch.setattr(Chart, "save", lambda c, at: (charts.update({at.name: c}), save(c, at))[1])
-    more = [("plan", case, "--tolerance", "20%"), ("plan", case, "--tolerance", "9%")]
+    threads = ("--check", "--executor", "concurrent.futures:ThreadPoolExecutor")
+    more = [("plan", case, "--tolerance", "20%"), ("plan", case, "--tolerance", "9%", *threads)]
     if name == "block":
         more = [("crosscheck", case), ("export", case, tmp_path / "block.inp")]
     for words in (("run", case, *out, "--charts"), ("verify", case, *out, "--gates", "--report"),
@@ -88,8 +92,26 @@ def test_a_scene_is_told_as_it_was_read(name, write_case, tmp_path, monkeypatch)
     lines += (line for at, chart in charts.items() for line in lines_of_chart(at, chart))
     for file in sorted((tmp_path / name / "fast").glob("*.[vj][ts][io]*")):
         lines += lines_of_file(file)
+        if file.suffix == ".json" and file.stem in METHODS:
+            for member in json.loads(file.read_text("utf-8"))["members"]:
+                result = ContactResult.from_json(member)
+                lines += [repr(result), *result._repr_html_().splitlines()]
     lines = (str(line).replace(str(tmp_path), "HOME") for line in lines)
     same_as_read(lasting(lines), f"{name}.txt", tmp_path)
+
+
+def test_what_is_told_without_a_scene_is_as_it_was_read(tmp_path):
+    metal = ("--yield-stress", 1e9, "--young-modulus", 7e10, "--poisson-ratio", 0.2,
+             "--mean-pressure", 2e8, "--rms-slope")  # fmt: skip
+    joint = ("--conductivities", 16, 50, "--rms-height", 3e-6, "--rms-slope", 0.2,
+             "--mean-pressure", 3e7, "--hardness", 3e9, "--effective-modulus")  # fmt: skip
+    lines = []
+    for words in (("list",), ("list", "--all"), ("keys",), ("chart",),
+                  ("hardness", *metal, 0.3), ("hardness", *metal, 0.1, "--breadth", 9),
+                  ("joint", *joint, 2e11), ("joint", *joint, 2e10, "--breadth", 9),
+                  ("cite", "calculix-5"), ("cite", "layer-bonded")):  # fmt: skip
+        lines += invoke(*words).stdout.splitlines()
+    same_as_read(lasting(lines), "commands.txt", tmp_path)
 
 
 def test_verify_tells_counts_gates_and_what_to_do_next(capsys):
