@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_line import invoke
 from laboratory import conductance as laboratory
 from scipy.special import erfc, erfcinv
 
@@ -173,6 +174,12 @@ def test_without_a_breadth_the_interval_holds_that_of_every_breadth():
     ends = [joint(breadth=end).interval for end in laws.BREADTHS]
     assert found.interval[0] == pytest.approx(min(low for low, _ in ends))
     assert found.interval[1] == pytest.approx(max(high for _, high in ends))
+
+
+def test_the_command_prints_what_the_function_finds():
+    words = [word for name, value in USUAL.items()
+             for word in (f"--{name.replace('_', '-')}", *np.ravel(value))]  # fmt: skip
+    assert invoke("joint", *words).stdout == f"{joint()}\n"
 
 
 def test_the_gates_against_numbers_hold_the_formula():

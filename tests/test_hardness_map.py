@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import invoke
 from laboratory import breadth
 from laboratory.hardness_map import (
     CAUTION,
@@ -140,6 +141,11 @@ def test_light_loads_have_an_interval_that_holds_what_j2_bodies_showed():
     steel = at(yield_stress=0.6e9, mean_pressure=10e6, breadth=16)
     assert 1.1e9 < steel.interval[0] < steel.value < steel.interval[1] < 2.0e9
     assert at(mean_pressure=0.0999999e9).ratio == pytest.approx(at(mean_pressure=0.1e9).ratio)
+
+
+def test_the_command_prints_what_the_function_finds():
+    words = [f"--{name.replace('_', '-')}={value}" for name, value in USUAL.items()]
+    assert invoke("hardness", *words).stdout == f"{at()}\n{at().rests_on}\n"
 
 
 GIVEN = "hardness = 6.0e9"
