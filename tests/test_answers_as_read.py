@@ -33,7 +33,7 @@ LINE = replace(ROUGH, periods=(L,), shape=(48,))
 PIECE = replace(ROUGH, shape=(96, 120)).build().heights[:70, :50] / 5
 X, Y = np.indices(PIECE.shape)
 TILT = PIECE + 0.01 * X - 0.02 * Y
-HOLED = np.where((7 * X + Y) % 197 == 5, np.nan, TILT)
+HOLED = np.where((7 * X + Y) % 23 == 5, np.nan, TILT)
 SPIKED = HOLED + 0.8 * ((5 * X + 3 * Y) % 311 == 61)
 MAPS = {
     "mirrored": maps.HeightsFromArray(SPIKED, (20.0, 11.0), "mirrored", missing="nearest"),
@@ -65,9 +65,13 @@ BODIES = {"": Body(), " bonded": Body("bonded_layer", 0.3), " sliding": Body("sl
 
 
 def short(lines):
-    """Lines whose numbers have four digits, and are 0 where they are rounding."""
-    return [NUMBER.sub(lambda m: f"{float(m[0]) * (abs(float(m[0])) > 1e-15):.4g}", line)
-            for line in lasting(lines)]  # fmt: skip
+    """Lines whose numbers have four digits, two decimals if no more are given, or are 0."""
+
+    def digits(found):
+        value, given = float(found[0]), re.fullmatch(r"[-+]?\d+(\.\d\d)?", found[0])
+        return "0" if abs(value) < 1e-15 else found[0] if given else f"{value:.3e}"
+
+    return [NUMBER.sub(digits, line) for line in lasting(lines)]
 
 
 def lines_of_surface(name, surface):

@@ -149,15 +149,6 @@ def test_the_magnification_curve_begins_and_ends_right(theory):
         theory.magnification_curve(12.5e9, [0.5])
 
 
-def test_a_pressure_curve_at_a_magnification(theory):
-    curve, at_four = theory.pressure_curve(12.5e9, 4.0), theory.magnification_curve(12.5e9, [4.0])
-    ends = [curve.cumulative[-1], curve.plastic]
-    assert_allclose(ends, [at_four.elastic[0], at_four.plastic[0]], rtol=1e-12)
-    # The trapezoidal rule has an error of h^2.
-    assert_allclose(np.trapezoid(curve.density, curve.pressure), ends[0], rtol=1e-5)
-    assert list(curve.columns()) == ["pressure_Pa", "density_per_Pa", "cumulative_area"]
-
-
 @pytest.mark.parametrize("reduction", PUBLISHED, ids=lambda r: r.rule)
 def test_a_rule_at_its_ends(reduction):
     assert_allclose(reduction.factor(0.5), PUBLISHED[reduction], rtol=1e-14)
