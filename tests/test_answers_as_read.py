@@ -24,7 +24,7 @@ from epcontact.persson.validity import expected_errors
 from epcontact.reference import CLOSED_FORMS
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces.power_spectrum import radial_spectrum
-from fem_check.limit_load import strip_punch
+from fem_check.limit_load import STRIP_LIMIT, strip_punch
 
 L, METAL = 2 * math.pi, Material(2.0, 0.3, hardness=0.3, yield_stress=0.1)
 SPECTRUM = SelfAffineSpectrum(0.7, 1.0, 2.0, 8.0, 0.2)
@@ -42,6 +42,7 @@ MAPS = {
     "periodic": maps.HeightsFromArray(TILT, (20.0, 15.0), "periodic", longest_wavelength=14.0),
     "marked": maps.HeightsFromArray(np.where(TILT < -0.3, -99.0, np.round(TILT, 1)), (40.0, 33.0),
                                "periodic", form=0),
+    "stepped": maps.HeightsFromArray(np.round(20 * ROUGH.build().heights), (99.0, 90.0)),
     "picture": maps.HeightsFromArray((TILT > 0).astype(np.uint8), (4.0, 33.0), "periodic"),
     "facing": maps.Facing(maps.HeightsFromArray(TILT, (20.0, 15.0), "periodic",
                                                 shortest_wavelength=2.0),
@@ -139,7 +140,7 @@ def test_closed_forms_maps_and_laws_are_as_read(tmp_path):
         found = joint_conductance(conductivities=k, rms_slope=slope, hardness=hardness,
                                   breadth=breadth, **joint)  # fmt: skip
         lines += str(found).splitlines()
-    lines += [f"punch: {told(strip_punch(2, mean_dilatation=mean))}" for mean in (True, False)]
+    lines += [f"punch: {told(strip_punch(2, mean_dilatation=m) / STRIP_LIMIT)}" for m in (1, 0)]
     same_as_read(short(lines), "forms.txt", tmp_path)
 
 
@@ -151,7 +152,7 @@ def test_the_theory_is_as_read(tmp_path):
         (32.0, math.inf, "wang_muser", 5 / 9), (32.0, 0.4, "local", 0.168),
     ):  # fmt: skip
         spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, wide, 0.1)
-        surface = Surface(np.zeros((8, 8)), (L, L), spectrum, notes=("It is made up.",))
+        surface = Surface(np.zeros((8, 8)), (L, L), spectrum, notes=("It is given.",))
         load = Load(tuple(0.1 * share * min(hardness, 1.0) / 0.91 for share in (0.05, 0.3)))
         scene = Scene(surface, Material(1.0, 0.3, 0.1 * hardness / 0.91), load)
         name, options = f"{rule} {hardness:g} {wide:g}", {"energy_reduction": gamma}
@@ -171,7 +172,9 @@ def test_the_theory_is_as_read(tmp_path):
         if rule == "constant":
             grown = persson.hardness_curve(theory, 0.004, lambda zeta: 0.05 * zeta**0.2, [4, 16])
             lines.append(f"{name} growing: {told(grown.areas.plastic)}; {told(grown.hardness)}")
-    same_as_read(short(lines), "theory.txt", tmp_path)
+    scene = Scene(ROUGH.build(), METAL, Load(0.02))
+    own = persson.solve(scene, energy_reduction=0.536, spectrum="surface")
+    same_as_read(short([*lines, *lines_of_result("own", own)]), "theory.txt", tmp_path)
 
 
 @pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")

@@ -6,6 +6,7 @@ import re
 import tracemalloc
 
 import numpy as np
+import psutil
 import pytest
 
 from epcontact import bem
@@ -14,6 +15,7 @@ from epcontact.bem.baselines import BASELINES
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.bem.memory import bytes_per_point
 from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory
+from epcontact.machine import forget_peak, peak_memory
 from epcontact.results import APART, ELASTIC, PLASTIC
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
@@ -286,6 +288,9 @@ def test_a_solve_takes_the_memory_that_was_estimated(load, hardness):
     bem.solve(given, threads=1)
     peak = tracemalloc.get_traced_memory()[1] / 320**2
     tracemalloc.stop()
+    forget_peak()
+    held = np.ones(2**24)
+    assert peak_memory() == pytest.approx(psutil.Process().memory_info().rss, rel=0.01), held.size
     estimate = bytes_per_point(load * E, hardness * E, E * given.surface.rms_slope)
     assert peak == pytest.approx(estimate, rel=0.12)
 

@@ -172,6 +172,7 @@ def test_what_was_not_judged_is_refused(changed, words):
 def test_without_a_breadth_the_interval_holds_that_of_every_breadth():
     found = joint(breadth=None)
     ends = [joint(breadth=end).interval for end in laws.BREADTHS]
+    assert found.value == pytest.approx(math.sqrt(math.prod(found.interval)), rel=1e-12)
     assert found.interval[0] == pytest.approx(min(low for low, _ in ends))
     assert found.interval[1] == pytest.approx(max(high for _, high in ends))
 
