@@ -42,7 +42,7 @@ MAPS = {
     "periodic": maps.HeightsFromArray(TILT, (20.0, 15.0), "periodic", longest_wavelength=14.0),
     "marked": maps.HeightsFromArray(np.where(TILT < -0.3, -99.0, np.round(TILT, 1)), (40.0, 33.0),
                                "periodic", form=0),
-    "stepped": maps.HeightsFromArray(np.round(20 * ROUGH.build().heights), (99.0, 90.0)),
+    "stepped": maps.HeightsFromArray(np.int16(20 * ROUGH.build().heights), (99.0, 90.0)),
     "picture": maps.HeightsFromArray((TILT > 0).astype(np.uint8), (4.0, 33.0), "periodic"),
     "facing": maps.Facing(maps.HeightsFromArray(TILT, (20.0, 15.0), "periodic",
                                                 shortest_wavelength=2.0),

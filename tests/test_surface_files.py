@@ -85,6 +85,7 @@ def refused(words):
 def test_every_format_holds_the_same_heights(write, name, kind):
     heights = np.asfortranarray((1e3 * MAP).astype(kind))
     surface = HeightsFromFile(write(name, heights), (L, 2 * L), 1e-6, "refuse").build()
+    assert "x runs along the lines of the file" in surface.notes[0]
     # savetxt writes 19 digits; the unit costs a rounding.
     assert np.array_equal(surface.heights, heights * 1e-6)
     assert surface.periods == (L, 2 * L)
@@ -300,6 +301,10 @@ def test_a_map_is_periodic_wherever_it_is_cut_or_refused_with_its_jump():
         surface = HeightsFromArray(moved, (L, L)).build()
         assert np.array_equal(surface.heights, moved)
         assert "rms jump at the edges" in surface.notes[0]
+    for jump in (1.9, 2.1):  # over the largest between neighbours
+        line = HeightsFromArray(np.array([0.0, 0.7, 1.4, 0.7 * jump]), (1e3,))
+        with refused("not periodic") if jump > 2 else contextlib.nullcontext():
+            line.build()
     wall = np.repeat([1.0, 0.0], 4)[:, None] * np.ones(8)
     HeightsFromArray(wall, (1.0, 1.0)).build()  # as steep inside as across the edge
     ramp = np.zeros((20, 10)) + 0.5 * np.arange(20)[:, None]

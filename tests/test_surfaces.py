@@ -193,6 +193,7 @@ def test_every_parameter_is_in_the_fingerprint_and_equal_numbers_read_equal():
     same = SelfAffine(of_numpy, (7, np.float64(7)), (np.int64(48), 48), np.int64(1))
     assert same.fingerprint == replace(ROUGH, periods=(7.0, 7.0)).fingerprint
     assert hash(same) == hash(replace(ROUGH, periods=(7.0, 7.0)))
+    assert Surface(np.eye(3), (1.0, 1.0)).fingerprint != Surface(2 * np.eye(3), (1, 1)).fingerprint
 
 
 def test_sinusoids():
