@@ -60,6 +60,7 @@ SHAPES = {
     "post": maps.FlatPunch((1.0,), (60,), 0.2, 0.5),
     "disc": maps.FlatPunch((1.0, 1.0), (32, 32), 0.3, 0.5),
 }  # fmt: skip
+LOADS = ((math.inf, (0.002,)), (math.inf, (0.03,)), (0.3, (0.01, 0.006)), (math.inf, (0.5, 0.2)))
 #: What the limit of a vanishing spacing says of boundary elements has tests of its own.
 LIMITS = re.compile("areas (corrected|error)|_by_grid|distribution")
 BODIES = {"": Body(), " bonded": Body("bonded_layer", 0.3), " sliding": Body("sliding_layer", 0.3)}
@@ -120,7 +121,7 @@ def test_closed_forms_maps_and_laws_are_as_read(tmp_path):
     for name, recipe in SHAPES.items():
         surface = recipe.build()
         for kind, body in BODIES.items():
-            for cap, path in ((math.inf, (0.002,)), (0.3, (0.01, 0.006)), (math.inf, (0.5, 0.2))):
+            for cap, path in LOADS:
                 material = replace(METAL, hardness=cap)
                 scene = Scene(surface, material, Load(path), body)
                 known = {CLOSED_FORMS["flat"]: name == "level" and kind != ""}
