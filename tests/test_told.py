@@ -82,11 +82,16 @@ def test_a_scene_is_told_as_it_was_read(name, write_case, tmp_path, monkeypatch)
     more = [("plan", case, "--tolerance", "20%"), ("plan", case, "--tolerance", "9%", *threads)]
     if name == "block":
         more = [("crosscheck", case), ("export", case, tmp_path / "block.inp")]
-    for words in (("run", case, *out, "--charts"), ("verify", case, *out, "--gates", "--report"),
-                  ("gates", case, *out[2:]), ("cite", case), *more):  # fmt: skip
+    stale = tmp_path / name / "fast" / "contact-old.png"
+    stale.parent.mkdir(parents=True)
+    stale.touch()  # of an earlier run
+    for words in (("run", case, *out, "--charts"), ("verify", case, *out),
+                  ("verify", case, *out, "--gates", "--report"), ("gates", case, *out[2:]),
+                  ("cite", case), *more):  # fmt: skip
         done = invoke(*words)
         assert done.returncode == (words[0] == "verify" and name == "metals"), done
         lines += [f"{words[0]}: {line}" for line in done.stdout.splitlines()]
+    assert not stale.exists()
     page = lines_of_page(tree_of(tmp_path / "report.html"))
     lines += (line for line in page if "| none |" not in line)
     lines += (line for at, chart in charts.items() for line in lines_of_chart(at, chart))
