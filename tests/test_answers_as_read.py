@@ -60,7 +60,7 @@ SHAPES = {
     "post": maps.FlatPunch((1.0,), (60,), 0.2, 0.5),
     "disc": maps.FlatPunch((1.0, 1.0), (32, 32), 0.3, 0.5),
 }  # fmt: skip
-LOADS = ((math.inf, (0.002,)), (math.inf, (0.03,)), (0.3, (0.01, 0.006)), (math.inf, (0.5, 0.2)))
+LOADS = [*((math.inf, p) for p in (0.0015, 0.03, 0.18, (0.5, 0.2))), (0.3, (0.01, 0.006))]
 #: What the limit of a vanishing spacing says of boundary elements has tests of its own.
 LIMITS = re.compile("areas (corrected|error)|_by_grid|distribution")
 BODIES = {"": Body(), " bonded": Body("bonded_layer", 0.3), " sliding": Body("sliding_layer", 0.3)}

@@ -96,7 +96,7 @@ def test_a_scene_has_the_areas_of_the_closed_form_and_its_distribution_carries_t
             assert found.elastic == pytest.approx(float(exact.elastic), rel=1e-12)
             assert found.plastic == pytest.approx(float(exact.plastic), rel=1e-12)
         assert max(step.areas["error"].total, *step.residuals.values()) < 1e-13
-    assert result.notes[-1] == expectation(theory, 12.5e9)
+    assert (result.notes[-1], result.cost["seconds"] < 600) == (expectation(theory, 12.5e9), True)
     table: Any = result.distribution
     assert np.all(np.diff(table.cumulative) >= 0)
     assert table.cumulative[-1] == pytest.approx(result.final.areas["raw"].elastic, rel=1e-13)
