@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import invoke
+from conftest import SMALL_CASE
 
 import epcontact
 import fem_check
@@ -32,13 +33,17 @@ BEM = ('["persson", "bem"]', '["bem"]')
 AREA = ('against = "persson"\ntolerance = 0.5', 'against = 0.1\nsource = "none"\ntolerance = 5.0')
 
 
-@pytest.fixture
-def ran(write_case, tmp_path):
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
     """A case of two surfaces along a path, run from the command line, and its JSON file."""
-    path = write_case(BEM, AREA, PATH, ("[3, 5, 7]", "[3, 5]"))
-    done = invoke("run", path, "--output", tmp_path, "--jobs", 1, "--fields", "steps", "--charts")
+    home, text = tmp_path_factory.mktemp("loads"), SMALL_CASE
+    for old, new in (BEM, AREA, PATH, ("[3, 5, 7]", "[3, 5]")):
+        text = text.replace(old, new)
+    path = home / "small.toml"
+    path.write_text(text)
+    done = invoke("run", path, "--output", home, "--jobs", 1, "--fields", "steps", "--charts")
     assert done.returncode == 0, done
-    folder = tmp_path / "small" / "fast"
+    folder = home / "small" / "fast"
     return load_case(path), done.stdout, folder, json.loads((folder / "bem.json").read_text())
 
 
