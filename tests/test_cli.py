@@ -27,11 +27,12 @@ from epcontact.cli.options import shown_progress
 from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
 from epcontact.harness.answers.run import Run, run_cases, tasks_of
 from epcontact.harness.answers.store import kept
-from epcontact.harness.case_files.case import load_case
+from epcontact.harness.case_files.case import find_case, load_case
 from epcontact.harness.case_files.text import case_files, case_name, find_cases
 from epcontact.harness.verdict.verification import cases_to_verify, verify
 from epcontact.output.view import load_steps
 from epcontact.output.vtk import read_fields
+from epcontact.planning.plan import load_auto
 from epcontact.scene import Load
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
@@ -218,10 +219,13 @@ def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path):
     done = verified("unit = 1e-6\noptional = true")
     assert (done.returncode, "map.csv" in done.stdout) == (0, True)
     refused(verified("unit = 1e-6"), "map.csv")
-    optional = write_case(*edits, (ROUGH, recipe + "unit = 1e-6\noptional = true"))
+    sized = recipe + "unit = { fast = 1e-6, full = 2e-6 }\noptional = true"
+    optional = write_case(*edits, (ROUGH, sized))
     for command in ("plan", "run", "export"):
         done = invoke(command, optional, *["x.inp"] * (command == "export"))
         refused(done, "small.toml: skipped: its surface ", "map.csv is not here")
+    case, said = load_auto(find_case(str(optional)))
+    assert (case.size, case.skip[:8], said) == ("full", "skipped:", "")
     np.savetxt(tmp_path / "map.csv", np.where(np.eye(8) > 0, np.nan, 1.0), delimiter=";")
     done = verified('unit = 1e-6\ntreatment = "mirrored"')
     assert done.returncode == 2
