@@ -375,14 +375,16 @@ def levels_note(kind: np.dtype[Any]) -> tuple[str, ...]:
 def _doubts(surface: Surface) -> list[str]:
     """Return a sentence for each sign that a surface is not what its maker means."""
     slope = surface.spectrum.rms_slope if surface.spectrum is not None else surface.rms_slope
-    step = _coarse_step(surface.heights, slope * min(surface.spacing))
+    step = _coarse_step(surface.heights, change := slope * min(surface.spacing))
+    whose = "for the smooth surface that was rounded, but not for its steps"
+    if step > change / 20:  # below it the smooth surface is within its claims (`area_bank`)
+        whose = "neither for them nor for a smooth surface: smooth the heights or refine the grid"
     ratio = max(surface.spacing) / min(surface.spacing)
     signs = {
         f"the rms slope is {slope:.3g}, beyond the small slopes that the methods assume; check "
         "that heights and periods are in m": slope > 1,
         f"the heights are in steps of {step:.3g} m at most points, as a map of few bits is: "
-        "claimed errors of areas do not hold for these; smooth them if the steps are rounding, or "
-        "refine the grid until each tread is several points wide": step > 0,
+        f"claimed errors of areas hold {whose}": step > 0,
         f"the grid's cells are {ratio:.3g} times as long as wide: corrected areas and their "
         "claimed errors hold up to 2; take points at like distances in both directions": (
             ratio > 2 * (1 + 1e-9)
@@ -392,19 +394,18 @@ def _doubts(surface: Surface) -> list[str]:
 
 
 def _coarse_step(heights: FloatArray, change: float) -> float:
-    """Return the step of heights of which most lie between two neighbouring points, or 0.  A corner
-    of the grid shows it: its heights have few values, multiples of a step that their rms change
-    from point to point hardly exceeds, and they bend at most points."""
+    """Return the step of heights that are its multiples and bend at most points, or 0; change: the
+    rms change from point to point.  A corner of the grid shows it."""
     corner = heights[tuple(slice(100) for _ in heights.shape)]
     levels = np.unique(corner)
-    if not 3 <= levels.size < corner.size / 4:
+    if levels.size < 3 or corner.size < 16:
         return 0.0
-    step = float(np.diff(levels).min())
-    multiples = (levels - levels[0]) / step
-    bent = [np.abs(np.diff(corner, 2, axis)) > step / 2 for axis in range(corner.ndim)]
-    fine = step < change / 20  # At 1/12 no claim of the steps held, at 1/33 two thirds
+    multiples = (levels - levels[0]) / (step := float(np.diff(levels).min()))
+    bends = [np.diff(corner, 2, axis) for axis in range(corner.ndim)]
+    fine = step < change / 100  # below it the surface of the steps is within its claims, too
     uneven = np.max(np.abs(multiples - np.round(multiples))) > 1e-3
-    smooth = np.mean([axis.mean() for axis in bent if axis.size]) < 1 / 4
+    bent = [np.abs(a - np.median(a)) > step / 2 for a in bends if a.size]  # a parabola's are alike
+    smooth = np.mean([axis.mean() for axis in bent]) < 1 / 4
     return 0.0 if fine or uneven or smooth else step
 
 

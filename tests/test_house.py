@@ -23,7 +23,7 @@ FLOORS = (
 #: in its commit why the room grows.
 LINES = {
     "epcontact": 101,
-    "epcontact.bem": 3790,
+    "epcontact.bem": 3746,
     "epcontact.cli": 1415,
     "epcontact.errors": 80,
     "epcontact.files": 140,
@@ -39,7 +39,7 @@ LINES = {
     "epcontact.studies": 2924,
     "epcontact.surfaces": 1996,
     "fem_check": 3642,
-    "tests": 16490,
+    "tests": 16505,
 }
 #: Imports of the project inside functions, each with its reason beside it; fewer is better.
 DEFERRED = 15

@@ -2,11 +2,13 @@
 
 Each scene is a surface of one of KINDS with a load, a hardness and 3 to 16 points per shortest
 wavelength, all drawn by its seed, on grids of 64, 128 and 256 points a side, and on a reference
-of 1024.  The unit of pressure is E*, slopes are of order 1.  "unloaded"
-kinds are solved at a peak load first, and judged at a part of it on the surface that is left.
+of 1024.  The unit of pressure is E*, slopes are of order 1.  "unloaded" kinds are solved at a peak
+load first, and judged at a part of it on the surface that is left.  "rounded" and "quantised" kinds
+have heights in steps: the first is judged by the smooth surface, the second by that of the steps.
 
 `python -m laboratory.area_bank [--seeds 5000:5012] [--keep FOLDER] [KIND ...]` prints the coverage,
-the median error and the ratio of claim to error, by kind, in some five minutes of one core; with
+the median error and the ratio of claim to error, by kind, in some five minutes of one core, and the
+coverage on each grid of surfaces without a note that claims do not hold for their reading; with
 `--gaps` the errors of the mean gap, and with `--ablation` what each mechanism is worth.
 """
 
@@ -28,7 +30,7 @@ from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import NotConverged
 from epcontact.results import FloatArray
-from epcontact.scene import rms_slope
+from epcontact.scene import Surface, rms_slope
 from epcontact.studies import areas as study
 from epcontact.studies.areas import Maker, Member, named, roughness
 
@@ -98,7 +100,12 @@ KINDS: dict[str, Maker] = {"self-affine": _rough, "oblong cells": _rough, "layer
 KINDS |= named(_noisy, _ground, _turned, _blasted, _copies) | {"worn": _wear}
 KINDS |= {kind: study.KINDS[kind] for kind in ("skewed", "spheres", "cylinders", "punches")}
 KINDS |= {kind: study.KINDS[kind] for kind in ("outliers", "sharp cones", "quantised")}
-KINDS |= {"lines": _line, "unloaded": _rough, "unloaded spheres": study.KINDS["spheres"]}
+KINDS |= {
+    "rounded": _rough,
+    "lines": _line,
+    "unloaded": _rough,
+    "unloaded spheres": study.KINDS["spheres"],
+}
 KINDS |= {"unloaded worn": _wear, "unloaded lines": _line}
 
 
@@ -117,15 +124,29 @@ class Scene:
     depth: float
     after: float
 
-    def solved(self, factor):
-        """(pressure, gap, hardness, spacing, 1, flowed) on a grid `factor` times as fine."""
-        one = self.member
+    def surface(self, factor):
+        """The heights and periods on a grid `factor` times as fine."""
+        one, rng = self.member, np.random.default_rng(self.member.drawn)
         if self.kind.endswith("lines"):
             shape, periods = (factor * one.shape[0],), one.periods[:1]
         else:
             shape, periods = tuple(factor * n for n in one.shape), one.periods
-        heights = one.maker(replace(one, shape=shape), np.random.default_rng(one.drawn))
-        heights = np.ascontiguousarray(np.broadcast_to(heights, shape))
+        heights = np.broadcast_to(one.maker(replace(one, shape=shape), rng), shape)
+        if self.kind == "rounded" and factor < REFERENCE:
+            step = heights.std() * 10 ** np.random.default_rng(self.seed).uniform(-3, -0.5)
+            heights = np.round(heights / step) * step
+        return np.ascontiguousarray(heights), periods
+
+    def told(self, factor):
+        """Whether a note says that claims may not hold for the reading of this kind."""
+        words = {"rounded": "nor for a smooth surface", "quantised": "are in steps of"}
+        notes = " ".join(Surface(*self.surface(factor)).notes)
+        return self.kind in words and words[self.kind] in notes
+
+    def solved(self, factor):
+        """(pressure, gap, hardness, spacing, 1, flowed) on a grid `factor` times as fine."""
+        one, (heights, periods) = self.member, self.surface(factor)
+        shape = heights.shape
         q = rfft_wavenumbers(shape, periods)
         q.flat[0] = np.inf
         compliance, depth = 2 / q, np.minimum(2 * q * self.depth, 300.0)
@@ -207,16 +228,13 @@ def judged(kinds, seeds, folder=None, factors=FACTORS):
                 print(kind, seed, why)
                 continue
             for factor, solution in grids:
-                raw, found, error = estimated(*solution)
-                finite = math.isfinite(one.member.hardness) and one.after == 1
-                for part, truth in zip(PARTS, exact, strict=True):
-                    if part != "total" and not finite:
-                        continue
-                    areas = (getattr(a, part) for a in (raw, found, error))
-                    row = dict(zip(("raw", "found", "claimed"), areas, strict=True))
-                    load, hardness = one.member.load, one.member.hardness
-                    row |= {"kind": kind, "seed": seed, "grid": factor, "part": part}
-                    rows.append(row | {"exact": truth, "load": load, "hardness": hardness})
+                _, found, error = estimated(*solution)
+                told = kind in ("rounded", "quantised") and one.told(factor)
+                row = {"kind": kind, "seed": seed, "grid": factor, "told": told}
+                flows = math.isfinite(one.member.hardness) and one.after == 1
+                for part, truth in zip(PARTS if flows else PARTS[:1], exact, strict=False):
+                    areas = {"found": getattr(found, part), "claimed": getattr(error, part)}
+                    rows.append(row | areas | {"part": part, "exact": truth})
     table = pd.DataFrame(rows)
     table["error"] = (table.found - table.exact).abs()
     table["within"] = table.error <= table.claimed + 1e-7
@@ -228,17 +246,12 @@ def gaps(kinds, seeds):
     rows = []
     for one in (scene(kind, seed) for kind in kinds for seed in seeds if "lines" not in kind):
         opened = [float(np.maximum(one.solved(n)[1], 0).mean()) for n in (1, 8)]
-        pressure, gap, hardness, spacing, _, flowed = one.solved(1)
-        raw, found, error = (
-            a.total for a in estimated(pressure, gap, hardness, spacing, 1, flowed)
-        )
-        heights = one.member.maker(one.member, np.random.default_rng(one.member.drawn))
-        heights = np.ascontiguousarray(np.broadcast_to(heights, gap.shape))
-        claim = rms_slope(heights, spacing) * max(spacing) * (abs(raw - found) + error) / raw
-        off = abs(opened[0] - opened[1])
-        rows.append(
-            {"kind": one.kind, "relative": off / (opened[1] or math.nan), "times": off / claim}
-        )
+        solution, heights = one.solved(1), one.surface(1)[0]
+        raw, found, error = (a.total for a in estimated(*solution))
+        step = rms_slope(heights, solution[3]) * max(solution[3])
+        claim, off = step * (abs(raw - found) + error) / raw, abs(opened[0] - opened[1])
+        relative = off / (opened[1] or math.nan)
+        rows.append({"kind": one.kind, "relative": relative, "times": off / claim})
     table = pd.DataFrame(rows)
     every = table[["relative", "times"]].quantile([0.5, 0.9])
     return pd.concat([table.groupby("kind", sort=False).quantile(0.9), every])
@@ -302,7 +315,7 @@ def ablation(kinds, seeds, folder):
 
 
 def main():
-    """Print the tables by kind: of the coarsest grid, and the coverage of each grid."""
+    """Print the tables by kind: of the coarsest grid, and the coverage of each without a note."""
     parser = argparse.ArgumentParser()
     parser.add_argument("kinds", nargs="*", default=list(KINDS))
     parser.add_argument("--seeds", default="5000:5012")
@@ -321,7 +334,8 @@ def main():
         return
     table = judged(given.kinds or list(KINDS), seeds, given.keep)
     print(summary(table[table.grid == 1]).round(2).to_string())
-    cover = table[table.exact > SMALLEST].pivot_table("within", "kind", "grid", sort=False)
+    plain = table[(table.exact > SMALLEST) & ~table.told]
+    cover = plain.pivot_table("within", "kind", "grid", sort=False)
     print((100 * cover).round(1).to_string())
 
 

@@ -196,7 +196,7 @@ def main():
     """Print coverage, loss and constant: in use, of the ensemble and of its second half."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--keep", type=Path)
-    kinds = [kind for kind in area_bank.KINDS if kind != "quantised"]
+    kinds = [kind for kind in area_bank.KINDS if kind not in ("quantised", "rounded")]
     known = lessons(kinds, range(5000, 5016), parser.parse_args().keep)
     fits = [fitted(part) for part in (known, known[1::2])]
     print("tip", round(fitted_tip(known), 3), "in use", TIP)

@@ -29,7 +29,7 @@ import numpy as np
 
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import AXIS_OFFSET, KINK, RELEASE, STIFFNESS, locate
+from epcontact.bem.areas.front import AXIS_OFFSET, KINK, STIFFNESS, locate
 from epcontact.bem.areas.grid import CORNER, OFFSETS, WIDTHS
 from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, OBLONG, sums_of_fronts
 from epcontact.reference import bumps
@@ -271,8 +271,8 @@ def released(heights, compliance, load, hardness, after):
 
 
 def calibrate_release(phases=16, points=1 << 15):
-    """RELEASE: by what part of `front.release` straight fronts have come off the edges of flattened
-    spots, the mean over directions, positions, strips below .7 dx and loads."""
+    """By what part of `front.release` straight fronts have come off the edges of flattened spots,
+    the mean over directions, positions, strips below .7 dx and loads."""
     q, spacing = 2 * np.pi * np.arange(points // 2 + 1) / PERIOD, PERIOD / points
     need = release = 0.0
     q[0] = np.inf
@@ -295,7 +295,7 @@ def calibrate_release(phases=16, points=1 << 15):
                 area = sums.area - sums.offset - HARMONIC * sums.harmonic
                 need += weight * (area * length / 2 / n - exact * length / PERIOD)
                 release += weight * sums.released * length / 2 / n
-    return float((1 + need / release) * RELEASE)
+    return float(1 + need / release)
 
 
 def main():
@@ -312,7 +312,7 @@ def main():
     print("offset", np.round(table, 4), " largest misfit", round(misfit, 4))
     print("corner", "{:.3f} +- {:.3f}".format(*calibrate_corner()), "in use", CORNER)
     print("oblong", round(calibrate_oblong(), 3), "in use", OBLONG)
-    print("release", round(calibrate_release(), 3), "in use", RELEASE)
+    print("release", round(calibrate_release(), 3), "in use 1")
     print("kink", "{:.3f} (places +- {:.3f})".format(*calibrate_kink()), "in use", KINK)
 
 

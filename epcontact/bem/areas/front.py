@@ -12,16 +12,15 @@ c = pi E*/(2 e dx), with b = Si(pi)/pi and points counted from the last in conta
 with d = Si(2 pi)/(2 pi).  The front is AXIS_OFFSET dx short of the root of q between 0 and 1, that
 of the polynomial through those of the six values that this contact and this gap have: the offset is
 exact up to the fifth order in dx, as the magnitude of S has no further terms.
-
-The plastic front is the same with hardness - p for p and -g for g.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
+import numpy as np
 
 from epcontact.results import FloatArray
 
@@ -30,27 +29,23 @@ AXIS_OFFSET = 0.190009285925947
 #: STIFFNESS is c in E*/dx; MIX is b, INNER is b^2/2 + d and OUTER b^2/2 - d.
 STIFFNESS = math.pi / (2 * math.e)
 MIX, INNER, OUTER = 0.5894898722360835, 0.3994549881295272, -0.05195667866061313
+#: Places of the points in the order in which the polynomial takes them, and inverse distances.
+NODES = np.array([0.0, 1.0, -1.0, 2.0, -2.0, 3.0])
+INVERSE = 1 / (NODES[:, None] - NODES + np.eye(6))
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
-#: A gap that changes by more than this multiple of its changes beside it has a step (`error_bars`,
-#: which tells little between 3 and 12).
+#: A gap that changes by this multiple of its changes beside it has a step (3 to 12 do as well).
 STEP = 6.0
-#: At a kink the parabola of the gap closes too far out, by KINK times p/(p + c g) spacings, with p
-#: and g on either side of the front (`rim.calibrate_kink`).
+#: At a kink the gap's parabola closes KINK p/(p + c g) spacings too far out (`rim.calibrate_kink`).
 KINK = 0.13
-#: A post of one point would be a crease of the half-width .2065 exp(1.757).
-WIDEST = 1.1
-#: An edge of a flattened spot is one where the strip beside it was below this width (`area_bank`).
-EDGE = 0.75
-#: Release of a front by that of a straight one along the grid, the mean over directions
-#: (`rim.calibrate_release`).
-RELEASE = 0.94
+#: Where the surface has flowed, a crossing claims this part of a kink's error (`area_bank`).
+FLOWED = 0.4
 
-#: Compiles a function of this room; nothing calls one from C, and an inner one not from Python.
-compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
-inner = numba.njit(
-    cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True
-)
+#: Compiles a function of this room; nothing calls one from C.  An inner one becomes a part of what
+#: calls it: arguments, and the references that arrays count, would take as long as their work.
+_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+compiled = numba.njit(**_OPTIONS)
+inner = numba.njit(**_OPTIONS, no_cpython_wrapper=True, forceinline=True, _nrt=False)
 
 
 class Link(NamedTuple):
@@ -60,7 +55,7 @@ class Link(NamedTuple):
     doubt: float  # by how much the last term of the polynomial moves it outwards: it may be there
     held: float  # 1 if a step of the surface holds the front: any place is equally likely
     zone: float  # width of the zone at an edge that must be plastic, but shows no point
-    kinked: float  # 1 at a kink or close before one, .4 where the surface flowed (`area_bank`)
+    kinked: float  # 1 at a kink or close before one, FLOWED where the surface has flowed
     fallen: float  # what the last point has lost since it flowed, by the hardness; 0 elsewhere
 
 
@@ -68,23 +63,23 @@ class Link(NamedTuple):
 def release(fallen: float, u: float) -> float:
     """How far a front has come off the edge of a flattened spot, in spacings.
 
-    fallen: what the pressure of the last point has lost since it flowed, by the hardness; u: width
-    of the strip between flow and open gap at the peak of the load, as of `grid`, below 1.  In the
-    continuum this strip has the width d and the pressure H (2/pi) arcsin sqrt(s/d).  Unloading
-    takes K/sqrt(s) off, or all of it up to a front at x, where K is the integral over the strip of
-    (2/pi) sqrt(x - a) dp(a): Dugdale's x = (pi K/2 H)^2 for a step, and d/2 more for a narrow
-    strip, of which little is left at first.  By the factorisation, K is fallen sqrt(e)/pi.
+    fallen: as of `Link`; u: width of the strip between flow and open gap at the peak of the load,
+    as of `grid`, below 1.  In the continuum this strip has the width d = 4/pi exp(e (1 - 1/u) -
+    gamma) and the pressure H (2/pi) arcsin sqrt(s/d).  Unloading takes K/sqrt(s) off, or all of it
+    up to x, where K = fallen sqrt(e)/pi H is the integral over the strip of (2/pi) sqrt(x - a)
+    dp(a).  Both ends are expanded in k = pi K/(H sqrt d).  (`rim.calibrate_release`)
     """
-    strip, k = 2 * math.exp(-1 - math.e * (1 / u - 1)), fallen * math.sqrt(math.e) / math.pi
-    far = strip / 2 + (math.pi * k / 2) ** 2
-    return RELEASE * float(min(math.pi * k * math.sqrt(strip), far) if k * k < strip / 4 else far)
+    strip = 4 / math.pi * math.exp(math.e * (1 - 1 / u) - 0.577216)
+    k = fallen * math.sqrt(math.e / strip)
+    inside, beyond = k * (1 - k / 8 - 0.0342 * k * k), 0.5 + k * k / 4 + 0.125 / max(k * k, 1.0)
+    return strip * (inside if k < 4 / math.pi else beyond)
 
 
 @inner
 def crease(a: float, b: float, centre: float, d: float, e: float) -> tuple[float, float]:
     """(half-width, shift towards b) in spacings of the gap at a kink of the surface, or zeros.
 
-    Arguments: p - c g of five points, of which the centre may be apart.  In the continuum p falls
+    a to e: p - c g of five points, of which the centre may be apart.  In the continuum p falls
     to p0 + k ln s at a kink, and to k arccosh(s/w) beside a gap of half-width w, which is the same
     far away if w = 2 exp(-p0/k).  On the grid p of a kink at a point is p0 + k (ln .1033, 0.197,
     0.664) at 0, 1 and 2 spacings, and that of a kink between two points is the mean of theirs.  A
@@ -94,35 +89,40 @@ def crease(a: float, b: float, centre: float, d: float, e: float) -> tuple[float
         b, d = b - 2 * math.e / math.pi**2 * centre, d - 2 * math.e / math.pi**2 * centre
         centre *= math.e / 2
     lean = abs(b - d)
-    k = (b + d - 2 * centre + 2.362 * lean) / 4.934
+    k = (b + d - 2 * centre + 2.363 * lean) / 4.935
     bend = (a - 2 * b if b > d else e - 2 * d) + centre  # -2 k at a kink, positive where smooth
     if min(b, d) < centre or bend > lean / 2.935 - k:
         return 0.0, 0.0
-    half = 0.2065 * math.exp((0.841 * lean - centre) / k)
-    return (half, (d - b) / (2.935 * k)) if half < WIDEST else (0.0, 0.0)
+    half = 0.20655 * math.exp((0.841 * lean - centre) / k)
+    return (half, (d - b) / (2.935 * k)) if half < 1 else (0.0, 0.0)
 
 
 @inner
-def wedge(load: float, one: float, two: float) -> float:
-    """E* times the slope of a wedge on one side of a lone point, or 0 where the surface is round.
+def wedge(hardness: float, load: float, near: Any, far: Any) -> float:
+    """Width of the plastic ridge of a wedge whose load one point carries, in spacings, or 0.
 
-    load: its p; one, two: -c g of the next two, which it has moved by 1.05 and 1.55 dx p/E*.
+    near, far: -c g of the points beside it, which it has moved by 1.05 and 1.55 dx p/E*.  Between
+    them both sides have their slopes t, wherever the ridge is; a round crest opens thrice as much
+    there.  The ridge is theta_4(exp(-pi E* t/2H))^2 times as wide as its load at the hardness H.
     """
-    near, far = 0.606 * load - one, 0.291 * load + one - two
-    return (near + far) / 2 / STIFFNESS if one <= 0 and 0 < far < 2 * near else 0.0
+    one, other = 0.29 * load + near[0] - far[0], 0.29 * load + near[1] - far[1]
+    rounded = one + other > 1.5 * (1.213 * load - near[0] - near[1])
+    if rounded or max(near[0], near[1]) > 0 or min(one, other) <= 0:
+        return 0.0
+    nome = math.exp(-math.pi / 2 * math.sqrt(one * other) / (hardness * STIFFNESS))
+    return load / hardness * max(1 - 2 * nome, 0.0) ** 2
 
 
 @compiled
 def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Link:
     """Find the `Link` between the third of six points, which is inside, and the fourth.
 
-    work: (5, 6) memory that begins with p - c g, or hardness - (p - c g) for the plastic front;
-    sunk: c w where flow has lowered the third point by w and the fourth never, negative where it
-    has lowered both; yielded: the hardness of that flow.
+    work: (4, 6) memory that begins with v of `grid`; sunk: c w where flow has lowered the third by
+    w and the fourth never, negative where it has lowered both; yielded: the hardness of that flow.
     """
     first, before, last, out, after, end = work[0]
     slope, elastic = last + sunk - out, last < hardness
-    if sunk > 0 and EDGE * slope > yielded:
+    if sunk > 0 and slope > yielded:
         return Link(min((yielded + sunk) / slope, 1.0), 0.0, 0.0, 0.0, 0.0, 1 - last / yielded)
     gap = after <= 0
     if sunk == 0 and elastic and 0 < after < hardness:
@@ -148,7 +148,7 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
         return Link(0.5, 0.0, 1.0, zone, 0.0, 0.0)
     if kink:
         place = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
-    kinked = 1.0 if kink or hump else 0.4 if sunk > 0 else 0.0
+    kinked = 1.0 if kink or hump else FLOWED if sunk > 0 else 0.0
     return Link(min(max(place, 0.0), 1.0), doubt, 0.0, zone, kinked, 0.0)
 
 
@@ -156,45 +156,45 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
 def _root(work: FloatArray, hardness: float, gap: bool) -> tuple[float, float, bool]:
     """(place, doubt, whether the pressure peaks before its last point) by the polynomial.
 
-    It is Newton's, from the points beside the front outwards.  Points may belong to another part
-    of the surface: the outermost are left out where they would move the front more than the ones
-    before.  The polynomial is that of the pressure, or, if no point is in the strip, of the gap.
+    It is Newton's, from the points beside the front outwards, for the pressure or, if no point is
+    in the strip, the gap.  The outermost points may belong to another part of the surface: they are
+    left out where they would move the front more than the ones before.
     """
     first, before, last, out, after, end = work[0]
     elastic = last < hardness
     mix, inner, outer, less = (MIX, INNER, OUTER, 0.0) if elastic else (0.0, 0.0, 0.0, hardness)
     contact = 0 < before < hardness if elastic else before >= hardness
     deep = elastic and contact and 0 < first < hardness
-    wide = deep and gap and end <= 0
-    c, d = last - less, out
-    nodes, terms = work[1], work[2]
+    q, terms, known = work[1], work[2], work[3]
+    q[0], known[0], q[1], known[1] = last - less, 1.0, out, 1.0
+    q[2], known[2] = before + mix * last - less, contact
+    q[3], known[3] = after - mix * out, gap
+    q[4], known[4] = first + mix * before + inner * last - less, deep
+    q[5], known[5] = end - mix * after + outer * out, deep and gap and end <= 0
     found, doubt, limit, shift, hump = 0, 0.0, 0.0, 1.0, False
-    for known, node, q in (
-        (True, 0.0, c),
-        (True, 1.0, d),
-        (contact, -1.0, before + mix * last - less),
-        (gap, 2.0, after - mix * out),
-        (deep, -2.0, first + mix * before + inner * last - less),
-        (wide, 3.0, end - mix * after + outer * out),
-    ):
-        if not known:
+    for k in range(6):
+        if known[k] == 0:
             continue
-        value = q
-        for m in range(found):
-            value = (value - terms[m]) / (node - nodes[m])
+        value = q[k]
+        for m in range(k):
+            value = (value - terms[m]) * INVERSE[k, m] if known[m] else value
         term = value * shift  # what it adds in the middle of the link
         limit = abs(term) if found <= 3 else limit
         if abs(term) > limit:
-            hump = hump or (node < 0 and before > max(first, last))
+            known[k], hump = 0.0, hump or (k == 4 and before > max(first, last))
             continue
         if found == 2 or (contact and gap):
             doubt = term
-        nodes[found], terms[found], found, shift = node, value, found + 1, shift * (0.5 - node)
-    x, slope = c / (c - d), d - c
+        terms[k], found, shift = value, found + 1, shift * (0.5 - NODES[k])
+    x, slope = q[0] / (q[0] - out), out - q[0]
     doubt = min(max(-doubt / slope, -ANYWHERE), ANYWHERE) if found > 2 else ANYWHERE
-    for _ in range(4):
-        value, rate = terms[found - 1], 0.0
-        for m in range(found - 2, -1, -1):
-            value, rate = terms[m] + (x - nodes[m]) * value, value + (x - nodes[m]) * rate
-        x = min(max(x - value / (rate if rate < 0 else slope), 0.0), 1.0)
-    return x + last / (last - out) + c / slope, doubt, hump
+    for _ in range(9):
+        value = rate = 0.0
+        for k in range(5, -1, -1):
+            if known[k]:
+                value, rate = terms[k] + (x - NODES[k]) * value, value + (x - NODES[k]) * rate
+        step = min(max(x - value / (rate if rate < 0 else slope), 0.0), 1.0) - x
+        x += step
+        if abs(step) < 1e-3:  # after which a millionth is left
+            break
+    return x + last / (last - out) + q[0] / slope, doubt, hump

@@ -5,9 +5,10 @@ plastic; c is that of `front` for links along x and, on oblong cells, for those 
 crosses links between neighbouring points, where `front` locates it, and straight segments between
 the two crossings of a cell bound the area.
 
-Front 0 bounds the contact and front 1 its plastic part.  A cell is named after its last corner,
-point (i, j).  Its corners 0 to 3 are (i - 1, j - 1), (i, j - 1), (i, j) and (i - 1, j), and side k
-runs from corner k to the next.
+Front 0 bounds the contact.  Front 1 bounds its plastic part: it is the front 0 of the mirror image,
+hardness - v, in which plastic points are apart.  A cell is named after its last corner, point
+(i, j).  Its corners 0 to 3 are (i - 1, j - 1), (i, j - 1), (i, j) and (i - 1, j), and side k runs
+from corner k to the next.
 """
 
 from __future__ import annotations
@@ -29,11 +30,10 @@ OFFSETS = np.array([0.0, 0.0721, 0.137, 0.1916, 0.2198, 0.2229, 0.215, 0.1933,
 #: Along a crease the pressure changes by less than this share of its change across, and from copy
 #: to copy of its range (`area_bank`; from 1/3 on claims of straight grooves are too small).
 ALIKE = 0.2
-#: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).  A lone point that
-#: carries next to nothing is taken for a spot of this area.
+#: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).
 CORNER = 0.6
-#: Points around the cells of a block that are looked at, too.
-PAD = 4
+#: Points around the cells of a block that are read, too; entries for a spacing in the offsets.
+PAD, FINE = 4, 500
 #: By the sum of 2^k over the corners inside: the corner that is cut off, or the first of the two
 #: that are on one side of the front.
 _CUT = np.array([0, 0, 1, 0, 2, 0, 1, 3, 3, 1, 1, 2, 0, 1, 0, 0])
@@ -88,10 +88,9 @@ class Block(NamedTuple):
     inside: NDArray[np.uint8]  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
     sunk: FloatArray  # (rows, columns) c w, or (0, 0) where nothing has flowed before
     links: Any  # (2, 2, columns) `Link` along x and y that ends at a point, of even and odd rows
-    work: FloatArray  # (5, 6)
+    work: FloatArray  # (4, 6)
 
 
-@compiled
 def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> Any:
     """The `Sums` over blocks of the cells of a periodic grid, (n, 2) records.
 
@@ -99,118 +98,136 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
     offsets: of a front, at WIDTHS.
     """
     found = np.zeros((len(blocks), 2), SUMS)
-    rows = np.max(blocks[:, 1] - blocks[:, 0]) + 2 * PAD
-    columns, c = np.max(blocks[:, 3] - blocks[:, 2]) + 2 * PAD, solution.stiffness
-    layers, flowed = 1 if c[0] == c[1] else 2, rows if solution.flowed.size else 0
+    rows, columns = (blocks[:, 1::2] - blocks[:, ::2]).max(axis=0) + 2 * PAD
     block = Block(
-        np.empty((layers, rows, columns)),
+        np.empty((len({*solution.stiffness}), rows, columns)),
         np.empty((rows, columns), np.uint8),
-        np.empty((flowed, columns)),
+        np.zeros((rows, columns)),
         np.empty((2, 2, columns), LINK),
-        np.empty((5, 6)),
+        np.empty((4, 6)),
     )
-    for k in range(len(blocks)):
-        (first, last, left, right), inside = blocks[k], block.inside
-        _fill(block, solution, blocks[k])
-        for front in range(2 if solution.hardness < np.inf else 1):
-            sums, state, points = found[k, front], 16 * front, 0
-            for i in range(PAD - 1, last - first + PAD):
-                d, c = inside[i - 1, PAD - 2], inside[i, PAD - 2]
-                for j in range(PAD - 1, right - left + PAD):
-                    a, b, c, d = d, c, inside[i, j], inside[i - 1, j]
-                    own = i >= PAD and j >= PAD
-                    points += own and c > state
-                    if c == a == b == d and c != 1:
-                        continue
-                    code = (a > state) + 2 * (b > state) + 4 * (c > state) + 8 * (d > state)
-                    if code not in (0, 15):
-                        _cross(block, solution, front, (i, j))
-                        if own:
-                            _segments(block, solution, front, (i, j), code, offsets, sums)
-                    if own and c == 1:
-                        square, crease = _hidden(block, (i, j), solution.hardness, front)
-                        sums.squares += square
-                        sums.crease += crease
-                    elif own and c == 17 * front:
-                        sums.tips += _tip(block.v, inside, (i, j), solution.hardness)
-            sums.points, sums.area = points, sums.area + points
+    table = np.interp(np.arange(round(WIDTHS[-1] * FINE) + 1) / FINE, WIDTHS, offsets)
+    _sweep(solution, block, blocks, table, found)
+    for sums, (first, last, left, right) in zip(found, blocks, strict=True):
+        p = solution.pressure[first:last, left:right]
+        sums["points"] = np.count_nonzero(p > 0), np.count_nonzero(p >= solution.hardness)
+        sums["area"] += sums["points"]
     return found
 
 
+@compiled
+def _sweep(
+    solution: Solution, block: Block, blocks: NDArray[np.int64], offsets: FloatArray, found: Any
+) -> None:
+    """Add the sums over each block, with the area less the points inside."""
+    for k in range(len(blocks)):
+        first, last, left, right = blocks[k]
+        for front in range(2 if solution.hardness < np.inf else 1):
+            _fill(block, solution, blocks[k], front)
+            ends, sums = (last - first + PAD, right - left + PAD), found[k, front]
+            _pass(block, solution, ends, offsets, sums)
+            if front:  # what is inside the plastic front is outside its mirror image
+                sums.area, sums.turn = -sums.area, -sums.turn
+
+
 @inner
-def _fill(block: Block, solution: Solution, place: NDArray[np.int64]) -> None:
-    """Fill the memory with the points of a block."""
+def _fill(block: Block, solution: Solution, place: NDArray[np.int64], front: int) -> None:
+    """Fill the memory with the points of a block, or with their mirror images for front 1."""
     (pressure, gap, hardness, stiffness, flowed, _), (first, last, left, right) = solution, place
-    (nx, ny), (v, inside, sunk, _, _) = pressure.shape, block
+    (nx, ny), (v, inside, sunk) = pressure.shape, block[:3]
     for i in range(last - first + 2 * PAD):
-        row, column = (first - PAD + i) % nx, (left - PAD) % ny
-        for j in range(right - left + 2 * PAD):
-            p, g = pressure[row, column], gap[row, column]
-            inside[i, j] = (p > 0) + 16 * (p >= hardness)
-            base = hardness if p >= hardness else max(p, 0.0)
-            depth = max(g, 0.0) if p <= 0 else min(g, 0.0) if p >= hardness else 0.0
+        row, done, width = (first - PAD + i) % nx, 0, right - left + 2 * PAD
+        while done < width:  # from one end of the period to the next
+            start = (left - PAD + done) % ny
+            stop = min(ny, start + width - done)
+            p, g, states = pressure[row, start:stop], gap[row, start:stop], inside[i, done:]
+            for j in range(stop - start):
+                contact, plastic = p[j] > 0, p[j] >= hardness
+                states[j] = 17 - 16 * contact - plastic if front else contact + 16 * plastic
             for layer in range(len(v)):
-                v[layer, i, j] = base - stiffness[layer] * depth
+                c, values = stiffness[layer], v[layer, i, done:]
+                for j in range(stop - start):
+                    depth = min(g[j], 0.0) if p[j] >= hardness else 0.0
+                    depth = max(g[j], 0.0) if p[j] <= 0 else depth
+                    value = min(max(p[j], 0.0), hardness) - c * depth
+                    values[j] = hardness - value if front else value
             if flowed.size:  # points that flow again are as on a first loading
-                sunk[i, j] = stiffness[0] * flowed[row, column] if p < hardness else 0.0
-            column = column + 1 if column + 1 < ny else 0
+                for j in range(stop - start):
+                    again = front == 1 or p[j] >= hardness
+                    sunk[i, done + j] = 0.0 if again else stiffness[0] * flowed[row, start + j]
+            done += stop - start
 
 
 @inner
-def _cross(block: Block, solution: Solution, front: int, place: tuple[int, int]) -> None:
+def _pass(
+    block: Block, solution: Solution, ends: tuple[int, int], offsets: FloatArray, sums: Any
+) -> None:
+    """Add up the `Sums` of a front over the cells of a block; ends: the row and column after it."""
+    v, inside = block[:2]
+    for i in range(PAD - 1, ends[0]):  # from the row before, which has links of the first cells
+        before, here = inside[i - 1], inside[i]
+        for j in range(PAD - 1, ends[1]):
+            a, b, c, d = before[j - 1], here[j - 1], here[j], before[j]
+            if (a == c) & (b == c) & (d == c) & (c != 1):
+                continue
+            code, own = (a > 0) + 2 * (b > 0) + 4 * (c > 0) + 8 * (d > 0), i >= PAD and j >= PAD
+            if 0 < code < 15:
+                _cross(block, solution, (i, j))
+                if own:
+                    _segments(block, solution, (i, j, code), offsets, sums)
+            if own and c == 1:
+                square, area = _hidden(v, (i, j), solution.hardness)
+                sums.squares += square
+                sums.crease += area
+            elif own and c == 0:
+                sums.tips += _tip(v, inside, (i, j), solution.hardness)
+
+
+@inner
+def _cross(block: Block, solution: Solution, place: tuple[int, int]) -> None:
     """Locate the front on the links to a point along x and y that it crosses."""
-    (v, inside, sunk, links, work), (i, j) = block, place
-    state, cap, sign = (16, solution.hardness, -1.0) if front else (0, 0.0, 1.0)
-    ends_inside = (inside[i, j] > state) != (front == 1)
+    (v, inside, sunk, links, work), (i, j), field = block, place, block.v.reshape(-1)
+    _, rows, columns = v.shape
+    is_inside = inside[i, j] > 0
     for y in range(2):
-        beside = inside[i, j - 1] if y else inside[i - 1, j]
-        if (inside[i, j] > state) == (beside > state):
+        before = i - 1 + y, j - y
+        if is_inside == (inside[before] > 0):
             continue
+        step = (1 if y else columns) * (-1 if is_inside else 1)
+        here = (y * (len(v) - 1) * rows + i) * columns + j + (-2 if is_inside else -3) * step
         for k in range(6):  # from inside
-            way = 2 - k if ends_inside else k - 3
-            work[0, k] = cap + sign * (v[-1, i, j + way] if y else v[0, i + way, j])
-        below = 0.0
-        if sunk.size and front == 0:
-            w, beyond = sunk[i, j], sunk[i, j - 1] if y else sunk[i - 1, j]
-            w, beyond = (w, beyond) if ends_inside else (beyond, w)
-            aspect = solution.stiffness[y] / solution.stiffness[0]
-            below = w * aspect if beyond == 0 else -1.0 if w > 0 else 0.0
+            work[0, k] = field[np.uint64(here + k * step)]
+        last, out = (sunk[i, j], sunk[before]) if is_inside else (sunk[before], sunk[i, j])
+        aspect = solution.stiffness[y] / solution.stiffness[0]
+        below = last * aspect if out == 0 else -1.0 if last > 0 else 0.0
         found = locate(work, below, solution.hardness, solution.yielded)
         link = links[y, i & 1, j]
-        link.place = 1 - found.place if ends_inside else found.place
+        link.place = 1 - found.place if is_inside else found.place
         link.doubt, link.held, link.zone = found.doubt, found.held, found.zone
         link.kinked, link.fallen = found.kinked, found.fallen
 
 
 @inner
 def _segments(
-    block: Block,
-    solution: Solution,
-    front: int,
-    cell: tuple[int, int],
-    code: int,
-    offsets: FloatArray,
-    sums: Any,
+    block: Block, solution: Solution, cell: tuple[int, int, int], offsets: FloatArray, sums: Any
 ) -> None:
-    """Add the segments of a front in a cell to the `Sums`; code: of 2^k for corners inside."""
-    (v, _, sunk, links, _), (i, j) = block, cell
-    x_field, y_field = v[0], v[-1]
+    """Add the segments of a front in a cell to the `Sums`; cell: i, j, 2^k for corners inside."""
+    (v, _, sunk, links), (i, j, code) = block[:4], cell
     cut, saddle, straight = _CUT[code], code % 5 == 0, int(code % 3 == 0)
-    a, b, c, d = x_field[i - 1, j - 1], x_field[i, j - 1], x_field[i, j], x_field[i - 1, j]
-    e, f, g, h = y_field[i - 1, j - 1], y_field[i, j - 1], y_field[i, j], y_field[i - 1, j]
-    if saddle and a + b + c + d + e + f + g + h > (8 * solution.hardness if front else 0.0):
+    a, b, c, d = v[0, i - 1, j - 1], v[0, i, j - 1], v[0, i, j], v[0, i - 1, j]
+    e, f, g, h = v[-1, i - 1, j - 1], v[-1, i, j - 1], v[-1, i, j], v[-1, i - 1, j]
+    if saddle and a + b + c + d + e + f + g + h > 0:
         cut ^= 1  # the inside is connected
     dx, dy = (b + c - a - d) / 2, (g + h - e - f) / 2
     square = max(dx * dx + dy * dy, 1e-300)
-    cos4 = 1 - 8 * (dx * dy / square) ** 2
     sin4 = 4 * (dx * dy / square) * ((dx - dy) * (dx + dy) / square)
-    steep, gradient = math.sqrt(square), (dx, dy)
-    narrow = min(solution.hardness / steep, 1.0) ** 2
-    if sunk.size and front == 0:
-        a, b, c, d = sunk[i - 1, j - 1], sunk[i, j - 1], sunk[i, j], sunk[i - 1, j]
-        gradient = dx + (b + c - a - d) / 2, dy + (c + d - a - b) / 2  # that of the peak load
+    steep, cos4 = math.sqrt(square), 1 - 8 * (dx * dy / square) ** 2
+    narrow, u, peak = min(solution.hardness / steep, 1.0) ** 2, solution.yielded / steep, (dx, dy)
+    a, b, c, d = sunk[i - 1, j - 1], sunk[i, j - 1], sunk[i, j], sunk[i - 1, j]
+    if max(a, b, c, d) > 0:
+        peak = dx + (b + c - a - d) / 2, dy + (c + d - a - b) / 2  # the gradient at the peak load
         if min(a, b, c, d) > 0:  # inside a flattened spot nothing moves along
-            steep = 1e-150
+            u = np.inf
     is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
     sums.area += 1 - is_inside - ((code >> 2) & 1)  # which was counted as a point
     for corner in range(cut, cut + (4 if saddle else 1), 2):
@@ -219,20 +236,19 @@ def _segments(
         other = links[before & 1, (i - (before == 3)) & 1, j - (before == 0)]
         x = 1 - one.place if after > 1 else one.place
         y = other.place if before > 1 else 1 - other.place
-        held, doubt = (one.held + other.held) / 2, (one.doubt + other.doubt) / 2
-        at_edge, back, away = max(one.fallen, other.fallen) > 0, 0.0, 0.0
-        u = solution.yielded / steep
-        if at_edge:  # along a link that is more than 60 degrees off the front moves twice as far
-            peak = max(math.hypot(gradient[0], gradient[1]), solution.yielded)
-            u = solution.yielded / peak
-            back, away = release(one.fallen, u), release(other.fallen, u)
-            x -= sign * back / max(abs(gradient[after & 1]) / peak, 0.5)
-            y -= sign * away / max(abs(gradient[before & 1]) / peak, 0.5)
+        held, doubt, away = (one.held + other.held) / 2, (one.doubt + other.doubt) / 2, 0.0
+        if max(one.fallen, other.fallen) > 0:
+            steepest = max(math.hypot(peak[0], peak[1]), solution.yielded)
+            u = solution.yielded / steepest
+            back, gone = release(one.fallen, u), release(other.fallen, u)
+            x -= sign * back
+            y -= sign * gone
+            away = (back + gone) / 2
         length = math.sqrt(1 + (x - y) ** 2 if straight else x * x + y * y)
         sums.area += sign * (x + y if straight else x * y) / 2
-        sums.released += (back + away) / 2 * length
         own, free = max(narrow, held) * length, (1 - held) * length
-        sums.offset += _offset(u, offsets) * free
+        sums.released += away * length
+        sums.offset += offsets[int(FINE * u + 0.5) if u < WIDTHS[-1] else -1] * free
         sums.harmonic += cos4 * free
         sums.sine += sin4 * free
         sums.turn += 0.0 if straight else 0.25 * sign
@@ -246,49 +262,31 @@ def _segments(
 
 
 @inner
-def _offset(u: float, offsets: FloatArray) -> float:
-    """Interpolate between the offsets at WIDTHS."""
-    k = 1 if u < WIDTHS[-1] else len(WIDTHS) - 1
-    while u > WIDTHS[k] and k < len(WIDTHS) - 1:
-        k += 1
-    share = min((u - WIDTHS[k - 1]) / (WIDTHS[k] - WIDTHS[k - 1]), 1.0)
-    return float(offsets[k - 1] + share * (offsets[k] - offsets[k - 1]))
-
-
-@inner
 def _tip(
     v: FloatArray, inside: NDArray[np.uint8], place: tuple[int, int], hardness: float
 ) -> float:
-    """1 where a point is a tip of its state, less where the strip beside it is narrow, or 0.
+    """1 where a point apart is a tip, less where the strip beside it is narrow, or 0.
 
-    A tip has at most two of its eight neighbours in the same state, and not both on one line.  A
-    spot of two or three points with no others within two points shows all that it has.  Where a
-    front moves with another one, a tip counts less: the steepest way to a neighbour gives the width
-    of the strip between them.  A lone point counts less if even the gentlest way is steep: it is a
-    post or a pit of its own cell.
+    At most two of its eight neighbours are apart, not both on one line.  A spot of two or three
+    points with no others within two points shows all that it has.  The steepest way to a neighbour
+    gives the width of the strip between this front and the other.
     """
-    (i, j), like, near, steepest, gentlest = place, -1, -1, 0.0, np.inf
+    (i, j), like, near, steepest = place, -1, -1, 0.0
+    if inside[i - 1, j] == inside[i + 1, j] == 0 or inside[i, j - 1] == inside[i, j + 1] == 0:
+        return 0.0
     for a in range(i - 2, i + 3):
         for b in range(j - 2, j + 3):
-            alike = inside[a, b] == inside[i, j]
+            alike = inside[a, b] == 0
             near += alike
             if max(abs(a - i), abs(b - j)) <= 1:
                 like += alike
                 way = abs(v[0, a, b] + v[-1, a, b] - v[0, i, j] - v[-1, i, j]) / 2
                 steepest = max(steepest, way)
-                gentlest = min(gentlest, way) if a != i or b != j else gentlest
-    own, rows, columns = inside[i, j], inside[i - 1 : i + 2 : 2, j], inside[i, j - 1 : j + 2 : 2]
-    line = rows[0] == rows[1] == own or columns[0] == columns[1] == own
-    if like > 2 or 0 < like == near or line:
-        return 0.0
-    way = steepest if like else gentlest
-    return float((hardness / way) ** 2 if way > hardness else 1.0)
+    return 0.0 if like > 2 or 0 < like == near else min(hardness / steepest, 1.0) ** 2
 
 
 @inner
-def _hidden(
-    block: Block, place: tuple[int, int], hardness: float, front: int
-) -> tuple[float, float]:
+def _hidden(v: FloatArray, place: tuple[int, int], hardness: float) -> tuple[float, float]:
     """(square of areas, area at a crease) that an elastic point may hide beside it.
 
     In full contact p is a smooth wave.  If it would fall to -p1 + p2 s^2 at the distance s from its
@@ -297,50 +295,32 @@ def _hidden(
 
     Along a crease (`front`) the pressure changes less than across by ALIKE; where it is 0, the gap
     shows.  A tip is bound by creases in both directions, as wide as where p rises by k ln 3 from
-    half a spacing to 3/2.  A lone wedge of slope t carries its load p on a width p/H at the
-    hardness H, or on y/sinh y of it, y = pi H/(E* t), where it is not steep enough.
-
-    A lone point lacks a part of CORNER, as its spot may have no area.
+    half a spacing to 3/2.  A lone point may be on a wedge.
     """
-    (v, p, (i, j)), sign, cap = (block.v, block.work, place), 1 - 2 * front, front * hardness
-    here = sign * v[0, i, j] + (cap if front else 0.0)
-    x0, x1, y0, y1 = v[0, i - 1, j], v[0, i + 1, j], v[-1, i, j - 1], v[-1, i, j + 1]
-    if front:
-        x0, x1, y0, y1 = cap - x0, cap - x1, cap - y0, cap - y1
-    if here > min(x0, x1) and here > min(y0, y1) and max(x0, x1, y0, y1) > 0:
-        return 0.0, 0.0
-    most = rise = area = 0.0
-    tip, spot, lowest = 1.0, 0.5, True
-    for axis in range(2):  # p runs across the crease first
-        spread = 0.0
-        for a in range(5):
-            for b in range(1, 4):
-                x, y = (b, a) if axis else (a, b)
-                q = sign * v[-axis, i + x - 2, j + y - 2] + (cap if front else 0.0)
-                p[a, b] = min(max(q, 0.0), hardness)
-                p[a, 4] = q if b == 2 else p[a, 4]
-                spread += here / (here - q) if b == 2 and a % 2 else 0.0
-        before, after = p[1, 2], p[3, 2]
-        spot, most, rise = spot * spread, max(most, before, after), rise + before + after
-        low, across = here <= min(before, after), max(before, after) - here
-        lowest, cone = lowest and low, 0.0
-        if low and across > 0:
-            bent = min(p[0, 2] - 2 * before, p[4, 2] - 2 * after) + here < 0
-            cone = 2 * math.exp(-math.log(3) * here / across) if bent else 0.0
-            width = 2 * crease(p[0, 2], before, here, after, p[4, 2])[0]
-            one, other = min(p[1, 1], p[2, 1], p[3, 1]), min(p[1, 3], p[2, 3], p[3, 3])
-            along = max(one - here, other - here, 0.0) / (ALIKE * across)
-            alike = (before < hardness) == (after < hardness) and min(one, other) > 0
-            area = max(area, width * max(1 - along, 0.0) * alike)
+    (i, j), lowest, tip, rise, area = place, True, 1.0, 0.0, 0.0
+    here = v[0, i, j]
+    for axis in range(2):
+        q, x, y = v[-axis], 1 - axis, axis  # (x, y) is the way across the crease
+        before, after = q[i - x, j - y], q[i + x, j + y]
+        if here > min(before, after):
+            lowest = False
+            continue
+        first, end = q[i - 2 * x, j - 2 * y], q[i + 2 * x, j + 2 * y]
         if min(before, after) >= hardness:
-            v0, v1, v2, v3, v4 = hardness - p[:5, 4]
-            steep = math.sqrt(wedge(v2, v1, v0) * wedge(v2, v3, v4))
-            if steep > 0:
-                ratio = min(math.pi * hardness / steep, 99.0)
-                area = max(area, v2 / hardness * ratio / math.sinh(ratio))
-        tip *= cone
-    if most <= 0:
-        return max(CORNER - spot, 0.0) ** 2, 0.0
+            near, far = (hardness - before, hardness - after), (hardness - first, hardness - end)
+            area = max(area, wedge(hardness, hardness - here, near, far))
+        alike = (before < hardness) == (after < hardness)
+        before, after = min(before, hardness), min(after, hardness)
+        first, end = min(max(first, 0.0), hardness), min(max(end, 0.0), hardness)
+        across, rise = max(before, after) - here, rise + before + after
+        bent = min(first - 2 * before, end - 2 * after) + here < 0
+        tip *= 2 * 3 ** (-here / across) if bent and across > 0 else 0.0
+        one = min(q[i - 1, j - 1], q[i - y, j - x], q[i + x - y, j + y - x])
+        other = min(q[i + 1, j + 1], q[i + y, j + x], q[i + y - x, j + x - y])
+        if alike and min(one, other, across) > 0:
+            along = max(min(max(one, other), hardness) - here, 0.0) / (ALIKE * across)
+            width = 2 * crease(first, before, here, after, end)[0]
+            area = max(area, width * max(1 - along, 0.0))
     rise = math.pi**2 / 8 * (rise / 4 - here)  # p2 of a wave with points a quarter of it apart
-    gap = math.pi * 1.5 * (0.5 - here / rise) if lowest and most < hardness else 0.0
-    return max(gap, 0.0) ** 2 + tip**2, area
+    gap = max(math.pi * 1.5 * (0.5 - here / rise), 0.0)
+    return (gap**2 + tip**2 if lowest else 0.0), area

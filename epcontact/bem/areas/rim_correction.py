@@ -1,25 +1,16 @@
 """The rim correction: contact areas in the limit of a vanishing grid spacing, from one solution.
 
-Counting grid points overestimates a contact by its rim.  By particle-hole symmetry (p -> hardness
-- p, g -> -g) the count underestimates the plastic part as it overestimates the contact.
-
-`estimate_areas` locates the fronts inside the cells (`grid`) and corrects the area A_located that
-they enclose.  In cells, with a front's length L in spacings, the contact is
+Counting grid points overestimates a contact by its rim, and underestimates its plastic part, the
+mirror image.  In cells, with lengths in spacings, the contact is
 
     A = A_located - (integral of offset(u) + HARMONIC cos 4 theta along the front)
         + CORNER * (Euler number) - TIP * (number of tips) - (zones and creases that show no point)
 
-and for the plastic part all terms but that of CORNER have the opposite sign (`located_areas`).
-
-* First order: the offset of a located front is that of the discrete problem at a straight one, of
-  any direction theta, with an elastic strip of any width u beside it.
-* Second order: the polynomial of `front` corrects for the length over which the pressure departs
-  from its square root.  The radius of curvature, whose inverse integrates to the Euler number, has
-  CORNER, measured on a sphere.
-* Not resolved: a gap (or plastic spot) narrower than a spacing shows as tips where it contains a
-  grid point.  At kinks and creases its width follows from the pressures beside it.
-* Held by an edge: a front rests on a step of the surface, somewhere between two points, so that the
-  count is right there; at a kink the gap shows the place.
+and for the plastic part all terms but that of CORNER have the opposite sign (`located_areas`).  The
+offset is that of the discrete problem at a straight front of any direction theta, with an elastic
+strip of any width u beside it.  CORNER is what a front lacks by its curvature, the inverse of whose
+radius integrates to the Euler number.  Tips, zones and creases are what is narrower than a spacing.
+A front that rests on a step is somewhere between two points, so that the count is right there.
 
 The load is one more measurement of the areas (`_balanced`), their errors follow from the same sums
 (`_covariance`), and `_possible` cuts off what cannot carry the load.  `rim`, `error_bars` and
@@ -48,20 +39,16 @@ TIP = 0.3
 OBLONG = 0.07
 #: Mean offset of a counted front over all directions, in spacings (`rim.front_offset`).
 COUNTED = 0.129
-#: Variance of the points inside a front, for each spacing of it: the sum of k^-3 over the square
-#: lattice by 4 pi^3 (Kendall, Quarterly Journal of Mathematics 19 (1948) 1).
+#: Variance of the points inside, for a spacing of front (Kendall, Q. J. Math. 19 (1948) 1).
 POINTS = 0.0728
-#: Standard deviation of the place of all fronts at edges and kinks together, and of alike strips
-#: (`error_bars`).
+#: Standard deviation of the place of all fronts at edges and kinks together (`error_bars`).
 EDGES = 0.085
 #: Systematic error of OFFSETS for each spacing of the shorter front (the paper's surface, 4096^2).
 STRIPS = 0.001
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
 SURE = 1.645
-# A pressure above this share of the hardness is plastic: the difference is rounding.
-_ROUNDING = 1 - 1e-12
-# Rows and columns that are swept at a time.
-_ROWS, _COLUMNS = 32, 1024
+_ROUNDING = 1 - 1e-12  # a pressure above this share of the hardness is plastic
+_ROWS, _COLUMNS = 32, 1024  # swept at a time
 
 
 def estimate_areas(
@@ -81,9 +68,8 @@ def estimate_areas(
     pressure's shape, what earlier flow has lowered the surface by, in m, where a load is no longer
     the largest.  Where no point flows then, nothing does, and the plastic area is 0.
 
-    The error is meant to cover nine out of ten absolute errors of the corrected areas.  Oblong
-    cells are right on average over directions up to dx/dy = 2; beyond, and for fronts of one
-    direction, the error grows.  No array of the grid's size is made.
+    The error is meant to cover nine out of ten errors of the corrected areas; beyond dx/dy = 2 and
+    for fronts of one direction it grows.  No array of the grid's size is made.
     """
     # Also arrays of another byte order, which compiled loops would misread.
     pressure, gap = array("pressure", pressure), array("gap", gap)
@@ -100,8 +86,7 @@ def estimate_areas(
     for name, values in (("pressure", pressure), ("gap", gap)):
         if not (values.size and math.isfinite(values.sum())):
             raise InvalidScene(
-                f"{name} is empty or holds NaN or infinite values, but areas need "
-                "a finite one at each point"
+                f"{name} is empty or holds NaN or infinite values: all must be finite"
             )
     flowed = None if flowed is None else array("flowed", flowed)
     summed = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads, flowed)
@@ -121,7 +106,7 @@ def sums_of_fronts(
     if pressure.ndim == 1:  # a grid of one column, whose fronts are all straight
         pressure, gap, spacing = pressure[:, None], gap[:, None], [spacing[0], spacing[0]]
     (nx, ny), (dx, dy), c = pressure.shape, spacing, STIFFNESS * effective_modulus
-    # The fronts of a line run along one axis, for which the offset is known exactly.
+    # The exact offset of fronts along one axis, as those of a line are.
     offsets = OFFSETS * ((AXIS_OFFSET - HARMONIC) / OFFSETS[-1]) if ny == 1 else OFFSETS
     earlier = (np.zeros((0, 0)), hardness * _ROUNDING)
     if flowed is not None:
@@ -130,7 +115,6 @@ def sums_of_fronts(
     solution = Solution(pressure, gap, hardness * _ROUNDING, (c / dx, c / dy), *earlier)
     rows, columns = ranges(nx, _ROWS), ranges(ny, _COLUMNS)
     blocks = np.array([(r.start, r.stop, k.start, k.stop) for k in columns for r in rows])
-    # Each call makes its own memory, which takes longer than to sweep a few rows.
     shares = np.array_split(blocks, min(len(blocks), 4 * threads if threads > 1 else 1))
     with Workers(threads) as workers:
         parts = workers.each(sweep, solution, shares, offsets)
@@ -163,9 +147,8 @@ def _areas(total: float, plastic: float) -> Areas:
 
 
 def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[Areas, Areas]:
-    """Move the total and plastic area to the nearest values that carry the load, and their errors.
-    A plastic area above share = p0/hardness carries too much, and a contact below it too little.
-    The distance moved adds to the error, which is at most the distance to the farther bound."""
+    """Move the areas to the nearest ones that carry the load, share = p0/hardness.  The distance
+    adds to their errors, which are at most those to the farther bound."""
     low, high = np.array([share, 0.0]), np.array([1.0, share])
     moved = np.clip(areas, low, high)
     far = np.abs(moved - areas)
@@ -187,25 +170,17 @@ def _covariance(sums: Sums, oblong: float, edges: float) -> FloatArray:
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
     those at edges and kinks, and twice its doubt as far as it is alike.  What a spot lacks by its
-    curvature is known to a quarter, as is a release, the offset's change with direction to a third
-    (`rim.calibrate_directions`: .005).  A strip narrower than a spacing may be anywhere in its
-    link: the load tells better.
+    curvature is known to a quarter, as is a release, the offset's change with direction to a third.
+    A strip narrower than a spacing may be anywhere in its link: the load tells better.
     """
-    directed = np.hypot(sums.harmonic, sums.sine)
-    alike = directed / np.maximum(sums.length + sums.shared - sums.held, 1e-9)
-    chance = sums.chance + (CORNER / 4) ** 2 * np.abs(sums.turn)
-    common = [
-        alike * 2 * sums.doubt,
-        edges * sums.held,
-        edges * sums.kinked,
-        HARMONIC / 3 * directed,
-        oblong / 4 * sums.offset,
-        sums.released / 4,
-        STRIPS * (sums.length + sums.shared).min() * np.ones(2),
-    ]
-    alone = chance + ANYWHERE**2 * sums.held + np.sum(np.square(common), axis=0)
+    length = sums.length + sums.shared
+    alike = np.hypot(sums.harmonic, sums.sine) / np.maximum(length - sums.held, 1e-9)
+    chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 4) ** 2 * np.abs(sums.turn)
+    common = (2 * alike * sums.doubt) ** 2 + edges**2 * (sums.held**2 + sums.kinked**2)
+    common += (HARMONIC / 3 * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
+    common += (sums.released / 4) ** 2 + (STRIPS * length.min()) ** 2
     together = ANYWHERE**2 * sums.shared.mean() + (edges * (alike * sums.shared).mean()) ** 2
-    return np.asarray(np.diag(alone) + together)
+    return np.asarray(np.diag(chance + common) + together)
 
 
 def _balanced(
@@ -215,10 +190,9 @@ def _balanced(
 
     All in cells, the load by the hardness.  The elastic area carries the share phi of its hardness,
     load = A_pl + phi (A - A_pl).  The counted points have exactly this, with a phi of their own
-    that is as wrong as the counts are.  In narrow strips between apart and plastic points it is
-    right, as the pressure rises antisymmetrically.  Other fronts count COUNTED too much for each
-    spacing, but at kinks anything, by chance of POINTS, or in common where they run along the grid,
-    and TIP for each tip.
+    that is right in narrow strips, where the pressure rises antisymmetrically.  Other fronts count
+    COUNTED too much for each spacing, but at kinks anything, by chance of POINTS, or in common
+    where they run along the grid, and TIP for each tip.
     """
     contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)
