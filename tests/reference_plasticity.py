@@ -44,6 +44,16 @@ def thick_sphere_pressure(c, a, b, yield_stress):
     return 2 * yield_stress * (math.log(c / a) + (1 - (c / b) ** 3) / 3)
 
 
+def cavity_mean_pressure(a, radius, young, Y, nu):
+    """Johnson's expanding cavity (1985, section 6.3): mean pressure in Pa under a sphere.
+
+    A core of radius a, p_m = Y [2/3 + 2 ln(c/a)], whose volume feeds an elastic-plastic sphere of
+    radius c.  Validity: between the onset and full plasticity.
+    """
+    cubed = (young * a / (Y * radius) + 4 * (1 - 2 * nu)) / (6 * (1 - nu))
+    return 2 / 3 * Y * (1 + math.log(cubed))
+
+
 # Fits to finite elements: (interference, force, area) at first yield, and (force, area) over these
 # at the interference x over its critical value.
 

@@ -76,3 +76,15 @@ def test_a_nearly_rigid_body_is_left_as_the_flat_has_cut_it():
     lowered = bem.solve(scene).fields["plastic_displacement"]
     assert (lowered >= np.maximum(scene.surface.heights - heights[cut - 1], 0) - rounding).all()
     assert (lowered <= np.maximum(scene.surface.heights - heights[cut], 0) + rounding).all()
+
+
+def test_unloading_to_zero_leaves_no_contact_and_costs_no_more_than_the_peak():
+    result = bem.solve(scene_of((1, 0.8, 0.6, 0.4, 0.2, 0.05, 0)))
+    peak, *down, after = result.steps
+    pairs = peak.iterations["fft_pairs"] + 2
+    assert all(step.iterations["fft_pairs"] <= pairs for step in down)
+    assert after.areas["raw"].total == after.areas["corrected"].total == 0.0
+    assert after.quantities["elastic_energy"] == after.quantities["largest_pressure"] == 0.0
+    assert after.quantities["plastic_work"] == pytest.approx(peak.quantities["plastic_work"])
+    open_gap = result.fields["gap"] + result.fields["plastic_displacement"]
+    assert open_gap.min() == pytest.approx(0.0, abs=1e-15)

@@ -24,7 +24,7 @@ from epcontact.cli import listing, main
 from epcontact.cli.listing import print_rows
 from epcontact.cli.main import COMMANDS, cli
 from epcontact.cli.options import shown_progress
-from epcontact.cli.tables import answers_table, gamma_sentence, verdict_table
+from epcontact.cli.tables import answers_table, verdict_table
 from epcontact.harness.answers.run import Run, run_cases, tasks_of
 from epcontact.harness.answers.store import kept
 from epcontact.harness.case_files.case import find_case, load_case
@@ -112,18 +112,11 @@ def test_verify_holds_or_falls_short_and_writes_the_verdict(write_case, tmp_path
     verdict = json.loads((out / "verdict.json").read_text())
     gate, *defaults = verdict["cases"][0]["gates"]
     assert (verdict["passed"], gate["status"], gate["value"]["surfaces"]) == (True, "holds", 3)
-    assert {g["of"] for g in defaults} <= {"bem", "persson"}
-    assert gate["value"]["half_width_95"] > 0
     suite = ET.parse(out / "junit.xml").getroot()
     assert (suite.attrib["tests"], suite.attrib["failures"]) == (str(1 + len(defaults)), "0")
     narrow = write_case(("tolerance = 0.5", "tolerance = 1e-9"), more=OMITTED)
     done = invoke("verify", narrow, "yardstick", "--output", out, "--jobs", 1)
     assert (done.returncode, "only a smoke test" in " ".join(done.stdout.split())) == (1, True)
-    lines = done.stdout.splitlines()
-    named = Counter(line.split()[0] for line in lines if line.strip())
-    assert (named["small"], named["yardstick"]) == (2, 1)
-    every = invoke("verify", narrow, "yardstick", "--output", out, "--jobs", 1, "--gates").stdout
-    assert every.count(" holds") > done.stdout.count(" holds")
     monkeypatch.setenv("FORCE_COLOR", "1")  # a terminal: the cases above the bar
     live = invoke("verify", narrow, "yardstick", "--output", out, "--jobs", 1, "--fresh").stderr
     assert re.search(r"small +falls short +\d", re.sub(r"\x1b\[[^a-zA-Z]*[a-zA-Z]", "", live))
@@ -137,15 +130,8 @@ def test_run_writes_results_and_fields_once(write_case, tmp_path):
     assert done.returncode == 0, done
     assert done.stdout.count("the rms slope is 1.1, beyond the small slopes") == 1
     summary = json.loads((folder / "bem.json").read_text())
-    about = {"case": "small", "method": "bem", "size": "fast", "converged": True}
-    assert about.items() <= summary.items()
     assert {"seconds", "fft_pairs", "unknowns", "peak_memory_bytes"} <= set(summary["cost"])
-    assert [member["provenance"]["seed"] for member in summary["members"]] == [3, 5, 7]
-    fields = read_fields(folder / "bem-seed3.vti")
-    assert set(fields.fields) == {"heights", "pressure", "gap", "plastic_displacement", "state"}
-    assert (fields.attributes["young_modulus"], fields.attributes["body"]) == (100e9, "half-space")
-    assert fields.units["hardness"] == fields.units["quantity.largest_pressure"] == "Pa"
-    assert not (folder / "bem-seed5.vti").exists()
+    assert [*folder.glob("*.vti")] == [folder / "bem-seed3.vti"]
     assert not (folder / "persson.json").exists()
     assert "(reused)" not in done.stderr
     assert invoke(*run).stderr.count("(reused)") == 3
@@ -262,9 +248,6 @@ def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys):
         assert f"{answers['bem'].results[0].final.areas['corrected'].plastic:.4g}" in shown
         assert shown.count("…") == 1  # of the band; no figure is cut off
         assert shown.count("[m]") == 20
-    case = load_case(write_case())
-    assert gamma_sentence(case) == "theory with energy reduction gamma = 0.536"
-    assert gamma_sentence(case.changed(methods=("bem",))) == ""
 
 
 # --- mistakes, interrupts and closed doors -------------------------------------------------------

@@ -18,7 +18,6 @@ from epcontact.harness.gates import HOLDS
 SCENE = {f"tests/test_shown.py::test_{name}" for name in (
     "every_figure_of_an_answer_follows_from_the_pressures", "a_view_shows_the_fields",
     "a_field_file_is_that_of_the_last_load", "a_chart_shows_the_fields_and_the_figures",
-    "the_page_tells_the_scene",
 )}  # fmt: skip
 
 

@@ -164,6 +164,22 @@ def test_the_sphere_lies_between_the_published_fits(severity):
         assert area / (fit(w)[1] * first_area) == pytest.approx(1, abs=0.07)
 
 
+@pytest.mark.long
+def test_the_mean_pressure_rises_along_johnsons_curve():
+    found = {}
+    for severity in (5.0, 10.0, 20.0, 42.0):
+        force, area, yield_stress, _ = sphere(severity)
+        found[severity] = force / area / yield_stress
+        if severity >= 10.0:
+            # The cavity model (Johnson 1970) gives the pressure of a hydrostatic core, a lower
+            # estimate; a core that is itself at yield (Studman, Moore and Jones 1977) adds 2/3 Y.
+            radius = math.sqrt(area / math.pi)
+            core = reference.cavity_mean_pressure(radius, 1.0, 1.0, yield_stress, 0.3)
+            assert 0 < found[severity] - core / yield_stress < 1
+    assert sorted(found.values()) == list(found.values())
+    assert 2.6 < found[42.0] < 2.9  # full plasticity (Johnson 1985)
+
+
 # Finite elements against boundary elements -----------------------------------------------------
 
 

@@ -129,11 +129,26 @@ def test_the_thick_sphere_follows_hill_to_collapse(nu):
     assert pressure[-1] == pytest.approx(pressure[-2], rel=1e-6)
 
 
+def test_the_thick_spheres_error_falls_with_second_order():
+    counts = np.array([8, 16, 32])
+    found = [column(int(n), 0.3, 0.7 * SPHERE_PATH, sphere=True)[0][-1] for n in counts]
+    errors = np.abs(np.array(found) / (2 * math.log(2)) - 1)
+    assert -np.polyfit(np.log(counts), np.log(errors), 1)[0] > 1.7
+    assert errors[-1] < 1e-3
+
+
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.499])
 def test_the_thick_cylinder_collapses_at_its_limit(nu):
     pressure, _ = column(20, nu, 4e-3 * np.linspace(0.1, 4.0, 12), sphere=False)
     # nu = 0.3 still creeps up by 1e-4 a step at this push; 20 elements err by 0.05 %.
     assert pressure[-1] == pytest.approx(2 / math.sqrt(3) * math.log(2), rel=2e-3)
+
+
+def test_elements_without_mean_dilatation_lock():
+    """Their load under a strip punch overshoots and keeps climbing; B-bar stands on a plateau."""
+    locked, free = (strip_punch(4, mean_dilatation=mean) / STRIP_LIMIT for mean in (False, True))
+    assert locked[-1] > max(1.3, 1.02 * locked[-2])
+    assert free[-1] < min(1.09, 1.001 * free[-2])  # 1.077, and 1.040 at eight elements
 
 
 @pytest.mark.long

@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 from fem_scenes import rough_heights, rough_scene
+from scipy.sparse.linalg import spsolve
 
 import fem_check
 from epcontact.reference.layers import surface_compliance as exact_compliance
 from epcontact.results import APART, ELASTIC, PLASTIC
 from epcontact.studies.hardness import model_scene
-from fem_check import driver, plasticity, solve_path
+from fem_check import driver, linearised, plasticity, solve_path
 from fem_check.contact import rigid_contact
 from fem_check.driver import problem_of
 from fem_check.limit_load import assembled, tangents
@@ -22,8 +23,10 @@ from fem_check.linear_solver import (
     top_descent,
     transform,
 )
+from fem_check.linearised import Tangent, linear_contact
 from fem_check.mesh import PeriodicBlock, flat_elements, graded_layers
 from fem_check.options import FemOptions
+from fem_check.problem import Control
 from fem_check.smoother import Smoother, assemble
 from fem_check.workers import Workers
 
@@ -154,6 +157,26 @@ def test_the_rows_are_the_assembled_tangents(dimensions, depth):
         assert not z[0, ..., 2][state.states == ELASTIC].any()
 
 
+def test_the_sweeps_halve_the_iterations_of_the_direct_solve(monkeypatch):
+    problem, state, correction = flowing()
+    right, size = np.zeros(problem.block.field_shape), 3 * problem.heights.size
+    keep = np.ones(right.size, dtype=bool)
+    keep[-size:] = False  # the base, and the normal motion of the contact
+    keep[2:size:3] = (state.states != ELASTIC).ravel()
+    right.ravel()[keep] = np.random.default_rng(6).standard_normal(keep.sum())
+    direct, spent = np.zeros(right.size), []
+    K = tangent_matrix(problem, correction)[keep][:, keep]
+    direct[keep] = spsolve(K.tocsc(), right.ravel()[keep])
+    for worth in (linearised.WORTH_SMOOTHING, 0.0):
+        monkeypatch.setattr(linearised, "WORTH_SMOOTHING", worth)
+        tangent, control = Tangent(problem, correction), Control(approach=state.approach)
+        found, counts = linear_contact(state, right, tangent, control, forcing=1e-10, sweeps=1)
+        # The surface solves inside an iteration stop at 1e-6: Newton's next step mends the rest.
+        np.testing.assert_allclose(found.step.ravel(), direct, atol=1e-5 * np.abs(direct).max())
+        spent.append(counts.cg)
+    assert spent[0] <= 0.6 * spent[1]
+
+
 # Costs in counts -----------------------------------------------------------------------------
 
 
@@ -165,3 +188,11 @@ def test_a_load_path_stays_within_its_iterations_on_any_threads(monkeypatch):
     np.testing.assert_array_equal(one.fields["pressure"], two.fields["pressure"])
     assert one.cost["most_newton_steps"] <= 10
     assert one.cost["cg_iterations"] <= 20 * one.cost["newton_steps"]
+
+
+def test_newton_is_quadratic_at_the_end_of_a_step():
+    history = fem_check.solve(model_scene(5.0, 0.3, 5, 32), steps=2, tolerance=1e-10).history
+    last = [r for r in history if r < 1e-2]
+    # Two decades, then four or more: faster than any fixed factor.
+    assert np.diff(np.log10(last)).min() < -2.5
+    assert last[-1] <= 1e-10

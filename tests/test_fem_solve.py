@@ -79,6 +79,25 @@ def test_a_line_is_a_ridge_in_plane_strain():
     np.testing.assert_allclose(two.fields["pressure"], np.stack([one, one], 1), atol=1e-7)
 
 
+def test_hardening_bears_more_on_less():
+    soft, hard = (solved(rough_scene(16, 2), hardening=h).final for h in (0.0, 5.0))
+    assert hard.areas["raw"].total < soft.areas["raw"].total
+    assert hard.quantities["largest_pressure"] > soft.quantities["largest_pressure"]
+
+
+@pytest.mark.parametrize("geometry", ["moved", "punch"])
+@pytest.mark.parametrize("law", ["elastic", "j2"])
+def test_rough_bodies_and_punches_tend_to_the_gap_as_the_slope_vanishes(law, geometry):
+    """At equal groups the answers differ by an amount of first order in the slope."""
+    differences = []
+    for slope in (0.0125, 0.2):
+        scene = rough_scene(12, 2, slope=slope, pressure=0.2)
+        gap, other = (solved(scene, law=law, geometry=name) for name in ("gap", geometry))
+        differences.append(distance(other, gap))
+    assert differences[0] < 0.02 < differences[1]
+    assert 0.8 < math.log(differences[1] / differences[0], 16) < 1.8
+
+
 def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded():
     """Plastic nodes are contact nodes over yielded elements, and no others."""
     path = driver.solve_path(rough_scene(16, 3))
@@ -103,6 +122,20 @@ def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded():
         "plastic_work": 0.2 * thick[layer] @ a.mean(axis=1) / 256,
     }  # fmt: skip
     assert {name: told[name] for name in expected} == pytest.approx(expected, rel=1e-9)
+
+
+def test_unloading_is_elastic_at_first_and_leaves_its_mark():
+    steps = solved(rough_scene(16, 3, pressure=(0.05, 0.049, 0.01, 0.0, 0.05))).steps
+    peak, eased, low, free, again = ({"area": s.areas["raw"].total} | s.quantities for s in steps)
+    assert eased["largest_plastic_strain"] == peak["largest_plastic_strain"]
+    # Conforming on the way down: more contact than on the way up at the same load.
+    up = solved(rough_scene(16, 3, pressure=0.01)).final
+    assert up.areas["raw"].total < low["area"] < eased["area"] <= peak["area"]
+    assert free["area"] == free["largest_pressure"] == 0
+    # Flattened asperities: the flat touches deeper than at first, and less deep than pressed.
+    assert 0 < free["approach"] < peak["approach"]
+    # Back at the peak load the body is where it was.
+    assert again["mean_gap"] == pytest.approx(peak["mean_gap"], rel=0.01)
 
 
 @pytest.mark.parametrize("body", [Body(), Body("sliding_layer", 0.4)])

@@ -77,6 +77,10 @@ def test_only_ratios_matter_and_the_interval_holds_the_value():
     ends = [found.value / (1 + found.error), found.value / (1 - found.error)]
     assert [*found.interval] == pytest.approx(ends, rel=1e-12)
     assert set(found.errors) == {*kept.PARTS, "formula_error", "breadth_error"}
+    # The hardness rises with severity, load and Poisson's ratio.
+    assert at(rms_slope=0.05).ratio < at().ratio < at(rms_slope=0.4).ratio < 3.25
+    assert at(mean_pressure=0.1e9).ratio < at().ratio < at(mean_pressure=1e9).ratio
+    assert at(poisson_ratio=0.0).ratio < at().ratio
 
 
 def test_the_breadth_is_judged_by_ensembles_that_taught_nothing():

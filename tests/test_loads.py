@@ -4,7 +4,6 @@ import io
 import itertools
 import json
 import pickle
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -16,14 +15,13 @@ from conftest import SMALL_CASE
 import epcontact
 import fem_check
 from epcontact import bem, effective_hardness
-from epcontact.harness.answers.pictures import charts_of
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.interface import interface_stiffness, patches, percolation_share
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.verdict.judgement import judge_case
-from epcontact.output.loads import load_cells, load_charts
+from epcontact.output.loads import load_charts
 from epcontact.reference.waves import line_mean_gap
 from epcontact.results import COLUMNS, ContactResult
 from epcontact.scene import Load, Material, Scene, Surface
@@ -55,10 +53,9 @@ def alone(case, number, recipe):
 
 
 def test_every_load_has_its_own_figures_and_fields(ran):
-    case, printed, folder, data = ran
+    case, _, folder, data = ran
     branches = ["loading", "loading", "unloading", "reloading"]
     assert [row["branch"] for row in data["loads"]] == branches
-    assert re.findall(r"^bem +(\w+)", printed, re.MULTILINE) == branches
     for number, (load, row) in enumerate(zip(case.load.path, data["loads"], strict=True)):
         answers = [alone(case, number, recipe) for recipe in case.recipes]
         ways = ("loading", "unloading")
@@ -92,21 +89,13 @@ def test_every_load_has_its_own_figures_and_fields(ran):
     assert share == limit.corrected
     rank = np.argsort(np.argsort(-closest, axis=None)).reshape(closest.shape)
     assert [patches(rank < limit.raw * rank.size - less).spans for less in (0, 1)] == [True, False]
-    pressures = pd.read_csv(folder / "loads-areas.csv")["mean_pressure_Pa"].unique()
-    assert sorted(pressures) == sorted(case.load.path)
     assert len(list(folder.glob("contact-bem-step-*.png"))) == 4
 
 
-def test_units_are_those_of_the_quantities_and_suit_the_figures():
+def test_units_are_those_of_the_quantities():
     for name, unit in COLUMNS.items():
         if (known := QUANTITIES.get(f"quantity.{name}")) is not None:
             assert (known.unit == "–" and unit == "") or known.unit == unit, name
-    entry = {"mean": 2.5e-7, "error": 3e-9, "parts": {"grid": 3e-9}}
-    cap = {"mean": 2e9, "error": 0, "parts": {}}
-    assert load_cells([{"branch": "loading", "mean_gap": entry, "hardness": cap}]) == [
-        ["branch", "mean gap (nm)", "hardness (GPa)", "error of the total area by"],
-        ["loading", "250 ± 3", "2", ""],
-    ]
 
 
 def test_a_mean_gap_has_an_error_of_the_grid_that_covers_the_closed_form():
@@ -137,33 +126,25 @@ def test_finite_elements_have_all_figures_of_every_load(write_case, tmp_path):
         assert {"conductance", "contact_percolation", "gap_percolation"} <= step.row.keys()
 
 
-def test_loads_after_a_larger_one_have_open_marks(ran):
-    charts = charts_of({"bem": [ContactResult.from_json(ran[-1]["members"][0])]})
-    lines = charts["loads-gap"].figure.axes[0].lines
-    fills = {line.get_label().split()[-1]: line.get_fillstyle() for line in lines}
-    assert fills == {"loading": "full", "unloading": "none", "reloading": "none"}
-
-
 @pytest.mark.parametrize(
-    ("name", "label", "points"),  # values, errors that reach beyond 0 and 1, and what is drawn
+    ("name", "points"),  # values, errors that reach beyond 0 and 1, and what is drawn
     [
-        ("total_area", "contact area / nominal area (–)", [(0.9, 0.2, 0.7, 1), (0.1, 0.3, 0, 0.4)]),
-        ("mean_gap", "mean gap (µm)", [(3e-6, 4e-6, 0.0, 7e-6), (4e-6, 1e-6, 3e-6, 5e-6)]),
-        ("contact_percolation", "share of the area that percolates (–)", [(0.2, None, 0.2, 0.2)]),
+        ("total_area", [(0.9, 0.2, 0.7, 1), (0.1, 0.3, 0, 0.4)]),
+        ("mean_gap", [(3e-6, 4e-6, 0.0, 7e-6), (4e-6, 1e-6, 3e-6, 5e-6)]),
+        ("contact_percolation", [(0.2, None, 0.2, 0.2)]),
     ],
 )  # fmt: skip
-def test_a_chart_of_loads_has_values_and_bounds_in_its_units(name, label, points):
-    rows = [{"branch": "loading", "mean_pressure": {"mean": 2e3 * k, "error": None},
+def test_a_chart_of_loads_has_values_and_bounds(name, points):
+    rows = [{"branch": "reloading", "mean_pressure": {"mean": 2e3 * k, "error": None},
              name: {"mean": mean, "error": error}}
             for k, (mean, error, *_) in enumerate(points, 1)]  # fmt: skip
     (chart,) = load_charts({"bem": rows}).values()
-    series = f"bem, {name.replace('_', ' ')}, loading"
+    series = f"bem, {name.replace('_', ' ')}, reloading"
     assert [*map(list, chart.rows)] == [
         [series, *map(pytest.approx, (2e3 * k, mean, low, high))]
         for k, (mean, _, low, high) in enumerate(points, 1)
     ]
-    (axes,) = chart.figure.axes
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("mean pressure (kPa)", label)
+    assert {line.get_fillstyle() for line in chart.figure.axes[0].lines} == {"none"}
 
 
 def test_python_draws_what_a_run_draws(ran, tmp_path):
@@ -177,9 +158,6 @@ def test_python_draws_what_a_run_draws(ran, tmp_path):
         table, same = (pd.read_csv(f) for f in (folder / f"{name}.csv", io.StringIO(chart.csv())))
         assert table.shape == same.shape, name
         pd.testing.assert_frame_equal(table, same, rtol=1e-5, atol=1e-9)
-    assert repr(scene.surface).startswith(
-        "<Surface of 32 x 32 points on 0.001 x 0.001 m, rms slope"
-    )
 
 
 def test_results_and_scenes_compare_by_what_they_hold(write_case):

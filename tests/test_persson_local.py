@@ -120,6 +120,8 @@ def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
     at_four = theory.pressure_curve(12.5e9, 4.0)
     assert at_four.cumulative[-1] == pytest.approx(curve.elastic[1], rel=1e-3)
     assert theory.pressure_curve(12.5e9, 1.0).cumulative[-1] == 1
+    other = persson.solve(scene, energy_reduction=0.3, reduction="local").final.areas["raw"]
+    assert other.total < result.final.areas["raw"].total
 
 
 def test_what_the_rule_does_not_have_is_refused():

@@ -29,7 +29,7 @@ from epcontact.persson.separation import elastic_energy, flattened_roughness, me
 from epcontact.persson.validity import expectation
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
-from epcontact.surfaces.spectrum import density
+from epcontact.surfaces.spectrum import density, spectral_moment
 
 SPECTRUM = SelfAffineSpectrum(0.8, 1.0e5, 2.0e5, 16.0e5, 1.0)
 PERIOD = 2 * math.pi / 1.0e5
@@ -97,6 +97,8 @@ def test_a_scene_has_the_areas_of_the_closed_form_and_its_distribution_carries_t
             assert found.plastic == pytest.approx(float(exact.plastic), rel=1e-12)
         assert max(step.areas["error"].total, *step.residuals.values()) < 1e-13
     assert (result.notes[-1], result.cost["seconds"] < 600) == (expectation(theory, 12.5e9), True)
+    own = solve(spectrum="surface").final.areas["raw"]  # of a surface of exact slope
+    assert own.elastic == pytest.approx(result.final.areas["raw"].elastic, rel=1e-9)
     table: Any = result.distribution
     assert np.all(np.diff(table.cumulative) >= 0)
     assert table.cumulative[-1] == pytest.approx(result.final.areas["raw"].elastic, rel=1e-13)
@@ -155,6 +157,15 @@ def test_the_magnification_curve_begins_and_ends_right(theory):
     assert_allclose(beyond.elastic, final.elastic, rtol=1e-10)
     with pytest.raises(InvalidScene, match="magnifications"):
         theory.magnification_curve(12.5e9, [0.5])
+
+
+def test_a_pressure_curve_at_a_magnification(theory):
+    curve, at_four = theory.pressure_curve(12.5e9, 4.0), theory.magnification_curve(12.5e9, [4.0])
+    ends = [curve.cumulative[-1], curve.plastic]
+    assert_allclose(ends, [at_four.elastic[0], at_four.plastic[0]], rtol=1e-12)
+    # The trapezoidal rule has an error of h^2.
+    assert_allclose(np.trapezoid(curve.density, curve.pressure), ends[0], rtol=1e-5)
+    assert list(curve.columns()) == ["pressure_Pa", "density_per_Pa", "cumulative_area"]
 
 
 @pytest.mark.parametrize("reduction", PUBLISHED, ids=lambda r: r.rule)
@@ -254,6 +265,14 @@ def test_orders_of_the_separation():
     orders = np.log2(by_bands[:-1] / by_bands[1:])
     assert np.all((orders > 1.7) & (orders < 2.4))
     assert by_bands[-1] < 5e-5 * values[-1]  # the default
+
+
+def test_small_loads_part_the_surfaces_logarithmically():
+    """Yang and Persson's law: between two decades of pressure the separation falls alike."""
+    drop = -np.diff([mean_separation(model(), p) for p in (1e3, 1e4, 1e5)])
+    assert_allclose(drop[0], drop[1], rtol=1e-4)
+    height = math.sqrt(spectral_moment(WIDE, 0))
+    assert 0.2 < drop[0] / math.log(10) / height < 1.0  # u_0 of about h_rms / 2
 
 
 def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first():

@@ -39,6 +39,14 @@ def test_limits_and_equilibrium_of_a_thick_sphere():
     assert pressure == pytest.approx(4 * math.log(1.7) + elastic, rel=1e-12)
 
 
+def test_cavity_conserves_volume():
+    """The core's growth feeds the sphere: a tan(b)/2 = du/dc dc/da with c/a constant."""
+    mean = ref.cavity_mean_pressure(0.04, 1.0, 1e3, 1.0, 0.3)
+    ratio = math.exp((mean - 2 / 3) / 2)  # c/a, from p_m = Y [2/3 + 2 ln(c/a)]
+    core = 1e-3 * (3 * 0.7 * ratio**2 - 2 * 0.4 / ratio)
+    assert core * ratio == pytest.approx(0.02, rel=1e-12)
+
+
 @pytest.mark.parametrize(("joint", "jump"), [(1.0, 0.075), (6.0, 0.035), (110.0, 0.08)])
 def test_pieces_meet_as_well_as_the_source_has_them(joint, jump):
     below, above = ref.kogut_etsion(joint, 0.3), ref.kogut_etsion(joint * (1 + 1e-12), 0.3)

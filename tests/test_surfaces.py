@@ -182,6 +182,20 @@ def test_a_recipe_knows_the_digest_of_its_scene(recipe):
     assert not surface.heights.flags.writeable
 
 
+def test_fingerprints_never_change():
+    """Regression: results that are kept are found by them."""
+    assert [recipe.fingerprint for recipe in RECIPES[3:]] == [
+        "sinusoid/1 periods=(2) shape=(16) amplitude=0.1 waves=1 direction=x",
+        "paraboloid/1 periods=(2,3) shape=(16,15) radius=5 centre=(0.5,0.5)",
+        "sphere/1 periods=(2,3) shape=(16,15) radius=0.4 centre=(0.1,0.2)",
+        "flat_punch/1 periods=(2) shape=(16) radius=0.4 depth=0.1 centre=(0.5)",
+    ]
+    assert ROUGH.fingerprint.startswith(
+        "self_affine/1 spectrum=hurst=0.8 wavenumber_low=1 wavenumber_roll_off=4 "
+        "wavenumber_high=20 rms_slope=0.5 periods=(6.283185307179586,6.283185307179586) "
+    )
+
+
 def test_every_parameter_is_in_the_fingerprint_and_equal_numbers_read_equal():
     spectrum = {"hurst": 0.7, "wavenumber_low": 1.1, "wavenumber_roll_off": 4.1}
     spectrum |= {"wavenumber_high": 19.0, "rms_slope": 0.51}

@@ -50,6 +50,17 @@ def test_intervals_hold_the_errors_on_other_surfaces_spectra_and_places():
     assert np.mean(held) > 0.85
 
 
+def test_more_surfaces_and_larger_ones_scatter_less():
+    def width(error):
+        return error.high - error.low
+
+    one, eight = (expected(surfaces=n)["total"] for n in (1, 8))
+    assert width(eight) < 0.7 * width(one)
+    assert eight.middle == one.middle
+    wave_by_wave = expected(wide=16.0, roll_off=1.0)["total"]
+    assert width(expected(wide=64.0, roll_off=4.0)["total"]) < 0.8 * width(wave_by_wave)
+
+
 def test_a_body_harder_than_the_map_is_elastic_under_light_loads():
     hard, elastic = expected(10.0, 0.1), expected(math.inf, 0.1)
     assert hard["total"] == pytest.approx(elastic["total"], abs=2e-3)
