@@ -38,8 +38,8 @@ ANYWHERE = 1 / math.sqrt(12)
 STEP = 6.0
 #: At a kink the gap's parabola closes KINK p/(p + c g) spacings too far out (`rim.calibrate_kink`).
 KINK = 0.13
-#: Where the surface has flowed, a crossing claims this part of a kink's error (`area_bank`).
-FLOWED = 0.4
+#: An edge of a flattened spot is one where the strip beside it was below this width (`area_bank`).
+EDGE = 0.75
 
 #: Compiles a function of this room; nothing calls one from C.  An inner one becomes a part of what
 #: calls it: arguments, and the references that arrays count, would take as long as their work.
@@ -55,7 +55,7 @@ class Link(NamedTuple):
     doubt: float  # by how much the last term of the polynomial moves it outwards: it may be there
     held: float  # 1 if a step of the surface holds the front: any place is equally likely
     zone: float  # width of the zone at an edge that must be plastic, but shows no point
-    kinked: float  # 1 at a kink or close before one, FLOWED where the surface has flowed
+    kinked: float  # 1 at a kink or close before one, and where the surface has flowed
     fallen: float  # what the last point has lost since it flowed, by the hardness; 0 elsewhere
 
 
@@ -69,10 +69,11 @@ def release(fallen: float, u: float) -> float:
     up to x, where K = fallen sqrt(e)/pi H is the integral over the strip of (2/pi) sqrt(x - a)
     dp(a).  Both ends are expanded in k = pi K/(H sqrt d).  (`rim.calibrate_release`)
     """
-    strip = 4 / math.pi * math.exp(math.e * (1 - 1 / u) - 0.577216)
-    k = fallen * math.sqrt(math.e / strip)
-    inside, beyond = k * (1 - k / 8 - 0.0342 * k * k), 0.5 + k * k / 4 + 0.125 / max(k * k, 1.0)
-    return strip * (inside if k < 4 / math.pi else beyond)
+    strip, square = 4 / math.pi * math.exp(math.e * (1 - 1 / u) - 0.577216), math.e * fallen**2
+    k = math.sqrt(square / max(strip, 1e-300))
+    if k < 4 / math.pi:
+        return strip * k * (1 - k / 8 - 0.0342 * k * k)
+    return strip / 2 + square / 4 + strip**2 / (8 * square)
 
 
 @inner
@@ -122,7 +123,7 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
     """
     first, before, last, out, after, end = work[0]
     slope, elastic = last + sunk - out, last < hardness
-    if sunk > 0 and slope > yielded:
+    if sunk > 0 and EDGE * slope > yielded:
         return Link(min((yielded + sunk) / slope, 1.0), 0.0, 0.0, 0.0, 0.0, 1 - last / yielded)
     gap = after <= 0
     if sunk == 0 and elastic and 0 < after < hardness:
@@ -148,7 +149,7 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
         return Link(0.5, 0.0, 1.0, zone, 0.0, 0.0)
     if kink:
         place = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
-    kinked = 1.0 if kink or hump else FLOWED if sunk > 0 else 0.0
+    kinked = 1.0 if kink or hump or sunk > 0 else 0.0
     return Link(min(max(place, 0.0), 1.0), doubt, 0.0, zone, kinked, 0.0)
 
 

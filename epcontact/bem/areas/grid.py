@@ -86,7 +86,7 @@ class Block(NamedTuple):
 
     v: FloatArray  # (1 or 2, rows, columns) for links along x and, where it differs, along y
     inside: NDArray[np.uint8]  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
-    sunk: FloatArray  # (rows, columns) c w, or (0, 0) where nothing has flowed before
+    sunk: FloatArray  # (rows, columns) c w, 0 where nothing has flowed before
     links: Any  # (2, 2, columns) `Link` along x and y that ends at a point, of even and odd rows
     work: FloatArray  # (4, 6)
 
@@ -94,8 +94,7 @@ class Block(NamedTuple):
 def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> Any:
     """The `Sums` over blocks of the cells of a periodic grid, (n, 2) records.
 
-    blocks: (n, 4) the first row and the row after the last of the cells, and so their columns;
-    offsets: of a front, at WIDTHS.
+    blocks: (n, 4) first row, row after the last, and so the columns; offsets: at WIDTHS.
     """
     found = np.zeros((len(blocks), 2), SUMS)
     rows, columns = (blocks[:, 1::2] - blocks[:, ::2]).max(axis=0) + 2 * PAD
