@@ -90,6 +90,7 @@ def lines_of_chart(name, chart):
             colours = [to_hex(c) for c in (*each.get_facecolor()[:1], *each.get_edgecolor()[:1])]
             ends = [path.vertices for path in each.get_paths()] or [[]]
             yield f"{name}, {type(each).__name__}: {colours} {told(np.concatenate(ends))}"
+            yield f"{name}, sizes: {told([np.ptp(bar, axis=0).sum() for bar in ends if len(bar)])}"
         for image in axes.images:
             field = told(np.ma.filled(np.ma.asarray(image.get_array(), dtype=float), np.nan))
             ends = told(image.get_extent()), told(image.get_clim())

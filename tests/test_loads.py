@@ -202,6 +202,8 @@ def test_every_load_has_its_own_hardness_and_what_its_interval_is_worth(metal):
     """A load beyond all before it is that of a fresh surface; one below keeps the peak's cap."""
     case, answer, known = metal
     paths = [(2e8,), (5e8,), (5e8, 1e8), (6e8,)]
+    one = solved(case, known(2e8).value, 2e8)[1].cost
+    assert answer.cost["peak_memory_bytes"] < 2 * one["peak_memory_bytes"]  # the largest of three
     for step, path in zip(answer.steps, paths, strict=True):
         mapped = known(path[0])
         assert step.row["hardness"] == mapped.value

@@ -182,6 +182,7 @@ def test_compare_tells_each_move_and_each_count(capsys):
     new["value"] = [1.25, 0.125, 12.0, 5.0, 5.001, 3.05, 7.0]
     last = new["name"].str.startswith("w")
     new.loc[last, ["status", "error", "high"]] = ["falls short", 0.4, 0.5]
+    new.loc[[0, 1], ["low", "high"]] = [[-0.5, 0.5], [-0.5, 0.75]]  # narrower, and wider below
     other = pd.DataFrame({"case": "c", "size": "full", "name": "x of m", "scene": ["one"]})
     old = pd.concat([old, other.assign(value=1.0)])
     added = [new.tail(1).assign(name=f"{name} of m") for name in "efghiju"]
@@ -199,7 +200,8 @@ def test_compare_tells_each_move_and_each_count(capsys):
         "b fast z of m 5 5.001 2 w of m 3 3.05 0.12 more work old new ratio "
         f"a fast: fft_pairs of m 8 12 1.50 held, and does not hold now: {judged} "
         "of another scene, not compared: c full of untold scenes: a fast, b fast "
-        f"in a wider band: {judged} cases of NEW alone: d full figures of NEW alone: b fast: "
+        f"in a wider band: a fast: y of m against 0 (absolute), {judged} "
+        "cases of NEW alone: d full figures of NEW alone: b fast: "
         "e of m, b fast: f of m, b fast: g of m, b fast: h of m, b fast: i of m and 2 more "
         "figures of OLD alone: b fast: gone of m 5 values compared: 2 moved beyond their "
         "claim, 2 within it; more work: 1; seconds: 2.50 times as many"

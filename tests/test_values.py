@@ -7,6 +7,7 @@ made-up contact after unloading, of which the order of the points is known.  Cou
 
 import functools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -136,10 +137,13 @@ SUMS = {
 
 def test_counts_are_those_of_the_steps_and_residuals_those_of_the_tolerance():
     (_, one), (_, flow) = posts(), strain()
+    rough = 1e-7 * np.random.default_rng(5).normal(size=(8, 6))
+    scene = Scene(Surface(rough, (1e-3, 0.6e-3)), METAL, Load(2e8))
+    path = bem.solve(replace(scene, load=Load((2e8, 4e8, 1e8))), threads=1)
     for part in ("total", "elastic", "plastic"):  # the claims of areas cover those of the posts
         corrected, error = (getattr(one.final.areas[kind], part) for kind in ("corrected", "error"))
         assert 0 < abs(corrected - POSTS[f"area.{part}.raw"]) <= error < 0.018
-    for found in (one, flow):
+    for found in (one, flow, path):
         for cost, step in SUMS[found.method].items():
             assert found.cost[cost] == sum(each.iterations[step] for each in found.steps) > 0
         assert 0 < found.cost["seconds"] < 600
@@ -150,8 +154,6 @@ def test_counts_are_those_of_the_steps_and_residuals_those_of_the_tolerance():
     assert flow.cost["most_newton_steps"] <= flow.cost["newton_steps"]
     assert flow.cost["unknowns"] == 3 * 6 * 3
     assert 0 <= flow.final.iterations["line_searches"] <= flow.final.iterations["newton"]
-    rough = 1e-7 * np.random.default_rng(5).normal(size=(8, 6))
-    scene = Scene(Surface(rough, (1e-3, 0.6e-3)), METAL, Load(2e8))
     loose = bem.solve(scene, tolerance=0.1, threads=1)
     gap = loose.fields["gap"] / rough.std()
     touching = loose.fields["state"] == 1
