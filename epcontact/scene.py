@@ -395,18 +395,18 @@ def _doubts(surface: Surface) -> list[str]:
 
 def _coarse_step(heights: FloatArray, change: float) -> float:
     """Return the step of heights that are its multiples and bend at most points, or 0; change: the
-    rms change from point to point.  A corner of the grid shows it."""
+    rms change from point to point, below a hundredth of which steps are within the claims of areas.
+    A corner of the grid shows it."""
     corner = heights[tuple(slice(100) for _ in heights.shape)]
     levels = np.unique(corner)
-    if levels.size < 3 or corner.size < 16:
+    if levels.size < 3 or corner.size < 16 or (step := np.diff(levels).min()) < change / 100:
         return 0.0
-    multiples = (levels - levels[0]) / (step := float(np.diff(levels).min()))
+    multiples = (levels - levels[0]) / step
     bends = [np.diff(corner, 2, axis) for axis in range(corner.ndim)]
-    fine = step < change / 100  # below it the surface of the steps is within its claims, too
     uneven = np.max(np.abs(multiples - np.round(multiples))) > 1e-3
     bent = [np.abs(a - np.median(a)) > step / 2 for a in bends if a.size]  # a parabola's are alike
     smooth = np.mean([axis.mean() for axis in bent]) < 1 / 4
-    return 0.0 if fine or uneven or smooth else step
+    return 0.0 if uneven or smooth else float(step)
 
 
 def cautioned(notes: tuple[str, ...]) -> tuple[str, ...]:
