@@ -4,6 +4,7 @@ import os
 
 import pytest
 
+os.environ.pop("PYTHONUNBUFFERED", None)  # users' output is buffered
 # Workers of xdist share the cores, and threads of numpy's linear algebra wait by spinning.
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when numpy is loaded

@@ -54,7 +54,9 @@ def test_the_elastic_contact_of_the_surface_left_behind_is_the_unloading_branch(
 
 @SCENES
 def test_reloading_is_elastic_up_to_the_old_peak_and_flows_on_beyond_it(kind):
-    result = bem.solve(scene_of((1, 0.2, 0.6, 1, 1.3), **kind))
+    shares, made = np.array([1, 0.2, 0.6, 1, 1.3]), []
+    result = bem.solve(scene_of(shares, **kind), on_step=made.append)
+    assert [s.fields["pressure"].mean() / PEAK for s in made] == pytest.approx(shares, rel=1e-12)
     first, down, part, again, beyond = result.steps
     once = bem.solve(scene_of((1.3,), **kind))
     flow = bem.solve(scene_of((1,), **kind)).fields["plastic_displacement"]

@@ -304,7 +304,7 @@ def test_solver_in_c(scene, tmp_path):
         ("tamas", (), "did you mean 'tamaas'"),
         ("bem=my_solver:solve", (), "there is a method 'bem' already"),
         ("my/solver=my_solver:solve", (), "no name for a method"),
-        ("hostile:full_contact", THEORY, "would judge nothing"),
+        ("hostile:full_contact", THEORY, "_contact would judge nothing: it takes the place of bem"),
         ("", (("[[gate]]", f"{GATE}\n[[gate]]"),), "there are 2 gates area.total.corrected of bem"),
         ("", (("[[gate]]", f'{GATE}[[gate]]\nsizes = ["large"]'),), "size 'large', which the case"),
         ("", ((SURFACE, WAVE),), "which takes that of the heights"),

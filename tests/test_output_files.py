@@ -281,7 +281,9 @@ def test_what_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     surface_file(tmp_path / "x.vti")
     write_image("line.vti", {"gap": np.ones(4)}, (1e-6,), {})
-    pv.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid().save("bare.vtu")
+    bare = pv.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid()
+    bare.point_data["displacement"] = np.ones((8, 3))
+    bare.save("bare.vtu")
     texts = {"x.csv": "", "text.vtu": "text", "empty.pvd": "", "xml.pvd": "<a/>", "bem.json": "{}"}
     for name, text in texts.items():
         Path(name).write_text(text)

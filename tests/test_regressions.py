@@ -152,12 +152,3 @@ def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path):
         for whole, real, _, seen in said:
             assert (int(whole), float(real), seen) == (3 * factor + 1, 3 * factor + 1, b"True")
         assert sum(int(misses) for _, _, misses, _ in said) in (2, 3)
-
-
-def test_broken_case_is_collected_as_its_sentence(write_case):
-    folder = write_case(("hurst", "hurts")).parent
-    (folder / "pytest.ini").write_text("[pytest]\nepcontact_cases = *.toml\n")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "epcontact.harness.pytest_plugin"]
-    done = subprocess.run([*command, folder], capture_output=True, text=True, check=False)
-    assert "did you mean 'hurst'" in done.stdout
-    assert "Traceback" not in done.stdout

@@ -373,6 +373,8 @@ def test_bounds_are_drawn_where_they_are():
     (bars,), (line, level, upright) = axes.collections, axes.lines
     drawn = np.array([[[2, 0.5], [2, 0.875]], [[4, 1.125], [4, 1.75]]])
     assert np.array_equal(bars.get_segments(), drawn)
+    one = draw_table(table.assign(y_low=[2.0, np.nan]), plot, "").figure.axes[0].collections[0]
+    assert np.array_equal(one.get_segments()[0], drawn[0])
     assert line.get_xydata().tolist() == [[2, 0.75], [4, 1.25]]
     assert (line.get_label(), {*level.get_ydata()}, {*upright.get_xdata()}) == ("b", {1.5}, {3.0})
     assert [text.get_text().strip() for text in axes.texts] == ["peak"]

@@ -45,9 +45,7 @@ Law = Callable[[Values, Values], Values]
 #: y of the load and the hardness, by the names of the laws.
 LAWS: dict[str, Law] = {
     "Cooper-Mikic-Yovanovich": lambda load, hardness: 1.25 * load**0.95 + 0 * hardness,
-    "Mikic, elastic": lambda load, hardness: (
-        1.55 * (math.sqrt(2) * PROFILE * load * hardness) ** 0.94
-    ),
+    "Mikic, elastic": lambda load, hardness: 1.55 * (2**0.5 * PROFILE * load * hardness) ** 0.94,
     "Persson, elastic": lambda load, hardness: PROFILE * load * hardness / _GAMMA,
 }
 

@@ -31,9 +31,6 @@ from epcontact.scene import Material, Scene
 FULL_CONTACT = ClosedForm(
     "full_contact", "Johnson, Contact Mechanics (1985), section 13.2: p_q = h_q / C(q)"
 )
-FLAT = ClosedForm(
-    "flat", "a surface without roughness under uniform pressure, in uniaxial strain (Lame)"
-)
 # Beyond this q d a layer equals the half-space in float64: 4 (q d)^2 e^(-2 q d) < 1e-13.
 _DEEP = 20.0
 
@@ -81,9 +78,9 @@ def lame_compliance(depth: float, young_modulus: float, poisson_ratio: float) ->
     return depth * (1 + nu) * (1 - 2 * nu) / (young_modulus * (1 - nu))
 
 
-def uniaxial_yield_pressure(yield_stress: float, poisson_ratio: float) -> float:
+def uniaxial_yield_pressure(material: Material) -> float:
     """Pressure in Pa at which a layer in uniaxial strain yields, by von Mises and by Tresca."""
-    return yield_stress * (1 - poisson_ratio) / (1 - 2 * poisson_ratio)
+    return material.yield_stress * (1 - material.poisson_ratio) / (1 - 2 * material.poisson_ratio)
 
 
 # --- full contact ---------------------------------------------------------------------------------
@@ -136,11 +133,10 @@ FULL_CONTACT.gives("area.plastic", "quantity.mean_gap")(lambda scene: 1 - _all_o
 
 @FULL_CONTACT.gives("quantity.elastic_energy")
 def _full_energy(scene: Scene) -> float:
-    """Half of the mean of pressure times displacement, with the mean mode."""
-    pressure = _full_pressure(scene)
-    modes = compliance(scene) * np.fft.rfftn(pressure)
-    displacement = np.fft.irfftn(modes, pressure.shape, axes=range(pressure.ndim))
-    return float(np.mean(pressure * displacement)) / 2
+    """Half of the mean of pressure times displacement, which is that of the heights."""
+    pressure, heights = _full_pressure(scene), scene.surface.heights
+    mean = scene.load.final**2 * compliance(scene).flat[0]
+    return float(np.mean(pressure * (heights - heights.mean())) + mean) / 2
 
 
 @FULL_CONTACT.gives("distribution")
@@ -153,14 +149,23 @@ def _full_distribution(scene: Scene) -> PressureDistribution:
 # --- a flat surface ------------------------------------------------------------------------------
 
 
-def _yield_pressure(material: Material) -> float:
-    return uniaxial_yield_pressure(material.yield_stress, material.poisson_ratio)
+class _Flat(ClosedForm):
+    """A level layer.  Its uniform pressure is given for any scene, to measure distances from it."""
+
+    def scalar(self, quantity: str, scene: Scene) -> float:
+        rough = effective_modulus(scene.material) * scene.surface.rms_slope
+        level = rough <= 1e-5 * max(scene.load.path) and math.isfinite(scene.body.depth)
+        self.needs(level, "a layer without roughness")
+        return super().scalar(quantity, scene)
+
+
+FLAT = _Flat("flat", "a level layer under uniform pressure, in uniaxial strain (Lame)")
 
 
 @FLAT.gives("area.plastic", "quantity.plastic_volume")
 def _flow(scene: Scene) -> float:
     """1 if a layer of J2 flow in uniaxial strain has yielded along the load path, else 0."""
-    return float(max(scene.load.path) > _yield_pressure(scene.material))
+    return float(max(scene.load.path) > uniaxial_yield_pressure(scene.material))
 
 
 FLAT.gives("area.total")(lambda scene: 1.0)
@@ -187,9 +192,8 @@ def _compression(scene: Scene) -> float:
     """The approach of a layer in m: p d/M up to the yield pressure, with the bulk modulus beyond;
     unloading is elastic while the pressure falls by less than twice the yield pressure."""
     material, depth, path = scene.material, scene.body.depth, scene.load.path
-    FLAT.needs(math.isfinite(depth), "a layer, to be compressed")
     M, top, last = oedometric_modulus(material), max(path), path[-1]
-    yields = _yield_pressure(material)
+    yields = uniaxial_yield_pressure(material)
     loading = path[: path.index(top) + 1]
     once = all(a <= b for a, b in itertools.pairwise(loading))
     FLAT.needs(once and top - last < 2 * yields, "one loading and elastic unloading")
@@ -202,7 +206,7 @@ def _compression(scene: Scene) -> float:
 @FLAT.gives("quantity.largest_plastic_strain")
 def _plastic_strain(scene: Scene) -> float:
     """The equivalent plastic strain: two thirds (the deviatoric part) of the strain since yield."""
-    beyond = max(0.0, max(scene.load.path) - _yield_pressure(scene.material))
+    beyond = max(0.0, max(scene.load.path) - uniaxial_yield_pressure(scene.material))
     return 2 / 3 * beyond / _bulk_modulus(scene.material)
 
 

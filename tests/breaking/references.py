@@ -58,7 +58,7 @@ FAULTS = (
     _form("Lame's compliance for E", at(R + "layers.lame_compliance", lambda d, E, nu: d / E),
         "layer-sliding", "quantity.elastic_energy"),
     _form("yield pressure of uniaxial stress",
-        at(R + "layers.uniaxial_yield_pressure", lambda Y, nu: Y), "fem-uniaxial",
+        at(R + "layers.uniaxial_yield_pressure", lambda m: m.yield_stress), "fem-uniaxial",
         "quantity.approach", status="error"),
     _form("E for E* in the slope's pressures",
         at(R + "roughness.effective_modulus", lambda m: m.young_modulus), "theory-surface",
