@@ -229,6 +229,8 @@ def test_a_field_file_is_that_of_the_last_load(ran, method):
     assert pressure.mean() == pytest.approx(3e3, rel=1e-7)
     assert pressure.max() <= CAP * (1 + 1e-12)
     assert np.array_equal(state != APART, pressure > 0)
+    figures = {f"quantity.{name}": value for name, value in last.quantities.items()}
+    assert (figures | {"mean_pressure": 3e3}).items() <= file.attributes.items()
     shares, raw = [np.mean(state == kind) for kind in (ELASTIC, PLASTIC)], last.areas["raw"]
     assert shares == pytest.approx([raw.elastic, raw.plastic], abs=1e-12)
 
