@@ -64,7 +64,7 @@ def removing(here):
 
 REFUSED = [
     (lambda here: files.write_text(here / "folder", ""), OutputError, "folder: it is a folder"),
-    (lambda here: files.require_writable(here / "file" / "y"), OutputError, "not a directory$"),
+    (lambda here: files.require_writable(here / "file"), OutputError, "not a directory$"),
     (lambda here: files.write_text(here / "file" / "y", ""), OutputError, "y: file.*: .*file$"),
     (lambda here: files.write_text(here / ("n" * 300), ""), OutputError, "name too long"),
     (lambda here: files.write_text("", ""), OutputError, "names no file"),

@@ -152,7 +152,6 @@ def rough(pressure=2e10, hardness=math.inf):
 
 
 BUMP = elastic(Paraboloid((L,), (64,), 1e-2), 1e7)
-HEAVY_WAVINESS = elastic(Sinusoid((L, L), (64, 64), 1e-6, direction="both"), 5e8)
 
 
 def scalar(form, quantity, scene):
@@ -183,18 +182,12 @@ def test_theory_tends_to_the_light_load_line_at_a_gamma_of_two_over_pi():
 @pytest.mark.parametrize(
     ("form", "quantity", "scene"),
     [
-        ("westergaard", "area.total.raw", wave(0.3, hardness=1e11)),
         ("westergaard", "quantity.elastic_energy", wave(1.5)),
-        ("hertz", "area.total.raw", replace(BUMP, body=Body("bonded_layer", 1e-3))),
         ("hertz", "quantity.mean_gap", BUMP),
-        ("waviness_light", "area.total.raw", HEAVY_WAVINESS),
-        ("capped_strip", "area.plastic.raw", punch(100)),
         ("capped_strip", "area.plastic.raw", punch(100, 1.1e8)),
-        ("bearing_area", "area.plastic.raw", rough()),
-        ("light_load", "area.total.raw", rough(1e6, hardness=1e9)),
         ("light_load", "area.total.raw", wave(1e-4)),
         ("light_load", "area.total.raw", rough(0.08 * 0.02 * STIFFNESS)),
-        ("full_contact", "area.total.raw", rough(1e6)),
+        ("full_contact", "area.total.raw", wave(1.5, hardness=1.6 * wave(1).load.final)),
         ("flat", "quantity.approach", Scene(Surface(np.zeros(16), (1e-3,)), ELASTIC, Load(1e8))),
         ("flat", "quantity.elastic_energy", replace(wave(1.5), body=Body("bonded_layer", 1e-3))),
     ],

@@ -87,7 +87,7 @@ def test_every_format_holds_the_same_heights(write, name, kind):
     surface = HeightsFromFile(write(name, heights), (L, 2 * L), 1e-6, "refuse").build()
     # savetxt writes 19 digits; the unit costs a rounding.
     assert np.array_equal(surface.heights, heights * 1e-6)
-    assert surface.periods == (L, 2 * L)
+    assert (surface.periods, "as in its picture" in str(surface.notes)) == ((L, 2 * L), True)
     line = MAP[3]
     for written in (line, line[:, None]):  # one column, one row
         path = write(name, written.squeeze() if name.endswith("npy") else written)
@@ -127,6 +127,8 @@ def test_coordinates_beside_the_heights_are_told(write):
     recipe = HeightsFromFile(path, (L, L), 1.0, "periodic", missing="nearest")
     told = [note.split()[2] for note in recipe.build().notes if "even steps" in note]
     assert told == ["column", "line"]
+    plane = write("plane.csv", np.add.outer(np.arange(12.0), 2.0 * np.arange(10)))
+    assert "even steps" not in str(HeightsFromFile(plane, (L, L), 1.0).build().notes)
     huge = np.array([-9.24e307, 9.24e307])[np.arange(12 * 9).reshape(12, 9) % 2]
     with refused("heights"):  # whose steps a number cannot hold
         HeightsFromFile(write("huge.csv", huge), (L, L), 1.0, "periodic").build()

@@ -64,6 +64,8 @@ def test_more_surfaces_and_larger_ones_scatter_less():
 def test_a_body_harder_than_the_map_is_elastic_under_light_loads():
     hard, elastic = expected(10.0, 0.1), expected(math.inf, 0.1)
     assert hard["total"] == pytest.approx(elastic["total"], abs=2e-3)
+    hard = expected(2.0, 0.5, gamma=0.168, rule="local")
+    assert ("total" in hard, "plastic" in hard) == (True, False)
     with pytest.raises(InvalidScene, match=r"ξ\) is 10, but .* from 0\.0599 to 3"):
         expected(10.0, 5.0)
 
